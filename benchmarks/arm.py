@@ -19,7 +19,7 @@ from benchmarks.measure import Timing, alternate
 from benchmarks.pinocchio_loop import PinocchioController
 from benchmarks.record import keep, readable
 from flexhinf.codegen import Block, Buffer, Composer, Program, Slice, compile_program
-from flexhinf.loop.controller.law_code import LawCode
+from flexhinf.loop.controller.step import LawCode
 
 PERIOD, GAMMA = 1e-3, 700.0
 Q, R, P0 = 1e-8, 1e-8, 1e-6

@@ -19,16 +19,21 @@ from rich.progress import track
 
 import flexhinf as fh
 from flexhinf.design import Specification
-from flexhinf.design.degree_rule import choose_degree, step_cost
-from flexhinf.design.degrees import solve_degrees, tried_degrees
+from flexhinf.design.degrees import choose_degree, solve_degrees, step_cost, tried_degrees
 from flexhinf.design.estimators import EstimatorNoise
 from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.monte_carlo import sampled_runs
-from flexhinf.design.responses import Response, run_response, worst_of
-from flexhinf.design.scenario import LOAD_FRACTION, default_load, sample_robots
+from flexhinf.design.responses import (
+    LOAD_FRACTION,
+    Response,
+    default_load,
+    run_response,
+    sample_robots,
+    worst_of,
+)
 from flexhinf.design.weights.choose import DesignProblem, choose, required_damping
+from flexhinf.design.weights.design_problem import JointScales
 from flexhinf.design.weights.estimator_noise import search_noise
-from flexhinf.design.weights.scales import JointScales
 from flexhinf.plant import GeneralisedPlant, Law, Plant
 from flexhinf.robot import Parameter, Robot
 from flexhinf.robot.signals import signal_names

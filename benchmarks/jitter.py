@@ -29,9 +29,8 @@ from rich.table import Table
 
 import flexhinf as fh
 from benchmarks.record import keep
-from flexhinf.export.library import shared_library
-from flexhinf.export.realtime import undisturbed, wait_until
-from flexhinf.export.timing import PERCENTILES, percentiles
+from flexhinf.export.compiled import shared_library
+from flexhinf.export.realtime import PERCENTILES, percentiles, undisturbed, wait_until
 
 #: Of the robots' filters and laws: as `benchmarks.arm` has them for seven links.
 PERIOD, Q, R, P0, GAMMA_RATIO = 1e-3, 1e-8, 1e-8, 1e-6, 1.5

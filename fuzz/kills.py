@@ -28,7 +28,7 @@ import numpy as np
 import flexhinf as fh
 from flexhinf import report
 from flexhinf.cli import main
-from flexhinf.codegen import cache
+from flexhinf.codegen import compiler as cache
 from flexhinf.errors import FlexhinfError
 from flexhinf.report.folder import MARKER
 from fuzz.command_line import ARM, QUICK

@@ -24,7 +24,7 @@ from flexhinf.design.report import design_tables
 from flexhinf.design.report.text import LiteralTable
 from flexhinf.loop.simulation import trajectory
 from flexhinf.robot.dynamics import Joint
-from flexhinf.robot.parameter import Parameter
+from flexhinf.robot.parameters import Parameter
 from fuzz.tally import Tally
 
 ATTEMPTS = 1200

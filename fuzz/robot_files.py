@@ -16,7 +16,7 @@ import numpy as np
 
 from flexhinf.robot import Robot, catalogue, load_robot
 from flexhinf.robot.arm import Arm
-from flexhinf.robot.quantities import QUANTITIES, per_joint
+from flexhinf.robot.parameters import QUANTITIES, per_joint
 from fuzz.tally import Tally
 
 ATTEMPTS = 3000

@@ -20,7 +20,7 @@ from tests.certify.a_cubic import CUBIC
 import flexhinf as fh
 from flexhinf import files, report
 from flexhinf.campaign import Journal, drive
-from flexhinf.codegen import cache
+from flexhinf.codegen import compiler as cache
 from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.file_bytes import file_digest, read_bytes
 from flexhinf.files import read_arrays, write_arrays
@@ -36,7 +36,7 @@ from pathlib import Path
 import flexhinf as fh
 from flexhinf.campaign import Journal
 from flexhinf.certify import load_certificate
-from flexhinf.codegen import cache
+from flexhinf.codegen import compiler as cache
 from flexhinf.design.waypoint_table import waypoints
 from flexhinf.report import unchanged
 from flexhinf.untrusted import read_xml

@@ -25,7 +25,7 @@ from flexhinf.codegen.emit.function import emit_function
 from flexhinf.codegen.emit.normal import emit_normal
 from flexhinf.codegen.emit.text import Lanes, ModuleText, Writer
 from flexhinf.codegen.machine import Code, assemble, host
-from flexhinf.codegen.steps import Step
+from flexhinf.codegen.program import Step
 from flexhinf.polynomial import basis
 
 __all__ = ["Work", "peak", "work_of"]

@@ -33,12 +33,12 @@ from benchmarks.certificates.slopes import global_gain
 from benchmarks.certificates.sums import FreeStorage, proved_inside
 from flexhinf.certify import Certificate, prove
 from flexhinf.certify.common_value import common_value
+from flexhinf.certify.proof import certify_tolerances, parameter_ranges, tolerance_statement
 from flexhinf.certify.reading import terms_of
-from flexhinf.certify.statement import statement_of
-from flexhinf.certify.tolerances import certify_tolerances, parameter_ranges, tolerance_statement
+from flexhinf.certify.theorem import statement_of
 from flexhinf.design.specification import Specification
 from flexhinf.design.weights.choose import choose
-from flexhinf.hinf.step_amplitude import equilibrium_state, step_amplitude, step_roles
+from flexhinf.hinf.sampled import equilibrium_state, step_amplitude, step_roles
 
 __all__ = ["COMMON", "claim_at", "given_storage", "ours", "solution_of"]
 

@@ -20,8 +20,8 @@ from flint import fmpq, fmpq_mpoly, fmpq_mpoly_ctx
 from flexhinf.certify import Certificate, Function, Term
 from flexhinf.certify.reading import nearest_double, rational, terms_of
 from flexhinf.certify.sampled_gain import quadratic_part
-from flexhinf.certify.statement import few_bits
 from flexhinf.certify.terms import Polynomial
+from flexhinf.certify.theorem import few_bits
 
 __all__ = ["Model", "evaluated", "even", "model_of", "quotient_bounds", "with_value"]
 

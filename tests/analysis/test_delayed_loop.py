@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from flexhinf.analysis import EquilibriumLoop, frequency_response, margins
-from flexhinf.analysis.discrete_system import BRIEF, ECHO, DiscreteSystem
-from flexhinf.analysis.linear_loop import with_queue
+from flexhinf.analysis.linear_loop import BRIEF, ECHO, DiscreteSystem, with_queue
 from flexhinf.hinf import HJISolution
 from flexhinf.plant import Plant
 from flexhinf.robot import Robot, load_robot

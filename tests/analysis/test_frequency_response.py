@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from flexhinf.analysis import EquilibriumLoop, LinearLoop, frequency_response, margins
-from flexhinf.analysis.disturbance_runs import Held
+from flexhinf.analysis.worst_disturbance import Held
 from flexhinf.errors import InvalidInput
 from flexhinf.estimation import ConstantGainFilter
 from flexhinf.hinf import HJISolution

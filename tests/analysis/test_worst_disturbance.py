@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from flexhinf.analysis import DisturbanceSearch, worst_disturbance
-from flexhinf.analysis.disturbance_runs import DisturbanceRuns, Held
-from flexhinf.analysis.worst_disturbance import gradient, small_motions
+from flexhinf.analysis.worst_disturbance import DisturbanceRuns, Held, gradient, small_motions
 from flexhinf.errors import InvalidInput
 from flexhinf.hinf import HJISolution, smallest_gamma, solve_hji
 from flexhinf.plant import GeneralisedPlant, Penalty

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from flexhinf.design.degree_rule import GAIN
+from flexhinf.design.degrees import GAIN
 
 NUMBER = re.compile(r"\d+(?:\.\d+)?")
 

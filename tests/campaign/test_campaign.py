@@ -11,7 +11,7 @@ from tests.campaign.conftest import OPTIONS, Feedback, made_campaign, made_loop,
 
 import flexhinf as fh
 from flexhinf.campaign import STANDARD, Campaign, Metrics, Sample, run_batch, run_campaign
-from flexhinf.campaign.samples import run_samples
+from flexhinf.campaign.batches import run_samples
 from flexhinf.errors import InvalidInput
 from flexhinf.plant import BlackBox
 

@@ -16,7 +16,7 @@ from tests.campaign.conftest import OPTIONS, made_loop
 
 import flexhinf as fh
 from flexhinf.campaign import run_campaign
-from flexhinf.campaign.fingerprint import fingerprint, is_ours
+from flexhinf.campaign.draws import fingerprint, is_ours
 from flexhinf.errors import InvalidInput
 
 TEXT = """

@@ -18,11 +18,10 @@ import pytest
 from tests.campaign.conftest import OPTIONS, Deadly, made_campaign, tolerances
 
 from flexhinf.campaign import Campaign, Journal, Shard, drive, run_batch, run_campaign
-from flexhinf.campaign import storage as campaign_storage
+from flexhinf.campaign import journal as campaign_storage
+from flexhinf.campaign.batches import Rows
 from flexhinf.campaign.driver import in_processes, in_this_process
-from flexhinf.campaign.journal import MANIFEST, SHARDS, TABLE
-from flexhinf.campaign.samples import Rows
-from flexhinf.campaign.storage import HELD, read_columns
+from flexhinf.campaign.journal import HELD, MANIFEST, SHARDS, TABLE, read_columns
 from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.files import recorded
 from flexhinf.loop import shared

@@ -10,7 +10,7 @@ from tests.campaign.conftest import Feedback, made_loop, spring, tolerances
 
 import flexhinf as fh
 from flexhinf.campaign import STANDARD, Campaign, run_batch, run_campaign
-from flexhinf.campaign.outcomes import is_unstable
+from flexhinf.campaign.metrics import is_unstable
 from flexhinf.campaign.results import violations
 from flexhinf.loop import Trajectory
 

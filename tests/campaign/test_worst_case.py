@@ -12,7 +12,7 @@ import pytest
 from tests.campaign.conftest import Feedback, made_campaign, spring, tolerances
 
 import flexhinf as fh
-import flexhinf.campaign.worst_case_files as files
+import flexhinf.campaign.worst_case as files
 from flexhinf.analysis.box_search import climb
 from flexhinf.campaign import (
     Campaign,

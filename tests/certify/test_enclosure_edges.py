@@ -10,12 +10,11 @@ import numpy as np
 import pytest
 from flint import fmpq
 
-from flexhinf.certify.cells import Cells
+from flexhinf.certify.cells import Cells, _following
 from flexhinf.certify.checker import march
 from flexhinf.certify.checker.bounds import _interval
 from flexhinf.certify.checker.taylor import UNIT, concave_bound
 from flexhinf.certify.enclosures import MeanForms
-from flexhinf.certify.search import _following
 from flexhinf.certify.theorem import _down, _up
 
 pytestmark = pytest.mark.property

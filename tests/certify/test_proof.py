@@ -9,12 +9,11 @@ import pytest
 
 import flexhinf as fh
 from flexhinf.certify.proof import NotProved
+from flexhinf.certify.sampled_gain import proved_steps
 from flexhinf.certify.starts import SMALLEST_VALUE, UNCHANGED_INPUT
-from flexhinf.certify.statement import statement_of
-from flexhinf.certify.steps import proved_steps
-from flexhinf.certify.theorem import persistent_bound
+from flexhinf.certify.theorem import persistent_bound, statement_of
 from flexhinf.errors import InvalidInput
-from flexhinf.hinf.step_amplitude import step_amplitude
+from flexhinf.hinf.sampled import step_amplitude
 from flexhinf.polynomial import basis
 
 PENALTY = (60.0, 0.0, 0.0, 0.0, 300.0)  # the paper's: checked

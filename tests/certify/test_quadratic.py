@@ -17,7 +17,7 @@ from flexhinf.certify import Certificate, Function, Term
 from flexhinf.certify.checker import quadratic
 from flexhinf.certify.checker.quadratic import quotient_range
 from flexhinf.certify.common_value import common_value
-from flexhinf.certify.tolerances import certify_tolerances, parameter_ranges, tolerance_statement
+from flexhinf.certify.proof import certify_tolerances, parameter_ranges, tolerance_statement
 
 from .test_checker import GRAVITY, LEVEL, V_2, uncertain, upright
 

@@ -12,9 +12,8 @@ from flint import arb
 
 import flexhinf as fh
 from flexhinf.certify.box import BoxExcess, parameter_groups
-from flexhinf.certify.proof import NotProved
+from flexhinf.certify.proof import NotProved, certify_tolerances, parameter_ranges, tolerance_statement
 from flexhinf.certify.starts import UNCHANGED_INPUT, path_states
-from flexhinf.certify.tolerances import certify_tolerances, parameter_ranges, tolerance_statement
 from flexhinf.design.specification import Specification
 from flexhinf.design.weights.choose import choose
 from flexhinf.errors import InvalidInput

@@ -21,13 +21,13 @@ import flexhinf.campaign
 from flexhinf import report
 from flexhinf.campaign import METHODS, Journal, run_batch
 from flexhinf.campaign.driver import in_this_process
+from flexhinf.campaign.journal import read_columns
 from flexhinf.campaign.manifest import read_sealed, sealed
-from flexhinf.campaign.storage import read_columns
 from flexhinf.cli import main
 from flexhinf.cli.arguments import design_file_of
 from flexhinf.design.campaign_folder import stored_campaign
 from flexhinf.design.campaign_gain import stored_gains
-from flexhinf.design.report.campaign_text import percent_text
+from flexhinf.design.report.campaign_worst import percent_text
 
 pytest.importorskip("pyarrow")
 

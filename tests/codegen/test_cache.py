@@ -12,7 +12,8 @@ import casadi
 import numpy as np
 import pytest
 
-from flexhinf.codegen import Buffer, Call, Program, Slice, cache, compile_program, machine
+from flexhinf.codegen import Buffer, Call, Program, Slice, compile_program, machine
+from flexhinf.codegen import compiler as cache
 from flexhinf.files import part_file
 
 X = casadi.SX.sym("x")
@@ -224,7 +225,9 @@ def test_a_pipe_in_place_of_the_file_keeps_nobody_waiting(folder):
     key = cache._key(("piped",)).hex()
     folder.mkdir()
     os.mkfifo(folder / f"{key}.o")
-    script = "from flexhinf.codegen import cache; assert cache.cached(('piped',), lambda: b'code') == b'code'"
+    script = (
+        "from flexhinf.codegen import cache; assert cache.cached(('piped', ), lambda: b'code') == b'code'"
+    )
     subprocess.run([sys.executable, "-c", script], check=True, timeout=300)
     assert cache.cached(("piped",), lambda: pytest.fail("not kept")) == b"code"
 

@@ -4,7 +4,7 @@ import casadi
 import pytest
 
 from flexhinf.codegen import Buffer, Call, Copy, Guard, Program, Repeat, Slice, When
-from flexhinf.codegen.steps import slices
+from flexhinf.codegen.program import slices
 from flexhinf.errors import InvalidInput
 
 X = casadi.SX.sym("x", 3)

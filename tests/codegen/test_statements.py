@@ -27,7 +27,7 @@ from flexhinf.codegen import (
 from flexhinf.codegen.c import Real, Translator
 from flexhinf.codegen.machine import host
 from flexhinf.codegen.memory import COLUMN
-from flexhinf.codegen.steps import Step
+from flexhinf.codegen.program import Step
 from flexhinf.errors import InvalidInput
 
 A, B = casadi.SX.sym("a", 3), casadi.SX.sym("b", 2)

@@ -12,7 +12,7 @@ from flexhinf.analysis import margins
 from flexhinf.design import Specification
 from flexhinf.design.along_move import AlongMove, Least, margins_along, scheduled
 from flexhinf.design.loop_setup import LoopSetup
-from flexhinf.design.move_evaluation import margins_requirements
+from flexhinf.design.requirements import margins_requirements
 from flexhinf.loop import Schedule, Waypoints
 from flexhinf.plant import Law
 

@@ -18,7 +18,7 @@ from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.report.sections import payload
 from flexhinf.design.requirements import carrying_requirements
-from flexhinf.design.scenario import Scenario
+from flexhinf.design.responses import Scenario
 from flexhinf.design.weights.choose import choose
 from flexhinf.design.weights.estimator_noise import search_noise
 

@@ -14,8 +14,7 @@ from tests.certify.a_cubic import CUBIC
 import flexhinf as fh
 from flexhinf.certify import Parameter, Signal
 from flexhinf.design import certification
-from flexhinf.design.certification import certify_design
-from flexhinf.design.design_proof import DesignProof, prove_design, with_tolerances
+from flexhinf.design.certification import DesignProof, certify_design, prove_design, with_tolerances
 from flexhinf.design.report import proof
 from flexhinf.design.report.proof import proof_text
 from flexhinf.design.specification import Specification
@@ -45,7 +44,7 @@ def made() -> Any:
 def worth(spent: float) -> Any:
     """An attenuation whose step spends so much of an unknown level."""
     from flexhinf.analysis import BudgetTerm
-    from flexhinf.analysis.dissipation_budget import DissipationBudget
+    from flexhinf.analysis.dissipation import DissipationBudget
 
     zero = np.zeros(2)
     budget = DissipationBudget(np.arange(2.0), np.inf, 100.0, np.array([0.0, spent]), zero, zero, True)

@@ -9,8 +9,7 @@ import pytest
 
 import flexhinf as fh
 from flexhinf.design import Specification
-from flexhinf.design.degree_rule import ACTING, GAIN, choose_degree, step_cost
-from flexhinf.design.degrees import DegreeChoice, solve_degrees
+from flexhinf.design.degrees import ACTING, GAIN, DegreeChoice, choose_degree, solve_degrees, step_cost
 from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.synthesis import synthesise
 from flexhinf.design.weights.choose import choose

@@ -27,7 +27,7 @@ def test_a_higher_degree_allows_a_larger_step_at_90_degrees() -> None:
 
 def test_the_start_of_the_largest_step_lies_on_the_level() -> None:
     choice = choices_at(np.pi / 2)[1]
-    from flexhinf.hinf.step_amplitude import equilibrium_state
+    from flexhinf.hinf.sampled import equilibrium_state
 
     shares, integral = np.array([1.0, 0, 0, 0, 0]), np.array([False] * 4 + [True])
     start = equilibrium_state(choice.solution, -choice.step_amplitude * shares, integral)

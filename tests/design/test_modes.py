@@ -7,7 +7,7 @@ import pytest
 from scipy.linalg import expm
 
 import flexhinf as fh
-from flexhinf.analysis.discrete_system import DiscreteSystem
+from flexhinf.analysis.linear_loop import DiscreteSystem
 from flexhinf.design.modes import Mode, closed_loop, modes_of, stiffness_and_inertia
 
 pytestmark = pytest.mark.oracle

@@ -14,8 +14,7 @@ from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.monte_carlo import MonteCarlo, sampled_runs
 from flexhinf.design.requirements import all_met
-from flexhinf.design.responses import Response
-from flexhinf.design.scenario import sample_robots
+from flexhinf.design.responses import Response, sample_robots
 from flexhinf.design.specification import GAIN_MARGIN, PEAK_SENSITIVITY, TOLERANCE
 from flexhinf.design.synthesis import synthesise
 

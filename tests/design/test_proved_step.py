@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import flexhinf as fh
-from flexhinf.certify.robot_starts import path_start, robot_start
-from flexhinf.certify.tolerances import tolerance_statement
+from flexhinf.certify.proof import tolerance_statement
+from flexhinf.certify.starts import path_start, robot_start
 from flexhinf.design import proved_step
 from flexhinf.design.proved_step import search_proved_step
 from flexhinf.design.specification import Specification

@@ -10,7 +10,7 @@ import pytest
 import flexhinf as fh
 from flexhinf.design.estimators import EstimatorNoise, noise_variances
 from flexhinf.design.modes import modes_of, stiffness_and_inertia
-from flexhinf.design.weights.scales import JointScales
+from flexhinf.design.weights.design_problem import JointScales
 from flexhinf.plant import Penalty
 from flexhinf.robot import Robot, load_robot
 

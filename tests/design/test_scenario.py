@@ -11,17 +11,18 @@ import pytest
 
 from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.plans import EFFORT_FRACTION, plan_move
-from flexhinf.design.responses import Move, Response
-from flexhinf.design.scenario import (
+from flexhinf.design.responses import (
     LONGEST,
     SHORTEST,
     SLIDE,
     TURN,
+    Move,
+    Response,
     default_load,
     default_start,
     run_length,
 )
-from flexhinf.design.weights.scales import JointScales
+from flexhinf.design.weights.design_problem import JointScales
 from flexhinf.errors import InvalidInput
 
 Benches = Callable[..., LoopSetup]

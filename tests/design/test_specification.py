@@ -15,7 +15,7 @@ from flexhinf.cli.messages import error_text, option_syntax
 from flexhinf.design import Specification
 from flexhinf.design.specification import FIELDS, SpecificationError
 from flexhinf.errors import InvalidInput
-from flexhinf.loop.simulation.channel import LONGEST_LINEAR
+from flexhinf.loop.simulation.program import LONGEST_LINEAR
 
 
 def options(command: str) -> dict[str, Any]:

@@ -14,10 +14,9 @@ import pytest
 
 from flexhinf.cli.messages import error_text
 from flexhinf.design import Specification, compare, design
-from flexhinf.design.design_file import read_request
+from flexhinf.design.design_file import check_stated_units, read_request
 from flexhinf.design.estimators import other_sensors
 from flexhinf.design.specification import SpecificationError
-from flexhinf.design.stated_units import check_stated_units
 from flexhinf.design.units import Stated
 
 Named = Callable[[str], Any]

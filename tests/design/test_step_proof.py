@@ -11,9 +11,9 @@ import pytest
 
 import flexhinf as fh
 from flexhinf.design import Specification
-from flexhinf.design.design_proof import DesignProof, step_proof
+from flexhinf.design.certification import DesignProof, step_proof
 from flexhinf.design.report import design_files, design_tables, notes, verdict
-from flexhinf.design.status import _not_proved
+from flexhinf.design.result import _not_proved
 
 
 def _certificate(box: bool = False) -> Any:

@@ -13,18 +13,17 @@ import pytest
 
 import flexhinf as fh
 from flexhinf.analysis import margins
+from flexhinf.design import criterion as measured
 from flexhinf.design import tuning
-from flexhinf.design import yardstick as measured
-from flexhinf.design.criterion import criterion_for
+from flexhinf.design.criterion import RUNS, criterion_for, figures_of, own_figures, yardstick
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.laws import DESIGN, ESTIMATOR_NOISE, MOTOR_NOISE, NL_HINF, LawFactory, law_kind
 from flexhinf.design.plans import plan_move
 from flexhinf.design.ranking import best_rival, ranked, trade_offs
-from flexhinf.design.scenario import Scenario
+from flexhinf.design.responses import Scenario
 from flexhinf.design.specification import Specification
 from flexhinf.design.synthesis import synthesise
 from flexhinf.design.tuning import Tuner
-from flexhinf.design.yardstick import RUNS, figures_of, own_figures, yardstick
 from flexhinf.errors import FlexhinfError, InvalidInput, NumericalFailure
 from flexhinf.loop import Controller, Loop
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from flexhinf.robot.quantities import QUANTITIES
+from flexhinf.robot.parameters import QUANTITIES
 from flexhinf.robot.schema import (
     JointTable,
     LinkTable,

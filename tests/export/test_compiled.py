@@ -21,7 +21,7 @@ from flexhinf.codegen.machine import host
 from flexhinf.errors import ControllerInUse, InvalidInput
 from flexhinf.export import processor
 from flexhinf.export.processor import MARK
-from flexhinf.export.recording import record
+from flexhinf.export.run_log import record
 
 
 @pytest.fixture(scope="module")

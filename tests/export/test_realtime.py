@@ -16,7 +16,7 @@ import pytest
 
 import flexhinf as fh
 from flexhinf.errors import InvalidInput
-from flexhinf.export.timing import MissedSpan, Timing, percentiles
+from flexhinf.export.realtime import MissedSpan, Timing, percentiles
 from flexhinf.loop import BlackBox, Loop
 
 

@@ -12,9 +12,8 @@ import pytest
 
 import flexhinf as fh
 from flexhinf.errors import InvalidInput
-from flexhinf.export.realtime import RealTimeRun
+from flexhinf.export.realtime import RealTimeRun, percentiles
 from flexhinf.export.run_log import check_log, log_columns, write_log
-from flexhinf.export.timing import percentiles
 from flexhinf.loop import Loop
 from flexhinf.robot import MuJoCoPlant
 

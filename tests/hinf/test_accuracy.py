@@ -12,8 +12,7 @@ import pytest
 from flexhinf.errors import NumericalFailure
 from flexhinf.hinf import smallest_gamma, solve_hji
 from flexhinf.hinf.accuracy import equation_residuals
-from flexhinf.hinf.linear_part import LinearPart
-from flexhinf.hinf.scaled_problem import ScaledProblem
+from flexhinf.hinf.linear_part import LinearPart, ScaledProblem
 from flexhinf.plant.polynomial_plant import PolynomialPlant
 from flexhinf.polynomial import basis
 

@@ -11,8 +11,7 @@ import pytest
 
 from flexhinf.errors import NotDetectable, NotStabilisable
 from flexhinf.hinf import smallest_gamma
-from flexhinf.hinf.gamma import is_feasible, linear_smallest_gamma
-from flexhinf.hinf.linear_part import LinearPart
+from flexhinf.hinf.linear_part import LinearPart, is_feasible, linear_smallest_gamma
 from flexhinf.plant.polynomial_plant import PolynomialPlant
 
 

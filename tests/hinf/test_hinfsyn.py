@@ -7,8 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from flexhinf.hinf.gamma import linear_smallest_gamma
-from flexhinf.hinf.linear_part import LinearPart
+from flexhinf.hinf.linear_part import LinearPart, linear_smallest_gamma
 
 pytest.importorskip("slycot", reason="slycot, which control's hinfsyn needs, has no wheel for this machine")
 control = pytest.importorskip("control")

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.linalg import solve_continuous_are
 
+from flexhinf.hinf.linear_part import balance
 from flexhinf.hinf.riccati import polish, solve_riccati
-from flexhinf.hinf.scaled_problem import balance
 
 
 @pytest.mark.oracle

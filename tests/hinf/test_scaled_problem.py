@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from flexhinf.hinf.scaled_problem import ScaledProblem, Scaling
+from flexhinf.hinf.linear_part import ScaledProblem, Scaling
 from flexhinf.polynomial.algebra import evaluate
 
 

@@ -67,7 +67,7 @@ def test_a_transfer_function_is_controlled() -> None:
 
 
 def gain(law: object) -> np.ndarray:
-    from flexhinf.loop.controller.law_code import LawCode
+    from flexhinf.loop.controller.step import LawCode
 
     return LawCode(law, False).slope  # type: ignore[arg-type]
 

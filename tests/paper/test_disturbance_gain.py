@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from flexhinf.paper.disturbance_gain import GainRuns
-from flexhinf.paper.loop_setup import PaperSetup
-from flexhinf.paper.settings import PaperSettings
+from flexhinf.paper.loop_setup import PaperSettings, PaperSetup
 
 
 @pytest.fixture(scope="module")

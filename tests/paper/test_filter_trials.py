@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from flexhinf.paper.filter_trials import Trial, run_trial
-from flexhinf.paper.loop_setup import PaperSetup
-from flexhinf.paper.settings import PaperSettings
+from flexhinf.paper.loop_setup import PaperSettings, PaperSetup
 
 RUNS = 60
 VOLTS = 20.0 * np.sin(np.arange(300)[:, None] * 0.02)

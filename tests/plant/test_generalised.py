@@ -3,7 +3,7 @@ import pytest
 
 from flexhinf.errors import InvalidInput, NumericalFailure
 from flexhinf.plant import GeneralisedPlant, Penalty, Plant
-from flexhinf.plant.problem import Problem
+from flexhinf.plant.polynomial_plant import Problem
 from flexhinf.robot import paper_arm
 
 

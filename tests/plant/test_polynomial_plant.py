@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from flexhinf.errors import InvalidInput
-from flexhinf.plant.polynomial_plant import PolynomialPlant
-from flexhinf.plant.problem import Problem
+from flexhinf.plant.polynomial_plant import PolynomialPlant, Problem
 
 F = {(1, 0): [0.0, -1.0], (0, 1): [1.0, 0.0], (3, 0): [0.0, 0.1], (1, 2): [0.5, 0.0]}
 G1 = [[0.0], [1.0]]

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from flexhinf.polynomial import algebra, basis, coordinates
+from flexhinf.polynomial import algebra, basis
+from flexhinf.polynomial import transform as coordinates
 
 
 @pytest.mark.parametrize("apart", [True, False])

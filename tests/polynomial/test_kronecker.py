@@ -10,7 +10,7 @@ import scipy.sparse
 
 from flexhinf.errors import InvalidInput
 from flexhinf.polynomial import algebra
-from flexhinf.polynomial.kronecker import from_kronecker, to_kronecker
+from flexhinf.polynomial.basis import from_kronecker, to_kronecker
 
 
 def _power(x: np.ndarray, k: int) -> np.ndarray:

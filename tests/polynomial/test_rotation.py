@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from flexhinf.polynomial import basis
-from flexhinf.polynomial.coordinates import rotate_pairs
-from flexhinf.polynomial.transform import change_variables
+from flexhinf.polynomial.transform import change_variables, rotate_pairs
 
 
 @pytest.mark.parametrize(

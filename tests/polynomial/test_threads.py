@@ -6,7 +6,8 @@ import os
 
 import numpy as np
 
-from flexhinf.polynomial import basis, threads, transform
+from flexhinf.polynomial import algebra as threads
+from flexhinf.polynomial import basis, transform
 
 
 def test_two_threads_compute_the_same(monkeypatch):

@@ -12,8 +12,8 @@ import pytest
 
 from flexhinf.errors import InvalidInput
 from flexhinf.robot import MuJoCoPlant, load_robot
-from flexhinf.robot.mujoco_view import MuJoCoView, check_display
-from flexhinf.robot.skeleton import skeleton
+from flexhinf.robot.kinematics import skeleton
+from flexhinf.robot.mujoco import MuJoCoView, check_display
 
 mujoco = pytest.importorskip("mujoco")
 

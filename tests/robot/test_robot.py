@@ -8,7 +8,7 @@ import pytest
 from flexhinf.errors import InvalidInput
 from flexhinf.plant import Penalty
 from flexhinf.robot import Parameter, Robot, load_robot, paper_arm
-from flexhinf.robot.quantities import parameter_units
+from flexhinf.robot.parameters import parameter_units
 
 
 def test_draws_stay_in_their_intervals_and_fill_them():

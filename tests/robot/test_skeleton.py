@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import flexhinf as fh
-from flexhinf.robot.skeleton import skeleton
+from flexhinf.robot.kinematics import skeleton
 
 
 @pytest.mark.parametrize("angle", [0.0, 0.7, math.pi])

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from flexhinf.errors import InvalidInput
 from flexhinf.robot import load_robot
-from flexhinf.robot.quantities import QUANTITIES
+from flexhinf.robot.parameters import QUANTITIES
 from flexhinf.robot.signals import UNITS
 from flexhinf.robot.units import measured
 

@@ -9,22 +9,32 @@ The names are imported here and not on first use, because some functions are cal
 were imported later would replace the function.
 """
 
-from flexhinf.analysis.discrete_system import DiscreteSystem
-from flexhinf.analysis.dissipation_budget import (
+from flexhinf.analysis.batch import LawRows
+from flexhinf.analysis.corners import (
+    GrowthRates,
+    Population,
+    ToleranceBox,
+    ToleranceCorners,
+    corner_plants,
+    corner_population,
+    corners,
+    destabilising_scale,
+    growth_rates,
+    tolerance_corners,
+)
+from flexhinf.analysis.dissipation import (
     BudgetTerm,
     DissipationBudget,
+    DissipationCorners,
+    LinearCorners,
     budget_terms,
     dissipation_budget,
+    dissipation_corners,
 )
-from flexhinf.analysis.dissipation_corners import DissipationCorners, LinearCorners, dissipation_corners
-from flexhinf.analysis.disturbance_runs import Attained
 from flexhinf.analysis.equilibrium_loop import EquilibriumLoop
-from flexhinf.analysis.filtered_loop import FilteredLoop
-from flexhinf.analysis.frequency_response import FrequencyResponse, frequency_response
-from flexhinf.analysis.law_batch import LawRows
-from flexhinf.analysis.linear_loop import LinearLoop, Modes
-from flexhinf.analysis.margins import Margins, margins
-from flexhinf.analysis.population import Population, corner_population, corners
+from flexhinf.analysis.frequency import FrequencyResponse, frequency_response
+from flexhinf.analysis.linear_loop import DiscreteSystem, LinearLoop, Modes
+from flexhinf.analysis.margins import FilteredLoop, Margins, margins
 from flexhinf.analysis.process_noise import (
     ALL_STATES,
     FORMS,
@@ -34,15 +44,7 @@ from flexhinf.analysis.process_noise import (
     ProcessNoise,
     standard_noises,
 )
-from flexhinf.analysis.tolerance_box import ToleranceBox, destabilising_scale
-from flexhinf.analysis.tolerance_corners import (
-    GrowthRates,
-    ToleranceCorners,
-    corner_plants,
-    growth_rates,
-    tolerance_corners,
-)
-from flexhinf.analysis.worst_disturbance import DisturbanceSearch, worst_disturbance
+from flexhinf.analysis.worst_disturbance import Attained, DisturbanceSearch, worst_disturbance
 
 __all__ = [
     "ALL_STATES",

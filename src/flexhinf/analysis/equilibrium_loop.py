@@ -13,14 +13,13 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.analysis.batch import Rows, near_rest, solved
-from flexhinf.analysis.law_batch import equilibrium_integrals
+from flexhinf.analysis.batch import Rows, equilibrium_integrals, near_rest, solved
 from flexhinf.analysis.linear_loop import LinearLoop, Modes, with_queue
 from flexhinf.analysis.sampled_controller import SampledController, Stepped, model_rows
 from flexhinf.errors import InvalidInput, NumericalFailure
 from flexhinf.estimation import ConstantGainFilter, OutputInjectionObserver, RecursiveFilter, stationary_gain
 from flexhinf.loop import Loop
-from flexhinf.loop.simulation.channel import LONGEST_LINEAR, check_delay
+from flexhinf.loop.simulation.program import LONGEST_LINEAR, check_delay
 from flexhinf.plant import Law, Plant
 from flexhinf.plant import equilibrium as plant_equilibrium
 from flexhinf.plant.equilibrium import pose_values

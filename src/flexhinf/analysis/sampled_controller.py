@@ -14,8 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.analysis.batch import Dual, Rows, stacked, variables
-from flexhinf.analysis.law_batch import LawRows
+from flexhinf.analysis.batch import Dual, LawRows, Rows, stacked, variables
 from flexhinf.errors import InvalidInput
 from flexhinf.estimation import ConstantGainFilter, OutputInjectionObserver, RecursiveFilter
 from flexhinf.loop import Controller

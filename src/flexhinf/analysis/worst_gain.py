@@ -1,7 +1,7 @@
 """The worst disturbance for the worst plant in a box: a lower bound of the gain of one law over all of them.
 
 Each plant runs about its own equilibrium at the goal, from rest there: the deviations of state, input and integrals
-count from it, as in `flexhinf.certify.tolerances`. Where the equilibrium moves by δ, integrals included, the law in
+count from it, as in `flexhinf.certify.proof`. Where the equilibrium moves by δ, integrals included, the law in
 these deviations is k(x + δ) − k(δ).
 
 Plant and disturbance are improved in turn: the plant for a given disturbance by `climb`, which needs no derivatives of
@@ -16,10 +16,9 @@ from typing import Any
 
 import numpy as np
 
+from flexhinf.analysis.batch import LawRows, equilibrium_integrals
 from flexhinf.analysis.box_search import climb
-from flexhinf.analysis.disturbance_runs import Attained
-from flexhinf.analysis.law_batch import LawRows, equilibrium_integrals
-from flexhinf.analysis.worst_disturbance import DisturbanceSearch, ascend_inside
+from flexhinf.analysis.worst_disturbance import Attained, DisturbanceSearch, ascend_inside
 from flexhinf.errors import FlexhinfError, NumericalFailure
 from flexhinf.hinf import HJISolution
 from flexhinf.plant import GeneralisedPlant, Law

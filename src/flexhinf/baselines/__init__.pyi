@@ -1,14 +1,14 @@
 """The room's public names and the files that they come from; read when a name is first used."""
 
+from .equilibrium_law import GravityTorque as GravityTorque
+from .equilibrium_law import elastic_joints as elastic_joints
 from .feedback_linearisation import FeedbackLinearisation as FeedbackLinearisation
-from .gravity import GravityTorque as GravityTorque
-from .gravity_compensated_lqr import GravityCompensatedLQR as GravityCompensatedLQR
-from .joints import elastic_joints as elastic_joints
+from .feedback_linearisation import NormalForm as NormalForm
+from .linear_quadratic import GravityCompensatedLQR as GravityCompensatedLQR
 from .linear_quadratic import LinearQuadratic as LinearQuadratic
 from .linear_quadratic import lqr as lqr
 from .linear_quadratic import lqr_gain as lqr_gain
-from .motor_pd import MotorPD as MotorPD
-from .normal_form import NormalForm as NormalForm
+from .torque_feedback import MotorPD as MotorPD
 from .torque_feedback import TorqueFeedback as TorqueFeedback
 from .tuning import Candidate as Candidate
 from .tuning import Judgement as Judgement

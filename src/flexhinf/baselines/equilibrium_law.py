@@ -1,9 +1,22 @@
-"""Base of the laws to compare with: a plant, the equilibrium they are made for, and what they integrate."""
+"""Base of the laws to compare with: a plant, the equilibrium they are made for, and what they integrate.
+
+The numbers of a plant's elastic joints at an equilibrium, from its exact Jacobians.
+
+At rest M(q1) q̈1 + C q̇1 + G = K(q2 − q1) + D(q̇2 − q̇1) + d_link and J q̈2 + B q̇2 + K(q2 − q1) + D(q̇2 − q̇1) =
+k_u u + d_motor, Eq. (2), are read off ẋ = A x + B u + G d: what the motors feel of d_motor is J⁻¹, what the links
+feel of d_link is M⁻¹. Whatever the model adds (a damped or hardening spring, a back-EMF) is in the numbers.
+
+The gravity torque G(q) of a plant, as a function that laws can use: from its flow, or one that is given.
+
+At rest and with its springs relaxed (q2 = q1) a robot falls by q̈1 = −M⁻¹ G, and a torque at the links moves it by
+M⁻¹: the flow says both, so G = −(∂q̈1/∂d_link)⁻¹ q̈1 is exact for any plant of elastic joints. A function made for the
+robot (inverse dynamics) costs less.
+"""
 
 from __future__ import annotations
 
 import abc
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -12,8 +25,198 @@ import numpy as np
 
 from flexhinf.errors import InvalidInput
 from flexhinf.plant import GeneralisedPlant, Law, Plant
-from flexhinf.scalars import jacobian
+from flexhinf.scalars import apply, digest, jacobian, trace
 from flexhinf.untrusted import read_only, real_array
+
+STATES = ("link_position", "link_velocity", "motor_position", "motor_velocity")
+TORQUES = ("link_torque", "motor_torque")
+
+#: Coupling between the motors of different joints, relative to their own numbers, that counts as none.
+COUPLING = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class ElasticJoints:
+    """Numbers of n elastic joints, seen from the link side; SI units.
+
+    Attributes
+    ----------
+    link_inertia : ndarray, (n, n)
+        M(q*).
+    gravity_slope : ndarray, (n, n)
+        ∂G/∂q at q*.
+    stiffness, spring_damping : ndarray, (n,)
+        K and D of the springs as they are at this equilibrium.
+    motor_inertia, motor_damping : ndarray, (n,)
+        J and B, the back-EMF's k_t k_b / R included.
+    torque_per_input : ndarray, (n,)
+        Torque per input: k_t / R, N·m/V, for a voltage; k_t, N·m/A, for a current; 1 for a torque.
+    """
+
+    link_inertia: np.ndarray
+    gravity_slope: np.ndarray
+    stiffness: np.ndarray
+    spring_damping: np.ndarray
+    motor_inertia: np.ndarray
+    motor_damping: np.ndarray
+    torque_per_input: np.ndarray
+
+    @property
+    def joint_inertia(self) -> np.ndarray:
+        """Inertia that each motor would move if the joints were rigid and the others stood still, M_jj + J_j."""
+        return np.diag(self.link_inertia) + self.motor_inertia
+
+
+def check_joints(plant: Plant) -> int:
+    """Number of elastic joints n of a plant with their states, 4n in the order of Eq. (2), and one input each.
+
+    Raises
+    ------
+    InvalidInput
+        If it has other states, inputs or disturbances.
+    """
+    names = tuple(single for name in STATES for single in plant.expanded(name))
+    joints = len(plant.inputs)
+    torques = [single for name in TORQUES for single in plant.expanded(name)]
+    if (
+        tuple(plant.states) != names
+        or len(names) != 4 * joints
+        or not set(torques) <= set(plant.disturbances)
+    ):
+        raise InvalidInput(
+            "The plant is not a robot with elastic joints as this law needs it.",
+            f"expected the states {list(names)}, one input per joint and the disturbances {torques}, "
+            f"got {list(plant.states)}, {list(plant.inputs)}, {list(plant.disturbances)}",
+            "robot.plant() of a robot without rigid joints, and without the coils' inductance",
+        )
+    return joints
+
+
+def elastic_joints(plant: Plant, x: np.ndarray, u: np.ndarray) -> ElasticJoints:
+    """The joints' numbers at the equilibrium (x, u), (4n,) and (n,).
+
+    Raises
+    ------
+    InvalidInput
+        If the plant has no elastic joints, or its motors are coupled.
+    """
+    n = check_joints(plant)
+    a, b, g, _ = plant.linearise(x, u)
+    torques = [[plant.disturbances.index(name) for name in plant.expanded(kind)] for kind in TORQUES]  # type: ignore[union-attr]
+    links, motors = slice(n, 2 * n), slice(3 * n, 4 * n)
+    motor_inertia = 1.0 / _diagonal("motor inertia", g[motors, torques[1]])
+    link_inertia = np.linalg.inv(g[links, torques[0]])
+    stiffness = motor_inertia * _diagonal("stiffness", a[motors, :n])
+    damping = motor_inertia * _diagonal("spring damping", a[motors, links])
+    return ElasticJoints(
+        link_inertia=(link_inertia + link_inertia.T) / 2.0,
+        gravity_slope=-link_inertia @ a[links, :n] - np.diag(stiffness),
+        stiffness=stiffness,
+        spring_damping=damping,
+        motor_inertia=motor_inertia,
+        motor_damping=-motor_inertia * _diagonal("motor damping", a[motors, motors]) - damping,
+        torque_per_input=motor_inertia * _diagonal("input", b[motors]),
+    )
+
+
+def _diagonal(what: str, matrix: np.ndarray) -> np.ndarray:
+    diagonal = np.diag(matrix).copy()
+    beside = np.abs(matrix - np.diag(diagonal)).max()
+    if beside > COUPLING * np.abs(diagonal).max(initial=0.0):
+        raise InvalidInput(
+            "The motors of different joints are coupled.",
+            f"expected a {what} of each joint alone, got {matrix.tolist()}",
+            "a plant of a robot of this package",
+        )
+    return diagonal
+
+
+#: Largest difference of a given function from the plant's own gravity torque, relative to the largest torque.
+AGREEMENT = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class GravityTorque:
+    """G(q1) of a plant, on any element, with the plant's parameters as data.
+
+    Parameters
+    ----------
+    plant : Plant
+        Of elastic joints.
+    function : callable, optional
+        ``function(q, p)`` → G (n,), NumPy code on any element; p has the plant's parameters as attributes. By
+        default G comes from the plant's flow.
+
+    Raises
+    ------
+    InvalidInput
+        If the plant has no elastic joints, or the function disagrees with its flow.
+    """
+
+    plant: Plant
+    function: Callable[[Any, Any], Any] | None = None
+
+    def __post_init__(self) -> None:
+        n, p = check_joints(self.plant), self.plant.parameters.vector()
+        if self.function is None:
+            return
+        own = GravityTorque(self.plant)
+        for angle in (0.3, 1.1, -0.7):  # generic poses
+            q = angle * (1.0 + 0.1 * np.arange(n))
+            given, expected = apply(self.traced, q, p)[0], own.torque(q, p)
+            if given.shape != (n,) or np.abs(given - expected).max() > AGREEMENT * max(
+                1.0, np.abs(expected).max()
+            ):
+                raise InvalidInput(
+                    "The gravity torque that was given is not the plant's.",
+                    f"expected {expected.tolist()} at q = {q.tolist()}, got {given.tolist()}",
+                    "gravity=None: it is taken from the plant's flow",
+                )
+
+    @cached_property
+    def traced(self) -> Any:
+        """(q, parameter vector) → G as a CasADi function."""
+        import casadi as ca
+
+        plant, n = self.plant, len(self.plant.inputs)
+        if self.function is not None:
+            function, named = self.function, plant.parameters.named
+            return trace(lambda q, p: function(q, named(p)), n, plant.parameters.size, name="gravity")
+        q, p = ca.SX.sym("q", n), ca.SX.sym("p", plant.parameters.size)
+        d = ca.SX.sym("d", len(plant.disturbances))
+        still = ca.SX.zeros(n)
+        flow = plant.traced_flow(ca.vertcat(q, still, q, still), ca.SX.zeros(n), d, p)
+        fall = flow[n : 2 * n]
+        links = [plant.disturbances.index(name) for name in plant.expanded("link_torque")]  # type: ignore[union-attr]
+        compliance = ca.jacobian(fall, d)[:, links]
+        torque = -ca.solve(compliance, fall)
+        free = ca.substitute(torque, d, ca.SX.zeros(d.numel()))
+        return ca.Function("gravity", [q, p], [ca.densify(free)], {"cse": True})
+
+    @cached_property
+    def _with_rate(self) -> Any:
+        """(q, dq, parameter vector) → G, ∂G/∂q q̇ as one CasADi function."""
+        import casadi as ca
+
+        n = len(self.plant.inputs)
+        q, dq, p = ca.SX.sym("q", n), ca.SX.sym("dq", n), ca.SX.sym("p", self.plant.parameters.size)
+        torque = self.traced(q, p)
+        rate = ca.densify(ca.jtimes(torque, q, dq))
+        return ca.Function("gravity_rate", [q, dq, p], [torque, rate], {"cse": True})
+
+    def torque(self, q: Any, p: Any) -> Any:
+        """G(q), (n,), N·m, at the parameter vector p."""
+        return apply(self.traced, q, p)[0]
+
+    def torque_and_rate(self, q: Any, dq: Any, p: Any) -> tuple[Any, Any]:
+        """G(q) and its rate ∂G/∂q q̇, (n,) each."""
+        torque, rate = apply(self._with_rate, q, dq, p)
+        return torque, rate
+
+    @cached_property
+    def key(self) -> str:
+        """What distinguishes the code of two gravity torques."""
+        return digest(self.traced)
 
 
 def equilibrium_of(problem: GeneralisedPlant) -> tuple[np.ndarray, np.ndarray]:

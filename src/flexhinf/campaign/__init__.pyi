@@ -1,8 +1,9 @@
 """The room's public names and the files that they come from; read when a name is first used."""
 
 from .batches import Campaign as Campaign
+from .batches import Rows as Rows
 from .batches import check_counts as check_counts
-from .cluster import in_cluster as in_cluster
+from .batches import run_batch as run_batch
 from .draws import DISTRIBUTIONS as DISTRIBUTIONS
 from .draws import METHODS as METHODS
 from .draws import Draw as Draw
@@ -14,6 +15,7 @@ from .draws import one_of as one_of
 from .draws import sample_seed as sample_seed
 from .driver import Shard as Shard
 from .driver import drive as drive
+from .driver import in_cluster as in_cluster
 from .driver import in_processes as in_processes
 from .driver import run_campaign as run_campaign
 from .journal import Journal as Journal
@@ -30,8 +32,6 @@ from .results import MergedTable as MergedTable
 from .results import Replayed as Replayed
 from .results import merged as merged
 from .results import replayed as replayed
-from .samples import Rows as Rows
-from .samples import run_batch as run_batch
 from .statistics import Interval as Interval
 from .statistics import Sensitivity as Sensitivity
 from .statistics import sensitivity as sensitivity
@@ -39,7 +39,7 @@ from .statistics import success_interval as success_interval
 from .worst_case import FoundPlant as FoundPlant
 from .worst_case import WorstCase as WorstCase
 from .worst_case import check_starts as check_starts
+from .worst_case import search_worst as search_worst
+from .worst_case import stored_worst as stored_worst
+from .worst_case import stored_worsts as stored_worsts
 from .worst_case import worst_case as worst_case
-from .worst_case_files import search_worst as search_worst
-from .worst_case_files import stored_worst as stored_worst
-from .worst_case_files import stored_worsts as stored_worsts

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from flexhinf.campaign.batches import INSTANTS, OWN, PART, Campaign, check_counts
-from flexhinf.campaign.fingerprint import campaign_digest
+from flexhinf.campaign.draws import campaign_digest
 from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.file_bytes import read_bytes
 from flexhinf.untrusted import value_text

@@ -15,8 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from flexhinf.campaign.batches import PART, Column
-from flexhinf.campaign.metrics import Requirement
-from flexhinf.campaign.outcomes import COMPLETED, NOT_RUN
+from flexhinf.campaign.metrics import COMPLETED, NOT_RUN, Requirement
 from flexhinf.campaign.results import MergedTable, main_metric, violations
 from flexhinf.campaign.statistics import Interval, success_interval
 from flexhinf.errors import InvalidInput

@@ -10,13 +10,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from flexhinf.campaign.batches import TRACED, Campaign
-from flexhinf.campaign.journal import TABLE, Journal
-from flexhinf.campaign.metrics import Requirement
-from flexhinf.campaign.outcomes import COMPLETED
-from flexhinf.campaign.samples import run_samples
+from flexhinf.campaign.batches import TRACED, Campaign, run_samples
+from flexhinf.campaign.journal import TABLE, Journal, StoredColumns, labelled, numpy_column, read_columns
+from flexhinf.campaign.metrics import COMPLETED, Requirement
 from flexhinf.campaign.statistics import MOST_ROWS, Interval, Sensitivity, sensitivity, success_interval
-from flexhinf.campaign.storage import StoredColumns, labelled, numpy_column, read_columns
 from flexhinf.loop import Trajectory
 
 if TYPE_CHECKING:

@@ -7,12 +7,13 @@ is kept on disk like that of other kernels.
 
 from __future__ import annotations
 
-from flexhinf.certify.faces import Group, Layout
 from flexhinf.certify.kernel_code import (
     LANES,
     LOW,
     POINTERS,
+    Group,
     KernelFrame,
+    Layout,
     RunningSum,
     Shape,
     finish,

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from flexhinf.certify.claim import Claim
+from flexhinf.certify.sampled_gain import longest_run, start_at
 from flexhinf.certify.starts import path_states
-from flexhinf.certify.steps import longest_run, start_at
 from flexhinf.certify.terms import Start
 from flexhinf.hinf.margin import Penalty, checked_pair
 from flexhinf.hinf.rays import Inequality

@@ -22,8 +22,7 @@ from flexhinf.certify.terms import FUNCTIONS, Function, Parameter, Term
 from flexhinf.errors import InvalidInput
 from flexhinf.plant.parameters import ParameterTable
 from flexhinf.plant.plant import GeneralisedPlant
-from flexhinf.plant.polynomial_plant import PolynomialPlant
-from flexhinf.plant.problem import Problem
+from flexhinf.plant.polynomial_plant import PolynomialPlant, Problem
 from flexhinf.polynomial import basis
 from flexhinf.scalars import trace
 

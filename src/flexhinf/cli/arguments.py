@@ -14,8 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from flexhinf.cli.messages import note
-from flexhinf.design.fields import FieldInfo
-from flexhinf.design.specification import BEHAVIOUR, FIELDS, NO_LIMIT
+from flexhinf.design.specification import BEHAVIOUR, FIELDS, NO_LIMIT, FieldInfo
 from flexhinf.errors import InvalidInput
 
 if TYPE_CHECKING:

@@ -167,7 +167,7 @@ def run_design(
 
     from flexhinf.design.report import check_film, run_met, run_notes, run_tables, run_verdict
     from flexhinf.export import check_log, load_compiled, write_log
-    from flexhinf.robot.mujoco_view import check_display
+    from flexhinf.robot.mujoco import check_display
 
     logs, films = [check_log(path) for path in log], [check_film(path) for path in record]
     if view:
@@ -197,7 +197,7 @@ def run_design(
 @contextmanager
 def _view(prepared: DeployedRun) -> Iterator[Callable[[], bool]]:
     """MuJoCo's viewer: a function that draws the robot as it stands."""
-    from flexhinf.robot.mujoco_view import MuJoCoView
+    from flexhinf.robot.mujoco import MuJoCoView
 
     with MuJoCoView(prepared.robot, prepared.box) as viewer:
         yield viewer.show
@@ -232,7 +232,7 @@ def _prepared(
     from flexhinf.design.deployed_run import Conditions, perturbed, prepare_run
     from flexhinf.design.design_file import is_design_file
     from flexhinf.design.units import seconds
-    from flexhinf.robot.mujoco_plant import check_expressed
+    from flexhinf.robot.mujoco import check_expressed
 
     path = file_of(source)
     if not is_design_file(path):

@@ -7,8 +7,7 @@ from flexhinf.codegen.compose import DIRECT, Composer, Direct
 from flexhinf.codegen.interpreter import interpret
 from flexhinf.codegen.kernel import BoundKernel, Kernel, Status
 from flexhinf.codegen.memory import Block, Buffer, Columns, Slice, aligned
-from flexhinf.codegen.program import Program
-from flexhinf.codegen.steps import (
+from flexhinf.codegen.program import (
     Call,
     Cholesky,
     Copy,
@@ -17,6 +16,7 @@ from flexhinf.codegen.steps import (
     Normal,
     OuterSum,
     Polynomial,
+    Program,
     Repeat,
     Sweep,
     When,

@@ -18,7 +18,18 @@ from typing import Any
 import numpy as np
 
 from flexhinf.codegen.memory import COLUMN, Block, Buffer, Order, Slice
-from flexhinf.codegen.steps import Call, Cholesky, Copy, Map, OuterSum, Polynomial, Repeat, Step, Sweep, When
+from flexhinf.codegen.program import (
+    Call,
+    Cholesky,
+    Copy,
+    Map,
+    OuterSum,
+    Polynomial,
+    Repeat,
+    Step,
+    Sweep,
+    When,
+)
 
 SCRATCH = "scratch"
 
@@ -237,7 +248,7 @@ class Composer:
         return factor
 
     def polynomial(self, point: Block, table: Block, degrees: tuple[int, ...], values: int) -> Block:
-        """Values of polynomials at a point (n,), see `flexhinf.codegen.steps.Polynomial`; table is (Nmon, columns)."""
+        """Values of polynomials at a point (n,), see `flexhinf.codegen.memory.Polynomial`; table is (Nmon, columns)."""
         target = self.work((values,))
         self.body.append(Polynomial(point.place, table.place, target.place, degrees))
         return target

@@ -10,8 +10,7 @@ import numpy as np
 from flexhinf.codegen.kernel import Kernel, Status
 from flexhinf.codegen.memory import COLUMN, Columns, Slice, whole
 from flexhinf.codegen.noise import normal_numbers
-from flexhinf.codegen.program import Program
-from flexhinf.codegen.steps import (
+from flexhinf.codegen.program import (
     Call,
     Cholesky,
     Copy,
@@ -20,6 +19,7 @@ from flexhinf.codegen.steps import (
     Normal,
     OuterSum,
     Polynomial,
+    Program,
     Step,
     Sweep,
     When,

@@ -1,7 +1,11 @@
-"""What a program becomes: something to run on arrays, compiled or interpreted."""
+"""What a program becomes: something to run on arrays, compiled or interpreted.
+
+Arrays and counts, checked once against a program before a kernel touches memory.
+"""
 
 from __future__ import annotations
 
+import operator
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -9,9 +13,152 @@ from typing import Protocol
 
 import numpy as np
 
-from flexhinf.codegen.arguments import check_arrays, check_counts, check_reach, length
-from flexhinf.codegen.program import Program
+from flexhinf.codegen.memory import Buffer
+from flexhinf.codegen.program import Program, Repeat, slices
 from flexhinf.errors import InvalidInput
+
+
+def check_arrays(program: Program, arrays: Mapping[str, np.ndarray], lanes: int) -> dict[str, np.ndarray]:
+    """The arrays of the program's buffers, in its order.
+
+    Parameters
+    ----------
+    arrays : mapping
+        One C-contiguous float64 array per buffer that is not "work". With one lane any shape of `size`
+        elements is taken (a trajectory may be given as (steps, n)); with W lanes the last axis of a buffer
+        that is not shared is the lane, so its shape is (size, W) or (…, W).
+
+    Returns
+    -------
+    dict of str to ndarray
+        The same array objects.
+
+    Raises
+    ------
+    InvalidInput
+        Missing or unknown name; wrong type, dtype, layout or number of elements; a read-only array to be
+        written; a written array that shares memory with another one.
+    """
+    expected = {buffer.name: buffer for buffer in program.buffers if buffer.role != "work"}
+    if set(arrays) != set(expected):
+        missing = sorted(set(expected) - set(arrays))
+        unknown = sorted(set(arrays) - set(expected))
+        raise InvalidInput(
+            f"The arrays do not match the buffers of '{program.name}'.",
+            f"expected {sorted(expected)}; missing {missing}, not known {unknown}",
+            "one array per buffer that is not 'work' (the kernel makes those itself)",
+        )
+    for name, buffer in expected.items():
+        _check_array(program.name, buffer, arrays[name], lanes)
+    _check_apart(program, [(buffer, arrays[name]) for name, buffer in expected.items()])
+    return {name: arrays[name] for name in expected}
+
+
+def check_counts(program: Program, counts: Mapping[str, int]) -> dict[str, int]:
+    """The counts of the program, in its order.
+
+    Raises
+    ------
+    InvalidInput
+        Missing or unknown name, or a value that is not an integer ≥ 0.
+    """
+    if set(counts) != set(program.counts):
+        raise InvalidInput(
+            f"The counts do not match those of '{program.name}'.",
+            f"expected {sorted(program.counts)}, got {sorted(counts)}",
+            "counts={name: number of turns}",
+        )
+    checked = {}
+    for name in program.counts:
+        try:
+            value = operator.index(counts[name])
+        except TypeError:
+            value = -1
+        if value < 0:
+            raise InvalidInput(
+                f"Count '{name}' of '{program.name}' is not usable.",
+                f"expected an integer ≥ 0, got {counts[name]!r}",
+                "the number of turns of the loop",
+            )
+        checked[name] = value
+    return checked
+
+
+def check_reach(program: Program, lengths: Mapping[str, int], counts: Mapping[str, int]) -> None:
+    """Every slice stays inside its buffer for these counts.
+
+    Parameters
+    ----------
+    lengths : mapping
+        Elements per lane of every buffer, work included.
+    counts : mapping
+        As returned by `check_counts`.
+
+    Raises
+    ------
+    InvalidInput
+        A slice would leave its buffer; the message says by how much.
+    """
+    for step, loops in program.steps():
+        turns = [counts[count] if isinstance(count, str) else count for count in loops]
+        if isinstance(step, Repeat) or 0 in turns:
+            continue
+        read, written = slices(step)
+        for piece in (*read, *written):
+            moves = [stride * (turn - 1) for stride, turn in zip(piece.strides, turns, strict=False)]
+            start = piece.offset + (counts[piece.shift] if piece.shift else 0)
+            first = start + sum(move for move in moves if move < 0)
+            end = start + piece.size + sum(move for move in moves if move > 0)
+            if first < 0 or end > lengths[piece.buffer]:
+                raise InvalidInput(
+                    f"A slice leaves buffer '{piece.buffer}' of '{program.name}'.",
+                    f"{piece} with counts {dict(counts)} reaches elements {first} to {end}, "
+                    f"the array has {lengths[piece.buffer]} (per lane)",
+                    "a longer array or a smaller count",
+                )
+
+
+def length(buffer: Buffer, array: np.ndarray, lanes: int) -> int:
+    """Elements per lane of a checked array."""
+    return array.size if buffer.shared else array.size // lanes
+
+
+def _check_array(program: str, buffer: Buffer, array: object, lanes: int) -> None:
+    lane_axis = lanes > 1 and not buffer.shared
+    elements = "any number of" if buffer.size is None else str(buffer.size)
+    expected = f"a C-contiguous float64 array of {elements} elements" + (
+        f" with a last axis of {lanes} lanes" if lane_axis else ""
+    )
+    if not isinstance(array, np.ndarray):
+        found = type(array).__name__
+    else:
+        found = f"{array.dtype} of shape {array.shape}"
+        width = lanes if lane_axis else 1
+        fits = array.size % width == 0 and (buffer.size is None or array.size == buffer.size * width)
+        if lane_axis and (array.ndim < 2 or array.shape[-1] != lanes):
+            fits = False
+        if not array.flags.c_contiguous:
+            found += ", not contiguous"
+        elif not (array.flags.writeable or buffer.role == "in"):
+            found += ", read-only, but the program writes to it"
+        elif array.dtype == np.float64 and array.dtype.isnative and array.flags.aligned and fits:
+            return
+    raise InvalidInput(
+        f"The array for buffer '{buffer.name}' of '{program}' cannot be used.",
+        f"expected {expected}, got {found}",
+        "numpy.ascontiguousarray(…, dtype=float)",
+    )
+
+
+def _check_apart(program: Program, pairs: list[tuple[Buffer, np.ndarray]]) -> None:
+    for k, (first, one) in enumerate(pairs):
+        for second, other in pairs[k + 1 :]:
+            if (first.role != "in" or second.role != "in") and np.may_share_memory(one, other):
+                raise InvalidInput(
+                    f"Two buffers of '{program.name}' lie in the same memory.",
+                    f"the arrays for '{first.name}' and '{second.name}' overlap, and one of them is written",
+                    "a copy, or one buffer with the role 'state' for both",
+                )
 
 
 @dataclass(frozen=True, eq=False)

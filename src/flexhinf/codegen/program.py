@@ -2,17 +2,312 @@
 
 A program is data. It says nothing about machine code, lanes or threads, so that the compiler and the
 interpreter read the very same text.
+
+What a kernel does: traced functions, linear algebra, copies and guards over slices, inside loops.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import get_args
+from typing import TYPE_CHECKING, Any, TypeAlias, get_args
 
-from flexhinf.codegen.memory import Buffer, Slice, check_identifier
-from flexhinf.codegen.steps import Repeat, Simple, Step, When, slices
+from flexhinf.codegen.memory import (
+    COLUMN,
+    Buffer,
+    Cholesky,
+    Columns,
+    OuterSum,
+    Polynomial,
+    Slice,
+    check_function,
+    check_identifier,
+    is_integer,
+    overlap,
+    whole,
+)
 from flexhinf.errors import FlexhinfError, InvalidInput
+
+if TYPE_CHECKING:
+    import casadi
+
+
+@dataclass(frozen=True, eq=False)
+class Call:
+    """Evaluate a traced function; all inputs are read before any output is written, so in-place is safe.
+
+    Parameters
+    ----------
+    function : casadi.Function
+        An SX function whose arguments and results are dense.
+    inputs, outputs : tuple of Slice
+        One per argument and per result, of the same number of elements.
+    """
+
+    function: casadi.Function
+    inputs: tuple[Slice, ...]
+    outputs: tuple[Slice, ...]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "inputs", tuple(self.inputs))
+        object.__setattr__(self, "outputs", tuple(self.outputs))
+        check_function(self.function, self.inputs, self.outputs)
+
+
+@dataclass(frozen=True, eq=False)
+class Map:
+    """Evaluate a traced function on every column of matrices, in any order: several at once where that is faster.
+
+    Parameters
+    ----------
+    function : casadi.Function
+        As for `Call`.
+    inputs : tuple of Slice or Columns
+        A slice is the same for all columns.
+    outputs : tuple of Columns
+        May be the very columns of an input (in place), but overlap no input otherwise.
+
+    Raises
+    ------
+    InvalidInput
+        As `Call`; columns of different numbers, no columns, or results that overlap arguments.
+    """
+
+    function: casadi.Function
+    inputs: tuple[Slice | Columns, ...]
+    outputs: tuple[Columns, ...]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "inputs", tuple(self.inputs))
+        object.__setattr__(self, "outputs", tuple(self.outputs))
+        check_function(self.function, self.inputs, self.outputs)
+        counts = {piece.count for piece in (*self.inputs, *self.outputs) if isinstance(piece, Columns)}
+        if len(counts) != 1 or not all(isinstance(piece, Columns) for piece in self.outputs):
+            raise InvalidInput(
+                f"Function '{self.function.name()}' is not mapped over the columns of matrices.",
+                f"expected results in columns, and one number of columns, got {sorted(counts)}",
+                "Columns(slice, count) for every result, with the same count",
+            )
+        for result in self.outputs:
+            for piece in self.inputs:
+                if piece != result and overlap(whole(piece), result.whole):
+                    raise InvalidInput(
+                        f"Function '{self.function.name()}' would overwrite arguments of other columns.",
+                        f"result {result} overlaps argument {piece}",
+                        "another place for the result, or exactly that of the argument's columns",
+                    )
+
+    @property
+    def count(self) -> int:
+        """Number of columns."""
+        return self.outputs[0].count
+
+
+@dataclass(frozen=True)
+class Copy:
+    """Copy one slice onto another of the same size (they may overlap)."""
+
+    source: Slice
+    target: Slice
+
+    def __post_init__(self) -> None:
+        if self.source.size != self.target.size:
+            raise InvalidInput(
+                "A copy joins slices of different sizes.",
+                f"source {self.source}, target {self.target}",
+                "slices of the same size",
+            )
+
+
+@dataclass(frozen=True)
+class Normal:
+    """Independent N(0, 1) numbers, one per channel: `flexhinf.codegen.noise.normal_numbers` of a step and a key.
+
+    The step, (1,), and the key, (3,), are integers below 2³². The key is the sample, and the low and the high word of
+    the seed.
+    """
+
+    step: Slice
+    key: Slice
+    target: Slice
+
+    def __post_init__(self) -> None:
+        if (self.step.size, self.key.size) != (1, 3):
+            raise InvalidInput(
+                "The counter of normal numbers has another size.",
+                f"expected a step and a key of 1 and 3 elements, got {self.step} and {self.key}",
+                "the step; the sample and the two words of the seed",
+            )
+
+
+@dataclass(frozen=True)
+class Guard:
+    """Stop unless every element is finite.
+
+    Parameters
+    ----------
+    code : int
+        Positive; becomes the `Status.code`, beside the index of the outermost loop (0 outside of loops).
+    """
+
+    source: Slice
+    code: int
+
+    def __post_init__(self) -> None:
+        if not is_integer(self.code) or self.code < 1:
+            raise InvalidInput(
+                f"The guard of {self.source} has no usable code.",
+                f"expected an integer ≥ 1 (0 means that all is well), got {self.code!r}",
+                "a small positive number per kind of failure",
+            )
+
+
+@dataclass(frozen=True, eq=False)
+class Repeat:
+    """Run `body` as many times as the count says.
+
+    Parameters
+    ----------
+    count : str or int
+        Name of a count of the program, given when it runs; or a fixed number.
+    body : tuple of steps
+
+    Raises
+    ------
+    InvalidInput
+        A fixed number below 1.
+    """
+
+    count: str | int
+    body: tuple[Step, ...]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "body", tuple(self.body))
+        if not isinstance(self.count, str) and (not is_integer(self.count) or self.count < 1):
+            raise InvalidInput(
+                "A loop has no usable count.",
+                f"expected the name of a count, or an integer >= 1, got {self.count!r}",
+                "a count of the program",
+            )
+
+    def turns(self, counts: Mapping[str, Any]) -> Any:
+        """How often, by the counts of the program or what stands for them."""
+        return counts[self.count] if isinstance(self.count, str) else self.count
+
+
+@dataclass(frozen=True, eq=False)
+class When:
+    """`body`, which may be left out where a flag is zero, and is, where it is zero in every lane.
+
+    In a lane whose flag is zero beside one whose flag is not, the body runs in vain: what it writes must not
+    matter then. Who reads it chooses by the flag.
+
+    Parameters
+    ----------
+    flag : Slice
+        One number.
+    body : tuple of steps
+
+    Raises
+    ------
+    InvalidInput
+        If the flag is not one number, or there is a guard in the body, which would stop lanes in vain.
+    """
+
+    flag: Slice
+    body: tuple[Step, ...]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "body", tuple(self.body))
+        if self.flag.size != 1 or any(isinstance(step, Guard) for step in self.body):
+            raise InvalidInput(
+                "A condition is not one number, or has a guard inside.",
+                f"expected a slice of size 1 and no Guard, got {self.flag} and {len(self.body)} steps",
+                "one flag; the guard after it",
+            )
+
+
+@dataclass(frozen=True, eq=False)
+class Sweep:
+    """Run steps on every column of matrices, in any order, several at once; a column has memory of its own meanwhile.
+
+    Parameters
+    ----------
+    body : tuple of Call, Copy and Repeat
+        They write to the buffer `COLUMN`, which is the column's memory, and may read others, the same for all columns.
+    inputs, outputs : tuple of (Columns, Slice)
+        Columns of a matrix, and where each is before or after the steps, in a memory of `size` numbers.
+
+    Raises
+    ------
+    InvalidInput
+        Other steps, columns of different numbers, sizes that do not fit, or writing elsewhere.
+    """
+
+    body: tuple[Step, ...]
+    inputs: tuple[tuple[Columns, Slice], ...]
+    outputs: tuple[tuple[Columns, Slice], ...]
+    size: int
+
+    def __post_init__(self) -> None:
+        for field in ("body", "inputs", "outputs"):
+            object.__setattr__(self, field, tuple(getattr(self, field)))
+        pairs, steps = (*self.inputs, *self.outputs), list(leaves(self.body))
+        known = all(isinstance(step, Call | Copy) for step in steps)
+        read, written = (
+            [piece for step in steps for piece in slices(step)[k]] if known else [] for k in (0, 1)
+        )
+        inside = [
+            *(place for _, place in pairs),
+            *written,
+            *(piece for piece in read if piece.buffer == COLUMN),
+        ]
+        fits = all(p.buffer == COLUMN and not p.strides and p.offset + p.size <= self.size for p in inside)
+        fits = fits and all(columns.size == place.size for columns, place in pairs)
+        if not (known and fits and self.outputs and len({columns.count for columns, _ in pairs}) == 1):
+            raise InvalidInput(
+                "A sweep over columns does not fit.",
+                f"expected calls, copies and fixed loops writing to '{COLUMN}' ({self.size} numbers), columns of one "
+                f"count, got {self.inputs} and {self.outputs}",
+                "Composer.sweep",
+            )
+
+    @property
+    def count(self) -> int:
+        """Number of columns."""
+        return self.outputs[0][0].count
+
+
+def leaves(body: Sequence[Any]) -> Iterator[Any]:
+    """The steps of a body and of its loops of a fixed count, without those loops."""
+    for step in body:
+        fixed = isinstance(step, Repeat) and not isinstance(step.count, str)
+        yield from leaves(step.body) if fixed else (step,)
+
+
+Simple: TypeAlias = Call | Map | Sweep | OuterSum | Polynomial | Cholesky | Copy | Normal | Guard
+Step: TypeAlias = Simple | Repeat | When
+
+
+def slices(step: Simple | When) -> tuple[tuple[Slice, ...], tuple[Slice, ...]]:
+    """The slices that a step reads, and those that it writes."""
+    if isinstance(step, Call | Map):
+        return tuple(map(whole, step.inputs)), tuple(map(whole, step.outputs))
+    if isinstance(step, Sweep):
+        inside = [piece for leaf in leaves(step.body) for piece in slices(leaf)[0] if piece.buffer != COLUMN]
+        columns = [tuple(matrix.whole for matrix, _ in pairs) for pairs in (step.inputs, step.outputs)]
+        return (*columns[0], *inside), columns[1]
+    if isinstance(step, OuterSum):
+        read = (step.left, step.right, step.weights, step.plus)
+        return tuple(piece for piece in read if piece is not None), (step.target,)
+    if isinstance(step, Polynomial):
+        return (step.point, step.table), (step.target,)
+    if isinstance(step, Copy | Cholesky):
+        return (step.source,), (step.target,)
+    if isinstance(step, Normal):
+        return (step.step, step.key), (step.target,)
+    return (step.flag if isinstance(step, When) else step.source,), ()
+
 
 #: Every emitted name begins so: a function called `step` once bound to a symbol of the C library. ENTRY runs all.
 PREFIX = "flexhinf_"

@@ -30,5 +30,5 @@ from .requirements import Requirement as Requirement
 from .result import ComparedLaw as ComparedLaw
 from .result import Comparison as Comparison
 from .result import Design as Design
+from .result import Status as Status
 from .specification import Specification as Specification
-from .status import Status as Status

@@ -3,7 +3,7 @@
 γ is what the law was designed for. The sampled region checks the dissipation inequality at a slightly weaker level, at
 samples. The gain that a disturbance found by search attains is a lower bound. Everything that is not the law fed the
 true state (sampling, delay, estimator, limits) uses up a part of the region's level, see
-`flexhinf.analysis.dissipation_budget`.
+`flexhinf.analysis.dissipation`.
 """
 
 from __future__ import annotations

@@ -15,13 +15,12 @@ from typing import Any, TypeVar
 import numpy as np
 
 from flexhinf.certify import Certificate
+from flexhinf.certify.cells import OutOfTime, Progress, time_limit
 from flexhinf.certify.common_value import CommonValue, common_value
-from flexhinf.certify.proof import NotProved
-from flexhinf.certify.robot_starts import largest_values, robot_start, tabled_start
+from flexhinf.certify.proof import NotProved, certify_tolerances, tolerance_statement
 from flexhinf.certify.sampled_gain import sampled_gain
-from flexhinf.certify.search import OutOfTime, Progress, time_limit
+from flexhinf.certify.starts import largest_values, robot_start, tabled_start
 from flexhinf.certify.terms import Start
-from flexhinf.certify.tolerances import certify_tolerances, tolerance_statement
 from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.hinf import HJISolution
 from flexhinf.plant import GeneralisedPlant
@@ -176,7 +175,7 @@ def prove_box(
     Parameters
     ----------
     ranges : mapping
-        See `flexhinf.certify.tolerances.parameter_ranges`.
+        See `flexhinf.certify.proof.parameter_ranges`.
     margins : tuple of float, optional
         γ over that of `sampled_box`, in turn; by default those of its storage function.
     seconds : float

@@ -13,19 +13,17 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.design.loop_plants import LoopPlants
-from flexhinf.design.move_evaluation import move_requirements
+from flexhinf.design.loop_setup import LoopPlants
 from flexhinf.design.plans import has_integrals, move_reference, stated_move, step_command
-from flexhinf.design.requirements import Requirement, step_requirements
-from flexhinf.design.responses import Move, Plan, Response, plan_ends
-from flexhinf.design.scenario import start_and_goal
+from flexhinf.design.requirements import Requirement, move_requirements, step_requirements
+from flexhinf.design.responses import Move, Plan, Response, plan_ends, start_and_goal
 from flexhinf.design.specification import Specification
 from flexhinf.errors import InvalidInput
 from flexhinf.export.compiled import CompiledController
 from flexhinf.export.realtime import RealTimeRun, run_realtime
 from flexhinf.loop import Controller, Loop, Step
 from flexhinf.robot import MuJoCoPlant, Robot
-from flexhinf.robot.quantities import per_joint
+from flexhinf.robot.parameters import per_joint
 from flexhinf.robot.signals import signal_names
 from flexhinf.untrusted import value_text
 

@@ -15,8 +15,7 @@ from flexhinf.design.estimators import EstimatorNoise
 from flexhinf.design.joint_limits import ROBOT, JointLimits, joint_limits
 from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.monte_carlo import sampled_runs
-from flexhinf.design.responses import Response
-from flexhinf.design.scenario import run_length, sample_robots
+from flexhinf.design.responses import Response, run_length, sample_robots
 from flexhinf.design.specification import TOLERANCE, Specification
 from flexhinf.design.weights.choose import DesignProblem, choose
 from flexhinf.errors import FlexhinfError, InvalidInput

@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
+from flexhinf.design.design_file import per_signal
 from flexhinf.design.specification import TORQUE_NOISE, Specification, SpecificationError
-from flexhinf.design.stated_units import per_signal
 from flexhinf.errors import NotDetectable
 from flexhinf.estimation import (
     ExtendedKalmanFilter,

@@ -25,13 +25,12 @@ from flexhinf.analysis import (
     standard_noises,
     tolerance_corners,
 )
-from flexhinf.analysis.law_batch import LawRows
+from flexhinf.analysis.batch import LawRows
 from flexhinf.design.impulse import ImpulseRuns, impulse_runs, impulse_sizes
 from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.modes import Mode, estimator_modes, modes_of, running_modes, stiffness_and_inertia
 from flexhinf.design.monte_carlo import MonteCarlo, move_errors, sampled_runs
-from flexhinf.design.responses import LoadResponse, Move, Response, Worst, worst_of
-from flexhinf.design.scenario import Scenario
+from flexhinf.design.responses import LoadResponse, Move, Response, Scenario, Worst, worst_of
 from flexhinf.errors import FlexhinfError
 from flexhinf.plant import Law
 from flexhinf.scalars import trace

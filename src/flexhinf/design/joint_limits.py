@@ -11,7 +11,7 @@ import numpy as np
 from flexhinf.design.responses import Response
 from flexhinf.design.specification import FIELDS, Specification, SpecificationError
 from flexhinf.robot import Robot
-from flexhinf.robot.drive import DRIVES
+from flexhinf.robot.extras import DRIVES
 from flexhinf.robot.limits import position_ranges
 from flexhinf.robot.signals import UNITS
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf.baselines import FeedbackLinearisation, GravityCompensatedLQR, MotorPD, TorqueFeedback, lqr
-from flexhinf.baselines.gains import INTEGRAL_RATE
+from flexhinf.baselines.linear_quadratic import INTEGRAL_RATE
 from flexhinf.design.synthesis import Synthesis
 from flexhinf.design.weights.robust import sized_channels
 from flexhinf.errors import InvalidInput

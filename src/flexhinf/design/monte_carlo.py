@@ -11,7 +11,7 @@ import numpy as np
 
 from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.loop import Instant, Reduction
-from flexhinf.loop.simulation.reductions import Command, step_reduction
+from flexhinf.loop.simulation.metrics import Command, step_reduction
 from flexhinf.robot.signals import signal_names
 from flexhinf.scalars import maximum, where
 

@@ -10,16 +10,15 @@ import numpy as np
 
 from flexhinf.design.attenuation import attenuation, searches_disturbance
 from flexhinf.design.carrying import Carried, carried_payloads
-from flexhinf.design.criterion import MODES, criterion_for, stated_limits
+from flexhinf.design.certification import prove_design, with_tolerances
+from flexhinf.design.criterion import MODES, criterion_for, stated_limits, yardstick
 from flexhinf.design.degrees import rays_of, synthesis_stages
-from flexhinf.design.design_proof import prove_design, with_tolerances
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.hunting import RestRun, brought_to_rest
 from flexhinf.design.joint_limits import joint_limits
 from flexhinf.design.laws import DESIGN, LawFactory, LawKind, law_kind, law_names
 from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.modes import closed_loop, modes_of
-from flexhinf.design.move_evaluation import move_requirements
 from flexhinf.design.plans import plan_move, stated_move
 from flexhinf.design.report import write_comparison, write_design
 from flexhinf.design.requirements import (
@@ -29,31 +28,30 @@ from flexhinf.design.requirements import (
     corner_requirement,
     hunting_requirement,
     margin_requirements,
+    move_requirements,
     ring_down_requirement,
     sample_requirements,
     step_requirements,
 )
-from flexhinf.design.responses import Response
-from flexhinf.design.result import ComparedLaw, Comparison, Design
-from flexhinf.design.rigid import RigidComparison, compare_rigid
-from flexhinf.design.scenario import (
+from flexhinf.design.responses import (
     COMPARED_SAMPLES,
+    Response,
     Scenario,
     default_load,
     run_length,
     sample_count,
     sample_robots,
 )
+from flexhinf.design.result import ComparedLaw, Comparison, Design, status_of
+from flexhinf.design.rigid import RigidComparison, compare_rigid
 from flexhinf.design.specification import Specification
-from flexhinf.design.status import status_of
 from flexhinf.design.synthesis import Synthesis, synthesise
 from flexhinf.design.tuning import TunedLaw, Tuner
 from flexhinf.design.weights.choose import preset_of, required_damping
-from flexhinf.design.weights.scales import JointScales
-from flexhinf.design.yardstick import yardstick
+from flexhinf.design.weights.design_problem import JointScales
 from flexhinf.errors import InvalidInput
 from flexhinf.robot import Robot
-from flexhinf.robot.mujoco_plant import check_expressed
+from flexhinf.robot.mujoco import check_expressed
 
 Progress = Callable[[str], None]
 

@@ -14,7 +14,7 @@ from flexhinf.design.responses import Plan
 from flexhinf.design.specification import RUN_SAMPLES, Specification
 from flexhinf.design.waypoint_table import WaypointError, WaypointTable
 from flexhinf.design.weights.choose import BANDWIDTH_FRACTION
-from flexhinf.design.weights.scales import JointScales
+from flexhinf.design.weights.design_problem import JointScales
 from flexhinf.errors import InvalidInput
 from flexhinf.loop import JerkLimited, Moving, Waypoints
 from flexhinf.plant import Law

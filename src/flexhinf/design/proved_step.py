@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.certify.robot_starts import path_start
-from flexhinf.certify.tolerances import parameter_ranges, tolerance_statement
+from flexhinf.certify.proof import parameter_ranges, tolerance_statement
+from flexhinf.certify.starts import path_start
 from flexhinf.design.box_proof import (
     BoxProof,
     NotWithinTolerances,

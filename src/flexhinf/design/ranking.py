@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from flexhinf.design.criterion import Criterion, Figures, pareto_front
+from flexhinf.design.criterion import Criterion, Figures, pareto_front, unstable_corners
 from flexhinf.design.laws import DESIGN, NL_HINF
 from flexhinf.design.tuning import TunedLaw
-from flexhinf.design.yardstick import unstable_corners
 
 
 def is_ours(name: str) -> bool:

@@ -10,24 +10,27 @@ from typing import Any
 import numpy as np
 
 from flexhinf.design.along_move import AlongMove, Least, scheduled
-from flexhinf.design.degree_rule import choose_degree
-from flexhinf.design.degrees import DegreeChoice, rays_of, solve_degrees, tried_degrees, with_region
+from flexhinf.design.degrees import (
+    DegreeChoice,
+    choose_degree,
+    rays_of,
+    solve_degrees,
+    tried_degrees,
+    with_region,
+)
+from flexhinf.design.design_file import check_stated_units
 from flexhinf.design.effort_limit import problem_within_effort
 from flexhinf.design.estimators import EstimatorNoise, estimator_for, noise_variances, sensor_steps
 from flexhinf.design.joint_limits import ROBOT, JointLimits, integral_dead_zone, joint_limits
 from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.plans import stated_move
 from flexhinf.design.proved_step import LENGTH, ProvedLaw, proved_law
-from flexhinf.design.responses import Plan
-from flexhinf.design.scenario import start_and_goal
+from flexhinf.design.responses import Plan, start_and_goal
 from flexhinf.design.specification import RINGS, TOLERANCE, Specification, SpecificationError
-from flexhinf.design.stated_units import check_stated_units
 from flexhinf.design.weights.choose import choose, preset_of, required_damping, tolerance_channels
 from flexhinf.design.weights.design_problem import DesignProblem
-from flexhinf.design.weights.estimator_noise import search_noise
-from flexhinf.design.weights.noise_candidates import NoiseSearch
-from flexhinf.design.weights.robust_preset import WholeLoopSearch, at_pose, search_whole_loop
-from flexhinf.design.weights.whole_loop import Search
+from flexhinf.design.weights.estimator_noise import NoiseSearch, search_noise
+from flexhinf.design.weights.whole_loop import Search, WholeLoopSearch, at_pose, search_whole_loop
 from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.hinf import HJISolution, solve_hji
 from flexhinf.loop import Schedule

@@ -15,12 +15,11 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from flexhinf.baselines import Candidate, Judgement, Tuning, tune
-from flexhinf.design.criterion import Criterion, Figures
+from flexhinf.design.criterion import Criterion, Figures, figures_of, unstable_corners
 from flexhinf.design.estimators import other_sensors
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.laws import CONTAINED, DEGREE, DESIGN, ESTIMATOR_NOISE, MOTOR_NOISE, LawFactory, LawKind
 from flexhinf.design.loop_setup import LoopSetup
-from flexhinf.design.yardstick import figures_of, unstable_corners
 from flexhinf.errors import FlexhinfError, InvalidInput, NumericalFailure
 
 Progress = Callable[[str], None]

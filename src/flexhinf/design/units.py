@@ -2,7 +2,7 @@
 
 Every function takes what Python, a TOML file or the command line gives and returns numbers in SI units; each raises
 ValueError for what it cannot read. A number that was text with a unit remembers that unit (`Stated`): which units fit
-is known when the robot is, see `flexhinf.design.stated_units`.
+is known when the robot is, see `flexhinf.design.design_file`.
 """
 
 from __future__ import annotations

@@ -7,11 +7,9 @@ from flexhinf.estimation.constant_gain import (
     stationary_covariance,
     stationary_gain,
 )
-from flexhinf.estimation.extended import ExtendedKalmanFilter
 from flexhinf.estimation.filter import MODEL_STEP, RecursiveFilter
+from flexhinf.estimation.kalman import ExtendedKalmanFilter, SigmaPoints, UnscentedKalmanFilter
 from flexhinf.estimation.output_injection import OutputInjectionObserver
-from flexhinf.estimation.sigma_points import SigmaPoints
-from flexhinf.estimation.unscented import UnscentedKalmanFilter
 
 __all__ = [
     "MODEL_STEP",

@@ -33,10 +33,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from flexhinf.errors import NumericalFailure
-from flexhinf.estimation.constant_gain import stationary_gain
+from flexhinf.estimation.constant_gain import check_decay, check_detectable, placed_gain, stationary_gain
 from flexhinf.estimation.filter import RecursiveFilter, covariance_matrix
 from flexhinf.estimation.output_form import output_form
-from flexhinf.estimation.placed_gain import check_decay, check_detectable, placed_gain
 from flexhinf.plant import Plant
 from flexhinf.scalars import jacobian
 from flexhinf.untrusted import read_only

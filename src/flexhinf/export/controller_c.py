@@ -1,12 +1,15 @@
 """A controller as two files of C99: a header with types and constants, and the source with its step.
 
 The step is the very program that `Controller.step` compiles, with the same rules for samples that fail (see
-`flexhinf.loop.controller.remembered`), and a watchdog for measurements that are late or missing.
+`flexhinf.loop.controller.memory`), and a watchdog for measurements that are late or missing.
+
+Names in C: what may be one, what signals are called, and what may stand in a comment.
 """
 
 from __future__ import annotations
 
 import hashlib
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -18,13 +21,75 @@ import numpy as np
 from flexhinf import __version__
 from flexhinf.codegen import Call, Cholesky, Map, OuterSum, Polynomial, Program, Repeat, Sweep, When
 from flexhinf.codegen.c import Real, Translator, constant
-from flexhinf.codegen.steps import Step
+from flexhinf.codegen.program import Step
 from flexhinf.errors import InvalidInput
-from flexhinf.export.names import checked_identifier, comment, constants
 from flexhinf.loop import Controller
-from flexhinf.loop.controller.remembered import SPACING, step_program
+from flexhinf.loop.controller.memory import SPACING, step_program
 from flexhinf.loop.controller.start import holding_function
 from flexhinf.untrusted import value_text
+
+#: Words of C99 and of C++, and names of their headers: NAME.h must not be found in the place of one.
+RESERVED = frozenset({
+    "asm", "auto", "bool", "break", "case", "catch", "char", "class", "const", "continue", "default", "delete", "do",
+    "double", "else", "enum", "explicit", "export", "extern", "false", "float", "for", "friend", "goto", "if",
+    "inline", "int", "long", "main", "mutable", "namespace", "new", "not", "operator", "or", "private", "protected",
+    "public", "register", "restrict", "return", "short", "signed", "sizeof", "static", "struct", "switch", "template",
+    "this", "throw", "true", "try", "typedef", "typename", "union", "unsigned", "using", "virtual", "void", "volatile",
+    "while", "xor",
+    "assert", "complex", "ctype", "errno", "fenv", "inttypes", "iso646", "limits", "locale", "math", "memory", "setjmp",
+    "signal", "stdarg", "stdbool", "stddef", "stdint", "stdio", "stdlib", "string", "strings", "tgmath", "threads",
+    "time", "unistd", "wchar", "wctype",
+})  # fmt: skip
+
+LONGEST = 31  # characters that every linker keeps apart
+
+
+def checked_identifier(name: object) -> str:
+    """A name for functions and files.
+
+    Raises
+    ------
+    InvalidInput
+        If it is no identifier of C, is reserved, or is too long.
+    """
+    good = isinstance(name, str) and re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", name) is not None
+    if not good or str(name).lower() in RESERVED or len(str(name)) > LONGEST:
+        raise InvalidInput(
+            "This is no name for C.",
+            f"expected a letter, then up to {LONGEST - 1} letters, digits and underscores, no word of C and no "
+            f"header of its library, got {value_text(name)}",
+            f"{identifier_of(name) if isinstance(name, str) else 'my_arm'}",
+        )
+    return str(name)
+
+
+def identifier_of(text: str) -> str:
+    """A name for C that looks like the text."""
+    name = re.sub(r"[^A-Za-z0-9]+", "_", text).strip("_").lower()[:LONGEST] or "controller"
+    if not name[0].isalpha() or name in RESERVED:
+        name = f"arm_{name}"[:LONGEST]
+    return name
+
+
+def constants(prefix: str, names: Sequence[str]) -> list[str]:
+    """Names of constants for signals, each once: ``ARM_Y_LINK_POSITION``."""
+    found: list[str] = []
+    for k, name in enumerate(names):
+        plain = re.sub(r"[^A-Z0-9]+", "_", name.upper()).strip("_")
+        full = f"{prefix}_{plain}" if plain else f"{prefix}_{k}"
+        found.append(full if full not in found else f"{full}_{k}")
+    return found
+
+
+#: How characters of units and names are written in ASCII.
+ASCII = str.maketrans({"·": " ", "²": "^2", "³": "^3", "Ω": "Ohm", "°": "deg", "µ": "u", "−": "-"})
+
+
+def comment(text: str) -> str:
+    """A text as it may stand in a comment of one line: printable ASCII that neither ends it nor goes on behind it."""
+    plain = "".join(c if " " <= c <= "~" else "?" for c in text.translate(ASCII))
+    return plain.replace("*/", "* /").replace("/*", "/ *").replace("\\", "/").replace("??", "? ?")
+
 
 #: Columns evaluated at once where the step is composed of loops over the points of a large estimator; a small one gains
 #: nothing by it, and a microcontroller has no vectors.

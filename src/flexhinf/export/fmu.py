@@ -24,9 +24,16 @@ import numpy as np
 from flexhinf import __version__
 from flexhinf.codegen.c import Real, Translator
 from flexhinf.errors import InvalidInput
-from flexhinf.export.controller_c import MISSING_LIMIT, ControllerCode, arithmetic, code_of, fill, template
-from flexhinf.export.library import shared_library
-from flexhinf.export.names import checked_identifier
+from flexhinf.export.compiled import shared_library
+from flexhinf.export.controller_c import (
+    MISSING_LIMIT,
+    ControllerCode,
+    arithmetic,
+    checked_identifier,
+    code_of,
+    fill,
+    template,
+)
 from flexhinf.files import write_file
 from flexhinf.loop import Controller
 from flexhinf.loop.controller.options import checked_period

@@ -18,10 +18,9 @@ import numpy as np
 from flexhinf import __version__
 from flexhinf.codegen.c import Real, constant
 from flexhinf.errors import InvalidInput
-from flexhinf.export.controller_c import MISSING_LIMIT, ControllerCode, code_of, fill, template
-from flexhinf.export.library import build, cortex_m4_bytes
-from flexhinf.export.names import comment
-from flexhinf.export.recording import Recording, record
+from flexhinf.export.compiled import build, cortex_m4_bytes
+from flexhinf.export.controller_c import MISSING_LIMIT, ControllerCode, code_of, comment, fill, template
+from flexhinf.export.run_log import Recording, record
 from flexhinf.files import write_file
 from flexhinf.loop import Controller
 from flexhinf.untrusted import checked_path, value_text

@@ -16,8 +16,8 @@ from functools import lru_cache
 import numpy as np
 
 from flexhinf.errors import NumericalFailure
+from flexhinf.hinf.linear_part import Parts, ScaledProblem
 from flexhinf.hinf.recursion import DegreeRecord
-from flexhinf.hinf.scaled_problem import Parts, ScaledProblem
 from flexhinf.plant.polynomial_plant import PolynomialPlant
 from flexhinf.polynomial import basis
 from flexhinf.polynomial.algebra import monomials

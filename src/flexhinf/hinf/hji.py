@@ -56,13 +56,23 @@ of n C(n+k−2, k−1) integers. Accuracy: 1e-15 to 1e-13 of the largest coeffic
 is well-conditioned; 60-digit arithmetic and a family with known solution are among the tests.
 
 References are keys of docs/references.bib; docs/synthesis.md has examples, times and comparisons.
+
+What a solve will cost, estimated before it starts: memory, and operations for the progress bar.
+
+Estimates of memory are right within a factor of two from about 100 MB on, which a test measures; so what is begun
+must fit twice.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+import os
+import sys
+from bisect import bisect_right
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
+from itertools import pairwise
 from numbers import Integral, Real
 from time import perf_counter
 
@@ -70,19 +80,124 @@ import numpy as np
 
 from flexhinf.errors import InfeasibleGamma, InvalidInput, NumericalFailure
 from flexhinf.hinf.accuracy import check_errors, degree_errors, equation_residuals, moved, with_accuracy
-from flexhinf.hinf.bounded_states import BoundedStates
-from flexhinf.hinf.cost import check_memory, degree_progress
-from flexhinf.hinf.gamma import linear_smallest_gamma
-from flexhinf.hinf.linear_part import LinearPart, check_problem
-from flexhinf.hinf.recursion import DegreeRecord, solve_degrees
+from flexhinf.hinf.linear_part import (
+    LinearPart,
+    Parts,
+    ScaledProblem,
+    Scaling,
+    check_problem,
+    linear_smallest_gamma,
+)
+from flexhinf.hinf.recursion import BoundedStates, DegreeRecord, solve_degrees
 from flexhinf.hinf.riccati import RiccatiSolution, polish, sensitivity
-from flexhinf.hinf.scaled_problem import Parts, ScaledProblem, Scaling
 from flexhinf.hinf.solution import HJISolution
-from flexhinf.plant.polynomial_plant import PolynomialPlant
-from flexhinf.plant.problem import Problem
+from flexhinf.plant.polynomial_plant import PolynomialPlant, Problem
 from flexhinf.polynomial import basis
 from flexhinf.polynomial.algebra import monomials
+from flexhinf.polynomial.basis import count
 from flexhinf.untrusted import real_number, value_text
+
+_LONG = 2e9  # estimated operations (about a second) below which no progress bar appears
+
+
+def estimate_memory(size: tuple[int, int, int, int], degree: int, expanded: bool = False) -> int:
+    """Bytes needed at the peak by `solve_hji`, tables included.
+
+    Parameters
+    ----------
+    size : tuple of int
+        States, disturbances, inputs, penalised outputs.
+    degree : int
+        Degree of V.
+    expanded : bool
+        With the Taylor expansion of the plant's code in states, inputs and disturbances together, whose index tuples
+        stay.
+
+    Notes
+    -----
+    The largest arrays are the two half-transformed tensors count(n, k−s) × count(n, s) of a change of
+    variables, the insertion tables, and the gradients of the lower degrees.
+    """
+    n, md, m, _ = size
+    highest = count(n, degree)
+    tables = sum(4 * n * count(n, k - 1) + (2 * k + 8) * count(n, k) for k in range(1, degree + 1))
+    pairs = 4 * degree * highest if highest > 5_000 else 0
+    lower = sum(8 * (n + md + m) * count(n, k - 1) for k in range(2, degree))
+    halves = [count(n, degree - s) * count(n, s) for s in range(degree + 1)]
+    transform = 8 * max(a + b for a, b in pairwise(halves)) if degree > 2 else 0
+    values = 8 * 10 * highest
+    products = 24 * min(4_000_000, highest * degree) + 4 * sum(
+        min(4_000_000, count(n, a) * count(n, k - a)) for k in range(3, degree + 1) for a in range(1, k)
+    )
+    plant = 2 * 8 * n * sum(count(n, k) for k in range(1, degree))  # f, and f scaled, full to degree − 1
+    solve = plant + tables + pairs + lower + transform + values + products
+    if not expanded:
+        return solve
+    monomials = [count(n + md + m, k) for k in range(degree)]
+    tuples = sum(2 * k * number for k, number in enumerate(monomials))
+    return max(tuples + 52 * sum(monomials), tuples + 16 * sum(monomials) + solve)
+
+
+def check_memory(size: tuple[int, int, int, int], degree: int, expanded: bool = False) -> int:
+    """Estimate in bytes, as `estimate_memory`; refuses what would not fit twice in the memory that is available.
+
+    Raises
+    ------
+    InvalidInput
+        With the estimate, what is available, and the highest degree that fits.
+    """
+
+    def needed(degree: int) -> int:
+        return estimate_memory(size, degree, expanded)
+
+    available = available_memory()
+    if 2 * needed(degree) > available:
+        fits = max(2, bisect_right(range(degree), available, key=lambda k: 2 * needed(k) if k > 2 else 0) - 1)
+        raise InvalidInput(
+            f"Degree {degree} in {size[0]} {'state' if size[0] == 1 else 'states'} does not fit in memory.",
+            f"about {needed(degree) / 1e9:.3g} GB are needed, {available / 1e9:.3g} GB are available, of which half is "
+            "kept for what the estimate may miss",
+            f"degree {fits} is the highest that fits, with about {needed(fits) / 1e9:.3g} GB",
+        )
+    return needed(degree)
+
+
+def available_memory() -> int:
+    """Bytes that can be had without swapping, as far as the system tells."""
+    try:
+        with open("/proc/meminfo", encoding="ascii") as table:
+            for line in table:
+                if line.startswith("MemAvailable:"):
+                    return int(line.split()[1]) * 1024
+    except OSError:
+        pass
+    try:
+        return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    except (AttributeError, ValueError, OSError):
+        return 1 << 62
+
+
+def work(n: int, k: int) -> float:
+    """Operations of one change of variables at degree `k`, which dominates that degree."""
+    return float(sum(count(n, k - s - 1) * n * count(n, s + 1) for s in range(k)))
+
+
+@contextmanager
+def degree_progress(n: int, degree: int) -> Iterator[Callable[[int], None]]:
+    """Yield a callable that reports each finished degree. The bar appears on a terminal only, on standard error."""
+    total = sum(work(n, k) for k in range(3, degree + 1))
+    if total < _LONG or not sys.stderr.isatty():
+        yield lambda degree_done: None
+        return
+    from rich.console import Console
+    from rich.progress import Progress
+
+    with Progress(console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task(f"V to degree {degree}, {n} states", total=total)
+        yield lambda degree_done: bar.update(
+            task, advance=work(n, degree_done), description=f"degree {degree_done} of {degree} done"
+        )
+
 
 _SMALL = 5_000  # coefficients of the highest degree up to which bounded states cost little: f is full in them
 _LARGE_P = (

@@ -2,6 +2,13 @@
 
 Every mode that does not decay must be reached by u and seen in z. That is tested mode by mode
 (Popov–Belevitch–Hautus) in balanced coordinates, so that the error names the mode.
+
+A problem in scaled coordinates: units by powers of two, so that nothing is rounded, and Eq. (8) in them.
+
+Arms mix 1e4 N·m/rad with radians. With x = D ξ and V = s² W the Hamiltonian matrix of the Riccati equation is
+balanced, and so are the coefficients of every higher degree.
+
+The smallest feasible attenuation level γ* of Eq. (5), for the linear part, by bisection.
 """
 
 from __future__ import annotations
@@ -10,12 +17,122 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from flexhinf.errors import InvalidInput, NotDetectable, NotStabilisable
+from flexhinf.errors import InvalidInput, NotDetectable, NotStabilisable, NumericalFailure
 from flexhinf.hinf.riccati import RiccatiSolution, solve_riccati
-from flexhinf.hinf.scaled_problem import Scaling, balance
 from flexhinf.plant.plant import GeneralisedPlant
-from flexhinf.plant.polynomial_plant import PolynomialPlant
-from flexhinf.plant.problem import Problem
+from flexhinf.plant.polynomial_plant import PolynomialPlant, Problem
+from flexhinf.polynomial.algebra import add_part, monomials, product
+
+#: Monomial coefficients by degree.
+Parts = dict[int, np.ndarray]
+
+
+@dataclass(frozen=True)
+class Scaling:
+    """x = `state` * ξ (elementwise) and V = `value`² W.
+
+    Attributes
+    ----------
+    state : ndarray, shape (n,)
+        Powers of two.
+    value : float
+        A power of two: g1 and g2 are multiplied by it, h divided by it.
+    """
+
+    state: np.ndarray
+    value: float
+
+    def linear(
+        self, a: np.ndarray, b: np.ndarray, c: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Scaled A, input matrix and output matrix."""
+        d = self.state
+        return a * (d / d[:, None]), b * (self.value / d)[:, None], c * (d / self.value)
+
+
+def balance(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> Scaling:
+    """Scaling that balances the Hamiltonian matrix [[A, BBᵀ], [CᵀC, Aᵀ]].
+
+    The diagonal similarity is kept symplectic up to one factor: diag(D⁻¹, D) on state and costate, and the
+    factor evens out the two off-diagonal blocks.
+
+    Parameters
+    ----------
+    a, b, c : ndarray, shapes (n, n), (n, inputs), (outputs, n)
+    """
+    from scipy.linalg import matrix_balance
+
+    n = len(a)
+    b_square, c_square, size = np.abs(b @ b.T), np.abs(c.T @ c), np.abs(a)
+    hamiltonian = np.block([[size, b_square], [c_square, size.T]])
+    np.fill_diagonal(hamiltonian, 0.0)
+    with np.errstate(invalid="ignore"):  # SciPy reads the factors as a permutation too
+        _, (factors, _) = matrix_balance(hamiltonian, permute=False, separate=True)
+    exponents = np.log2(factors)
+    state = np.exp2(-np.round((exponents[n:] - exponents[:n]) / 2))
+    b_norm = np.linalg.norm(b_square / np.outer(state, state))
+    c_norm = np.linalg.norm(c_square * np.outer(state, state))
+    ratio = c_norm / b_norm if b_norm > 0 and c_norm > 0 else 1.0
+    return Scaling(state, float(np.exp2(np.round(np.log2(ratio) / 4))))
+
+
+@dataclass(frozen=True)
+class ScaledProblem:
+    """V_x f + q + ½ Σ_c s_c (V_x g_c)² = 0, one column g_c per player's channel.
+
+    The columns are g1/γ with sign +1 and g2 L⁻ᵀ with sign −1, where R2 = L Lᵀ; q = ½ hᵀh. So both quadratic
+    terms of Eq. (8) are sums of squares of *scalar* polynomials V_x g_c, as many as there are channels.
+
+    Attributes
+    ----------
+    n, degree : int
+        States, and degree of V.
+    f, g, q : dict degree → ndarray
+        Monomial coefficients, shapes (n, count), (n, channels, count), (count,).
+    signs : ndarray, shape (channels,)
+    """
+
+    n: int
+    degree: int
+    f: Parts
+    g: Parts
+    q: Parts
+    signs: np.ndarray
+
+    @classmethod
+    def of(cls, plant: PolynomialPlant, gamma: float, degree: int, scaling: Scaling) -> ScaledProblem:
+        """Scale x = D ξ, V = s² W, and join the channels of both players."""
+        n, md, m, _ = plant.size
+        d, s = scaling.state, scaling.value
+        highest = max((*plant.f_parts, *plant.g1_parts, *plant.g2_parts, *plant.h_parts))
+        powers = monomials(d[None, :], range(highest + 1))
+        disturbed = np.isfinite(gamma)
+        lower = np.linalg.cholesky(plant.r2)
+        f = {k: part * powers[k] / d[:, None] for k, part in plant.f_parts.items()}
+        g: Parts = {}
+        for k in sorted({*plant.g1_parts, *plant.g2_parts}):
+            width = powers[k].shape[1]
+            first = plant.g1_parts.get(k, np.zeros((n, md, width))) / gamma
+            second = plant.g2_parts.get(k, np.zeros((n, m, width)))
+            second = np.linalg.solve(lower, np.moveaxis(second, 1, 0).reshape(m, -1))
+            second = np.moveaxis(second.reshape(m, n, width), 0, 1)
+            channels = np.concatenate([first, second], axis=1) if disturbed else second
+            g[k] = channels * powers[k] * (s / d)[:, None, None]
+        signs = np.r_[np.ones(md if disturbed else 0), -np.ones(m)]
+        h = {k: part * powers[k] / s for k, part in plant.h_parts.items()}
+        return cls(n, degree, f, g, _half_square(h, n, degree), signs)
+
+
+def _half_square(h: Parts, n: int, degree: int) -> Parts:
+    """½ hᵀh through `degree`."""
+    total: Parts = {}
+    for a, left in h.items():
+        for b, right in h.items():
+            if b <= a and a + b <= degree:
+                weight = 0.5 if a == b else 1.0
+                add_part(total, a + b, weight * product(left.T, right, n, a, b))
+    return {k: part for k, part in total.items() if part.any()}
+
 
 _DECAYS = 4.0 * float(np.finfo(float).eps)  # times n: what rounding may add to Re λ, relative to ‖A‖
 _RANK = 1e-10  # smallest singular value of the pencil, relative to its norm, that counts as rank deficiency
@@ -171,3 +288,153 @@ def disturbance_reaches_output(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> b
             return True
         reached = np.hstack([reached, fresh])
         block = a @ fresh
+
+
+_RELATIVE = 1e-10  # width of the last interval; the figure promised is 1e-8
+_LARGE_P = 1e3  # eigenvalue of P at γ = ∞, balanced, from which other states are sought
+_SMALLEST_P = 1e-20  # eigenvalue of P, relative to the largest, up to which a state is stretched
+_REACHED = 1e-13  # step of the staircase form, relative to the norm of A, below which a state is not reached
+_PASSES = 3
+_FACTOR = 4.0
+_WIDEST = 60  # factors of four tried on either side of the first guess
+
+
+def smallest_gamma(problem: Problem) -> float:
+    """Smallest γ for which the Riccati equation of Eq. (8) has a stabilising solution P ≥ 0.
+
+    Parameters
+    ----------
+    problem : Problem
+        A generalised plant or a `PolynomialPlant`.
+
+    Returns
+    -------
+    float
+        γ*, 0.0 when the disturbance cannot reach z. To a relative 1e-8 where coefficients differ by up to eight orders
+        of magnitude, as 40-digit arithmetic says; a mode that the input reaches only to ε relative to others, and
+        that slow or unstable, costs about 1e-15/ε more: 1e-6 at ε = 1e-9. So do two such modes that are ε apart and
+        share one input; below about ε = 1e-10 these count as not reached.
+
+    Raises
+    ------
+    InvalidInput
+        Not a problem.
+    NotStabilisable, NotDetectable
+        The state and the mode are named.
+    NumericalFailure
+        The problem is so ill-conditioned that rounding hides the solutions, which exist for every γ large enough.
+
+    Notes
+    -----
+    At γ* either the Hamiltonian matrix has eigenvalues on the imaginary axis, or P has grown without bound
+    while they stay off it. So existence itself is bisected, in coordinates balanced anew for every level.
+    """
+    check_problem(problem)
+    return linear_smallest_gamma(LinearPart.of(problem.expand(1)))
+
+
+def linear_smallest_gamma(linear: LinearPart, relative: float = _RELATIVE) -> float:
+    """The same for a linear part at hand, to another relative width where many are tried."""
+    linear.check()
+    linear, given = _in_value_states(linear), linear
+    if not is_feasible(linear, float("inf")):
+        raise NumericalFailure(
+            "The smallest attenuation level cannot be computed: the problem is too ill-conditioned.",
+            "expected a stabilising solution of the Riccati equation without disturbance (gamma = inf), which exists: "
+            "every lasting mode is reached and seen; rounding hides it",
+            "an input that reaches each mode that does not decay more directly; weights and inputs of comparable size",
+        )
+    _, balanced = given.scaled(float("inf"))
+    if not disturbance_reaches_output(balanced.a, balanced.b1, balanced.c):
+        return 0.0
+    low, high = _bracket(linear)
+    while high - low > relative * high:
+        middle = (low + high) / 2
+        if not low < middle < high:
+            break
+        low, high = (low, middle) if is_feasible(linear, middle) else (middle, high)
+    return high
+
+
+def is_feasible(linear: LinearPart, gamma: float) -> bool:
+    """Whether the Riccati equation of this level has a stabilising solution P ≥ 0."""
+    if not linear.bounds(gamma):
+        return False
+    _, balanced = linear.scaled(gamma)
+    return balanced.riccati(gamma) is not None
+
+
+def _in_value_states(linear: LinearPart) -> LinearPart:
+    """The linear part in states in which P of γ = ∞ is about the identity, where it is far from that when balanced.
+
+    A mode almost out of reach of the input has a P of one over the square of that reach: balancing, which looks at the
+    sizes of numbers, cannot see it, and the Hamiltonian matrix loses as many digits. P is rough at first, so that its
+    states are sought up to `_PASSES` times.
+    """
+    if not is_feasible(linear, float("inf")):
+        linear = _in_reached_states(linear)
+    for _ in range(_PASSES):
+        _, balanced = linear.scaled(float("inf"))
+        riccati = balanced.riccati(float("inf"))
+        if riccati is None:
+            break
+        eigenvalues, directions = np.linalg.eigh(riccati.p)
+        largest = float(eigenvalues[-1])
+        if largest <= _LARGE_P:
+            break
+        sizes = np.maximum(np.abs(eigenvalues), _SMALLEST_P * largest)
+        linear = _scaled_states(balanced, directions, 1.0 / np.sqrt(sizes))
+    return linear
+
+
+def _in_reached_states(linear: LinearPart) -> LinearPart:
+    """The linear part in orthogonal states by how v reaches them (the staircase form of A and g2), each step as large.
+
+    Two modes ε apart are reached by one input as their sum, and their difference through an entry of size ε. In the
+    modes' own states P is about 1/ε², lost to rounding below ε = 1e-8; here ε is an entry by itself, which scaling
+    takes away, known to 1e-16/ε.
+    """
+    _, balanced = linear.scaled(float("inf"))
+    a, n = balanced.a, len(balanced.a)
+    basis, scale = np.zeros((n, 0)), np.zeros(0)
+    block, size, reach = balanced.b2, float(np.linalg.norm(balanced.b2)), np.ones(1)
+    while basis.shape[1] < n:
+        for _ in range(2):
+            block = block - basis @ (basis.T @ block)
+        left, sizes, _ = np.linalg.svd(block, full_matrices=False)
+        fresh = sizes > _REACHED * size
+        if not fresh.any():
+            rest = np.linalg.svd(basis)[0][:, basis.shape[1] :]
+            return _scaled_states(
+                balanced, np.hstack([basis, rest]), np.append(scale, np.ones(rest.shape[1]))
+            )
+        reach = reach.min() * sizes[fresh] / size
+        basis, scale = np.hstack([basis, left[:, fresh]]), np.append(scale, reach)
+        block, size = a @ left[:, fresh], float(np.linalg.norm(a))
+    return _scaled_states(balanced, basis, scale)
+
+
+def _scaled_states(linear: LinearPart, directions: np.ndarray, sizes: np.ndarray) -> LinearPart:
+    """In the states y of x = `directions` diag(`sizes`) y, sizes rounded to powers of two; directions orthogonal."""
+    scale = np.exp2(np.round(np.log2(sizes)))
+    return linear.in_states(directions * scale, directions.T / scale[:, None])
+
+
+def _bracket(linear: LinearPart) -> tuple[float, float]:
+    """An infeasible and a feasible level, a factor of four apart."""
+    high = 1.0
+    if is_feasible(linear, high):
+        for _ in range(_WIDEST):
+            if not is_feasible(linear, high / _FACTOR):
+                return high / _FACTOR, high
+            high /= _FACTOR
+        return 0.0, high
+    for _ in range(_WIDEST):
+        high *= _FACTOR
+        if is_feasible(linear, high):
+            return high / _FACTOR, high
+    raise NumericalFailure(
+        "The smallest attenuation level cannot be computed: it is too large, or the problem too ill-conditioned.",
+        f"found no stabilising solution up to gamma = {high:.3g}, although there is one without disturbance",
+        "d reaches z through a mode almost out of reach of the input: look at weights, units, inputs",
+    )

@@ -15,8 +15,7 @@ from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.files import read_arrays, write_arrays
 from flexhinf.hinf.recursion import DegreeRecord
 from flexhinf.hinf.value_function import ValueFunction
-from flexhinf.plant.polynomial_plant import PolynomialPlant
-from flexhinf.plant.problem import Problem
+from flexhinf.plant.polynomial_plant import PolynomialPlant, Problem
 from flexhinf.polynomial.basis import count
 from flexhinf.untrusted import checked_path
 

@@ -11,13 +11,11 @@ from typing import Any
 import numpy as np
 
 from flexhinf.errors import InvalidInput, NumericalFailure
-from flexhinf.hinf.gamma import linear_smallest_gamma
-from flexhinf.hinf.linear_part import LinearPart
-from flexhinf.plant.polynomial_plant import PolynomialPlant
-from flexhinf.plant.problem import Problem
+from flexhinf.hinf.linear_part import LinearPart, linear_smallest_gamma
+from flexhinf.plant.polynomial_plant import PolynomialPlant, Problem
 from flexhinf.polynomial import basis
 from flexhinf.polynomial.algebra import gradient, monomials
-from flexhinf.polynomial.kronecker import to_kronecker
+from flexhinf.polynomial.basis import to_kronecker
 from flexhinf.untrusted import read_only, real_array, value_text
 
 _CHUNK = 2_000_000  # monomials evaluated at a time

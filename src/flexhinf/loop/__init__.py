@@ -7,16 +7,20 @@
 from flexhinf.loop.controller.controller import Controller, load_controller
 from flexhinf.loop.controller.schedule import Schedule
 from flexhinf.loop.signals.jerk_limited import JerkLimited
-from flexhinf.loop.signals.moving import Moving
-from flexhinf.loop.signals.references import Constant, Quintic, Samples, Signal, Sine, Step
-from flexhinf.loop.signals.spline import Spline
-from flexhinf.loop.signals.waypoints import Waypoints
+from flexhinf.loop.signals.references import Constant, Moving, Quintic, Samples, Signal, Sine, Step
+from flexhinf.loop.signals.waypoints import Spline, Waypoints
 from flexhinf.loop.simulation.closed_loop import Loop
 from flexhinf.loop.simulation.compiled_runs import PreparedRun
 from flexhinf.loop.simulation.ensemble import Ensemble
-from flexhinf.loop.simulation.ensemble_result import EnsembleResult
-from flexhinf.loop.simulation.metrics import StepShape, load_metrics, step_metrics, step_shape
-from flexhinf.loop.simulation.reductions import Instant, Reduction
+from flexhinf.loop.simulation.ensemble_plants import EnsembleResult
+from flexhinf.loop.simulation.metrics import (
+    Instant,
+    Reduction,
+    StepShape,
+    load_metrics,
+    step_metrics,
+    step_shape,
+)
 from flexhinf.loop.simulation.trajectory import Trajectory
 from flexhinf.plant import BlackBox
 

@@ -10,8 +10,13 @@ from typing import Any
 from flexhinf.paper.claims import Judged
 from flexhinf.paper.experiments import FREQUENCY, LOAD_FROM, TOLERANCE_DURATION, TORQUE, Experiments
 from flexhinf.paper.figures import PaperFigure
-from flexhinf.paper.loop_setup import INITIAL_VARIANCE, SAMPLED_PLANTS
-from flexhinf.paper.settings import PaperSettings, misprint_table, open_table
+from flexhinf.paper.loop_setup import (
+    INITIAL_VARIANCE,
+    SAMPLED_PLANTS,
+    PaperSettings,
+    misprint_table,
+    open_table,
+)
 from flexhinf.report import (
     ClaimEvidence,
     Claims,

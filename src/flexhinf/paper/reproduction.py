@@ -9,9 +9,8 @@ from typing import Any
 from flexhinf.paper.claims import JUDGES, Judged
 from flexhinf.paper.experiments import Experiments
 from flexhinf.paper.figures import FIGURES, PaperFigure
-from flexhinf.paper.loop_setup import PaperSetup
+from flexhinf.paper.loop_setup import PaperSettings, PaperSetup
 from flexhinf.paper.page import paper_page
-from flexhinf.paper.settings import PaperSettings
 from flexhinf.report import to_json
 
 #: How many steps of work there are, for a progress bar.

@@ -1,22 +1,38 @@
-"""Model code with names: ẋ = flow(x, u, d, p), y = output(x, u, p), evaluated, linearised and traced."""
+"""Model code with names: ẋ = flow(x, u, d, p), y = output(x, u, p), evaluated, linearised and traced.
+
+Code of a model apart from its text: as it was traced once, and as what a file or a pickle can hold of it.
+
+Plants as systems of python-control. Needs the extra ``control``.
+"""
 
 from __future__ import annotations
 
 import copy
+import pickle
+import threading
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from functools import cached_property
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
-from flexhinf.errors import InvalidInput
+from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.notebook import Summarised, names_text
 from flexhinf.plant.integration import fastest_modes
-from flexhinf.plant.model_code import StoredCode, TracedCode, has_a_name, signals
 from flexhinf.plant.parameters import ParameterTable
-from flexhinf.plant.to_control import linear_system, nonlinear_system
-from flexhinf.scalars import digest, function_arrays, jacobian, pack, serial, symbols, trace
+from flexhinf.scalars import (
+    Symbol,
+    apply,
+    digest,
+    function_arrays,
+    function_from_arrays,
+    jacobian,
+    pack,
+    serial,
+    symbols,
+    trace,
+)
 from flexhinf.untrusted import (
     LONGEST_NAME,
     checked_name,
@@ -26,6 +42,157 @@ from flexhinf.untrusted import (
     real_array,
     value_text,
 )  # fmt: skip
+
+
+class StoredCode:
+    """flow or output of a model as the instructions of its traced function: all that a file or a pickle can hold.
+
+    It runs on numbers and symbols.
+
+    Parameters
+    ----------
+    arrays : mapping of str to ndarray
+        As `flexhinf.scalars.function_arrays` makes them.
+    table : ParameterTable
+        The names, in the order of the parameter vector.
+    """
+
+    def __init__(self, arrays: Mapping[str, np.ndarray], table: ParameterTable) -> None:
+        self.arrays, self.table = dict(arrays), table
+
+    def __call__(self, *arguments: Any) -> Any:
+        """`flow` or `output`, called like them."""
+        *vectors, p = arguments
+        return apply(self._function, *vectors, self.table.flat(p))[0]
+
+    @cached_property
+    def _function(self) -> Any:
+        return function_from_arrays(self.arrays, "stored")
+
+
+class TracedCode:
+    """A traced function of one result, evaluated on numbers without a copy of them: a microsecond a call.
+
+    Parameters
+    ----------
+    function : casadi.Function
+        As `flexhinf.scalars.trace` makes it.
+    """
+
+    def __init__(self, function: Any) -> None:
+        self.function = function
+        self._sizes = [function.size1_in(k) for k in range(function.n_in())]
+        self._rows = function.size1_out(0)
+        self._buffer, self._run = function.buffer()
+        self._lock = threading.Lock()  # the buffer holds the arguments of one call
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return TracedCode, (self.function,)
+
+    def evaluate(self, *arrays: Any) -> np.ndarray | None:
+        """Its result on vectors of numbers or symbols; None for any other element.
+
+        Raises
+        ------
+        InvalidInput
+            If a vector has another size than the function was traced with.
+        """
+        vectors = [np.asarray(array) for array in arrays]
+        sizes = [vector.size for vector in vectors]
+        if sizes != self._sizes:
+            raise InvalidInput(
+                f"The arguments of {self.function.name()} do not fit the model.",
+                f"expected vectors of {self._sizes} elements, got {sizes}",
+                "one element for each name",
+            )
+        if any(vector.dtype == object for vector in vectors):
+            elements = [element for vector in vectors for element in vector.flat]
+            if any(isinstance(element, Symbol) for element in elements):
+                return apply(self.function, *vectors)[0]
+            if not all(isinstance(element, (int, float)) for element in elements):
+                return None
+        elif any(vector.dtype.kind == "c" for vector in vectors):
+            return None
+        result = np.empty(self._rows)
+        with self._lock:
+            numbers: list[Any] = [np.ascontiguousarray(vector, dtype=float) for vector in vectors]
+            for place, vector in enumerate(numbers):
+                self._buffer.set_arg(place, memoryview(vector))
+            self._buffer.set_res(0, memoryview(result))  # pyright: ignore[reportArgumentType]
+            self._run()
+        return result
+
+
+def has_a_name(function: Callable[..., Any]) -> bool:
+    """Whether a pickle can hold a function: it is found by its name, and what it is bound to can be pickled."""
+    try:
+        pickle.dumps(function)
+    except Exception:  # what it is bound to may be anybody's
+        return False
+    return True
+
+
+def signals(what: str, model: Callable[[], Any]) -> np.ndarray:
+    """What the model's code returns on symbols, as a vector; its own mistakes become errors of ours."""
+    try:
+        signals = np.asarray(model(), dtype=object)
+    except FlexhinfError:
+        raise
+    except Exception as error:
+        raise InvalidInput(
+            f"{what} does not run on symbols.",
+            f"expected NumPy code for vectors of the named sizes, got {type(error).__name__}: {error}",
+            "the names in states, inputs and disturbances, and NumPy functions on the elements",
+        ) from error
+    if signals.ndim != 1:
+        raise InvalidInput(
+            f"{what} does not return a vector.",
+            f"expected one axis, got shape {signals.shape}",
+            "np.array([...]) of the elements",
+        )
+    return signals
+
+
+if TYPE_CHECKING:
+    import control
+
+
+def python_control() -> Any:
+    """The package, or an error that says how to get it."""
+    try:
+        import control
+    except ImportError as error:
+        raise InvalidInput(
+            "python-control is not installed.", f"import control: {error}", "pip install 'flexhinf[control]'"
+        ) from error
+    return control
+
+
+def nonlinear_system(
+    flow: Callable[..., Any],
+    output: Callable[..., Any],
+    p: np.ndarray,
+    signals: Mapping[str, Any],
+    inputs: int,
+) -> control.NonlinearIOSystem:
+    """ẋ = flow(x, u, d, p), y = output(x, u, p) with (u, d) as the system's inputs, of which the first are u."""
+
+    def dynamics(t: float, x: Any, v: Any, params: Any) -> np.ndarray:
+        return np.ravel(np.asarray(flow(x, v[:inputs], v[inputs:], p), dtype=float))
+
+    def measured(t: float, x: Any, v: Any, params: Any) -> np.ndarray:
+        return np.ravel(np.asarray(output(x, v[:inputs], p), dtype=float))
+
+    return python_control().nlsys(dynamics, measured, **signals)
+
+
+def linear_system(
+    matrices: tuple[np.ndarray, ...], feedthrough: np.ndarray, signals: Mapping[str, Any]
+) -> control.StateSpace:
+    """ẋ = A x + B u + G d, y = C x + D u, in deviations; (A, B, G, C) as `Model.linearise`."""
+    a, b, g, c = matrices
+    d = np.hstack([feedthrough, np.zeros((len(c), g.shape[1]))])
+    return python_control().ss(a, np.hstack([b, g]), c, d, **signals)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

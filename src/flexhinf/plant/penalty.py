@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf.errors import InvalidInput
-from flexhinf.plant.model_code import has_a_name
+from flexhinf.plant.model import has_a_name
 from flexhinf.untrusted import checked_names, real_array, value_text
 
 

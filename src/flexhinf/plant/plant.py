@@ -17,8 +17,7 @@ from flexhinf.notebook import Summarised, names_text
 from flexhinf.plant.equilibrium import equilibrium as equilibrium_of
 from flexhinf.plant.equilibrium import pose_values
 from flexhinf.plant.expansion import expand_problem
-from flexhinf.plant.model import Model
-from flexhinf.plant.model_code import StoredCode, TracedCode, signals
+from flexhinf.plant.model import Model, StoredCode, TracedCode, signals
 from flexhinf.plant.penalty import Penalty
 from flexhinf.plant.polynomial_plant import PolynomialPlant
 from flexhinf.scalars import apply, digest, pack, symbols, trace

@@ -19,8 +19,8 @@ from itertools import pairwise
 import numpy as np
 
 from flexhinf.polynomial import basis
-from flexhinf.polynomial.coordinates import Coordinates, eigen_coordinates, schur_coordinates
-from flexhinf.polynomial.threads import matrix_product
+from flexhinf.polynomial.algebra import matrix_product
+from flexhinf.polynomial.transform import Coordinates, eigen_coordinates, schur_coordinates
 
 HOPELESS = 1e-1  # cond(T)^k ε beyond which the eigenvector route is not tried
 _SMALL = 2_000  # coefficients up to which a refinement step costs nothing to speak of

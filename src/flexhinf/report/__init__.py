@@ -1,6 +1,21 @@
 """Figures, tables, one self-contained HTML page, and the folder they are written to as a whole."""
 
-from flexhinf.report.blocks import Bullets, Figure, FigureRow, Listing, Note, Paragraph
+from flexhinf.report.blocks import (
+    Bullets,
+    Figure,
+    FigureRow,
+    Listing,
+    Note,
+    Paragraph,
+    Provenance,
+    Setting,
+    Settings,
+    at_least,
+    at_most,
+    number,
+    to_json,
+    versions,
+)
 from flexhinf.report.claims import Claim, ClaimEvidence, Claims, by_verdict, summary
 from flexhinf.report.figure import (
     GRID,
@@ -20,9 +35,7 @@ from flexhinf.report.figure import (
 )
 from flexhinf.report.folder import check, is_report, unchanged, write
 from flexhinf.report.page import KeyNumber, Page, Section, Status
-from flexhinf.report.settings import Provenance, Setting, Settings, versions
 from flexhinf.report.table import Column, Table
-from flexhinf.report.text import at_least, at_most, number, to_json
 
 __all__ = [
     "GRID", "INK", "MUTED", "SERIES", "WIDTH", "Bullets", "Claim", "ClaimEvidence", "Claims", "Column", "Figure",

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 from typing import Literal, get_args
 
 from flexhinf.errors import InvalidInput
-from flexhinf.report.blocks import Block, check_id
-from flexhinf.report.text import escape, prose
+from flexhinf.report.blocks import Block, check_id, escape, prose
 
 Verdict = Literal["holds", "fails", "ties", "not judged"]
 

@@ -21,7 +21,7 @@ from typing import Any
 from flexhinf.errors import InvalidInput
 from flexhinf.file_bytes import file_digest, read_bytes
 from flexhinf.files import ABANDONED_AFTER_S, exchange, locked, publish
-from flexhinf.report.text import to_json
+from flexhinf.report.blocks import to_json
 from flexhinf.untrusted import checked_path
 
 MARKER = "flexhinf-report.json"

@@ -11,11 +11,9 @@ from dataclasses import dataclass, field
 from importlib import resources
 
 from flexhinf.errors import InvalidInput
-from flexhinf.report.blocks import Block, check_id
+from flexhinf.report.blocks import Block, Provenance, Settings, check_id, escape, prose, scalar
 from flexhinf.report.claims import ClaimEvidence, Claims
 from flexhinf.report.figure import DARK, LIGHT
-from flexhinf.report.settings import Provenance, Settings
-from flexhinf.report.text import escape, prose, scalar
 
 #: The badge of a status: its colours in the style sheet, and a sign, since colour is never the only one.
 _BADGES = {

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 from numbers import Integral, Real
 
 from flexhinf.errors import InvalidInput
-from flexhinf.report.blocks import check_id
-from flexhinf.report.text import escape, number, prose, scalar
+from flexhinf.report.blocks import check_id, escape, number, prose, scalar
 
 
 @dataclass(frozen=True)

@@ -1,15 +1,13 @@
 """The room's public names and the files that they come from; read when a name is first used."""
 
-from .assembly import assembled as assembled
-from .assembly import single_link_robot as single_link_robot
 from .dynamics import Joint as Joint
 from .dynamics import Placement as Placement
-from .file_errors import RobotFileWarning as RobotFileWarning
+from .file_parts import assembled as assembled
+from .file_parts import single_link_robot as single_link_robot
 from .limits import check_holding as check_holding
 from .limits import check_reference as check_reference
-from .mujoco_plant import MuJoCoPlant as MuJoCoPlant
-from .paper import paper_arm as paper_arm
-from .parameter import Parameter as Parameter
+from .mujoco import MuJoCoPlant as MuJoCoPlant
+from .parameters import Parameter as Parameter
 from .parts import ElasticJoint as ElasticJoint
 from .parts import Link as Link
 from .parts import SingleLink as SingleLink
@@ -17,5 +15,7 @@ from .payload import Payload as Payload
 from .robot import Robot as Robot
 from .robot_file import catalogue as catalogue
 from .robot_file import load_robot as load_robot
+from .robot_file import paper_arm as paper_arm
+from .schema import RobotFileWarning as RobotFileWarning
 from .weighing import Weighing as Weighing
 from .weighing import weigh_payload as weigh_payload

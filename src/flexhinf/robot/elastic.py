@@ -8,9 +8,8 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from flexhinf.robot.drive import torque_per_input
 from flexhinf.robot.dynamics import Tree
-from flexhinf.robot.extras import friction_torque, spring_torque
+from flexhinf.robot.extras import friction_torque, spring_torque, torque_per_input
 
 
 class Links(Protocol):

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from flexhinf.errors import InvalidInput
-from flexhinf.plant.motion import motion_of
-from flexhinf.robot.drive import DRIVES
+from flexhinf.plant.equilibrium import motion_of
+from flexhinf.robot.extras import DRIVES
 from flexhinf.robot.robot import Robot
 from flexhinf.robot.signals import UNITS, signal_names
 from flexhinf.untrusted import real_array, value_text

@@ -16,14 +16,15 @@ import numpy as np
 
 from flexhinf.errors import InvalidInput
 from flexhinf.robot.dynamics import Joint, Placement
-from flexhinf.robot.mjcf_elements import (
+from flexhinf.robot.mjcf_file import (
+    MjcfFile,
     check_attributes,
     geom_body,
     inertial_body,
     numbers,
     place_of,
+    real_text,
 )
-from flexhinf.robot.mjcf_file import MjcfFile, real_text
 from flexhinf.robot.urdf import (
     MOST_JOINTS,
     RigidArm,

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from flexhinf.errors import InvalidInput
-from flexhinf.robot.drive import CONSTANTS, SPRING
-from flexhinf.robot.parameter import Parameter
+from flexhinf.robot.extras import CONSTANTS, SPRING
+from flexhinf.robot.parameters import Parameter
 
 #: A plain number, or one with tolerance and source.
 Number = float | Parameter

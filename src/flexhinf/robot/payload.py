@@ -14,8 +14,7 @@ import numpy as np
 
 from flexhinf.errors import InvalidInput
 from flexhinf.robot.dynamics import Placement, lumped, matrix_of, six_of
-from flexhinf.robot.parameter import Parameter
-from flexhinf.robot.quantities import INERTIA, VECTOR, per_joint, unit_of
+from flexhinf.robot.parameters import INERTIA, VECTOR, Parameter, per_joint, unit_of
 from flexhinf.untrusted import value_text, within_proportion
 
 #: Shapes of uniform bodies and the numbers that state them, m; a cylinder's axis is z.

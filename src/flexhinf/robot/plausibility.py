@@ -15,11 +15,11 @@ import numpy as np
 
 from flexhinf.errors import InvalidInput
 from flexhinf.plant import Parameters
+from flexhinf.robot.arm import Pendulum
 from flexhinf.robot.dynamics import bodies_of, mass_matrix, matrix_of
-from flexhinf.robot.file_errors import RobotFileWarning
-from flexhinf.robot.quantities import per_joint
+from flexhinf.robot.parameters import per_joint
 from flexhinf.robot.robot import Robot
-from flexhinf.robot.single_link import Pendulum
+from flexhinf.robot.schema import RobotFileWarning
 
 DEGREES = 180.0 / np.pi
 

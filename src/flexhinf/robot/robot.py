@@ -12,14 +12,26 @@ import numpy as np
 from flexhinf.errors import InvalidInput
 from flexhinf.notebook import Summarised, names_text
 from flexhinf.plant import GeneralisedPlant, Parameters, Penalty, Plant
-from flexhinf.robot.drive import DRIVES, reflected, required_of_drive
+from flexhinf.robot.arm import Pendulum
 from flexhinf.robot.elastic import ElasticFlow, Layout, Links
-from flexhinf.robot.extras import DRY, Engaged, Sticking, checked_extras
-from flexhinf.robot.feedforward import InverseFlow, flat_coordinates, motion_rows, state_and_input
-from flexhinf.robot.operating_point import checked_pose, operating_point
-from flexhinf.robot.parameter import Parameter, PlantValues, checked_signs
+from flexhinf.robot.extras import DRIVES, DRY, Engaged, Sticking, checked_extras, reflected, required_of_drive
+from flexhinf.robot.feedforward import (
+    InverseFlow,
+    checked_pose,
+    flat_coordinates,
+    motion_rows,
+    operating_point,
+    state_and_input,
+)
+from flexhinf.robot.parameters import (
+    Parameter,
+    PlantValues,
+    check_parameters,
+    checked_limits,
+    checked_rigid,
+    checked_signs,
+)
 from flexhinf.robot.penalised import robot_penalty
-from flexhinf.robot.quantities import check_parameters, checked_limits, checked_rigid
 from flexhinf.robot.signals import (
     MECHANICAL,
     SENSORS,
@@ -30,7 +42,6 @@ from flexhinf.robot.signals import (
     signal_names,
     units_of,
 )
-from flexhinf.robot.single_link import Pendulum
 from flexhinf.untrusted import checked_name, checked_text, real_number
 
 

@@ -1,4 +1,7 @@
-"""Robots from files: TOML of our own, or a URDF or an MJCF file with the elastic data beside it."""
+"""Robots from files: TOML of our own, or a URDF or an MJCF file with the elastic data beside it.
+
+The paper's robot: Tables 1 and 2.
+"""
 
 from __future__ import annotations
 
@@ -10,17 +13,16 @@ from typing import Any
 
 from flexhinf.errors import InvalidInput
 from flexhinf.plant import Penalty
-from flexhinf.robot.assembly import assembled, single_link_robot
 from flexhinf.robot.dynamics import Joint, Placement
-from flexhinf.robot.file_errors import check_nesting, file_error, nesting_advice
-from flexhinf.robot.file_parts import PartsReader, own_frames
-from flexhinf.robot.file_units import check_units, read_units
+from flexhinf.robot.file_parts import PartsReader, assembled, own_frames, single_link_robot
 from flexhinf.robot.mjcf import read_mjcf
+from flexhinf.robot.parameters import Parameter
 from flexhinf.robot.parts import SingleLink
 from flexhinf.robot.payload import Frame, Payload
 from flexhinf.robot.plausibility import check_angles, check_plausible
 from flexhinf.robot.robot import Robot
-from flexhinf.robot.schema import JointTable, RobotTable
+from flexhinf.robot.schema import JointTable, RobotTable, check_nesting, file_error, nesting_advice
+from flexhinf.robot.units import check_units, read_units
 from flexhinf.robot.urdf import MOST_JOINTS, RigidArm, check_selection, read_urdf
 from flexhinf.untrusted import checked_path, distinct, read_toml, read_xml, value_text
 
@@ -271,3 +273,27 @@ def catalogue() -> dict[str, Path]:
     """Path of each shipped robot file by name, for `load_robot`."""
     folder = Path(__file__).parent / "catalogue"
     return {path.stem: path for path in sorted(folder.glob("*.toml"))}
+
+
+TABLE_1, TABLE_2 = "Elsa & Akbari 2014, Table 1", "Elsa & Akbari 2014, Table 2"
+
+
+def paper_arm() -> Robot:
+    """The single-link arm of Elsa & Akbari (2014): Tables 1 and 2 with tolerances, penalty (11)."""
+    return Robot(
+        "paper",
+        (
+            Parameter("mass", 1.0, 5.0, "kg", TABLE_1),
+            Parameter("stiffness", 100.0, 12.0, "N·m/rad", TABLE_1),
+            Parameter("length", 1.0, 3.0, "m", TABLE_1),
+            Parameter("gravity", 9.8, 1.0, "m/s²", TABLE_1),
+            Parameter("link_inertia", 1.0, 4.0, "kg·m²", TABLE_1),
+            Parameter("motor_inertia", 1.0, 3.0, "kg·m²", TABLE_1),
+            Parameter("resistance", 10.0, 4.0, "Ω", TABLE_2),
+            Parameter("inductance", 0.1, 5.0, "H", TABLE_2),
+            Parameter("torque_constant", 9.0, 3.0, "N·m/A", TABLE_2),
+            Parameter("back_emf_constant", 1.0, 3.0, "V·s/rad", TABLE_2),
+            Parameter("friction", 0.1, 15.0, "N·m·s/rad", TABLE_2),
+        ),
+        Penalty({"link_position": 60.0, "link_position_integral": 300.0}, effort=10.0),
+    )

@@ -15,7 +15,7 @@ import numpy as np
 from flexhinf.errors import InvalidInput
 from flexhinf.robot.elastic import Layout
 from flexhinf.robot.extras import spring_torque
-from flexhinf.robot.quantities import parameter_units
+from flexhinf.robot.parameters import parameter_units
 from flexhinf.untrusted import checked_names
 
 #: The state of a joint, in the order of x: all link positions, all link velocities, and so on.

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf.errors import InvalidInput
-from flexhinf.robot.drive import DRIVES, torque_per_input
+from flexhinf.robot.extras import DRIVES, torque_per_input
 from flexhinf.robot.robot import Robot
 from flexhinf.untrusted import real_array, value_text
 

@@ -1,16 +1,16 @@
 """Elements that model code can be read on: numbers, symbols, truncated polynomials, power series in time."""
 
-from flexhinf.scalars.jet import Jet, coefficients, jets
+from flexhinf.scalars.jet import Jet, Series, coefficients, derivative, jets, series
 from flexhinf.scalars.linear_algebra import cholesky, gram, solve_lower, solve_lower_transposed
 from flexhinf.scalars.piecewise import absolute, clip, maximum, minimum, sign, where
-from flexhinf.scalars.series import Series, derivative, series
-from flexhinf.scalars.stored import function_arrays, function_from_arrays
 from flexhinf.scalars.symbol import Symbol
 from flexhinf.scalars.trace import (
     apply,
     digest,
     divide,
     drop_empty,
+    function_arrays,
+    function_from_arrays,
     jacobian,
     pack,
     serial,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from flexhinf.codegen import Buffer, Call, Program, Slice, compile_program
-from flexhinf.codegen.emit.trigonometry import REACH
+from flexhinf.codegen.emit.opcodes import REACH
 
 X = casadi.SX.sym("x")
 FUNCTIONS = {name: casadi.Function(name, [X], [getattr(casadi, name)(X)]) for name in ("sin", "cos")}

@@ -9,7 +9,7 @@ import pytest
 
 import flexhinf as fh
 from flexhinf.certify.pictures import limit_slice, start_surface, worst_step
-from flexhinf.certify.steps import proved_steps, start_at
+from flexhinf.certify.sampled_gain import proved_steps, start_at
 from flexhinf.design.certification import CertifiedDegree, Evidence
 from flexhinf.design.degrees import DegreeChoice
 from flexhinf.design.report.certificate_page import certificate_page

@@ -15,9 +15,10 @@ import pytest
 import flexhinf as fh
 from flexhinf.design import Specification
 from flexhinf.design.deployed_run import DeployedRun, prepare_run
-from flexhinf.design.report import arm_film, arm_picture
+from flexhinf.design.report import arm_picture
+from flexhinf.design.report import arm_picture as arm_film
 from flexhinf.design.report import film as module
-from flexhinf.design.report.arm_film import ArmFilm, magnification
+from flexhinf.design.report.arm_picture import ArmFilm, magnification
 from flexhinf.design.report.film import check_film, write_film
 from flexhinf.design.report.sections import arm_figure
 from flexhinf.errors import InvalidInput

@@ -11,7 +11,7 @@ import pytest
 
 import flexhinf as fh
 from flexhinf.design import Design
-from flexhinf.design.report.formatting import (
+from flexhinf.design.report.drawing import (
     Units,
     amplitude_text,
     changes_text,

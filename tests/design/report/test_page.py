@@ -16,7 +16,7 @@ import pytest
 from flexhinf.analysis import Margins
 from flexhinf.design import Design
 from flexhinf.design.report import design_page
-from flexhinf.design.report.formatting import joint_table, units_of
+from flexhinf.design.report.drawing import joint_table, units_of
 from flexhinf.design.report.page import remarks, title_of
 from flexhinf.design.report.sections import poles, region
 from flexhinf.design.report.sections.corners import corner_cells, corner_rows, corners_text
@@ -28,7 +28,7 @@ from flexhinf.design.report.sections.weights import candidate_rows, robust_rows,
 from flexhinf.design.report.settings import design_settings
 from flexhinf.design.requirements import Requirement
 from flexhinf.design.responses import Response
-from flexhinf.design.status import Status
+from flexhinf.design.result import Status
 from flexhinf.report import Column
 
 Make = Callable[[str], Design]

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from flexhinf.design import Design
-from flexhinf.design.design_proof import DesignProof
+from flexhinf.design.certification import DesignProof
 from flexhinf.design.report import notes
 from flexhinf.design.report.page import remarks
 from flexhinf.design.report.proof import proof_text

@@ -22,7 +22,7 @@ from flexhinf.design.weights.choose import (
     required_damping,
 )
 from flexhinf.design.weights.linear_family import LinearFamily
-from flexhinf.design.weights.uncertainty import channels
+from flexhinf.design.weights.robust import channels
 from flexhinf.errors import InvalidInput
 
 Named = Callable[[str], Any]

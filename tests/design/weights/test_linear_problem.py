@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import flexhinf as fh
+from flexhinf.design.weights.design_problem import JointScales
 from flexhinf.design.weights.linear_family import ROUGH, LinearFamily, LinearProblem
-from flexhinf.design.weights.scales import JointScales
 
 pytest.importorskip("slycot", reason="the norm of python-control")
 pytestmark = pytest.mark.oracle

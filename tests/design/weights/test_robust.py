@@ -10,10 +10,16 @@ import control
 import numpy as np
 import pytest
 
+from flexhinf.design.weights.design_problem import JointScales
 from flexhinf.design.weights.linear_family import LinearDesign, LinearFamily, LinearProblem
-from flexhinf.design.weights.robust import LEAST_FRACTION, RobustProblem, Scalings, find_scalings
-from flexhinf.design.weights.scales import JointScales
-from flexhinf.design.weights.uncertainty import Channel, channels
+from flexhinf.design.weights.robust import (
+    LEAST_FRACTION,
+    Channel,
+    RobustProblem,
+    Scalings,
+    channels,
+    find_scalings,
+)
 from flexhinf.errors import NoFeasibleGamma
 
 pytest.importorskip("slycot", reason="the norm of python-control")

@@ -10,8 +10,8 @@ import control
 import numpy as np
 import pytest
 
+from flexhinf.design.weights.design_problem import JointScales
 from flexhinf.design.weights.linear_family import LinearDesign, LinearFamily, LinearProblem, behaviour_of
-from flexhinf.design.weights.scales import JointScales
 from flexhinf.design.weights.search import FITS, SearchResult, TargetBehaviour, search
 from flexhinf.errors import InvalidInput
 

@@ -6,8 +6,9 @@ import pytest
 from flexhinf.codegen import Program, compile_program, interpret
 from flexhinf.estimation import ExtendedKalmanFilter, UnscentedKalmanFilter
 from flexhinf.loop import Controller, Loop, Step
-from flexhinf.loop.controller import controller, law_code
-from flexhinf.loop.controller.remembered import step_program
+from flexhinf.loop.controller import controller
+from flexhinf.loop.controller import step as law_code
+from flexhinf.loop.controller.memory import step_program
 from flexhinf.loop.controller.step import controller_step
 from flexhinf.plant import Law, Plant
 from flexhinf.polynomial import basis

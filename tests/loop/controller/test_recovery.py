@@ -15,7 +15,7 @@ from flexhinf.estimation import ExtendedKalmanFilter, OutputInjectionObserver, U
 from flexhinf.hinf import solve_hji
 from flexhinf.loop import Controller, Loop, Step
 from flexhinf.loop.controller import controller as controller_file
-from flexhinf.loop.controller.remembered import SPACING
+from flexhinf.loop.controller.memory import SPACING
 from flexhinf.plant import Law, Plant
 from flexhinf.robot import paper_arm
 

@@ -8,7 +8,7 @@ import pytest
 from flexhinf.codegen import interpret
 from flexhinf.errors import InvalidInput
 from flexhinf.loop import BlackBox, Controller, Loop, Step
-from flexhinf.loop.simulation.channel import LONGEST, Channel, check_delay
+from flexhinf.loop.simulation.program import LONGEST, Channel, check_delay
 from flexhinf.robot import paper_arm
 
 STEP = 2 * np.pi / 4096

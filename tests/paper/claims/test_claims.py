@@ -8,8 +8,7 @@ from typing import Any
 import pytest
 
 from flexhinf.paper.claims import attained_gain, bounded, electrical_pole, tolerances, ukf_against_ekf
-from flexhinf.paper.loop_setup import PaperSetup
-from flexhinf.paper.settings import PaperSettings
+from flexhinf.paper.loop_setup import PaperSettings, PaperSetup
 from flexhinf.report import Table, to_json
 
 pytestmark = pytest.mark.paper

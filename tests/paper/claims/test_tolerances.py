@@ -16,9 +16,8 @@ from scipy.optimize import fsolve
 from flexhinf.analysis import ALL_STATES, VELOCITIES, ProcessNoise
 from flexhinf.loop import Step
 from flexhinf.paper.claims.judgement import damped_law
-from flexhinf.paper.claims.tolerance_repair import find_repairs
-from flexhinf.paper.loop_setup import GOALS, PaperSetup
-from flexhinf.paper.settings import PaperSettings
+from flexhinf.paper.claims.tolerances import find_repairs
+from flexhinf.paper.loop_setup import GOALS, PaperSettings, PaperSetup
 from flexhinf.paper.tolerance_study import ToleranceStudy, growth_with, other_design, unstable_of
 
 pytestmark = pytest.mark.paper

@@ -22,8 +22,7 @@ from flexhinf.paper.claims.what_h_infinity_buys import (
     ratios_at_equal_peak,
 )
 from flexhinf.paper.experiments import Experiments
-from flexhinf.paper.loop_setup import PaperSetup
-from flexhinf.paper.settings import PaperSettings
+from flexhinf.paper.loop_setup import PaperSettings, PaperSetup
 
 pytestmark = pytest.mark.paper
 

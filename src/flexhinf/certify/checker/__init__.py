@@ -52,8 +52,7 @@ from flexhinf.certify.checker.bounds import BITS, Face, Proof
 from flexhinf.certify.checker.march import Marched, march_face
 from flexhinf.certify.checker.observer import check_observer
 from flexhinf.certify.checker.peak import proved_peaks
-from flexhinf.certify.checker.quadratic import Corner, look_at_corners
-from flexhinf.certify.checker.refute import refute_at_corners
+from flexhinf.certify.checker.quadratic import Corner, look_at_corners, refute_at_corners
 from flexhinf.certify.checker.residual import as_rational, positive_definite, residual
 from flexhinf.certify.checker.second_route import Cell, EveryCell, Sample, confirm
 from flexhinf.certify.checker.starts import check_start

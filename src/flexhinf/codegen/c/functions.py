@@ -3,18 +3,166 @@
 For several, every number is a row of LANES numbers, and the text is a few loops over the lanes which a compiler turns
 into vector instructions. Where the function calls the mathematical library, which has no vectors, the loops are cut:
 what later loops need of earlier ones is kept in rows.
+
+The two floating-point types of C as text: constants, and the names of the mathematical functions.
+
+CasADi's operations as C expressions: the one table, with the meaning of `flexhinf.codegen.emit.opcodes`.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from typing import Literal
 
 import casadi
+import numpy as np
 
-from flexhinf.codegen.c.numbers import Real, constant
-from flexhinf.codegen.c.operations import LIBRARY, OPERATIONS
-from flexhinf.codegen.emit.dataflow import Dataflow, Operation, read_dataflow
+from flexhinf.codegen.emit.dataflow import (
+    MULTIPLY_ADD,
+    MULTIPLY_SUBTRACT,
+    SUBTRACT_PRODUCT,
+    Dataflow,
+    Operation,
+    read_dataflow,
+)
+from flexhinf.errors import InvalidInput
+
+
+@dataclass(frozen=True)
+class Real:
+    """``double`` or ``float``.
+
+    Parameters
+    ----------
+    name : {"double", "float"}
+    """
+
+    name: Literal["double", "float"]
+
+    @property
+    def suffix(self) -> str:
+        """Of constants, and of the functions of ``<math.h>``: nothing is computed in double in a float build."""
+        return "" if self.name == "double" else "f"
+
+    @property
+    def bytes(self) -> int:
+        """Of one number."""
+        return 8 if self.name == "double" else 4
+
+    @property
+    def epsilon(self) -> float:
+        """Distance from 1 to the next number."""
+        return float(np.finfo(np.float64 if self.name == "double" else np.float32).eps)
+
+
+def constant(value: float, real: Real) -> str:
+    """A number as C writes it; read back, it is the nearest one of this type.
+
+    Raises
+    ------
+    InvalidInput
+        If it is NaN, or lies beyond the type.
+    """
+    if math.isinf(value):
+        huge = f"HUGE_VAL{real.suffix.upper()}"
+        return huge if value > 0.0 else f"-{huge}"
+    with np.errstate(over="ignore", under="ignore"):
+        number = float(value) if real.name == "double" else np.float32(value)
+    if not np.isfinite(number) or (value != 0.0 and number == 0.0):
+        raise InvalidInput(
+            f"A number does not fit C's type {real.name}.",
+            f"expected magnitudes from 1e-45 to 3e38, or 0, got {value:g}",
+            "the type double, or other units",
+        )
+    text = repr(float(number)) if real.name == "double" else np.format_float_scientific(number, trim="-")
+    if "." not in text and "e" not in text:
+        text += ".0"
+    return text + real.suffix
+
+
+Rule = Callable[..., str]
+"""(type, text of each operand) → expression."""
+
+
+def _infix(sign: str) -> Rule:
+    return lambda real, left, right: f"{left} {sign} {right}"
+
+
+def _function(name: str) -> Rule:
+    return lambda real, *operands: f"{name}{real.suffix}({', '.join(operands)})"
+
+
+def _truth(sign: str) -> Rule:
+    return lambda real, left, right: _number(real, f"{left} {sign} {right}")
+
+
+def _number(real: Real, condition: str) -> str:
+    return f"({condition}) ? {constant(1.0, real)} : {constant(0.0, real)}"
+
+
+def _set(real: Real, value: str) -> str:
+    """Whether a number stands for "true": NaN does, as in C."""
+    return f"{value} != {constant(0.0, real)}"
+
+
+def _logical(sign: str) -> Rule:
+    return lambda real, left, right: _number(real, f"({_set(real, left)}) {sign} ({_set(real, right)})")
+
+
+def _extremum(sign: str) -> Rule:
+    """fmin, fmax of C: a NaN loses, the first operand wins a tie."""
+    return lambda real, left, right: f"({right} {sign} {left} || isnan({left})) ? {right} : {left}"
+
+
+def _sign(real: Real, value: str) -> str:
+    zero, one = constant(0.0, real), constant(1.0, real)
+    return f"({value} < {zero}) ? -{one} : (({value} > {zero}) ? {one} : {value})"
+
+
+#: Functions of ``<math.h>``, by CasADi's names; those of `WITHOUT_CALL` are single instructions.
+FUNCTIONS = (
+    "sqrt", "fabs", "floor", "ceil", "copysign", "sin", "cos", "tan", "asin", "acos", "atan", "atan2", "sinh", "cosh",
+    "tanh", "asinh", "acosh", "atanh", "exp", "expm1", "log", "log1p", "pow", "hypot", "fmod", "remainder", "erf",
+)  # fmt: skip
+WITHOUT_CALL = ("fabs", "floor", "ceil", "copysign")
+
+OPERATIONS: dict[int, Rule] = {
+    MULTIPLY_ADD: lambda real, left, right, plus: f"FMA({left}, {right}, {plus})",
+    MULTIPLY_SUBTRACT: lambda real, left, right, minus: f"FMA({left}, {right}, -{minus})",
+    SUBTRACT_PRODUCT: lambda real, left, right, minuend: f"FMA(-{left}, {right}, {minuend})",
+    casadi.OP_ASSIGN: lambda real, value: value,
+    casadi.OP_ADD: _infix("+"),
+    casadi.OP_SUB: _infix("-"),
+    casadi.OP_MUL: _infix("*"),
+    casadi.OP_DIV: _infix("/"),
+    casadi.OP_NEG: lambda real, value: f"-{value}",
+    casadi.OP_SQ: lambda real, value: f"{value} * {value}",
+    casadi.OP_TWICE: lambda real, value: f"{value} + {value}",
+    casadi.OP_INV: lambda real, value: f"{constant(1.0, real)} / {value}",
+    casadi.OP_SIGN: _sign,
+    casadi.OP_FMIN: _extremum("<"),
+    casadi.OP_FMAX: _extremum(">"),
+    casadi.OP_LT: _truth("<"),
+    casadi.OP_LE: _truth("<="),
+    casadi.OP_EQ: _truth("=="),
+    casadi.OP_NE: _truth("!="),
+    casadi.OP_NOT: lambda real, value: _number(real, f"{value} == {constant(0.0, real)}"),
+    casadi.OP_AND: _logical("&&"),
+    casadi.OP_OR: _logical("||"),
+    casadi.OP_IF_ELSE_ZERO: lambda real, flag, value: (
+        f"({_set(real, flag)}) ? {value} : {constant(0.0, real)}"
+    ),
+    casadi.OP_CONSTPOW: _function("pow"),
+    **{getattr(casadi, f"OP_{name.upper()}"): _function(name) for name in FUNCTIONS},
+}
+
+#: Operations that call the mathematical library.
+LIBRARY = {casadi.OP_CONSTPOW} | {
+    getattr(casadi, f"OP_{name.upper()}") for name in FUNCTIONS if name not in WITHOUT_CALL
+}
+
 
 INDENT = "    "
 

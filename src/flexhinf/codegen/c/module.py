@@ -7,14 +7,11 @@ from typing import TYPE_CHECKING, Any
 import casadi
 
 from flexhinf.codegen.c import algebra
-from flexhinf.codegen.c.functions import INDENT, function_text
-from flexhinf.codegen.c.numbers import Real, constant
-from flexhinf.codegen.c.operations import LIBRARY
-from flexhinf.codegen.c.trigonometry import function as sine_function
-from flexhinf.codegen.c.trigonometry import row_function
+from flexhinf.codegen.c.algebra import function as sine_function
+from flexhinf.codegen.c.algebra import row_function
+from flexhinf.codegen.c.functions import INDENT, LIBRARY, Real, constant, function_text
 from flexhinf.codegen.memory import COLUMN, Columns, Slice, overlap, whole
-from flexhinf.codegen.program import Program, Unsupported
-from flexhinf.codegen.steps import (
+from flexhinf.codegen.program import (
     Call,
     Cholesky,
     Copy,
@@ -22,9 +19,11 @@ from flexhinf.codegen.steps import (
     Map,
     OuterSum,
     Polynomial,
+    Program,
     Repeat,
     Step,
     Sweep,
+    Unsupported,
     When,
 )
 from flexhinf.scalars import drop_empty

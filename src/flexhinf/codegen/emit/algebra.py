@@ -2,15 +2,22 @@
 
 In a kernel for a single run neighbouring columns travel in the lanes of one vector; in a kernel of several lanes
 an element is one number of every lane. Every number is computed by the same operations in either case.
+
+Guards: a run, or a lane of it, ends where a number is not finite.
+
+Polynomials in nested form: every coefficient is read once, one after the other, and no monomial is ever formed.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import reduce
 
 from flexhinf.codegen.emit.function import load
 from flexhinf.codegen.emit.text import Lanes, Writer
+from flexhinf.codegen.program import Guard
+from flexhinf.polynomial import basis
 
 TILE, WIDE = 4, 8
 """Rows and columns of a sum that share what is loaded: 16 sums and what they are made of fill 24 of 32 registers in
@@ -73,7 +80,7 @@ class Algebra:
 
     # Σ_k w_k l_kᵀ r_k + plus -------------------------------------------------------------------------
     def outer_sum(self, terms: Terms, plus: Operand | None, target: str, symmetric: bool) -> None:
-        """See `flexhinf.codegen.steps.OuterSum`: tiles, whose sums stay in registers while k runs."""
+        """See `flexhinf.codegen.program.OuterSum`: tiles, whose sums stay in registers while k runs."""
 
         def some_rows(i: str, height: int, number: str) -> None:
             factors = self._factors(terms, i, height)
@@ -195,7 +202,7 @@ class Algebra:
 
     # Lᵀ of A = L Lᵀ ----------------------------------------------------------------------------------
     def cholesky(self, source: Operand, target: str, n: int) -> None:
-        """See `flexhinf.codegen.steps.Cholesky`: some rows of Lᵀ after the other, less what those above say."""
+        """See `flexhinf.codegen.program.Cholesky`: some rows of Lᵀ after the other, less what those above say."""
         writer, together = self.writer, WIDE if self.single else 1
         pitch = -(-n // together) * together
         work = target if pitch == n else writer.allocate(f"[{n * pitch} x {writer.lanes.element}]")
@@ -346,3 +353,155 @@ class Algebra:
         if self.fused:
             return writer.intrinsic("fma", a, b, c)
         return writer.real("fadd", writer.real("fmul", a, b), c)
+
+
+_SUMS = 4  # of a guard, as many as the latency of an addition asks for
+
+
+@dataclass(frozen=True)
+class Guards:
+    """Emits guards.
+
+    Parameters
+    ----------
+    each : callable
+        (turns, body): a loop, or its turns written out if they are few.
+    codes, steps : str
+        Where the code of each lane, and the step at which it failed, are kept; a label ``finish`` ends the run.
+    """
+
+    writer: Writer
+    each: Callable[[int, Callable[[str], None]], None]
+    algebra: Algebra
+    codes: str
+    steps: str
+
+    def guard(self, source: str, shared: bool, step: Guard, turn: str) -> None:
+        """Σ 0·x, which is NaN if some x is not finite: leave the straight path only then."""
+        writer, lanes = self.writer, self.writer.lanes
+        zero = lanes.constant(0.0)
+        sums = [writer.allocate(lanes.real) for _ in range(min(_SUMS, step.source.size))]
+        for place in sums:
+            writer.do(f"store {lanes.real} {zero}, ptr {place}, align 8")
+
+        def test(element: str) -> None:
+            place = sums[int(element) % len(sums) if element.isdecimal() else 0]
+            so_far = writer.let(f"load {lanes.real}, ptr {place}, align 8")
+            value = load(writer, source, element, shared)
+            total = self.algebra.multiply_add(writer, value, zero, so_far)
+            writer.do(f"store {lanes.real} {total}, ptr {place}, align 8")
+
+        self.each(step.source.size, test)
+        parts = [writer.let(f"load {lanes.real}, ptr {place}, align 8") for place in sums]
+        total = reduce(lambda a, b: writer.real("fadd", a, b), parts)
+        bad = writer.compare("uno", total, zero)
+        failed, go_on = writer.label("failed"), writer.label("on")
+        writer.do(f"br i1 {writer.any(bad)}, label %{failed}, label %{go_on}, !prof !0")
+        writer.place(failed)
+        self._record(bad, step.code, turn, go_on)
+        writer.place(go_on)
+
+    def largest_code(self) -> str:
+        """Of all lanes, at the end."""
+        lanes = self.writer.lanes
+        codes = self.writer.let(f"load {lanes.integer}, ptr {self.codes}, align 8")
+        if lanes.width == 1:
+            return codes
+        name = f"llvm.vector.reduce.umax.{lanes.suffix('i64')}"
+        self.writer.module.declarations[name] = f"declare i64 @{name}({lanes.integer})"
+        return self.writer.let(f"call i64 @{name}({lanes.integer} {codes})")
+
+    def _record(self, bad: str, code: int, turn: str, go_on: str) -> None:
+        """Mark the lanes that fail for the first time; stop when no lane is left."""
+        writer, lanes = self.writer, self.writer.lanes
+        integer, boolean = lanes.integer, lanes.boolean
+        codes = writer.let(f"load {integer}, ptr {self.codes}, align 8")
+        steps = writer.let(f"load {integer}, ptr {self.steps}, align 8")
+        alive = writer.let(f"icmp eq {integer} {codes}, {lanes.whole(0)}")
+        fresh = writer.let(f"and {boolean} {bad}, {alive}")
+        if lanes.width > 1:
+            turn = writer.splat(turn, "i64")
+        codes = writer.let(f"select {boolean} {fresh}, {integer} {lanes.whole(code)}, {integer} {codes}")
+        steps = writer.let(f"select {boolean} {fresh}, {integer} {turn}, {integer} {steps}")
+        writer.do(f"store {integer} {codes}, ptr {self.codes}, align 8")
+        writer.do(f"store {integer} {steps}, ptr {self.steps}, align 8")
+        left = writer.any(writer.let(f"icmp eq {integer} {codes}, {lanes.whole(0)}"))
+        writer.do(f"br i1 {left}, label %{go_on}, label %finish")
+
+
+TOGETHER = 8
+"""Values that are summed in one pass: in registers in lanes, in one vector in a kernel for a single run."""
+
+
+@dataclass(frozen=True)
+class Nested:
+    """Emits the loops of a `flexhinf.codegen.program.Polynomial`, one inside the other for every degree.
+
+    Each degree's rows are read in their order, whatever the loops: measured, several innermost sums side by side wait
+    less for each other, and longer for what they read from many places.
+
+    Parameters
+    ----------
+    n, values, columns : int
+        Variables, polynomials, and numbers of a row of the table.
+    """
+
+    algebra: Algebra
+    point: Operand
+    table: Operand
+    n: int
+    values: int
+    columns: int
+    degrees: tuple[int, ...]
+
+    def emit(self, target: str) -> None:
+        """All values, some at a time."""
+        for first in range(0, self.values, TOGETHER):
+            self._some(first, min(TOGETHER, self.values - first), target)
+
+    def _some(self, first: int, count: int, target: str) -> None:
+        """The values of some columns."""
+        writer, before, rows = self.algebra.writer, 0, {}
+        for degree in self.degrees:
+            rows[degree] = writer.allocate("i64")
+            writer.do(f"store i64 {before}, ptr {rows[degree]}, align 8")
+            before += basis.count(self.n, degree)
+        numbers = self._sum(0, "0", rows, first, count)
+        if self.width > 1:
+            vector = f"extractelement {Lanes(self.width).real} {numbers[0]}, i64"
+            numbers = [writer.let(f"{vector} {k}") for k in range(count)]
+        for k, number in enumerate(numbers):
+            self.algebra.store(target, str(first + k), number, 1)
+
+    def _sum(self, chosen: int, begin: str, rows: dict[int, str], first: int, count: int) -> list[str]:
+        """c + Σ_i≥begin x_i (…) after so many variables were chosen; a row's coefficient after the last."""
+        start = self._next_row(rows.get(chosen), first, count)
+        if chosen == self.degrees[-1]:
+            return start
+        algebra = self.algebra
+        places = [algebra.place(value, self.width) for value in start]
+
+        def grow(i: str) -> None:
+            x = algebra.spread(algebra.load(self.point, i, 1), self.width)
+            inner = self._sum(chosen + 1, i, rows, first, count)
+            for place, factor in zip(places, inner, strict=True):
+                so_far, wide = algebra.loaded(place, self.width), algebra.writer_of(self.width)
+                algebra.keep(place, algebra.multiply_add(wide, x, factor, so_far), self.width)
+
+        algebra.loop(begin, str(self.n), grow)
+        return [algebra.loaded(place, self.width) for place in places]
+
+    def _next_row(self, place: str | None, first: int, count: int) -> list[str]:
+        """The next row of a degree; zeros where the polynomials have none of it."""
+        algebra, vectors = self.algebra, 1 if self.algebra.single else count
+        if place is None:
+            return [algebra.writer_of(self.width).lanes.constant(0.0)] * vectors
+        row = algebra.writer.let(f"load i64, ptr {place}, align 8")
+        algebra.writer.do(f"store i64 {algebra.ahead(row, 1)}, ptr {place}, align 8")
+        starts = [algebra.at(row, self.columns, first + k) for k in range(vectors)]
+        return [algebra.load(self.table, start, self.width) for start in starts]
+
+    @property
+    def width(self) -> int:
+        """Columns in one vector: in a kernel for a single run those of a row, which is padded for that."""
+        return min(TOGETHER, self.columns) if self.algebra.single else 1

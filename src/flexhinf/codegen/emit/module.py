@@ -21,16 +21,14 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from flexhinf.codegen.emit.algebra import Algebra, Operand, Terms
-from flexhinf.codegen.emit.columns import BLOCK, Packer
-from flexhinf.codegen.emit.function import emit_function, load, store
-from flexhinf.codegen.emit.guards import Guards
+from flexhinf.codegen.emit.algebra import Algebra, Guards, Nested, Operand, Terms
+from flexhinf.codegen.emit.function import BLOCK, Packer, emit_function, load, store
 from flexhinf.codegen.emit.normal import emit_normal
-from flexhinf.codegen.emit.polynomial import Nested
 from flexhinf.codegen.emit.text import Lanes, ModuleText, Writer
 from flexhinf.codegen.memory import COLUMN, Columns, Slice, whole
-from flexhinf.codegen.program import ENTRY, PREFIX, Program
-from flexhinf.codegen.steps import (
+from flexhinf.codegen.program import (
+    ENTRY,
+    PREFIX,
     Call,
     Cholesky,
     Copy,
@@ -39,6 +37,7 @@ from flexhinf.codegen.steps import (
     Normal,
     OuterSum,
     Polynomial,
+    Program,
     Repeat,
     Step,
     Sweep,

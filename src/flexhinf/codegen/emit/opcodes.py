@@ -3,17 +3,150 @@
 Every rule follows the meaning of CasADi's own evaluator, NaN and signed zero included; the tests compare them
 one by one. Functions of the C library are called lane by lane: the same bits as CasADi, for any number of
 lanes.
+
+Sine and cosine: one sequence of operations for one lane and for many, so that all give the same bits.
+
+x is reduced by Cody and Waite's method in three parts with fused multiply-adds, r = x - k·π/2 with |r| ≤ π/4,
+and the polynomials of fdlibm (k_sin.c, k_cos.c) give sin r and cos r, of which the quadrant k mod 4 takes
+one. Arguments beyond `REACH` go to the C library.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 import casadi
 
 from flexhinf.codegen.emit.dataflow import MULTIPLY_ADD, MULTIPLY_SUBTRACT, SUBTRACT_PRODUCT
-from flexhinf.codegen.emit.text import Writer, library_call
-from flexhinf.codegen.emit.trigonometry import cosine, near_cosine, near_sine, sine
+from flexhinf.codegen.emit.text import PURE, Writer, library_call
+from flexhinf.codegen.program import PREFIX
+
+REACH = 2.0**30
+"""Largest |x| that is reduced here: x·2/π is known to well below 1, so that k is the nearest integer."""
+
+# π/2 as an unevaluated sum of three float64 numbers.
+HALF_PI = (
+    float.fromhex("0x1.921fb54442d18p+0"),
+    float.fromhex("0x1.1a62633145c07p-54"),
+    float.fromhex("-0x1.f1976b7ed8fbcp-110"),
+)
+# Adding it to |q| < 2^51 leaves the nearest integer in the low bits of the significand.
+ROUNDER = 1.5 * 2.0**52
+# sin r = r + r³·S(r²) and cos r = 1 - r²/2 + r⁴·C(r²) on |r| ≤ π/4, highest degree first.
+SINE = (
+    1.58969099521155010221e-10,
+    -2.50507602534068634195e-08,
+    2.75573137070700676789e-06,
+    -1.98412698298579493134e-04,
+    8.33333333332248946124e-03,
+    -1.66666666666666324348e-01,
+)
+COSINE = (
+    -1.13596475577881948265e-11,
+    2.08757232129817482790e-09,
+    -2.75573143513906633035e-07,
+    2.48015872894767294178e-05,
+    -1.38888888888741095749e-03,
+    4.16666666666666019037e-02,
+)
+
+
+def sine(writer: Writer, value: str) -> str:
+    """Emit sin x; returns the name of the result."""
+    return writer.call(_define(writer, "sin"), value)
+
+
+def cosine(writer: Writer, value: str) -> str:
+    """Emit cos x; returns the name of the result."""
+    return writer.call(_define(writer, "cos"), value)
+
+
+def near_sine(writer: Writer, value: str) -> str:
+    """Emit sin x of what is not `is_far`: a straight line."""
+    return writer.call(_define(writer, "sin", near=True), value)
+
+
+def near_cosine(writer: Writer, value: str) -> str:
+    """Emit cos x of what is not `is_far`."""
+    return writer.call(_define(writer, "cos", near=True), value)
+
+
+def is_far(writer: Writer, value: str) -> str:
+    """Emit whether x is finite and beyond `REACH`, in each lane."""
+    lanes = writer.lanes
+    size = writer.intrinsic("fabs", value)
+    far = writer.compare("ogt", size, lanes.constant(REACH))
+    finite = writer.compare("olt", size, lanes.constant(math.inf))
+    return writer.let(f"and {lanes.boolean} {far}, {finite}")
+
+
+def _define(caller: Writer, name: str, near: bool = False) -> str:
+    full = f"{PREFIX}{name}_{'near' if near else 'reduced'}{caller.lanes.width}"
+    if full not in caller.module.definitions:
+        writer = Writer(caller.module, caller.lanes)
+        real = writer.lanes.real
+        result = _near(writer, "%x", name)
+        if not near:
+            result = _beyond(writer, "%x", result, name)
+        writer.do(f"ret {real} {result}")
+        head = f"define internal {real} @{full}({real} %x) alwaysinline {PURE} {{\nentry:"
+        caller.module.definitions[full] = "\n".join([head, *writer.lines, "}"])
+    return full
+
+
+def _near(writer: Writer, value: str, name: str) -> str:
+    """The function for |x| ≤ REACH; NaN for NaN and infinities."""
+    lanes = writer.lanes
+    size = writer.intrinsic("fabs", value)
+    shifted = writer.intrinsic("fma", size, lanes.constant(2.0 / math.pi), lanes.constant(ROUNDER))
+    quadrant = writer.bits(shifted)
+    turns = writer.real("fneg", writer.real("fsub", shifted, lanes.constant(ROUNDER)))
+    rest = size
+    for part in HALF_PI:
+        rest = writer.intrinsic("fma", turns, lanes.constant(part), rest)
+    odd = writer.let(
+        f"icmp ne {lanes.integer} {writer.whole('and', quadrant, lanes.whole(1))}, {lanes.whole(0)}"
+    )
+    sin, cos = _polynomials(writer, rest)
+    if name == "sin":
+        result = writer.select(odd, cos, sin)
+        flip = writer.whole("xor", writer.whole("shl", quadrant, lanes.whole(62)), writer.bits(value))
+    else:
+        result = writer.select(odd, sin, cos)
+        flip = writer.whole("shl", writer.whole("add", quadrant, lanes.whole(1)), lanes.whole(62))
+    sign = writer.whole("and", flip, lanes.whole(-(2**63)))
+    return writer.float(writer.whole("xor", writer.bits(result), sign))
+
+
+def _polynomials(writer: Writer, rest: str) -> tuple[str, str]:
+    constant = writer.lanes.constant
+    square = writer.real("fmul", rest, rest)
+
+    def horner(coefficients: tuple[float, ...]) -> str:
+        value = constant(coefficients[0])
+        for coefficient in coefficients[1:]:
+            value = writer.intrinsic("fma", value, square, constant(coefficient))
+        return value
+
+    cube = writer.real("fmul", square, rest)
+    sin = writer.intrinsic("fma", horner(SINE), cube, rest)
+    parabola = writer.intrinsic("fma", square, constant(-0.5), constant(1.0))
+    fourth = writer.real("fmul", square, square)
+    cos = writer.intrinsic("fma", horner(COSINE), fourth, parabola)
+    return sin, cos
+
+
+def _beyond(writer: Writer, value: str, near: str, name: str) -> str:
+    """The C library for finite |x| > REACH, behind a branch that is hardly ever taken."""
+    lanes, far = writer.lanes, is_far(writer, value)
+    writer.do(f"br i1 {writer.any(far)}, label %beyond, label %done, !prof !0")
+    writer.place("beyond")
+    exact = writer.select(far, library_call(writer, name, value), near)
+    writer.do("br label %done")
+    writer.place("done")
+    return writer.let(f"phi {lanes.real} [ {near}, %entry ], [ {exact}, %beyond ]")
+
 
 Rule = Callable[..., str]
 """(writer, name of each operand) → name of the result."""
@@ -138,5 +271,5 @@ OPCODES: dict[int, Rule] = {
     casadi.OP_ERF: _library("erf"),
 }
 
-#: Rules for arguments that are not far, see `flexhinf.codegen.emit.trigonometry.is_far`.
+#: Rules for arguments that are not far, see `flexhinf.codegen.emit.opcodes.is_far`.
 NEAR: dict[int, Rule] = {casadi.OP_SIN: near_sine, casadi.OP_COS: near_cosine}

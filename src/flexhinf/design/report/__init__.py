@@ -1,18 +1,32 @@
 """The report of a design and of a comparison: pages, numbers, files and terminal tables. Computes nothing."""
 
-from flexhinf.design.report.campaign_disturbance import gain_replay_table, gain_text
 from flexhinf.design.report.campaign_page import campaign_page, write_campaign
-from flexhinf.design.report.campaign_text import campaign_verdict, metric_text, replay_command, replay_table
-from flexhinf.design.report.campaign_worst import missed_by, worst_table, worst_text
+from flexhinf.design.report.campaign_worst import (
+    campaign_verdict,
+    gain_replay_table,
+    gain_text,
+    metric_text,
+    missed_by,
+    replay_command,
+    replay_table,
+    worst_table,
+    worst_text,
+)
 from flexhinf.design.report.certificate_page import certificate_page
-from flexhinf.design.report.certification import certification_notes, certification_tables
 from flexhinf.design.report.comparison import comparison_notes, comparison_page
 from flexhinf.design.report.deployed_run import run_met, run_notes, run_tables, run_verdict
 from flexhinf.design.report.files import comparison_files, design_files, write_comparison, write_design
 from flexhinf.design.report.film import check_film, write_film
 from flexhinf.design.report.page import design_page, notes, verdict
 from flexhinf.design.report.pair_page import pair_page, pair_table, pair_verdict, write_pair
-from flexhinf.design.report.text import comparison_tables, design_tables, requirement_table, robots_table
+from flexhinf.design.report.text import (
+    certification_notes,
+    certification_tables,
+    comparison_tables,
+    design_tables,
+    requirement_table,
+    robots_table,
+)
 from flexhinf.design.report.verdict import comparison_verdict
 
 __all__ = [

@@ -9,14 +9,17 @@ import numpy as np
 
 from flexhinf.campaign import CampaignJudgement, MergedTable, Requirement, WorstCase, stored_worsts
 from flexhinf.campaign.batches import PART, TRACE
-from flexhinf.campaign.outcomes import DIVERGED, NOT_RUN, UNDAMPED, UNSTABLE
+from flexhinf.campaign.metrics import DIVERGED, NOT_RUN, UNDAMPED, UNSTABLE
 from flexhinf.design.campaign_gain import stored_gains
-from flexhinf.design.report.campaign_disturbance import gain_section, gain_statuses
-from flexhinf.design.report.campaign_text import (
+from flexhinf.design.report.campaign_worst import (
     ENDLESS,
     SPREAD,
     WORDS,
+    Runs,
+    campaign_statuses,
     changes,
+    gain_section,
+    gain_statuses,
     limit_text,
     metric_text,
     percent_text,
@@ -24,8 +27,9 @@ from flexhinf.design.report.campaign_text import (
     replay_command,
     unstable_text,
     value_text,
+    worst_section,
+    worst_verdict,
 )
-from flexhinf.design.report.campaign_worst import Runs, campaign_statuses, worst_section, worst_verdict
 from flexhinf.design.report.drawing import DASHED, figure_block, panels
 from flexhinf.design.report.sections.monte_carlo import histogram_bins
 from flexhinf.files import write_file
@@ -54,7 +58,7 @@ from flexhinf.report import (
 #: Failures that are listed, metrics whose sensitivity is drawn, and bars of each.
 FAILURES, RANKED, BARS = 20, 4, 8
 
-#: What `flexhinf.campaign.outcomes` calls unstable.
+#: What `flexhinf.campaign.metrics` calls unstable.
 UNSTABLE_MEANS = (
     "A run is unstable if it diverges to numbers that are not finite, or if, in the last third of the time in which "
     "command and disturbance stand still, a joint still swings by more than the settling band of ±2 % of its step, by "

@@ -10,7 +10,7 @@ import numpy as np
 from flexhinf.design.criterion import RATIOS
 from flexhinf.design.laws import DEFAULT_LAWS, DESIGN, NL_HINF
 from flexhinf.design.ranking import ranked, trade_offs
-from flexhinf.design.report.formatting import (
+from flexhinf.design.report.drawing import (
     ESTIMATORS,
     count_text,
     joint_count,

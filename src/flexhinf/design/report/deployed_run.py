@@ -8,12 +8,11 @@ import numpy as np
 from rich.table import Table
 
 from flexhinf.design.deployed_run import DeployedRun
-from flexhinf.design.report.formatting import Units, rounded, settling_text
+from flexhinf.design.report.drawing import Units, rounded, settling_text
 from flexhinf.design.report.text import lines_table, plain_table
 from flexhinf.design.requirements import all_met
 from flexhinf.design.responses import Move, worst_of
-from flexhinf.export.realtime import RealTimeRun
-from flexhinf.export.timing import PERCENTILES, Timing, percentiles
+from flexhinf.export.realtime import PERCENTILES, RealTimeRun, Timing, percentiles
 from flexhinf.report import number
 
 #: Places of missed deadlines that are listed, the latest first.

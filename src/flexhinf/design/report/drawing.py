@@ -1,17 +1,42 @@
-"""What the figures of a design have in common: lines of several joints, limits that hide no line, few points."""
+"""What the figures of a design have in common: lines of several joints, limits that hide no line, few points.
+
+Numbers, units, poses and robots as the text of a report has them.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+import math
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from flexhinf.report import INK, MUTED, SERIES, WIDTH, Figure, figure_to_svg, house_style
+from flexhinf.design.evaluation import LawEvaluation
+from flexhinf.plant import Plant
+from flexhinf.report import (
+    INK,
+    MUTED,
+    SERIES,
+    WIDTH,
+    Column,
+    Figure,
+    Note,
+    Table,
+    figure_to_svg,
+    house_style,
+    number,
+)
+from flexhinf.robot import Robot
+from flexhinf.robot.extras import inactive_parameters
+from flexhinf.robot.parameters import PlantValues
+from flexhinf.robot.signals import signal_names
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure as Canvas
+
 
 #: Points of a line in a figure, at most: more cannot be told apart at the width of a page.
 POINTS = 1500
@@ -131,3 +156,231 @@ def figure_block(name: str, figure: Canvas, sentences: str | Iterable[str], titl
     """The figure as a block of a page: anchor ``figure-<name>``, caption in sentences, title before it."""
     caption = sentences if isinstance(sentences, str) else " ".join(text for text in sentences if text)
     return Figure(f"figure-{name}", figure_to_svg(figure), caption, title)
+
+
+LAW_NAMES = {2: "linear", 3: "quadratic", 4: "cubic", 5: "quartic", 6: "quintic"}
+
+ESTIMATORS = {
+    "ukf": "the unscented Kalman filter",
+    "ekf": "the extended Kalman filter",
+    "observer": "the output-injection observer",
+    "none": "the true state fed back",
+}
+
+#: Joints up to which a pose is also written in degrees.
+FEW_JOINTS = 3
+
+#: Changes of a robot within its tolerances that are listed, the largest first.
+LISTED = 6
+
+
+@dataclass(frozen=True)
+class Units:
+    """Units of the signals of a robot; with joints that turn and joints that slide "rad or m".
+
+    Attributes
+    ----------
+    position, speed : str
+        Of link positions and velocities, as the model has them.
+    load, spring, effort : str
+        Of torques on the links, torques of the springs, inputs.
+    degrees : bool
+        Whether angles are shown in degrees, as the user gave them.
+    """
+
+    position: str
+    speed: str
+    load: str
+    spring: str
+    effort: str
+    degrees: bool = False
+
+    @staticmethod
+    def of(plant: Plant, joints: Sequence[str], degrees: bool = False) -> Units:
+        """Units of a plant with these joints; degrees only where every joint turns."""
+
+        def unit(signal: str) -> str:
+            return _joined(plant.unit(name) for name in signal_names(signal, joints))
+
+        position = unit("link_position")
+        return Units(
+            position, " or ".join(f"{each}/s" for each in position.split(" or ")), unit("link_torque"),
+            unit("joint_torque"), _joined(plant.unit(name) for name in plant.inputs), degrees and position == "rad",
+        )  # fmt: skip
+
+    @property
+    def angle(self) -> str:
+        """Unit in which link positions are shown."""
+        return "°" if self.degrees else self.position
+
+    @property
+    def rate(self) -> str:
+        """Unit in which velocities are shown."""
+        return "°/s" if self.degrees else self.speed
+
+    @property
+    def scale(self) -> float:
+        """Positions and velocities times this are in the units shown."""
+        return 180.0 / math.pi if self.degrees else 1.0
+
+    @property
+    def small(self) -> tuple[str, float]:
+        """Unit and factor for small deviations: thousandths, or degrees where these are shown."""
+        if self.degrees:
+            return "°", self.scale
+        return " or ".join(f"m{each}" if each == "rad" else "mm" for each in self.position.split(" or ")), 1e3
+
+
+def units_of(e: LawEvaluation) -> Units:
+    """Units of the signals of one loop, angles as the user gave them."""
+    return Units.of(e.setup.model, e.setup.robot.joint_names, e.setup.specification.in_degrees)
+
+
+def _joined(units: Iterable[str]) -> str:
+    return " or ".join(dict.fromkeys(units))
+
+
+def law_name(degree: int) -> str:
+    """Name of the law that belongs to a V of this degree."""
+    return LAW_NAMES.get(degree, f"degree {degree - 1}")
+
+
+def joint_count(count: int) -> str:
+    """How many elastic joints."""
+    return "one elastic joint" if count == 1 else f"{count} elastic joints"
+
+
+def count_text(count: int, noun: str, plural: str = "") -> str:
+    """A number and what it counts, with the plural where it needs one."""
+    return f"{count} {noun if count == 1 else plural or f'{noun}s'}"
+
+
+def listed(words: Sequence[str]) -> str:
+    """Words as in a sentence: ``a, b and c``."""
+    return " and ".join(part for part in (", ".join(words[:-1]), *words[-1:]) if part)
+
+
+def range_text(values: Any, digits: int = 3) -> str:
+    """Smallest and largest of some numbers, or the one that they all are."""
+    ordered = sorted(np.ravel(np.asarray(list(values), dtype=float)).tolist())
+    if not ordered:
+        return "–"
+    ends = number(ordered[0], digits), number(ordered[-1], digits)
+    return ends[0] if ends[0] == ends[1] else " to ".join(ends)
+
+
+def limit_text(limits: np.ndarray) -> str:
+    """Limits ± of several joints: ``±60``, or ``±87, ±87, ±12``."""
+    words = [f"±{limit:g}" if math.isfinite(limit) else "none" for limit in limits.tolist()]
+    return words[0] if len(set(words)) == 1 else ", ".join(words)
+
+
+def pose_text(values: Sequence[float] | np.ndarray, slides: Sequence[bool], degrees: bool = False) -> str:
+    """A pose, for example ``(0.6 rad = 34.4°, 0.1 m)``; degrees first where the user gave degrees."""
+    words = []
+    for value, sliding in zip(values, slides, strict=True):
+        text = number(float(value) + 0.0)
+        if not sliding:
+            turned = f"{number(math.degrees(value) + 0.0, 3)}°"
+            if degrees:
+                text = turned
+            elif len(slides) <= FEW_JOINTS:
+                text = f"{text} rad = {turned}" if value else "0"
+        words.append(f"{text} m" if sliding else text)
+    return ", ".join(words) if len(words) == 1 else f"({', '.join(words)})"
+
+
+def amplitude_text(amplitude: float, unit: str, most: float = math.inf) -> str:
+    """A step from one equilibrium to another, rad with degrees beside, or m; at most what the joints' limits allow."""
+    if math.isnan(amplitude):
+        return "–"
+    if math.isinf(amplitude):
+        return "any looked at"
+    step = min(amplitude, most)
+    degrees = f" ({math.degrees(step):.3g}°)" if unit == "rad" else ""
+    return f"{step:.3g} {unit}{degrees}{', all that the joint limits allow' if step < amplitude else ''}"
+
+
+def settling_text(value: float | None, duration: float | None = None) -> str:
+    """A settling time in seconds, or that the run ended before."""
+    if value is not None and math.isfinite(value):
+        return f"{number(value, 3)} s"
+    return "not settled" if duration is None else f"> {number(duration, 3)} s"
+
+
+def rounded(value: float | None, digits: int = 3) -> float | None:
+    """A number with fewer digits; None for what is missing or not finite."""
+    return None if value is None or not math.isfinite(value) else float(f"{value:.{digits}g}")
+
+
+def changes_text(values: Mapping[str, Any], robot: Robot, extras: Sequence[str]) -> str:
+    """A robot within its tolerances by its numbers furthest from nominal: ``stiffness −12 %, payload mass hand 2 kg``.
+
+    Parameters
+    ----------
+    values : mapping
+        Parameters of a plant, as `Robot.draw` and `Robot.corner` give them.
+    robot : Robot
+        The nominal one.
+    extras : sequence of str
+        Of the true plant; numbers of extras that it leaves out do not act and are left out here.
+    """
+    if not isinstance(values, PlantValues):
+        raise TypeError(f"expected parameters that know the robot's numbers, got {type(values).__name__}")
+    off = inactive_parameters(extras, robot.joint_names)
+    changes: list[tuple[float, str]] = []
+    for name, new in values.numbers.items():
+        old, words = robot.nominal[name], name.replace("_", " ")
+        if name in off or abs(new - old) <= 1e-11 * abs(old):
+            continue
+        change = 100.0 * (new / old - 1.0) if old else math.inf
+        if "payload_mass" in name or not old:
+            changes.append((change, f"{words} {number(new, 2)} {robot[name].unit}".strip()))
+        else:
+            digits = 2 if abs(change) < 100.0 else 3
+            changes.append((change, f"{words} {'' if change < 0 else '+'}{number(change, digits)} %"))
+    words = [text for _, text in sorted(changes, key=lambda change: -abs(change[0]))[:LISTED]]
+    if len(changes) > LISTED:
+        words.append("others by less")
+    return ", ".join(words) or "the nominal robot"
+
+
+def finite(value: Any) -> Any:
+    """The same with plain lists and numbers, and None for every number that is not finite."""
+    if hasattr(value, "tolist"):
+        value = value.tolist()
+    if isinstance(value, Mapping):
+        return {key: finite(entry) for key, entry in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [finite(entry) for entry in value]
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    return value
+
+
+#: What is code already, or an option of the command line.
+_OPTION = re.compile(r"`[^`]*`|--[a-z]+(?:-[a-z]+)*")
+
+
+def joint_table(
+    columns: Sequence[Column | str], rows: Sequence[Sequence[Any]], caption: str, anchor: str
+) -> Table:
+    """A table with a row for each joint, its name first; of a single joint a row for each figure, without the name."""
+    if len(rows) != 1:
+        return Table(columns, rows, caption, anchor, stacks=True)
+    named = [Column(column) if isinstance(column, str) else column for column in columns[1:]]
+    cells = [(column.name, _with_unit(value, column.unit)) for column, value in zip(named, rows[0][1:])]
+    return Table(("", "value"), cells, caption, anchor)
+
+
+def _with_unit(value: Any, unit: str) -> str:
+    if value is None:
+        return "–"
+    if isinstance(value, str):
+        return value
+    return f"{number(float(value))}{'' if unit == '°' else ' '}{unit}".strip()
+
+
+def notes_of(remarks: Iterable[str]) -> list[Note]:
+    """Remarks as blocks of a page, options of the command line set as code."""
+    return [Note(_OPTION.sub(lambda found: f"`{found[0].strip('`')}`", text)) for text in remarks]

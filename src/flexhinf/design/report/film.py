@@ -11,8 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from flexhinf.design.deployed_run import DeployedRun
-from flexhinf.design.report.arm_film import ArmFilm
-from flexhinf.design.report.arm_picture import frames
+from flexhinf.design.report.arm_picture import ArmFilm, frames
 from flexhinf.errors import InvalidInput
 from flexhinf.export.realtime import RealTimeRun
 from flexhinf.export.run_log import check_place

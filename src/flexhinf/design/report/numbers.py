@@ -14,7 +14,7 @@ from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.joint_limits import ROBOT
 from flexhinf.design.modes import Mode
 from flexhinf.design.ranking import TradeOff, best_rival, trade_offs
-from flexhinf.design.report.formatting import finite
+from flexhinf.design.report.drawing import finite
 from flexhinf.design.report.page import notes, verdict
 from flexhinf.design.report.proof import proof_numbers
 from flexhinf.design.report.sections.along_move import along_rows
@@ -27,7 +27,7 @@ from flexhinf.design.report.sections.weights import state_weights, whole_loop_ro
 from flexhinf.design.requirements import Requirement
 from flexhinf.design.responses import Response
 from flexhinf.design.result import ComparedLaw, Comparison, Design
-from flexhinf.design.weights.noise_candidates import NoiseCandidate, NoiseSearch
+from flexhinf.design.weights.estimator_noise import NoiseCandidate, NoiseSearch
 
 
 def design_numbers(design: Design) -> dict[str, Any]:

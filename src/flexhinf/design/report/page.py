@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from flexhinf.design.report.formatting import (
+from flexhinf.design.report.drawing import (
     Units,
     joint_count,
     law_name,
@@ -38,7 +38,7 @@ from flexhinf.design.report.sections import law as law_section
 from flexhinf.design.report.settings import design_settings, files_section
 from flexhinf.design.requirements import Requirement
 from flexhinf.design.result import Design
-from flexhinf.design.status import Status as Judged
+from flexhinf.design.result import Status as Judged
 from flexhinf.report import KeyNumber, Page, Provenance, Section, Settings, Status, house_style, number
 
 

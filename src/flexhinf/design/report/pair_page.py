@@ -10,7 +10,7 @@ import numpy as np
 
 from flexhinf.campaign import Interval, PairedMetric
 from flexhinf.design.campaign_pair import SIDES, PairResult
-from flexhinf.design.report.campaign_text import (
+from flexhinf.design.report.campaign_worst import (
     SPREAD,
     changes,
     limit_text,

@@ -11,7 +11,7 @@ import numpy as np
 from flexhinf.design.estimators import INITIAL_VARIANCE, EstimatorNoise, Levels, noise_variances
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.joint_limits import ROBOT
-from flexhinf.design.report.formatting import limit_text, units_of
+from flexhinf.design.report.drawing import limit_text, units_of
 from flexhinf.design.report.sections.weights import effort_unit, state_weights
 from flexhinf.design.result import Comparison, Design
 from flexhinf.design.specification import Specification

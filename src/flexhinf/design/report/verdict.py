@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from flexhinf.design.criterion import RATIOS
+from flexhinf.design.criterion import RATIOS, unstable_corners
 from flexhinf.design.laws import DESIGN
 from flexhinf.design.ranking import best_rival, is_ours, ranked
 from flexhinf.design.result import Comparison
 from flexhinf.design.tuning import TunedLaw
-from flexhinf.design.yardstick import unstable_corners
 from flexhinf.report import number
 
 #: Differences of the criterion smaller than this fraction say nothing: two searches of one law end so far apart.

@@ -25,6 +25,7 @@ from flexhinf.design.specification import RINGS, Specification
 from flexhinf.design.weights.design_problem import (
     Covering,
     DesignProblem,
+    JointScales,
     command_of,
     nominal_problem,
 )
@@ -35,10 +36,15 @@ from flexhinf.design.weights.linear_family import (
     LinearProblem,
     worst_members,
 )
-from flexhinf.design.weights.robust import RobustProblem, find_scalings
-from flexhinf.design.weights.scales import JointScales
+from flexhinf.design.weights.robust import (
+    Channel,
+    RobustProblem,
+    acting_corners,
+    channels,
+    covering_products,
+    find_scalings,
+)
 from flexhinf.design.weights.search import DampingOutOfReach, SearchResult, TargetBehaviour, search
-from flexhinf.design.weights.uncertainty import Channel, acting_corners, channels, covering_products
 from flexhinf.errors import InvalidInput
 from flexhinf.hinf import smallest_gamma
 from flexhinf.plant import GeneralisedPlant, Penalty

@@ -16,8 +16,7 @@ import scipy.linalg
 
 from flexhinf.design.modes import Mode, modes_of, named_modes, stiffness_and_inertia
 from flexhinf.hinf import linear_law
-from flexhinf.hinf.gamma import linear_smallest_gamma
-from flexhinf.hinf.linear_part import LinearPart
+from flexhinf.hinf.linear_part import LinearPart, linear_smallest_gamma
 from flexhinf.plant import PolynomialPlant
 from flexhinf.robot import Robot
 

@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 
 from flexhinf.codegen import DIRECT, Block, Buffer, Call, Composer, Slice
-from flexhinf.codegen.steps import Step
+from flexhinf.codegen.program import Step
 from flexhinf.errors import InvalidInput
-from flexhinf.loop.controller.law_code import LawCode
 from flexhinf.loop.controller.memory import Layout, data_layout, data_values, memory_layout
 from flexhinf.loop.controller.options import (
     Limits,
@@ -24,12 +23,10 @@ from flexhinf.loop.controller.options import (
     dead_zone,
 )
 from flexhinf.loop.controller.running import Running
-from flexhinf.loop.controller.schedule import Schedule
-from flexhinf.loop.controller.start import FirstInput
-from flexhinf.loop.controller.step import controller_step
+from flexhinf.loop.controller.schedule import STEPS, Schedule, fade_time
+from flexhinf.loop.controller.start import FirstInput, Windup
+from flexhinf.loop.controller.step import LawCode, controller_step
 from flexhinf.loop.controller.storage import read_controller, write_controller
-from flexhinf.loop.controller.transfer import STEPS, fade_time
-from flexhinf.loop.controller.windup import Windup
 from flexhinf.loop.shared import share
 from flexhinf.notebook import names_text, number_text
 from flexhinf.plant import Estimator, Law
@@ -56,7 +53,7 @@ class Controller(Running):
         Sampling period, s; that of the estimator.
     saturation : None, float, (m,) array or tuple (lower, upper)
         Limits of the input; a number or an array means ±. Integrals that would push a saturated input
-        further stand still; without limits, integrals push no further than `flexhinf.loop.controller.windup` says.
+        further stand still; without limits, integrals push no further than `flexhinf.loop.controller.start` says.
     moving : bool
         The law in error coordinates about a moving reference: the command of a sample is (x_d, u_d), (n + m,),
         the states of the law's plant without integrals and the inputs, and u = u_d + k(x − x_d, e) with
@@ -65,7 +62,7 @@ class Controller(Running):
         without integrals tracks nothing.
     start : {"zero", "bumpless"}
         The integrals at the first sample: zero, or such that the input continues from the one before, see `reset`
-        and `flexhinf.loop.controller.transfer`.
+        and `flexhinf.loop.controller.schedule`.
     fade : float, optional
         Time constant, s, of the bias that holds what no integral reaches when a law takes over; 0.5 by default.
     command_range : None, float, (k,) array or tuple (lower, upper), optional
@@ -179,7 +176,7 @@ class Controller(Running):
 
         Its state is what the controller remembers. Needs the extra ``control``.
         """
-        from flexhinf.loop.controller.to_control import controller_to_control
+        from flexhinf.loop.controller.running import controller_to_control
 
         return controller_to_control(self)
 

@@ -1,4 +1,19 @@
-"""What a controller remembers between steps and the numbers its step is made of: flat vectors with a layout."""
+"""What a controller remembers between steps and the numbers its step is made of: flat vectors with a layout.
+
+What a running controller remembers, so that no sample can leave it stuck; and its step as a program.
+
+A step is a transaction: memory and estimate change where the step's numbers are all finite, and not otherwise. That
+alone does not help against a wild measurement whose numbers are finite: a cubic law makes 1e18 V of 1e6 rad, and the
+estimate leaves the finite numbers only some samples later. Two earlier memories are therefore kept, one every `SPACING`
+good samples, measured or predicted alike. A step that fails leaves the memory as it was; where the next one fails too,
+the memory itself is taken to be bad and an earlier one takes its place, `SPACING` to 2·`SPACING` good samples old, with
+its command; where that fails as well, the one of the start. The start had no command yet, so the last one holds there;
+where the start is gone back to again before a memory was kept, the command was what made it fail, and is that of the
+start too. Where the start was told (`Controller.reset`), it may be bad itself: then that of the design takes its place.
+
+Before the first good measurement nothing is known of the robot: a sample without one changes nothing, and the output is
+the input before the first sample (`Controller.input_before`).
+"""
 
 from __future__ import annotations
 
@@ -10,12 +25,14 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.errors import InvalidInput
-from flexhinf.loop.controller.law_code import LawCode
+from flexhinf.codegen import Buffer, Copy, Guard, Program, Slice
+from flexhinf.codegen.program import Step
+from flexhinf.errors import InvalidInput, NumericalFailure
 from flexhinf.loop.controller.options import Limits, Mode
-from flexhinf.loop.controller.transfer import inverse_slope
+from flexhinf.loop.controller.schedule import inverse_slope
+from flexhinf.loop.controller.step import LawCode
 from flexhinf.plant import Estimator
-from flexhinf.untrusted import real_array
+from flexhinf.untrusted import real_array, value_text
 
 Shape = tuple[int, ...]
 
@@ -194,3 +211,171 @@ def filler(buffer: np.ndarray) -> Callable[[Any], None]:
         buffer[:] = array
 
     return fill_one if buffer.size == 1 else fill
+
+
+#: How a compiled step ends where a number is not finite.
+BAD_MEASUREMENT, BAD_REFERENCE, BAD_RESULT = 1, 2, 3
+
+#: Samples between two earlier memories: longer than a wild estimate takes to leave the finite numbers (some five
+#: samples with a cubic law), short against what the estimator needs to catch up.
+SPACING = 32
+
+#: What is finite before the step, and after it.
+ROLES = {"y": "in", "r": "in", "data": "in", "memory": "state", "u": "out", "estimate": "out"}
+
+
+class Remembered:
+    """The memory of the last good sample, earlier ones, and how many good samples there were since one was kept.
+
+    All of it is here, so that a copy goes on with the same bits, and `begin` leaves nothing of before. The exported C
+    has the same numbers in its state.
+
+    Parameters
+    ----------
+    memory : (s,) array
+        At the start of the design; copied.
+    commanded, states : int
+        Numbers of a command and of an estimate.
+
+    Attributes
+    ----------
+    memory : (s,) array
+        Of the last good sample; always the same array, which the compiled step writes.
+    reference : (max(1, k),) array
+        The command of the last good sample, and zeros; likewise.
+    estimate : (n,) array
+        Likewise; NaN before the first sample.
+    waiting : bool
+        Whether there was no good measurement yet.
+    holding : bool
+        Whether the last command holds after the last going back, and not that of the earlier memory.
+    """
+
+    def __init__(self, memory: np.ndarray, commanded: int, states: int) -> None:
+        self.memory, self.reference = np.array(memory), np.zeros(max(1, commanded))
+        self.estimate = np.full(states, np.nan)
+        self.designed, self.start, self.older, self.newer = np.tile(memory, (4, 1))
+        self.begin(memory)
+
+    def begin(self, memory: np.ndarray) -> None:
+        """Start again from a memory (s,)."""
+        for place in (self.memory, self.start, self.older, self.newer):
+            place[:] = memory
+        self.estimate[:] = np.nan
+        self.samples = 0
+        self.waiting = True
+        self.failed = self.holding = self.begun_again = False
+
+    def good(self, measured: bool) -> None:
+        """Note a good sample, and keep every `SPACING`th memory as an earlier one; the oldest is forgotten. Nothing is
+        allocated: this is a part of the step in real time."""
+        self.failed = False
+        if measured:
+            self.waiting = False
+        self.samples += 1
+        if self.samples == SPACING:
+            self.older, self.newer = self.newer, self.older
+            self.newer[:] = self.memory
+            self.samples, self.begun_again = 0, False
+
+    def fail(self) -> bool:
+        """Note that a step has failed; where one did since the last good sample, go back to an earlier memory, and say
+        so."""
+        if not self.failed:
+            self.failed = True
+            return False
+        start = np.array_equal(self.older, self.start)
+        if start and self.begun_again:  # the start that was told is bad itself
+            self.start[:] = self.older[:] = self.designed
+        self.holding = start and not self.begun_again
+        self.begun_again = start
+        self.memory[:] = self.older
+        self.older[:] = self.newer[:] = self.start
+        return True
+
+    def state(self) -> dict[str, Any]:
+        """Everything that is remembered, for `restore`; arrays are copies."""
+        return {
+            name: np.copy(part) if isinstance(part, np.ndarray) else part for name, part in vars(self).items()
+        }
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Remember what another one of this size did; the arrays that the compiled step writes stay."""
+        for name, part in state.items():
+            if isinstance(part, np.ndarray):
+                getattr(self, name)[:] = part
+            else:
+                setattr(self, name, part)
+
+
+def step_program(
+    sizes: Mapping[str, int],
+    commanded: bool,
+    steps: Callable[[dict[str, Slice | None]], tuple[tuple[Step, ...], tuple[Buffer, ...]]],
+) -> Program:
+    """One step as a transaction: `memory` and `estimate` are written where everything is finite.
+
+    Parameters
+    ----------
+    sizes : mapping of str to int
+        Numbers in each of y, r, data, memory, u and estimate; without y, the step has no measurement.
+    commanded : bool
+        Whether a command is read.
+    steps : callable
+        As `Controller.steps`.
+    """
+    roles: dict[str, Any] = {name: role for name, role in ROLES.items() if name in sizes}
+    buffers = [Buffer(name, sizes[name], role) for name, role in roles.items()]
+    buffers += [
+        Buffer("after", sizes["memory"], "work", cleared=False),
+        Buffer("estimated", sizes["estimate"], "work", cleared=False),
+    ]
+    whole = {buffer.name: Slice(buffer.name, size=buffer.size or 0) for buffer in buffers}
+    places: dict[str, Slice | None] = {"y": None, **whole, "estimate": whole["estimated"]}
+    body, scratch = steps(places if commanded else {**places, "r": None})
+    read = [Guard(whole["y"], BAD_MEASUREMENT)] if "y" in sizes else []
+    whole_body = (
+        *read,
+        Guard(whole["r"], BAD_REFERENCE),
+        *body,
+        Guard(whole["u"], BAD_RESULT),
+        Guard(whole["estimated"], BAD_RESULT),
+        Guard(whole["after"], BAD_RESULT),
+        Copy(whole["after"], whole["memory"]),
+        Copy(whole["estimated"], whole["estimate"]),
+    )
+    return Program("controller_step", (*buffers, *scratch), whole_body, ())
+
+
+def step_failure(code: int, back: bool, y: Any, reference: Any) -> NumericalFailure:
+    """The error of a compiled step that ended with a code; y and the command are those it was given.
+
+    Parameters
+    ----------
+    back : bool
+        Whether an earlier memory has taken the place of the one it ran on.
+    """
+    if code != BAD_RESULT:
+        advice = "another command"
+        if code == BAD_MEASUREMENT:
+            advice = "step(None) to predict over a sample without a measurement, or hold the last input"
+        return NumericalFailure(
+            f"The {'measurement' if code == BAD_MEASUREMENT else 'command'} is not a finite number; "
+            "nothing was updated.",
+            f"got y={value_text(y)}, reference={value_text(reference)}",
+            advice,
+        )
+    if back:
+        return NumericalFailure(
+            "The controller's estimate or input is no longer finite, again; the controller went back to what it "
+            f"remembered {SPACING} to {2 * SPACING} good samples ago, or at its start.",
+            f"after y={value_text(y)}, reference={value_text(reference)}",
+            "go on with the next measurement, or reset(state); then look at the measurement's unit, saturation= and "
+            "the noise covariances",
+        )
+    return NumericalFailure(
+        "The controller's estimate or input is no longer finite; nothing was updated.",
+        f"after y={value_text(y)}, reference={value_text(reference)}",
+        "step(None) to predict over this sample; if it goes on, reset(), and look at the measurement's unit, "
+        "saturation= and the noise covariances",
+    )

@@ -1,22 +1,24 @@
-"""A controller at work: its compiled step on a memory of its own, one thread at a time."""
+"""A controller at work: its compiled step on a memory of its own, one thread at a time.
+
+A controller as a sampled system of python-control.
+"""
 
 from __future__ import annotations
 
 import abc
 from collections.abc import Callable
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from flexhinf.codegen import Buffer, Slice, compile_program
-from flexhinf.codegen.steps import Step
+from flexhinf.codegen.program import Step
 from flexhinf.errors import ControllerInUse, InvalidInput
-from flexhinf.loop.controller.memory import Layout, filler
-from flexhinf.loop.controller.remembered import BAD_RESULT, Remembered, step_failure, step_program
+from flexhinf.loop.controller.memory import BAD_RESULT, Layout, Remembered, filler, step_failure, step_program
 from flexhinf.loop.shared import share
 from flexhinf.notebook import Summarised
-from flexhinf.plant import Estimator, Law
+from flexhinf.plant import Estimator, Law, python_control
 from flexhinf.untrusted import value_text
 
 #: A compiled step on arrays: run it, fill y, fill r, and copy u.
@@ -131,7 +133,7 @@ class Running(Summarised):
         this estimate. The next measurement corrects all of that as usual. Before the first good measurement it changes
         nothing, whatever the command, and gives the input before the first sample, see `reset`. (The first
         ``step(None)`` compiles code of its own; make one before real time begins.) Where a step fails twice in a row,
-        the memory itself is bad, and an earlier one takes its place: see `flexhinf.loop.controller.remembered`.
+        the memory itself is bad, and an earlier one takes its place: see `flexhinf.loop.controller.memory`.
 
         Raises
         ------
@@ -233,3 +235,40 @@ class Running(Summarised):
 
 def _ignored(value: Any) -> None:
     """The measurement of a step without one."""
+
+
+if TYPE_CHECKING:
+    import control
+
+
+def controller_to_control(controller: Running) -> control.NonlinearIOSystem:
+    """Measurements ``y_…`` and commands ``r_…`` in, inputs out; states are the numbers of its memory.
+
+    ``controller.initial_memory()`` is where it starts; u of a sample depends on y of the same one.
+    """
+    package = python_control()
+    measured = len(controller.measured)
+
+    def update(t: float, memory: Any, v: Any, params: Any) -> np.ndarray:
+        return stepped(controller, v[:measured], v[measured:], memory)[1]
+
+    def output(t: float, memory: Any, v: Any, params: Any) -> np.ndarray:
+        return stepped(controller, v[:measured], v[measured:], memory)[0]
+
+    return package.nlsys(
+        update,
+        output,
+        inputs=[
+            *(f"y_{name}" for name in controller.measured),
+            *(f"r_{name}" for name in controller.commanded),
+        ],
+        outputs=list(controller.law.input_names),
+        states=[f"memory[{k}]" for k in range(controller.memory.size)],
+        dt=controller.period,
+    )
+
+
+def stepped(controller: Running, y: Any, r: Any, memory: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Input (m,) and next memory of one sample."""
+    u, _, after = controller.traced(y, r, memory, controller.data_vector)
+    return np.ravel(np.asarray(u, dtype=float)), np.ravel(np.asarray(after, dtype=float))

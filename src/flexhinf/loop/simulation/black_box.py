@@ -11,9 +11,8 @@ import numpy as np
 from flexhinf.errors import InvalidInput, NumericalFailure
 from flexhinf.loop.controller.controller import Controller
 from flexhinf.loop.signals.sampling import by_name, sample_signal
-from flexhinf.loop.simulation.channel import Channel
-from flexhinf.loop.simulation.program import CONTROL_FAILED, PLANT_FAILED
-from flexhinf.loop.simulation.run_arguments import starting_state
+from flexhinf.loop.simulation.compiled_runs import starting_state
+from flexhinf.loop.simulation.program import CONTROL_FAILED, PLANT_FAILED, Channel
 from flexhinf.plant import BlackBox
 
 #: How a run ends that was stopped before its last sample.

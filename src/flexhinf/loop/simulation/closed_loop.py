@@ -1,15 +1,19 @@
-"""The closed loop of a true plant, which need not be the one the estimator believes in, and a controller."""
+"""The closed loop of a true plant, which need not be the one the estimator believes in, and a controller.
+
+A sampled closed loop as a system of python-control.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from flexhinf.errors import InvalidInput
 from flexhinf.loop.controller.controller import Controller
+from flexhinf.loop.controller.running import stepped
 from flexhinf.loop.signals.references import signal_name
 from flexhinf.loop.signals.sampling import (
     by_name,
@@ -18,11 +22,9 @@ from flexhinf.loop.signals.sampling import (
     sample_signal,
 )
 from flexhinf.loop.simulation.black_box import AT_ONCE, Pacing, Stepped, run_black_box
-from flexhinf.loop.simulation.channel import Channel
-from flexhinf.loop.simulation.compiled_runs import LoopCode, PreparedRun
-from flexhinf.loop.simulation.ensemble import Ensemble, prepared_ensemble
-from flexhinf.loop.simulation.reductions import Reduction
-from flexhinf.loop.simulation.run_arguments import (
+from flexhinf.loop.simulation.compiled_runs import (
+    LoopCode,
+    PreparedRun,
     check_ranges,
     check_turns,
     operating_state,
@@ -30,10 +32,70 @@ from flexhinf.loop.simulation.run_arguments import (
     start_text,
     starting_state,
 )
+from flexhinf.loop.simulation.ensemble import Ensemble, prepared_ensemble
+from flexhinf.loop.simulation.metrics import Reduction
+from flexhinf.loop.simulation.program import Channel
 from flexhinf.loop.simulation.trajectory import Trajectory
 from flexhinf.notebook import Summarised, names_text
-from flexhinf.plant import BlackBox, Plant, sub_steps
+from flexhinf.plant import BlackBox, Plant, python_control, rk4_step, sub_steps
 from flexhinf.untrusted import value_text
+
+if TYPE_CHECKING:
+    import control
+
+
+def loop_to_control(
+    plant: Plant | BlackBox, controller: Controller, channel: Channel, steps: int
+) -> control.NonlinearIOSystem:
+    """Commands ``r_…`` and disturbances in; measurements ``y_…`` and inputs out.
+
+    The state is that of the plant, then the controller's memory (``controller.initial_memory()`` at the start). A
+    period is integrated as in `Loop.run`.
+
+    Raises
+    ------
+    InvalidInput
+        If the true plant is a black box, or the loop has a delay or quantised sensors.
+    """
+    package = python_control()
+    if not isinstance(plant, Plant) or channel.delay or any(channel.quanta):
+        raise InvalidInput(
+            "The loop has no form in python-control.",
+            f"expected a Plant without delay and quantisation, got {type(plant).__name__} and {channel}",
+            "Loop(plant, controller).to_control()",
+        )
+    n, commanded = plant.n, len(controller.commanded)
+    p = plant.parameters.vector()
+    idle = np.zeros(len(plant.inputs))
+    states = [plant.states.index(name) for name in controller.states] if controller.estimator is None else []
+
+    def measured(x: Any) -> np.ndarray:
+        x = np.asarray(x, dtype=float)
+        return x[states] if states else np.ravel(np.asarray(plant.traced_output(x, idle, p), dtype=float))
+
+    def update(t: float, state: Any, v: Any, params: Any) -> np.ndarray:
+        u, after = stepped(controller, measured(state[:n]), v[:commanded], state[n:])
+        x = np.asarray(state[:n], dtype=float)
+
+        def flow(x: Any, d: Any) -> np.ndarray:
+            return np.ravel(np.asarray(plant.traced_flow(x, u, d, p), dtype=float))
+
+        for _ in range(steps):
+            x = rk4_step(flow, x, (v[commanded:],) * 3, controller.period / steps)
+        return np.concatenate([x, after])
+
+    def output(t: float, state: Any, v: Any, params: Any) -> np.ndarray:
+        y = measured(state[:n])
+        return np.concatenate([y, stepped(controller, y, v[:commanded], state[n:])[0]])
+
+    return package.nlsys(
+        update,
+        output,
+        inputs=[*(f"r_{name}" for name in controller.commanded), *plant.disturbances],
+        outputs=[*(f"y_{name}" for name in controller.measured), *controller.law.input_names],
+        states=[*plant.states, *(f"memory[{k}]" for k in range(controller.memory.size))],
+        dt=controller.period,
+    )
 
 
 class Loop(Summarised):
@@ -118,14 +180,13 @@ class Loop(Summarised):
         """The sampled closed loop as a system of python-control (``nlsys`` with ``dt``).
 
         Commands and disturbances in; measurements and inputs out. Without quantisation and delay. Needs the extra
-        ``control``; see `flexhinf.loop.simulation.to_control`.
+        ``control``; see `flexhinf.loop.simulation.closed_loop`.
 
         Raises
         ------
         InvalidInput
             If the true plant is a black box.
         """
-        from flexhinf.loop.simulation.to_control import loop_to_control
 
         return loop_to_control(self.true_plant, self.controller, self.channel, self.sub_steps)
 

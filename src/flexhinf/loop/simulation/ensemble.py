@@ -23,20 +23,22 @@ from flexhinf.errors import InvalidInput
 from flexhinf.loop.controller.controller import Controller
 from flexhinf.loop.shared import share
 from flexhinf.loop.signals.sampling import by_name, checked_deviation, sample_disturbance, sample_noise
-from flexhinf.loop.simulation.channel import Channel
-from flexhinf.loop.simulation.compiled_runs import LoopCode, PreparedRun, capacity
-from flexhinf.loop.simulation.ensemble_plants import EnsemblePlants
-from flexhinf.loop.simulation.ensemble_result import EnsembleResult, named_numbers
-from flexhinf.loop.simulation.lane_runs import Recorded, Task
-from flexhinf.loop.simulation.program import EnsembleOptions, ensemble_program, reduction_program
-from flexhinf.loop.simulation.reductions import (
+from flexhinf.loop.simulation.compiled_runs import LoopCode, PreparedRun, capacity, starting_state
+from flexhinf.loop.simulation.ensemble_plants import (
+    EnsemblePlants,
+    EnsembleResult,
+    Recorded,
+    Task,
+    named_numbers,
+)
+from flexhinf.loop.simulation.metrics import (
     Command,
     Place,
     Reduction,
     common_reductions,
     tracking_reductions,
 )
-from flexhinf.loop.simulation.run_arguments import starting_state
+from flexhinf.loop.simulation.program import Channel, EnsembleOptions, ensemble_program, reduction_program
 from flexhinf.loop.simulation.trajectory import Trajectory
 from flexhinf.plant import Plant
 from flexhinf.untrusted import value_text

@@ -5,11 +5,17 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from flexhinf.paper.claims import attained_gain, bounded, electrical_pole, tolerances, ukf_against_ekf
+from flexhinf.paper.claims.attained_gain import judge_sine_disturbance, judge_step_disturbance
 from flexhinf.paper.claims.bounded import judge_reconstruction
-from flexhinf.paper.claims.disturbances import judge_sine_disturbance, judge_step_disturbance
 from flexhinf.paper.claims.judgement import Judged
-from flexhinf.paper.claims.steps import judge_about_goal, judge_against_linear, judge_sine, judge_steps
-from flexhinf.paper.claims.weights import judge_integral_weight, judge_link_weight
+from flexhinf.paper.claims.weights import (
+    judge_about_goal,
+    judge_against_linear,
+    judge_integral_weight,
+    judge_link_weight,
+    judge_sine,
+    judge_steps,
+)
 from flexhinf.paper.claims.what_h_infinity_buys import judge_h_infinity
 from flexhinf.paper.experiments import Experiments
 from flexhinf.paper.loop_setup import PaperSetup

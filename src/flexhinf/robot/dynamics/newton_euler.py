@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-from flexhinf.robot.dynamics.bodies import Body
-from flexhinf.robot.dynamics.folded import (
+from flexhinf.robot.dynamics.bodies import Body, Frame, frames_of
+from flexhinf.robot.dynamics.tree import (
     ZERO,
     Matrix,
+    Tree,
     Vector,
     add,
     apply,
@@ -20,8 +21,6 @@ from flexhinf.robot.dynamics.folded import (
     scaled,
     times,
 )
-from flexhinf.robot.dynamics.motion import Frame, frames_of
-from flexhinf.robot.dynamics.tree import Tree
 
 
 def inverse_dynamics(

@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf.design.along_move import MOST_LAWS, AlongMove
-from flexhinf.design.report.drawing import figure_block, reference_line
-from flexhinf.design.report.formatting import pose_text, units_of
+from flexhinf.design.report.drawing import figure_block, pose_text, reference_line, units_of
 from flexhinf.design.result import Design
 from flexhinf.report import SERIES, Column, Figure, Paragraph, Table, house_style, label, new_figure, number
 

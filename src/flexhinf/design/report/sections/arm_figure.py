@@ -11,7 +11,7 @@ from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.report.drawing import figure_block, panels
 from flexhinf.report import INK, MUTED, SERIES, WIDTH, Figure, house_style, label, number
 from flexhinf.robot import Robot
-from flexhinf.robot.skeleton import skeleton
+from flexhinf.robot.kinematics import skeleton
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -9,7 +9,7 @@ import numpy as np
 
 from flexhinf.analysis import GrowthRates, ToleranceCorners
 from flexhinf.design.evaluation import LawEvaluation
-from flexhinf.design.report.formatting import changes_text, count_text
+from flexhinf.design.report.drawing import changes_text, count_text
 from flexhinf.design.result import Design
 from flexhinf.report import Paragraph, Table, number
 

@@ -6,13 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.design.report.drawing import figure_block, frequency_axis, line_style, panels
-from flexhinf.design.report.formatting import range_text
+from flexhinf.design.report.drawing import figure_block, frequency_axis, line_style, panels, range_text
 from flexhinf.design.result import Design
 from flexhinf.design.weights.choose import required_damping
-from flexhinf.design.weights.estimator_noise import MOST_NOISE
-from flexhinf.design.weights.noise_candidates import NoiseCandidate, NoiseSearch
-from flexhinf.design.weights.scales import JointScales
+from flexhinf.design.weights.design_problem import JointScales
+from flexhinf.design.weights.estimator_noise import MOST_NOISE, NoiseCandidate, NoiseSearch
 from flexhinf.report import INK, Column, Figure, Paragraph, Table, house_style, label, number
 
 #: Candidates of the trade-off in a table, beside the default and the one that is used.

@@ -8,14 +8,17 @@ from typing import Any
 import numpy as np
 
 from flexhinf.design.modes import Mode
-from flexhinf.design.report.drawing import figure_block, framed, reference_line, thin
-from flexhinf.design.report.formatting import (
+from flexhinf.design.report.drawing import (
     Units,
     count_text,
+    figure_block,
     finite,
+    framed,
     joint_table,
     range_text,
+    reference_line,
     rounded,
+    thin,
     units_of,
 )
 from flexhinf.design.report.sections.poles import vibration_damping

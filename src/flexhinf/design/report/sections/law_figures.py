@@ -8,11 +8,11 @@ from typing import Literal
 
 import numpy as np
 
-from flexhinf.design.report.formatting import pose_text, units_of
+from flexhinf.design.report.drawing import pose_text, units_of
 from flexhinf.design.report.sections.requirements import limit_text
 from flexhinf.design.result import ComparedLaw, Comparison
 from flexhinf.report import number
-from flexhinf.report.text import escape, prose
+from flexhinf.report.blocks import escape, prose
 
 #: Two figures are equally good within this relative difference, or the smallest difference that counts.
 SHARED = 0.005

@@ -12,8 +12,7 @@ import numpy as np
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.laws import NL_HINF
 from flexhinf.design.ranking import TradeOff
-from flexhinf.design.report.drawing import figure_block, line_style, panels, reference_line, thin
-from flexhinf.design.report.formatting import units_of
+from flexhinf.design.report.drawing import figure_block, line_style, panels, reference_line, thin, units_of
 from flexhinf.design.result import ComparedLaw, Comparison
 from flexhinf.report import Figure, house_style, label
 

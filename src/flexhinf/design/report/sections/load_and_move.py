@@ -9,14 +9,16 @@ import numpy as np
 
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.report.drawing import (
+    Units,
     figure_block,
     joint_lines,
+    joint_table,
     limit_lines,
     plan_lines,
     reference_line,
+    units_of,
     vertical_line,
 )
-from flexhinf.design.report.formatting import Units, joint_table, units_of
 from flexhinf.design.report.sections.step import effort_limit, peak_text
 from flexhinf.design.responses import LoadResponse
 from flexhinf.design.result import Design

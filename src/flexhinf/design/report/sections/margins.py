@@ -9,11 +9,9 @@ import numpy as np
 
 from flexhinf.analysis import Margins
 from flexhinf.design.evaluation import LawEvaluation
-from flexhinf.design.report.drawing import figure_block, joint_lines
-from flexhinf.design.report.formatting import Units, range_text, units_of
+from flexhinf.design.report.drawing import Units, figure_block, joint_lines, range_text, units_of
 from flexhinf.design.report.sections.frequency import Loop, frequency_figures
-from flexhinf.design.result import Design
-from flexhinf.design.status import FEW_PERIODS, NOISE_FRACTION
+from flexhinf.design.result import FEW_PERIODS, NOISE_FRACTION, Design
 from flexhinf.report import Column, Figure, Paragraph, Table, label, legend, new_figure, number
 
 #: Bandwidths of more joints than this are given as a range.

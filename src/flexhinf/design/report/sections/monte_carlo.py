@@ -9,8 +9,15 @@ import numpy as np
 
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.monte_carlo import MonteCarlo
-from flexhinf.design.report.drawing import DASHED, figure_block, panels, reference_line
-from flexhinf.design.report.formatting import Units, changes_text, units_of
+from flexhinf.design.report.drawing import (
+    DASHED,
+    Units,
+    changes_text,
+    figure_block,
+    panels,
+    reference_line,
+    units_of,
+)
 from flexhinf.design.result import Design
 from flexhinf.report import (
     INK,

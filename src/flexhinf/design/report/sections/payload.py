@@ -9,7 +9,7 @@ import numpy as np
 
 from flexhinf.analysis import Margins
 from flexhinf.design.carrying import Carried
-from flexhinf.design.report.formatting import finite, listed, units_of
+from flexhinf.design.report.drawing import finite, listed, units_of
 from flexhinf.design.report.sections.load_and_move import load_figure
 from flexhinf.design.requirements import RINGS, carrying_requirements
 from flexhinf.design.responses import Response

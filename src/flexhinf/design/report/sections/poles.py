@@ -9,8 +9,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from flexhinf.design.modes import Mode
-from flexhinf.design.report.drawing import figure_block, frequency_axis, panels, reference_line, vertical_line
-from flexhinf.design.report.formatting import range_text
+from flexhinf.design.report.drawing import (
+    figure_block,
+    frequency_axis,
+    panels,
+    range_text,
+    reference_line,
+    vertical_line,
+)
 from flexhinf.design.requirements import RINGS
 from flexhinf.design.result import Design
 from flexhinf.loop.simulation.metrics import damping_ratio

@@ -9,10 +9,16 @@ from typing import Any
 import numpy as np
 
 from flexhinf.analysis import BudgetTerm
-from flexhinf.design.degree_rule import ACTING, GAIN
-from flexhinf.design.degrees import DegreeChoice
-from flexhinf.design.report.drawing import DASHED, figure_block, thin
-from flexhinf.design.report.formatting import amplitude_text, count_text, law_name, units_of
+from flexhinf.design.degrees import ACTING, GAIN, DegreeChoice
+from flexhinf.design.report.drawing import (
+    DASHED,
+    amplitude_text,
+    count_text,
+    figure_block,
+    law_name,
+    thin,
+    units_of,
+)
 from flexhinf.design.report.proof import BOX_FILE, covers_tolerances, penalty_text, proof_text
 from flexhinf.design.result import Design
 from flexhinf.hinf import smallest_gamma

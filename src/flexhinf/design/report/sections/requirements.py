@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from flexhinf.design.joint_limits import JointLimits
-from flexhinf.design.report.formatting import Units, units_of
-from flexhinf.design.report.formatting import limit_text as effort_text
+from flexhinf.design.report.drawing import Units, units_of
+from flexhinf.design.report.drawing import limit_text as effort_text
 from flexhinf.design.requirements import Requirement
 from flexhinf.design.responses import Response
 from flexhinf.design.result import Design

@@ -8,8 +8,15 @@ from typing import Any
 import numpy as np
 
 from flexhinf.design.hunting import WIDEST, RestRun
-from flexhinf.design.report.drawing import figure_block, joint_lines, limit_lines, reference_line
-from flexhinf.design.report.formatting import joint_table, listed, units_of
+from flexhinf.design.report.drawing import (
+    figure_block,
+    joint_lines,
+    joint_table,
+    limit_lines,
+    listed,
+    reference_line,
+    units_of,
+)
 from flexhinf.design.result import Design
 from flexhinf.design.weights.choose import preset_of
 from flexhinf.loop.simulation.metrics import REST_TAIL, tail_of

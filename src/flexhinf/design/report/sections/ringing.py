@@ -8,8 +8,14 @@ from typing import Any
 import numpy as np
 
 from flexhinf.design.impulse import AFTER, ImpulseRuns
-from flexhinf.design.report.drawing import DASHED, figure_block, joint_lines, reference_line
-from flexhinf.design.report.formatting import joint_table, units_of
+from flexhinf.design.report.drawing import (
+    DASHED,
+    figure_block,
+    joint_lines,
+    joint_table,
+    reference_line,
+    units_of,
+)
 from flexhinf.design.result import Design
 from flexhinf.loop.simulation.ring_down import VISIBLE
 from flexhinf.report import MUTED, Column, Figure, house_style, label, legend, new_figure, number

@@ -10,23 +10,21 @@ import numpy as np
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.joint_limits import ROBOT
 from flexhinf.design.report.drawing import (
+    ESTIMATORS,
+    Units,
     figure_block,
     framed,
     joint_lines,
-    limit_lines,
-    plan_lines,
-    reference_line,
-    thin,
-    widened,
-)
-from flexhinf.design.report.formatting import (
-    ESTIMATORS,
-    Units,
     joint_table,
+    limit_lines,
     limit_text,
     listed,
+    plan_lines,
+    reference_line,
     settling_text,
+    thin,
     units_of,
+    widened,
 )
 from flexhinf.design.report.sections.arm_figure import arm_of
 from flexhinf.design.responses import Response

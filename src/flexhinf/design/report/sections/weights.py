@@ -7,12 +7,18 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from flexhinf.design.report.drawing import DASHED, figure_block, panels, vertical_line
-from flexhinf.design.report.formatting import count_text, finite, range_text
+from flexhinf.design.report.drawing import (
+    DASHED,
+    count_text,
+    figure_block,
+    finite,
+    panels,
+    range_text,
+    vertical_line,
+)
 from flexhinf.design.result import Design
 from flexhinf.design.weights.design_problem import Robustness
-from flexhinf.design.weights.robust_preset import WholeLoopSearch
-from flexhinf.design.weights.whole_loop import NOISE
+from flexhinf.design.weights.whole_loop import NOISE, WholeLoopSearch
 from flexhinf.plant import GeneralisedPlant
 from flexhinf.report import INK, SERIES, Column, Figure, Paragraph, Table, house_style, label, number
 from flexhinf.robot.signals import signal_names

@@ -1,4 +1,9 @@
-"""The linear loop at the corners of the tolerances, over choices of the estimator's noise.
+"""True plants within the tolerances: at the corners, with one number at one end, and Monte Carlo samples.
+
+This room knows no robot: it is given a function from signs (−1, 0 or 1 for each uncertain number) to parameters of a
+plant, `flexhinf.robot.Robot.corner`, and one from a generator, `Robot.draw`.
+
+The linear loop at the corners of the tolerances, over choices of the estimator's noise.
 
 A corner has every uncertain number at one end of its interval: 2^p corners of p numbers. A loop is stable at a corner
 if its multipliers there are inside the unit circle, at the equilibrium that it has with that plant.
@@ -6,10 +11,13 @@ if its multipliers there are inside the unit circle, at the equilibrium that it 
 The gain of an estimator depends on the ratio of R^v to R^n alone, and R^v has a direction too: whether every state is
 taken to be disturbed, all velocities (what a model misses are torques), those of the links or those of the motors. A
 loop that is stable at all corners with one R^v need not be with another one, so each result names the R^v it is for.
+
+How far the tolerances of a robot may grow, all by one factor, until a loop is unstable at one of their corners.
 """
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import takewhile
@@ -18,8 +26,105 @@ from typing import Any
 import numpy as np
 
 from flexhinf.analysis.equilibrium_loop import EquilibriumLoop
-from flexhinf.analysis.population import Population, corner_population
 from flexhinf.analysis.process_noise import FORMS, LARGE, ProcessNoise, standard_noises
+from flexhinf.errors import InvalidInput
+
+
+@dataclass(frozen=True, eq=False)
+class Population:
+    """True plants.
+
+    Attributes
+    ----------
+    values : tuple of mappings by name
+        Parameters of each plant, numbers or arrays.
+    kinds : (N,) array of str
+        "draw", "corner", "single" or "nominal".
+    signs : (N, p) array
+        Of the uncertain numbers; NaN for draws.
+    nominal : mapping by name
+        Parameters of the nominal plant.
+    """
+
+    values: tuple[Mapping[str, Any], ...]
+    kinds: np.ndarray
+    signs: np.ndarray
+    nominal: Mapping[str, Any]
+
+    def __len__(self) -> int:
+        return len(self.values)
+
+    def describe(self, k: int) -> str:
+        """A plant by its changes in per cent: ``stiffness 2 -12 %, mass 1 +3 %``."""
+        parts = []
+        for name, value in self.values[k].items():
+            new, old = (np.ravel(np.asarray(v, dtype=float)) for v in (value, self.nominal[name]))
+            for i in np.flatnonzero((new != 0.0) & (old != 0.0)):
+                change = 100.0 * (new[i] / old[i] - 1.0)
+                place = f" {i + 1}" if len(new) > 1 else ""
+                if abs(change) > 1e-9:
+                    parts.append(f"{name.replace('_', ' ')}{place} {change:+.3g} %")
+        return ", ".join(parts) or "nominal"
+
+
+def corners(uncertain: int, count: int, seed: int = 0) -> np.ndarray:
+    """Signs (N, p) of corners: all 2^p of them if they are at most `count`, else `count` random ones.
+
+    Raises
+    ------
+    InvalidInput
+        If a number is negative or no integer.
+    """
+    for name, number in (("uncertain", uncertain), ("count", count), ("seed", seed)):
+        if isinstance(number, bool) or not isinstance(number, (int, np.integer)) or number < 0:
+            raise InvalidInput(
+                "The corners cannot be counted.",
+                f"expected integers >= 0, got {name}={number!r}",
+                "count=400",
+            )
+    if uncertain < 63 and 2**uncertain <= count:
+        return np.array(list(itertools.product((-1.0, 1.0), repeat=uncertain))).reshape(
+            2**uncertain, uncertain
+        )
+    return np.random.default_rng([seed, 1]).choice([-1.0, 1.0], (count, uncertain))
+
+
+def corner_population(
+    at: Callable[[Sequence[float]], Mapping[str, Any]],
+    uncertain: int,
+    count: int = 400,
+    seed: int = 0,
+    draw: Callable[[np.random.Generator], Mapping[str, Any]] | None = None,
+    draws: int = 100,
+    singles: bool = True,
+) -> Population:
+    """Draws, corners, every uncertain number alone at both of its ends, and the nominal plant, in this order.
+
+    Parameters
+    ----------
+    at : callable
+        Signs (one per uncertain number) → parameters of a plant: `Robot.corner`.
+    uncertain : int
+        How many uncertain numbers there are: ``len(robot.uncertain)``.
+    count : int
+        Corners, if there are more than so many.
+    seed : int
+        Of corners and draws, each with a generator of its own.
+    draw : callable, optional
+        Generator → parameters: `Robot.draw`. Without it nothing is drawn.
+    singles : bool
+        Whether plants with one number at one end are among them.
+    """
+    rng, found = np.random.default_rng(seed), corners(uncertain, count, seed)
+    drawn = [] if draw is None else [draw(rng) for _ in range(draws)]
+    unit = np.eye(uncertain) if singles else np.zeros((0, uncertain))
+    alone = np.array([sign * row for row in unit for sign in (-1.0, 1.0)]).reshape(-1, uncertain)
+    signs = np.vstack([found, alone, np.zeros((1, uncertain))])
+    values = (*drawn, *(at(row.tolist()) for row in signs))
+    kinds = ["draw"] * len(drawn) + ["corner"] * len(found) + ["single"] * len(alone) + ["nominal"]
+    whole = np.vstack([np.full((len(drawn), uncertain), np.nan), signs])
+    return Population(values, np.array(kinds), whole, values[-1])
+
 
 #: All corners are computed of up to so many uncertain numbers (4096 corners), unless that takes more operations than
 #: these (the cube of the states for each corner): with eleven numbers more than a hundred states.
@@ -314,3 +419,118 @@ def _between(
         peaks = np.flatnonzero((higher > rates[:-2]) & (higher > rates[2:])) + 1
         found += [tried[k] for k in peaks[np.argsort(-rates[peaks], kind="stable")][:PEAKS]]
     return found
+
+
+#: Doublings of the tolerances until a corner is unstable; width of the bisection afterwards, relative to the factor.
+DOUBLINGS, WIDTH = 4, 2.5e-4
+
+
+@dataclass(frozen=True, eq=False)
+class ToleranceBox:
+    """The corners of the tolerances as parameter vectors, to be moved away from the nominal plant.
+
+    Parameters are moved along the straight line through each corner. A corner that would change a parameter's sign is
+    none from there on.
+
+    Attributes
+    ----------
+    population : Population
+        The corners, and the nominal plant last.
+    middle : (q,)
+        Of the nominal plant.
+    away : (N, q)
+        From there to each corner.
+    """
+
+    population: Population
+    middle: np.ndarray
+    away: np.ndarray
+
+    @staticmethod
+    def of(
+        loop: EquilibriumLoop,
+        at: Callable[[Sequence[float]], Mapping[str, Any]],
+        uncertain: int | Sequence[Any],
+        seed: int = 0,
+    ) -> ToleranceBox:
+        """Parameters as for `tolerance_corners`."""
+        population, _ = corner_plants(loop, at, uncertain, seed)
+        table = loop.plant.parameters
+        *ends, middle = loop.vectors([table.known(values) for values in population.values])
+        return ToleranceBox(population, middle, np.array(ends) - middle)
+
+    def __len__(self) -> int:
+        return len(self.away)
+
+    def unstable(
+        self,
+        loop: EquilibriumLoop,
+        scale: float,
+        which: np.ndarray | None = None,
+        process_noise: np.ndarray | None = None,
+    ) -> np.ndarray:
+        """Those of some corners (all by default) that are unstable with all tolerances times a factor, the fastest
+        first."""
+        which = np.arange(len(self)) if which is None else which
+        moved = self.middle + scale * self.away[which]
+        which = which[np.all((moved * self.middle > 0.0) | (self.away[which] == 0.0), axis=1)]
+        if not len(which):
+            return which
+        rates = loop.modes(self.middle + scale * self.away[which], process_noise).rate
+        order = np.argsort(-rates, kind="stable")
+        return which[order][rates[order] >= 0.0]
+
+    def edge(
+        self,
+        loop: EquilibriumLoop,
+        which: np.ndarray | None = None,
+        process_noise: np.ndarray | None = None,
+        most: float = 2.0**DOUBLINGS,
+        width: float = WIDTH,
+    ) -> tuple[float, int]:
+        """Smallest factor with which one of some corners is unstable, and this corner, found by doubling and bisection.
+
+        Parameters
+        ----------
+        which : (M,) array of int, optional
+            Corners; all by default.
+        process_noise : (n, n) array, optional
+            R^v instead of the filter's.
+        most, width : float
+            Where the search ends; relative width of the bisection.
+
+        Returns
+        -------
+        scale : float
+            Infinite if no corner is unstable up to `most`; zero if the nominal loop is unstable.
+        corner : int
+            −1 where there is none.
+        """
+        if loop.modes(self.middle[None, :], process_noise).rate[0] >= 0.0:
+            return 0.0, -1
+        low, high = 0.0, 1.0
+        while not len(found := self.unstable(loop, high, which, process_noise)):
+            if high >= most:
+                return np.inf, -1
+            low, high = high, min(2.0 * high, most)
+        while high - low > width * high:
+            centre = 0.5 * (low + high)
+            now = self.unstable(loop, centre, which, process_noise)
+            low, high, found = (low, centre, now) if len(now) else (centre, high, found)
+        return high, int(found[0])
+
+
+def destabilising_scale(
+    loop: EquilibriumLoop,
+    at: Callable[[Sequence[float]], Mapping[str, Any]],
+    uncertain: int | Sequence[Any],
+    process_noise: np.ndarray | None = None,
+    *,
+    most: float = 2.0**DOUBLINGS,
+    seed: int = 0,
+) -> tuple[float, int]:
+    """Smallest common factor of all tolerances with which some corner is unstable, and this corner.
+
+    Parameters as for `tolerance_corners` and `ToleranceBox.edge`, whose result it is.
+    """
+    return ToleranceBox.of(loop, at, uncertain, seed).edge(loop, None, process_noise, most)

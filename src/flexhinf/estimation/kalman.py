@@ -1,11 +1,22 @@
-"""The unscented Kalman filter: the paper's Algorithm 1, in matrix form.
+"""Sigma points and their weights, Eq. (10).
+
+The unscented Kalman filter: the paper's Algorithm 1, in matrix form.
 
 Comments number the steps of Algorithm 1. Its γ of steps 1 and 5 is `SigmaPoints.spread`.
+
+The extended Kalman filter with exact Jacobians of the sampled plant.
+
+The Jacobian is that of the integrated map F itself, through symbols, not I + A·period: a comparison with a
+filter that drops terms would say little. Nothing needs the matrix ∂F/∂x, only what it does to a square root of
+the covariance: that is carried along, column by column, through every Runge–Kutta step.
 """
 
 from __future__ import annotations
 
+import math
+import warnings
 from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -14,11 +25,84 @@ import numpy as np
 from flexhinf.codegen import DIRECT
 from flexhinf.errors import InvalidInput
 from flexhinf.estimation.filter import RecursiveFilter, correction, gained, rooted
-from flexhinf.estimation.sigma_points import SigmaPoints
 from flexhinf.plant import Gaussian, Plant
-from flexhinf.scalars import cholesky, clip, trace
+from flexhinf.scalars import apply, cholesky, clip, trace
 from flexhinf.scalars.dependence import linear
 from flexhinf.untrusted import read_only, real_array, real_number, value_text
+
+
+@dataclass(frozen=True)
+class SigmaPoints:
+    """The scaled unscented transform of n variables.
+
+    Parameters
+    ----------
+    n : int
+        Number of variables; there are 2n + 1 points.
+    alpha, beta, kappa : float
+        Table 3. λ = α²(n + κ) − n; the paper's γ = √(n + λ) of Eq. (10) is `spread` here, because γ is also
+        the attenuation level.
+
+    Raises
+    ------
+    InvalidInput
+        If the spread is not a positive number.
+    """
+
+    n: int
+    alpha: float = 1.0
+    beta: float = 2.0
+    kappa: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not (
+            self.alpha > 0.0
+            and self.n + self.kappa > 0.0
+            and math.isfinite(self.beta + self.alpha + self.kappa)
+        ):
+            raise InvalidInput(
+                "These scaling parameters give no sigma points.",
+                f"expected finite numbers with alpha > 0 and kappa > {-self.n}, got alpha={self.alpha}, "
+                f"beta={self.beta}, kappa={self.kappa}",
+                "the paper's alpha=1, beta=2, kappa=0",
+            )
+        if self.covariance_weights.min() < 0.0:
+            warnings.warn(
+                f"The central covariance weight is negative ({self.covariance_weights[0]:.4g}): the "
+                "estimated covariance may become indefinite. With alpha=1, beta=2, kappa=0 none is negative.",
+                stacklevel=4,
+            )
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(read_only(state))  # copies share their arrays
+
+    @cached_property
+    def spread(self) -> float:
+        """√(n + λ)."""
+        return self.alpha * math.sqrt(self.n + self.kappa)
+
+    @cached_property
+    def mean_weights(self) -> np.ndarray:
+        """Wᵐ, (2n + 1,)."""
+        total = self.spread**2
+        return read_only(np.array([(total - self.n) / total] + [0.5 / total] * (2 * self.n)))
+
+    @cached_property
+    def covariance_weights(self) -> np.ndarray:
+        """Wᶜ, (2n + 1,)."""
+        weights = self.mean_weights.copy()
+        weights[0] += 1.0 - self.alpha**2 + self.beta
+        return read_only(weights)
+
+    def offsets(self, column: Any) -> tuple[Any, Any]:
+        """Deviations of two points from the mean, for a column of a square root of P."""
+        offset = self.spread * column
+        return offset, -offset
+
+    def pair(self, column: Any, mean: Any) -> tuple[Any, Any]:
+        """These two points."""
+        offset, other = self.offsets(column)
+        return mean + offset, mean + other
 
 
 class SampledGaussian(NamedTuple):
@@ -210,3 +294,48 @@ class UnscentedKalmanFilter(RecursiveFilter):
 def less(row: Any, mean: Any) -> Any:
     """Deviations of numbers from their mean."""
     return row - mean
+
+
+class ExtendedKalmanFilter(RecursiveFilter):
+    """Kalman filter along the estimate; parameters as in `flexhinf.estimation.filter.RecursiveFilter`."""
+
+    @property
+    def estimator_key(self) -> str:
+        """Method, period and sub-steps: constants of the traced code."""
+        return f"ekf {self.period!r} {self.sub_steps} x {self.stages}"
+
+    @property
+    def operations(self) -> int:
+        """Roughly, the operations of both updates as one trace: derivatives along every state through F."""
+        n = self.plant.n
+        return n * (2 * self.stages * self.sub_steps * self.plant.traced_flow.n_instructions() + n * n)
+
+    @cached_property
+    def _tangent(self) -> Any:
+        """(x, v, u, p) → ∂sub_step/∂x · v as a CasADi function."""
+        import casadi as ca
+
+        sizes = (self.plant.n, len(self.plant.inputs), self.plant.parameters.size)
+        moved = trace(self.sub_step, *sizes, name="sub_step")
+        inputs = [ca.SX.sym(name, size) for name, size in zip("xup", sizes)]
+        direction = ca.SX.sym("v", self.plant.n)
+        along = ca.densify(ca.jtimes(moved.call(inputs)[0], inputs[0], direction))
+        return ca.Function("tangent", [inputs[0], direction, *inputs[1:]], [along], {"cse": True})
+
+    def tangent(self, direction: Any, x: Any, u: Any, p: Any) -> Any:
+        """Derivative of `sub_step` at x along a direction, (n,)."""
+        return apply(self._tangent, x, direction, u, p)[0]
+
+    def time_stages(self, run: Any, belief: Any, u: Any, p: Any, process_noise: Any) -> Gaussian:
+        """x(k|k) → x(k+1|k): F(x̂, u) and A P Aᵀ + R^v with A = ∂F/∂x."""
+        mean, spread = belief.mean, run.cholesky(belief.covariance)
+        for _ in range(self.sub_steps):
+            spread = run.columns(self.tangent, spread, mean, u, p)
+            mean = run.call(self.sub_step, mean, u, p)
+        return Gaussian(mean, run.gram(spread, np.ones(self.plant.n), process_noise))
+
+    def innovation_stages(
+        self, run: Any, belief: Any, y: Any, u: Any, p: Any, measurement_noise: Any
+    ) -> tuple[Any, Any, Any]:
+        """x(k|k−1) → (x(k|k), innovation, its covariance), with C = ∂H/∂x."""
+        return self.linear_innovation(run, belief, y, u, p, measurement_noise)
