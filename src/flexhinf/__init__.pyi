@@ -1,6 +1,8 @@
 """Public names and the rooms that they come from; a room is loaded when one of its names is first used."""
 
 from .campaign import run_campaign as run_campaign
+from .certify import Certificate as Certificate
+from .certify import load_certificate as load_certificate
 from .design import Comparison as Comparison
 from .design import Design as Design
 from .design import Specification as Specification
@@ -10,6 +12,8 @@ from .design import load_design as load_design
 from .errors import FlexhinfError as FlexhinfError
 from .errors import InfeasibleGamma as InfeasibleGamma
 from .errors import InvalidInput as InvalidInput
+from .errors import NotDetectable as NotDetectable
+from .errors import NotStabilisable as NotStabilisable
 from .errors import NumericalFailure as NumericalFailure
 from .estimation import ExtendedKalmanFilter as ExtendedKalmanFilter
 from .estimation import OutputInjectionObserver as OutputInjectionObserver
@@ -39,7 +43,11 @@ from .loop import Step as Step
 from .loop import Trajectory as Trajectory
 from .loop import Waypoints as Waypoints
 from .loop import load_controller as load_controller
+from .plant import BlackBox as BlackBox
+from .plant import Estimator as Estimator
+from .plant import Gaussian as Gaussian
 from .plant import GeneralisedPlant as GeneralisedPlant
+from .plant import Law as Law
 from .plant import Penalty as Penalty
 from .plant import Plant as Plant
 from .plant import PolynomialPlant as PolynomialPlant

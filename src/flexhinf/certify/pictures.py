@@ -13,7 +13,7 @@ from flexhinf.certify.claim import Claim
 from flexhinf.certify.sampled_gain import longest_run, start_at
 from flexhinf.certify.starts import path_states
 from flexhinf.certify.terms import Start
-from flexhinf.hinf.margin import Penalty, checked_pair
+from flexhinf.hinf.margin import CheckedPenalty, checked_pair
 from flexhinf.hinf.rays import Inequality
 from flexhinf.hinf.sampled import sample_region
 from flexhinf.hinf.value_function import ValueFunction
@@ -122,7 +122,7 @@ class WorstStep:
 
 
 def start_surface(
-    solution: ValueFunction, certificate: Claim, penalty: Penalty | None = None
+    solution: ValueFunction, certificate: Claim, penalty: CheckedPenalty | None = None
 ) -> StartSurface | None:
     """V and r where steps start; None without starts, or with other than one integrator."""
     chosen = [(start, [i for i, row in enumerate(start.table) if row]) for start in certificate.starts]
@@ -143,7 +143,7 @@ def start_surface(
 
 
 def limit_slice(
-    solution: ValueFunction, certificate: Claim, penalty: Penalty | None = None
+    solution: ValueFunction, certificate: Claim, penalty: CheckedPenalty | None = None
 ) -> LimitSlice | None:
     """The plane in which the sampled level ends; None where sampling finds no end."""
     check = sample_region(solution, certificate.gamma, penalty)
@@ -189,7 +189,7 @@ def _extent(
 
 
 def _on(
-    solution: ValueFunction, certificate: Claim, penalty: Penalty | None, points: np.ndarray
+    solution: ValueFunction, certificate: Claim, penalty: CheckedPenalty | None, points: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """V and r + αV at deviations (B, A, n), each (B, A)."""
     flat = points.reshape(-1, points.shape[-1])

@@ -34,7 +34,7 @@ from flexhinf.certify.starts import largest_values, robot_start, start_inside, s
 from flexhinf.certify.terms import MOST_STATES, Polynomial
 from flexhinf.certify.theorem import few_bits, law_polynomials, signals, statement_of, with_units
 from flexhinf.errors import InvalidInput, NumericalFailure
-from flexhinf.hinf.margin import Penalty
+from flexhinf.hinf.margin import CheckedPenalty
 from flexhinf.hinf.sampled import sample_region
 from flexhinf.hinf.value_function import ValueFunction
 from flexhinf.plant.plant import GeneralisedPlant
@@ -93,7 +93,7 @@ class _Extent:
 def certify(
     solution: ValueFunction,
     gamma: float | None = None,
-    penalty: Penalty | None = None,
+    penalty: CheckedPenalty | None = None,
     level: float | None = None,
     *,
     decay: float = 0.0,

@@ -17,7 +17,7 @@ from flexhinf.certify.checker import Verification
 from flexhinf.certify.claim import Claim
 from flexhinf.certify.reading import PlantTerms, plant_terms
 from flexhinf.certify.terms import Function, Observer, Parameter, Polynomial, Signal, Start, Term, Terms
-from flexhinf.hinf.margin import Penalty, checked_pair
+from flexhinf.hinf.margin import CheckedPenalty, checked_pair
 from flexhinf.hinf.value_function import ValueFunction
 from flexhinf.plant.plant import GeneralisedPlant
 from flexhinf.plant.polynomial_plant import Problem
@@ -31,7 +31,7 @@ _BITS = 20  # of the entries of T
 def statement_of(
     solution: ValueFunction,
     gamma: float | None,
-    penalty: Penalty | None,
+    penalty: CheckedPenalty | None,
     *,
     decay: float = 0.0,
     level: float = 1.0,

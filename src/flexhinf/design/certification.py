@@ -46,8 +46,7 @@ from flexhinf.design.specification import Specification
 from flexhinf.design.synthesis import Synthesis, checked_penalty, synthesise
 from flexhinf.design.weights.choose import measured_problem
 from flexhinf.errors import FlexhinfError, InvalidInput, NumericalFailure
-from flexhinf.plant import GeneralisedPlant
-from flexhinf.plant import Penalty as WeightPenalty
+from flexhinf.plant import GeneralisedPlant, Penalty
 from flexhinf.robot import Robot
 
 Progress = Callable[[str], None]
@@ -261,7 +260,7 @@ def evidence(robot: Robot, s: Specification, one: CertifiedDegree) -> Evidence:
     weights = None
     if s.checked_penalty is not None and not callable(s.checked_penalty):
         groups = robot.plant().groups
-        weights = WeightPenalty.of(s.checked_penalty).expanded(groups).states
+        weights = Penalty.of(s.checked_penalty).expanded(groups).states
     worst = tuple(worst_step(solution, given, start) for start in given.starts)
     slices = start_surface(solution, given, weights), limit_slice(solution, given, weights)
     return Evidence(given, *slices, worst, attained)

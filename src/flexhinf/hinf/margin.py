@@ -19,12 +19,14 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from numbers import Real
+from typing import Any
 
 import numpy as np
 
 from flexhinf.errors import InvalidInput
 from flexhinf.hinf.value_function import ValueFunction
 from flexhinf.notebook import Summarised, number_text
+from flexhinf.plant.penalty import Penalty
 from flexhinf.untrusted import real_array
 
 GAMMA_MARGIN = 1.1  # default: checked gamma over designed gamma
@@ -36,7 +38,10 @@ DEFINITE = 1e-9
 
 _DIFFERENCE = 1e-4  # deviation for the slope of a penalty function
 
-Penalty = Callable[[np.ndarray], np.ndarray] | Mapping[str, float] | Sequence[float] | np.ndarray
+#: h of a check: a `Penalty` with the R2 of the design, or the weights, the matrix or the function h(x) alone.
+CheckedPenalty = (
+    Penalty | Callable[[np.ndarray], np.ndarray] | Mapping[str, Any] | Sequence[float] | np.ndarray
+)
 Output = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 
@@ -116,7 +121,7 @@ class CheckedMargin(Summarised):
 
 
 def checked_margin(
-    solution: ValueFunction, gamma: float | None = None, penalty: Penalty | None = None
+    solution: ValueFunction, gamma: float | None = None, penalty: CheckedPenalty | None = None
 ) -> CheckedMargin:
     """The margin M between the designed pair and the checked one; arguments as `HJISolution.sampled_region`."""
     pair = checked_pair(solution, gamma, penalty)
@@ -138,7 +143,7 @@ def checked_margin(
 
 
 def checked_pair(
-    solution: ValueFunction, gamma: float | None = None, penalty: Penalty | None = None
+    solution: ValueFunction, gamma: float | None = None, penalty: CheckedPenalty | None = None
 ) -> CheckedPair:
     """The checked γ and penalty; arguments as `HJISolution.sampled_region`."""
     checked = GAMMA_MARGIN * solution.gamma if gamma is None else gamma
@@ -155,15 +160,25 @@ def checked_pair(
 
 
 def _checked_penalty(
-    solution: ValueFunction, penalty: Penalty | None
+    solution: ValueFunction, penalty: CheckedPenalty | None
 ) -> tuple[Callable[[np.ndarray, np.ndarray], np.ndarray], str]:
     """A function (x, designed h) → checked h, and its description."""
     n = len(solution.P)
     if penalty is None:
         return lambda x, h: PENALTY_MARGIN * h, f"{PENALTY_MARGIN} times the designed penalty"
+    if isinstance(penalty, Penalty):
+        penalty = _weights_of(solution, penalty)
     if callable(penalty):
         return lambda x, h: penalty(x), "a given penalty function"
     if isinstance(penalty, Mapping):
+        members = {
+            name: [state for state in solution.state_names if _belongs(state, name)] for name in penalty
+        }
+        groups = {
+            name: found for name, found in members.items() if found and name not in solution.state_names
+        }
+        penalty = Penalty(penalty).expanded(groups).states
+        assert isinstance(penalty, Mapping)
         unknown = sorted(set(penalty) - set(solution.state_names))
         if unknown:
             raise InvalidInput(
@@ -181,3 +196,29 @@ def _checked_penalty(
             "one weight per state, or {name: weight}",
         )
     return lambda x, h: x @ matrix.T, f"penalty weights {np.array2string(weights, precision=6)}"
+
+
+def _belongs(state: str, group: str) -> bool:
+    """Whether a state is one joint's of a group: link_position_elbow of link_position, and so for integrals."""
+    stem, integral = group.removesuffix("_integral"), "_integral" if group.endswith("_integral") else ""
+    return state.startswith(f"{stem}_") and state.endswith(integral) and (
+        bool(integral) or not state.endswith("_integral")
+    )  # fmt: skip
+
+
+def _weights_of(solution: ValueFunction, penalty: Penalty) -> Any:
+    """h of a penalty whose R2 is that of the design: the check is about the law, which was made with that R2."""
+    designed = solution.expansion.r2
+    if not np.allclose(penalty.r2(len(designed)), designed, rtol=1e-9, atol=0.0):
+        raise InvalidInput(
+            "The checked penalty has another R2 than the design.",
+            f"expected {designed.tolist()}, got {penalty.r2(len(designed)).tolist()}",
+            "Penalty(states, effort=…) with the R2 of the design, or its states alone: penalty.states",
+        )
+    if callable(penalty.states):
+        raise InvalidInput(
+            "A penalty of code has parameters that a solution does not know.",
+            f"expected weights, a matrix, or a function of x alone, got {penalty.states!r}",
+            "penalty=lambda x: … of deviations x (N, n)",
+        )
+    return penalty.states

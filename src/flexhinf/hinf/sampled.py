@@ -21,7 +21,7 @@ from numbers import Integral, Real
 import numpy as np
 
 from flexhinf.errors import InvalidInput, NumericalFailure
-from flexhinf.hinf.margin import Penalty, checked_margin, checked_pair
+from flexhinf.hinf.margin import CheckedPenalty, checked_margin, checked_pair
 from flexhinf.hinf.rays import Inequality, Landscape, Stops, ascend, touching_point
 from flexhinf.hinf.value_function import ValueFunction
 from flexhinf.notebook import Summarised, number_text
@@ -265,7 +265,7 @@ class SampledCheck(Summarised):
 def sample_region(
     solution: ValueFunction,
     gamma: float | None = None,
-    penalty: Penalty | None = None,
+    penalty: CheckedPenalty | None = None,
     *,
     rays: int = 500,
     seed: int = 0,

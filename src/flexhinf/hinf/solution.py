@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from flexhinf.hinf.accuracy import DOUBTFUL
-from flexhinf.hinf.margin import CheckedMargin, Penalty, checked_margin
+from flexhinf.hinf.margin import CheckedMargin, CheckedPenalty, checked_margin
 from flexhinf.hinf.recursion import DegreeRecord
 from flexhinf.hinf.sampled import SampledCheck, sample_region
 from flexhinf.hinf.storage import read_solution, write_solution
@@ -156,7 +156,7 @@ class HJISolution(ValueFunction, Law):
     def sampled_region(
         self,
         gamma: float | None = None,
-        penalty: Penalty | None = None,
+        penalty: CheckedPenalty | None = None,
         *,
         rays: int = 500,
         seed: int = 0,
@@ -168,9 +168,10 @@ class HJISolution(ValueFunction, Law):
         ----------
         gamma : float, optional
             The attenuation level to check, not below the designed one. Default: 1.1 times the designed one.
-        penalty : callable, mapping, sequence or matrix, optional
-            The penalty to check, smaller than the designed one: h(x) from (N, n) to (N, s), {state: weight},
-            one weight per state, or a matrix (s, n). Default: 0.9 times the designed h.
+        penalty : Penalty, callable, mapping, sequence or matrix, optional
+            The penalty to check, smaller than the designed one: a `Penalty` with the designed R2, h(x) from (N, n) to
+            (N, s), {state or group of states: weight}, one weight per state, or a matrix (s, n). Default: 0.9 times
+            the designed h.
         rays : int
             Directions that are followed outwards first, at most 100,000. The level does not depend on them: violations
             are then looked for by ascent from many starts.
@@ -192,14 +193,16 @@ class HJISolution(ValueFunction, Law):
         """
         return sample_region(self, gamma, penalty, rays=rays, seed=seed, largest=largest)
 
-    def checked_margin(self, gamma: float | None = None, penalty: Penalty | None = None) -> CheckedMargin:
+    def checked_margin(
+        self, gamma: float | None = None, penalty: CheckedPenalty | None = None
+    ) -> CheckedMargin:
         """How much weaker the checked pair of `sampled_region` is than the designed one, near 0; same arguments."""
         return checked_margin(self, gamma, penalty)
 
     def certify(
         self,
         gamma: float | None = None,
-        penalty: Penalty | None = None,
+        penalty: CheckedPenalty | None = None,
         level: float | None = None,
         *,
         decay: float = 0.0,
