@@ -477,3 +477,36 @@ def test_nothing_is_known_beyond_the_reach_and_everything_within(monkeypatch: py
             most = proof.claim.reach * np.abs(slopes).sum()
             _, rest = quotient.at(np.array([-most, most]), np.array([-most, most]))
             assert np.isfinite(rest).all()
+
+
+@pytest.mark.parametrize(("n", "degree"), [(1, 5), (2, 6), (3, 5), (4, 4), (5, 3)])
+def test_a_table_bounds_a_polynomial_of_any_number_of_states(n: int, degree: int) -> None:
+    """(7) to (10), for two components of the parameters, against rationals."""
+    rng = np.random.default_rng(n)
+    context = fmpq_mpoly_ctx.get([f"z{i}" for i in range(n)])
+    every = [e for e in product(range(degree + 1), repeat=n) if 2 <= sum(e) <= degree]
+    polynomials = [
+        context.from_dict({e: fmpq(int(rng.integers(-9, 10)), 4) for e in every if rng.uniform() < 0.5})
+        for _ in range(2)
+    ]
+    table, face = TaylorTable(n, degree, max(degree - 1, 3)), (int(rng.integers(n)), -1)
+    h = np.exp2(-rng.integers(0, 4, (n - 1, 4)).astype(float))
+    t = np.round(rng.uniform(-1, 1, (n - 1, 4)) * (1 / h - 1)) * h
+    begin, end = np.array([0.0, 0.25, 0.5, 0.75]), np.array([0.5, 0.375, 1.0, 1.25])
+    columns = np.stack([table.fill(p, *face) for p in polynomials], 1)[..., None].repeat(4, 2)
+    mid, rad = np.array([1.5, -0.5]), np.array([0.25, 0.5])
+    form, centre = table.on_interval(table.shifted(columns, t, h), _interval(begin, end), (mid, rad))
+    for i in range(4):
+        here = Exact(face, t[:, i].tolist(), h[:, i].tolist(), float(begin[i]), float(end[i]))
+        rows = [here.rows(p) for p in polynomials]
+        low, spread = combined(here, rows, [Q(v) for v in mid], [Q(v) for v in rad])
+        zero = (0, (0,) * (n - 1))
+        about = [float(here.low(one).get(zero, Q(0))) for one in rows]
+        assert centre[:, i] == pytest.approx(about, abs=1e-12)
+        constant = low.pop(zero, Q(0)) + spread.pop(zero, Q(0))
+        tails = here.tails(rows, [Q(v) for v in mid], [Q(v) for v in rad])
+        expected = upper(n, low, spread, tails, constant)
+        one = form.chosen(np.array([i]))
+        assert float(table.upper(one)[0]) == pytest.approx(float(expected), rel=1e-11)
+        without = float(table.upper(one, np.zeros(1))[0])
+        assert without == pytest.approx(float(expected - constant), rel=1e-11)
