@@ -54,3 +54,5 @@ def test_every_term_is_read_as_it_runs() -> None:
                 )
     square = sum(at.polynomial(row) ** 2 for row in claim.penalty)
     np.testing.assert_allclose(square, 0.81 * (h**2).sum(1), rtol=1e-9)  # 0.9 times the designed penalty
+    for read, exact in zip(at.law(), solution.inputs(x).T, strict=True):
+        np.testing.assert_allclose(read, exact, rtol=1e-11, atol=1e-12)

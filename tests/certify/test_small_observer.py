@@ -16,6 +16,7 @@ from flexhinf.certify.checker import observer as checked
 from flexhinf.certify.checker.steering import Refusal
 from flexhinf.certify.terms import Observer
 from flexhinf.certify.theorem import theorem_text
+from flexhinf.errors import InvalidInput
 
 pytestmark = pytest.mark.oracle
 
@@ -275,3 +276,11 @@ def test_the_theorem_has_the_gain_of_both_and_the_largest_error_of_each_state() 
     assert ("Disturbances that last for ever" in text) == (claim.decay == 0)
     decaying = theorem_text(replace(claim, decay=0.5), Verification(True, gradient_law=True))
     assert "Disturbances that last for ever" not in decaying
+
+
+@pytest.mark.parametrize("name", ["measured", "gain", "weight", "storage"])
+def test_matrices_of_other_shapes_are_refused_by_name(name: str) -> None:
+    given = getattr(observer(), name)
+    for wrong in ((*given, given[0]), tuple((*row, 0.0) for row in given)):
+        with pytest.raises(InvalidInput):
+            plant(observer=observer(**{name: wrong}))
