@@ -58,6 +58,17 @@ def three_states() -> Certificate:
     )  # fmt: skip
 
 
+def _negative(width: float) -> Certificate:
+    """`uncertain`, with the weight's sign in the parameter."""
+    claim = uncertain(width)
+    weight = claim.parameters[0]
+    first, (fall,) = claim.drift
+    return replace(
+        claim, parameters=(replace(weight, low=-weight.high, high=-weight.low), claim.parameters[1]),
+        drift=(first, (replace(fall, coefficient=-fall.coefficient),)),
+    )  # fmt: skip
+
+
 def _without_channels() -> Certificate:
     """r = V_x f has the degree of V, so that V decides how many powers of the radius are kept."""
     still, none = (Term(-1.0, (1, 0)),), ((), ())
@@ -69,6 +80,7 @@ CASES = {
     "quadratic V": upright(V_2),
     "degree 4": upright(V_4, 9.0),
     "uncertain": uncertain(0.04),
+    "negative parameters": _negative(0.04),
     "one state": CUBIC,
     "r of V's degree": _without_channels(),
     "three states": three_states(),
@@ -330,7 +342,7 @@ def test_an_interval_of_the_radius_is_never_too_short() -> None:
 def test_parameters_middles_and_radii_hold_every_corner() -> None:
     rng = np.random.default_rng(6)
     for _ in range(6):
-        proof = Proof(uncertain(float(rng.uniform(0.001, 0.3))))
+        proof = Proof((uncertain, _negative)[int(rng.integers(2))](float(rng.uniform(0.001, 0.3))))
         for j, (mid, rad) in enumerate(zip(proof.mid, proof.rad, strict=True)):
             exact = [Q(int(row[j].p), int(row[j].q)) for row in proof.exact_corners]
             assert Q(mid) - Q(rad) <= min(exact)
@@ -437,6 +449,21 @@ def test_which_functions_are_odd_about_their_offset() -> None:
         for name in ("exp", "log"):
             assert not _is_odd(Function(name, (1.0,), 0.0, halves))
         assert not _is_odd(Function("sin", (1.0,), 1e-9, halves))
+
+
+def test_every_direction_is_on_a_face_that_is_looked_at() -> None:
+    """Half of the faces, where V, r and all functions are odd or even alike; else both sides of each."""
+    sine, exponential = upright().functions[0], Function("exp", (0.1, 0.0))
+    fall = upright().drift[1]
+    half, whole = [(0, 1), (1, 1)], [(0, 1), (0, -1), (1, 1), (1, -1)]
+    assert Proof(upright()).faces == half
+    assert sorted(Proof(upright(functions=(exponential,))).faces) == sorted(whole)
+    both = upright(
+        functions=(sine, exponential), drift=(upright().drift[0], (*fall, Term(1e-13, (0, 0), (), 1)))
+    )
+    assert sorted(Proof(both).faces) == sorted(whole)
+    assert sorted(Proof(upright((*V_2, ((3, 0), 1.0)))).faces) == sorted(whole)
+    assert sorted(Proof(three_states()).faces) == [(0, 1), (1, 1), (2, 1)]
 
 
 def test_what_is_nearly_even() -> None:
