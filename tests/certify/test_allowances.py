@@ -13,6 +13,7 @@ import pytest
 from flint import arb, arb_poly, arb_series, ctx, fmpq
 
 from flexhinf.certify import Function
+from flexhinf.certify.checker import quadratic
 from flexhinf.certify.checker.quadratic import quotient_range
 from flexhinf.certify.checker.quotient import GRID, ORDER, Quotient, offset_of, series_of
 from flexhinf.certify.checker.residual import as_rational
@@ -123,8 +124,12 @@ def test_what_a_polynomial_leaves_is_both_terms_of_its_bound(only: str, monkeypa
 # Ranges of quotients ----------------------------------------------------------------------------------------------
 @pytest.mark.parametrize("name", FUNCTIONS)
 @pytest.mark.parametrize("farthest", [0.3, 1.25])
-def test_a_range_holds_what_is_shown_on_each_piece(name: str, farthest: float) -> None:
-    """|S(s) − S(m)| ≤ w max |φ″|/2 on pieces of half width w: the range holds that, and not twice as much."""
+def test_a_range_holds_what_is_shown_on_each_piece(name: str, farthest: float, monkeypatch: Any) -> None:
+    """|S(s) − S(m)| ≤ w max |φ″|/2 on pieces of half width w: the range holds that, and not twice as much.
+
+    Without the piece more that is looked at beyond the end, which hides what the last one lacks.
+    """
+    monkeypatch.setattr(quadratic, "ceil", lambda v: ceil(v) - 1)
     function, pieces = FUNCTIONS[name], 512
     with ctx.workprec(128):
         found = quotient_range(function, as_rational(farthest) ** 2)

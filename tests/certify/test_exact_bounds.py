@@ -54,7 +54,7 @@ def three_states() -> Certificate:
         drift=((line[0], Term(0.3, (0, 0, 0), (), 0)), (line[1], Term(-0.1, (3, 0, 0))), (line[2],)),
         g1=(none, one, none), g2=(none, none, none), law=((),), penalty=((((1, 0, 0), 0.2),),), reach=2.0,
         coordinates=((1.0, 0.1, 0.0), (0.0, 1.0, 0.2), (0.3, 0.0, 1.0)),
-        functions=(Function("sin", (0.7, 0.0, 0.3)),),
+        functions=(Function("sin", (0.7, -0.9, 0.3)),),
     )  # fmt: skip
 
 
