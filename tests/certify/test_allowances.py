@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from flint import arb, arb_poly, arb_series, ctx, fmpq
 
-from flexhinf.certify import Function
+from flexhinf.certify import Function, quotients
 from flexhinf.certify.checker import quadratic
 from flexhinf.certify.checker.quadratic import quotient_range
 from flexhinf.certify.checker.quotient import GRID, ORDER, Quotient, offset_of, series_of
@@ -270,6 +270,8 @@ def test_an_enclosure_is_its_row_and_its_remainder_or_nothing() -> None:
     half = np.r_[0.0, 2.0 ** rng.uniform(-20.0, -1.0, 299)]
     middle = rng.uniform(-1.6, 1.6, 300)
     middle[1:30] = rng.integers(-100, 101, 29) / 64
+    half[30:70] = rng.uniform(0.2, 0.5, 40)  # from nodes of the table to beyond its bounds
+    middle[30:70] = rng.choice([-1.0, 1.0], 40) * rng.uniform(0.9, 1.26, 40)
     low, high = middle - half, middle + half
     found, error = table.enclose(low, high)
     seen = 0
@@ -286,3 +288,10 @@ def test_an_enclosure_is_its_row_and_its_remainder_or_nothing() -> None:
         exact = Q(max(constants)) * max(b - Q(node, 64), Q(node, 64) - a) ** 3
         assert exact <= Q(error[i]) <= exact * (1 + Q(1, 10**10))
     assert seen > 150
+
+
+def test_a_row_that_is_not_known_to_sixty_bits_is_not_used(monkeypatch: Any) -> None:
+    monkeypatch.setattr(quotients, "_BITS", 24)
+    table = quotient_table(FUNCTIONS["sine"], 1.25, 3)
+    assert np.isnan(table.rows).any(axis=1).all()
+    assert np.isinf(table.enclose(np.array([0.1]), np.array([0.2]))[1]).all()
