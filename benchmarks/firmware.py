@@ -45,8 +45,7 @@ DESIGNS = {
 ROWS = [
     *((links, "double", "x86-64") for links in DESIGNS),
     *((links, "float", "x86-64") for links in (1, 2)),
-    *((links, "float", "Cortex-M4F") for links in (1, 2)),
-    (1, "double", "Cortex-M4F"),
+    *((1, real, "Cortex-M4F") for real in ("float", "double")),
 ]
 
 #: Paints the stack below a step, and says how much of it the step used and how large a state is.

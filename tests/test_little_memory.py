@@ -22,8 +22,8 @@ from flexhinf import files, report
 from flexhinf.campaign import Journal, drive
 from flexhinf.codegen import cache
 from flexhinf.errors import FlexhinfError, InvalidInput
+from flexhinf.file_bytes import file_digest, read_bytes
 from flexhinf.files import read_arrays, write_arrays
-from flexhinf.untrusted import file_digest, read_bytes
 
 pytest.importorskip("pyarrow")
 
@@ -143,7 +143,7 @@ def test_a_full_memory_is_not_called_damage(tmp_path: Path, monkeypatch: pytest.
     def full(content: bytes) -> np.ndarray:
         raise MemoryError
 
-    monkeypatch.setattr(files, "_array", full)
+    monkeypatch.setattr(files, "array_of", full)
     with pytest.raises(MemoryError) as error:
         load(tmp_path / "file")
     assert not isinstance(error.value, FlexhinfError)

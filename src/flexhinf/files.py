@@ -30,7 +30,8 @@ from typing import Any, Literal
 import numpy as np
 
 from flexhinf.errors import InvalidInput
-from flexhinf.untrusted import checked_path, read_bytes
+from flexhinf.file_bytes import array_of, read_bytes
+from flexhinf.untrusted import checked_path
 
 try:
     import fcntl
@@ -246,23 +247,11 @@ def read_arrays(path: str | os.PathLike[str]) -> tuple[dict[str, np.ndarray], bo
             if unpacked > min(_LARGEST, 64_000_000 + 2000 * len(content)):
                 raise _unreadable(f"an archive of {len(content)} bytes that unpacks to {unpacked}")
             names = [member.filename for member in archive.infolist()]
-            return {name.removesuffix(".npy"): _array(archive.read(name)) for name in names}, whole
+            return {name.removesuffix(".npy"): array_of(archive.read(name)) for name in names}, whole
     except (InvalidInput, MemoryError):
         raise
     except Exception as error:  # whatever a damaged archive makes zipfile, zlib and NumPy raise
         raise _unreadable(f"damaged or not such a file ({type(error).__name__})") from error
-
-
-def _array(content: bytes) -> np.ndarray:
-    """An array from its file in an archive; what its head promises beyond the file's own bytes takes no memory."""
-    file = io.BytesIO(content)
-    version = np.lib.format.read_magic(file)
-    header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
-    shape, by_columns, kind = header(file)
-    if kind.hasobject or min(shape, default=0) < 0:
-        raise ValueError("no array of numbers or texts")
-    order = "F" if by_columns else "C"
-    return np.ndarray(shape, kind, content, file.tell(), order=order).copy(order)
 
 
 def _digest(content: bytes | memoryview) -> bytes:

@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-import hashlib
 import os
 import re
-import stat
 import tomllib
 import unicodedata
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
-from io import BufferedReader
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -18,10 +14,11 @@ from xml.etree import ElementTree
 import numpy as np
 
 from flexhinf.errors import InvalidInput, readable
+from flexhinf.file_bytes import read_bytes
 
 __all__ = [
-    "HUGE", "LONGEST_NAME", "checked_name", "checked_names", "checked_path", "checked_text", "distinct", "file_digest",
-    "is_real", "read_bytes", "read_only", "read_text", "read_toml", "read_xml", "real_array", "real_number",
+    "HUGE", "LONGEST_NAME", "checked_name", "checked_names", "checked_path", "checked_text", "distinct", "is_real",
+    "read_only", "read_text", "read_toml", "read_xml", "real_array", "real_number",
     "value_text", "within_proportion",
 ]  # fmt: skip
 
@@ -266,43 +263,6 @@ def checked_path(what: str, path: Any) -> Path:
             "for example 'folder/name'",
         )
     return Path(text)
-
-
-def read_bytes(path: Path, most: int) -> bytes:
-    """The first `most` bytes of a regular file, all for −1, in no more memory than they take; nobody is kept waiting
-    by a FIFO or a device.
-
-    Raises
-    ------
-    OSError, ValueError
-        There is no such file, it cannot be read, or it is not a regular one.
-    """
-    with _regular(path) as file:
-        step = max(os.fstat(file.fileno()).st_size, 1 << 16)  # what the kernel makes up says that it is empty
-        parts, left = [], most
-        while left and (part := file.read(min(step, left) if left > 0 else step)):
-            parts.append(part)
-            left -= len(part) if left > 0 else 0
-    return parts[0] if len(parts) == 1 else b"".join(parts)
-
-
-def file_digest(path: Path) -> str:
-    """SHA-256 of a regular file, in hexadecimal, in little memory; raises as `read_bytes`."""
-    with _regular(path) as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
-
-
-@contextmanager
-def _regular(path: Path) -> Iterator[BufferedReader]:
-    """An open file; OSError for a folder, a pipe or a device."""
-    with open(path, "rb", opener=_without_waiting) as file:
-        if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
-            raise OSError("not a file, but a folder, a pipe or a device")
-        yield file
-
-
-def _without_waiting(path: str, flags: int) -> int:
-    return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
 
 
 def read_text(path: Path, largest: int, kind: str, what: str = "file") -> str:

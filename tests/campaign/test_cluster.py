@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import socket
 import subprocess
@@ -14,6 +15,7 @@ from tests.campaign.conftest import OPTIONS, Deadly, made_campaign, tolerances
 
 from flexhinf.campaign import Journal, Shard, drive, in_cluster, run_campaign
 from flexhinf.campaign import driver as campaign_driver
+from flexhinf.campaign import storage as campaign_storage
 from flexhinf.campaign.driver import Report, in_this_process, next_batches
 from flexhinf.campaign.journal import TABLE
 from flexhinf.errors import FlexhinfError, InvalidInput
@@ -90,6 +92,28 @@ def test_an_executor_that_loses_a_batch_is_an_error(tmp_path: Path, executor, sh
         drive(campaign, journal, shard=shard, executor=executor)
     drive(campaign, journal)
     assert sorted(journal.shards()[0]) == [0, 1, 2, 3]
+
+
+def test_a_full_disk_ends_what_runs_the_batches(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Before the error is told: workers and the cluster's batches do not go on for nothing."""
+    ended: list[bool] = []
+
+    def executor(campaign, batches):
+        try:
+            yield from in_this_process(campaign, batches)
+        finally:
+            ended.append(True)
+
+    def full(name: str, path: Path) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    campaign = made_campaign()
+    journal = Journal.opened(tmp_path / "campaign", campaign)
+    monkeypatch.setattr(campaign_storage, "publish_whole", full)
+    with pytest.raises(FlexhinfError, match="disk of the campaign is full") as error:
+        drive(campaign, journal, executor=executor)
+    assert ended == [True]
+    assert error.value.__traceback__ is not None  # which holds the frames, and would keep a generator alive
 
 
 def test_a_campaign_in_memory_is_whole_or_an_error(loop, monkeypatch: pytest.MonkeyPatch) -> None:

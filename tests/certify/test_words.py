@@ -16,7 +16,7 @@ from scipy.integrate import solve_ivp
 import flexhinf.certify.checker as checker
 from flexhinf.certify import Certificate, Parameter, Signal, Start, Term, load_certificate
 from flexhinf.certify.theorem import AUTHOR, theorem_parts, theorem_text
-from flexhinf.errors import InvalidInput
+from flexhinf.errors import InvalidInput, NotDetectable, NotStabilisable
 
 from .a_cubic import CUBIC
 
@@ -197,3 +197,43 @@ def test_cells_after_a_corner_that_fails_have_a_limit(monkeypatch: pytest.Monkey
     found = sound.check(threads=1)
     assert not found.proved
     assert found.reason.startswith("a corner fails, and cells do not decide: undecided after")
+
+
+@pytest.mark.parametrize("share", [0.01, 0.25])
+def test_the_largest_level_is_stated_whatever_level_was_asked_for(share: float) -> None:
+    from flexhinf.certify.tolerances import _largest
+
+    from .test_quadratic import LEVEL, upright
+
+    found = _largest(upright(level=share * LEVEL))
+    assert found.level >= share * LEVEL
+    assert found.definite_corners()
+    assert found.check(threads=1).proved
+    more = replace(found, level=1.06 * found.level, reach=10.0 * found.reach)
+    assert more.definite_corners() == 0
+
+
+def test_a_mode_decays_however_slowly_it_does() -> None:
+    """Out of the input's and of the sensors' reach, it needs no law and no gain; at 0 it would."""
+    from flexhinf.estimation.placed_gain import check_detectable
+    from flexhinf.hinf.linear_part import LinearPart
+
+    for rate in (-1e-6, -1e-9, -1e-12, 0.0, 1e-9):
+        a, b = np.diag([rate, -0.5]), np.array([[0.0], [1.0]])
+        linear = LinearPart(a, b, b, np.array([[0.0, 1.0]]), ("slow", "fast"))
+        if rate < 0.0:
+            linear.check()
+            check_detectable(a, b.T, ("slow", "fast"))
+            continue
+        with pytest.raises(NotStabilisable, match="'slow'"):
+            linear.check()
+        with pytest.raises(NotDetectable, match="slow"):
+            check_detectable(a, b.T, ("slow", "fast"))
+    for slow in (np.zeros((2, 2)), np.array([[0.0, 1.0], [0.0, 0.0]]), np.array([[0.0, 1.0], [-4.0, 0.0]])):
+        chain = np.zeros((3, 3))  # what does not decay: an integrator, a double one, an oscillation
+        chain[:2, :2], chain[2, 2] = slow, -0.5
+        turn = np.linalg.qr(np.random.default_rng(1).standard_normal((3, 3)))[0]
+        unit = np.eye(3)[:, 2:]
+        linear = LinearPart(turn @ chain @ turn.T, turn @ unit, turn @ unit, unit.T @ turn.T, ("a", "b", "c"))
+        with pytest.raises(NotStabilisable):
+            linear.check()

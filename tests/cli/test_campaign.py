@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import importlib
 import json
 import math
@@ -16,8 +17,12 @@ import numpy as np
 import pytest
 
 import flexhinf as fh
+import flexhinf.campaign
 from flexhinf import report
-from flexhinf.campaign import Journal, run_batch
+from flexhinf.campaign import METHODS, Journal, run_batch
+from flexhinf.campaign.driver import in_this_process
+from flexhinf.campaign.manifest import read_sealed, sealed
+from flexhinf.campaign.storage import read_columns
 from flexhinf.cli import main
 from flexhinf.cli.arguments import design_file_of
 from flexhinf.design.campaign_folder import stored_campaign
@@ -78,6 +83,86 @@ def test_run_again_and_replay(judged: Path, capsys: pytest.CaptureFixture[str]) 
     assert main(shlex.split(line)) == 0
     assert f"sample {worst}: completed; the same bits" in said(capsys)
     assert (judged / "run.nc").stat().st_size > 10_000
+
+
+def test_robots_that_oscillate_without_end_are_told(judged: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Soft springs: the loop is unstable, and the limit of the input keeps its numbers finite."""
+    soft = ["--tolerance", "stiffness=1..100", "--duration", "2"]
+    assert main([*WORDS, *soft, "--require", "overshoot_percent<=1e9"]) == 1
+    text = said(capsys)
+    (failed, unstable, moving, diverged) = map(
+        int,
+        re.findall(
+            r"(\d+) of 40 failed, (\d+) of them unstable \((\d+) oscillate or run away .*, (\d+) diverged",
+            text,
+        )[0],
+    )
+    assert failed == unstable == moving > 5
+    assert diverged == 0
+    page = (judged / "runs" / "index.html").read_text()
+    for words in ("is stable there", "A run is unstable if", "unstable to the end of the run", "not met"):
+        assert words in page
+    table = read_columns(judged / "runs" / "samples.parquet", ["status"]).column("status").to_pylist()
+    assert table.count("unstable") == unstable
+    assert main(["campaign", "replay", "runs", "--sample", str(table.index("unstable"))]) == 0
+    assert "the same bits" in said(capsys)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_only_independent_samples_have_an_interval(
+    judged: Path, capsys: pytest.CaptureFixture[str], method: str
+) -> None:
+    """Terminal and page say the same: one interval, or why there is none."""
+    assert main([*WORDS, "--method", method]) in (0, 1)
+    text, page = said(capsys), (judged / "runs" / "index.html").read_text()
+    assert ("with 95 % confidence" in text) == (method == "random")
+    assert ("Clopper" in page) == ("95 %: " in page) == (method == "random")
+    for place in (text, page):
+        assert ("no confidence interval" in place) == (method != "random")
+
+
+def test_folders_that_somebody_changed_are_refused_in_words(
+    judged: Path, refused: Callable[..., str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Every command that reads a journal: resume, merge into it and out of it, replay."""
+    assert main(WORDS) in (0, 1)
+    runs, shards = judged / "runs", judged / "runs" / "shards"
+    content = (runs / "campaign.json").read_bytes()
+    stated = read_sealed(runs / "campaign.json")
+    changed = ({"about": 3}, {"version": 99}, {"settings": stated["settings"] | {"samples": 1e14}})
+    commands = WORDS, ["campaign", "merge", "runs"], ["campaign", "replay", "runs", "--sample", "1"]
+    for changes, words in zip(changed, commands):
+        (runs / "campaign.json").write_bytes(sealed(stated | changes))
+        refused(words, "manifest of the campaign cannot be read", judged)
+    options = stated["about"]["options"]
+    for changes in ({"samples": "many"}, {"tolerances": 3}, {"tolerances": [[1]]}, {"method": 7}):
+        about = stated["about"] | {"options": options | changes}
+        (runs / "campaign.json").write_bytes(sealed(stated | {"about": about}))
+        refused(["campaign", "replay", "runs", "--sample", "1"], "", judged)
+    (runs / "campaign.json").write_bytes(content)
+    parts = sorted(shards.iterdir())
+    wrong = parts[0].read_bytes()
+    parts[1].unlink()
+    digest = hashlib.sha256(wrong).hexdigest()[:16]
+    (shards / f"batch-00000001-{digest}.parquet").write_bytes(wrong)
+    assert "missing: 1" in refused(["campaign", "merge", "runs"], "not complete", judged)
+    assert main(["campaign", "replay", "runs", "--sample", "20"]) == 0
+    assert "not in the table yet" in said(capsys)
+    assert main(WORDS) in (0, 1)
+    assert sorted(shards.iterdir()) == parts
+
+
+def test_a_campaign_that_is_not_complete_never_exits_with_0(
+    judged: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def losing(workers: int, note: object) -> object:
+        return lambda campaign, batches: in_this_process(campaign, batches[1:])
+
+    monkeypatch.setattr(flexhinf.campaign, "in_processes", losing)
+    for more in ([], ["--shard", "1/2"]):
+        assert main([*WORDS, "--workers", "1", *more]) == 2
+        assert "were not run" in said(capsys)
+    assert not (judged / "runs" / "samples.parquet").exists()
 
 
 def test_fractions_are_told_from_none_and_all() -> None:

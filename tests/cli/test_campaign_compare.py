@@ -61,6 +61,18 @@ def test_two_estimators_on_the_same_robots(judged: Path, capsys: pytest.CaptureF
     assert "the same bits" in capsys.readouterr().out
 
 
+def test_samples_that_are_not_independent_have_neither_test_nor_interval(
+    judged: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([*WORDS, "--method", "latin-hypercube"]) == 0
+    text, page = "".join(capsys.readouterr()), (judged / "both" / "index.html").read_text()
+    assert "spread by a Latin hypercube" in text
+    assert "no test and no confidence interval holds" in page
+    for place in (text, page):
+        assert "McNemar" not in place
+        assert "(95 %" not in place
+
+
 @pytest.mark.slow
 def test_shards_and_half_a_folder_come_to_the_same_tables(judged: Path) -> None:
     assert main(WORDS) == 0

@@ -209,7 +209,7 @@ def test_every_command_that_writes_has_a_path() -> None:
     found = {" ".join((*words, option)) for words, option in PATHS}
     assert found >= {
         "run --log", "run --record", "run --library", "compile --out", "export c --out", "export fmu --out",
-        "design --out", "compare --out", "certify --out", "certify --page", "certify --check", "paper --out",
+        "design --out", "compare --out", "certify --out", "certify --check", "paper --out",
         "campaign run --out", "campaign compare --out", "campaign merge ",
     }  # fmt: skip
 

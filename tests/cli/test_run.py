@@ -44,7 +44,8 @@ def test_a_run_with_its_log(design: str, folder: Path, capsys: pytest.CaptureFix
     ]
     assert main(words) in (0, 1)
     told = capsys.readouterr()
-    assert "201 samples at 1000 Hz" in told.out or "of 201 deadlines were missed" in told.out
+    kept = ("201 samples at 1000 Hz", "of 201 deadlines were missed", "Real time was not kept: 0.2 s took")
+    assert sum(text in told.out for text in kept) == 1, "as busy as the machine is"
     assert "lateness of the beginning" in told.out
     assert "log: run.csv" in told.out
     assert len((folder / "run.csv").read_text().splitlines()) == 202

@@ -66,10 +66,11 @@ def test_many_robots_are_the_same_robots_alone(setup: LoopSetup, drawn: MonteCar
 
 @pytest.mark.parametrize("k", [0, 5])
 def test_each_is_the_robot_of_its_values_run_by_hand(setup: LoopSetup, drawn: MonteCarlo, k: int) -> None:
-    """A controller and a loop of our own round the plant of these parameters, resting at the start by its own input."""
+    """A controller and a loop of our own round the plant of these parameters, in its equilibrium at the start; the
+    controller begins with the input that holds the model there."""
     values = drawn.values[k]
-    x, u = setup.robot.operating_point(setup.start, parameters=values)
-    model_rest = setup.robot.operating_point(setup.start)[0]
+    x, _ = setup.robot.operating_point(setup.start, parameters=values)
+    model_rest, u = setup.robot.operating_point(setup.start)
     noise = np.array([0.0, 1e-7, 0.0, 1e-7]).repeat(2)
     a, _, _, c = setup.robot.plant().linearise(*setup.robot.operating_point(setup.goal))
     belief = solve_discrete_are(expm(1e-3 * a).T, c.T, np.diag(noise), 1e-8 * np.eye(len(c)))

@@ -110,7 +110,9 @@ def test_in_the_loop_the_error_is_a_power_of_a_matrix(cubic):
     plant = fh.paper_arm().plant()
     start = np.array([0.0, -2.0, 1.5, 3.0])
     filter = observer(plant, poles=SLOW, mean=start)
-    run = fh.Loop(plant, fh.Controller(cubic, filter, PERIOD)).run(reference=fh.Step(np.pi), duration=3.0)
+    run = fh.Loop(plant, fh.Controller(cubic, filter, PERIOD)).run(
+        reference=fh.Step(np.pi), duration=3.0, initial_state=np.zeros(4)
+    )
     errors = run.data["estimate"].values - run.data["state"].values[:, :4]
     assert np.abs(run.data["state"].values[:, 0]).max() > 2.5
     expected = (np.eye(4) - filter.gain @ np.eye(1, 4)) @ start
@@ -127,7 +129,9 @@ def test_robots_of_the_catalogue(name):
     law = fh.linear_law(problem, gamma=2.0 * fh.smallest_gamma(problem))
     plant = robot.plant()
     filter = observer(plant, mean=np.array([0.05, 0.0, 0.0, 0.0]), process_noise=[1e-10, 1e-6, 1e-10, 1e-6])
-    run = fh.Loop(plant, fh.Controller(law, filter, PERIOD)).run(reference=fh.Step(0.3), duration=8.0)
+    run = fh.Loop(plant, fh.Controller(law, filter, PERIOD)).run(
+        reference=fh.Step(0.3), duration=8.0, initial_state=np.zeros(4)
+    )
     errors = run.data["estimate"].values - run.data["state"].values
     assert np.abs(errors[0]).max() > 1e-3
     assert np.abs(errors[-1]).max() < 1e-6

@@ -255,6 +255,8 @@ def wrapped(angle):
         wrapped,
         lambda u: np.arctan(np.sin(u) / np.cos(u)),
         lambda u: np.arcsin(np.sin(u)),
+        lambda u: np.arccos(np.cos(u - 0.5)) - 0.5,
+        lambda u: np.sqrt((u - 0.5) ** 2) - 0.5,
         lambda u: u + u**9,  # beyond the expansion
     ],
 )

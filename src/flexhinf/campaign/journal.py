@@ -36,8 +36,9 @@ from flexhinf.campaign.storage import (
     wrong_rows,
 )
 from flexhinf.errors import InvalidInput
+from flexhinf.file_bytes import file_digest
 from flexhinf.files import locked, note_written, part_file
-from flexhinf.untrusted import checked_path, file_digest
+from flexhinf.untrusted import checked_path
 
 __all__ = ["MANIFEST", "TABLE", "Journal"]
 

@@ -16,7 +16,8 @@ from typing import Any
 from flexhinf.campaign.batches import INSTANTS, OWN, PART, Campaign, check_counts
 from flexhinf.campaign.fingerprint import campaign_digest
 from flexhinf.errors import FlexhinfError, InvalidInput
-from flexhinf.untrusted import read_bytes, value_text
+from flexhinf.file_bytes import read_bytes
+from flexhinf.untrusted import value_text
 
 __all__ = ["UNREADABLE", "VERSION", "made_manifest", "read_manifest", "read_sealed", "sealed"]
 

@@ -174,6 +174,8 @@ def stored_request(journal: Journal) -> DesignCampaign:
         stored = {name: value for name, value in journal.about["options"].items() if name in known}
         stored["tolerances"] = tuple((str(name), str(spread)) for name, spread in stored["tolerances"])
         options = CampaignOptions(**stored)
+    except InvalidInput:
+        raise
     except (KeyError, TypeError, ValueError) as error:
         raise InvalidInput(
             "The options of the campaign cannot be read.",

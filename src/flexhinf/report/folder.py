@@ -19,9 +19,10 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from flexhinf.errors import InvalidInput
+from flexhinf.file_bytes import file_digest, read_bytes
 from flexhinf.files import ABANDONED_AFTER_S, exchange, locked, publish
 from flexhinf.report.text import to_json
-from flexhinf.untrusted import checked_path, file_digest, read_bytes
+from flexhinf.untrusted import checked_path
 
 __all__ = ["MARKER", "check", "is_report", "unchanged", "write"]
 

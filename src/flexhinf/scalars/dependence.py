@@ -29,6 +29,11 @@ PAIRS = {ca.OP_FMOD, ca.OP_REMAINDER, ca.OP_COPYSIGN, ca.OP_AND, ca.OP_OR}
 #: Operations with poles, by the place of the operand that decides where: arctan(sin x / cos x) jumps at those.
 POLES = {ca.OP_TAN: 0, ca.OP_INV: 0, ca.OP_DIV: 1}
 
+#: Operations with a branch point, and what is zero there: √(x²) is |x|, and arcsin(sin x) a triangle wave.
+BRANCHES = {
+    ca.OP_SQRT: lambda x: x, ca.OP_ASIN: lambda x: 1.0 - x**2, ca.OP_ACOS: lambda x: 1.0 - x**2,
+}  # fmt: skip
+
 #: Operations whose result is a linear combination of their operands.
 LINEAR = {ca.OP_ASSIGN, ca.OP_ADD, ca.OP_SUB, ca.OP_NEG, ca.OP_TWICE}
 
@@ -48,7 +53,8 @@ def switches(expressions: ca.SX, z: ca.SX, poles: bool = True) -> ca.SX:
     z : casadi.SX, (k, 1)
         All symbols of the expressions.
     poles : bool
-        With those of quotients and tangents, beyond which a bounded function of them goes on elsewhere.
+        With those of quotients and tangents, beyond which a bounded function of them goes on elsewhere, and branch
+        points of roots and inverse sines.
     """
     function = ca.Function("walked", [z], [ca.densify(ca.vec(expressions))])
     work: dict[int, ca.SX] = {}
@@ -69,6 +75,8 @@ def switches(expressions: ca.SX, z: ca.SX, poles: bool = True) -> ca.SX:
                 found.extend(operands[: 2 if operation in PAIRS else 1])
             elif poles and operation in POLES and not operands[POLES[operation]].is_constant():
                 found.append(operands[POLES[operation]])
+            elif poles and operation in BRANCHES:
+                found.append(BRANCHES[operation](operands[0]))
             value = (ca.SX.unary if len(operands) == 1 else ca.SX.binary)(operation, *operands)
         work[function.instruction_output(k)[0]] = value
     return ca.vertcat(*found) if found else ca.SX.zeros(0, 1)

@@ -68,7 +68,7 @@ def test_a_start_outside_the_region_is_named_in_the_step(report_design: Make) ->
     design = report_design("met")
     outside, inside = (dataclasses.replace(design, inside=value) for value in (False, True))
     (text,) = set(notes(outside)) - set(notes(inside))
-    assert "outside the region" in text
+    assert "it starts outside the proved region" in text
     assert [section for section, texts in remarks(outside).items() if text in texts] == ["step"]
 
 

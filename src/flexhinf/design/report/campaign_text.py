@@ -59,7 +59,7 @@ def campaign_verdict(judged: CampaignJudgement) -> str:
     text = f"{judged.failures} of {judged.count} failed"
     text += f", {unstable} of them unstable ({unstable_text(judged)})" if unstable else ""
     if found is None:
-        text += f"; no confidence interval holds for samples {SPREAD[judged.method]}"
+        text += f"; no confidence interval holds for samples spread {SPREAD[judged.method]}"
     else:
         text += f"; {percent_text(found.low)} to {percent_text(found.high)} succeed with 95 % confidence"
     worst = judged.worst_of_all

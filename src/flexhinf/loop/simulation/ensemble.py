@@ -348,9 +348,8 @@ def prepared_ensemble(
     if noise is not None:
         shared["deviation"] = np.ascontiguousarray(checked_deviation(noise, controller.measured))
     reductions, names, instants = wanted
-    tracking = {
-        name: tracking_reductions(tracked_place(plant, controller, name)) for name in controller.judged
-    }
+    places = {name: tracked_place(plant, controller, name) for name in controller.judged}
+    tracking = {name: tracking_reductions(place) for name, place in places.items()}
     known = [
         (k, plant.states.index(name)) for k, name in enumerate(controller.states) if name in plant.states
     ]

@@ -1,0 +1,92 @@
+"""What is proved of the step that is asked for is said once: status, terminal, page and design.json agree."""
+
+from __future__ import annotations
+
+import json
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import flexhinf as fh
+from flexhinf.design import Specification
+from flexhinf.design.design_proof import DesignProof, step_proof
+from flexhinf.design.report import design_files, design_tables, notes, verdict
+from flexhinf.design.status import _not_proved
+
+
+def _certificate(box: bool = False) -> Any:
+    return SimpleNamespace(level=1.0, parameters=(SimpleNamespace(low=1.0, high=2.0 if box else 1.0),))
+
+
+def _budget(kept: bool) -> Any:
+    return (SimpleNamespace(budget=SimpleNamespace(kept=kept)),)
+
+
+LOOKED: Any = SimpleNamespace(looked=True, level=1.1)
+CASES: dict[str, tuple[DesignProof, Any, bool | None, bool, str]] = {
+    "proved": (DesignProof(_certificate(), "", 0.5, _budget(True)), LOOKED, True, True, "is proved, for the nominal"),
+    "spends too much": (DesignProof(_certificate(), "", 0.5, _budget(False)), LOOKED, True, True, "is proved"),
+    "of a box": (DesignProof(_certificate(True), "", 0.5), LOOKED, None, True, "for every robot within the tolerances"),
+    "outside the proved, inside the sampled": (
+        DesignProof(_certificate(), "", 1.05), LOOKED, True, False, "outside the proved region, inside the sampled one."
+    ),
+    "outside both": (DesignProof(_certificate(), "", 2.0), LOOKED, False, False, "starts outside the proved region."),
+    "another V": (
+        DesignProof(_certificate(), "", 2.0, box=SimpleNamespace()), LOOKED, False, True,
+        "but starts outside the region that is proved for the nominal robot's own V",
+    ),
+    "sampled": (DesignProof(None), LOOKED, True, False, "inside a region that is sampled"),
+    "outside the sampled": (DesignProof(None), LOOKED, False, False, "outside the sampled region"),
+    "no region": (DesignProof(None), SimpleNamespace(looked=True, level=np.nan), False, False, "has no sampled region"),
+    "not looked": (DesignProof(None), SimpleNamespace(looked=False, level=np.nan), None, False, "no region"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_a_sentence_and_the_status_agree(name: str) -> None:
+    proof, chosen, inside, proved, words = CASES[name]
+    found = step_proof(proof, chosen, inside)
+    assert found.proved == proved
+    assert words in found.text
+    assert found.text.startswith("Nothing is proved of the step") != proved
+    status = _not_proved(
+        SimpleNamespace(chosen=chosen),
+        SimpleNamespace(lasts=True),
+        inside,
+        proof,  # type: ignore[arg-type]
+    )
+    assert tuple(status) == found.missing
+    if proved:
+        assert not any("the step starts outside" in one for one in status)
+    else:
+        assert status
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("start", "degree", "seconds", "proved"),
+    [(np.pi - 0.4, 2, 20.0, True), (0.0, 4, 20.0, False), (np.pi - 0.4, 2, 0.0, False)],
+    ids=["proved", "outside", "sampled"],
+)
+def test_everything_that_is_shown_of_a_design_agrees(
+    start: float, degree: int, seconds: float, proved: bool
+) -> None:
+    asked = Specification(
+        pose=(np.pi,), start=(start,), penalty=fh.Penalty((75.0, 27.0, 90.0, 27.0, 330.0)), effort=10.0,
+        degrees=(degree,), proof_seconds=seconds, draws=0, compare_rigid=False,
+    )  # fmt: skip
+    found = fh.design(fh.paper_arm(), asked)
+    assert found.step_proof.proved == proved
+    files = design_files(found, ())
+    page, numbers = str(files["index.html"]), json.loads(str(files["design.json"]))
+    assert numbers["proof"]["step_proved"] == proved
+    shown = " ".join([verdict(found), *notes(found)])
+    for text in (page, shown):
+        assert ("Nothing is proved of the step that is asked for" in text) != proved
+        if proved:
+            assert "starts outside the proved region" not in text
+    titles = " ".join(str(table.title) for table in design_tables(found))
+    for text in (page, titles):
+        assert ("sampled, not proved" in text) == (found.proof.certificate is None)
