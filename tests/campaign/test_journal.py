@@ -334,3 +334,14 @@ def test_a_table_is_read_column_by_column(tmp_path):
     assert columns["status"].tolist() == ["completed"] * 50
     with pytest.raises(KeyError):
         columns["no such column"]
+
+
+@pytest.mark.skipif(os.name != "posix", reason="modes of files")
+def test_a_published_file_has_the_mode_of_any_other(tmp_path):
+    other, hidden = tmp_path / "other", tmp_path / "hidden"
+    other.write_text("")
+    hidden.write_text("whole")
+    hidden.chmod(0o600)
+    campaign_storage.publish_whole(str(hidden), tmp_path / "published")
+    assert (tmp_path / "published").stat().st_mode == other.stat().st_mode
+    assert not hidden.exists()

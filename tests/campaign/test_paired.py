@@ -108,6 +108,15 @@ def test_a_run_that_diverges_loses_against_one_that_does_not():
     assert 4 not in compare(a, b).metric("peak_input").pairs
 
 
+def test_a_run_that_diverges_is_the_worst_for_metrics_of_which_more_is_better_too():
+    a, b = found(), found().copy(deep=True)
+    b["status"][4] = "diverged"
+    one = compare(a, b, ["peak_input>=0"]).metric("peak_input")
+    assert one.differences[4] == -math.inf
+    assert one.extremes == (None, 4) or one.extremes == (4, None)
+    assert (np.delete(one.differences, 4) == 0.0).all()
+
+
 def test_samples_that_are_not_the_same_are_refused():
     a = found()
     for changes, what in (

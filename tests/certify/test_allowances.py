@@ -12,11 +12,13 @@ import numpy as np
 import pytest
 from flint import arb, arb_poly, arb_series, ctx, fmpq
 
-from flexhinf.certify import Function
+from flexhinf.certify import Function, quotients
+from flexhinf.certify.checker import quadratic
 from flexhinf.certify.checker.quadratic import quotient_range
 from flexhinf.certify.checker.quotient import GRID, ORDER, Quotient, offset_of, series_of
 from flexhinf.certify.checker.residual import as_rational
 from flexhinf.certify.enclosures import MeanForms
+from flexhinf.certify.quotients import QuotientTable, quotient_table
 
 pytestmark = pytest.mark.oracle
 
@@ -122,8 +124,12 @@ def test_what_a_polynomial_leaves_is_both_terms_of_its_bound(only: str, monkeypa
 # Ranges of quotients ----------------------------------------------------------------------------------------------
 @pytest.mark.parametrize("name", FUNCTIONS)
 @pytest.mark.parametrize("farthest", [0.3, 1.25])
-def test_a_range_holds_what_is_shown_on_each_piece(name: str, farthest: float) -> None:
-    """|S(s) − S(m)| ≤ w max |φ″|/2 on pieces of half width w: the range holds that, and not twice as much."""
+def test_a_range_holds_what_is_shown_on_each_piece(name: str, farthest: float, monkeypatch: Any) -> None:
+    """|S(s) − S(m)| ≤ w max |φ″|/2 on pieces of half width w: the range holds that, and not twice as much.
+
+    Without the piece more that is looked at beyond the end, which hides what the last one lacks.
+    """
+    monkeypatch.setattr(quadratic, "ceil", lambda v: ceil(v) - 1)
     function, pieces = FUNCTIONS[name], 512
     with ctx.workprec(128):
         found = quotient_range(function, as_rational(farthest) ** 2)
@@ -209,3 +215,83 @@ def test_mean_value_forms_are_taylor_s_formula(n: int) -> None:
                     bend += valued(again, beyond) * h[i] * h[l] / 2
             allowance = Q(1, 10**12) * (size + sum(abs(Q(slopes[j, i, k])) for i in range(n)) + bend)
             assert bend + allowance * Q(99, 100) <= Q(rest[j, k]) <= bend + allowance * Q(101, 100)
+
+
+# The search's tables of quotients ---------------------------------------------------------------------------------
+@pytest.mark.parametrize("order", [0, 3])
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_rows_of_the_search_are_taylor_polynomials_and_its_constants_bound_derivatives(
+    name: str, order: int
+) -> None:
+    function, reach = FUNCTIONS[name], 1.25
+    table = quotient_table(function, reach, order)
+    count = ceil(reach * 64) + 1
+    assert (table.first, len(table.rows), table.order) == (-count, 2 * count + 1, order)
+    with ctx.workprec(400):
+        for i in (-count, -40, -1, 0, 1, 17, count):
+            about = arb(i) / 64
+            argument = arb_series([offset_of(function) + about, 1], prec=order + 2)
+            series = [series_of(function.name, argument)[k] for k in range(order + 2)]
+            local = series[1:]
+            if i:
+                start = series_of(function.name, arb_series([offset_of(function)], prec=1))[0]
+                local = [(series[0] - start) / about]
+                for k in range(1, order + 1):
+                    local.append((series[k] - local[-1]) / about)
+            moved = arb_poly(local)(arb_poly([-about, 1]))
+            for m in range(order + 1):
+                exact = float(moved[m])
+                assert table.rows[count + i, m] == pytest.approx(exact, rel=2.0**-52, abs=2.0**-150)
+        for side, stated in ((1, table.above), (-1, table.below)):
+            assert len(stated) >= reach * 8 + 1
+            largest = 0.0
+            for i, bound in enumerate(stated.tolist()):
+                for step in (0.0, 0.5, 1.0):
+                    at = offset_of(function) + arb(side * (i + step) / 8)
+                    derivative = series_of(function.name, arb_series([at, 1], prec=order + 3))[order + 2]
+                    largest = max(largest, float(abs(derivative)))
+                assert largest * (1 + 1e-13) <= bound
+                if function.name != "tanh":
+                    assert bound <= 1.6 * largest + 1e-3
+        slopes = [
+            float(series_of(function.name, arb_series([offset_of(function) + arb(s), 1], prec=2))[1])
+            for s in np.linspace(-reach, reach, 101)
+        ]
+        assert max(map(abs, slopes)) <= table.largest
+
+
+def test_an_enclosure_is_its_row_and_its_remainder_or_nothing() -> None:
+    """|e| ≤ C |ℓ − a|^(M+1), C of both sides; unknown beyond the table, and where a row or a bound is not finite."""
+    rng = np.random.default_rng(9)
+    rows = rng.uniform(-1.0, 1.0, (2 * 81 + 1, 3))
+    above, below = np.cumsum(rng.uniform(0.1, 1.0, (2, 12)), axis=1)
+    rows[20, 1], above[9], below[8] = np.nan, np.inf, np.nan
+    table = QuotientTable(-81, rows, above, below, 1.0)
+    half = np.r_[0.0, 2.0 ** rng.uniform(-20.0, -1.0, 299)]
+    middle = rng.uniform(-1.6, 1.6, 300)
+    middle[1:30] = rng.integers(-100, 101, 29) / 64
+    half[30:70] = rng.uniform(0.2, 0.5, 40)  # from nodes of the table to beyond its bounds
+    middle[30:70] = rng.choice([-1.0, 1.0], 40) * rng.uniform(0.9, 1.26, 40)
+    low, high = middle - half, middle + half
+    found, error = table.enclose(low, high)
+    seen = 0
+    for i, (a, b) in enumerate(zip(map(Q, low.tolist()), map(Q, high.tolist()), strict=True)):
+        node = round(float((a + b) * 32))
+        sides = [max(ceil(b * 8) - 1, 0), max(ceil(-a * 8) - 1, 0)]
+        constants = [t[s] if s < len(t) else np.inf for t, s in zip((above, below), sides, strict=True)]
+        if abs(node) > 81 or not np.isfinite(constants).all() or node == 20 - 81:
+            assert error[i] == np.inf
+            assert not found[i].any()
+            continue
+        seen += 1
+        np.testing.assert_array_equal(found[i], rows[node + 81])
+        exact = Q(max(constants)) * max(b - Q(node, 64), Q(node, 64) - a) ** 3
+        assert exact <= Q(error[i]) <= exact * (1 + Q(1, 10**10))
+    assert seen > 150
+
+
+def test_a_row_that_is_not_known_to_sixty_bits_is_not_used(monkeypatch: Any) -> None:
+    monkeypatch.setattr(quotients, "_BITS", 24)
+    table = quotient_table(FUNCTIONS["sine"], 1.25, 3)
+    assert np.isnan(table.rows).any(axis=1).all()
+    assert np.isinf(table.enclose(np.array([0.1]), np.array([0.2]))[1]).all()

@@ -54,7 +54,18 @@ def three_states() -> Certificate:
         drift=((line[0], Term(0.3, (0, 0, 0), (), 0)), (line[1], Term(-0.1, (3, 0, 0))), (line[2],)),
         g1=(none, one, none), g2=(none, none, none), law=((),), penalty=((((1, 0, 0), 0.2),),), reach=2.0,
         coordinates=((1.0, 0.1, 0.0), (0.0, 1.0, 0.2), (0.3, 0.0, 1.0)),
-        functions=(Function("sin", (0.7, 0.0, 0.3)),),
+        functions=(Function("sin", (0.7, -0.9, 0.3)),),
+    )  # fmt: skip
+
+
+def _negative(width: float) -> Certificate:
+    """`uncertain`, with the weight's sign in the parameter."""
+    claim = uncertain(width)
+    weight = claim.parameters[0]
+    first, (fall,) = claim.drift
+    return replace(
+        claim, parameters=(replace(weight, low=-weight.high, high=-weight.low), claim.parameters[1]),
+        drift=(first, (replace(fall, coefficient=-fall.coefficient),)),
     )  # fmt: skip
 
 
@@ -69,6 +80,7 @@ CASES = {
     "quadratic V": upright(V_2),
     "degree 4": upright(V_4, 9.0),
     "uncertain": uncertain(0.04),
+    "negative parameters": _negative(0.04),
     "one state": CUBIC,
     "r of V's degree": _without_channels(),
     "three states": three_states(),
@@ -330,7 +342,7 @@ def test_an_interval_of_the_radius_is_never_too_short() -> None:
 def test_parameters_middles_and_radii_hold_every_corner() -> None:
     rng = np.random.default_rng(6)
     for _ in range(6):
-        proof = Proof(uncertain(float(rng.uniform(0.001, 0.3))))
+        proof = Proof((uncertain, _negative)[int(rng.integers(2))](float(rng.uniform(0.001, 0.3))))
         for j, (mid, rad) in enumerate(zip(proof.mid, proof.rad, strict=True)):
             exact = [Q(int(row[j].p), int(row[j].q)) for row in proof.exact_corners]
             assert Q(mid) - Q(rad) <= min(exact)
@@ -439,6 +451,21 @@ def test_which_functions_are_odd_about_their_offset() -> None:
         assert not _is_odd(Function("sin", (1.0,), 1e-9, halves))
 
 
+def test_every_direction_is_on_a_face_that_is_looked_at() -> None:
+    """Half of the faces, where V, r and all functions are odd or even alike; else both sides of each."""
+    sine, exponential = upright().functions[0], Function("exp", (0.1, 0.0))
+    fall = upright().drift[1]
+    half, whole = [(0, 1), (1, 1)], [(0, 1), (0, -1), (1, 1), (1, -1)]
+    assert Proof(upright()).faces == half
+    assert sorted(Proof(upright(functions=(exponential,))).faces) == sorted(whole)
+    both = upright(
+        functions=(sine, exponential), drift=(upright().drift[0], (*fall, Term(1e-13, (0, 0), (), 1)))
+    )
+    assert sorted(Proof(both).faces) == sorted(whole)
+    assert sorted(Proof(upright((*V_2, ((3, 0), 1.0)))).faces) == sorted(whole)
+    assert sorted(Proof(three_states()).faces) == [(0, 1), (1, 1), (2, 1)]
+
+
 def test_what_is_nearly_even() -> None:
     context = fmpq_mpoly_ctx.get(["a", "b"])
     for reach in (0.5, 2.0):
@@ -477,3 +504,36 @@ def test_nothing_is_known_beyond_the_reach_and_everything_within(monkeypatch: py
             most = proof.claim.reach * np.abs(slopes).sum()
             _, rest = quotient.at(np.array([-most, most]), np.array([-most, most]))
             assert np.isfinite(rest).all()
+
+
+@pytest.mark.parametrize(("n", "degree"), [(1, 5), (2, 6), (3, 5), (4, 4), (5, 3)])
+def test_a_table_bounds_a_polynomial_of_any_number_of_states(n: int, degree: int) -> None:
+    """(7) to (10), for two components of the parameters, against rationals."""
+    rng = np.random.default_rng(n)
+    context = fmpq_mpoly_ctx.get([f"z{i}" for i in range(n)])
+    every = [e for e in product(range(degree + 1), repeat=n) if 2 <= sum(e) <= degree]
+    polynomials = [
+        context.from_dict({e: fmpq(int(rng.integers(-9, 10)), 4) for e in every if rng.uniform() < 0.5})
+        for _ in range(2)
+    ]
+    table, face = TaylorTable(n, degree, max(degree - 1, 3)), (int(rng.integers(n)), -1)
+    h = np.exp2(-rng.integers(0, 4, (n - 1, 4)).astype(float))
+    t = np.round(rng.uniform(-1, 1, (n - 1, 4)) * (1 / h - 1)) * h
+    begin, end = np.array([0.0, 0.25, 0.5, 0.75]), np.array([0.5, 0.375, 1.0, 1.25])
+    columns = np.stack([table.fill(p, *face) for p in polynomials], 1)[..., None].repeat(4, 2)
+    mid, rad = np.array([1.5, -0.5]), np.array([0.25, 0.5])
+    form, centre = table.on_interval(table.shifted(columns, t, h), _interval(begin, end), (mid, rad))
+    for i in range(4):
+        here = Exact(face, t[:, i].tolist(), h[:, i].tolist(), float(begin[i]), float(end[i]))
+        rows = [here.rows(p) for p in polynomials]
+        low, spread = combined(here, rows, [Q(v) for v in mid], [Q(v) for v in rad])
+        zero = (0, (0,) * (n - 1))
+        about = [float(here.low(one).get(zero, Q(0))) for one in rows]
+        assert centre[:, i] == pytest.approx(about, abs=1e-12)
+        constant = low.pop(zero, Q(0)) + spread.pop(zero, Q(0))
+        tails = here.tails(rows, [Q(v) for v in mid], [Q(v) for v in rad])
+        expected = upper(n, low, spread, tails, constant)
+        one = form.chosen(np.array([i]))
+        assert float(table.upper(one)[0]) == pytest.approx(float(expected), rel=1e-11)
+        without = float(table.upper(one, np.zeros(1))[0])
+        assert without == pytest.approx(float(expected - constant), rel=1e-11)

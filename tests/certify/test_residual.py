@@ -10,6 +10,7 @@ import pytest
 from flint import fmpq, fmpq_mat
 
 from flexhinf.certify import Certificate, Function, Parameter, Signal, Term
+from flexhinf.certify.checker import quadratic
 from flexhinf.certify.checker.quadratic import definite_corners
 from flexhinf.certify.checker.residual import (
     as_rational,
@@ -194,6 +195,24 @@ def test_the_gradient_law_is_told_from_others() -> None:
     assert residual(known).gradient_law
     unknown = replace(known, parameters=(Parameter("known", 0.5, 0.51),))
     assert not residual(unknown).gradient_law
+
+
+def test_a_small_law_is_the_gradient_s_to_its_own_twelve_digits() -> None:
+    sound = upright()
+    small = replace(
+        sound, value=tuple((e, 1e-9 * v) for e, v in sound.value), law=(tuple((e, 1e-9 * v) for e, v in sound.law[0]),)
+    )  # fmt: skip
+    assert residual(small).gradient_law
+    moved = tuple((e, v * (1 + 1e-9 * (i == 0))) for i, (e, v) in enumerate(small.law[0]))
+    assert not residual(replace(small, law=(moved,))).gradient_law
+
+
+def test_more_corners_than_are_looked_at_prove_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    sound = upright(level=LEVEL / 4)
+    for most, corners in ((2, 2), (1, 0)):
+        monkeypatch.setattr(quadratic, "_MOST_CORNERS", most)
+        assert definite_corners(sound, residual(sound)) == corners
+        assert quadratic.look_at_corners(sound, residual(sound)) == (corners, [])
 
 
 def test_definite_matrices_are_told_from_singular_ones() -> None:

@@ -11,9 +11,12 @@ import pytest
 from flint import fmpq_mat
 
 from flexhinf.certify import Certificate, Function, Parameter, Signal, Term
+from flexhinf.certify.checker import Verification
 from flexhinf.certify.checker import observer as checked
 from flexhinf.certify.checker.steering import Refusal
 from flexhinf.certify.terms import Observer
+from flexhinf.certify.theorem import theorem_text
+from flexhinf.errors import InvalidInput
 
 pytestmark = pytest.mark.oracle
 
@@ -28,7 +31,7 @@ T = ((1.0, 0.25, 0.0), (0.0, 0.5, -0.5), (0.0, 0.0, 2.0))
 
 
 def term(value: float, *powers: int, **more: Any) -> Term:
-    return Term(value, powers, **more)
+    return Term(float(value), powers, **more)
 
 
 def plant(**changes: Any) -> Certificate:
@@ -52,8 +55,9 @@ def plant(**changes: Any) -> Certificate:
     fields: dict[str, Any] = {
         "about": "two estimated states", "states": (Signal("x"), Signal("v"), Signal("i")),
         "inputs": (Signal("a"), Signal("b")), "disturbances": (Signal("d"), Signal("e")), "drift": drift,
-        "g1": (*g1, ((), ())), "g2": g2, "penalty": (), "r2": tuple(map(tuple, R2)),
-        "value": tuple(value.items()), "law": tuple(law), "gamma": 2.0, "level": 1.0, "coordinates": T,
+        "g1": (*g1, ((), ())), "g2": g2, "penalty": (), "r2": tuple(map(tuple, R2.tolist())),
+        "value": tuple((powers, float(v)) for powers, v in value.items()),
+        "law": tuple(law), "gamma": 2.0, "level": 1.0, "coordinates": T,
         "reach": 0.75, "functions": (Function("sin", (1.0, 0.0, 0.0)),), "feedback": "output injection observer",
         "parameters": (Parameter("half", 0.5, 0.5), Parameter("load", 1.0, 2.0)), "observer": observer(),
     }  # fmt: skip
@@ -62,7 +66,7 @@ def plant(**changes: Any) -> Certificate:
 
 def observer(**changes: Any) -> Observer:
     fields: dict[str, Any] = {
-        "measured": ((1.0, 0.0, 0.0),), "known": ("i",), "gain": tuple(map(tuple, GAIN)),
+        "measured": ((1.0, 0.0, 0.0),), "known": ("i",), "gain": tuple(map(tuple, GAIN.tolist())),
         "weight": ((60.0, 0.0), (0.0, 60.0)), "storage": ((40.0, 1.0), (1.0, 60.0)), "gain_error": 100.0,
         "energy": 0.125,
     }  # fmt: skip
@@ -256,3 +260,27 @@ def test_too_many_slopes_are_refused_and_not_looked_at_in_part(monkeypatch: pyte
         )
     monkeypatch.setattr(checked, "_MOST_CORNERS", 2)
     assert reason(plant()) == ""
+
+
+# Its words ----------------------------------------------------------------------------------------------------------
+def test_the_theorem_has_the_gain_of_both_and_the_largest_error_of_each_state() -> None:
+    """γ = 3 and γ_e = 4 make (γ² + γ_e²)^½ = 5."""
+    claim = plant(
+        gamma=3.0, observer=observer(gain_error=4.0, storage=((50.0, 0.0), (0.0, 12.5)), energy=0.25)
+    )
+    text = theorem_text(claim, Verification(True, gradient_law=True))
+    assert "1/2 (5)^2 (energy of d)" in text
+    assert "with gamma_e = 4," in text
+    assert "of up to x 0.0999999, v 0.199999" in text
+    assert "Observer (output injection) of x, v, from y = (x) without noise" in text
+    assert ("Disturbances that last for ever" in text) == (claim.decay == 0)
+    decaying = theorem_text(replace(claim, decay=0.5), Verification(True, gradient_law=True))
+    assert "Disturbances that last for ever" not in decaying
+
+
+@pytest.mark.parametrize("name", ["measured", "gain", "weight", "storage"])
+def test_matrices_of_other_shapes_are_refused_by_name(name: str) -> None:
+    given = getattr(observer(), name)
+    for wrong in ((*given, given[0]), tuple((*row, 0.0) for row in given)):
+        with pytest.raises(InvalidInput):
+            plant(observer=observer(**{name: wrong}))

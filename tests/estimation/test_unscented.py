@@ -308,3 +308,10 @@ def test_an_output_that_switches_goes_through_sigma_points():
     assert not ukf.linear_output
     ukf.correct(2.0)
     assert ukf.mean[0] > 1.0
+
+
+def test_the_usual_weights_are_those_for_normal_distributions():
+    """α = 1, β = 2, κ = 0: λ = 0, so the mean's weight is 0 and the covariance's is 1 − α² + β = 2."""
+    arm = paper_arm().plant()
+    filter = UnscentedKalmanFilter(arm, 1e-3, 1e-6, 1e-6, np.zeros(4), 1e-4)
+    assert filter.sigma.covariance_weights[0] == 2.0

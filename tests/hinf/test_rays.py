@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from flexhinf.hinf import linear_law, smallest_gamma, solve_hji
+from flexhinf.hinf.margin import PENALTY_MARGIN
 from flexhinf.hinf.rays import Inequality, Rays
 from flexhinf.plant.polynomial_plant import PolynomialPlant
 
@@ -71,3 +72,29 @@ def test_few_rays_stop_where_they_do_among_many(solved):
         assert few.level[0] == pytest.approx(many.level[lowest], rel=1e-10)
         assert few.radius[0] == pytest.approx(many.radius[lowest], rel=1e-10)
         assert few.broken[0] == many.broken[lowest]
+
+
+def test_the_worst_rate_is_the_slope_of_the_residual_in_the_gradient(solved):
+    """r is quadratic in V_x, so that differences are exact; the checked level is not the designed one."""
+    game = Inequality(solved, 1.3 * solved.gamma, lambda x, h: h)
+    rng = np.random.default_rng(5)
+    x, slope = 0.3 * rng.standard_normal((2, 10, 3))
+    rate = game.worst_rate(slope, game.checked_fields(x))
+    for i, unit in enumerate(np.eye(3)):
+        after, before = (game.terms(x, slope + sign * unit).sum(axis=0) for sign in (1.0, -1.0))
+        assert rate[:, i] == pytest.approx((after - before) / 2, rel=1e-10, abs=1e-10)
+
+
+def test_the_margin_is_the_rate_of_r_close_to_the_goal(solved):
+    """r ≤ −rate · V there, and equal in its direction: two inputs and three disturbances, another γ."""
+    gamma = 1.4 * solved.gamma
+    margin = solved.checked_margin(gamma=gamma)
+    game = Inequality(solved, gamma, lambda x, h: PENALTY_MARGIN * h)
+
+    def rates(directions):
+        x = 1e-5 * directions / np.linalg.norm(directions, axis=1, keepdims=True)
+        return -game.terms(x, solved.gradient(x)).sum(axis=0) / solved.value(x)
+
+    assert margin.rate > 0
+    assert rates(margin.direction[None])[0] == pytest.approx(margin.rate, rel=1e-3)
+    assert rates(np.random.default_rng(6).standard_normal((200, 3))).min() >= margin.rate * (1 - 1e-3)

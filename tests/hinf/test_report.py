@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 import pytest
 
 from flexhinf.hinf import linear_law, smallest_gamma, solve_hji
+from flexhinf.hinf.report import _conditioning
 from flexhinf.plant.polynomial_plant import PolynomialPlant
 
 
@@ -53,3 +55,8 @@ def test_defective_loop_is_said_to_be_so():
     report = solve_hji(plant, math.inf, 4).report()
     assert "Schur" in report
     assert "cond(T)" in report
+
+
+def test_the_error_of_the_eigenbasis_grows_with_the_power_of_its_condition():
+    line, _ = _conditioning(5, 1e3)
+    assert f"cond(T)^5 eps = {1e15 * np.finfo(float).eps:.1e}" in line

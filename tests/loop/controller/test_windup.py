@@ -115,3 +115,25 @@ def test_it_is_saved_and_the_same_in_pieces(laws, composed, tmp_path, monkeypatc
     for _ in range(3_000):
         np.testing.assert_array_equal(controller.step(0.01, 0.9), loaded.step(0.01, 0.9))
     assert abs(controller.integrals[0]) < 2.5  # of 2.67 without a bound
+
+
+def test_an_input_with_one_limit_alone_has_the_bound_of_the_line():
+    law = fh.linear_law(ARM.problem(pose=0.8), gamma=math.inf)
+    free = fh.Controller(law, ukf(), 1e-3).windup
+    half = fh.Controller(law, ukf(), 1e-3, (-np.inf, 48.0))
+    np.testing.assert_array_equal(half.windup.limit, free.limit)
+    assert np.isfinite(free.limit).all()
+    assert half.mode.bounds_windup is True
+
+
+@pytest.mark.parametrize(("limits", "held"), [(None, "rest"), ((-0.25, 1e3), "rest"), ((-1e3, 0.25), 0.25)])
+def test_before_the_first_measurement_stands_zero_or_what_holds_the_robot(limits, held):
+    """Within the limits, and never a zero with a sign."""
+    law = fh.linear_law(ARM.problem(pose=0.8), gamma=math.inf)
+    rest = law.operating_input
+    assert rest[0] > 0.25
+    first = fh.Controller(law, None, 1e-3, limits).first_input
+    np.testing.assert_array_equal(first.at(), rest if held == "rest" else [held])
+    zero = fh.Controller(law, None, 1e-3, limits, before_first="zero").first_input.at()
+    np.testing.assert_array_equal(zero, [0.0])
+    assert not np.signbit(zero).any()

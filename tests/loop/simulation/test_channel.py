@@ -8,7 +8,7 @@ import pytest
 from flexhinf.codegen import interpret
 from flexhinf.errors import InvalidInput
 from flexhinf.loop import BlackBox, Controller, Loop, Step
-from flexhinf.loop.simulation.program import LONGEST, Channel, check_delay
+from flexhinf.loop.simulation.program import LONGEST, Channel, check_delay, measure_function
 from flexhinf.robot import paper_arm
 
 STEP = 2 * np.pi / 4096
@@ -155,3 +155,14 @@ def test_interpreter_and_lanes_delay_alike(made, samples, monkeypatch):
         one = loop.run(Step(0.5), duration=0.05, initial_input=held)
         for name in ("state", "input", "output"):
             np.testing.assert_array_equal(run.signals[name], one.signals[name])
+
+
+def test_noise_is_added_to_what_is_measured(made):
+    """States for a law that is fed them, outputs for an estimator."""
+    plant, law = made.two_inputs()
+    controller = Controller(law, None, 1e-3)
+    x, noise = np.array([0.3, -0.2, 0.7, 0.1]), np.array([0.01, 0.02, -0.03, 0.04])
+    measured = measure_function(plant, controller)(
+        x, np.zeros(2), noise, np.r_[1e-3, plant.parameters.vector()]
+    )
+    np.testing.assert_array_equal(np.ravel(measured.full()), x + noise)

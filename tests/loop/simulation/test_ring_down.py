@@ -81,3 +81,31 @@ def test_nothing_that_oscillates_is_fully_damped() -> None:
     time = PERIOD * np.arange(500)
     run = np.column_stack([np.exp(-20.0 * time), np.exp(-50.0 * time)])
     assert ring_down([run], [[0, 1]], PERIOD).damping == 1.0
+
+
+def test_one_signal_that_does_not_come_to_rest_is_enough() -> None:
+    gone, stays = struck(40.0, 0.4), struck(40.0, 0.001)
+    run = np.hstack([gone, stays])
+    assert ring_down([run], [[1]], PERIOD).rests
+    assert not ring_down([run], [[1, 3]], PERIOD).rests
+    assert not ring_down([run], [[3, 1]], PERIOD).rests
+
+
+@pytest.mark.parametrize(("samples", "seen"), [(1.5, 0), (2.5, 1)])
+def test_what_is_gone_within_two_samples_is_no_oscillation(samples: float, seen: int) -> None:
+    """Poles of modulus e^(−1/samples) at an angle of one radian a sample."""
+    k = np.arange(60)
+    run = np.exp(-k / samples)[:, None] * np.column_stack([np.cos(k), np.sin(k)])
+    assert len(ring_down([run], [[0]], PERIOD).oscillations[0]) == seen
+
+
+@pytest.mark.parametrize("unit", [1e-3, 1.0, 1e4])
+def test_the_distance_of_the_fit_is_relative_and_silent_signals_do_not_matter(unit: float) -> None:
+    rng = np.random.default_rng(2)
+    run = struck(30.0, 0.2) * (1.0 + 0.03 * rng.standard_normal((1500, 1)))
+    expected = ring_down([run], [[1]], PERIOD)
+    assert 1e-3 < expected.error < 1.0
+    silent = np.hstack([unit * run, np.zeros((1500, 1))])
+    found = ring_down([silent], [[1]], PERIOD)
+    assert found.error == pytest.approx(expected.error, rel=1e-6)
+    assert found.damping == pytest.approx(expected.damping, rel=1e-6)
