@@ -23,7 +23,7 @@ from flexhinf.errors import InvalidInput
 from flexhinf.loop.controller.controller import Controller
 from flexhinf.loop.shared import share
 from flexhinf.loop.signals.sampling import by_name, checked_deviation, sample_disturbance, sample_noise
-from flexhinf.loop.simulation.compiled_runs import LoopCode, PreparedRun, capacity, starting_state
+from flexhinf.loop.simulation.compiled_runs import LoopCode, PreparedRun, capacity, start_text, starting_state
 from flexhinf.loop.simulation.ensemble_plants import (
     EnsemblePlants,
     EnsembleResult,
@@ -79,7 +79,9 @@ class Ensemble:
     sub_steps : int or None
         Of all plants, instead of the number that each one's fastest mode asks for.
     settings : mapping
-        What trajectories name, besides seed and sub-steps.
+        What trajectories name, besides seed, sub-steps and start.
+    placed : bool
+        Whether somebody gave the state that every run starts with.
     """
 
     plant: Plant
@@ -95,6 +97,7 @@ class Ensemble:
     instants: np.ndarray
     sub_steps: int | None
     settings: Mapping[str, Any]
+    placed: bool
 
     def run(
         self,
@@ -263,7 +266,11 @@ class Ensemble:
         }
 
     def _settings(self, plants: EnsemblePlants, k: int) -> dict[str, Any]:
-        return {**self.settings, "seed": plants.seeds[k], "sub_steps": int(plants.parts[k])}
+        own = {**self.start, **{name: rows[k] for name, rows in plants.own.items()}}
+        plant = self.plant.with_parameters(**vars(self.plant.parameters.named(plants.truth[k])))
+        placed = self.placed or not np.array_equal(own["x"], self.start["x"])
+        start = start_text(plant, own["x"], placed, self.controller, own["held"])
+        return {**self.settings, "seed": plants.seeds[k], "sub_steps": int(plants.parts[k]), "start": start}
 
     @property
     def commands(self) -> np.ndarray:
@@ -354,6 +361,7 @@ def prepared_ensemble(
         plant, controller, channel, command, start, shared, disturbance, tracking,
         (*common_reductions(known), *reductions), tuple(_signal(plant, controller, name) for name in names),
         _instants(instants, command.samples), asked_sub_steps, settings,
+        initial_state is not None,
     )  # fmt: skip
 
 
