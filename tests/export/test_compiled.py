@@ -9,6 +9,7 @@ import platform
 import shutil
 import subprocess
 import sys
+import tempfile
 import threading
 from collections.abc import Callable
 from pathlib import Path
@@ -90,6 +91,53 @@ def test_what_is_remembered_is_not_given_to_another_controller(
     fh.compile_controller(fh.Controller(controller.law, controller.estimator, 1e-3, 24.0), path)
     with pytest.raises(InvalidInput, match="replaced by one of another controller"):
         pickle.loads(kept)
+
+
+def test_a_path_that_is_written_anew_is_loaded_anew(
+    library: Path, controller: fh.Controller, compiler: str, tmp_path: Path
+) -> None:
+    """The loader knows libraries by path: it gave the machine code of before under the names of now."""
+    path, weak = tmp_path / "arm.so", fh.Controller(controller.law, controller.estimator, 1e-3, 0.5)
+    path.write_bytes(library.read_bytes())
+    before = fh.load_compiled(path)
+    # another size of everything
+    feedback = fh.load_compiled(fh.compile_controller(fh.Controller(controller.law, None, 1e-3), path))
+    assert feedback._state.size < before._state.size
+    assert feedback._library.flexhinf_state_size() <= 8 * feedback._state.size
+    assert feedback._library is not before._library
+    now = fh.load_compiled(fh.compile_controller(weak, path))
+    kept = pickle.dumps(now)
+    now = [now, pickle.loads(kept), copy.copy(now)]
+    fresh = controller.fresh()
+    for _ in range(20):
+        expected = weak.step(0.6, 0.9)
+        for one in now:
+            np.testing.assert_allclose(one.step(0.6, 0.9), expected, rtol=1e-9)
+        np.testing.assert_allclose(before.step(0.6, 0.9), fresh.step(0.6, 0.9), rtol=1e-9)
+    assert list(tmp_path.iterdir()) == [path]  # the private copies are gone
+
+
+def test_one_library_is_in_memory_once(library: Path, tmp_path: Path) -> None:
+    (tmp_path / "other.so").write_bytes(library.read_bytes())
+    assert fh.load_compiled(library)._library is fh.load_compiled(tmp_path / "other.so")._library
+
+
+def test_where_no_temporary_file_may_be_run_the_copy_lies_beside_the_library(
+    library: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    real, path, tried = ctypes.CDLL, tmp_path / "arm.so", []
+    path.write_bytes(library.read_bytes() + b"another content")
+
+    def refuses(name: str) -> ctypes.CDLL:
+        tried.append(Path(name).parent.parent)
+        if tmp_path not in Path(name).parents:
+            raise OSError("failed to map segment from shared object")
+        return real(name)
+
+    monkeypatch.setattr(ctypes, "CDLL", refuses)
+    assert fh.load_compiled(path).step(0.1).shape == (1,)
+    assert tried == [Path(tempfile.gettempdir()), tmp_path]
+    assert list(tmp_path.iterdir()) == [path]
 
 
 def patched(library: Path, to: Path, old: bytes, new: bytes) -> Path:

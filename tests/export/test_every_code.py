@@ -63,7 +63,7 @@ def hostile(samples: int, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray
 
 
 def steps(
-    controller: fh.Controller, y: np.ndarray, r: np.ndarray, measured: np.ndarray
+    controller: fh.Controller, y: np.ndarray, r: Any, measured: np.ndarray
 ) -> Iterator[tuple[Any, int]]:
     """Input and code of each sample, by the rules of the C, which has the watchdog beside `Controller.step`."""
     held, missing, begun = controller.input_before(), 0, False
@@ -104,6 +104,33 @@ def test_every_code_is_reached_with_the_same_bits(
     assert set(codes.tolist()) == {
         OK, BAD_MEASUREMENT, BAD_COMMAND, BAD_RESULT, WENT_BACK, PREDICTED, STOPPED, WAITING
     }  # fmt: skip
+
+
+@pytest.mark.oracle
+@pytest.mark.skipif(not host().fused, reason="the bits are those of a fused multiply-add")
+@pytest.mark.parametrize("limit", [48.0, 1e9])
+def test_without_a_command_the_last_good_one_holds_whatever_was_refused_before(
+    limit: float | None, compiler: str, tmp_path: Path
+) -> None:
+    """Two of three samples have no command: after one that was refused, or a return to an earlier memory, the library
+    went on with what it was given last, and so refused every sample."""
+    controller = made(limit)
+    library = fh.load_compiled(compile_controller(controller, tmp_path / "arm.so"))
+    y, r, measured = hostile(10_000, seed=5)
+    given = np.random.default_rng(6).random(len(r)) < 1 / 3
+    commands = [command if there else None for command, there in zip(r, given, strict=True)]
+    found = []
+    for k, (u, code) in enumerate(steps(controller, y, commands, measured)):
+        ours = library.step(y[k] if measured[k] else None, commands[k])
+        assert (k, library.code) == (k, library.code_numbers[code])
+        np.testing.assert_array_equal(ours, u)
+        found.append(code)
+        if k == 5_000:
+            library = copy.copy(library)
+    held = [code for code, there in zip(found, given, strict=True) if not there]
+    assert {OK, BAD_MEASUREMENT, BAD_RESULT, WENT_BACK, PREDICTED, STOPPED, WAITING} <= set(held)
+    assert BAD_COMMAND not in held
+    assert found.count(BAD_COMMAND) > 10
 
 
 @pytest.mark.parametrize("how", ["reset", "fresh", "copy", "deepcopy", "pickle", "file"])

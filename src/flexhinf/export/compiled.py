@@ -6,6 +6,7 @@ A controller as a shared library: compiled once, loaded in milliseconds without 
 from __future__ import annotations
 
 import ctypes
+import hashlib
 import json
 import os
 import platform
@@ -13,17 +14,19 @@ import shutil
 import subprocess
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from flexhinf import __version__
 from flexhinf.errors import ControllerInUse, InvalidInput
-from flexhinf.export.controller_c import ControllerCode, code_of, fill, template
 from flexhinf.export.processor import MARK, check_instructions, compiler_flags, named_instructions
 from flexhinf.files import write_file
-from flexhinf.loop import Controller
 from flexhinf.untrusted import checked_path, read_bytes, real_array, value_text
+
+if TYPE_CHECKING:  # both load CasADi
+    from flexhinf.export.controller_c import ControllerCode
+    from flexhinf.loop import Controller
 
 
 def compile_controller(
@@ -45,6 +48,8 @@ def compile_controller(
         As `export_c`; for another choice of processors; or there is no C compiler (``CC``, cc, gcc, clang), or it
         fails.
     """
+    from flexhinf.export.controller_c import code_of
+
     target, flags = checked_path("The library", path), compiler_flags(processor)
     code = code_of(controller, "controller", "double")
     sources = {"controller.h": code.header, "controller.c": code.source, "entry.c": _entry(code)}
@@ -57,6 +62,8 @@ def compile_controller(
 
 
 def _entry(code: ControllerCode) -> str:
+    from flexhinf.export.controller_c import fill, template
+
     c = code.controller
     about: dict[str, Any] = {
         "what": "flexhinf controller", "version": __version__, "period": c.period, "measured": c.measured,
@@ -68,6 +75,7 @@ def _entry(code: ControllerCode) -> str:
     return fill(
         template("library.c"), code.name, code.real, MARK=MARK.strip().decode() + r"\n",
         INSTRUCTIONS=named_instructions(), DESCRIPTION=text.replace("??", '?""?'),
+        REFERENCE=c.memory.places["reference"].start,
     )  # fmt: skip
 
 
@@ -139,6 +147,37 @@ def build(sources: dict[str, str], folder: Path, flags: tuple[str, ...]) -> Path
     return folder / "built"
 
 
+#: Libraries of this process by the digest of their bytes: none is ever unloaded.
+_LOADED: dict[str, ctypes.CDLL] = {}
+
+
+def loaded(image: bytes, beside: Path) -> ctypes.CDLL:
+    """The library with these bytes, once per process, whatever lies at the path that they were read from.
+
+    The dynamic loader knows libraries by path and would give the one that it loaded from there before: it is given a
+    private copy named by content, which is removed at once. Where nothing in the directory for temporary files may be
+    run, the copy is made in the folder `beside`.
+
+    Raises
+    ------
+    OSError
+        If it cannot be loaded.
+    """
+    name = hashlib.sha256(image).hexdigest()
+    for folder in (None, beside):
+        if name in _LOADED:
+            break
+        try:
+            with TemporaryDirectory(prefix=".flexhinf-", dir=folder, ignore_cleanup_errors=True) as private:
+                copy = Path(private) / f"{name}.so"
+                copy.write_bytes(image)
+                _LOADED[name] = ctypes.CDLL(str(copy))
+        except OSError:
+            if folder is beside:
+                raise
+    return _LOADED[name]
+
+
 class CompiledController:
     """A controller of `flexhinf.export.compile_controller`, with a memory of its own.
 
@@ -195,7 +234,8 @@ class CompiledController:
     def _load(self) -> dict[str, Any]:
         """What the file says of itself; none of its code is run before the processor is known to have what it needs."""
         try:
-            _, mark, rest = read_bytes(self.path, -1).partition(MARK)
+            image = read_bytes(self.path, -1)
+            _, mark, rest = image.partition(MARK)
             needed, _, text = rest.partition(b"\0")[0].decode().partition("\n")
             if not mark:
                 raise ValueError("no library of this version")
@@ -204,7 +244,7 @@ class CompiledController:
             raise self._unusable(error) from error
         check_instructions(needed.split(), self.path.name)
         try:
-            self._library = ctypes.CDLL(str(self.path))
+            self._library = loaded(image, self.path.parent)
             self._library.flexhinf_state_size.restype = ctypes.c_size_t
         except (OSError, AttributeError) as error:
             raise self._unusable(error) from error

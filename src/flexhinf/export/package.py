@@ -368,9 +368,9 @@ PARTS = {
     "command_upper": "largest command",
     "command_rate": "largest change of the command, per s",
     "integral_dead_zone": "errors up to this size are not integrated",
-    "windup_line": "what integrals push at rest, by command from the operating point: of inputs without limits",
+    "windup_line": "what integrals push at rest, by command from the operating point: of inputs without near limits",
     "windup_spread": "how much more they push, likewise",
-    "windup_limit": "how much more they push at the operating point; infinite for an input with limits",
+    "windup_limit": "how much more they push at the operating point; infinite for an input that its limits keep nearer",
 }
 
 

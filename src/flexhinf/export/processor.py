@@ -11,7 +11,7 @@ from flexhinf.errors import InvalidInput
 from flexhinf.untrusted import value_text
 
 #: What the manifest of a library begins with; a line of instruction sets, one of JSON and a zero byte follow.
-MARK = b"flexhinf library 1: instructions, then what it is\n"
+MARK = b"flexhinf library 2: instructions, then what it is\n"
 
 #: Instruction sets beyond the oldest processor of a platform that compilers use on their own for such code: the macro
 #: that says so, and LLVM's name without points.

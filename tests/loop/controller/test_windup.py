@@ -8,6 +8,7 @@ import pytest
 import flexhinf as fh
 from flexhinf.baselines import lqr
 from flexhinf.loop.controller import controller as controller_module
+from flexhinf.loop.controller.start import Windup
 from flexhinf.loop.simulation.program import rk4_function
 from flexhinf.plant import BlackBox
 
@@ -47,13 +48,15 @@ class Stuck(BlackBox):
         return self.x
 
 
+@pytest.mark.parametrize("limit", [None, 1e9, (-np.inf, 300.0)])
 @pytest.mark.parametrize("pose", [None, 0.8])
 @pytest.mark.parametrize("law", [lambda p: fh.linear_law(p, gamma=math.inf), lqr])
-def test_a_sensor_that_sticks_for_a_minute(law, pose):
-    """One radian beside the command: the input stays bounded (a thousand volts without a bound) and comes back."""
+def test_a_sensor_that_sticks_for_a_minute(law, pose, limit):
+    """One radian beside the command: the input stays bounded (a thousand volts without a bound) and comes back; a
+    limit that is no limit, or one on one side, changes nothing of that."""
     problem = ARM.problem(pose=pose)
     x, u = problem.operating_point[:4], problem.operating_input
-    controller = fh.Controller(law(problem), ukf(x), 1e-3)
+    controller = fh.Controller(law(problem), ukf(x), 1e-3, limit)
     inputs = np.array([controller.step(x[0], x[0] + 1.0)[0] for _ in range(60_000)])
     wound = controller.integrals
     assert np.abs(inputs).max() <= 60.0
@@ -79,11 +82,19 @@ def test_the_loop_recovers_after_a_stuck_sensor(held):
 def test_a_command_far_away_is_reached_and_needs_no_bound():
     """Three turns: the law needs as much of its integrals as that takes, and nothing of a run in reach changes."""
     law = fh.linear_law(ARM.problem(), gamma=math.inf)
-    free, limited = (fh.Controller(law, ukf(), 1e-3, limit) for limit in (None, 1e9))
+    free, huge = (fh.Controller(law, ukf(), 1e-3, limit) for limit in (None, 1e9))
+    none = Windup(np.full(1, np.inf), np.zeros((1, 1)), np.zeros((1, 1)))
+    unbounded = fh.Controller(law, ukf(), 1e-3, windup=none)
+    assert free.mode.bounds_windup
+    assert huge.mode.bounds_windup
+    assert not unbounded.fresh().mode.bounds_windup
     run = fh.Loop(ARM.plant(), free).run(fh.Quintic(0.0, 6.0 * np.pi, 6.0), duration=12.0, multi_turn=True)
     assert abs(run.tracked("link_position")[-1] - 6.0 * np.pi) < 1e-2
-    one, other = (fh.Loop(ARM.plant(), c).run(fh.Step(np.pi), duration=6.0) for c in (free, limited))
-    np.testing.assert_array_equal(one.signals["input"], other.signals["input"])
+    one, *others = (
+        fh.Loop(ARM.plant(), c).run(fh.Step(np.pi), duration=6.0) for c in (free, huge, unbounded)
+    )
+    for other in others:
+        np.testing.assert_array_equal(one.signals["input"], other.signals["input"])
 
 
 def test_the_bound_is_that_of_the_line_of_equilibria():
@@ -99,6 +110,21 @@ def test_the_bound_is_that_of_the_line_of_equilibria():
     travel = np.pi + 0.8
     np.testing.assert_allclose(windup.limit, (np.abs(held) + 0.5 * np.abs(reaction)) * travel, rtol=1e-5)
     assert fh.Controller(law, ukf(), 1e-3, 48.0).mode.bounds_windup is False
+
+
+def test_a_limit_in_proportion_is_the_bound_itself():
+    """From which on it is none: one that lies further from the operating input than w, by either side."""
+    problem = ARM.problem(pose=0.8)
+    law, rest = fh.linear_law(problem, gamma=math.inf), problem.operating_input[0]
+    w = fh.Controller(law, ukf(), 1e-3).windup.limit[0]
+    for limit, bounded in (
+        (24.0, False), (0.99 * (w - rest), False), (1.01 * (w + rest), True),
+        ((-1.0, 0.99 * (w + rest)), False), ((-1.0, 1.01 * (w + rest)), True),
+    ):  # fmt: skip
+        controller = fh.Controller(law, ukf(), 1e-3, limit)
+        assert controller.mode.bounds_windup is bounded
+        assert controller.windup.limit[0] == (w if bounded else np.inf)
+        assert ("windup_limit" in controller.data.places) is bounded
 
 
 @pytest.mark.parametrize("composed", [False, True])

@@ -16,8 +16,10 @@ EXPORT int flexhinf_start(void *state, const double *estimate, const double *inp
 {
     return @NAME@_start(state, &@NAME@_defaults, estimate, input);
 }
-EXPORT int flexhinf_step(void *state, const double *y, const double *r, int measured, double *u, double *estimate)
+/* One sample. Then r is the command that holds: of a refused one the last good one, after going back the older one. */
+EXPORT int flexhinf_step(void *state, const double *y, double *r, int measured, double *u, double *estimate)
 {
+    const @NAME@_state *after = state;
     @NAME@_input input = {0};
     @NAME@_output output;
     int code;
@@ -29,6 +31,9 @@ EXPORT int flexhinf_step(void *state, const double *y, const double *r, int meas
     }
     input.measured = measured;
     code = @NAME@_step(state, &@NAME@_defaults, &input, &output);
+    for (int i = 0; i < @BIG@_COMMANDS; ++i) {
+        r[i] = after->memory[@REFERENCE@ + i];
+    }
     for (int i = 0; i < @BIG@_INPUTS; ++i) {
         u[i] = output.u[i];
     }

@@ -117,16 +117,16 @@ class Controller(Running):
         self.command_limits = command_limits(command_range, command_rate, solution.tracked, moving)
         self.states, self.tracked = solution.plant_states, solution.tracked
         self.integral_dead_zone = dead_zone(integral_dead_zone, self.tracked)
-        self.mode = Mode(
-            moving, start, len(self.laws), self.command_limits.active, self.limits.rated,
-            self.integral_dead_zone is not None, bool(self.tracked) and not np.isfinite(self.limits.pair).all(),
-        )  # fmt: skip
-        self.first_input = FirstInput(before_first, solution, estimator, self.limits)
+        check_names(solution, estimator, self.period, self.states, self.tracked)
         self._given_windup = windup
         if windup is not None:
             windup.check(self.laws)
+        self.mode = Mode(
+            moving, start, len(self.laws), self.command_limits.active, self.limits.rated,
+            self.integral_dead_zone is not None, bool(self.tracked) and bool(np.isfinite(self.windup.limit).any()),
+        )  # fmt: skip
+        self.first_input = FirstInput(before_first, solution, estimator, self.limits)
         self.given_fade, self.fade = fade, fade_time(fade, self.mode)
-        check_names(solution, estimator, self.period, self.states, self.tracked)
         self.measured = self.states if estimator is None else tuple(estimator.plant.outputs)
         self._places = np.array([self.states.index(name) for name in self.tracked], dtype=int)
         self._sources = [Source.of(name, self.states, self.measured) for name in self.tracked]
@@ -154,7 +154,7 @@ class Controller(Running):
             limits |= {"command_range": self.command_limits.pair, "command_rate": self.command_limits.rate}
         if self.mode.has_dead_zone:
             limits["integral_dead_zone"] = self.integral_dead_zone
-        if self.mode.bounds_windup:
+        if self.mode.bounds_windup or self._given_windup is not None:
             limits["windup"] = self.windup
         return options | limits
 
@@ -260,7 +260,7 @@ class Controller(Running):
 
     @cached_property
     def windup(self) -> Windup:
-        """How far integrals push inputs without limits."""
+        """How far integrals push inputs without limits, or with limits that are larger than that."""
         return self._given_windup or Windup.of(self.laws, self.estimator, self.limits.pair)
 
     def input_before(self, given: Any = None, state: Any = None) -> np.ndarray:

@@ -5,13 +5,14 @@ under which what it drives does not accelerate: u with f(x, u, 0) = 0, or the le
 no equilibrium. A state that is told later (`Controller.reset`, ``NAME_start`` of the exported C) gets its own input by
 the same function, with the same bits.
 
-How far integrals may push an input that has no limit of its own.
+How far integrals may push an input that has no limit of its own, or one so large that it is none.
 
 A sensor that sticks is an error that never ends: without a bound, its integral asks for any input. With limits of the
-input the anti-windup of the step is the bound; without, this one is. What the integrals push is c = K_e (e − e*), with
-the law's slope K at its operating point. At rest at a command r the law needs c = G (r − r*), G = ∂u/∂r − K ∂x/∂r, on
-the line of equilibria x(r), u(r) of the model through the operating point; a nonlinear law, gravity, loads and errors
-of the model need something more or less. So an integral that would push c further from G (r − r*) than
+input the anti-windup of the step is the bound; without, this one is, and where a limit lies further from the operating
+input than the number w below. What the integrals push is c = K_e (e − e*), with the law's slope K at its operating
+point. At rest at a command r the law needs c = G (r − r*), G = ∂u/∂r − K ∂x/∂r, on the line of equilibria x(r), u(r) of
+the model through the operating point; a nonlinear law, gravity, loads and errors of the model need something more or
+less. So an integral that would push c further from G (r − r*) than
 
     w + S |r − r*|,  w = Σᵢ sᵢ (|∂u/∂rᵢ| + ½ |K ∂x/∂rᵢ|),  S = ½ |G|,
 
@@ -53,7 +54,7 @@ class Windup:
     Attributes
     ----------
     limit : (m,) array
-        w; infinite for inputs with limits of their own.
+        w; infinite for inputs that their own limits keep within w of the operating input.
     line, spread : (L, m, k) arrays
         G and S; (m, k) of one law.
     """
@@ -83,13 +84,13 @@ class Windup:
     @staticmethod
     def of(laws: Sequence[Law], estimator: Estimator | None, ends: Any) -> Windup:
         """The default for these laws; `ends` are the lower and the upper limits of the inputs, (m,) each."""
-        limited = np.isfinite(np.asarray(ends)).all(axis=0)
         found = [_bounds(law, estimator) for law in laws]
         limit = np.max([limit for limit, _, _ in found], axis=0)
+        room = np.max([np.abs(np.asarray(ends) - law.operating_input) for law in laws], axis=(0, 1))
         lines, spreads = (
             np.stack([one[part] for one in found]) if len(found) > 1 else found[0][part] for part in (1, 2)
         )
-        return Windup(np.where(limited, np.inf, limit), lines, spreads)
+        return Windup(np.where(room > limit, limit, np.inf), lines, spreads)
 
     @property
     def text(self) -> str:
@@ -103,28 +104,31 @@ def _bounds(law: Law, estimator: Estimator | None) -> tuple[np.ndarray, np.ndarr
     names = law.plant_states
     n, places = len(names), [names.index(name) for name in law.tracked]
     point, rest = (np.asarray(part, dtype=float) for part in (law.operating_point, law.operating_input))
-    slope = LawCode(law, False).slope[:, :n]
+    slope = LawCode(law, True).slope[:, :n]
     model: Plant | None = estimator.plant if estimator is not None else None
     if model is None and isinstance(law, ProblemLaw):
         model = law.problem.plant
     travel = TRAVEL + np.abs(point[places])
-    if model is None:
+    along, held = (None, None) if model is None else _line(model, point[:n], rest, places)
+    if model is None or along is None or held is None:
         size = np.repeat(np.abs(slope).sum(axis=1, keepdims=True), len(places), axis=1)
         return size @ travel, np.zeros_like(size), size
     for k, place in enumerate(places):
         ends = np.array(model.limits.get(names[place], (-np.inf, np.inf)), dtype=float)
         travel[k] = min(travel[k], np.abs(ends - point[place]).max())
-    along, held = _line(model, point[:n], rest, places)
     reaction = slope @ along
     line = held - reaction
     return (np.abs(held) + SPARE * np.abs(reaction)) @ travel, line, SPARE * np.abs(line)
 
 
-def _line(model: Plant, x: np.ndarray, u: np.ndarray, places: list[int]) -> tuple[np.ndarray, np.ndarray]:
-    """∂x/∂r (n, k) and ∂u/∂r (m, k) of the equilibria through one, r the states at `places`."""
+def _line(model: Plant, x: np.ndarray, u: np.ndarray, places: list[int]) -> tuple[Any, Any]:
+    """∂x/∂r (n, k) and ∂u/∂r (m, k) of the equilibria through one, r the states at `places`; None and None where the
+    model has no slope there."""
     a, b, _, _ = model.linearise(x, u)
     chosen = np.eye(len(x))[places]
     rows = np.block([[a, b], [chosen, np.zeros((len(places), len(u)))]])
+    if not np.isfinite(rows).all():
+        return None, None
     line = np.linalg.lstsq(rows, np.eye(len(rows))[:, len(x) :], rcond=None)[0]
     return line[: len(x)], line[len(x) :]
 
