@@ -13,7 +13,7 @@ import errno
 import hashlib
 import os
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
@@ -23,13 +23,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from flexhinf.campaign.batches import Campaign, Column, Rows
-from flexhinf.campaign.draws import sample_seeds
+from flexhinf.campaign.batches import PART, Campaign, Column, Rows
+from flexhinf.campaign.draws import Tolerances, sample_seeds
 from flexhinf.campaign.manifest import made_manifest, read_manifest, sealed
+from flexhinf.campaign.metrics import COMPLETED, DIVERGED, NOT_RUN, UNSTABLE
 from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.file_bytes import file_digest
 from flexhinf.files import locked, note_written, part_file
-from flexhinf.untrusted import checked_path
+from flexhinf.untrusted import checked_path, value_text
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -37,6 +38,9 @@ if TYPE_CHECKING:
 
 #: Bytes of a file beyond its rows, and of one text, at most.
 _SPARE, _LONGEST_TEXT = 1_000_000, 16_384
+
+#: Relative distance of numbers that are drawn twice: kinds of processors differ in the last bits of a normal one.
+_SAME = 1e-9
 
 #: Columns of a file that are held in memory at once: what one figure or table compares.
 HELD = 6
@@ -127,11 +131,19 @@ def _arrow(values: np.ndarray) -> pa.Array:
     return pa.array(values)
 
 
-def wrong_rows(path: Path, schema: pa.Schema, samples: range, seed: int) -> str:
+def wrong_rows(
+    path: Path, schema: pa.Schema, samples: range, seed: int, draw: Callable[[], Mapping[str, np.ndarray]]
+) -> str:
     """What is wrong with a file of the rows of these samples; empty where nothing is.
 
     Its columns, its metadata, the numbers of its samples and their seeds are those of the schema and of the campaign's
-    seed, and it unpacks to no more than such rows take.
+    seed, and it unpacks to no more than such rows take. Every run ended in a way that there is, what else its row
+    holds fits that, and the numbers that `draw` gives are those of the rows.
+
+    Parameters
+    ----------
+    draw : callable
+        Gives what is drawn for these samples, (N,) by column; empty where that is not known.
 
     Raises
     ------
@@ -141,6 +153,7 @@ def wrong_rows(path: Path, schema: pa.Schema, samples: range, seed: int) -> str:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
+    kept = [field.name for field in schema if field.metadata[b"kind"] != b"trace"]
     try:
         with pq.ParquetFile(path) as file:
             found, rows = file.schema_arrow, file.metadata.num_rows
@@ -154,17 +167,46 @@ def wrong_rows(path: Path, schema: pa.Schema, samples: range, seed: int) -> str:
             unpacked = sum(file.metadata.row_group(k).total_byte_size for k in groups)
             if unpacked > _SPARE + rows * sum(_width(field.type) for field in schema):
                 return f"a file that unpacks to {unpacked} bytes"
-            own = file.read(columns=["sample", "seed"])
+            own = file.read(columns=kept)
     except (OSError, ValueError, KeyError, pa.ArrowException) as error:
         if isinstance(error, MemoryError):
             raise
         return f"no file of rows ({' '.join(str(error).split())[:100]})"
-    numbers, seeds = (numpy_column(own.column(name)) for name in ("sample", "seed"))
+    values = {name: numpy_column(own.column(name)) for name in kept}
     first, last = samples[0], samples[-1]
-    if not np.array_equal(numbers, np.array(samples)):
+    if not np.array_equal(values["sample"], np.array(samples)):
         return f"not the samples {first} to {last}"
-    if not np.array_equal(seeds, sample_seeds(seed, samples)):
+    if not np.array_equal(values["seed"], sample_seeds(seed, samples)):
         return f"not the samples {first} to {last} of the seed {seed}"
+    judged = [field.name for field in schema if field.metadata[b"kind"] in (b"metric", PART.encode())]
+    if wrong := _wrong_ends(values, judged):
+        return wrong
+    for name, numbers in draw().items():
+        near = np.isclose(values[name], numbers, rtol=_SAME, atol=0.0)
+        if not near.all():
+            at = int(np.argmin(near))
+            return f"not what is drawn: {name} of sample {samples[at]} is {values[name][at]:g}, not {numbers[at]:g}"
+    return ""
+
+
+def _wrong_ends(values: Mapping[str, np.ndarray], judged: Sequence[str]) -> str:
+    """What is wrong with how runs ended; empty where nothing is. Only one that ended has metrics, only one that
+    diverged an instant of it, and only one that was not run a reason."""
+    status, failure, at = (values[name] for name in ("status", "failure", "diverged_at_s"))
+    known = (COMPLETED, UNSTABLE, DIVERGED, NOT_RUN)
+    strange = next((one for one in status if one not in known), None) if set(status) - set(known) else ""
+    if strange != "":
+        return f"of a status that no run has: {value_text(strange)}"
+    if None in set(failure):
+        return "without the column failure in each row"
+    if not np.array_equal(failure != "", status == NOT_RUN):
+        return "of runs with a failure, or without one, that does not fit their status"
+    if not np.array_equal(~np.isnan(at), status == DIVERGED):
+        return "of runs with an instant of divergence, or without one, that does not fit their status"
+    ended = (status == COMPLETED) | (status == UNSTABLE)
+    for name in judged:
+        if not np.isnan(values[name][~ended]).all():
+            return f"of runs without an end that have the metric {name}"
     return ""
 
 
@@ -495,17 +537,24 @@ class Journal:
     def shards(self) -> tuple[dict[int, Path], list[tuple[Path, str]]]:
         """The shards that are whole, by batch, and those that are not with what is wrong.
 
-        Every byte is looked at by its SHA-256; then the digest of the campaign, the batch, the columns, and the
-        numbers and seeds of the samples.
+        Every byte is looked at by its SHA-256; then the digest of the campaign, the batch, the columns, the numbers
+        and seeds of the samples, how runs ended, and what was drawn where the manifest says how. A metric that was
+        changed, with the file's name, cannot be told from a run.
 
         Raises
         ------
         InvalidInput
-            If a batch is there twice with different rows.
+            If a batch is there twice with different rows, or a folder has the name of a shard.
         """
         good: dict[int, Path] = {}
         bad: list[tuple[Path, str]] = []
         for path in sorted((self.folder / SHARDS).glob("batch-*.parquet")):
+            if path.is_dir() and not path.is_symlink():
+                raise InvalidInput(
+                    "A folder stands where a file of the campaign belongs.",
+                    f"expected a file of rows, got the folder {path}",
+                    "move or delete that folder, and the same command again",
+                )
             match = _SHARD.match(path.name)
             wrong = "no name of a shard" if match is None else self._wrong(path, int(match[1]), match[2])
             if match is None or wrong:
@@ -532,7 +581,18 @@ class Journal:
             return error.strerror or str(error)
         first = batch * int(self.settings["batch"])
         samples = range(first, first + self.size(batch))
-        return wrong_rows(path, self._schema(batch=str(batch)), samples, int(self.settings["seed"]))
+        seed = int(self.settings["seed"])
+
+        def drawn() -> Mapping[str, np.ndarray]:
+            return {} if self._draw is None else self._draw.numbers(samples, self.samples, seed)
+
+        return wrong_rows(path, self._schema(batch=str(batch)), samples, seed, drawn)
+
+    @cached_property
+    def _draw(self) -> Tolerances | None:
+        """What the manifest says that the samples are drawn from; None for a function, whose code it does not hold."""
+        names = [column.name for column in self.columns if column.kind == "parameter"]
+        return Tolerances.stated(self.settings, names)
 
     def _schema(self, **about: str) -> Any:
         """Of a part, or of the table without kept signals, which is about no part."""

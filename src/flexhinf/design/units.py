@@ -17,20 +17,18 @@ import numpy as np
 from pydantic import BeforeValidator, Field, ValidatorFunctionWrapHandler, WithJsonSchema, WrapValidator
 
 from flexhinf.plant import Penalty
-from flexhinf.robot.units import SECONDS, SLIDING, TURNING, Stated, split
+from flexhinf.robot.units import SECONDS, SLIDING, TURNING, Stated, lettered, split
 from flexhinf.untrusted import real_number, value_text
 
-#: Units of each kind of number, in lower case, and what one is in the SI unit that stands first.
+#: Units of each kind of number, and what one is in the SI unit that stands first.
 _TURN_RATES = {"rad/s": 1.0, "deg/s": math.pi / 180.0, "°/s": math.pi / 180.0, "rpm": math.pi / 30.0}
 _SLIDE_RATES = {"m/s": 1.0, "mm/s": 1e-3}
-_FREQUENCIES = {"rad/s": 1.0, "hz": 2.0 * math.pi}
-_TORQUES = {"n·m": 1.0, "nm": 1.0, "n*m": 1.0}
-_FORCES = {"n": 1.0}
+_FREQUENCIES = {"rad/s": 1.0, "Hz": 2.0 * math.pi}
+_TORQUES = {"N·m": 1.0, "Nm": 1.0, "N*m": 1.0}
+_FORCES = {"N": 1.0}
 _POSITIONS = (TURNING, SLIDING)
 _SPEEDS = (_TURN_RATES, _SLIDE_RATES)
 _READINGS = (*_POSITIONS, *_SPEEDS, _TORQUES, _FORCES)
-#: SI units as the rest of the code writes them.
-_WRITTEN = {"n·m": "N·m", "n": "N"}
 #: Longest list that is a field's value: rows of weights have a number per state.
 _LONGEST = 10_000
 
@@ -203,7 +201,7 @@ def _quantity(value: Any, *units: Mapping[str, float]) -> float:
         return value
     if isinstance(value, str):
         parts = split(value)
-        unit = parts[1].lower() if parts else ""
+        unit = lettered(parts[1]) if parts else ""
         known = next((one for one in units if unit in one), None)
         if parts is None or (unit and known is None):
             raise ValueError(value_text(value))
@@ -212,8 +210,7 @@ def _quantity(value: Any, *units: Mapping[str, float]) -> float:
             raise ValueError(value_text(value))  # beyond all floats, which is not what "none" means
         if known is None:
             return found
-        si = next(iter(known))
-        return Stated(found * known[unit], *parts, _WRITTEN.get(si, si))
+        return Stated(found * known[unit], *parts, next(iter(known)))
     if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, float, np.number)):
         raise ValueError(value_text(value))
     found = real_number(value)
