@@ -13,7 +13,7 @@ import errno
 import hashlib
 import os
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
@@ -23,24 +23,18 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from flexhinf.campaign.batches import PART, Campaign, Column, Rows
-from flexhinf.campaign.draws import Tolerances, sample_seeds
+from flexhinf.campaign.batches import Campaign, Column, Rows
+from flexhinf.campaign.draws import Tolerances
 from flexhinf.campaign.manifest import made_manifest, read_manifest, sealed
-from flexhinf.campaign.metrics import COMPLETED, DIVERGED, NOT_RUN, UNSTABLE
+from flexhinf.campaign.row_checks import numpy_column, wrong_rows
 from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.file_bytes import file_digest
 from flexhinf.files import locked, note_written, part_file
-from flexhinf.untrusted import checked_path, value_text
+from flexhinf.untrusted import checked_path
 
 if TYPE_CHECKING:
     import pyarrow as pa
     import xarray as xr
-
-#: Bytes of a file beyond its rows, and of one text, at most.
-_SPARE, _LONGEST_TEXT = 1_000_000, 16_384
-
-#: Relative distance of numbers that are drawn twice: kinds of processors differ in the last bits of a normal one.
-_SAME = 1e-9
 
 #: Columns of a file that are held in memory at once: what one figure or table compares.
 HELD = 6
@@ -131,94 +125,6 @@ def _arrow(values: np.ndarray) -> pa.Array:
     return pa.array(values)
 
 
-def wrong_rows(
-    path: Path, schema: pa.Schema, samples: range, seed: int, draw: Callable[[], Mapping[str, np.ndarray]]
-) -> str:
-    """What is wrong with a file of the rows of these samples; empty where nothing is.
-
-    Its columns, its metadata, the numbers of its samples and their seeds are those of the schema and of the campaign's
-    seed, and it unpacks to no more than such rows take. Every run ended in a way that there is, what else its row
-    holds fits that, and the numbers that `draw` gives are those of the rows.
-
-    Parameters
-    ----------
-    draw : callable
-        Gives what is drawn for these samples, (N,) by column; empty where that is not known.
-
-    Raises
-    ------
-    MemoryError
-        It does not fit into the memory that is free.
-    """
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
-    kept = [field.name for field in schema if field.metadata[b"kind"] != b"trace"]
-    try:
-        with pq.ParquetFile(path) as file:
-            found, rows = file.schema_arrow, file.metadata.num_rows
-            if any((found.metadata or {}).get(key) != value for key, value in schema.metadata.items()):
-                return "of another campaign, or another part of it"
-            if not found.equals(schema):
-                return "of other columns"
-            if rows != len(samples):
-                return f"{rows} rows instead of {len(samples)}"
-            groups = range(file.metadata.num_row_groups)
-            unpacked = sum(file.metadata.row_group(k).total_byte_size for k in groups)
-            if unpacked > _SPARE + rows * sum(_width(field.type) for field in schema):
-                return f"a file that unpacks to {unpacked} bytes"
-            own = file.read(columns=kept)
-    except (OSError, ValueError, KeyError, pa.ArrowException) as error:
-        if isinstance(error, MemoryError):
-            raise
-        return f"no file of rows ({' '.join(str(error).split())[:100]})"
-    values = {name: numpy_column(own.column(name)) for name in kept}
-    first, last = samples[0], samples[-1]
-    if not np.array_equal(values["sample"], np.array(samples)):
-        return f"not the samples {first} to {last}"
-    if not np.array_equal(values["seed"], sample_seeds(seed, samples)):
-        return f"not the samples {first} to {last} of the seed {seed}"
-    judged = [field.name for field in schema if field.metadata[b"kind"] in (b"metric", PART.encode())]
-    if wrong := _wrong_ends(values, judged):
-        return wrong
-    for name, numbers in draw().items():
-        near = np.isclose(values[name], numbers, rtol=_SAME, atol=0.0)
-        if not near.all():
-            at = int(np.argmin(near))
-            return f"not what is drawn: {name} of sample {samples[at]} is {values[name][at]:g}, not {numbers[at]:g}"
-    return ""
-
-
-def _wrong_ends(values: Mapping[str, np.ndarray], judged: Sequence[str]) -> str:
-    """What is wrong with how runs ended; empty where nothing is. Only one that ended has metrics, only one that
-    diverged an instant of it, and only one that was not run a reason."""
-    status, failure, at = (values[name] for name in ("status", "failure", "diverged_at_s"))
-    known = (COMPLETED, UNSTABLE, DIVERGED, NOT_RUN)
-    strange = next((one for one in status if one not in known), None) if set(status) - set(known) else ""
-    if strange != "":
-        return f"of a status that no run has: {value_text(strange)}"
-    if None in set(failure):
-        return "without the column failure in each row"
-    if not np.array_equal(failure != "", status == NOT_RUN):
-        return "of runs with a failure, or without one, that does not fit their status"
-    if not np.array_equal(~np.isnan(at), status == DIVERGED):
-        return "of runs with an instant of divergence, or without one, that does not fit their status"
-    ended = (status == COMPLETED) | (status == UNSTABLE)
-    for name in judged:
-        if not np.isnan(values[name][~ended]).all():
-            return f"of runs without an end that have the metric {name}"
-    return ""
-
-
-def _width(kind: pa.DataType) -> int:
-    """Most bytes of one entry, twice what it takes; texts are sentences of an error."""
-    import pyarrow as pa
-
-    if pa.types.is_fixed_size_list(kind):
-        return 12 * kind.list_size
-    return _LONGEST_TEXT if pa.types.is_string(kind) else 24
-
-
 class StoredColumns(Mapping[str, np.ndarray]):
     """Columns (N,) of a file by name, each read when it is asked for; the last `HELD` ones stay in memory."""
 
@@ -247,20 +153,6 @@ class StoredColumns(Mapping[str, np.ndarray]):
     def __len__(self) -> int:
         """How many there are."""
         return len(self.names)
-
-
-def numpy_column(column: Any) -> np.ndarray:
-    """A column (N,), or (N, T) of lists; NaN for what is missing."""
-    import pyarrow as pa
-
-    whole = column.combine_chunks()
-    if pa.types.is_fixed_size_list(whole.type):
-        return whole.values.to_numpy(zero_copy_only=False).reshape(-1, whole.type.list_size)
-    if pa.types.is_string(whole.type):
-        coded = whole.dictionary_encode()  # a table has few texts: one object for each
-        texts = np.array([*coded.dictionary.to_pylist(), None], dtype=object)
-        return texts[coded.indices.fill_null(len(texts) - 1).to_numpy(zero_copy_only=False)]
-    return np.array(whole.to_numpy(zero_copy_only=False))
 
 
 def labelled(

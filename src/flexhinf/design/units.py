@@ -17,7 +17,7 @@ import numpy as np
 from pydantic import BeforeValidator, Field, ValidatorFunctionWrapHandler, WithJsonSchema, WrapValidator
 
 from flexhinf.plant import Penalty
-from flexhinf.robot.units import SECONDS, SLIDING, TURNING, Stated, lettered, split
+from flexhinf.robot.units import SECONDS, SLIDING, TURNING, Stated, lettered, respelled, split
 from flexhinf.untrusted import real_number, value_text
 
 #: Units of each kind of number, and what one is in the SI unit that stands first.
@@ -195,6 +195,22 @@ def _row(values: Any) -> tuple[float, ...]:
     return row
 
 
+class Unreadable(ValueError):
+    """Text that is no number with one of some units.
+
+    Attributes
+    ----------
+    meant : str
+        It with its unit in the letters of the SI; empty where that is no unit of these either, or not sure.
+    """
+
+    def __init__(self, value: str, units: Sequence[Mapping[str, float]]) -> None:
+        super().__init__(value_text(value))
+        found = [split(one) for one in respelled(value, *(next(iter(known)) for known in units))]
+        meant = ["".join(one) for one in found if one and any(one[1] in known for known in units)]
+        self.meant = meant[0] if len(meant) == 1 else ""
+
+
 def _quantity(value: Any, *units: Mapping[str, float]) -> float:
     """A number, or text of a number without a unit or with one of the units, which it then remembers."""
     if isinstance(value, Stated):
@@ -204,7 +220,7 @@ def _quantity(value: Any, *units: Mapping[str, float]) -> float:
         unit = lettered(parts[1]) if parts else ""
         known = next((one for one in units if unit in one), None)
         if parts is None or (unit and known is None):
-            raise ValueError(value_text(value))
+            raise Unreadable(value, units)
         found = float(parts[0])
         if math.isinf(found) and "inf" not in parts[0]:
             raise ValueError(value_text(value))  # beyond all floats, which is not what "none" means
