@@ -21,7 +21,7 @@ from flexhinf.campaign.draws import campaign_digest
 from flexhinf.campaign.journal import MANIFEST, SHARDS, TABLE
 from flexhinf.campaign.manifest import read_sealed, sealed
 from flexhinf.campaign.results import replayed
-from flexhinf.errors import FlexhinfError, InvalidInput
+from flexhinf.errors import InvalidInput
 
 pa = pytest.importorskip("pyarrow")
 pq = pytest.importorskip("pyarrow.parquet")
@@ -110,6 +110,11 @@ def relabelled(table: Any, like: Any) -> Any:
     return table.replace_schema_metadata(like.schema.metadata)
 
 
+def changed(table: Any, name: str, values: list[Any]) -> Any:
+    place = table.column_names.index(name)
+    return table.set_column(place, table.schema.field(name), pa.array(values, table.schema.field(name).type))
+
+
 ROWS: dict[str, tuple[Callable[[Any, Any], Any], str]] = {
     "rows of another batch": (lambda own, other: relabelled(other, own), "not the samples 16 to 31"),
     "a row less": (lambda own, other: own.slice(0, 15), "15 rows instead of 16"),
@@ -133,6 +138,30 @@ ROWS: dict[str, tuple[Callable[[Any, Any], Any], str]] = {
             own.column_names.index("seed"), own.schema.field("seed"), other.column("seed")
         ), "of the seed 1",
     ),
+    "a status that there is not": (
+        lambda own, other: changed(own, "status", ["wonderful"] * 16), "of a status that no run has: 'wonderful'",
+    ),
+    "no status": (lambda own, other: changed(own, "status", [None] * 16), "of a status that no run has: None"),
+    "no failure": (lambda own, other: changed(own, "failure", [None] * 16), "without the column failure"),
+    "a failure of a run": (
+        lambda own, other: changed(own, "failure", ["late", *[""] * 15]), "of runs with a failure",
+    ),
+    "runs that diverged never": (
+        lambda own, other: changed(own, "status", ["diverged"] * 16), "an instant of divergence",
+    ),
+    "metrics of runs that diverged": (
+        lambda own, other: changed(changed(own, "status", ["diverged"] * 16), "diverged_at_s", [0.1] * 16),
+        "of runs without an end that have the metric",
+    ),
+    "a mass of 50 kg": (
+        lambda own, other: changed(own, "mass", [50.0] * 16), "not what is drawn: mass of sample 16 is 50",
+    ),
+    "a mass inside of its interval": (
+        lambda own, other: changed(own, "mass", [*own.column("mass").to_pylist()[:15], 1.0]),
+        "not what is drawn: mass of sample 31 is 1,",
+    ),
+    "no mass": (lambda own, other: changed(own, "mass", [None] * 16), "mass of sample 16 is nan"),
+    "an infinite mass": (lambda own, other: changed(own, "mass", [float("inf")] * 16), "mass of sample 16 is inf"),
     "a text of 5 MB": (
         lambda own, other: own.set_column(
             own.column_names.index("failure"), own.schema.field("failure"),
@@ -163,14 +192,42 @@ def test_a_foreign_table_under_the_right_name_is_found(whole: Path, folder: Path
     check_found_and_run_again(whole, folder, {1}, "of another campaign")
 
 
-def test_a_folder_with_the_name_of_a_part_is_told(folder: Path) -> None:
-    path = part(folder, 1)
-    path.unlink()
+@pytest.mark.parametrize("batch", [1, 7])
+def test_a_folder_with_the_name_of_a_part_is_told(folder: Path, batch: int) -> None:
+    """Of a part that is missing and of one that there is not; a full disk is not what is wrong."""
+    path = folder / SHARDS / f"batch-{batch:08d}-0123456789abcdef.parquet"
     path.mkdir()
-    assert [found for found, _ in opened(folder).shards()[1]] == [path]
     campaign = made_campaign()
-    with pytest.raises(FlexhinfError, match="cannot be written"):
-        drive(campaign, Journal.opened(folder, campaign))
+    for way in (lambda: opened(folder).shards(), lambda: drive(campaign, Journal.opened(folder, campaign))):
+        with pytest.raises(InvalidInput, match="A folder stands where a file") as error:
+            way()
+        assert str(path) in error.value.found
+        assert "delete that folder" in error.value.advice
+
+
+@pytest.mark.parametrize("method", ["random", "latin-hypercube", "sobol"])
+@pytest.mark.parametrize("distribution", ["uniform", "normal", "truncated-normal", "corners"])
+def test_every_draw_that_settings_state_is_drawn_again(
+    tmp_path: Path, method: str, distribution: str
+) -> None:
+    campaign = made_campaign(samples=8, batch=4, draw=tolerances(method, distribution))
+    journal = Journal.opened(tmp_path / "campaign", campaign)
+    drive(campaign, journal)
+    assert journal.shards()[1] == []
+    own = pq.read_table(part(journal.folder, 1))
+    numbers = own.column("stiffness").to_pylist()
+    put(journal.folder, 1, table_bytes(changed(own, "stiffness", [*numbers[:3], numbers[3] * (1 + 1e-6)])))
+    assert "stiffness of sample 7" in journal.shards()[1][0][1]
+
+
+def test_rows_that_a_function_draws_are_taken_as_they_are(tmp_path: Path) -> None:
+    """The manifest holds no code; what rows say of a function's numbers cannot be told."""
+    campaign = made_campaign(samples=8, batch=4, draw=lambda rng: {"mass": float(rng.uniform(0.8, 1.2))})
+    journal = Journal.opened(tmp_path / "campaign", campaign)
+    drive(campaign, journal)
+    own = pq.read_table(part(journal.folder, 1))
+    put(journal.folder, 1, table_bytes(changed(own, "mass", [50.0] * 4)))
+    assert journal.shards()[1] == []
 
 
 def test_parts_with_changed_bits_or_cut_off_are_found(folder: Path) -> None:

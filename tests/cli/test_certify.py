@@ -29,6 +29,17 @@ def test_the_theorem_is_said_with_its_hypotheses_and_what_is_not_proved(
         assert text in out
 
 
+def test_the_folder_of_a_certificate_is_checked_as_its_file(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    CUBIC.save(tmp_path / "certificate.json")
+    assert run(["certify", "--check", str(tmp_path)]) == 0
+    assert "PROVED again" in capsys.readouterr().out
+    (tmp_path / "empty").mkdir()
+    assert main(["certify", "--check", str(tmp_path / "empty")]) == 2
+    assert "empty/certificate.json" in capsys.readouterr().err
+
+
 def test_every_cell_is_proved_twice_where_that_is_asked_for(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -29,7 +29,7 @@ Named = Callable[[str], Any]
         ({"pose": "30deg,30°"}, "expected m (or text with mm), got '30deg'", "--goal 30mm,30°"),
         ({"pose": ["5mm", "0.3 m"]}, "expected rad (or text with deg), got '0.3m'", "--goal 5mm,0.3rad"),
         ({"start": "0.1rad,0.1"}, "expected m (or text with mm), got '0.1rad'", "--from-pose 0.1m,0.1"),
-        ({"via": ["1mm,2deg", "1mm,2MM"]}, "got '2MM'", "--via 1mm,2deg"),
+        ({"via": ["1mm,2deg", "1mm,2mm"]}, "got '2mm'", "--via 1mm,2deg"),
         ({"tracking_error": "1deg"}, "expected m (or text with mm), got '1deg'", "--tracking-error 1mm,1deg"),
         ({"integral_dead_zone": "0.5mm"}, "got '0.5mm'", "--dead-zone 0.5mm,0.5deg"),
         ({"peak_speed": "2,0.5m/s"}, "expected rad/s (or text with deg/s)", "--peak-speed 2,0.5rad/s"),

@@ -36,8 +36,8 @@ TURN = 2.0 * math.pi
 WHOLE = {
     "s": (1, 1.0), "ms": (1000, 1.0), "us": (1_000_000, 1.0), "µs": (1_000_000, 1.0), "μs": (1_000_000, 1.0),
     "rad": (1, 1.0), "mrad": (1000, 1.0), "deg": (360, TURN), "°": (360, TURN), "m": (1, 1.0), "mm": (1000, 1.0),
-    "rad/s": (1, 1.0), "deg/s": (360, TURN), "°/s": (360, TURN), "rpm": (60, TURN), "hz": (1, TURN),
-    "m/s": (1, 1.0), "mm/s": (1000, 1.0), "n·m": (1, 1.0), "nm": (1, 1.0), "n*m": (1, 1.0), "n": (1, 1.0),
+    "rad/s": (1, 1.0), "deg/s": (360, TURN), "°/s": (360, TURN), "rpm": (60, TURN), "Hz": (1, TURN),
+    "m/s": (1, 1.0), "mm/s": (1000, 1.0), "N·m": (1, 1.0), "Nm": (1, 1.0), "N*m": (1, 1.0), "N": (1, 1.0),
 }  # fmt: skip
 TABLES = {
     units.seconds: (units.SECONDS,),
@@ -55,7 +55,48 @@ def test_every_unit_is_as_much_as_it_is(read: Any, tables: tuple[dict[str, float
     for unit in {name for table in tables for name in table}:
         count, meant = WHOLE[unit]
         assert read(f"{count}{unit}") == pytest.approx(meant, rel=1e-15), unit
-        assert read(f"{7 * count} {unit.upper()}") == pytest.approx(7 * meant, rel=1e-15), unit
+        assert read(f"{7 * count} {unit}") == pytest.approx(7 * meant, rel=1e-15), unit
+
+
+@pytest.mark.parametrize(
+    ("read", "text"),
+    [
+        (units.seconds, "5 MS"), (units.seconds, "5 S"), (units.lengths, "420 MM"), (units.lengths, "2 M"),
+        (units.quanta, "5 nm"), (units.quanta, "5 NM"), (units.quanta, "5 n"), (units.angles, "7 Mrad"),
+        (units.speeds, "3 M/S"), (units.frequencies, "3 RAD/S"),
+    ],
+)  # fmt: skip
+def test_letters_of_prefixes_and_symbols_are_those_of_the_si(read: Any, text: str) -> None:
+    """M is mega and m milli, S is siemens, nm a nanometre: in other letters a unit is another one."""
+    with pytest.raises(ValueError):  # noqa: PT011
+        read(text)
+
+
+@pytest.mark.parametrize(
+    ("field", "text", "advice"),
+    [
+        ("period", "5 MS", "period='5ms'"), ("peak_speed", "3 MM/S", "peak_speed=0.003"), ("pose", "2 M", "pose=(2.0,)"),
+        ("delay", "5 MM", "delay="),
+    ],
+)  # fmt: skip
+def test_a_unit_of_a_specification_in_other_letters_is_told_the_right_ones(
+    field: str, text: str, advice: str
+) -> None:
+    with pytest.raises(SpecificationError) as caught:
+        Specification(**{field: text})
+    assert text in caught.value.found
+    assert advice in caught.value.advice
+
+
+@pytest.mark.parametrize(
+    ("read", "text", "same"),
+    [
+        (units.angles, "90 DEG", "90deg"), (units.angles, "7 mRAD", "7mrad"), (units.speeds, "30 RPM", "30rpm"),
+        (units.speeds, "30 Deg/s", "30deg/s"), (units.frequencies, "3 HZ", "3Hz"),
+    ],
+)  # fmt: skip
+def test_words_that_mean_nothing_else_may_be_in_any_letters(read: Any, text: str, same: str) -> None:
+    assert read(text) == read(same)
 
 
 @pytest.mark.parametrize("text", ["4xyz", "Hz", "4,", ",", "", "fast", "4 6", "4deg", [], True, None])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+import subprocess
 import sys
 import tracemalloc
 
@@ -102,6 +104,91 @@ def test_refusal_comes_before_the_expansion(arm, monkeypatch):
 
 def test_supply_is_some_number():
     assert cost.available_memory() > 1e6
+
+
+LIMITED = """
+import resource, flexhinf as fh
+used = int(open("/proc/self/statm").read().split()[0]) * resource.getpagesize()
+resource.setrlimit(resource.RLIMIT_AS, (used + 400_000_000,) * 2)
+from flexhinf.hinf.hji import available_memory
+assert available_memory() <= 400_000_000, available_memory()
+try:
+    fh.solve_hji(problem, 300.0, 32)
+except fh.errors.InvalidInput as error:
+    assert "Degree 32 in 5 states does not fit in memory" in str(error), error
+    assert "is the highest that fits" in error.advice, error
+else:
+    raise AssertionError("it was solved")
+"""
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="only Linux limits addresses so")
+def test_a_limit_of_the_process_is_known():
+    """As `ulimit -v` sets it."""
+    script = LIMITED.replace("import resource, flexhinf as fh", "import resource, flexhinf as fh\n"
+                             "problem = fh.paper_arm().problem()")  # fmt: skip
+    found = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
+    assert found.returncode == 0, found.stderr[-2000:]
+
+
+@pytest.mark.parametrize(
+    ("files", "free"),
+    [
+        ({"memory.max": "max", "memory.current": "5000"}, None),
+        ({"memory.max": "9000000", "memory.current": "5000000"}, 4_000_000),
+        ({"a/b/memory.max": "9000000", "a/b/memory.current": "5000000"}, 4_000_000),
+        ({"a/memory.max": "8000000", "a/memory.current": "7000000", "memory.stat": "inactive_file 3"}, 1_000_000),
+        (
+            {"a/b/memory.max": "9000000", "a/b/memory.current": "5000000", "a/b/memory.stat": "inactive_file 2000000"},
+            6_000_000,
+        ),
+        ({"memory/memory.limit_in_bytes": "7000000", "memory/memory.usage_in_bytes": "5000000"}, 2_000_000),
+        ({"memory/memory.limit_in_bytes": "5000000", "memory/memory.usage_in_bytes": "7000000"}, 1),
+    ],
+)  # fmt: skip
+def test_a_limit_of_a_control_group_is_known(tmp_path, monkeypatch, files, free):
+    """Of the group itself or of one above it, of version 2 or 1; pages of files that can be taken back are free."""
+    for name, text in files.items():
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text(text + "\n")
+        (tmp_path / name).with_name("memory.stat").touch()
+    own = tmp_path / "own"
+    own.write_text("0::/a/b\n")
+    monkeypatch.setattr(cost, "_CGROUPS", tmp_path)
+    monkeypatch.setattr(cost, "_OWN_GROUPS", own)
+    monkeypatch.setattr(cost, "_free_of_machine", lambda: 1 << 40)
+    monkeypatch.setattr(cost, "_free_of_process", lambda: None)
+    assert cost.available_memory() == (1 << 40 if free is None else free)
+
+
+def test_memory_that_ends_on_the_way_is_told(arm, monkeypatch):
+    def none_left(*args, **options):
+        raise MemoryError
+
+    monkeypatch.setattr(cost, "solve_degrees", none_left)
+    with pytest.raises(InvalidInput, match=r"(?s)Degree 6 in 5 states does not fit in memory.*degree 4"):
+        solve_hji(arm, 300.0, 6)
+
+
+def test_what_leaves_the_floats_is_refused_too():
+    with pytest.raises(InvalidInput, match="Degree 200 in 5000 states does not fit"):
+        cost.check_cost((5000, 1, 1, 5000), 200)
+
+
+def test_what_takes_days_is_refused_and_no_hours_are_advised(monkeypatch):
+    """With memory for everything: the time is what is left, and the advice is minutes for both refusals."""
+    monkeypatch.setattr(cost, "available_memory", lambda: 1 << 90)
+    with pytest.raises(InvalidInput, match=r"Degree 30 in 35 states takes too long") as late:
+        cost.check_cost((35, 7, 7, 35), 30)
+    assert "less than about a day" in late.value.found
+    (advised,) = re.findall(r"degree (\d+) is the highest that fits and takes less", late.value.advice)
+    assert (
+        60.0 < cost.total_work(35, int(advised)) / cost._RATE <= 600.0 < cost.total_work(35, int(advised) + 1)
+    )
+    monkeypatch.setattr(cost, "available_memory", lambda: 10 * cost.estimate_memory((35, 7, 7, 35), 12))
+    with pytest.raises(InvalidInput, match=r"does not fit in memory") as large:
+        cost.check_cost((35, 7, 7, 35), 30)
+    assert f"degree {advised} is the highest" in large.value.advice
 
 
 @pytest.mark.parametrize(

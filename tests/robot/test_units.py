@@ -13,7 +13,7 @@ from flexhinf.errors import InvalidInput
 from flexhinf.robot import load_robot
 from flexhinf.robot.parameters import QUANTITIES
 from flexhinf.robot.signals import UNITS
-from flexhinf.robot.units import measured
+from flexhinf.robot.units import measured, respelled
 
 PLAIN = """
 gravity = 9.81
@@ -129,6 +129,61 @@ def test_every_si_unit_reads_itself_and_no_other(unit):
 )  # fmt: skip
 def test_units_as_people_write_them(text, si, value):
     assert measured(text, si) == pytest.approx(value, rel=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("text", "si", "meant"),
+    [
+        ("650 G", "kg", ["650 g"]), ("2 KG", "kg", ["2 kg"]), ("420 MM", "m", ["420 mm"]), ("2 M", "m", ["2 m"]),
+        ("45 KNm/rad", "N·m/rad", ["45 kNm/rad"]), ("45 knm/rad", "N·m/rad", ["45 kNm/rad"]),
+        ("5 nm", "N·m", ["5 Nm"]), ("5 n", "N", ["5 N"]), ("45 MNM", "N·m", ["45 mNm", "45 MNm"]),
+        ("5 v", "V", ["5 V"]),
+        ("3 S", "s", ["3 s"]), ("5 kat", "kg", []), ("x", "kg", []),
+    ],
+)  # fmt: skip
+def test_a_unit_in_other_letters_is_refused_and_spelled(text, si, meant):
+    """M is mega and m milli, G is gauss and K is kelvin."""
+    with pytest.raises(ValueError, match=text):
+        measured(text, si)
+    assert respelled(text, si) == meant
+    for one in meant:
+        assert measured(one, si) > 0.0
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "advice"),
+    [
+        ("mass = 2.0", "mass = '650 G'", "mass = '650 g'"),
+        ("length = 0.3", "length = '420 MM'", "length = '420 mm'"),
+        ("10000.0", "'45 KNm/rad'", "stiffness = '45 kNm/rad'"),
+    ],
+)
+def test_a_robot_file_with_a_unit_in_other_letters_is_told_the_right_ones(load, old, new, advice):
+    with pytest.raises(InvalidInput) as caught:
+        load(PLAIN.replace(old, new))
+    assert advice in caught.value.advice
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "found", "advice"),
+    [
+        ("home = [0.5]", "home = '35deg'", "'35deg'", 'home = ["35deg"]'),
+        ("home = [0.5]", "home = '35°'", "'35°'", 'home = ["35°"]'),
+        ("limits = [-3.141592653589793, 3.141592653589793]", "limits = '90deg'", "2 numbers, got '90deg'", '"90deg"]'),
+        ("range = [0.0, 3.0]", "range = '3 kg'", "2 numbers, got '3 kg'", 'range = ["3 kg", "3 kg"]'),
+        (
+            "sphere = 0.05", "centre_of_mass = { value = '5cm' }", "3 numbers, got '5cm'",
+            'centre_of_mass = ["5cm", "5cm", "5cm"]',
+        ),
+        ("sphere = 0.05", "box = '5cm'", "3 numbers, got '5cm'", 'box = ["5cm", "5cm", "5cm"]'),
+    ],
+)  # fmt: skip
+def test_text_where_a_list_belongs_is_shown_as_it_was_written(load, old, new, found, advice):
+    with pytest.raises(InvalidInput) as caught:
+        load(PLAIN.replace(old, new))
+    assert "no list" in caught.value.what
+    assert found in caught.value.found
+    assert advice in caught.value.advice
 
 
 @given(st.text(max_size=60), st.sampled_from(["rad", "N·m/rad", "kg·m²", "1"]))

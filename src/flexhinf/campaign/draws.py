@@ -20,6 +20,7 @@ import functools
 import hashlib
 import json
 import math
+import re
 import types
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
@@ -281,6 +282,21 @@ class Variable:
         unit = f" {self.unit}" if self.unit else ""
         return f"{self.distribution} in [{self.low!r}, {self.high!r}]{unit}"
 
+    @staticmethod
+    def read(name: str, text: str) -> Variable | None:
+        """The variable that `text` says; None for another text."""
+        match = _VARIABLE.fullmatch(text)
+        if match is None:
+            return None
+        try:
+            low, high = float(match[2]), float(match[3])
+        except ValueError:
+            return None
+        return Variable(name, low, high, match[1], match[4] or "")
+
+
+_VARIABLE = re.compile(rf"({'|'.join(DISTRIBUTIONS)}) in \[([^\s,]+), ([^\s\]]+)\](?: (.+))?", re.DOTALL)
+
 
 @dataclass(frozen=True, eq=False)
 class Sample:
@@ -417,10 +433,31 @@ class Tolerances(Draw):
 
     def samples(self, indices: Sequence[int], count: int, seed: int) -> list[Sample]:
         """Each variable's quantiles of the points that belong to these numbers."""
+        drawn = self.numbers(indices, count, seed)
+        return [self.built(dict(zip(drawn, map(float, row), strict=True))) for row in zip(*drawn.values())]
+
+    def numbers(self, indices: Sequence[int], count: int, seed: int) -> dict[str, np.ndarray]:
+        """The numbers (N,) of these samples by variable."""
         points = _points(self.method, np.asarray(indices, dtype=np.int64), len(self.variables), count, seed)
-        columns = [variable.values(points[:, k]) for k, variable in enumerate(self.variables)]
-        names = [variable.name for variable in self.variables]
-        return [self.built(dict(zip(names, map(float, row), strict=True))) for row in zip(*columns)]
+        return {one.name: one.values(points[:, k]) for k, one in enumerate(self.variables)}
+
+    @staticmethod
+    def stated(settings: Mapping[str, str], names: Sequence[str]) -> Tolerances | None:
+        """The draw of a campaign's settings whose rows hold its variables of these names, in this order.
+
+        None where a function of a user makes the rows, which settings do not hold.
+
+        Raises
+        ------
+        InvalidInput
+            If no draw is stated so.
+        """
+        texts = [settings.get(f"variable {name}") for name in names]
+        if not texts or "build" in settings or None in texts or "method" not in settings:
+            return None
+        variables = [Variable.read(name, text or "") for name, text in zip(names, texts)]
+        known = [one for one in variables if one is not None]
+        return Tolerances(known, settings["method"]) if len(known) == len(names) else None
 
     def built(self, numbers: Mapping[str, float]) -> Sample:
         """The sample of these numbers by name, which need not be drawn."""

@@ -24,8 +24,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from flexhinf.campaign.batches import Campaign, Column, Rows
-from flexhinf.campaign.draws import sample_seeds
+from flexhinf.campaign.draws import Tolerances
 from flexhinf.campaign.manifest import made_manifest, read_manifest, sealed
+from flexhinf.campaign.row_checks import numpy_column, wrong_rows
 from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.file_bytes import file_digest
 from flexhinf.files import locked, note_written, part_file
@@ -34,9 +35,6 @@ from flexhinf.untrusted import checked_path
 if TYPE_CHECKING:
     import pyarrow as pa
     import xarray as xr
-
-#: Bytes of a file beyond its rows, and of one text, at most.
-_SPARE, _LONGEST_TEXT = 1_000_000, 16_384
 
 #: Columns of a file that are held in memory at once: what one figure or table compares.
 HELD = 6
@@ -127,56 +125,6 @@ def _arrow(values: np.ndarray) -> pa.Array:
     return pa.array(values)
 
 
-def wrong_rows(path: Path, schema: pa.Schema, samples: range, seed: int) -> str:
-    """What is wrong with a file of the rows of these samples; empty where nothing is.
-
-    Its columns, its metadata, the numbers of its samples and their seeds are those of the schema and of the campaign's
-    seed, and it unpacks to no more than such rows take.
-
-    Raises
-    ------
-    MemoryError
-        It does not fit into the memory that is free.
-    """
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
-    try:
-        with pq.ParquetFile(path) as file:
-            found, rows = file.schema_arrow, file.metadata.num_rows
-            if any((found.metadata or {}).get(key) != value for key, value in schema.metadata.items()):
-                return "of another campaign, or another part of it"
-            if not found.equals(schema):
-                return "of other columns"
-            if rows != len(samples):
-                return f"{rows} rows instead of {len(samples)}"
-            groups = range(file.metadata.num_row_groups)
-            unpacked = sum(file.metadata.row_group(k).total_byte_size for k in groups)
-            if unpacked > _SPARE + rows * sum(_width(field.type) for field in schema):
-                return f"a file that unpacks to {unpacked} bytes"
-            own = file.read(columns=["sample", "seed"])
-    except (OSError, ValueError, KeyError, pa.ArrowException) as error:
-        if isinstance(error, MemoryError):
-            raise
-        return f"no file of rows ({' '.join(str(error).split())[:100]})"
-    numbers, seeds = (numpy_column(own.column(name)) for name in ("sample", "seed"))
-    first, last = samples[0], samples[-1]
-    if not np.array_equal(numbers, np.array(samples)):
-        return f"not the samples {first} to {last}"
-    if not np.array_equal(seeds, sample_seeds(seed, samples)):
-        return f"not the samples {first} to {last} of the seed {seed}"
-    return ""
-
-
-def _width(kind: pa.DataType) -> int:
-    """Most bytes of one entry, twice what it takes; texts are sentences of an error."""
-    import pyarrow as pa
-
-    if pa.types.is_fixed_size_list(kind):
-        return 12 * kind.list_size
-    return _LONGEST_TEXT if pa.types.is_string(kind) else 24
-
-
 class StoredColumns(Mapping[str, np.ndarray]):
     """Columns (N,) of a file by name, each read when it is asked for; the last `HELD` ones stay in memory."""
 
@@ -205,20 +153,6 @@ class StoredColumns(Mapping[str, np.ndarray]):
     def __len__(self) -> int:
         """How many there are."""
         return len(self.names)
-
-
-def numpy_column(column: Any) -> np.ndarray:
-    """A column (N,), or (N, T) of lists; NaN for what is missing."""
-    import pyarrow as pa
-
-    whole = column.combine_chunks()
-    if pa.types.is_fixed_size_list(whole.type):
-        return whole.values.to_numpy(zero_copy_only=False).reshape(-1, whole.type.list_size)
-    if pa.types.is_string(whole.type):
-        coded = whole.dictionary_encode()  # a table has few texts: one object for each
-        texts = np.array([*coded.dictionary.to_pylist(), None], dtype=object)
-        return texts[coded.indices.fill_null(len(texts) - 1).to_numpy(zero_copy_only=False)]
-    return np.array(whole.to_numpy(zero_copy_only=False))
 
 
 def labelled(
@@ -495,17 +429,24 @@ class Journal:
     def shards(self) -> tuple[dict[int, Path], list[tuple[Path, str]]]:
         """The shards that are whole, by batch, and those that are not with what is wrong.
 
-        Every byte is looked at by its SHA-256; then the digest of the campaign, the batch, the columns, and the
-        numbers and seeds of the samples.
+        Every byte is looked at by its SHA-256; then the digest of the campaign, the batch, the columns, the numbers
+        and seeds of the samples, how runs ended, and what was drawn where the manifest says how. A metric that was
+        changed, with the file's name, cannot be told from a run.
 
         Raises
         ------
         InvalidInput
-            If a batch is there twice with different rows.
+            If a batch is there twice with different rows, or a folder has the name of a shard.
         """
         good: dict[int, Path] = {}
         bad: list[tuple[Path, str]] = []
         for path in sorted((self.folder / SHARDS).glob("batch-*.parquet")):
+            if path.is_dir() and not path.is_symlink():
+                raise InvalidInput(
+                    "A folder stands where a file of the campaign belongs.",
+                    f"expected a file of rows, got the folder {path}",
+                    "move or delete that folder, and the same command again",
+                )
             match = _SHARD.match(path.name)
             wrong = "no name of a shard" if match is None else self._wrong(path, int(match[1]), match[2])
             if match is None or wrong:
@@ -532,7 +473,18 @@ class Journal:
             return error.strerror or str(error)
         first = batch * int(self.settings["batch"])
         samples = range(first, first + self.size(batch))
-        return wrong_rows(path, self._schema(batch=str(batch)), samples, int(self.settings["seed"]))
+        seed = int(self.settings["seed"])
+
+        def drawn() -> Mapping[str, np.ndarray]:
+            return {} if self._draw is None else self._draw.numbers(samples, self.samples, seed)
+
+        return wrong_rows(path, self._schema(batch=str(batch)), samples, seed, drawn)
+
+    @cached_property
+    def _draw(self) -> Tolerances | None:
+        """What the manifest says that the samples are drawn from; None for a function, whose code it does not hold."""
+        names = [column.name for column in self.columns if column.kind == "parameter"]
+        return Tolerances.stated(self.settings, names)
 
     def _schema(self, **about: str) -> Any:
         """Of a part, or of the table without kept signals, which is about no part."""

@@ -21,6 +21,9 @@ from flexhinf.cli.arguments import (
 from flexhinf.cli.messages import NOT_MET, ProofProgress, note
 from flexhinf.errors import InvalidInput
 
+#: In the folder that is written.
+CERTIFICATE = "certificate.json"
+
 Source = Annotated[
     str,
     typer.Argument(
@@ -38,7 +41,10 @@ def certify(
     out: Out = Path("flexhinf-certificate"),
     check: Annotated[
         Path | None,
-        typer.Option(help="Prove this certificate again, by the independent checker.", show_default=False),
+        typer.Option(
+            help="Prove this certificate again, by the independent checker: the file, or the folder of --out.",
+            show_default=False,
+        ),
     ] = None,
     every_cell: Annotated[
         bool,
@@ -153,9 +159,9 @@ def certify(
         Console().print(table)
     for text in report.certification_notes(found):
         note(text)
-    write(folder, {"index.html": html, "certificate.json": shown.certificate.text()})
+    write(folder, {"index.html": html, CERTIFICATE: shown.certificate.text()})
     typer.echo(theorem_text(shown.certificate, shown.certificate.stated))
-    file = folder / "certificate.json"
+    file = folder / CERTIFICATE
     again = join(["flexhinf", "certify", "--check", str(file)])
     typer.echo(f"report:      {folder / 'index.html'}\ncertificate: {file}\ncheck:       {again}")
 
@@ -183,7 +189,7 @@ def _check(path: Path, robot: str, threads: int, every_cell: bool) -> None:
             f"expected --check FILE without a robot or a design, got {robot!r}",
             f"flexhinf certify --check {path}",
         )
-    certificate = load_certificate(path)
+    certificate = load_certificate(path / CERTIFICATE if path.is_dir() else path)
     with ProofProgress() as bar:
         bar.step("check")
         found = certificate.check(threads=threads, sample=None if every_cell else 10, tick=bar.cells)

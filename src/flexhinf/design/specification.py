@@ -40,6 +40,7 @@ from flexhinf.design.units import (
     Seed,
     Stated,
     Tolerances,
+    Unreadable,
     Weights,
     angle_unit_of,
     choice,
@@ -423,6 +424,7 @@ def _specification_error(error: ValidationError, fields: dict[str, Any]) -> Inva
         )
     milliseconds = name == "period" and first["type"] == "less_than_equal"
     example = f"{float(fields[name]):g}ms" if milliseconds and str(fields[name]).isnumeric() else ""
+    example = own.meant if isinstance(own, Unreadable) and isinstance(fields[name], str) else example
     return _refusal(name, f"expected {FIELDS[name].allowed}, got {value_text(fields[name])}", example)
 
 

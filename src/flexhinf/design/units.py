@@ -17,20 +17,18 @@ import numpy as np
 from pydantic import BeforeValidator, Field, ValidatorFunctionWrapHandler, WithJsonSchema, WrapValidator
 
 from flexhinf.plant import Penalty
-from flexhinf.robot.units import SECONDS, SLIDING, TURNING, Stated, split
+from flexhinf.robot.units import SECONDS, SLIDING, TURNING, Stated, lettered, respelled, split
 from flexhinf.untrusted import real_number, value_text
 
-#: Units of each kind of number, in lower case, and what one is in the SI unit that stands first.
+#: Units of each kind of number, and what one is in the SI unit that stands first.
 _TURN_RATES = {"rad/s": 1.0, "deg/s": math.pi / 180.0, "°/s": math.pi / 180.0, "rpm": math.pi / 30.0}
 _SLIDE_RATES = {"m/s": 1.0, "mm/s": 1e-3}
-_FREQUENCIES = {"rad/s": 1.0, "hz": 2.0 * math.pi}
-_TORQUES = {"n·m": 1.0, "nm": 1.0, "n*m": 1.0}
-_FORCES = {"n": 1.0}
+_FREQUENCIES = {"rad/s": 1.0, "Hz": 2.0 * math.pi}
+_TORQUES = {"N·m": 1.0, "Nm": 1.0, "N*m": 1.0}
+_FORCES = {"N": 1.0}
 _POSITIONS = (TURNING, SLIDING)
 _SPEEDS = (_TURN_RATES, _SLIDE_RATES)
 _READINGS = (*_POSITIONS, *_SPEEDS, _TORQUES, _FORCES)
-#: SI units as the rest of the code writes them.
-_WRITTEN = {"n·m": "N·m", "n": "N"}
 #: Longest list that is a field's value: rows of weights have a number per state.
 _LONGEST = 10_000
 
@@ -197,23 +195,38 @@ def _row(values: Any) -> tuple[float, ...]:
     return row
 
 
+class Unreadable(ValueError):
+    """Text that is no number with one of some units.
+
+    Attributes
+    ----------
+    meant : str
+        It with its unit in the letters of the SI; empty where that is no unit of these either, or not sure.
+    """
+
+    def __init__(self, value: str, units: Sequence[Mapping[str, float]]) -> None:
+        super().__init__(value_text(value))
+        found = [split(one) for one in respelled(value, *(next(iter(known)) for known in units))]
+        meant = ["".join(one) for one in found if one and any(one[1] in known for known in units)]
+        self.meant = meant[0] if len(meant) == 1 else ""
+
+
 def _quantity(value: Any, *units: Mapping[str, float]) -> float:
     """A number, or text of a number without a unit or with one of the units, which it then remembers."""
     if isinstance(value, Stated):
         return value
     if isinstance(value, str):
         parts = split(value)
-        unit = parts[1].lower() if parts else ""
+        unit = lettered(parts[1]) if parts else ""
         known = next((one for one in units if unit in one), None)
         if parts is None or (unit and known is None):
-            raise ValueError(value_text(value))
+            raise Unreadable(value, units)
         found = float(parts[0])
         if math.isinf(found) and "inf" not in parts[0]:
             raise ValueError(value_text(value))  # beyond all floats, which is not what "none" means
         if known is None:
             return found
-        si = next(iter(known))
-        return Stated(found * known[unit], *parts, _WRITTEN.get(si, si))
+        return Stated(found * known[unit], *parts, next(iter(known)))
     if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, float, np.number)):
         raise ValueError(value_text(value))
     found = real_number(value)

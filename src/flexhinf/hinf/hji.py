@@ -70,10 +70,11 @@ import os
 import sys
 from bisect import bisect_right
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from itertools import pairwise
 from numbers import Integral, Real
+from pathlib import Path, PurePosixPath
 from time import perf_counter
 
 import numpy as np
@@ -97,7 +98,11 @@ from flexhinf.polynomial.algebra import monomials
 from flexhinf.polynomial.basis import count
 from flexhinf.untrusted import real_number, value_text
 
-_LONG = 2e9  # estimated operations (about a second) below which no progress bar appears
+_RATE = 4e8  # estimated operations a second, within a factor of three from a second on: 2e8 (5 states) to 1.3e9 (127)
+_LONG = _RATE  # estimated operations below which no progress bar appears
+_DAY, _WAIT = 86_400.0, 600.0  # s: what takes longer is refused; what a refusal advises takes no longer
+_MOST = 1 << 1000  # beyond which estimates are cut off: they would leave the floats
+_CGROUPS, _OWN_GROUPS = Path("/sys/fs/cgroup"), Path("/proc/self/cgroup")
 
 
 def estimate_memory(size: tuple[int, int, int, int], degree: int, expanded: bool = False) -> int:
@@ -138,32 +143,54 @@ def estimate_memory(size: tuple[int, int, int, int], degree: int, expanded: bool
     return max(tuples + 52 * sum(monomials), tuples + 16 * sum(monomials) + solve)
 
 
-def check_memory(size: tuple[int, int, int, int], degree: int, expanded: bool = False) -> int:
-    """Estimate in bytes, as `estimate_memory`; refuses what would not fit twice in the memory that is available.
+def check_cost(size: tuple[int, int, int, int], degree: int, expanded: bool = False) -> int:
+    """Memory in bytes, as `estimate_memory`; refuses what would not fit twice in the memory that is available, and
+    what would take more than about a day.
 
     Raises
     ------
     InvalidInput
-        With the estimate, what is available, and the highest degree that fits.
+        With the estimate, what is available, and the highest degree that fits and takes less than about ten minutes.
     """
 
     def needed(degree: int) -> int:
-        return estimate_memory(size, degree, expanded)
+        return min(estimate_memory(size, degree, expanded), _MOST)
 
-    available = available_memory()
-    if 2 * needed(degree) > available:
-        fits = max(2, bisect_right(range(degree), available, key=lambda k: 2 * needed(k) if k > 2 else 0) - 1)
+    def cost(degree: int) -> float:  # of the memory that is available and of the time that is advised
+        return max(2 * needed(degree) / available, total_work(size[0], degree) / (_WAIT * _RATE))
+
+    what = f"Degree {degree} in {size[0]} {'state' if size[0] == 1 else 'states'}"
+    available, memory, seconds = available_memory(), needed(degree), total_work(size[0], degree) / _RATE
+    if 2 * memory <= available and seconds <= _DAY:
+        return memory
+    fits = max(2, bisect_right(range(degree), 1.0, key=lambda k: cost(k) if k > 2 else 0.0) - 1)
+    advice = (
+        f"degree {fits} is the highest that fits and takes less than about ten minutes, with about "
+        f"{needed(fits) / 1e9:.3g} GB"
+    )
+    if 2 * memory > available:
         raise InvalidInput(
-            f"Degree {degree} in {size[0]} {'state' if size[0] == 1 else 'states'} does not fit in memory.",
-            f"about {needed(degree) / 1e9:.3g} GB are needed, {available / 1e9:.3g} GB are available, of which half is "
+            f"{what} does not fit in memory.",
+            f"about {memory / 1e9:.3g} GB are needed, {available / 1e9:.3g} GB are available, of which half is "
             "kept for what the estimate may miss",
-            f"degree {fits} is the highest that fits, with about {needed(fits) / 1e9:.3g} GB",
+            advice,
         )
-    return needed(degree)
+    raise InvalidInput(
+        f"{what} takes too long.",
+        f"expected less than about a day, got about {seconds / _DAY:.2g} days",
+        advice,
+    )
 
 
 def available_memory() -> int:
-    """Bytes that can be had without swapping, as far as the system tells."""
+    """Bytes that can be had without swapping, as far as the system tells, and that this process may have."""
+    found = [
+        free for free in (_free_of_machine(), _free_of_process(), *_free_of_groups()) if free is not None
+    ]
+    return max(1, min(found, default=1 << 62))
+
+
+def _free_of_machine() -> int | None:
     try:
         with open("/proc/meminfo", encoding="ascii") as table:
             for line in table:
@@ -174,18 +201,60 @@ def available_memory() -> int:
     try:
         return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     except (AttributeError, ValueError, OSError):
-        return 1 << 62
+        return None
+
+
+def _free_of_process() -> int | None:
+    """Addresses that the process may still take, as `ulimit -v` limits them; None without a limit."""
+    try:
+        import resource
+
+        limit = resource.getrlimit(resource.RLIMIT_AS)[0]
+        if limit == resource.RLIM_INFINITY:
+            return None
+        return limit - int(Path("/proc/self/statm").read_text().split()[0]) * os.sysconf("SC_PAGE_SIZE")
+    except (ImportError, OSError, ValueError):
+        return None
+
+
+def _free_of_groups() -> Iterator[int]:
+    """What each control group that the process is in, of version 2 or 1, leaves of its limit.
+
+    Pages of files that are kept for later count as free: the system takes them back.
+    """
+    own = {2: "/", 1: "/"}
+    with suppress(OSError, ValueError):
+        for line in _OWN_GROUPS.read_text().splitlines():
+            _, controllers, path = line.split(":", 2)
+            if not controllers or "memory" in controllers.split(","):
+                own[1 if controllers else 2] = path
+    names = {
+        2: (_CGROUPS, "memory.max", "memory.current", "inactive_file"),
+        1: (_CGROUPS / "memory", "memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file"),
+    }
+    for version, (root, limit, used, cached) in names.items():
+        path = PurePosixPath(own[version])
+        for group in {root / str(one).lstrip("/") for one in (path, *path.parents)}:
+            with suppress(OSError, ValueError):
+                most = int((group / limit).read_text())  # "max" is no limit
+                stated = dict(line.split() for line in (group / "memory.stat").read_text().splitlines())
+                yield most - int((group / used).read_text()) + int(stated.get(cached, 0))
 
 
 def work(n: int, k: int) -> float:
     """Operations of one change of variables at degree `k`, which dominates that degree."""
-    return float(sum(count(n, k - s - 1) * n * count(n, s + 1) for s in range(k)))
+    return float(min(_MOST, sum(count(n, k - s - 1) * n * count(n, s + 1) for s in range(k))))
+
+
+def total_work(n: int, degree: int) -> float:
+    """Operations of all degrees up to `degree`, as `work`."""
+    return sum(work(n, k) for k in range(3, degree + 1))
 
 
 @contextmanager
 def degree_progress(n: int, degree: int) -> Iterator[Callable[[int], None]]:
     """Yield a callable that reports each finished degree. The bar appears on a terminal only, on standard error."""
-    total = sum(work(n, k) for k in range(3, degree + 1))
+    total = total_work(n, degree)
     if total < _LONG or not sys.stderr.isatty():
         yield lambda degree_done: None
         return
@@ -229,7 +298,8 @@ def solve_hji(problem: Problem, gamma: float, degree: int) -> HJISolution:
     Raises
     ------
     InvalidInput
-        γ not positive, degree not an integer from 2 to 200, not a problem, or more memory than there is.
+        γ not positive, degree not an integer from 2 to 200, not a problem, more memory than there is, or more than
+        about a day.
     NotStabilisable, NotDetectable
         The state and the mode are named.
     InfeasibleGamma
@@ -254,8 +324,21 @@ def solve_hji(problem: Problem, gamma: float, degree: int) -> HJISolution:
     True
     """
     gamma, degree = _checked_gamma(gamma), _checked_degree(degree)
+    check_problem(problem)
+    try:
+        return _solution(problem, gamma, degree)
+    except MemoryError as error:
+        raise InvalidInput(
+            f"Degree {degree} in {len(problem.state_names)} states does not fit in memory.",
+            f"the memory ran out on the way, after the estimate: {str(error)[:200] or 'no more is given'}",
+            f"degree {max(2, degree - 2)}, or more memory",
+        ) from error
+
+
+def _solution(problem: Problem, gamma: float, degree: int) -> HJISolution:
+    """As `solve_hji`, of what is checked."""
     plant = _expansion(problem, degree)
-    memory = check_memory(plant.size, degree, expanded=not isinstance(problem, PolynomialPlant))
+    memory = check_cost(plant.size, degree, expanded=not isinstance(problem, PolynomialPlant))
     linear = LinearPart.of(plant)
     linear.check()
     with degree_progress(len(plant.state_names), degree) as advance:
@@ -392,10 +475,9 @@ def _checked_degree(degree: int) -> int:
 
 
 def _expansion(problem: Problem, degree: int) -> PolynomialPlant:
-    check_problem(problem)
     if not isinstance(problem, PolynomialPlant):
         size = len(problem.state_names), len(getattr(problem, "disturbance_names", ())), len(problem.r2), 0
-        check_memory(size, degree, expanded=True)  # the expansion itself may already not fit
+        check_cost(size, degree, expanded=True)  # the expansion itself may already not fit
     return problem.expand(degree - 1)
 
 

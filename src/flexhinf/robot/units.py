@@ -6,11 +6,13 @@ its URDF, and what its motors are driven by only at the end; so both are read, a
 Numbers with units as text, ``"180deg"``, ``"10 kNm/rad"``: what a unit is in SI units, and what it measures.
 
 A unit is a product of known ones with powers, over another such product: ``N·m·s/rad``, ``kg m^2``, ``g·cm²``,
-``mNm/A``. Radians count: N·m is a torque, N·m/rad a stiffness.
+``mNm/A``. Radians count: N·m is a torque, N·m/rad a stiffness. Large and small letters are those of the SI: MN are
+meganewtons, mN millinewtons, and G is no gram. Only words that mean nothing else, as DEG, may be written in any.
 """
 
 from __future__ import annotations
 
+import json
 import math
 import re
 from collections.abc import Iterator
@@ -25,7 +27,7 @@ from flexhinf.robot.schema import place_text
 from flexhinf.robot.signals import UNITS
 from flexhinf.untrusted import value_text
 
-#: Units of times, angles and lengths, in lower case, and what one is in the SI unit that stands first.
+#: Units of times, angles and lengths, and what one is in the SI unit that stands first.
 SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "μs": 1e-6}
 TURNING = {"rad": 1.0, "mrad": 1e-3, "deg": math.pi / 180.0, "°": math.pi / 180.0}
 SLIDING = {"m": 1.0, "mm": 1e-3}
@@ -34,6 +36,8 @@ SLIDING = {"m": 1.0, "mm": 1e-3}
 _NUMBER = re.compile(r"\s*+([-+]?(?:\d++\.?\d*+|\.\d++)(?:[eE][-+]?\d++)?+|[-+]?inf|nan)\s*+")
 #: Longest unit that is looked at.
 _LONGEST = 40
+#: Most spellings that are looked at where letters are others.
+_MOST_SPELLED = 16
 
 #: Powers of kg, m, s, rad and A.
 Dimension = tuple[int, int, int, int, int]
@@ -63,7 +67,7 @@ def _atoms() -> Iterator[tuple[str, float, tuple[int, ...]]]:
         for name in names:
             yield name, size, dimension
             yield from ((prefix + name, factor * size, dimension) for prefix, factor in prefixes)
-    yield from (("Ncm", 1e-2, _TORQUE), ("Nmm", 1e-3, _TORQUE), ("nm", 1.0, _TORQUE), ("n", 1.0, _FORCE))
+    yield from (("Ncm", 1e-2, _TORQUE), ("Nmm", 1e-3, _TORQUE))
     yield from (("%", 1e-2, _ALONE), ("1", 1.0, _ALONE))
 
 
@@ -71,6 +75,9 @@ _ATOMS = {name: (size, dimension) for name, size, dimension in _atoms()}
 _FACTOR = re.compile(
     rf"({'|'.join(sorted(map(re.escape, _ATOMS), key=len, reverse=True))})(?:\^?(-?[1-4])|([²³]))?[·⋅*. ]?"
 )
+#: Words that are units in any letters, a prefix before them in its own.
+_WORD = re.compile(r"(?<![^\W\d_])([mk]?)((?i:rad|deg|rpm|ohm|hz))(?![^\W\d_])")
+_FOLDED = re.compile(_FACTOR.pattern.partition("(?:")[0], re.IGNORECASE)
 _POWERS = {"": 1, "²": 2, "³": 3}
 
 
@@ -134,17 +141,51 @@ def _required(unit: str) -> tuple[float, Dimension]:
     return known
 
 
+def lettered(unit: str) -> str:
+    """A unit with its words, rad, deg, rpm, ohm and Hz, in the letters that they have; prefixes and symbols as written.
+
+    Examples
+    --------
+    >>> lettered("N·m/RAD"), lettered("1/S"), lettered("MM")
+    ('N·m/rad', '1/S', 'MM')
+    """
+    return _WORD.sub(lambda found: found[1] + found[2].lower().replace("hz", "Hz"), unit)
+
+
+def respelled(text: str, *si: str) -> list[str]:
+    """What a number with a unit in other letters may mean, in units that measure what one of `si` does.
+
+    Examples
+    --------
+    >>> respelled("45 KNm/rad", "N·m/rad"), respelled("45 MNM", "N·m")
+    (['45 kNm/rad'], ['45 mNm', '45 MNm'])
+    """
+    parts = split(text)
+    if parts is None or len(parts[1]) > _LONGEST:
+        return []
+    found, at = [""], 0
+    for match in _FOLDED.finditer(parts[1]):
+        atoms = sorted((one for one in _ATOMS if one.lower() == match[1].lower()), reverse=True)
+        between = parts[1][at : match.start()]
+        found = [before + between + one for before in found for one in atoms][:_MOST_SPELLED]
+        at = match.end()
+    fitting = {_required(one)[1] for one in si}
+    whole = [one + parts[1][at:] for one in found]
+    known = [one for one in whole if one != parts[1] and (unit := _unit(one)) and unit[1] in fitting]
+    return [f"{parts[0]} {one}" for one in known]
+
+
 @lru_cache(256)
 def _unit(text: str) -> tuple[float, Dimension] | None:
-    """What a unit is in SI units, and its dimension; also in lower case, where it is none as it is written."""
-    above, *below = text.split("/")
+    """What a unit is in SI units, and its dimension."""
+    above, *below = lettered(text).split("/")
     if not above:
         return None
     size, total = 1.0, [0] * 5
     for part, sign in [(above, 1), *((one, -1) for one in below)]:
         found = _product(part.strip())
         if found is None:
-            return _unit(text.lower()) if text != text.lower() else None
+            return None
         size *= found[0] ** sign
         total = [a + sign * b for a, b in zip(total, found[1])]
     return size, (total[0], total[1], total[2], total[3], total[4])
@@ -189,6 +230,10 @@ TABLES: dict[str, dict[str, Units]] = {
 }  # fmt: skip
 
 
+#: Keys whose numbers stand in a list, and how many; of home one for each joint.
+LISTS = {"home": 0, "limits": 2, "xyz": 3, "rpy": 3, "centre_of_mass": 3, "box": 3, "cylinder": 2}
+
+
 class Found(NamedTuple):
     """A number that was text: where it stands in the file, and what it is."""
 
@@ -218,9 +263,15 @@ def read_units(data: dict[str, Any], file: str) -> list[Found]:
                     table[key][name] = _read(value, _POSITION, (*where, name), data, file, found)
             elif kind == "tolerances" or key == "tolerance":
                 table[key] = _percent(table[key], where, data, file)
+            elif key in LISTS and isinstance(text := _stated(table[key]), str):
+                raise _no_list(text, LISTS[key], where, data, file)
             elif key in TABLES.get(kind, {}):
                 table[key] = _read(table[key], TABLES[kind][key], where, data, file, found)
     return found
+
+
+def _stated(value: Any) -> Any:
+    return value.get("value") if isinstance(value, dict) else value
 
 
 def _tables(data: dict[str, Any]) -> Iterator[tuple[dict[str, Any], tuple[Any, ...], str]]:
@@ -250,6 +301,8 @@ def _read(
     if isinstance(value, list):
         return [_read(one, units, place, data, file, found) for one in value]
     if isinstance(value, dict):
+        if isinstance(ends := value.get("range"), str):
+            raise _no_list(ends, 2, (*place, "range"), data, file)
         numbers = {
             key: _read(value[key], units, place, data, file, found)
             for key in ("value", "range")
@@ -285,10 +338,23 @@ def _refusal(
 ) -> InvalidInput:
     *before, key = place
     plain = " or ".join(unit.replace("1", "no unit") for unit in units)
+    written = {"%": "1"}
+    meant = [repr(one) for one in respelled(value, *(written.get(unit, unit) for unit in units))]
+    example = "0.8" if units[0] == "1" else repr("5 " + units[0])
     return InvalidInput(
         f"{file}: {place_text(tuple(before), data)} has a value of {str(key)!r} that is no number, or in another unit.",
         f"expected a valid number in {plain}, or text of a number with such a unit, got {value_text(value, 60)}",
-        f"{key} = {'0.8' if units[0] == '1' else repr('5 ' + units[0])}",
+        f"{key} = {' or '.join(meant)}, in the letters of the SI" if meant else f"{key} = {example}",
+    )
+
+
+def _no_list(value: str, count: int, place: tuple[Any, ...], data: dict[str, Any], file: str) -> InvalidInput:
+    *before, key = place
+    shown = value_text(value, 60)
+    return InvalidInput(
+        f"{file}: {place_text(tuple(before), data)} has a value of {str(key)!r} that is no list.",
+        f"expected a list of {count or 'one'} {'numbers' if count else 'number for each joint'}, got {shown}",
+        f"{key} = [{', '.join([json.dumps(value[:60], ensure_ascii=False)] * (count or 1))}]",
     )
 
 
