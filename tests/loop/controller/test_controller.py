@@ -193,9 +193,9 @@ def test_codes_are_shared_only_where_they_are_the_same(made):
         def evaluate_law(self, x, data):
             return 2.0 * super().evaluate_law(x, data)
 
-    one = Controller(made.law, None, saturation=1e6)
+    one = Controller(made.law, None, saturation=100.0)
     again = Controller(made.LinearLaw(states, inputs, 3.0 * gain), None, saturation=1.0)
-    other = Controller(Other(states, inputs, gain), None, saturation=1e6)
+    other = Controller(Other(states, inputs, gain), None, saturation=100.0)
     assert one.traced is again.traced
     assert one.traced is not other.traced
     x = np.array([0.1, 0.0, 0.1, 0.0])
