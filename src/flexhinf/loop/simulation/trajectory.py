@@ -1,20 +1,13 @@
-"""What a run leaves behind: labelled signals with units, metrics, and a plot.
-
-A matplotlib figure that shows itself in a notebook, without pyplot and its global state.
-"""
+"""What a run leaves behind: labelled signals with units, metrics, and a plot."""
 
 from __future__ import annotations
 
 import os
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
-from io import StringIO
 from typing import TYPE_CHECKING, Any
 
-import matplotlib as mpl
 import numpy as np
-from matplotlib.figure import Figure
 
 from flexhinf.errors import InvalidInput
 from flexhinf.files import write_file
@@ -28,6 +21,8 @@ from flexhinf.untrusted import checked_path
 if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.axes import Axes
+
+    from flexhinf.loop.simulation.figure import NotebookFigure
 
 
 #: Where a run starts that starts as its controller does.
@@ -335,6 +330,8 @@ def _csv_cell(text: str) -> str:
 def _plot(run: Trajectory) -> NotebookFigure:
     import matplotlib
 
+    from flexhinf.loop.simulation.figure import NotebookFigure
+
     with matplotlib.rc_context({"text.parse_math": False}):  # a dollar sign in a name is no formula
         figure = NotebookFigure(figsize=(7.0, 5.0), layout="constrained")
         above, below = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
@@ -385,20 +382,3 @@ def _rms(errors: np.ndarray) -> float:
     if largest == 0.0 or not np.isfinite(largest):
         return largest
     return largest * float(np.sqrt(np.mean((errors / largest) ** 2)))
-
-
-class NotebookFigure(Figure):
-    """A figure whose value at the end of a notebook's cell is its drawing, as SVG."""
-
-    def _repr_svg_(self) -> str:
-        text = StringIO()
-        with mpl.rc_context({"svg.fonttype": "none"}), warnings.catch_warnings():
-            warnings.filterwarnings(
-                "ignore", "Glyph .* missing from font"
-            )  # the browser has fonts for every script
-            self.savefig(text, format="svg")
-        return text.getvalue()
-
-    def _repr_html_(self) -> str:
-        svg = self._repr_svg_()
-        return svg[svg.index("<svg") :]
