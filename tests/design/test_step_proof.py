@@ -87,6 +87,9 @@ def test_everything_that_is_shown_of_a_design_agrees(
         assert ("Nothing is proved of the step that is asked for" in text) != proved
         if proved:
             assert "starts outside the proved region" not in text
+    said = verdict(found)
+    assert said.count("outside the sampled region") + said.count("outside the proved region") <= 1
+    assert not any("of the step that is asked for" in note for note in notes(found))
     titles = " ".join(str(table.title) for table in design_tables(found))
     for text in (page, titles):
         assert ("sampled, not proved" in text) == (found.proof.certificate is None)
