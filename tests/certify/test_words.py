@@ -129,7 +129,7 @@ def test_r2_v_and_the_law_are_printed_with_every_digit() -> None:
     assert "V: 63 monomials, in the file and on the page" in theorem_text(long, long.stated)
     whole = dict(theorem_parts(long, long.stated))["Hypotheses"]
     (value,) = (one for one in whole if one.startswith("V = "))
-    assert value.count("1.5") == 52
+    assert value.count("1.5") == 63
 
 
 @pytest.mark.oracle
@@ -204,7 +204,7 @@ def test_a_corner_that_fails_is_named_with_its_parameters() -> None:
 
     found = uncertain(0.2).check(threads=1)
     assert not found.proved
-    named = re.match(r"a corner fails \((\w+ = [0-9.]+[^,()]*(, )?)+\)(:|, and) ", found.reason)
+    named = re.search(r"[aA] corner fails \((\w+ = [0-9.]+[^,()]*(, )?)+\)", found.reason)
     assert named, found.reason
 
 
@@ -294,7 +294,7 @@ def test_no_name_and_no_unit_can_be_read_as_a_part_of_the_theorem(tmp_path: Path
     for unit in ("", "N·m·s/rad", "kg·m²", "µV^2", "rad/s³", "°", "m⁻¹", "1/s", "%"):
         assert Signal("joint-1.link_position", unit).unit == unit
     path = tmp_path / "edited.json"
-    text = CUBIC.text().replace(f'"name": "{CUBIC.inputs[0].name}"', f'"name": "{PROSE[0]}"')
+    text = CUBIC.text().replace(f'"name":"{CUBIC.inputs[0].name}"', f'"name":"{PROSE[0]}"')
     path.write_text(text, encoding="utf-8")
     with pytest.raises(InvalidInput, match="no certificate that can be read") as caught:
         load_certificate(path)

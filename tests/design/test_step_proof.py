@@ -52,7 +52,7 @@ def test_a_sentence_and_the_status_agree(name: str) -> None:
     assert words in found.text
     assert found.text.startswith("Nothing is proved of the step") != proved
     status = _not_proved(
-        SimpleNamespace(chosen=chosen),
+        chosen,
         SimpleNamespace(lasts=True),
         inside,
         proof,  # type: ignore[arg-type]

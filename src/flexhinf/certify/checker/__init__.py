@@ -164,7 +164,8 @@ def verify(
             if stopped.is_set():
                 raise Refusal("interrupted")
             if looked > most:
-                raise Refusal(f"{'cells do not decide: ' if failed else ''}undecided after {most:,} cells")
+                why = f"{corner}, and cells do not decide: " * bool(corner)
+                raise Refusal(f"{why}undecided after {most:,} cells")
             tick(cells)
 
         with ThreadPoolExecutor(threads) as pool:
@@ -180,7 +181,9 @@ def verify(
         reason = "numbers beyond the doubles appear: another unit, or another T."
         return Verification(False, reason, cpu_s=time.process_time() - began)
     except Refusal as refusal:
-        reason = f"{corner}, and " * bool(corner) + _reason(claim, refusal)
+        reason = _reason(claim, refusal)
+        if corner not in reason:  # cells refused, and say where
+            reason += f" A{corner[1:]}."
         return Verification(False, reason, cpu_s=time.process_time() - began)
     return Verification(
         True,
