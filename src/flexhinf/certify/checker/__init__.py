@@ -70,10 +70,8 @@ _MOST_KINDS = 64
 _MOST_UNCERTAIN = 12  # parameters, whose corners are all looked at
 _LEAST_LEVEL = 1e-100
 _LEAST_REACH, _LARGEST_REACH = 1e-10, 1e10  # between these no power of ρ leaves the normal doubles
-_MOST_CELLS, _MOST_AFTER_CORNERS = (
-    10**8,
-    20_000,
-)  # of all faces; where r is a quadratic form and a corner of it fails
+_MOST_CELLS = 10**8  # of all faces together
+_MOST_AFTER_CORNERS = 120_000  # where r is a quadratic form and a corner of it fails
 _FARTHEST = 1e3  # |ℓᵀx| of a function: its quotient has nodes up to there
 
 
