@@ -33,8 +33,8 @@ def upright(value: Any = V_2, level: float = LEVEL, **changes: Any) -> Certifica
     fields: dict[str, Any] = {
         "about": "an upright pendulum",
         "states": (Signal("angle", "rad"), Signal("rate", "rad/s")),
-        "inputs": (Signal("torque", "N m"),),
-        "disturbances": (Signal("push", "N m"),),
+        "inputs": (Signal("torque", "N·m"),),
+        "disturbances": (Signal("push", "N·m"),),
         "drift": ((Term(1.0, (0, 1)),), (Term(-GRAVITY, (0, 0), (), 0),)),
         "g1": (((),), ((one,),)),
         "g2": (((),), ((one,),)),

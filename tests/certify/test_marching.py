@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
+import flexhinf.certify.checker as checker
 from flexhinf.certify import Certificate, Signal, Term
 from flexhinf.certify.checker import march as march_file
 from flexhinf.certify.checker.bounds import Face, Proof
@@ -128,13 +130,28 @@ def test_whatever_is_cut_all_is_covered_or_refused(seed: int, monkeypatch: pytes
         check_covered(watched, len(claim.states), seed)
     for wrong in (upright(level=LEVEL * 1.01), replace(CASES["three states"][0], level=1.2, reach=1.2)):
         with pytest.raises(Refusal):
-            march_face(Face(Proof(wrong), (0, 1)), Watched(), most=30_000)  # type: ignore[arg-type]
+            march_face(Face(Proof(wrong), (0, 1)), Watched(), tick=at_most(30_000))  # type: ignore[arg-type]
 
 
-def test_a_march_without_an_end_is_refused() -> None:
+def at_most(cells: int) -> Callable[[int], None]:
+    """Cells that a test waits for."""
+    left = [cells]
+
+    def tick(count: int) -> None:
+        left[0] -= count
+        if left[0] < 0:
+            raise Refusal("too many for a test")
+
+    return tick
+
+
+def test_a_check_without_an_end_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One limit for all faces together."""
     wrong = upright(level=LEVEL * 1.0005)
-    with pytest.raises(Refusal, match="undecided after"):
-        march_face(Face(Proof(wrong), (0, 1)), Watched(), most=20)  # type: ignore[arg-type]
+    monkeypatch.setattr(checker, "_MOST_CELLS", 70)
+    found = wrong.check(threads=1, by_cells=True)
+    assert not found.proved
+    assert found.reason == "undecided after 70 cells."
 
 
 # The parts --------------------------------------------------------------------------------------------------------

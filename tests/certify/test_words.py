@@ -124,12 +124,12 @@ def test_r2_v_and_the_law_are_printed_with_every_digit() -> None:
     for line in (f"R2 = [{1 / 3!r}]", f"pull = -{2 / 3!r} position", f"V = {0.1 + 0.2!r} position^2"):
         assert f"    {line}\n" in text
     long = replace(CUBIC, states=(Signal("a"), Signal("b")), drift=((), ()), g1=(((),), ((),)), g2=(((),), ((),)),
-                   value=tuple(((i, k - i), 1.5) for k in range(2, 10) for i in range(k + 1)), starts=(), parameters=(),
+                   value=tuple(((i, k - i), 1.5) for k in range(2, 11) for i in range(k + 1)), starts=(), parameters=(),
                    penalty=(), law=((((1, 0), 1.0),),), coordinates=((1.0, 0.0), (0.0, 1.0)))  # fmt: skip
-    assert "V: 52 monomials, in the file and on the page" in theorem_text(long, long.stated)
+    assert "V: 63 monomials, in the file and on the page" in theorem_text(long, long.stated)
     whole = dict(theorem_parts(long, long.stated))["Hypotheses"]
     (value,) = (one for one in whole if one.startswith("V = "))
-    assert value.count("1.5") == 52
+    assert value.count("1.5") == 63
 
 
 @pytest.mark.oracle
@@ -196,7 +196,46 @@ def test_cells_after_a_corner_that_fails_have_a_limit(monkeypatch: pytest.Monkey
     monkeypatch.setattr(checker, "_MOST_AFTER_CORNERS", 10)
     found = sound.check(threads=1)
     assert not found.proved
-    assert found.reason.startswith("a corner fails, and cells do not decide: undecided after")
+    assert found.reason == "a corner fails, and cells do not decide: undecided after 10 cells."
+
+
+def test_a_corner_that_fails_is_named_with_its_parameters() -> None:
+    from .test_checker import uncertain
+
+    found = uncertain(0.2).check(threads=1)
+    assert not found.proved
+    named = re.search(r"[aA] corner fails \((\w+ = [0-9.]+[^,()]*(, )?)+\)", found.reason)
+    assert named, found.reason
+
+
+def test_a_region_beyond_the_reach_is_refused_without_cells() -> None:
+    """V is a quadratic form, so how far {V <= c} goes is known; 100 million cells were looked at before."""
+    from .test_quadratic import LEVEL, upright
+
+    claim = upright(level=LEVEL / 4)
+    found = replace(claim, reach=0.1 * claim.reach).check(threads=1, tick=_no_cells)
+    assert not found.proved
+    assert found.reason.startswith("the level set reaches beyond the stated reach at angle = ")
+
+
+def _no_cells(cells: int) -> None:
+    raise AssertionError
+
+
+@pytest.mark.parametrize("farthest", [65, 1000])
+def test_the_quotient_of_a_sine_is_known_however_far_a_box_reaches(farthest: int) -> None:
+    from flint import fmpq
+
+    from flexhinf.certify import Function
+    from flexhinf.certify.checker.quadratic import quotient_range
+
+    sine = Function("sin", (1.0,))
+    near, far = quotient_range(sine, fmpq(60) ** 2), quotient_range(sine, fmpq(farthest) ** 2)
+    assert far is not None
+    assert near == far  # its ends are at 0 and at 4.49
+    exp = quotient_range(Function("exp", (1.0,)), fmpq(65) ** 2)
+    assert exp is not None
+    assert float(exp[1].p) / float(exp[1].q) >= (np.exp(65.0) - 1.0) / 65.0
 
 
 @pytest.mark.parametrize("share", [0.01, 0.25])
@@ -237,3 +276,35 @@ def test_a_mode_decays_however_slowly_it_does() -> None:
         linear = LinearPart(turn @ chain @ turn.T, turn @ unit, turn @ unit, unit.T @ turn.T, ("a", "b", "c"))
         with pytest.raises(NotStabilisable):
             linear.check()
+
+
+PROSE = "every input whatever, also saturated,", "two words", "a=b", "a,b", ""
+UNITS = "rad], proved for all robots and delays [rad", "kg, any", "N m", "rad\nProved", "x" * 21
+
+
+def test_no_name_and_no_unit_can_be_read_as_a_part_of_the_theorem(tmp_path: Path) -> None:
+    for name in PROSE:
+        for made in (lambda: Signal(name), lambda: Parameter(name, 1.0, 2.0)):  # noqa: B023
+            with pytest.raises(InvalidInput, match="no usable name"):
+                made()
+    for unit in UNITS:
+        for made in (lambda: Signal("a", unit), lambda: Parameter("a", 1.0, 2.0, unit)):  # noqa: B023
+            with pytest.raises(InvalidInput, match="expected a unit"):
+                made()
+    for unit in ("", "N·m·s/rad", "kg·m²", "µV^2", "rad/s³", "°", "m⁻¹", "1/s", "%"):
+        assert Signal("joint-1.link_position", unit).unit == unit
+    path = tmp_path / "edited.json"
+    text = CUBIC.text().replace(f'"name":"{CUBIC.inputs[0].name}"', f'"name":"{PROSE[0]}"')
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(InvalidInput, match="no certificate that can be read") as caught:
+        load_certificate(path)
+    assert caught.value.found
+    assert caught.value.advice
+
+
+def test_rounding_of_the_penalty_is_no_part_of_a_claim() -> None:
+    from flexhinf.certify.theorem import _without_rounding
+
+    row = (((1, 0), 2.0), ((0, 1), -1.3e-16), ((0, 2), 1e-3))
+    assert _without_rounding(row) == (row[0], row[2])
+    assert _without_rounding(()) == ()

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+import flexhinf as fh
 from flexhinf.cli import main
 
 
@@ -23,6 +24,30 @@ def test_more_than_one_joint_is_told_what_else_can_be_done(
     assert main(["certify", "planar-two-link", "--degrees", "2"]) == 2
     assert advised(capsys)[:3] == ["flexhinf", "design", "planar-two-link"]
     assert not list(tmp_path.iterdir())
+
+
+def test_the_advice_names_the_file_that_was_typed_and_keeps_what_was_asked_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Not the name that the robot gives itself, which is no file."""
+    monkeypatch.chdir(tmp_path)
+    file = Path(fh.__file__).parent / "robot" / "catalogue" / "planar-two-link.toml"
+    text = file.read_text(encoding="utf-8").replace('"planar-two-link"', '"vertarm"', 1)
+    Path("my arm.toml").write_text(text, encoding="utf-8")
+    asked = ["my arm.toml", "--goal", "45,30", "--measured", "link_position,motor_position"]
+    assert main(["certify", *asked, "--decay", "0.1", "--threads", "1", "--damping", "0.2"]) == 2
+    asked[1] = "--pose"
+    assert advised(capsys) == [
+        "flexhinf",
+        "design",
+        *asked,
+        "--degrees",
+        "2",
+        "--damping",
+        "0.3",
+        "--rays",
+        "50",
+    ]
 
 
 @pytest.mark.slow

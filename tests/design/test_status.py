@@ -118,3 +118,17 @@ def test_failures_come_first_in_the_line() -> None:
     assert not status.met
     assert status.line.startswith("Not met: overshoot 9 % in elbow (required ≤ 5 %). Risky: sensor noise")
     assert status.line.endswith("Not proved: the step starts outside the sampled region.")
+
+
+def test_a_step_that_starts_outside_has_no_budget() -> None:
+    """One cause is told once: that it starts outside."""
+    from flexhinf.design.attenuation import within_level
+
+    def terms(start: float, level: float) -> Any:
+        return tuple(SimpleNamespace(budget=SimpleNamespace(start=start, level=level)) for _ in range(2))
+
+    outside, inside, unknown = terms(2.0, 1.0), terms(0.5, 1.0), terms(2.0, math.inf)
+    assert within_level(outside) == ()
+    assert within_level(inside) == inside
+    assert within_level(unknown) == unknown
+    assert within_level(()) == ()

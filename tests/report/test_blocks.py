@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import math
+
+import numpy as np
 import pytest
 
 from flexhinf import report
 from flexhinf.errors import InvalidInput
+from flexhinf.report import at_least, at_most
 
 SVG = (
     '<?xml version="1.0"?>\n<svg xmlns="http://www.w3.org/2000/svg" width="9pt" viewBox="0 0 9 9">'
@@ -75,3 +79,15 @@ def test_what_is_no_drawing_is_refused(svg: str) -> None:
 def test_an_anchor_that_would_break_the_page_is_refused(name: str) -> None:
     with pytest.raises(InvalidInput, match="anchor"):
         report.Figure(name, SVG, "")
+
+
+def test_a_bound_is_not_moved_by_the_last_bits_of_a_change_of_unit() -> None:
+    """50° as a double of radians and back is 49.99999999999999°; 49.9999° is another bound."""
+    for degrees in (50.0, 0.1, 63.1, 119.0, 120.0, 179.0):
+        back = 180.0 / math.pi * math.radians(degrees)
+        for value in (back, np.nextafter(degrees, 0.0), np.nextafter(degrees, 1e3)):
+            for text in (at_least(value, 3), at_most(value, 3), at_least(value, decimals=1)):
+                assert float(text) == degrees
+    assert (at_least(49.9999, 3), at_most(50.0001, 3)) == ("49.9", "50.1")
+    assert (at_least(49.99999999999, 3), at_most(50.00000000001, 3)) == ("49.9", "50.1")
+    assert at_least(63.99942, decimals=1) == "63.9"

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 from pydantic import BeforeValidator, ConfigDict, Field, PlainSerializer, Strict
 
 from flexhinf.errors import InvalidInput
-from flexhinf.untrusted import HUGE, checked_name, checked_text, distinct, value_text
+from flexhinf.untrusted import HUGE, LONGEST_NAME, checked_name, checked_text, distinct, value_text
 
 #: Elementary functions that may stand in a vector field; the checker has a bound on the derivatives of each.
 FUNCTIONS = ("sin", "cos", "exp", "tanh", "arctan", "log")
@@ -25,6 +25,7 @@ ONLY_KNOWN = ConfigDict(extra="forbid")
 
 _LONGEST_LINE = 1000
 
+_UNIT = re.compile(r"(?:[^\W_]|[·⋅/^°*().%⁻-]){0,20}")
 _HEXADECIMAL = re.compile(r"-?0x[01](\.[0-9a-f]{1,13})?p[+-]\d{1,4}")
 
 
@@ -67,8 +68,7 @@ class Signal:
     unit: Name = ""
 
     def __post_init__(self) -> None:
-        checked_name("a signal of the certificate", self.name, spaces=True)
-        check_line("the unit of a signal", self.unit)
+        check_named("signal", self.name, self.unit)
 
 
 @dataclass(frozen=True)
@@ -83,8 +83,7 @@ class Parameter:
     unit: Name = ""
 
     def __post_init__(self) -> None:
-        checked_name("a parameter of the certificate", self.name, spaces=True)
-        check_line("the unit of a parameter", self.unit)
+        check_named("parameter", self.name, self.unit)
         require(
             self.low <= self.high, f"low ≤ high for the parameter {self.name}", f"{self.low!r}, {self.high!r}"
         )
@@ -236,6 +235,16 @@ class Observer:
             matrix = getattr(self, name)
             fits = len(matrix) == rows and all(len(row) == columns for row in matrix)
             require(fits, f"{rows} rows of {columns} in the observer's {name}", f"{len(matrix)} rows")
+
+
+def check_named(what: str, name: str, unit: str) -> None:
+    """Refuse a name of several words and a unit that is a text: both stand among what is proved, as part of it."""
+    checked_name(f"a {what} of the certificate", name, without=",=", longest=2 * LONGEST_NAME)
+    require(
+        _UNIT.fullmatch(unit) is not None,
+        f"a unit of at most 20 letters, digits and marks such as · / ^ ² ° for the {what} {name}",
+        value_text(unit, 60),
+    )
 
 
 def check_line(what: str, text: str) -> None:

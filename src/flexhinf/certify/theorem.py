@@ -26,6 +26,7 @@ from flexhinf.polynomial.algebra import product
 from flexhinf.untrusted import HUGE
 
 _BITS = 20  # of the entries of T
+_LEFT_OVER = 1e-13
 
 
 def statement_of(
@@ -56,7 +57,7 @@ def statement_of(
         drift=terms.drift,
         g1=terms.g1,
         g2=terms.g2,
-        penalty=tuple(row for row in terms.penalty if row),
+        penalty=tuple(row for row in map(_without_rounding, terms.penalty) if row),
         r2=tuple(map(tuple, solution.expansion.r2.tolist())),
         value=tuple(
             (tuple(powers), value)
@@ -75,6 +76,12 @@ def statement_of(
     )
 
 
+def _without_rounding(row: Polynomial) -> Polynomial:
+    """A row of h without what rounding left: below 1e-13 of the row's largest coefficient."""
+    largest = max((abs(value) for _, value in row), default=0.0)
+    return tuple((powers, value) for powers, value in row if abs(value) > _LEFT_OVER * largest)
+
+
 def signals(problem: Problem | None, names: Iterable[str]) -> tuple[Signal, ...]:
     """Signals of a problem with their units; a command has that of its output."""
     return tuple(
@@ -88,7 +95,7 @@ def with_units(problem: Problem | None, parameters: Iterable[Parameter]) -> tupl
 
 
 def _unit(problem: Problem | None, name: str) -> str:
-    return problem.plant.unit(name) if isinstance(problem, GeneralisedPlant) else ""
+    return problem.plant.unit(name).replace(" ", "·") if isinstance(problem, GeneralisedPlant) else ""
 
 
 def law_polynomials(solution: ValueFunction, terms: PlantTerms) -> tuple[Polynomial, ...]:
@@ -147,7 +154,7 @@ def few_bits(matrix: np.ndarray) -> np.ndarray:
 AUTHOR = "In the author's words, not checked"
 
 _MOST_SHOWN = 12  # terms of a sum
-_MOST_MONOMIALS = 40  # of V and the law on a terminal
+_MOST_MONOMIALS = 60  # of V and the law on a terminal
 _DIGITS = 6
 
 

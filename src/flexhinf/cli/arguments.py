@@ -6,7 +6,7 @@ import functools
 import inspect
 import math
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -224,13 +224,13 @@ def _check_drive(context: typer.Context, robot: Any) -> None:
             )
 
 
-def reproduce_command(context: typer.Context) -> list[str]:
-    """The words of the command that makes the same report again."""
+def reproduce_command(context: typer.Context, without: Collection[str] = ()) -> list[str]:
+    """The words of the command that makes the same report again; without some parameters, by name."""
     found = context.command_path.split()
     stated = _stated(context)
     for parameter in context.command.params:
         value = stated.get(str(parameter.name))
-        if value is None:
+        if value is None or parameter.name in without:
             continue
         if parameter.param_type_name == "argument":
             found.append(str(value))

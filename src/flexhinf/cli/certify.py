@@ -132,23 +132,26 @@ def certify(
 
     from flexhinf.certify.theorem import theorem_text
     from flexhinf.design import report
-    from flexhinf.design.certification import certify_design, evidence, proved
+    from flexhinf.design.certification import SeveralJoints, certify_design, evidence, proved
     from flexhinf.report import check as check_folder
     from flexhinf.report import write
 
     request = request_of(context, robot, elastic, payload, goal_xyz, tool).request
     folder = check_folder(out)
     with ProofProgress() as bar:
-        found = certify_design(
-            request.robot,
-            request.specification,
-            bar.step,
-            bar.share,
-            decay=decay,
-            observer=observer,
-            tolerances=tolerances,
-            threads=threads,
-        )
+        try:
+            found = certify_design(
+                request.robot,
+                request.specification,
+                bar.step,
+                bar.share,
+                decay=decay,
+                observer=observer,
+                tolerances=tolerances,
+                threads=threads,
+            )
+        except SeveralJoints as error:
+            raise InvalidInput(error.what, error.found, _sampled_instead(context)) from None
         one = proved(found, degree, tolerances or found[0].box is not None)
         bar.step("pictures, and the worst disturbance")
         shown = evidence(request.robot, request.specification, one)
@@ -164,6 +167,16 @@ def certify(
     file = folder / CERTIFICATE
     again = join(["flexhinf", "certify", "--check", str(file)])
     typer.echo(f"report:      {folder / 'index.html'}\ncertificate: {file}\ncheck:       {again}")
+
+
+def _sampled_instead(context: typer.Context) -> str:
+    """The command that samples a region of the same request."""
+    from flexhinf.design.certification import SAMPLED_ADVICE
+
+    own = ("out", "check", "every_cell", "degree", "degrees", "decay", "observer", "tolerances", "threads")
+    words = reproduce_command(context, (*own, "damping", "rays"))
+    words[words.index("certify")] = "design"
+    return SAMPLED_ADVICE.format(join([*words, "--degrees", "2", "--damping", "0.3", "--rays", "50"]))
 
 
 def _refuse_ignored(context: typer.Context, path: Path) -> None:

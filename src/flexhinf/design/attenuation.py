@@ -34,9 +34,10 @@ class Attenuation:
         The worst disturbance found (a lower bound of the gain) with which V stays below the sampled level, or the one
         of the preset proved, with the true state fed back; None if none was searched for, or the search failed.
     budget : tuple of BudgetTerm
-        Of the step; the level is infinite where there is no region. Empty where the step diverges, and with more than
-        `MOST_STATES` states where there is no region: each term takes a compiled loop of its own. Empty for the preset
-        proved: where parameters are uncertain the proved V is not the one whose gradient is the law.
+        Of the step; the level is infinite where there is no region. Empty where the step diverges, where it starts
+        outside the region, and with more than `MOST_STATES` states where there is no region: each term takes a
+        compiled loop of its own. Empty for the preset proved: where parameters are uncertain the proved V is not the
+        one whose gradient is the law.
     failure : str
         Why the search for a disturbance failed; empty where it did not.
     """
@@ -92,7 +93,7 @@ def _budget(
         return ()
     x, u = setup.robot.operating_point(setup.start)
     try:
-        return tuple(
+        terms = tuple(
             budget_terms(
                 synthesis.solution, setup.model, s.period, np.inf if level is None else level,
                 delay=s.delay or None, estimator=setup.estimator(setup.start), saturation=setup.limits.saturated,
@@ -102,3 +103,9 @@ def _budget(
         )  # fmt: skip
     except NumericalFailure:
         return ()
+    return within_level(terms)
+
+
+def within_level(terms: tuple[BudgetTerm, ...]) -> tuple[BudgetTerm, ...]:
+    """The same; none where the step starts above the level, so that there is nothing to spend."""
+    return () if terms and terms[-1].budget.start > terms[-1].budget.level else terms

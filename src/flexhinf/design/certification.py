@@ -31,7 +31,7 @@ from flexhinf.certify.pictures import (
 from flexhinf.certify.proof import certify, check_decay, parameter_ranges
 from flexhinf.certify.sampled_gain import ProvedStep, longest_run, proved_steps
 from flexhinf.certify.terms import MOST_STATES
-from flexhinf.design.attenuation import Attenuation
+from flexhinf.design.attenuation import Attenuation, within_level
 from flexhinf.design.box_proof import (
     BoxProof,
     NotWithinTolerances,
@@ -60,6 +60,17 @@ BOX_SECONDS = 120.0
 
 #: Longest disturbance that is searched for beside a certificate, s.
 LONGEST_SEARCH = 20.0
+
+
+#: What is left for a robot of several joints; {} is the way to ask for it.
+SAMPLED_ADVICE = (
+    "{}, which samples a region of the linear law, looks at the corners of the tolerances and at sampled robots, and "
+    "proves nothing"
+)
+
+
+class SeveralJoints(InvalidInput):
+    """A robot whose law has too many states for a proof."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,12 +133,11 @@ def certify_design(
         As the design does; and InvalidInput for a plant that the method cannot take, by name.
     """
     if len(robot.joint_names) > 1:
-        raise InvalidInput(
+        raise SeveralJoints(
             "A proof in so many states would not end.",
             f"expected a robot of one joint, with at most {MOST_STATES} states, got {len(robot.joint_names)} joints: "
             "cells grow 10 to 23 times with each state",
-            f"flexhinf design {robot.name} --degrees 2 --damping 0.3 --rays 50, which samples a region of the linear "
-            "law, looks at the corners of the tolerances and at sampled robots, and proves nothing",
+            SAMPLED_ADVICE.format("a design with degrees = (2,), damping = 0.3 and rays = 50"),
         )
     check_decay(decay)
     if tolerances and not robot.uncertain:
@@ -408,8 +418,8 @@ def prove_design(
             reasons.append(" ".join((error.found or error.what).split()))
         else:
             found = replace(found, sampled_level=chosen.level, attained_gain=attained)
-            budget = tuple(
-                replace(term, budget=replace(term.budget, level=found.level)) for term in worth.budget
+            budget = within_level(
+                tuple(replace(term, budget=replace(term.budget, level=found.level)) for term in worth.budget)
             )
             return DesignProof(found, "", start, budget, time.thread_time() - began)
     return DesignProof(None, reasons[0], cpu_seconds=time.thread_time() - began)

@@ -17,7 +17,7 @@ import re
 import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from decimal import ROUND_CEILING, ROUND_FLOOR, Context, Decimal
+from decimal import ROUND_CEILING, ROUND_FLOOR, ROUND_HALF_EVEN, Context, Decimal
 from importlib import metadata
 from numbers import Integral, Real
 from typing import Protocol
@@ -28,6 +28,7 @@ from flexhinf.report.figure import LIGHT
 _CODE = re.compile(r"`([^`]+)`")
 _RAISED = re.compile(r"\bR(?:\^([vn])\b|([ᵛⁿ]))")
 _LETTERS = {"ᵛ": "v", "ⁿ": "n"}
+_LAST_BITS = 4  # of a double, that a change of unit may move
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
@@ -101,13 +102,19 @@ def at_least(value: float, digits: int = 4, decimals: int | None = None) -> str:
 
 
 def _rounded(value: float, digits: int, rounding: str, decimals: int | None = None) -> float:
-    """The nearest number of so many digits on one side."""
+    """The nearest number of so many digits on one side; the nearest of all where that is the value but for its last
+    bits: 50 degrees in radians and back are 49.99999999999999, and are to be written as 50."""
     if not math.isfinite(value):
         return float(value)
-    exact = Decimal(float(value))
-    if decimals is not None:
-        return float(exact.quantize(Decimal(1).scaleb(-decimals), rounding=rounding))
-    return float(Context(prec=digits, rounding=rounding).create_decimal(exact))
+    exact, room = Decimal(float(value)), Decimal(_LAST_BITS * math.ulp(value))
+    for way in (ROUND_HALF_EVEN, rounding):
+        if decimals is None:
+            found = Context(prec=digits, rounding=way).create_decimal(exact)
+        else:
+            found = exact.quantize(Decimal(1).scaleb(-decimals), rounding=way)
+        if abs(found - exact) <= room:
+            break
+    return float(found)
 
 
 def scalar(value: object, decimals: int | None = None) -> str:

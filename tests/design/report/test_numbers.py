@@ -62,7 +62,7 @@ def test_the_file_has_what_was_found(report_design: Make) -> None:
     held = design.setup.equilibrium(design.goal)[1]
     assert found["inputs"]["equilibrium at the goal"] == pytest.approx(abs(held[0]))
     assert found["inputs"]["step, nominal robot"] == np.abs(e.step.inputs).max()
-    assert found["budget"][-1]["spent"] == design.attenuation.budget[-1].budget.total
+    assert found["budget"] == []  # the step starts outside the region
     assert found["load"]["joints"][0]["load"] == e.load_response.load[0]
     assert found["corners"][0]["form"] == "as designed"
     assert max(found["frequency_response"]["sensitivity"]) == pytest.approx(

@@ -62,7 +62,7 @@ def test_every_question_has_its_section_in_order(report_design: Make) -> None:
     assert figures == [
         "figure-step", "figure-arm", "figure-draws", "figure-spread", "figure-load", "figure-ringing", "figure-move",
         "figure-bode", "figure-sensitivity", "figure-nyquist", "figure-estimate", "figure-poles", "figure-search",
-        "figure-budget", "figure-rigid",
+        "figure-rigid",
     ]  # fmt: skip
 
 

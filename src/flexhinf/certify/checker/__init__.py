@@ -52,7 +52,12 @@ from flexhinf.certify.checker.bounds import BITS, Face, Proof
 from flexhinf.certify.checker.march import Marched, march_face
 from flexhinf.certify.checker.observer import check_observer
 from flexhinf.certify.checker.peak import proved_peaks
-from flexhinf.certify.checker.quadratic import Corner, look_at_corners, refute_at_corners
+from flexhinf.certify.checker.quadratic import (
+    check_reach,
+    corner_text,
+    look_at_corners,
+    refute_at_corners,
+)
 from flexhinf.certify.checker.residual import as_rational, positive_definite, residual
 from flexhinf.certify.checker.second_route import Cell, EveryCell, Sample, confirm
 from flexhinf.certify.checker.starts import check_start
@@ -65,8 +70,8 @@ _MOST_KINDS = 64
 _MOST_UNCERTAIN = 12  # parameters, whose corners are all looked at
 _LEAST_LEVEL = 1e-100
 _LEAST_REACH, _LARGEST_REACH = 1e-10, 1e10  # between these no power of ρ leaves the normal doubles
-_MOST_CELLS = 10**8  # of a face
-_MOST_AFTER_CORNERS = 200_000  # of a face, where r is a quadratic form and a corner of its quotients fails
+_MOST_CELLS = 10**8  # of all faces together
+_MOST_AFTER_CORNERS = 120_000  # where r is a quadratic form and a corner of it fails
 _FARTHEST = 1e3  # |ℓᵀx| of a function: its quotient has nodes up to there
 
 
@@ -130,7 +135,7 @@ def verify(
     `sample` cells of each face are proved a second time, or every cell (None); with `by_cells` cells are looked at even
     where a quadratic form decides.
     """
-    began, failed = time.process_time(), list[Corner]()
+    began, corner = time.process_time(), ""
     try:
         _check_sizes(claim)
         _check_matrices(claim)
@@ -138,25 +143,31 @@ def verify(
         exact, peaks = residual(claim), proved_peaks(claim)
         if claim.observer is not None:
             check_observer(claim, claim.observer, exact.gradient_law)
-        corners, failed = (0, failed) if by_cells else look_at_corners(claim, exact)
+        corners, failed = (0, []) if by_cells else look_at_corners(claim, exact)
         if failed:
             refute_at_corners(claim, exact, failed)
+            corner = corner_text(claim, failed[0])
         elif corners:
             spent, law = time.process_time() - began, exact.gradient_law
             return Verification(
                 True, corners=corners, starts=starts, gradient_law=law, peaks=peaks, cpu_s=spent
             )
+        check_reach(claim, exact)
         proof = Proof(claim)
-        stopped = Event()
+        stopped, looked, most = Event(), 0, _MOST_AFTER_CORNERS if failed else _MOST_CELLS
 
         def watch(cells: int) -> None:
+            nonlocal looked
+            looked += cells
             if stopped.is_set():
                 raise Refusal("interrupted")
+            if looked > most:
+                why = f"{corner}, and cells do not decide: " * bool(corner)
+                raise Refusal(f"{why}undecided after {most:,} cells")
             tick(cells)
 
         with ThreadPoolExecutor(threads) as pool:
-            most = _MOST_AFTER_CORNERS if failed else _MOST_CELLS
-            jobs = [pool.submit(_face, proof, face, sample, seed, watch, most) for face in proof.faces]
+            jobs = [pool.submit(_face, proof, face, sample, seed, watch) for face in proof.faces]
             try:
                 marched = [job.result() for job in jobs]
             except BaseException:  # the other threads end at their next cells, not at the end of their faces
@@ -168,9 +179,9 @@ def verify(
         reason = "numbers beyond the doubles appear: another unit, or another T."
         return Verification(False, reason, cpu_s=time.process_time() - began)
     except Refusal as refusal:
-        reason = "a corner fails, and cells do not decide: " * bool(failed and refusal.limit) + _reason(
-            claim, refusal
-        )
+        reason = _reason(claim, refusal)
+        if corner not in reason:  # cells refused, and say where
+            reason += f" A{corner[1:]}."
         return Verification(False, reason, cpu_s=time.process_time() - began)
     return Verification(
         True,
@@ -229,11 +240,10 @@ def _face(
     sample: int | None,
     seed: int,
     tick: Callable[[int], None],
-    most: int,
 ) -> Marched:
     with np.errstate(all="ignore"):  # what is not finite is not accepted
         chosen = EveryCell(proof, face, tick) if sample is None else Sample(face, sample, seed)
-        return march_face(Face(proof, face), chosen, tick=tick, most=most)
+        return march_face(Face(proof, face), chosen, tick=tick)
 
 
 def _again(proof: Proof, cells: list[Cell], seed: int) -> int:

@@ -38,7 +38,6 @@ def march_face(
     chosen: Sample | EveryCell,
     *,
     tick: Callable[[int], None] = lambda cells: None,
-    most: int = 10**8,
 ) -> Marched:
     """Prove that each direction of a face is finished after accepted cells that adjoin from ρ = 0 on, or raise a
     `Refusal`."""
@@ -62,8 +61,6 @@ def march_face(
         with_level += int((good & ~(bounds.largest < 0)).sum())
         rounding = max(rounding, float(bounds.rounding[good].max(initial=0.0)))
         tick(len(good))
-        if count > most:
-            raise Refusal(f"undecided after {count:,} cells of a face", limit=True)
     return Marched(count, accepted, with_level, rounding, tuple(chosen.cells), chosen.count)
 
 

@@ -12,7 +12,7 @@ functions' quotients take their extreme values far from 0 only. Nothing here can
 from __future__ import annotations
 
 import itertools
-from math import ceil, isfinite
+from math import ceil, isfinite, log2
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -22,6 +22,8 @@ from flexhinf.certify.checker.quotient import offset_of, series_of
 from flexhinf.certify.checker.residual import (
     Residual,
     as_rational,
+    box_corners,
+    leading_minors,
     parameter_corners,
     positive_definite,
     rounded,
@@ -33,12 +35,13 @@ from flexhinf.certify.terms import Function
 _MOST_CORNERS = 2**15
 _MOST_FAILED = 64  # corners that are kept
 _GRID = 512  # pieces of an interval of length one
-_FARTHEST = 64  # |ℓᵀx| of a function
+_NEAR, _FARTHEST = 64, 10**6  # |ℓᵀx| of a function: in short pieces, and in ones that double
 
 
 class Corner(NamedTuple):
-    """Products of parameters and quotients of functions at which r is not negative definite: −r = zᵀ`form`z."""
+    """Parameters, their products and quotients of functions at which r is not negative definite: −r = zᵀ`form`z."""
 
+    parameters: dict[str, fmpq]
     weights: list[fmpq]
     quotients: tuple[fmpq, ...]
     form: fmpq_mat
@@ -52,8 +55,8 @@ def definite_corners(claim: Claim, exact: Residual) -> int:
 
 
 def look_at_corners(claim: Claim, exact: Residual) -> tuple[int, list[Corner]]:
-    """The number of corners, 0 where r is no quadratic form on a region within the reach; and of those that fail the
-    first few."""
+    """The number of corners, 0 where r is no quadratic form or the region is not within the reach; and of those that
+    fail the first few, the one with the smallest minor before the others."""
     parts: list[tuple[Any, ...]] = list(
         zip(exact.plain, *exact.factors, strict=True)
     )  # by product of parameters
@@ -63,35 +66,63 @@ def look_at_corners(claim: Claim, exact: Residual) -> tuple[int, list[Corner]]:
     if not positive_definite(value):
         return 0, []
     widest = value.inv() * as_rational(claim.level)  # wᵀ(widest)w is the largest |wᵀz|² where V ≤ c
-    if any(widest[i, i] > as_rational(claim.reach) ** 2 for i in range(widest.nrows())):
-        return 0, []
     ranges: list[tuple[fmpq, fmpq]] = []
     for function, row in zip(claim.functions, map(row_of, exact.arguments), strict=True):
         found = quotient_range(function, (row * widest * row.transpose())[0, 0])
         if found is None:
             return 0, []
         ranges.append(found)
-    weights, count, failed = parameter_corners(claim, exact.products), 0, list[Corner]()
+    weights, count = parameter_corners(claim, exact.products), 0
+    failed: list[tuple[fmpq, Corner]] = []
     if len(weights) * 2 ** len(ranges) > _MOST_CORNERS:
         return 0, []
     forms = [list(map(form_of, row)) for row in parts]
-    for products, ends in itertools.product(weights, itertools.product(*ranges)):
+    named = zip(box_corners(claim, exact.products), weights)
+    for (parameters, products), ends in itertools.product(named, itertools.product(*ranges)):
         total = value * 0
         for weight, row in zip(products, forms, strict=True):
             for quotient, form in zip((fmpq(1), *ends), row, strict=True):
                 total -= form * (weight * quotient)
         count += 1
-        if not positive_definite(total):
-            failed.append(Corner(products, ends, total))
+        least = min(leading_minors(total))
+        if not least > 0:
+            failed.append((least, Corner(parameters, products, ends, total)))
             if len(failed) == _MOST_FAILED:
                 break
-    return count, failed
+    found = [corner for _, corner in sorted(failed, key=lambda one: one[0])]
+    return 0 if _farther(claim, widest) else count, found
+
+
+def _farther(claim: Claim, widest: fmpq_mat) -> list[int]:
+    """The z_i that exceed the reach where V ≤ c."""
+    return [i for i in range(widest.nrows()) if widest[i, i] > as_rational(claim.reach) ** 2]
+
+
+def check_reach(claim: Claim, exact: Residual) -> None:
+    """Raise a `Refusal` where V is a quadratic form and {V ≤ c} leaves the reach: no cell ends there."""
+    if any(sum(map(int, e)) != 2 for e in exact.value.to_dict()):
+        return
+    value = form_of(exact.value)
+    if positive_definite(value):
+        widest = value.inv() * as_rational(claim.level)
+        for i in _farther(claim, widest):
+            row = np.array([rounded(widest[j, i]) for j in range(widest.nrows())])
+            place = row / np.sqrt(row[i])  # where z_i is largest on {V = c}
+            raise Refusal("the level set reaches beyond the stated reach", place, claim.level)
+
+
+def corner_text(claim: Claim, corner: Corner) -> str:
+    """That a corner fails, with the values of its parameters."""
+    units = {p.name: p.unit for p in claim.parameters}
+    values = (f"{n} = {rounded(v):.6g} {units[n]}".rstrip() for n, v in corner.parameters.items())
+    return "a corner fails" + (f" ({', '.join(values)})" if corner.parameters else "")
 
 
 def quotient_range(function: Function, square: fmpq) -> tuple[fmpq, fmpq] | None:
     """Rational bounds of S(s) = (φ(o + s) − φ(o))/s for s² ≤ `square`; None where φ is not analytic there.
 
-    On a piece about m of half width w, |S(s) − S(m)| ≤ w max |S′| ≤ w max |φ″|/2 between o and o + s, as in (5).
+    On a piece about m of half width w, |S(s) − S(m)| ≤ w max |S′| ≤ w max |φ″|/2 between o and o + s, as in (5). Beyond
+    `_NEAR` the quotient itself is enclosed.
     """
     farthest = arb(square).sqrt().upper()
     if not farthest <= _FARTHEST:
@@ -99,13 +130,18 @@ def quotient_range(function: Function, square: fmpq) -> tuple[fmpq, fmpq] | None
     offset, ends = offset_of(function), []
     start = series_of(function.name, arb_series([offset], prec=1))[0]
     for side in (1, -1):
-        bend = arb(0)
-        for i in range(ceil(float(farthest) * _GRID) + 1):
+        bend, pieces = arb(0), list[arb]()
+        for i in range(ceil(min(float(farthest), _NEAR) * _GRID) + 1):
             middle, half = arb(side * (2 * i + 1)) / (2 * _GRID), arb(1) / (2 * _GRID)
             around = arb_series([offset + middle + half * arb(0, 1), 1], prec=3)
             bend = bend.max(abs(series_of(function.name, around)[2]))
             at = (series_of(function.name, arb_series([offset + middle], prec=1))[0] - start) / middle
-            enclosed = at + bend * half * arb(0, 1)
+            pieces.append(at + bend * half * arb(0, 1))
+        for k in range(ceil(log2(max(float(farthest) / _NEAR, 1.0)))):
+            piece = arb(side * _NEAR * 2**k).union(arb(side * _NEAR * 2 ** (k + 1)))
+            far = series_of(function.name, arb_series([offset + piece], prec=1))[0]
+            pieces.append((far - start) / piece)
+        for enclosed in pieces:
             if not isfinite(float(enclosed.rad())) or not enclosed.is_finite():
                 return None
             ends += [enclosed.lower().fmpq(), enclosed.upper().fmpq()]
@@ -159,7 +195,7 @@ def refute_at_corners(claim: Claim, exact: Residual, failed: list[Corner]) -> No
             at = (z.transpose() * form_of(exact.value) * z)[0, 0]
             if total > 0 and at <= as_rational(claim.level):
                 place = np.array([rounded(z[i, 0]) for i in range(z.nrows())])
-                raise Refusal("a corner fails: r > 0", place, rounded(at))
+                raise Refusal(f"{corner_text(claim, corner)}: r > 0", place, rounded(at))
 
 
 def _quotient(function: Any, s: fmpq) -> arb:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -33,8 +33,13 @@ def polynomial_of(polynomial: Polynomial, context: Any) -> Any:
 
 def positive_definite(matrix: fmpq_mat) -> bool:
     """Whether a symmetric matrix is positive definite: all leading minors are positive."""
-    sizes = range(1, matrix.nrows() + 1)
-    return all(fmpq_mat([[matrix[i, j] for j in range(k)] for i in range(k)]).det() > 0 for k in sizes)
+    return all(minor > 0 for minor in leading_minors(matrix))
+
+
+def leading_minors(matrix: fmpq_mat) -> Iterator[fmpq]:
+    """The determinants of the first k rows and columns, k = 1 and up."""
+    for k in range(1, matrix.nrows() + 1):
+        yield fmpq_mat([[matrix[i, j] for j in range(k)] for i in range(k)]).det()
 
 
 @dataclass(frozen=True)
@@ -148,20 +153,27 @@ def _opposite(one: Any, other: Any) -> bool:
     return all(abs(v) <= largest.get(sum(map(int, p)), fmpq(0)) * fmpq(1, 10**12) for p, v in rest)
 
 
-def parameter_corners(claim: Claim, products: list[Exponents]) -> list[list[fmpq]]:
-    """Each product of parameters (columns) at the corners of the box (rows).
+def box_corners(claim: Claim, products: list[Exponents]) -> list[dict[str, fmpq]]:
+    """The corners of the box of the parameters in these products.
 
     Between them each product stays between its values there, because no parameter of another exponent than 1 vanishes;
     for the squares that |V_x g1|² brings, a parameter that may vanish has 0 as a third end.
     """
     used = {name for product in products for name, _ in product}
-    box = [
-        (p.low, p.high, *([0.0] if p.low < 0 < p.high else [])) for p in claim.parameters if p.name in used
-    ]
-    names = [p.name for p in claim.parameters if p.name in used]
+    box = {
+        p.name: (p.low, p.high, *([0.0] if p.low < 0 < p.high else []))
+        for p in claim.parameters
+        if p.name in used
+    }
+    corners = itertools.product(*(sorted(set(ends)) for ends in box.values()))
+    return [dict(zip(box, map(as_rational, corner), strict=True)) for corner in corners]
+
+
+def parameter_corners(claim: Claim, products: list[Exponents]) -> list[list[fmpq]]:
+    """Each product of parameters (columns) at the corners of the box (rows)."""
     rows = []
-    for corner in itertools.product(*map(sorted, map(set, box))):
-        at, row = dict(zip(names, map(as_rational, corner), strict=True)), []
+    for at in box_corners(claim, products):
+        row = []
         for product in products:
             weight = fmpq(1)
             for name, exponent in product:

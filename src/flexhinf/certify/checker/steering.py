@@ -17,14 +17,11 @@ _FLAT = 0.02  # an interval of ρ shorter than this times the widest t_i is not 
 
 
 class Refusal(Exception):
-    """A claim that is not proved, and why; with the place z, and V there, where it is about one; `limit` where
-    the number of cells ended it."""
+    """A claim that is not proved, and why; with the place z, and V there, where it is about one."""
 
-    def __init__(
-        self, why: str, z: np.ndarray | None = None, value: float = float("nan"), limit: bool = False
-    ) -> None:
+    def __init__(self, why: str, z: np.ndarray | None = None, value: float = float("nan")) -> None:
         super().__init__(why)
-        self.z, self.value, self.limit = z, value, limit
+        self.z, self.value = z, value
 
 
 def refuse(

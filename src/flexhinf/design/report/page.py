@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -141,7 +142,11 @@ def notes(design: Design) -> list[str]:
 
 def verdict(design: Design) -> str:
     """The status and what the loop does, in one paragraph for a terminal."""
-    parts = [design.status.line, _headline(design)]
+    status, step_proof = design.status, design.step_proof
+    if not step_proof.proved:  # the headline says it in a sentence
+        left = tuple(text for text in status.not_proved if text not in step_proof.missing)
+        status = replace(status, not_proved=left)
+    parts = [status.line, _headline(design)]
     if design.mujoco is not None:
         parts.append(f"On MuJoCo's plant: {step.difference_text(design, units_of(design.evaluation))}.")
     if design.rigid is not None:
@@ -177,7 +182,7 @@ def _intro(design: Design) -> str:
 
 
 def _headline(design: Design) -> str:
-    """What the nominal loop and the sampled robots do."""
+    """What the nominal loop and the sampled robots do, and what is proved."""
     e = design.evaluation
     units, samples = units_of(e), e.step_samples
     parts = [step.step_text(e.step, units)]

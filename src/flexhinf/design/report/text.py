@@ -24,6 +24,7 @@ from flexhinf.design.report.sections.margins import margin_rows
 from flexhinf.design.report.sections.monte_carlo import spread_rows
 from flexhinf.design.report.sections.poles import mode_groups
 from flexhinf.design.report.sections.region import (
+    budget_of,
     budget_rows,
     cost_text,
     degree_text,
@@ -67,6 +68,9 @@ WRAPPED = ("", "in", "target ω, rad/s", "loop", "achieved")
 
 #: Characters between columns of a comparison.
 GAP = 2
+
+#: Of the steps in the table of regions.
+STARTED = "Sampled step: with the integrals at which V is smallest, not the controller's"
 
 #: Short names of the forms of R^v.
 FORMS = {"all states": "all states", "velocities only": "velocities", "link velocities only": "links",
@@ -115,7 +119,7 @@ def design_tables(design: Design) -> list[Table]:
         found.append(_robust(design))
     if design.noise_search is not None:
         found.append(_noise(design))
-    if design.attenuation.budget:
+    if budget_of(design):
         found.append(_budget(design))
     return [*found, _regions(design) if design.synthesis.proved is None else _levels(design)]
 
@@ -288,9 +292,11 @@ def _levels(design: Design) -> Table:
 
 def _regions(design: Design) -> Table:
     unit, most = units_of(design.evaluation).position, widest_step(design)
-    columns = ("degree", "law", "cost", "V ≤", f"step, {unit}", "°", "residual", "time, s")
+    columns = ("degree", "law", "cost", "V ≤", f"sampled step, {unit}", "°", "residual", "time, s")
     title = "\n".join(textwrap.wrap(degree_text(design), WIDTH))
-    regions = plain_table(f"{title}\nRegion of each solution: {region_strength(design)} (* used)", *columns)
+    regions = plain_table(
+        f"{title}\nRegion of each solution: {region_strength(design)} (* used)\n{STARTED}", *columns
+    )
     for c in design.choices:
         law = law_name(c.degree) + (" *" if c is design.chosen else "")
         sampled: tuple[str, ...] = ("–", "–", "–")

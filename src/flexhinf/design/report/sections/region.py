@@ -19,7 +19,7 @@ from flexhinf.design.report.drawing import (
     thin,
     units_of,
 )
-from flexhinf.design.report.proof import BOX_FILE, covers_tolerances, penalty_text, proof_text
+from flexhinf.design.report.proof import BOX_FILE, covers_tolerances, penalty_text
 from flexhinf.design.result import Design
 from flexhinf.hinf import smallest_gamma
 from flexhinf.plant import GeneralisedPlant
@@ -78,7 +78,7 @@ def remarks(design: Design) -> Iterator[str]:
         )
     if terms := budget_of(design):
         budget = terms[-1].budget
-        if np.isfinite(budget.level) and budget.start <= budget.level and not budget.kept:
+        if np.isfinite(budget.level) and not budget.kept:
             yield (
                 f"The step begins inside the region, but its parts use {number(budget.total, 3)} of the "
                 f"level {number(budget.level - budget.start, 3)} that remains after V(x0). Nothing follows from "
@@ -93,7 +93,7 @@ def _proof(design: Design) -> list[Any]:
     """The certificate of the law that is used, and how it is proved again."""
     given = design.proof.certificate
     if given is None:
-        return [Paragraph(proof_text(design)), *_box(design)]
+        return _box(design)
     box, seconds = covers_tolerances(design), number(design.proof.cpu_seconds, 2)
     if given.sampled_level is None:
         level = f"The level V ≤ {at_least(given.level, 5)} was"
@@ -104,7 +104,7 @@ def _proof(design: Design) -> list[Any]:
     budget = "" if box else " beyond the budget below"
     return [
         Paragraph(
-            f"{proof_text(design)} {level} proved in {seconds} s of CPU by arithmetic that cannot round the wrong way; "
+            f"{level} proved in {seconds} s of CPU by arithmetic that cannot round the wrong way; "
             "the theorem with all its hypotheses stands in `certificate.json`, which another program proves again:"
         ),
         Listing("flexhinf certify --check certificate.json"),
@@ -226,14 +226,17 @@ def _regions(design: Design) -> Table:
         "law",
         "",
         "V up to",
-        "largest step, all joints",
+        "largest step sampled, V smallest",
         "cost of the step",
         "limited by",
         "residual",
         Column("solve", "ms", 1),
         Column("check", "s", 1),
     )
-    caption = "Step: from one equilibrium to another, its start inside the level set"
+    caption = (
+        "Step: of all joints alike from one equilibrium to another, started inside the level set with the integrals "
+        "at which V is smallest, not those of the controller"
+    )
     return Table(columns, rows, caption, "table-region", stacks=True)
 
 
@@ -298,8 +301,9 @@ def _levels(design: Design) -> Table:
 
 
 def budget_of(design: Design) -> Sequence[BudgetTerm]:
-    """The budget of the step against the proved level, or against the sampled one where nothing is proved."""
-    return design.proof.budget or design.attenuation.budget
+    """The budget of the step against the proved level, or against the sampled one where nothing is proved; none where
+    the step starts outside."""
+    return design.attenuation.budget if design.proof.certificate is None else design.proof.budget
 
 
 def budget_rows(design: Design) -> list[dict[str, Any]]:
@@ -335,8 +339,6 @@ def _budget_text(design: Design) -> str:
         return text + "; no region was sampled to compare it with."
     which = "the sampled" if design.proof.certificate is None else "the proved"
     kept = "this is within the budget" if row["kept"] else "the budget is exceeded"
-    if row["start"] > row["level"]:
-        kept = "V(x0) alone exceeds it, so nothing follows for this step"
     return f"{text}, of {which} level of {number(row['level'])}: {kept}."
 
 

@@ -69,12 +69,6 @@ def remarks(design: Design) -> Iterator[str]:
     started = _estimator_start(e, units_of(e))
     if started:
         yield started
-    if design.inside is False and not design.step_proof.proved and not np.isnan(design.chosen.level):
-        yield (
-            f"{design.step_proof.text} V at the start counts the integrals that the controller chooses so that the "
-            "input does not jump; the largest step of the region has the integrals at which V is smallest, so it can "
-            "be longer."
-        )
 
 
 def _left_out(design: Design) -> list[str]:
