@@ -124,6 +124,83 @@ def test_degrees_without_their_unit_are_asked_about(folder: Path, refused: Calla
     assert "90deg" in refused(["design", "paper", "--goal", "90"], "were degrees meant?", folder)
 
 
+@pytest.mark.parametrize(
+    ("goal", "what", "expected"),
+    [
+        ("5000deg", "outside the limits of joint 'elbow'", "expected -57.2958 to 57.2958 deg, got 5000deg"),
+        ("50rad", "outside the limits of joint 'elbow'", "expected -1 to 1 rad, got 50rad"),
+        ("5000", "outside the limits of joint 'elbow'", "expected -1 to 1 rad, got 5000 rad"),
+    ],
+)
+def test_advice_on_a_pose_follows_its_unit_and_the_limits(
+    goal: str, what: str, expected: str, arm: str, folder: Path, refused: Callable[..., str]
+) -> None:
+    """Old code asked whether degrees were meant where they were given, and for limits that the file states."""
+    (folder / "arm.toml").write_text(arm)
+    told = refused(["design", "arm.toml", "--goal", goal], what, folder)
+    assert expected in told
+    assert "degrees meant" not in told
+    told = refused(["design", "arm.toml", "--goal", "50"], what, folder)
+    assert "were degrees meant?" in told
+    assert "a pose within the limits" in told
+    told = refused(["design", "paper", "--goal", "500deg"], "more than once around", folder)
+    assert "expected -360 to 360 deg, got 500deg" in told
+    assert "degrees meant" not in told
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["export", "c"],
+        ["export", "fmu"],
+        ["export", "fmu", "--plant"],
+        ["compile"],
+        ["run"],
+        ["run", "--mujoco"],
+        ["design"],
+        ["compare"],
+        ["certify"],
+        ["campaign"],
+        ["campaign", "run"],
+    ],
+    ids=" ".join,
+)
+@pytest.mark.parametrize("name", ["nosuch.toml", "nosuch", "empty"])
+def test_a_design_that_is_not_there_is_told_as_such(
+    words: list[str], name: str, folder: Path, refused: Callable[..., str]
+) -> None:
+    """Old code took it for a controller's file, and advised to save it again."""
+    (folder / "empty").mkdir()
+    told = refused([*words, name], "There is no ", folder)
+    assert f"'{name}'" in told
+    assert "save" not in told
+    assert "design" in told
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["certify", "--check"],
+        ["design", "paper", "--draws"],
+        ["compare", "paper", "--tune"],
+        ["campaign", "compare", "a", "b", "--samples"],
+        ["export", "c", "x", "--out"],
+        ["export", "c"],
+        ["run", "--mujoco=3", "x"],
+        ["paper", "--out"],
+        ["robots", "more"],
+    ],
+    ids=" ".join,
+)
+def test_a_mistake_in_the_options_names_the_help_of_its_command(
+    words: list[str], folder: Path, refused: Callable[..., str]
+) -> None:
+    """Old code named the help of all commands where a value was missing."""
+    path = " ".join(words[:2] if words[0] in ("campaign", "export") else words[:1])
+    told = refused(words, f"expected what `flexhinf {path} --help` lists", folder)
+    assert f"try:   flexhinf {path} --help" in told
+
+
 def test_torques_do_not_fit_motors_that_are_driven_by_volts(
     folder: Path, refused: Callable[..., str]
 ) -> None:

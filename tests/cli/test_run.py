@@ -108,7 +108,7 @@ def test_control_c_keeps_a_whole_log(
     ("words", "what"),
     [
         (["DESIGN"], "not said which robot"),
-        (["nothing-here", "--mujoco"], "needs a design file"),
+        (["nothing-here", "--mujoco"], "There is no file or design"),
         (["DESIGN", "--mujoco", "--log", "run.txt"], "format of the log"),
         (["DESIGN", "--mujoco", "--log", "missing/run.csv"], "log cannot be written"),
         (["DESIGN", "--mujoco", "--log", "."], "format of the log"),

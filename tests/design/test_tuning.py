@@ -344,3 +344,34 @@ def test_trade_offs_have_the_law_as_tuned_and_a_curve_of_what_was_tried(rig: Tun
     assert np.all(np.diff(volts) > 0.0)
     assert np.all(np.diff(sag) < 0.0)
     assert volts.max() > rig.criterion.own.peak_input or sag.min() <= pd.figures.load_deviation
+
+
+@pytest.mark.parametrize("name", [NL_HINF, "nl-hinf-4"])
+def test_nonlinear_h_infinity_does_not_end_behind_the_design_that_it_contains(
+    rig: Tuner, name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Old code added weights of velocities to every candidate, and R2, γ and degree of the design never met again."""
+    monkeypatch.setattr(tuning, "BUDGET", ((10_000, 0, 0, 0),))
+    kind = law_kind(name)
+    found = rig.tune(kind)
+    assert found.feasible
+    assert found.cost <= 1.0
+    sensors = tuple(rig.own.setup.specification.measured)
+    own = rig.evaluation(kind, sensors, rig.factory.own(kind) or {})
+    assert figures_of(own) == rig.criterion.own
+    again = rig.again(found, [found, rig.tune(law_kind("nlqr"))], exchange=True)
+    assert again.cost <= found.cost
+
+
+def test_the_design_s_own_law_is_taken_where_all_others_break_a_limit_or_a_corner(
+    rig: Tuner, short: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    kind, robot = law_kind(NL_HINF), SimpleNamespace(uncertain=("stiffness",))
+    found = rig.tune(kind)
+    assert found.search is not None
+    uncertain = replace(rig, own=replace(rig.own, setup=replace(rig.own.setup, robot=robot)))
+    monkeypatch.setattr(tuning, "unstable_corners", lambda e: 0 if e.name == DESIGN else 1)
+    chosen = uncertain._robust_best(kind, ("link_position",), found.search)
+    assert chosen.parameters == rig.factory.own(kind)
+    assert rig.factory.make(kind, chosen.parameters) is rig.factory.synthesis.law
+    assert rig.factory.make(kind, {**chosen.parameters, "effort": 2.0}) is not rig.factory.synthesis.law

@@ -87,23 +87,36 @@ NAMES = {compile_design: "compile", run_design: "run"}
 
 
 class App(typer.Typer):
-    """All commands; no file and no folder of theirs has an empty name, which Python takes for the folder "."."""
+    """All commands; no file and no folder of theirs has an empty name, which Python takes for the folder ".", and every
+    mistake in the options names the command that has them."""
 
     def __call__(self, *arguments: Any, **options: Any) -> Any:
         """Run the command that was asked for."""
         command = get_command(self)
-        _refuse_empty_paths(command)
+        _refine(command)
         return command(*arguments, **options)
 
 
-def _refuse_empty_paths(command: Any) -> None:
-    """Let every option and argument that is a path raise `InvalidInput` for an empty text."""
+def _refine(command: Any) -> None:
+    """Let every option and argument that is a path raise `InvalidInput` for an empty text, and every error of the
+    parser know its command."""
     for inner in getattr(command, "commands", {}).values():
-        _refuse_empty_paths(inner)
+        _refine(inner)
+    command.parse_args = partial(_parsed, command.parse_args)
     for parameter in command.params:
         option = parameter.param_type_name == "option"
         name = parameter.opts[0] if option else parameter.metavar or parameter.name.upper()
         parameter.process_value = partial(_path_value, parameter.process_value, name)
+
+
+def _parsed(parse: Callable[[Any, list[str]], list[str]], context: Any, words: list[str]) -> list[str]:
+    """What the parser makes of a command's words; some of its errors, such as for a missing value, lack the command."""
+    try:
+        return parse(context, words)
+    except TyperException as error:
+        if getattr(error, "ctx", None) is None:
+            setattr(error, "ctx", context)  # noqa: B010  pyright
+        raise
 
 
 def _path_value(made: Callable[[Any, Any], Any], name: str, context: Any, given: Any) -> Any:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -9,7 +10,7 @@ import typer
 
 from flexhinf.cli.messages import Progress, note
 from flexhinf.errors import InvalidInput
-from flexhinf.untrusted import checked_path
+from flexhinf.untrusted import checked_path, value_text
 
 if TYPE_CHECKING:
     from flexhinf.loop import Controller
@@ -170,9 +171,21 @@ def controller_of(source: str) -> tuple[Controller, str]:
 
 
 def file_of(source: str) -> Path:
-    """The file that is meant: of a report's folder its design file."""
+    """The file that is meant: of a report's folder its design file; refused where nothing is."""
+    from flexhinf.robot import catalogue
+
     path = checked_path("The design", source)
-    return path / "design.toml" if path.is_dir() else path
+    found = path / "design.toml" if os.path.isdir(path) else path
+    if not os.path.exists(found) and source not in catalogue():
+        what = (
+            f"folder {value_text(source, 120)} holds no" if found != path else "path leads to no file and no"
+        )
+        raise InvalidInput(
+            f"There is no file or design {value_text(source, 120)}.",
+            f"expected design.toml, the folder of a report or the file of a controller; the {what} design.toml",
+            "flexhinf design ROBOT --out DIR, then DIR in its place",
+        )
+    return found
 
 
 def _refuse_robot(source: str, path: Path) -> None:

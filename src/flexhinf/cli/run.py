@@ -159,6 +159,7 @@ def run_design(
     Exit code: 0 if every deadline and every requirement was met; 1 if not;
     2 for a mistake; 130 if interrupted.
     """
+    file_of(source)
     if not mujoco:
         raise InvalidInput(
             "It is not said which robot is driven.", "expected --mujoco, the robot in MuJoCo, got none", "--mujoco"

@@ -36,9 +36,10 @@ DEGREE = "degree"
 #: Name of the parameter that is the size of the channels of the tolerances, of the preset robust: a fraction.
 CHANNELS = "tolerance_channels"
 
-#: The ends of two ranges: a γ/γ* from which on the disturbance is left out (γ = ∞: it has less than 1/400 of its weight
-#: at γ*), and a size up to which there are no channels. So nonlinear H∞ contains the nonlinear LQR.
-INFINITE_GAMMA, NO_CHANNELS = 20.0, 0.01
+#: The ends of three ranges: a γ/γ* from which on the disturbance is left out (γ = ∞: it has less than 1/400 of its
+#: weight at γ*), a size up to which there are no channels, and a weight up to which velocities have none of their own.
+#: So nonlinear H∞ contains the nonlinear LQR, and the design's own problem.
+INFINITE_GAMMA, NO_CHANNELS, NO_VELOCITY = 20.0, 0.01, 1e-4
 
 #: Values with which a law is one that lacks these parameters: the real rotor, hardly an integral, γ = ∞, no channels.
 CONTAINED = {
@@ -81,7 +82,14 @@ _INTEGRAL_RATE = TuningParameter("integral_rate", "integral's pole / bandwidth",
 _ROTOR = TuningParameter("rotor_inertia", "rotor inertia felt / real", "", 0.25, 0.05, 1.0)
 _EFFORT = TuningParameter("effort", "weight of the input, R2 ×", "", 1.0, 1e-4, 1e3)
 _INTEGRAL = TuningParameter("integral_weight", "weight of the integrals ×", "", 1.0, 0.02, 20.0)
-_VELOCITY = TuningParameter("velocity_weight", "weight of velocities / positions", "s", 0.01, 1e-4, 1.0)
+_VELOCITY = TuningParameter(
+    "velocity_weight",
+    f"weight of velocities / positions ({NO_VELOCITY:g}: none)",
+    "s",
+    0.01,
+    NO_VELOCITY,
+    1.0,
+)
 _GAMMA = TuningParameter("gamma_ratio", f"γ/γ* ({INFINITE_GAMMA:g}: ∞)", "", None, 1.02, INFINITE_GAMMA)
 _SIZE = TuningParameter(
     CHANNELS, f"channels of the tolerances × ({NO_CHANNELS:g}: none)", "", 1.0, NO_CHANNELS, 1.0
@@ -279,6 +287,21 @@ class LawFactory:
         free = (p for p in kind.parameters if not fixed.get(p.name, False))
         return {p.name: own[p.name] if p.start is None else p.start for p in free}
 
+    def own(self, kind: LawKind) -> dict[str, float] | None:
+        """Values of a law's parameters that stand for the design's own law; None for a law that is never that one."""
+        at_goal = self.synthesis.law is self.synthesis.solution  # not a schedule of several poses
+        same = kind.degree == 0 or (kind.degree == self.synthesis.chosen.degree and at_goal)
+        if not same or _GAMMA not in kind.parameters:
+            return None
+        return {**self.start(kind), "velocity_weight": NO_VELOCITY}
+
+    def _is_own(self, kind: LawKind, values: Mapping[str, float], degree: int | None) -> bool:
+        """Whether these values stand for the design's own law; those of the estimator are none of the law's."""
+        own = self.own(kind)
+        if own is None or degree not in (None, self.synthesis.chosen.degree):
+            return False
+        return all(values.get(n, x) == x for n, x in own.items() if n not in (ESTIMATOR_NOISE, MOTOR_NOISE))
+
     def bounds(self, kind: LawKind) -> dict[str, tuple[float, float]]:
         """Lower and upper bounds of a law's parameters."""
         start, found = self.start(kind), {}
@@ -313,7 +336,7 @@ class LawFactory:
         FlexhinfError
             If there is no such law: a Riccati equation without a solution, a goal that it does not hold.
         """
-        if kind.name == DESIGN:
+        if kind.name == DESIGN or self._is_own(kind, values, degree):
             return self.synthesis.law
         family = kind.name.removesuffix("-i")
         if family in ("pd", "pd-gravity", "pid", "torque", "flatness"):
@@ -364,7 +387,8 @@ def weighted(problem: GeneralisedPlant, effort: float, integral: float, velocity
     integral : float
         Factor of the columns of h(x) that belong to integrals.
     velocity : float
-        s. A row for each joint is added, this times the weight of its link position times its link velocity.
+        s. A row for each joint is added, this times the weight of its link position times its link velocity; none up
+        to `NO_VELOCITY`.
 
     Returns
     -------
@@ -376,7 +400,8 @@ def weighted(problem: GeneralisedPlant, effort: float, integral: float, velocity
     columns = np.array([integral if name.endswith("_integral") else 1.0 for name in names])
     rows = rows * columns
     extra = []
-    for name in (name for name in names if name.startswith("link_velocity")):
+    added = velocity > NO_VELOCITY * (1.0 + ROUNDING)
+    for name in (name for name in names if added and name.startswith("link_velocity")):
         row = np.zeros(len(names))
         position = names.index(name.replace("velocity", "position"))
         row[names.index(name)] = velocity * float(np.linalg.norm(rows[:, position]))

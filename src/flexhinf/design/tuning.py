@@ -4,8 +4,9 @@ All laws are tuned alike, the nonlinear H∞ law among them, in three rounds: ea
 best of its own and of the laws that it contains, those with fewer parameters first; and from the values of the best
 other laws in all parameters that both have. So it does not matter in which order they are listed; a law that contains
 another one (nonlinear H∞ the nonlinear LQR, torque feedback a PD) does not end behind it, since what the other one
-ended with is among its candidates; and weights that one search came upon serve every law that has such weights. Without
-the last round the order of the best laws was that of luck: costs settle into several local minima.
+ended with is among its candidates, as the design's own law is among those of nonlinear H∞; and weights that one search
+came upon serve every law that has such weights. Without the last round the order of the best laws was that of luck:
+costs settle into several local minima.
 """
 
 from __future__ import annotations
@@ -232,6 +233,7 @@ class Tuner:
         higher = searched is not None and self.factory.degree(kind) > searched
         if higher or not best.feasible:
             best = self._judged_in_full(kind, sensors, best)
+        best = min((best, *self._own_candidate(kind)), key=lambda candidate: candidate.order)
         judgement = best.judgement
         if not isinstance(judgement.result, Figures):
             raise NumericalFailure(
@@ -262,7 +264,8 @@ class Tuner:
 
     def _robust_best(self, kind: LawKind, sensors: tuple[str, ...], found: Tuning) -> Candidate:
         """The cheapest candidate that keeps every limit with no more unstable corners than the design: a law is not
-        left out for its corners while a candidate of it stands them. Without one among `LOOKED_AT`, the cheapest."""
+        left out for its corners while a candidate of it stands them. Without one among `LOOKED_AT`, the design's own
+        law where the law is of that kind, else the cheapest."""
         if not found.feasible or not self.own.setup.robot.uncertain:
             return found.best
         allowed = unstable_corners(self.own)
@@ -271,7 +274,22 @@ class Tuner:
             evaluation = self.evaluation(kind, sensors, candidate.parameters, self._searched_degree)
             if unstable_corners(evaluation) <= allowed:
                 return candidate
-        return found.best
+        return next((own for own in self._own_candidate(kind) if own.feasible), found.best)
+
+    def _own_candidate(self, kind: LawKind) -> tuple[Candidate, ...]:
+        """The design's own law, as the criterion has judged it, for a law that is of its kind."""
+        values, free = self.factory.own(kind), self._free(kind)
+        if values is None:
+            return ()
+        values = {name: values[name] for name in free}
+        return (Candidate(values, self.criterion.judge(self.criterion.own)),)
+
+    def _free(self, kind: LawKind) -> dict[str, float]:
+        """The parameters that are searched, with their starts: R^v only where there is an estimator, and the degree
+        only where it is searched."""
+        unused = (ESTIMATOR_NOISE, MOTOR_NOISE) if self.own.setup.specification.estimator == "none" else ()
+        unused = (*unused, DEGREE) if self._searched_degree is not None else unused
+        return {name: x for name, x in self.factory.start(kind).items() if name not in unused}
 
     def _search(
         self,
@@ -283,13 +301,9 @@ class Tuner:
         others: Sequence[TunedLaw] = (),
         exchange: bool = False,
     ) -> Tuning:
-        """Over all parameters, from the design's or from the best so far; R^v only where there is an estimator."""
-        start, bounds = self.factory.start(kind), self.factory.bounds(kind)
-        unused = (ESTIMATOR_NOISE, MOTOR_NOISE) if self.own.setup.specification.estimator == "none" else ()
-        unused = (*unused, DEGREE) if self._searched_degree is not None else unused
-        for name in unused:
-            start.pop(name, None)
-            bounds.pop(name, None)
+        """Over all free parameters, from the design's or from the best so far."""
+        start, limits = self._free(kind), self.factory.bounds(kind)
+        bounds = {name: limits[name] for name in start}
         begin = start if before is None else dict(before.best.parameters)
         tried = [values for law in others if (values := self._contained(start, law)) is not None]
         if exchange:
@@ -303,10 +317,9 @@ class Tuner:
             self.seed,
             others=tried,
         )
-        if before is None:
-            return found
-        best = min(before.best, found.best, key=lambda candidate: candidate.order)
-        return Tuning(best, (*before.candidates, *found.candidates))
+        known = self._own_candidate(kind) if before is None else before.candidates
+        candidates = (*known, *found.candidates)
+        return Tuning(min(candidates, key=lambda candidate: candidate.order), candidates)
 
     def _contained(self, start: Mapping[str, float], law: TunedLaw) -> dict[str, float] | None:
         """Parameters with which a law is another one; None where it has not all that the other one has."""
@@ -356,10 +369,11 @@ class Tuner:
         own = self.own.setup
         noise = own.process_noise.scaled(values.get(ESTIMATOR_NOISE, 1.0))
         noise = noise.motors_scaled(values.get(MOTOR_NOISE, 1.0))
+        law = self.factory.make(kind, values, degree)
         setup = replace(
             own,
-            law=self.factory.make(kind, values, degree),
-            law_at_goal=None,
+            law=law,
+            law_at_goal=own.law_at_goal if law is own.law else None,
             specification=other_sensors(own.robot, own.specification, sensors),
             estimator_noise=replace(noise, source="tuned"),
             linear_model=kind.name == "lqg",

@@ -23,6 +23,7 @@ from flexhinf.errors import InvalidInput
 from flexhinf.plant.parameters import ParameterTable
 from flexhinf.robot.elastic import Layout, Links
 from flexhinf.robot.extras import friction_torque
+from flexhinf.robot.units import TURNING, Stated
 from flexhinf.scalars import derivative, series, trace
 from flexhinf.untrusted import real_array, value_text
 
@@ -107,6 +108,7 @@ def checked_pose(pose: Any, default: np.ndarray, links: Links, robot: str) -> np
                 "one of these",
             )
         pose = [named.get(name, value) for name, value in zip(names, default)]
+    given = list(pose) if isinstance(pose, (tuple, list)) else [pose]
     values = np.atleast_1d(real_array(pose))
     if values.shape != (len(names),) or not np.all(np.isfinite(values)):
         raise InvalidInput(
@@ -114,21 +116,48 @@ def checked_pose(pose: Any, default: np.ndarray, links: Links, robot: str) -> np
             f"expected {len(names)} finite positions for {list(names)}, got {value_text(pose)}",
             "one link position per joint, rad (m for a prismatic joint)",
         )
-    for name, value, limits, slides in zip(names, values, links.limits, links.slides):
-        if not slides and abs(value) > TURN and (limits is None or not limits[0] <= value <= limits[1]):
-            raise InvalidInput(
-                f"The pose turns joint {name!r} by {value:g} rad, more than once around.",
-                f"expected an angle in rad within ±2π, got {value:g}; were degrees meant?",
-                f"{value:g}deg on the command line and in a specification, np.deg2rad({value:g}) elsewhere; a joint "
-                "that turns more than once around states its limits in the robot's file",
-            )
-        if limits is not None and not limits[0] <= value <= limits[1]:
-            raise InvalidInput(
-                f"The pose is outside the limits of joint {name!r}.",
-                f"expected {limits[0]:g} to {limits[1]:g} {'m' if slides else 'rad'}, got {value:g}",
-                "a pose within the limits; angles are in rad",
-            )
+    for k, (name, limits, slides) in enumerate(zip(names, links.limits, links.slides)):
+        _check_position(name, values[k], given[k] if len(given) == len(names) else None, limits, slides)
     return values
+
+
+def _check_position(
+    joint: str, value: float, given: Any, limits: tuple[float, float] | None, slides: bool
+) -> None:
+    """Refuse a position outside the joint's limits, or more than once around where the robot states none.
+
+    Whether degrees were meant is asked for a number without a unit, where as many degrees would be allowed.
+    """
+    low, high = limits or ((-np.inf, np.inf) if slides else (-TURN, TURN))
+    if low <= value <= high:
+        return
+    unit, size = "m" if slides else "rad", 1.0
+    if isinstance(given, Stated) and given.unit.lower() in TURNING and not slides:
+        unit, size = given.unit, TURNING[given.unit.lower()]
+    got = f"{given.number}{given.unit}" if isinstance(given, Stated) and given.number else f"{value:g} {unit}"
+    plain = not isinstance(given, Stated) and not slides and abs(value) > TURN
+    asked = plain and low <= np.deg2rad(value) <= high
+    advice = f"{value:g}deg on the command line and in a specification, np.deg2rad({value:g}) elsewhere; or "
+    if limits is None:
+        what = f"The pose turns joint {joint!r} by {got}, more than once around."
+        advice += "limits in the robot's file, as a joint that turns more than once around has them"
+        other = (
+            "an angle within one turn, or limits in the robot's file, as a joint that turns further has them"
+        )
+    else:
+        what = f"The pose is outside the limits of joint {joint!r}."
+        advice += "a pose within the limits"
+        other = "a pose within the limits of the joint, which the robot's file states"
+    expected = f"{_rounded(low / size)} to {_rounded(high / size)} {unit}"
+    raise InvalidInput(
+        what,
+        f"expected {expected}, got {got}{'; were degrees meant?' if asked else ''}",
+        advice if asked else other,
+    )
+
+
+def _rounded(value: float) -> str:
+    return f"{value:.6g}"
 
 
 #: What a real joint adds that the inverse dynamics can follow: torques on the motor that its velocity gives.

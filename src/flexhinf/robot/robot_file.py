@@ -99,7 +99,10 @@ def _found(source: str | Path) -> Path:
     raise InvalidInput(
         f"There is no robot file {value_text(str(source), 120)}.",
         f"expected a file, or a name of the catalogue: {list(shipped)}",
-        f"{close[0]!r}" if close else "the path of a .toml or .urdf file",
+        f"{close[0]!r}"
+        if close
+        else "the path of a file (.toml, .urdf, .xml), or of a report's folder where a design "
+        "is meant, beginning at the working folder or at the root",
     )
 
 

@@ -181,7 +181,7 @@ def test_what_cannot_be_saved_is_refused_by_name_and_leaves_no_file(tmp_path: Pa
 
 def test_what_is_no_controller_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "c.npz"
-    with pytest.raises(InvalidInput, match="no such file"):
+    with pytest.raises(InvalidInput, match="There is no controller's file"):
         load_controller(path)
     fh.Controller(LAWS["linear"](), ESTIMATORS["ekf"](), 1e-3).save(path)
     whole = path.read_bytes()

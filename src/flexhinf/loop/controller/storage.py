@@ -206,6 +206,12 @@ def read_controller(path: str | os.PathLike[str], make: Callable[..., Any]) -> A
             raise InvalidInput("Not whole.", "the digest at its end is missing, or that of another content")
         return make(**_assembled(json.loads(str(arrays.pop("header"))), arrays))
     except FlexhinfError as error:
+        if not os.path.exists(place):
+            raise InvalidInput(
+                f"There is no controller's file {value_text(str(path), 120)}.",
+                "expected a file that Controller.save wrote, got a path where nothing is",
+                "the path of such a file, beginning at the working folder or at the root",
+            ) from None
         raise _unreadable(place, " ".join(filter(None, (error.what, error.found)))) from error
     except MemoryError:
         raise  # the file may be as it should
