@@ -56,8 +56,8 @@ from flexhinf.certify.checker.quadratic import (
     check_reach,
     corner_text,
     look_at_corners,
-    refute_at_corners,
 )
+from flexhinf.certify.checker.refute import refute_at_corners
 from flexhinf.certify.checker.residual import as_rational, positive_definite, residual
 from flexhinf.certify.checker.second_route import Cell, EveryCell, Sample, confirm
 from flexhinf.certify.checker.starts import check_start
