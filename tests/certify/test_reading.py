@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from flexhinf.certify.statement import statement_of
 
 import flexhinf as fh
+from flexhinf.certify.theorem import statement_of
 
 from .definition import Definition
 

@@ -85,7 +85,7 @@ def test_a_design_file_alone_is_designed_first(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("words", "text"),
     [
-        (["nothing-here"], "cannot be read"),
+        (["nothing-here"], "no file or design"),
         ([], "DESIGN"),
         (["CONTROLLER", "--name", "while"], "no name for C"),
         (["CONTROLLER", "--real", "half"], "type of numbers"),

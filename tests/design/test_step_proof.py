@@ -39,7 +39,10 @@ CASES: dict[str, tuple[DesignProof, Any, bool | None, bool, str]] = {
     ),
     "sampled": (DesignProof(None), LOOKED, True, False, "inside a region that is sampled"),
     "outside the sampled": (DesignProof(None), LOOKED, False, False, "outside the sampled region"),
-    "no region": (DesignProof(None), SimpleNamespace(looked=True, level=np.nan), False, False, "has no sampled region"),
+    "no region": (
+        DesignProof(None), SimpleNamespace(looked=True, level=np.nan, limit="no region: why."), False, False,
+        "gives no region (why)",
+    ),
     "not looked": (DesignProof(None), SimpleNamespace(looked=False, level=np.nan), None, False, "no region"),
 }  # fmt: skip
 

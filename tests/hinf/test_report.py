@@ -6,9 +6,9 @@ import math
 
 import numpy as np
 import pytest
-from flexhinf.hinf.report import _conditioning
 
 from flexhinf.hinf import linear_law, smallest_gamma, solve_hji
+from flexhinf.hinf.solution import _conditioning
 from flexhinf.plant.polynomial_plant import PolynomialPlant
 
 

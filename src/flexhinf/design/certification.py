@@ -374,7 +374,8 @@ def step_proof(proof: DesignProof, chosen: DegreeChoice, inside: bool | None) ->
     if not chosen.looked:
         return StepProof(False, f"{text}, and no region was sampled.", ())
     if np.isnan(chosen.level):
-        return StepProof(False, f"{text}, and the law has no sampled region.", ())
+        why = chosen.limit.removeprefix("no region: ").rstrip(".")
+        return StepProof(False, f"{text}, and the sampled check gives no region ({why}).", ())
     if inside is False:
         text = f"{text}: it starts outside the sampled region."
         return StepProof(False, text, ("the step starts outside the sampled region",))

@@ -17,7 +17,7 @@ import math
 import re
 from collections.abc import Iterator
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 from flexhinf.errors import InvalidInput
 from flexhinf.robot.extras import DRIVES
@@ -25,9 +25,6 @@ from flexhinf.robot.parameters import INERTIA, QUANTITIES
 from flexhinf.robot.schema import place_text
 from flexhinf.robot.signals import UNITS
 from flexhinf.untrusted import value_text
-
-if TYPE_CHECKING:
-    from flexhinf.robot.robot import Robot
 
 #: Units of times, angles and lengths, and what one is in the SI unit that stands first.
 SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "μs": 1e-6}
@@ -360,7 +357,7 @@ def _no_list(value: str, count: int, place: tuple[Any, ...], data: dict[str, Any
     )
 
 
-def check_units(found: list[Found], data: dict[str, Any], file: str, robot: Robot) -> Robot:
+def check_units(found: list[Found], data: dict[str, Any], file: str, robot: Any) -> Any:
     """The robot; refuses units of a joint that turns where it slides, and of another drive.
 
     Raises
