@@ -253,7 +253,7 @@ def controlled(rng: np.random.Generator, estimator: Any) -> str:
     """Hostile samples through `Controller.step`; then ordinary ones, or missing ones: it must come back by itself."""
     limit = None if rng.random() < 0.5 else 10.0
     controller = Controller(Feedback(estimator.plant.states), estimator, PERIOD, limit)
-    p = len(controller.measured)
+    p, began = len(controller.measured), False
     for _ in range(SAMPLES):
         y = sample(rng, p)
         before = controller.estimate
@@ -263,7 +263,8 @@ def controlled(rng: np.random.Generator, estimator: Any) -> str:
             if not np.array_equal(before, controller.estimate, equal_nan=True):
                 return f"step({y!r}) was refused and changed the estimate"
             continue
-        if not (np.isfinite(u).all() and np.isfinite(controller.estimate).all()):
+        began |= y is not None  # before, it waits, and estimates nothing
+        if not (np.isfinite(u).all() and (np.isfinite(controller.estimate).all() or not began)):
             return f"step({y!r}) returned {u!r}"
     return comes_back(rng, controller, p)
 

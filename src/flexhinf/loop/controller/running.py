@@ -178,7 +178,7 @@ class Running(Summarised):
 
     @property
     def estimate(self) -> np.ndarray:
-        """x(k|k) of the last step, (n,); NaN before the first."""
+        """x(k|k) of the last step, (n,); NaN before the first good measurement."""
         return self._remembered.estimate.copy()
 
     @property
