@@ -156,7 +156,10 @@ class Ensemble:
         disturbances = self._disturbances(plants)
         if self._few(plants):
             with ThreadPoolExecutor(THREADS) as pool:
-                runs = pool.map(lambda k: self._prepared(plants, disturbances, k).alone(), range(len(plants)))
+                runs = pool.map(
+                    lambda k: self._prepared(plants, disturbances, k, self._settings(plants, k)).alone(),
+                    range(len(plants)),
+                )
                 yield from runs
             return
         kept = [(kind, k) for kind, names in self._names.items() for k in range(len(names))]
@@ -197,7 +200,9 @@ class Ensemble:
         found = Recorded.of(len(plants), self.remembered, len(self.instants), len(self.kept))
         disturbances = self._disturbances(plants)
         with ThreadPoolExecutor(threads) as pool:
-            runs = pool.map(lambda k: self._prepared(plants, disturbances, k).outcome(), range(len(plants)))
+            runs = pool.map(
+                lambda k: self._prepared(plants, disturbances, k, self.settings).outcome(), range(len(plants))
+            )
             for k, (run, code, last) in enumerate(runs):
                 found.codes[k], found.steps[k] = code, last
                 if code == 0:
@@ -208,8 +213,10 @@ class Ensemble:
                     found.kept[k, passed, j] = run.signals[kind][self.instants[passed], column]
         return found
 
-    def _prepared(self, plants: EnsemblePlants, disturbances: Disturbances, k: int) -> PreparedRun:
-        """The k-th run, alone."""
+    def _prepared(
+        self, plants: EnsemblePlants, disturbances: Disturbances, k: int, settings: Mapping[str, Any]
+    ) -> PreparedRun:
+        """The k-th run, alone, with what its trajectory names where somebody reads it."""
         parts = int(plants.parts[k])
         code = LoopCode.of(self.plant, self.controller, self.channel, parts)
         own = {**self.start, **{name: rows[k] for name, rows in plants.own.items()}}
@@ -219,7 +226,7 @@ class Ensemble:
         start |= {"data": self.shared["data"], "parameters": plants.truth[k]}
         acting = disturbances[parts] * own["load"] if disturbances else None
         signals = {"reference": self.commands, "noise": noise}
-        return PreparedRun.of(code, start, signals, acting, parts, self._settings(plants, k))
+        return PreparedRun.of(code, start, signals, acting, parts, settings)
 
     def _trajectory(
         self, plants: EnsemblePlants, disturbances: Disturbances, found: Recorded, k: int
