@@ -201,7 +201,8 @@ class Ensemble:
         disturbances = self._disturbances(plants)
         with ThreadPoolExecutor(threads) as pool:
             runs = pool.map(
-                lambda k: self._prepared(plants, disturbances, k, self.settings).outcome(), range(len(plants))
+                lambda k: self._prepared(plants, disturbances, k, dict(self.settings)).outcome(),
+                range(len(plants)),
             )
             for k, (run, code, last) in enumerate(runs):
                 found.codes[k], found.steps[k] = code, last
@@ -214,7 +215,7 @@ class Ensemble:
         return found
 
     def _prepared(
-        self, plants: EnsemblePlants, disturbances: Disturbances, k: int, settings: Mapping[str, Any]
+        self, plants: EnsemblePlants, disturbances: Disturbances, k: int, settings: dict[str, Any]
     ) -> PreparedRun:
         """The k-th run, alone, with what its trajectory names where somebody reads it."""
         parts = int(plants.parts[k])
