@@ -28,13 +28,13 @@ typedef char @NAME@_type_of_constants[(sizeof(1.0@F@) == @BYTES@ && sizeof(@REAL
  * the normal ones as 0, directed rounding), gives another answer here. Nothing of it is known before it runs. */
 static int @NAME@_exact(void)
 {
-    volatile @REAL@ given[] = {
+    const volatile @REAL@ given[] = {
         1.0@F@, @EPSILON@, @EPSILON@ / 4.0@F@, -0.0@F@, (@REAL@)NAN, HUGE_VAL@SUFFIX@, @SMALLEST@, 5.0@F@, 0.5@F@
     };
-    volatile @REAL@ ratio = 5.0@F@ / 6.0@F@;
+    const volatile @REAL@ ratio = 5.0@F@ / 6.0@F@;
     const @REAL@ one = given[0], step = given[1], small = given[2], zero = given[3], nan = given[4], huge = given[5];
     const @REAL@ other = one + given[1];
-    volatile @REAL@ square = other * other, tiny = given[6] * given[8];
+    const volatile @REAL@ square = other * other, tiny = given[6] * given[8];
     int right = one + small == one && one - small / 4.0@F@ == one;           /* to nearest, to its own type */
     right = right && (one + small) - one == 0.0@F@ && (one - step) - one == -step; /* not in another order */
     right = right && (one + step) * (given[0] + step) - square == 0.0@F@;    /* products rounded before sums */
