@@ -269,7 +269,7 @@ def laws() -> str:
     """The comparison of laws for the paper's arm at 90°: criterion, verdict, and a row for each law, the best first."""
     import flexhinf as fh
     from flexhinf.design import Specification, compare
-    from flexhinf.design.report import comparison_verdict
+    from flexhinf.pages import comparison_verdict
 
     fields: dict[str, Any] = {
         "pose": "90deg", "start": 0.0, "preset": "robust", "extras": ("inductance",), "peak_effort": 60.0, "draws": 50,

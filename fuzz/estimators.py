@@ -240,7 +240,9 @@ def against_filterpy(rng: np.random.Generator, estimator: Any) -> str:
     apart = np.abs(estimator.mean - peer.x[:, 0]) / (size + np.abs(peer.x[:, 0]))
     if apart.max() > 1e-6:
         return f"{type(estimator).__name__}: {apart.max():.3g} deviations from filterpy's mean"
-    rounding = (1e-13 * (1.0 + np.abs(peer.x).max())) ** 2  # of sigma points about a mean that is known exactly
+    rounding = (
+        1e-13 * (1.0 + np.abs(peer.x).max())
+    ) ** 2  # of sigma points about a mean that is known exactly
     difference = np.abs(estimator.covariance - peer.P).max() / (np.abs(peer.P).max() + rounding)
     return (
         f"{type(estimator).__name__}: covariance {difference:.3g} from filterpy's"

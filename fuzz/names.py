@@ -20,9 +20,9 @@ from rich.console import Console
 
 import flexhinf as fh
 from flexhinf import report
-from flexhinf.design.report import design_tables
-from flexhinf.design.report.text import LiteralTable
 from flexhinf.loop.simulation import trajectory
+from flexhinf.pages import design_tables
+from flexhinf.pages.text import LiteralTable
 from flexhinf.robot.dynamics import Joint
 from flexhinf.robot.parameters import Parameter
 from fuzz.tally import Tally

@@ -67,7 +67,7 @@ def test_an_interruption_has_the_shells_code(
     def stop(*arguments: object) -> None:
         raise raised
 
-    monkeypatch.setattr("flexhinf.design.report.robots_table", stop)
+    monkeypatch.setattr("flexhinf.pages.robots_table", stop)
     assert main(["robots"]) == 130
     assert "nothing was written" in capsys.readouterr().err
 
@@ -103,7 +103,7 @@ def test_interrupted_right_after_a_report_got_its_name_it_says_so(
 
 
 def test_names_in_tables_are_no_markup() -> None:
-    from flexhinf.design.report.text import LiteralTable
+    from flexhinf.pages.text import LiteralTable
 
     table = LiteralTable("[/red]")
     table.add_row("[red]:cat:[/blue]")

@@ -16,11 +16,11 @@ from flexhinf.design import Design, Specification
 from flexhinf.design.carrying import carried, carried_payloads
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.loop_setup import LoopSetup
-from flexhinf.design.report.sections import payload
 from flexhinf.design.requirements import carrying_requirements
 from flexhinf.design.responses import Scenario
 from flexhinf.design.weights.choose import choose
 from flexhinf.design.weights.estimator_noise import search_noise
+from flexhinf.pages.design import payload
 
 NAME = "payload_mass"
 GOAL, START = np.array([0.6]), np.array([0.3])

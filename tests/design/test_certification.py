@@ -15,12 +15,12 @@ import flexhinf as fh
 from flexhinf.certify import Parameter, Signal
 from flexhinf.design import certification
 from flexhinf.design.certification import DesignProof, certify_design, prove_design, with_tolerances
-from flexhinf.design.report import proof
-from flexhinf.design.report.proof import proof_text
 from flexhinf.design.specification import Specification
 from flexhinf.errors import NumericalFailure
+from flexhinf.pages import proof
+from flexhinf.pages.proof import proof_text
 
-ARM, page = fh.paper_arm(), import_module("flexhinf.design.report.certificate_page")
+ARM, page = fh.paper_arm(), import_module("flexhinf.pages.certificate_page")
 PENALTY = fh.Penalty((75.0, 27.0, 90.0, 27.0, 330.0), effort=10.0)
 ASKED = Specification(pose=(np.pi,), checked_penalty=(60.0, 0.0, 0.0, 0.0, 300.0))
 

@@ -11,9 +11,9 @@ import pytest
 import flexhinf as fh
 from flexhinf.design import Specification
 from flexhinf.design.deployed_run import Conditions, DeployedRun, perturbed, prepare_run
-from flexhinf.design.report import run_met, run_notes, run_tables, run_verdict
-from flexhinf.design.report.deployed_run import SLOW
 from flexhinf.errors import InvalidInput
+from flexhinf.pages import run_met, run_notes, run_tables, run_verdict
+from flexhinf.pages.deployed_run import SLOW
 
 pytest.importorskip("mujoco")
 

@@ -10,11 +10,11 @@ import pytest
 from flexhinf.design import Design, Specification
 from flexhinf.design.hunting import brought_to_rest, rest_run
 from flexhinf.design.loop_setup import LoopSetup
-from flexhinf.design.report.sections import rest
 from flexhinf.design.requirements import hunting_requirement
 from flexhinf.design.synthesis import synthesise
 from flexhinf.errors import InvalidInput
 from flexhinf.loop import JerkLimited
+from flexhinf.pages.design import rest
 from flexhinf.robot import Parameter
 
 MOTORS = {"measured": "motor_position", "degrees": "2", "rays": 0}

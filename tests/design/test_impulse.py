@@ -14,8 +14,8 @@ from flexhinf.design import Design, Specification
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.impulse import ROOM, ImpulseRuns, impulse_runs, impulse_sizes
 from flexhinf.design.loop_setup import LoopSetup
-from flexhinf.design.report.sections import ringing
 from flexhinf.design.requirements import ring_down_requirement
+from flexhinf.pages.design import ringing
 
 Setups = Callable[..., LoopSetup]
 

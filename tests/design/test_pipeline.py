@@ -18,8 +18,8 @@ from flexhinf.design import Design, Specification, design, stages, tuning
 from flexhinf.design.estimators import EstimatorNoise
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.modes import closed_loop
-from flexhinf.design.report import design_files, notes, verdict
 from flexhinf.errors import NotDetectable
+from flexhinf.pages import design_files, notes, verdict
 
 
 @pytest.fixture(scope="module")

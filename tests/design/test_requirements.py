@@ -15,8 +15,6 @@ from flexhinf.cli.messages import error_text
 from flexhinf.design import Specification
 from flexhinf.design.joint_limits import ROBOT, JointLimits, joint_limits
 from flexhinf.design.monte_carlo import MonteCarlo
-from flexhinf.design.report.sections.requirements import found_text, limit_text, requirement_table
-from flexhinf.design.report.text import lines_table
 from flexhinf.design.requirements import (
     Requirement,
     all_met,
@@ -28,6 +26,8 @@ from flexhinf.design.requirements import (
 )
 from flexhinf.design.responses import Worst, worst_of
 from flexhinf.design.specification import GAIN_MARGIN, PEAK_SENSITIVITY, TOLERANCE, SpecificationError
+from flexhinf.pages.design.requirements import found_text, limit_text, requirement_table
+from flexhinf.pages.text import lines_table
 
 
 class Step:

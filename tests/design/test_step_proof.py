@@ -12,8 +12,8 @@ import pytest
 import flexhinf as fh
 from flexhinf.design import Specification
 from flexhinf.design.certification import DesignProof, step_proof
-from flexhinf.design.report import design_files, design_tables, notes, verdict
 from flexhinf.design.result import _not_proved
+from flexhinf.pages import design_files, design_tables, notes, verdict
 
 
 def _certificate(box: bool = False) -> Any:

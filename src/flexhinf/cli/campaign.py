@@ -259,7 +259,7 @@ def replay(
     """Run one sample of a campaign again, or the worst robot, alone, and say whether the metrics are the same bits."""
     from flexhinf.campaign import replayed
     from flexhinf.design import stored_campaign
-    from flexhinf.design.report import replay_table
+    from flexhinf.pages import replay_table
 
     if (sample is None) == (not worst_case):
         raise InvalidInput(
@@ -323,7 +323,7 @@ def _requirements(journal: Journal, given: list[str]) -> list[Any]:
 def _finish(table: MergedTable, requirements: list[Any]) -> None:
     """Report, verdict, exit code."""
     from flexhinf.design import stored_campaign
-    from flexhinf.design.report import campaign_verdict, replay_command, write_campaign
+    from flexhinf.pages import campaign_verdict, replay_command, write_campaign
 
     def run(sample: int) -> Any:
         return stored_campaign(table.journal.folder)[0].replay(sample)
@@ -462,7 +462,7 @@ def search(
     """The worst plant for each metric, and the worst disturbance; what is in the folder is not searched again."""
     from flexhinf.campaign import search_worst
     from flexhinf.design.campaign_gain import search_gain
-    from flexhinf.design.report import metric_text
+    from flexhinf.pages import metric_text
 
     nominal = table.journal.about.get("nominal", {})
     with stages() as stage:
@@ -483,7 +483,7 @@ def say_worst(table: MergedTable, requirements: Sequence[Requirement]) -> bool:
     """A line for each metric that was searched, with the command that runs it again; whether all keep their limits."""
     from flexhinf.campaign import stored_worsts
     from flexhinf.design.campaign_gain import stored_gains
-    from flexhinf.design.report import gain_text, missed_by, replay_command, worst_text
+    from flexhinf.pages import gain_text, missed_by, replay_command, worst_text
 
     missed = False
     for case in stored_worsts(table.journal):
@@ -504,7 +504,7 @@ def replay_worst(folder: Path, metric: str, out: Path | None) -> Any:
     """The table of the worst plant of a metric, run again, alone; all its signals into a file."""
     from flexhinf.campaign import stored_worst
     from flexhinf.design import stored_campaign
-    from flexhinf.design.report import worst_table
+    from flexhinf.pages import worst_table
 
     if metric == GAIN:
         if out is not None:
@@ -529,7 +529,7 @@ def _replay_gain(folder: Path) -> Any:
     from flexhinf.design import stored_campaign
     from flexhinf.design.campaign_folder import stored_request
     from flexhinf.design.campaign_gain import GainSearch, stored_gains
-    from flexhinf.design.report import gain_replay_table
+    from flexhinf.pages import gain_replay_table
 
     _, journal = stored_campaign(folder)
     rows = stored_gains(journal).rows

@@ -119,7 +119,7 @@ def _finish(
 
     from flexhinf.campaign import compare
     from flexhinf.design import PairResult, stored_campaign
-    from flexhinf.design.report import pair_table, pair_verdict, write_campaign, write_pair
+    from flexhinf.pages import pair_table, pair_verdict, write_campaign, write_pair
 
     def judged(table: MergedTable) -> Any:
         folder = table.journal.folder

@@ -130,8 +130,8 @@ def certify(
         )
     from rich.console import Console
 
+    from flexhinf import pages as report
     from flexhinf.certify.theorem import theorem_text
-    from flexhinf.design import report
     from flexhinf.design.certification import SeveralJoints, certify_design, evidence, proved
     from flexhinf.report import check as check_folder
     from flexhinf.report import write

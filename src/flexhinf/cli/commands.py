@@ -36,7 +36,7 @@ def robots() -> None:
     """List the robots that ship with flexhinf, and where their numbers come from."""
     from rich.console import Console
 
-    from flexhinf.design.report import robots_table
+    from flexhinf.pages import robots_table
 
     Console().print(robots_table())
 

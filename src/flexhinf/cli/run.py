@@ -166,8 +166,8 @@ def run_design(
         )  # fmt: skip
     from rich.console import Console
 
-    from flexhinf.design.report import check_film, run_met, run_notes, run_tables, run_verdict
     from flexhinf.export import check_log, load_compiled, write_log
+    from flexhinf.pages import check_film, run_met, run_notes, run_tables, run_verdict
     from flexhinf.robot.mujoco import check_display
 
     logs, films = [check_log(path) for path in log], [check_film(path) for path in record]
@@ -207,7 +207,7 @@ def _view(prepared: DeployedRun) -> Iterator[Callable[[], bool]]:
 def _write_films(prepared: DeployedRun, run: RealTimeRun, films: list[Path]) -> None:
     if not films:
         return
-    from flexhinf.design.report import write_film
+    from flexhinf.pages import write_film
 
     with Progress(len(films)) as progress:
         for path in films:

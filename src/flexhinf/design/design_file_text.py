@@ -15,7 +15,6 @@ import tomlkit
 
 from flexhinf import __version__
 from flexhinf.design.design_file import plain, weights_of
-from flexhinf.design.report import verdict
 from flexhinf.design.requirements import Requirement
 from flexhinf.design.result import Design
 from flexhinf.design.specification import FIELDS, Specification
@@ -164,6 +163,8 @@ def _one_effort(penalty: Penalty) -> float:
 # Result --------------------------------------------------------------------------------------------
 def result_table(design: Design) -> dict[str, Any]:
     """What came of a design, for the table [result]; nothing in it is None."""
+    from flexhinf.pages.page import verdict
+
     problem, samples, found = design.design_problem, design.evaluation.step_samples, design.evaluation.margins
     levels = design.setup.process_noise
     table: dict[str, Any] = {

@@ -20,7 +20,6 @@ from flexhinf.design.laws import DESIGN, LawFactory, LawKind, law_kind, law_name
 from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.modes import closed_loop, modes_of
 from flexhinf.design.plans import plan_move, stated_move
-from flexhinf.design.report import write_comparison, write_design
 from flexhinf.design.requirements import (
     Requirement,
     behaviour_requirements,
@@ -106,7 +105,7 @@ def design(robot: Robot, specification: Specification, progress: Progress = lamb
     return Design(
         robot=robot, specification=s, synthesis=synthesis, evaluation=evaluation, attenuation=worth, inside=inside,
         proof=proof, mujoco=mujoco, rigid=rigid, rest=rest, carried=loads, law_modes=modes, requirements=lines,
-        status=status_of(lines, evaluation, synthesis.chosen, worth, inside, proof), writer=write_design,
+        status=status_of(lines, evaluation, synthesis.chosen, worth, inside, proof),
     )  # fmt: skip
 
 
@@ -329,7 +328,7 @@ def compare(
     tuner = Tuner(LawFactory(synthesis, _mean(linear, synthesis)), own, criterion, same_sensors)
     tuned = tuner.tune_all(kinds, laws or (), progress)
     rows = tuple(_row(kind, tuned[kind.name], progress) for kind in kinds)
-    return Comparison(robot, s, synthesis, criterion, rows, scenario, write_comparison)
+    return Comparison(robot, s, synthesis, criterion, rows, scenario)
 
 
 def _compared_samples(robot: Robot, states: int, s: Specification) -> int:

@@ -5,7 +5,7 @@ The status of a design: what is not met, not proved, or risky though no requirem
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -204,8 +204,6 @@ class Design(Summarised):
         The runs with payloads at the ends of their ranges; none for a robot without such a range.
     law_modes : tuple of Mode
         Of the law alone: continuous, with the true state fed back.
-    writer : callable
-        (design, folder) → folder: writes the report. It is given, because the report reads designs.
     """
 
     robot: Robot
@@ -222,7 +220,6 @@ class Design(Summarised):
     law_modes: tuple[Mode, ...]
     requirements: tuple[Requirement, ...]
     status: Status
-    writer: Callable[[Design, Path], Path]
 
     @property
     def step_proof(self) -> StepProof:
@@ -337,7 +334,9 @@ class Design(Summarised):
 
     def save(self, folder: str | Path) -> Path:
         """Write the report, its numbers, the controller and every run into a folder, which is returned."""
-        return self.writer(self, Path(folder))
+        from flexhinf.pages import write_design
+
+        return write_design(self, folder)
 
 
 @dataclass(frozen=True, eq=False)
@@ -387,8 +386,6 @@ class Comparison(Summarised):
         What every law is tuned for, and the limits that it keeps.
     rows : tuple of ComparedLaw
         The design as it is first, then nonlinear H∞ tuned as the others are.
-    writer : callable
-        (comparison, folder) → folder: writes the report.
     """
 
     robot: Robot
@@ -397,7 +394,6 @@ class Comparison(Summarised):
     criterion: Criterion
     rows: tuple[ComparedLaw, ...]
     scenario: Scenario
-    writer: Callable[[Comparison, Path], Path]
 
     def summary(self) -> dict[str, str]:
         """Robot, and the laws by the criterion (less is better)."""
@@ -428,7 +424,9 @@ class Comparison(Summarised):
 
     def save(self, folder: str | Path) -> Path:
         """Write the report and its numbers into a folder, which is returned."""
-        return self.writer(self, Path(folder))
+        from flexhinf.pages import write_comparison
+
+        return write_comparison(self, folder)
 
     def units(self) -> dict[str, Any]:
         """Units of inputs, positions, small position errors and torques, for joints that turn, slide or both."""

@@ -1,0 +1,420 @@
+"""The pictures of a film: what stands still is drawn once, a frame draws what moves on top of it.
+
+What a film of a run shows: the arm with links and motors apart, positions, the springs' wind-up, the inputs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from flexhinf.design.deployed_run import DeployedRun
+from flexhinf.errors import InvalidInput
+from flexhinf.export.realtime import RealTimeRun
+from flexhinf.pages.design.arm_figure import viewing_plane
+from flexhinf.pages.drawing import framed, line_style
+from flexhinf.report import GRID, INK, MUTED, SERIES, house_style, number
+from flexhinf.robot import Robot
+from flexhinf.robot.kinematics import skeleton
+from flexhinf.robot.signals import signal_names
+
+if TYPE_CHECKING:
+    from matplotlib.artist import Artist
+    from matplotlib.axes import Axes
+
+
+#: Wind-ups are drawn larger by one of these factors, so that none is drawn as more than this angle, rad, or as more
+#: than this part of the robot's size where a joint slides.
+FACTORS, WIDEST, FARTHEST = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000), 0.3, 0.15
+
+#: Length of a motor's hand, as a part of its link.
+HAND = 0.62
+
+
+def magnification(windup: np.ndarray, slides: np.ndarray, size: float) -> int:
+    """By how much wind-ups are drawn larger: the largest of `FACTORS` with which all of them stay small enough.
+
+    Parameters
+    ----------
+    windup : (N, n)
+        Motor minus link, rad or m.
+    slides : (n,) of bool
+    size : float
+        Of the robot, m.
+    """
+    largest = np.abs(windup).max(axis=0) / np.where(slides, FARTHEST * size, WIDEST)
+    return max(factor for factor in FACTORS if factor == 1 or factor * largest.max() <= 1.0)
+
+
+@dataclass(frozen=True, eq=False)
+class ArmFilm:
+    """A run as it is drawn.
+
+    Parameters
+    ----------
+    time : (N,)
+        s.
+    links, motors, command : (N, n)
+        Positions, rad or m; the motors' seen from the link side.
+    inputs : (N, n)
+    limits : (n,)
+        Of the inputs, infinite where there are none.
+    unit : str
+        Of the inputs.
+    """
+
+    robot: Robot
+    time: np.ndarray
+    links: np.ndarray
+    motors: np.ndarray
+    command: np.ndarray
+    inputs: np.ndarray
+    limits: np.ndarray
+    unit: str
+    title: str
+
+    @staticmethod
+    def of(prepared: DeployedRun, run: RealTimeRun) -> ArmFilm:
+        """Of a run that has one sample at least.
+
+        Raises
+        ------
+        InvalidInput
+            For a run without samples, or a robot whose links have no length.
+        """
+        n, trajectory = len(prepared.joints), run.trajectory
+        state, inputs = trajectory.signals["state"], trajectory.signals["input"]
+        bad = np.flatnonzero(~np.isfinite(np.hstack([state, inputs])).all(axis=1))
+        kept = slice(0, int(bad[0]) if len(bad) else len(state))  # until the loop diverged
+        if not kept.stop:
+            raise InvalidInput(
+                "There is nothing to film.", "expected a run of one sample at least", "a longer run"
+            )
+        names = signal_names("link_position", prepared.joints)
+        goal = np.broadcast_to(prepared.goal, (len(state), n))
+        commanded = trajectory.names.get("reference", ())
+        columns = [
+            trajectory.signal("reference", name) if name in commanded else goal[:, k]
+            for k, name in enumerate(names)
+        ]
+        motors = prepared.robot.layout.whole(state.T)[2 * n : 3 * n].T
+        film = ArmFilm(
+            prepared.robot, trajectory.time[kept], state[kept, :n], motors[kept], np.stack(columns, axis=1)[kept],
+            inputs[kept], np.maximum(*np.abs(run.input_range)), " or ".join(dict.fromkeys(trajectory.units["input"])),
+            f"{prepared.robot.name}: {'step' if prepared.plan is None else 'move'}",
+        )  # fmt: skip
+        if film.size < 1e-9:
+            raise InvalidInput(
+                "The arm cannot be drawn: its links have no length.",
+                f"expected a robot with joints or centres of mass apart, got {prepared.robot.name!r}",
+                "the run without --record",
+            )
+        return film
+
+    # What is drawn --------------------------------------------------------------------------------
+    @cached_property
+    def slides(self) -> np.ndarray:
+        """Whether each joint slides (n,)."""
+        return np.array(self.robot.links.slides, dtype=bool)
+
+    @cached_property
+    def windup(self) -> np.ndarray:
+        """Motor minus link (N, n)."""
+        return self.motors - self.links
+
+    @cached_property
+    def extent(self) -> np.ndarray:
+        """Points of the arm (K, 3) at some poses of the run and at its commands."""
+        rows = np.linspace(0, len(self.time) - 1, min(len(self.time), 40)).astype(int)
+        poses = [*self.links[rows], *self.command[rows[[0, -1]]]]
+        return np.concatenate([line for pose in poses for line in skeleton(self.robot, pose)])
+
+    @cached_property
+    def size(self) -> float:
+        """Of the space that the arm takes, m."""
+        return float(np.ptp(self.extent, axis=0).max())
+
+    @cached_property
+    def factor(self) -> int:
+        """By how much wind-ups are drawn larger."""
+        return magnification(self.windup, self.slides, self.size)
+
+    @cached_property
+    def view(self) -> tuple[np.ndarray, tuple[str, str]]:
+        """Two directions (3, 2) to project on, and what they are called."""
+        right, up, names = viewing_plane(
+            np.asarray(self.robot.links.down, dtype=float), self.extent, self.size
+        )
+        return np.column_stack([right, up]), names
+
+    def arm(self, pose: np.ndarray) -> list[np.ndarray]:
+        """The links at a pose (n,), as lines on the picture."""
+        return [line @ self.view[0] for line in skeleton(self.robot, pose)]
+
+    def hands(self, k: int) -> list[np.ndarray]:
+        """For each joint three points at sample k: on its link, the joint, and on its motor's hand."""
+        found, own = [], self.arm(self.links[k])
+        for j, turned in enumerate(self.factor * self.windup[k]):
+            pose = self.links[k].copy()
+            pose[j] += turned
+            motor = self.arm(pose)[j]
+            ends = [line[0] + HAND * (line[1] - line[0]) for line in (own[j], motor)]
+            found.append(np.array([ends[0], motor[0], ends[1]]))
+        return found
+
+    def shown(self, values: np.ndarray) -> np.ndarray:
+        """Positions (…, n) in degrees and mm."""
+        return values * np.where(self.slides, 1e3, np.degrees(1.0))
+
+    @property
+    def position_unit(self) -> str:
+        """Of what is shown."""
+        return " or ".join(
+            unit for unit, there in (("°", not self.slides.all()), ("mm", self.slides.any())) if there
+        )
+
+
+#: Time that the path of the arm's end is shown, s.
+TRAIL = 1.0
+
+#: A film lasts so many seconds; a run that is shorter or longer is played more slowly or faster, and the title says so.
+SHORTEST, LONGEST = 3.0, 60.0
+
+#: With more joints than these, lines show how far the links are from their command, which would else be flat.
+MANY = 3
+
+#: Place of the arm on the picture: left, bottom, width, height, as parts of it; and its width and height, inches.
+PLACE, PICTURE = (0.07, 0.085, 0.435, 0.76), (12.8, 7.2)
+
+#: Where the bar of an input is zero, and its length on either side, as parts of the table's width.
+ZERO, BAR = 0.75, 0.13
+
+#: Colour behind the arm.
+SKY = "#fbfcfd"
+
+
+def frames(film: ArmFilm, rate: int, resolution: int) -> Iterator[np.ndarray]:
+    """Pictures (height, width, 3) of bytes, `rate` of them a second, the last one the end of the run.
+
+    Parameters
+    ----------
+    rate : int
+        Pictures a second.
+    resolution : int
+        Pixels of an inch, of `PICTURE`.
+    """
+    length = float(film.time[-1])
+    played = min(max(length, SHORTEST), LONGEST)
+    samples = np.linspace(0, len(film.time) - 1, max(2, round(played * rate))).round().astype(int)
+    with house_style():
+        picture = ArmPicture(film, resolution, played / length if length else 1.0)
+        for k in samples:
+            yield picture.frame(int(k))
+
+
+class ArmPicture:
+    """The figure of a film: what stands still, drawn once, and what moves."""
+
+    def __init__(self, film: ArmFilm, resolution: int, slowness: float) -> None:
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
+
+        self.film = film
+        figure = Figure(figsize=PICTURE, dpi=resolution, facecolor="white")
+        self.canvas = FigureCanvasAgg(figure)
+        n = len(film.slides)
+        rows = (0.055 if n <= MANY else 0.042) * max(n, 2) + 0.05
+        figure.text(0.035, 0.945, film.title, fontsize=17, weight="bold", va="center")
+        figure.text(0.035, 0.905, _subtitle(film, slowness), fontsize=10.5, color=MUTED, va="center")
+        self.clock = figure.text(
+            0.965, 0.935, "", fontsize=20, ha="right", va="center", family="DejaVu Sans Mono"
+        )
+        self.moving: list[Artist] = [self.clock]
+        low, high = 0.10 + rows, 0.86
+        middle = low + 0.42 * (high - low)
+        self._draw_arm(figure.add_axes(PLACE))
+        angles = figure.add_axes((0.575, middle + 0.045, 0.39, high - middle - 0.045))
+        if n > MANY:
+            self._draw_lines(angles, "links minus their command", film.shown(film.links - film.command), None)
+        else:
+            self._draw_lines(
+                angles,
+                f"{'position' if film.slides.any() else 'angle'} of the links",
+                film.shown(film.links),
+                film.shown(film.command),
+            )
+        angles.set_xticklabels([])
+        below = figure.add_axes((0.575, low + 0.035, 0.39, middle - low - 0.04))
+        self._draw_lines(below, "wind-up of the springs", film.shown(film.windup), None)
+        below.set_xlabel("time (s)")
+        self._draw_table(figure.add_axes((0.575, 0.035, 0.39, rows)))
+        for artist in self.moving:
+            artist.set_animated(True)
+        self.canvas.draw()
+        self.still = self.canvas.copy_from_bbox(figure.bbox)
+
+    def frame(self, k: int) -> np.ndarray:
+        """The picture at sample k."""
+        self.canvas.restore_region(self.still)
+        self._place(k)
+        renderer = self.canvas.get_renderer()
+        for artist in self.moving:
+            artist.draw(renderer)
+        return np.asarray(self.canvas.buffer_rgba())[:, :, :3].copy()
+
+    # The arm --------------------------------------------------------------------------------------
+    def _draw_arm(self, axes: Axes) -> None:
+        film = self.film
+        flat = film.extent @ film.view[0]
+        middle, reach = 0.5 * (flat.max(axis=0) + flat.min(axis=0)), np.ptp(flat, axis=0)
+        box = np.array(PLACE[2:]) * PICTURE
+        half = 0.5 * max((reach + 0.2 * film.size) / box) * box  # as much to the inch in both directions
+        axes.set_facecolor(SKY)
+        axes.set_xlim(middle[0] - half[0], middle[0] + half[0])
+        axes.set_ylim(middle[1] - half[1], middle[1] + half[1])
+        for side in axes.spines.values():
+            side.set_visible(False)
+        axes.tick_params(length=0, labelsize=8)
+        axes.set_xlabel(f"{film.view[1][0]} (m)", fontsize=9)
+        axes.set_ylabel(f"{film.view[1][1]} (m)", fontsize=9)
+        first = film.arm(film.links[0])
+        (base,) = axes.plot(*first[0][0], "s", color=MUTED, markersize=15, zorder=1)
+        base.set_alpha(0.5)
+        count = len(first)
+        widths = np.linspace(9.0, 5.0, count) if count > 1 else [9.0]
+        self.goal = [
+            axes.plot([], [], color=SERIES[2], linewidth=2.2, alpha=0.55, dashes=(3.0, 1.6), zorder=2)[0] for _ in first
+        ]  # fmt: skip
+        (self.aim,) = axes.plot([], [], "o", color=SERIES[2], markersize=17, mfc="none", mew=2.2, zorder=2)
+        (self.trail,) = axes.plot([], [], color=SERIES[0], linewidth=1.4, alpha=0.35, zorder=2)
+        self.fans = [
+            axes.fill([0, 0, 0], [0, 0, 0], color=SERIES[1], alpha=0.25, zorder=3, lw=0)[0] for _ in first
+        ]
+        self.links = [
+            axes.plot([], [], color=SERIES[0], linewidth=width, alpha=0.9, zorder=4)[0] for width in widths
+        ]
+        self.motors = [axes.plot([], [], color=SERIES[1], linewidth=2.6, zorder=5)[0] for _ in first]
+        (self.joints,) = axes.plot([], [], "o", color=INK, markersize=7, mfc="white", mew=1.8, zorder=6)
+        self.moving += [*self.goal, self.aim, self.trail, *self.fans, *self.links, *self.motors, self.joints]
+        samples = (
+            ("link", SERIES[0], 5.0, "-"), ("motor, behind its spring", SERIES[1], 2.6, "-"),
+            ("command", SERIES[2], 2.2, (0, (3.0, 1.6))),
+        )  # fmt: skip
+        for name, colour, width, dashes in samples:
+            axes.plot([], [], color=colour, linewidth=width, linestyle=dashes, label=name)
+        axes.legend(loc="lower left", bbox_to_anchor=(-0.01, 0.995), ncols=3, fontsize=9.5, handlelength=1.8)
+
+    def _place_arm(self, k: int) -> None:
+        film = self.film
+        arm, goal, hands = film.arm(film.links[k]), film.arm(film.command[k]), film.hands(k)
+        for artist, line in zip((*self.links, *self.goal), (*arm, *goal), strict=True):
+            artist.set_data(*line.T)
+        for fan, motor, points in zip(self.fans, self.motors, hands, strict=True):
+            fan.set_xy(points)
+            motor.set_data(*points[1:].T)
+        self.joints.set_data(*np.array([line[0] for line in arm]).T)
+        self.aim.set_data(*goal[-1][-1:].T)
+        begin = int(np.searchsorted(film.time, film.time[k] - TRAIL))
+        past = np.linspace(begin, k, 24).astype(int)
+        self.trail.set_data(*np.array([film.arm(film.links[i])[-1][-1] for i in past]).T)
+
+    # Beside it ------------------------------------------------------------------------------------
+    def _draw_lines(self, axes: Axes, what: str, values: np.ndarray, command: np.ndarray | None) -> None:
+        """Signals (N, n) over time, faint; what has been is drawn over it."""
+        film, single = self.film, values.shape[1] == 1
+        few = slice(None, None, max(1, len(film.time) // 800))
+        everything = values if command is None else np.concatenate([values, command])
+        for j, column in enumerate(values.T):
+            style = (
+                {**line_style(j), "color": SERIES[0 if command is not None else 1]}
+                if single
+                else line_style(j)
+            )
+            axes.plot(film.time[few], column[few], **{**style, "alpha": 0.22})
+            (line,) = axes.plot([], [], **{**style, "linewidth": 2.0})
+            (dot,) = axes.plot([], [], "o", color=style["color"], markersize=4.5)
+            self.moving += [line, dot]
+            self._traced.append((line, dot, column))
+            if command is not None:
+                colour = SERIES[2] if single else style["color"]
+                axes.plot(
+                    film.time[few], command[few, j], color=colour, linewidth=1.2, linestyle=(0, (1.0, 1.6))
+                )
+        axes.set_title(f"{what} ({film.position_unit})", fontsize=10.5)
+        axes.set_xlim(0.0, max(float(film.time[-1]), 1e-9))
+        axes.set_ylim(*framed(everything, 0.1))
+        axes.tick_params(labelsize=8.5)
+
+    @cached_property
+    def _traced(self) -> list[tuple[Any, Any, np.ndarray]]:
+        """Lines that grow, the dots at their ends, and their values."""
+        return []
+
+    def _draw_table(self, axes: Axes) -> None:
+        """One row for each joint: link, motor, wind-up, and the input as a bar with its limit."""
+        film = self.film
+        n = len(film.slides)
+        peaks = np.abs(film.inputs).max(axis=0)
+        self.full = np.where(np.isfinite(film.limits), film.limits, np.where(peaks > 0.0, peaks, 1.0))
+        axes.set_axis_off()
+        axes.set_xlim(0.0, 1.0)
+        axes.set_ylim(n - 0.4, -1.0)
+        limited = np.isfinite(film.limits).all()
+        heads = (
+            "joint",
+            "link",
+            "motor",
+            "wind-up",
+            f"input ({film.unit}), bar up to its {'limit' if limited else 'peak'}",
+        )
+        places, sides = (0.0, 0.27, 0.42, 0.57, 0.62), ("left", "right", "right", "right", "left")
+        for head, x, side in zip(heads, places, sides, strict=True):
+            axes.text(x, -0.75, head, ha=side, va="center", fontsize=8.5, color=MUTED)
+        self.cells, self.bars = [], []
+        for j, name in enumerate(self.film.robot.joint_names):
+            colour = SERIES[0] if n == 1 else line_style(j)["color"]
+            axes.text(0.0, j, _short(name), va="center", fontsize=9.5, weight="bold", color=colour)
+            axes.barh(j, 2.0 * BAR, 0.5, ZERO - BAR, color=GRID, zorder=1)
+            axes.plot([ZERO, ZERO], [j - 0.32, j + 0.32], color=MUTED, linewidth=1.0, zorder=3)
+            (bar,) = axes.barh(j, 0.0, 0.5, ZERO, color=SERIES[3], zorder=2)
+            texts = [axes.text(x, j, "", ha="right", va="center", fontsize=9.5) for x in (*places[1:4], 1.0)]
+            self.cells.append(texts)
+            self.bars.append(bar)
+            self.moving += [bar, *texts]
+
+    def _place(self, k: int) -> None:
+        """Everything that moves, at sample k."""
+        film = self.film
+        self.clock.set_text(f"{film.time[k]:6.2f} s")
+        self._place_arm(k)
+        part = slice(0, k + 1, max(1, len(film.time) // 800))
+        for line, dot, values in self._traced:
+            line.set_data(film.time[part], values[part])
+            dot.set_data(film.time[k : k + 1], values[k : k + 1])
+        shown = [film.shown(values[k]) for values in (film.links, film.motors, film.windup)]
+        for j, (texts, bar) in enumerate(zip(self.cells, self.bars, strict=True)):
+            unit = " mm" if film.slides[j] else "°"
+            for text, values, digits in zip(texts, shown, (2, 2, 3), strict=False):
+                text.set_text(f"{number(float(values[j]), decimals=digits)}{unit}")
+            u = float(film.inputs[k, j])
+            bar.set_width(BAR * float(np.clip(u / self.full[j], -1.0, 1.0)))
+            texts[3].set_text(number(u, decimals=2 if self.full[j] < 100.0 else 1))
+
+
+def _subtitle(film: ArmFilm, slowness: float) -> str:
+    """How the wind-up is drawn, and how fast the film is played."""
+    drawn = "springs drawn as they are"
+    if film.factor > 1:
+        drawn = f"wind-up of the springs drawn {film.factor} times larger"
+    if abs(slowness - 1.0) < 1e-6:
+        return f"{drawn}; played in real time"
+    times = number(max(slowness, 1.0 / slowness), 2)
+    return f"{drawn}; played {times} times {'slower' if slowness > 1.0 else 'faster'}"
+
+
+def _short(name: str) -> str:
+    return name if len(name) <= 14 else name[:13] + "…"

@@ -1,0 +1,165 @@
+"""A run of a deployed controller for a terminal: was it in time, did it do what is required, how much jitter."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from rich.table import Table
+
+from flexhinf.design.deployed_run import DeployedRun
+from flexhinf.design.requirements import all_met
+from flexhinf.design.responses import Move, worst_of
+from flexhinf.export.realtime import PERCENTILES, RealTimeRun, Timing, percentiles
+from flexhinf.pages.drawing import Units, rounded, settling_text
+from flexhinf.pages.text import lines_table, plain_table
+from flexhinf.report import number
+
+#: Places of missed deadlines that are listed, the latest first.
+LISTED = 5
+
+#: A run that takes this many times its own time did not keep up, beyond single late samples.
+SLOW = 1.01
+
+#: Rows of the table of times: what, and the array of `Timing`.
+ROWS = {
+    "lateness of the beginning": "woken", "step of the controller": "computed", "input is there": "ready",
+    "simulated robot is done": "over",
+}  # fmt: skip
+
+
+def run_met(prepared: DeployedRun, run: RealTimeRun) -> bool:
+    """Whether a run met everything that is required of it, and came to its end."""
+    return not run.trajectory.message and all_met(prepared.requirements(run))
+
+
+def run_tables(prepared: DeployedRun, run: RealTimeRun) -> list[Table]:
+    """Requirements; figures of each joint; times of the samples."""
+    if run.trajectory.message or not len(run.trajectory.time):
+        return [_times(run.timing)] if len(run.timing.time) else []
+    units = _units(prepared)
+    title = f"{prepared.robot.name}: what is required of this run (* our default)"
+    tables = [lines_table(title, prepared.requirements(run), units.degrees)] if run.stopped is None else []
+    return [*tables, _joints(prepared, run, units), _times(run.timing)]
+
+
+def _units(prepared: DeployedRun) -> Units:
+    return Units.of(prepared.plants.model, prepared.joints, prepared.specification.in_degrees)
+
+
+def _joints(prepared: DeployedRun, run: RealTimeRun, units: Units) -> Table:
+    small, factor = units.small
+    response = prepared.response(run)
+    if prepared.plan is None:
+        table = plain_table(
+            "Joints", "joint", "settled after", "overshoot", f"end error, {small}", f"peak, {units.effort}"
+        )  # fmt: skip
+        for row in response.metrics:
+            table.add_row(
+                row["joint"],
+                settling_text(row["settling_time_s"]) if "settling_time_s" in row else "–",
+                f"{number(row['overshoot_percent'], 3)} %" if "overshoot_percent" in row else "–",
+                number(factor * row["steady_state_error"], 3),
+                number(row["peak_input"], 3),
+            )
+        return table
+    table = plain_table(
+        f"Joints: distance from the move, {small}", "joint", "largest", "rms", "at the end", f"peak, {units.effort}"
+    )  # fmt: skip
+    for row in Move.along(prepared.plan, response).metrics:
+        errors = (factor * row[key] for key in ("largest_error", "rms_error", "final_error"))
+        table.add_row(row["joint"], *(number(value, 3) for value in (*errors, row["peak_input"])))
+    return table
+
+
+def _times(timing: Timing) -> Table:
+    what = f"Times in µs; the period has {number(1e6 * timing.period)} µs"
+    table = plain_table(what, "", *PERCENTILES)
+    rows = ROWS if timing.real_time else {"step of the controller": "computed", "whole sample": "over"}
+    for name, field in rows.items():
+        values = percentiles(getattr(timing, field))
+        table.add_row(name, *(number(1e6 * value, decimals=1) for value in values.values()))
+    return table
+
+
+# Sentences ------------------------------------------------------------------------------------------
+def run_verdict(prepared: DeployedRun, run: RealTimeRun) -> str:
+    """Real time first, then what the robot did."""
+    return " ".join((_real_time(run.timing), _motion(prepared, run)))
+
+
+def _real_time(timing: Timing) -> str:
+    count, rate = len(timing.time), number(1.0 / timing.period)
+    if not count:
+        return "The run was stopped before its first sample."
+    length = number(timing.period * (count - 1))
+    if not timing.real_time:
+        took = number(timing.elapsed, 3)
+        return f"Not in real time: {count} samples of a loop at {rate} Hz, {length} s, in {took} s."
+    if timing.slowness > SLOW:
+        parts = (timing.computed, timing.over - timing.ready)
+        step, robot = (number(1e3 * float(np.median(part)), 2) for part in parts)
+        return (
+            f"Real time was not kept: {length} s took {number(timing.elapsed, 3)} s. Of a period of "
+            f"{number(1e3 * timing.period)} ms the controller's step takes {step} ms and the simulated robot "
+            f"{robot} ms (medians)."
+        )
+    missed = int(timing.missed.sum())
+    if not missed:
+        return f"Every deadline was met: {count} samples at {rate} Hz in {number(timing.elapsed)} s."
+    return (
+        f"{missed} of {count} deadlines were missed ({number(100.0 * missed / count, 2)} %), the latest input by "
+        f"{number(1e3 * timing.missed_spans()[0].worst, 2)} ms: {length} s of a loop at {rate} Hz took "
+        f"{number(timing.elapsed)} s."
+    )
+
+
+def _motion(prepared: DeployedRun, run: RealTimeRun) -> str:
+    if run.trajectory.message:
+        return run.trajectory.message
+    if run.stopped is not None:
+        return f"Stopped at {number(run.trajectory.time[-1] if len(run.trajectory.time) else 0.0)} s."
+    response, units = prepared.response(run), _units(prepared)
+    several = len(prepared.joints) > 1
+
+    def named(text: str, joint: str) -> str:
+        return f"{text} ({joint})" if several and joint else text
+
+    peak = response.peak
+    effort = named(f"{number(peak.value, 3)} {units.effort}", peak.joint)
+    if prepared.plan is not None:
+        worst = worst_of(Move.along(prepared.plan, response).metrics, "largest_error")
+        error = f"{number(units.scale * worst.value, 3)}{'' if units.degrees else ' '}{units.angle}"
+        return f"The move was followed within {named(error, worst.joint)} and needed at most {effort}."
+    settling, overshoot = response.settling, response.overshoot
+    settled = (
+        f"settled in {named(settling_text(settling.value), settling.joint)}"
+        if np.isfinite(settling.value)
+        else f"did not settle ({settling.joint})"
+    )
+    return (
+        f"The step {settled}, overshot by {named(f'{number(overshoot.value, 2)} %', overshoot.joint)} and needed at "
+        f"most {effort}."
+    )
+
+
+def run_notes(run: RealTimeRun) -> list[str]:
+    """Where deadlines were missed, what the controller refused, and what the system permitted."""
+    notes, spans = list(run.scheduling), run.timing.missed_spans() if run.timing.real_time else []
+    if spans and run.timing.slowness <= SLOW:
+        places = ", ".join(_span(span) for span in spans[:LISTED])
+        more = f", and {len(spans) - LISTED} more places" if len(spans) > LISTED else ""
+        notes.append(f"Missed deadlines: {places}{more}.")
+    if spans and not run.scheduling:
+        notes.append(
+            "A real-time priority and a core of its own keep other programs off: --priority 80 --core 1."
+        )
+    refused = {int(code): int(np.sum(run.codes == code)) for code in np.unique(run.codes) if code}
+    for code, count in refused.items():
+        notes.append(f"The controller's step ended with {run.code_names[code]} in {count} samples.")
+    return notes
+
+
+def _span(span: Any) -> str:
+    samples = f"{span.samples} samples" if span.samples > 1 else "1 sample"
+    return f"at {number(rounded(span.begin, 4) or 0.0)} s ({samples}, up to {number(1e3 * span.worst, 2)} ms)"

@@ -1,0 +1,380 @@
+"""What is proved of the law, where each solution was checked by samples, the worst disturbance, and the budget."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+
+from flexhinf.analysis import BudgetTerm
+from flexhinf.design.degrees import ACTING, GAIN, DegreeChoice
+from flexhinf.design.result import Design
+from flexhinf.hinf import smallest_gamma
+from flexhinf.pages.drawing import (
+    DASHED,
+    amplitude_text,
+    count_text,
+    figure_block,
+    law_name,
+    thin,
+    units_of,
+)
+from flexhinf.pages.proof import BOX_FILE, covers_tolerances, penalty_text
+from flexhinf.plant import GeneralisedPlant
+from flexhinf.report import (
+    INK,
+    SERIES,
+    Column,
+    Figure,
+    Listing,
+    Paragraph,
+    Table,
+    at_least,
+    at_most,
+    house_style,
+    label,
+    legend,
+    new_figure,
+    number,
+)
+
+PARTS = {
+    "sampling": "the input is held between samples",
+    "delay": "the input is delayed",
+    "estimator": "the state is estimated from noisy sensors",
+    "saturation": "the input is limited",
+}
+
+#: The level is drawn where the bound reaches this fraction of it.
+NEAR = 0.05
+
+
+def blocks(design: Design) -> list[Any]:
+    """Level set and step of every degree; the gain found; the budget."""
+    found: list[Any] = [Paragraph(degree_text(design)), *_proof(design)]
+    if design.synthesis.proved is None:
+        found += [Paragraph(_region_text(design)), _regions(design)]
+    if design.attenuation.attained is not None:
+        found += [Paragraph(_attained_text(design)), _levels(design)]
+    if budget_of(design):
+        found += [Paragraph(_budget_text(design)), _budget(design), *_budget_figure(design)]
+    return found
+
+
+def remarks(design: Design) -> Iterator[str]:
+    """What the region does not say."""
+    s = design.specification
+    for low, high in design.shrinking:
+        yield f"Degree {high} allows a smaller step than degree {low}."
+    if design.attenuation.failure:
+        yield design.attenuation.failure
+    found = design.attenuation.attained
+    if found is not None and design.synthesis.proved is None and found.gain > design.gamma:
+        yield (
+            f"The disturbance found attains {number(found.gain)}, more than γ = {number(design.gamma)}: the law does "
+            "not keep its level there, because the truncated V or the sampling leaves too much out."
+        )
+    if terms := budget_of(design):
+        budget = terms[-1].budget
+        if np.isfinite(budget.level) and not budget.kept:
+            yield (
+                f"The step begins inside the region, but its parts use {number(budget.total, 3)} of the "
+                f"level {number(budget.level - budget.start, 3)} that remains after V(x0). Nothing follows from "
+                "the region for this step. Try a shorter --period, a faster estimator, or a smaller step."
+            )
+    if not design.chosen.looked and design.synthesis.proved is None:
+        many = f"with {len(design.problem.state_names)} states it takes minutes. `--rays 50` samples one."
+        yield f"No region was sampled: {many}" if s.rays is None else "No region was sampled (--rays 0)."
+
+
+def _proof(design: Design) -> list[Any]:
+    """The certificate of the law that is used, and how it is proved again."""
+    given = design.proof.certificate
+    if given is None:
+        return _box(design)
+    box, seconds = covers_tolerances(design), number(design.proof.cpu_seconds, 2)
+    if given.sampled_level is None:
+        level = f"The level V ≤ {at_least(given.level, 5)} was"
+    else:
+        share = 100.0 * given.level / given.sampled_level
+        level = f"The level V ≤ {at_least(given.level, 5)} is {number(share, 3)} % of the sampled one,"
+    others = "values of the parameters outside the tolerances" if box else "other values of the parameters"
+    budget = "" if box else " beyond the budget below"
+    return [
+        Paragraph(
+            f"{level} proved in {seconds} s of CPU by arithmetic that cannot round the wrong way; "
+            "the theorem with all its hypotheses stands in `certificate.json`, which another program proves again:"
+        ),
+        Listing("flexhinf certify --check certificate.json"),
+        Paragraph(
+            f"Not covered by the proof: {others}; estimator, sampling, hold, delay, limits and noise{budget}. A "
+            "planned move and payloads are judged by runs."
+        ),
+        *_box(design),
+    ]
+
+
+def _box(design: Design) -> list[Any]:
+    """The proof for all tolerances beside the nominal robot's, or why there is none."""
+    proof = design.proof
+    if proof.box is None:
+        reason = proof.box_reason.rstrip(".")
+        return (
+            [Paragraph(f"For all robots within the tolerances nothing is proved: {reason}.")]
+            if reason
+            else []
+        )
+    return [
+        Paragraph(
+            f"The proof for all robots within the tolerances took {number(proof.box.cpu_seconds, 2)} s of CPU. Its V "
+            "is another one, found by matrix inequalities for the whole box, so its level and the budget below do not "
+            "compare:"
+        ),
+        Listing(f"flexhinf certify --check {BOX_FILE}"),
+    ]
+
+
+def degree_text(design: Design) -> str:
+    """Which degree is used, and why."""
+    chosen, (lowest, *higher) = design.chosen, design.choices
+    used = f"V of degree {chosen.degree} is used, a {law_name(chosen.degree)} law"
+    if design.synthesis.proved is not None:
+        count = count_text(design.synthesis.proved.candidates, "candidate")
+        return f"{used}: of {count} within the largest input the one with the smallest gain that is proved."
+    if not higher:
+        return f"{used}: the only one that was tried."
+    if design.specification.via:
+        return f"{used}: with laws at several poses the robot is never far from the nearest one."
+    if all(math.isnan(choice.cost) for choice in higher):
+        most = max(choice.acting for choice in higher)
+        return (
+            f"{used}: along its step the laws of higher degree would change the input by {_percent(most)} of its "
+            f"largest deviation from the goal's (below {_percent(ACTING)} nothing is gained)."
+        )
+    steps = "; ".join(f"{_cheaper(choice, lowest)}{_missed(choice)}" for choice in higher)
+    return (
+        f"{used}. By the cost of the step, ∫|z|² without the integrals, against degree {lowest.degree}: {steps}. A "
+        f"higher degree is used where it saves more than {_percent(GAIN)} and keeps the same limits."
+    )
+
+
+def _cheaper(choice: DegreeChoice, lowest: DegreeChoice) -> str:
+    return f"degree {choice.degree} {cost_text(choice, lowest)}"
+
+
+def _missed(choice: DegreeChoice) -> str:
+    return f" (but misses: {', '.join(choice.missed)})" if choice.missed else ""
+
+
+def cost_text(choice: DegreeChoice, lowest: DegreeChoice) -> str:
+    """The cost of a step relative to that of the lowest degree: "−5.9 %"."""
+    if math.isnan(choice.cost) or choice is lowest:
+        return "–" if math.isnan(choice.cost) else "0 %"
+    if math.isinf(choice.cost):
+        return "diverges"
+    if math.isinf(lowest.cost):
+        return "finite"
+    return f"{100.0 * (choice.cost / lowest.cost - 1.0):+.2g} %".replace("-", "−")
+
+
+def _percent(fraction: float) -> str:
+    return f"{100.0 * fraction:.2g} %"
+
+
+def _region_text(design: Design) -> str:
+    s = design.specification
+    return (
+        "Of every degree: the largest level set of V in which no violation of the dissipation inequality was found, "
+        f"along random rays and by ascent from many starts: {region_strength(design)}. The checked pair "
+        f"is weaker than the designed one: γ = {s.checked_gamma_ratio:g} γ* and the penalty under Settings. It "
+        "covers the law with the true state, not the estimator. The largest step moves all joints alike and "
+        "starts with the integrals at which V is smallest. "
+        "A controller starts with other integrals, those at which the input does not jump, so V is larger there, and a "
+        "shorter step may begin outside the level set."
+    )
+
+
+def region_strength(design: Design) -> str:
+    """Of the regions of all degrees; of the law that is used, more may be proved."""
+    given = design.proof.certificate
+    if given is None:
+        return "sampled, not proved"
+    return f"sampled; of the law that is used V ≤ {at_least(given.level)} is proved"
+
+
+def _regions(design: Design) -> Table:
+    unit, most = units_of(design.evaluation).position, widest_step(design)
+    rows = [
+        (
+            c.degree,
+            law_name(c.degree),
+            "used" if c is design.chosen else "",
+            _level(c.level) if c.looked else "–",
+            amplitude_text(c.step_amplitude, unit, most) if c.looked else "–",
+            cost_text(c, design.choices[0]),
+            c.limit,
+            f"{c.residual:.0e}",
+            1e3 * c.solve_seconds,
+            c.check_seconds,
+        )
+        for c in design.choices
+    ]
+    columns = (
+        "degree of V",
+        "law",
+        "",
+        "V up to",
+        "largest step sampled, V smallest",
+        "cost of the step",
+        "limited by",
+        "residual",
+        Column("solve", "ms", 1),
+        Column("check", "s", 1),
+    )
+    caption = (
+        "Step: of all joints alike from one equilibrium to another, started inside the level set with the integrals "
+        "at which V is smallest, not those of the controller"
+    )
+    return Table(columns, rows, caption, "table-region", stacks=True)
+
+
+def widest_step(design: Design) -> float:
+    """The widest step of all joints alike, to the goal, that the joints' limits allow; infinite without limits."""
+    ranges = [(-np.inf, np.inf) if limits is None else limits for limits in design.robot.links.limits]
+    rooms = [(goal - low, high - goal) for goal, (low, high) in zip(design.goal.tolist(), ranges)]
+    return float(max(min(side) for side in zip(*rooms)))
+
+
+def _level(value: float) -> str:
+    if math.isnan(value):
+        return "none"
+    return "everything sampled" if math.isinf(value) else f"{value:.4g}"
+
+
+def _attained_text(design: Design) -> str:
+    found, proved = design.attenuation.attained, design.synthesis.proved
+    assert found is not None
+    if proved is not None:
+        share = 100.0 * found.gain / proved.gamma
+        return (
+            f"√(∫|z|²/∫|d|²) from the {_listed(proved.problem)} to {penalty_text(design)} is proved to be at most "
+            f"γ = {at_most(proved.gamma)}, for every robot of the box. A disturbance found by search attains "
+            f"{number(found.gain)} on the nominal robot, {number(share, 3)} % of γ, with an energy ∫|d|² of "
+            f"{number(found.energy, 3)}. The largest gain lies between the two."
+        )
+    share = 100.0 * found.gain / design.gamma
+    return (
+        "γ bounds √(∫|z|²/∫|d|²) from above for the law with the true state fed back, as long as the state stays in "
+        "a region where the inequality holds. A search for the worst disturbance gives a lower bound: "
+        f"{number(found.gain)}, {number(share, 3)} % of γ, with an energy ∫|d|² of {number(found.energy, 3)} and V "
+        f"up to {number(found.largest_value)} of {number(design.chosen.level)}. The true value lies between the two, "
+        "or above γ where the sampled region is wrong."
+    )
+
+
+def _listed(problem: GeneralisedPlant) -> str:
+    return ", ".join(name.replace("_", " ") for name in problem.disturbance_names)
+
+
+def level_rows(design: Design) -> list[tuple[str, float]]:
+    """Levels from the smallest feasible one to the checked or proved one, and the lower bound found."""
+    s, found, proved = design.specification, design.attenuation.attained, design.synthesis.proved
+    attained = [] if found is None else [("worst disturbance found (lower bound)", found.gain)]
+    if proved is not None:
+        star = smallest_gamma(proved.problem)
+        return [
+            ("γ* of this z, nominal robot near the goal, any law", star), *attained, ("γ that is proved", proved.gamma)
+        ]  # fmt: skip
+    return [
+        ("γ* of the problem, linear part", design.gamma_star),
+        *attained,
+        ("γ of the law", design.gamma),
+        ("γ of the inequality checked in the region", s.checked_gamma_ratio * design.gamma_star),
+    ]
+
+
+def _levels(design: Design) -> Table:
+    rows = [(what, number(value)) for what, value in level_rows(design)]
+    return Table(("√(∫|z|²/∫|d|²)", "value"), rows, "Levels of attenuation", "table-attained")
+
+
+def budget_of(design: Design) -> Sequence[BudgetTerm]:
+    """The budget of the step against the proved level, or against the sampled one where nothing is proved; none where
+    the step starts outside."""
+    return design.attenuation.budget if design.proof.certificate is None else design.proof.budget
+
+
+def budget_rows(design: Design) -> list[dict[str, Any]]:
+    """For each part of the loop with all above it: what it adds, what is used in all, and the level that remains."""
+    return [_budget_row(term) for term in budget_of(design)]
+
+
+def _budget_row(term: BudgetTerm) -> dict[str, Any]:
+    budget = term.budget
+    return {
+        "part": term.name,
+        "added": term.added,
+        "spent": budget.total,
+        "start": budget.start,
+        "level": budget.level,
+        "left": budget.left,
+        "kept": budget.kept,
+    }
+
+
+def _budget_text(design: Design) -> str:
+    row = budget_rows(design)[-1]
+    text = (
+        "Dissipation budget. Whatever makes the input differ by v from the law's own (on the true state, at every "
+        "instant) uses ½∫vᵀR2v of the level. While V(x0) and this stay below the level, V does too, and the "
+        "inequality holds for the controller as it runs. For the step of the nominal "
+        "robot, extras left out, "
+    )
+    if row["spent"] is None or not np.isfinite(row["spent"]):
+        return text + "the loop with all its parts diverges."
+    text += f"V(x0) is {number(row['start'])} and {number(row['spent'], 3)} is used"
+    if not np.isfinite(row["level"]):
+        return text + "; no region was sampled to compare it with."
+    which = "the sampled" if design.proof.certificate is None else "the proved"
+    kept = "this is within the budget" if row["kept"] else "the budget is exceeded"
+    return f"{text}, of {which} level of {number(row['level'])}: {kept}."
+
+
+def _budget(design: Design) -> Table:
+    rows = []
+    for row in budget_rows(design):
+        left = number(row["left"]) if np.isfinite(row["left"]) else "–"
+        kept = "–" if not np.isfinite(row["level"]) else ("yes" if row["kept"] else "NO")
+        rows.append((PARTS[row["part"]], number(row["added"], 3), number(row["spent"], 3), left, kept))
+    columns = ("part of the loop", "uses ½∫vᵀR2v", "with all above", "remaining level", "within the budget")
+    return Table(columns, rows, "Parts are added one after the other", "table-budget", stacks=True)
+
+
+def _budget_figure(design: Design) -> list[Figure]:
+    """V along the step and its bound, of the loop with all parts; none if it diverged."""
+    budget = budget_of(design)[-1].budget
+    if not budget.complete:
+        return []
+    few = thin(budget.times)
+    bound = budget.start + budget.disturbance + budget.spent
+    near = np.isfinite(budget.level) and NEAR * budget.level < float(bound.max())
+    figure, (axis,) = new_figure(1)
+    with house_style():
+        axis.plot(budget.times[few], bound[few], color=SERIES[1], label="V(x0) + ½∫vᵀR2v until then")
+        axis.plot(budget.times[few], budget.value[few], color=SERIES[0], label="V")
+        if near:
+            axis.axhline(budget.level, color=INK, linewidth=1.0, dashes=DASHED, label="level of the region")
+        axis.set_ylim(bottom=0.0)
+    label(axis, "V", "")
+    legend(axis)
+    far = "" if near or not np.isfinite(budget.level) else f" The level, {budget.level:.3g}, is far above."
+    return [
+        figure_block(
+            "budget",
+            figure,
+            f"V along the step of the nominal robot, and its bound.{far}",
+            "Dissipation budget",
+        )
+    ]

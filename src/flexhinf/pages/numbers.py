@@ -1,0 +1,343 @@
+"""What design.json and comparison.json hold: the numbers of a report in SI units; what has no number is null."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from flexhinf.analysis import FrequencyResponse, Margins
+from flexhinf.design.carrying import Carried
+from flexhinf.design.estimators import noise_variances
+from flexhinf.design.evaluation import LawEvaluation
+from flexhinf.design.joint_limits import ROBOT
+from flexhinf.design.modes import Mode
+from flexhinf.design.ranking import TradeOff, best_rival, trade_offs
+from flexhinf.design.requirements import Requirement
+from flexhinf.design.responses import Response
+from flexhinf.design.result import ComparedLaw, Comparison, Design
+from flexhinf.design.weights.estimator_noise import NoiseCandidate, NoiseSearch
+from flexhinf.pages.design.along_move import along_rows
+from flexhinf.pages.design.corners import corner_rows
+from flexhinf.pages.design.estimator_noise import is_used
+from flexhinf.pages.design.region import budget_rows
+from flexhinf.pages.design.requirements import input_rows
+from flexhinf.pages.design.ringing import ring_down_rows
+from flexhinf.pages.design.weights import state_weights, whole_loop_rows
+from flexhinf.pages.drawing import finite
+from flexhinf.pages.page import notes, verdict
+from flexhinf.pages.proof import proof_numbers
+
+
+def design_numbers(design: Design) -> dict[str, Any]:
+    """Of one design."""
+    e, status, attained = design.evaluation, design.status, design.attenuation.attained
+    found = {
+        "version": 1,
+        "robot": design.robot.name,
+        "joints": list(design.robot.joint_names),
+        "verdict": verdict(design),
+        "met": design.met,
+        "status": _picked(status, "not_met", "not_proved", "risky"),
+        "specification": [_requirement(line) for line in design.requirements],
+        "notes": notes(design),
+        "gamma_star": design.gamma_star,
+        "gamma": design.gamma,
+        "degree": design.chosen.degree,
+        "states": list(design.problem.state_names),
+        "operating_point": design.problem.operating_point,
+        "operating_input": design.problem.operating_input,
+        "inputs": {row.what: row.value for row in input_rows(design)},
+        "input_joints": {row.what: row.joint for row in input_rows(design)},
+        "weights": _weights(design),
+        "estimator_noise": _estimator_noise(design),
+        "open_modes": [_mode(m) for m in e.open_modes],
+        "closed_modes": [_mode(m) for m in design.law_modes],
+        "estimator_modes": [_mode(m) for m in e.estimator_modes],
+        "margins": _margins(e.margins),
+        "state_margins": _margins(e.state_margins),
+        "frequency_response": _frequency_response(e.frequency_response),
+        "noise_at_the_inputs": e.input_noises,
+        "corners": None if e.corners is None else [row._asdict() for row in corner_rows(e)],
+        "attained": attained and _picked(attained, "gain", "energy", "largest_value"),
+        "budget": budget_rows(design),
+        "degrees": [
+            _picked(c, "degree", "level", "limit", "acting", "cost", "missed", step="step_amplitude")
+            for c in design.choices
+        ],
+        "starts_inside": design.inside,
+        "proof": proof_numbers(design),
+        **_runs(design),
+        "noise_variances": noise_variances(design.problem.plant, design.specification.measurement_noise),
+        "initial_variance": _initial_variance(design),
+    }
+    return finite(found)
+
+
+def comparison_numbers(comparison: Comparison) -> dict[str, Any]:
+    """Of one comparison; figures by the keys of `LawEvaluation.metrics`."""
+    own, criterion = comparison.own.evaluation, comparison.criterion
+    problem, chosen = comparison.synthesis.design_problem, comparison.synthesis.chosen
+    assert own is not None
+    runs = own.scenario
+    assert runs is not None
+    tuned = [row.tuned for row in comparison.compared if row.tuned is not None]
+    rival = best_rival(tuned)
+    found = {
+        "version": 4,
+        "robot": comparison.robot.name,
+        "joints": list(comparison.robot.joint_names),
+        "unit": comparison.units()["input"],
+        "tune": {
+            "mode": criterion.mode,
+            "criterion": criterion.text,
+            "limits": [
+                {**_picked(x, "figure", "value"), "at_least": x.least, "from": x.origin}
+                for x in criterion.limits
+            ],
+        },
+        "best_rival": None if rival is None else rival.name,
+        "design": {**_picked(problem, "preset", "gamma_star", "gamma"), "degree": chosen.degree},
+        "start": own.setup.start,
+        "goal": own.setup.goal,
+        "duration_s": runs.step_duration,
+        "load": runs.load,
+        "move_s": float(runs.plan.duration),
+        "drawn": len(runs.robots),
+        "seed": comparison.specification.seed,
+        "laws": [_law(row) for row in comparison.rows],
+        "trade_off": [_trade_off(one) for one in trade_offs(tuned, criterion)],
+    }
+    return finite(found)
+
+
+# Parts ---------------------------------------------------------------------------------------------------
+def _picked(value: Any, *names: str, **renamed: str) -> dict[str, Any]:
+    """Attributes by their own names; a keyword is the key of an attribute that is called otherwise."""
+    return {key: getattr(value, name) for key, name in {**{name: name for name in names}, **renamed}.items()}
+
+
+def _requirement(line: Requirement) -> dict[str, Any]:
+    names = (
+        "what",
+        "found",
+        "unit",
+        "at_most",
+        "where",
+        "criterion",
+        "stated_by",
+        "joint",
+        "met",
+        "within_tolerance",
+    )
+    stated = line.stated_by not in ("default", ROBOT)
+    return {**_picked(line, *names, asked="limit", at_s="at"), "asked_for": stated}
+
+
+def _mode(m: Mode) -> dict[str, Any]:
+    parts = {"real": m.eigenvalue.real, "imaginary": m.eigenvalue.imag}
+    return {**_picked(m, "name", "joint", "damping", frequency_Hz="frequency"), **parts}
+
+
+def _weights(design: Design) -> dict[str, Any]:
+    problem = design.design_problem
+    search, target, r, whole = problem.search, problem.target, problem.robustness, design.synthesis.robust
+    return {
+        "preset": problem.preset,
+        "source": problem.source,
+        "states": {w.signal: w.value for w in state_weights(design.problem, design.robot.joint_names)},
+        "effort": design.problem.r2,
+        "wanted": None if target is None else _picked(target, "bandwidth", "damping"),
+        "tries": [
+            {
+                **_picked(c, "damping_weights", "target_frequency"),
+                **_picked(c.behaviour, "bandwidth", "damping", "nominal_damping"),
+                "gamma_star": c.design.gamma_star,
+                "used": search is not None and c is search.chosen,
+            }
+            for c in (() if search is None else search.candidates)
+        ],
+        "robust": None if r is None else {**vars(r), "share": r.fraction},
+        "whole_loop": whole
+        and {
+            **_picked(
+                whole, "better", "count", "corner", "frequency", "damping", "links", "motors", "fraction"
+            ),
+            "figures": [
+                {"what": what, "damped": damped, "robust": robust}
+                for what, _, damped, robust in whole_loop_rows(whole)
+            ],
+        },
+    }
+
+
+def _estimator_noise(design: Design) -> dict[str, Any] | None:
+    """R^v in use, and what the search tried; None without an estimator."""
+    if design.specification.estimator == "none":
+        return None
+    noise, search = design.setup.process_noise, design.noise_search
+    figures = ("peak_sensitivity", "gain_margin", "damping", "compliance", "input_noise", "noises", "missed")
+    tried = [
+        {
+            **_picked(one.levels, "motor_velocities", "link_velocities"),
+            **_picked(one, *figures, unstable_corners="unstable"),
+            "used": search is not None and is_used(search, one),
+        }
+        for one in (() if search is None else _shown(search))
+    ]
+    levels = _picked(noise, "all_states", "link_velocities", "motor_velocities", "source")
+    return {**levels, "count": 0 if search is None else search.count, "tried": tried}
+
+
+def _shown(search: NoiseSearch) -> list[NoiseCandidate]:
+    """The trade-off, and the levels in use where they are none of it."""
+    others = [one for one in search.trade_off if not is_used(search, one)]
+    return sorted([*others, search.chosen], key=lambda one: one.input_noise)
+
+
+def _margins(m: Margins) -> dict[str, Any]:
+    names = (
+        "stable", "delay_margin_s", "delay_frequency", "peak_sensitivity", "sensitivity_frequency",
+        "peak_complementary", "complementary_frequency", "disk_margin", "disk_frequency", "noise_to_input",
+        "peak_noise_to_input", "bandwidth", "damping", "damping_frequency",
+    )  # fmt: skip
+    pairs = m.gain_margins
+    return {**_picked(m, *names), "gain_margins": pairs[0] if len(pairs) == 1 else pairs}
+
+
+def _frequency_response(f: FrequencyResponse) -> dict[str, Any]:
+    """Magnitudes of the diagonals, largest singular values of S and T, and the poles."""
+    return {
+        "frequencies": f.frequencies,
+        "command": np.abs(np.diagonal(f.command, axis1=1, axis2=2)).T,
+        "sensitivity": np.linalg.norm(f.sensitivity, 2, axis=(1, 2)),
+        "complementary": np.linalg.norm(f.complementary, 2, axis=(1, 2)),
+        "poles_real": np.real(f.poles),
+        "poles_imaginary": np.imag(f.poles),
+    }
+
+
+def _runs(design: Design) -> dict[str, Any]:
+    e = design.evaluation
+    load, move = e.load_response, e.move
+    return {
+        "step": {
+            **_picked(design, "start", "goal"),
+            "duration_s": design.scenario.step_duration,
+            **_run(e.step, e.step.metrics),
+        },
+        "mujoco": None if design.mujoco is None else design.mujoco.metrics,
+        "draws": _samples(e),
+        "ring_down": {
+            "damping": e.ring_down.damping,
+            "diverged": e.ring_down.diverged,
+            "fit_error": e.ring_down.found and e.ring_down.found.error,
+            "joints": ring_down_rows(e.ring_down),
+        },
+        "load": {"at_s": load.at, **_run(load.response, load.metrics)},
+        "move": {"duration_s": move.plan.duration, **_run(move.response, move.metrics)},
+        "payload": [_carried(one) for one in design.carried],
+        "rest": _rest(design),
+        "along_move": along_rows(design.synthesis.along),
+        "rigid": [
+            {
+                **_picked(loop, "side", "stable"),
+                "modes": [_mode(m) for m in loop.modes],
+                **_run(loop.response, loop.response.metrics),
+            }
+            for loop in (design.rigid.loops if design.rigid else ())
+        ],
+    }
+
+
+def _carried(one: Carried) -> dict[str, Any]:
+    """With masses in the true robot that the model does not know."""
+    return {
+        "masses_kg": dict(one.masses),
+        "step": _run(one.step, one.step.metrics),
+        "gripped": None if one.gripped is None else _run(one.gripped.response, one.gripped.metrics),
+        "margins": _margins(one.margins),
+        "weighed_kg": None if one.weighed is None else one.weighed.masses,
+        "hidden_by_friction_kg": None if one.weighed is None else one.weighed.hidden,
+    }
+
+
+def _rest(design: Design) -> dict[str, Any] | None:
+    """The long run with dry friction, by joints; None for a robot that states none."""
+    run = design.rest
+    if run is None:
+        return None
+    return {
+        "extras": list(run.extras), "limit": run.limit, "hunts": run.hunts, "dead_zone": run.dead_zone,
+        "amplitudes_without_dead_zone": None if run.without is None else run.without.amplitudes,
+        "duration_s": float(run.response.run.time[-1]), "diverged_at_s": run.response.diverged_at,
+        "joints": [
+            {"joint": joint, "amplitude": cycle.amplitude, "frequency_Hz": cycle.frequency, "remaining_error": error}
+            for joint, cycle, error in zip(run.response.joints, run.cycles, run.errors)
+        ],
+    }  # fmt: skip
+
+
+def _run(response: Response, metrics: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    return {"diverged_at_s": response.diverged_at, "joints": metrics}
+
+
+def _samples(e: LawEvaluation) -> dict[str, Any] | None:
+    samples = e.step_samples
+    if samples is None or not len(samples):
+        return None
+    drawn = {name: samples.values[k] for name, k in (("worst", samples.worst), ("slowest", samples.slowest))}
+    return {
+        "count": len(samples),
+        **_picked(samples, "diverged", "unsettled", "worst", "slowest"),
+        **_picked(samples, overshoot_percent="overshoot", settling_time_s="settling", peak_input="peak"),
+        **{f"{k}_values": {name: np.asarray(v) for name, v in robot.items()} for k, robot in drawn.items()},
+    }
+
+
+def _initial_variance(design: Design) -> list[float] | None:
+    """Diagonal of P0, one entry for each state of the estimator; None without one."""
+    estimator = design.setup.estimator(design.start)
+    return None if estimator is None else np.diag(estimator.initial.covariance).tolist()
+
+
+def _law(row: ComparedLaw) -> dict[str, Any]:
+    e, tuned = row.evaluation, row.tuned
+    figures = row.metrics
+    return {
+        "name": row.name,
+        "what": row.kind.description,
+        "compared": e is not None,
+        "failure": row.failure or ("" if e is None else e.linear_failure),
+        "tuned": tuned
+        and {
+            **_picked(tuned, "cost", "candidates"),
+            "parameters": dict(tuned.parameters),
+            "sensors": list(tuned.sensors),
+        },
+        "figures": dict(figures),
+        "figure_joints": {} if e is None else {key: worst.joint for key, worst in e.worst.items()},
+        "infinite": [key for key, value in figures.items() if value is not None and np.isinf(value)],
+        "needs": [] if e is None else list(e.needed_states),
+        "specification": [_requirement(line) for line in row.requirements],
+        "corners": None if e is None or e.corners is None else e.corners.count,
+        "joints": None if e is None else _joints(e),
+    }
+
+
+def _joints(e: LawEvaluation) -> dict[str, Sequence[Mapping[str, Any]]]:
+    """Figures of each joint."""
+    return {
+        "step": e.step.metrics,
+        "load": e.load_response.metrics,
+        "move": e.move.metrics,
+    }
+
+
+def _trade_off(one: TradeOff) -> dict[str, Any]:
+    return {
+        "name": one.name,
+        **_picked(one.point, "peak_input", "load_deviation"),
+        "curve": [[figures.peak_input, figures.load_deviation] for figures in one.curve],
+    }

@@ -1,0 +1,159 @@
+"""The page of a comparison: criterion before verdict, the best rival first, no counts of wins."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+import re
+
+import numpy as np
+import pytest
+
+from flexhinf.design import Comparison
+from flexhinf.design.result import ComparedLaw
+from flexhinf.pages import comparison_notes, comparison_page, comparison_verdict
+from flexhinf.pages.design.law_figures import FIGURES, FigureTable, best_of, cell, table_lines
+from flexhinf.pages.numbers import comparison_numbers
+from flexhinf.pages.verdict import rival_of
+from flexhinf.report import to_json
+
+
+def with_costs(comparison: Comparison, **costs: float) -> Comparison:
+    """The same comparison with other values of the criterion, every limit kept."""
+
+    def changed(row: ComparedLaw) -> ComparedLaw:
+        made = row.tuned or comparison.own.tuned
+        assert made is not None
+        cost = costs.get(row.name, 10.0)
+        tuned = dataclasses.replace(made, kind=row.kind, cost=cost, feasible=True, reason="")
+        return ComparedLaw(row.kind, tuned, comparison.own.requirements)
+
+    return dataclasses.replace(comparison, rows=tuple(changed(row) for row in comparison.rows))
+
+
+def test_every_question_has_its_section(report_comparison: Comparison) -> None:
+    page = comparison_page(report_comparison, ["flexhinf", "compare"])
+    assert [s.id for s in page.sections] == [
+        "criterion",
+        "trade-off",
+        "figures",
+        "responses",
+        "frequency",
+        "laws",
+    ]
+    html = page.html()
+    assert html.index("Criterion:") < html.index('class="verdict"')
+    assert not re.search(r"\bnan\b|\binf\b", re.sub(r"<svg.*?</svg>", "", html, flags=re.DOTALL))
+    assert not re.search(r"better in \d+ of \d+", html)
+
+
+@pytest.mark.parametrize(
+    ("costs", "first"),
+    [
+        ({"nl-hinf": 1.0, "pid": 0.5, "lqr": 0.8}, "The best rival, pid, beats nl-hinf by the criterion (0.5"),
+        ({"nl-hinf": 1.0, "pid": 1.5, "lqr": 1.2}, "The best rival, lqr, loses to nl-hinf by the criterion (1.2"),
+        ({"nl-hinf": 1.0, "lqr": 1.01}, "Between the best rival, lqr, and nl-hinf there is no difference"),
+    ],
+)  # fmt: skip
+def test_the_first_sentence_names_the_best_rival_and_who_wins(
+    report_comparison: Comparison, costs: dict[str, float], first: str
+) -> None:
+    corners = report_comparison.own.evaluation.corners  # type: ignore[union-attr]
+    assert corners is not None
+    found = with_costs(report_comparison, **costs)
+    rival = rival_of(found)
+    if rival is None:
+        pytest.skip("every rival has more unstable corners than the design")
+    assert comparison_verdict(found).startswith(first)
+
+
+def test_a_law_without_a_tuning_within_the_limits_is_named_and_has_no_numbers(
+    report_comparison: Comparison,
+) -> None:
+    """Old code tabled the best of the tunings that keep no limit: numbers of an arbitrary point."""
+    rows = tuple(
+        row if row is report_comparison.own else ComparedLaw(row.kind, failure="no tuning; not kept: noise")
+        for row in report_comparison.rows
+    )
+    found = dataclasses.replace(report_comparison, rows=rows)
+    assert comparison_verdict(found).startswith("No other law keeps every limit")
+    assert "pid was not compared: no tuning; not kept: noise." in comparison_notes(found)
+    assert FigureTable(found).html().count('<th scope="col" class="number">') == 1
+    for law in comparison_numbers(found)["laws"][1:]:
+        assert (law["compared"], law["tuned"], law["figures"]) == (False, None, {})
+
+
+def test_the_file_is_finite_or_null_and_keeps_its_keys(report_comparison: Comparison) -> None:
+    found = json.loads(to_json(comparison_numbers(report_comparison)))
+    kept = {
+        "version",
+        "robot",
+        "joints",
+        "unit",
+        "tune",
+        "design",
+        "start",
+        "goal",
+        "load",
+        "move_s",
+        "drawn",
+        "laws",
+    }
+    assert set(found) >= kept
+    assert found["tune"]["criterion"] == report_comparison.criterion.text
+    for law, row in zip(found["laws"], report_comparison.rows):
+        for key, value in row.metrics.items():
+            if value is not None and math.isfinite(value):
+                assert law["figures"][key] == value
+            else:
+                assert law["figures"][key] is None
+                assert (key in law["infinite"]) is (value is not None)
+
+
+def test_every_figure_of_the_evaluations_has_a_label(report_comparison: Comparison) -> None:
+    keys = {key for row in report_comparison.compared for key in row.metrics}
+    assert keys <= {figure.key for figure in FIGURES}
+
+
+def test_cells_and_the_best_of_a_row(report_comparison: Comparison) -> None:
+    by_key = {figure.key: figure for figure in FIGURES}
+    deviation, settling = by_key["load_deviation"], by_key["step_settling_s"]
+    assert cell(deviation, 0.0123, report_comparison) == "12.3"
+    assert cell(settling, np.inf, report_comparison) == "> 3"
+    assert cell(settling, None, report_comparison) == "–"
+    assert best_of(deviation, [1.0, 2.0, None]) == (True, False, False)
+    assert best_of(by_key["delay_margin_s"], [1.0, 2.0, 2.001]) == (False, True, True)
+    assert best_of(deviation, [1.0, 1.0]) == (False, False)
+    html = FigureTable(report_comparison).html()
+    assert "★" not in html
+    assert '</strong><br><span class="unit">best</span>' in html
+    lines = table_lines(report_comparison, report_comparison.compared)
+    assert {len(line.cells) for line in lines} == {0, len(report_comparison.compared)}
+
+
+@pytest.mark.slow
+def test_the_same_comparison_gives_the_same_page(report_comparison: Comparison) -> None:
+    first, second = (comparison_page(report_comparison, ["flexhinf"]).html() for _ in range(2))
+    assert first == second
+
+
+def test_a_linear_design_is_said_to_be_the_linear_law(report_comparison: Comparison) -> None:
+    assert any("The design chose degree 2" in note for note in comparison_notes(report_comparison))
+
+
+def test_a_law_that_could_not_be_made_is_named_with_its_reason(report_comparison: Comparison) -> None:
+    lost = ComparedLaw(report_comparison.rows[-1].kind, failure="No gain holds the goal.")
+    found = dataclasses.replace(report_comparison, rows=(*report_comparison.rows[:-1], lost))
+    assert f"{lost.name} was not compared: No gain holds the goal." in comparison_notes(found)
+    html = comparison_page(found, ["flexhinf"]).html()
+    assert "No gain holds the goal." in html
+    law = comparison_numbers(found)["laws"][-1]
+    assert (law["compared"], law["failure"], law["figures"]) == (False, "No gain holds the goal.", {})
+
+
+def test_alone_there_is_nothing_to_compare(report_comparison: Comparison) -> None:
+    alone = dataclasses.replace(report_comparison, rows=report_comparison.rows[:1])
+    assert comparison_verdict(alone) == "No other law could be compared with the design."
+    ids = [section.id for section in comparison_page(alone, ["flexhinf"]).sections]
+    assert "trade-off" not in ids

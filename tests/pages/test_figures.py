@@ -1,0 +1,83 @@
+"""What the frequency, pole and arm figures compute for drawing."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+import flexhinf as fh
+from flexhinf.design import Design
+from flexhinf.pages.design.arm_figure import arm_figure, instants
+from flexhinf.pages.design.frequency import Loop, frequency_figures
+from flexhinf.pages.design.poles import PoleGroup, poles_figure
+from flexhinf.pages.drawing import framed, thin, widened
+
+Make = Callable[[str], Design]
+
+
+def test_instants_are_where_parts_of_the_way_are_done() -> None:
+    time = np.linspace(0.0, 1.0, 101)
+    positions = np.column_stack([time, 2.0 * time])
+    assert instants(positions, np.zeros(2), np.array([1.0, 2.0])) == [0, 25, 50, 75, 100]
+    assert instants(positions[:40], np.zeros(2), np.array([1.0, 2.0])) == [0, 25, 39]
+    assert instants(positions, np.ones(2), np.ones(2)) == [0]
+
+
+def test_a_robot_without_lengths_is_not_drawn() -> None:
+    time = np.linspace(0.0, 1.0, 5)
+    for name, there in (("paper", True), ("quanser-rotflex", False)):
+        robot = fh.load_robot(name)
+        figure = arm_figure(robot, time, time[:, None], time[:, None] + 0.1, [0, 4])
+        assert (figure is not None) is there
+
+
+@pytest.mark.slow
+def test_the_figure_is_as_high_as_the_arm_needs() -> None:
+    time = np.linspace(0.0, 1.0, 5)
+    heights = {}
+    for name, angle in (
+        ("paper", 1.5),
+        ("planar-two-link", 0.1),
+    ):  # one is nearly level, the other hangs down
+        robot = fh.load_robot(name)
+        links = angle + 0.01 * np.outer(time, np.ones(len(robot.joint_names)))
+        figure = arm_figure(robot, time, links, links, [0, 1, 2, 3, 4])
+        assert figure is not None
+        (box,) = re.findall(r'viewBox="([^"]+)"', figure.html())
+        heights[name] = float(box.split()[3])
+    assert heights["planar-two-link"] > 1.5 * heights["paper"]
+
+
+def test_frequency_figures_draw_a_line_for_each_loop(report_design: Make) -> None:
+    response = report_design("met").evaluation.frequency_response
+    one = frequency_figures([Loop("a", response)], ["joint"], "N·m", "rad")
+    assert [figure.id for figure in one] == ["figure-bode", "figure-sensitivity", "figure-nyquist"]
+    distance = np.abs(1.0 + response.input_loops[:, 0]).min()
+    assert f"smallest distance, {distance:.2f}" in one[2].caption
+    two = frequency_figures([Loop("a", response), Loop("b", response)], ["joint"], "N·m", "rad")
+    assert "smallest distance" not in two[2].caption
+    assert "b</text>" in two[1].svg  # its name; what is drawn of every law stands in the caption
+    assert "S: how much" in two[1].caption
+    assert frequency_figures([], ["joint"], "N·m", "rad") == []
+
+
+def test_poles_of_every_group_are_drawn() -> None:
+    groups = [
+        PoleGroup("open", np.array([0.0, -1.0 + 9.0j, -1.0 - 9.0j]), "o", "#0072b2", hollow=True),
+        PoleGroup("closed", np.array([-5.0, -3.0 + 3.0j]), "x", "#d55e00"),
+        PoleGroup("none", np.array([]), "^", "#009e73"),
+    ]
+    svg = poles_figure(groups).svg
+    assert "open" in svg
+    assert "closed" in svg
+    assert "none</text>" not in svg
+
+
+def test_axes_show_every_finite_value() -> None:
+    low, high = framed(np.array([1.0, 3.0, np.nan, np.inf]))
+    assert (low, high) == pytest.approx((0.88, 3.12))
+    assert widened(0.0, 0.1, 1.0) == pytest.approx((-0.45, 0.55))
+    assert len(np.arange(10_000)[thin(np.arange(10_000))]) <= 1500

@@ -1,0 +1,141 @@
+"""The film of a run: what it shows, how it is encoded, what is refused before any work."""
+
+from __future__ import annotations
+
+import math
+import subprocess
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import flexhinf as fh
+from flexhinf.design import Specification
+from flexhinf.design.deployed_run import DeployedRun, prepare_run
+from flexhinf.errors import InvalidInput
+from flexhinf.export import RealTimeRun
+from flexhinf.pages import arm_picture
+from flexhinf.pages import arm_picture as arm_film
+from flexhinf.pages import film as module
+from flexhinf.pages.arm_picture import ArmFilm, magnification
+from flexhinf.pages.design import arm_figure
+from flexhinf.pages.film import check_film, write_film
+
+pytest.importorskip("mujoco")
+
+
+@pytest.fixture(scope="module")
+def made() -> tuple[DeployedRun, RealTimeRun]:
+    robot = fh.load_robot("planar-two-link")
+    ukf = fh.UnscentedKalmanFilter(
+        robot.plant(), 1e-3, 1e-9, 1e-8, robot.operating_point([0.2, 0.1])[0], 1e-6
+    )
+    law = fh.linear_law(robot.problem({"link_position": 60, "link_position_integral": 300}), gamma=math.inf)
+    controller = fh.Controller(law, ukf, 1e-3, (-9.0, 8.0), start="bumpless")
+    s = Specification(start="0.2,0.1", pose="0.4,0.3", duration=0.3)
+    prepared = prepare_run(controller, (robot, s), robot, s)
+    return prepared, prepared.make(real_time=False)
+
+
+def test_what_is_drawn(made: tuple[DeployedRun, RealTimeRun]) -> None:
+    film = ArmFilm.of(*made)
+    assert film.factor > 1
+    assert np.abs(film.factor * film.windup).max() <= arm_film.WIDEST
+    np.testing.assert_array_equal(film.limits, [9.0, 9.0])
+    np.testing.assert_array_equal(film.command[0], [0.4, 0.3])
+    link, joint, motor = film.hands(0)[1]
+    # the angle between the hands is the wind-up, as many times larger as the title says
+    sides = [np.arctan2(*(point - joint)) for point in (link, motor)]
+    assert abs(sides[1] - sides[0]) == pytest.approx(film.factor * abs(film.windup[0, 1]), abs=1e-9)
+    assert film.position_unit == "°"
+
+
+def test_how_much_larger() -> None:
+    turns, slides = np.array([False, False]), np.array([False, True])
+    assert magnification(np.full((3, 2), 0.001), turns, 1.0) == 200
+    assert magnification(np.full((3, 2), 1.0), turns, 1.0) == 1
+    assert magnification(np.array([[0.001, 0.01]]), slides, 0.5) == 5
+    assert magnification(np.zeros((3, 2)), turns, 1.0) == arm_film.FACTORS[-1]
+
+
+@pytest.mark.parametrize("ending", [".gif", ".mp4"])
+def test_the_film_is_played_slowly_and_ends_at_the_end(
+    ending: str, made: tuple[DeployedRun, RealTimeRun], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """0.3 s in at least `SHORTEST` seconds, here half of one; every picture differs from the first."""
+    if ending == ".mp4" and module._encoder() is None:
+        pytest.skip("no ffmpeg")
+    monkeypatch.setattr(arm_picture, "SHORTEST", 0.5)
+    path = write_film(*made, tmp_path / f"arm{ending}")
+    if ending == ".gif":
+        from PIL import Image
+
+        with Image.open(path) as picture:
+            assert (picture.n_frames, picture.size) == (10, (960, 540))  # type: ignore[attr-defined]
+            assert picture.info["duration"] == 50
+            first = np.asarray(picture.convert("RGB"))
+            picture.seek(9)
+            assert np.abs(first.astype(int) - np.asarray(picture.convert("RGB"))).max() > 50
+    else:
+        told = subprocess.run(
+            [str(module._encoder()), "-i", str(path)], capture_output=True, text=True, check=False
+        )
+        assert "h264" in told.stderr
+        assert "1280x720" in told.stderr
+        assert "30 fps" in told.stderr
+    assert [one.name for one in tmp_path.iterdir()] == [path.name]
+
+
+def test_an_encoder_that_fails_leaves_nothing(
+    made: tuple[DeployedRun, RealTimeRun], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "_encoder", lambda: "false")
+    monkeypatch.setattr(arm_picture, "SHORTEST", 0.1)
+    with pytest.raises(InvalidInput, match="film cannot be written"):
+        write_film(*made, tmp_path / "arm.mp4")
+    assert not list(tmp_path.iterdir())
+
+
+def test_what_cannot_be_filmed_is_refused_first(
+    made: tuple[DeployedRun, RealTimeRun], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name, what in (("arm.avi", "format of the film"), ("missing/arm.gif", "cannot be written")):
+        with pytest.raises(InvalidInput, match=what):
+            check_film(tmp_path / name)
+    monkeypatch.setattr(module, "_encoder", lambda: None)
+    with pytest.raises(InvalidInput, match=r"flexhinf\[video\]"):
+        check_film(tmp_path / "arm.mp4")
+    assert check_film(tmp_path / "arm.gif")
+    prepared, run = made
+    signals = {"state": np.zeros((0, 8)), "input": np.zeros((0, 2))}
+    empty: Any = SimpleNamespace(trajectory=replace(run.trajectory, time=np.zeros(0), signals=signals))
+    with pytest.raises(InvalidInput, match="nothing to film"):
+        ArmFilm.of(prepared, empty)
+    # of a run that diverged what was finite
+    diverged = run.trajectory.signals["input"].copy()
+    diverged[20:] = np.nan
+    broken = replace(run.trajectory, signals={**run.trajectory.signals, "input": diverged})
+    assert len(ArmFilm.of(prepared, replace(run, trajectory=broken)).time) == 20
+
+
+def test_a_rigid_joint_has_its_motor_at_the_link(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its states have no motor: in the film and in the figure of a report the motors stand where they are."""
+    robot = replace(fh.load_robot("planar-two-link"), rigid=("shoulder",))
+    ukf = fh.UnscentedKalmanFilter(
+        robot.plant(), 1e-3, 1e-9, 1e-8, robot.operating_point([0.2, 0.1])[0], 1e-6
+    )
+    law = fh.linear_law(robot.problem({"link_position": 60, "link_position_integral": 300}), gamma=math.inf)
+    s = Specification(start="0.2,0.1", pose="0.4,0.3", duration=0.01)
+    prepared = prepare_run(fh.Controller(law, ukf, 1e-3, start="bumpless"), (robot, s), robot, s)
+    run = prepared.make(real_time=False)
+    film = ArmFilm.of(prepared, run)
+    np.testing.assert_array_equal(film.windup[:, 0], 0.0)
+    np.testing.assert_array_equal(film.motors[:, 1], run.trajectory.signal("state", "motor_position_elbow"))
+    drawn: list[np.ndarray] = []
+    monkeypatch.setattr(arm_figure, "arm_figure", lambda robot, time, links, motors, at: drawn.append(motors))
+    response = prepared.response(run)
+    arm_figure.arm_of(SimpleNamespace(step=response, setup=prepared))  # type: ignore[arg-type]
+    np.testing.assert_array_equal(drawn[0], film.motors)

@@ -1,0 +1,132 @@
+"""Poses, units, changes and numbers as text."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+import flexhinf as fh
+from flexhinf.design import Design
+from flexhinf.pages.design.weights import effort_unit, state_weights
+from flexhinf.pages.drawing import (
+    Units,
+    amplitude_text,
+    changes_text,
+    finite,
+    listed,
+    notes_of,
+    pose_text,
+    range_text,
+    settling_text,
+    units_of,
+)
+
+Make = Callable[[str], Design]
+
+
+@pytest.mark.parametrize(
+    ("values", "slides", "text"),
+    [
+        ([math.pi / 2], [False], "1.571 rad = 90°"),
+        ([-0.0], [False], "0"),
+        ([0.1], [True], "0.1 m"),
+        ([0.1, -0.5], [True, False], "(0.1 m, −0.5 rad = −28.6°)"),
+        ([0.1] * 4, [False] * 4, "(0.1, 0.1, 0.1, 0.1)"),
+    ],
+)
+def test_poses(values: list[float], slides: list[bool], text: str) -> None:
+    assert pose_text(values, slides) == text
+
+
+def test_poses_of_a_user_who_gave_degrees() -> None:
+    assert pose_text([math.pi / 2], [False], degrees=True) == "90°"
+    assert pose_text([0.1, math.pi], [True, False], degrees=True) == "(0.1 m, 180°)"
+
+
+def test_steps_ranges_and_settling() -> None:
+    assert amplitude_text(math.pi, "rad") == "3.14 rad (180°)"
+    assert amplitude_text(0.5, "m") == "0.5 m"
+    assert amplitude_text(6.3, "rad", 2.0) == "2 rad (115°), all that the joint limits allow"
+    assert amplitude_text(1.0, "rad", 2.0) == "1 rad (57.3°)"
+    assert listed(["a"]) == "a"
+    assert listed(["a", "b", "c"]) == "a, b and c"
+    assert amplitude_text(math.inf, "rad") == "any looked at"
+    assert amplitude_text(math.nan, "rad") == "–"
+    assert range_text([2.0, 1.0]) == "1 to 2"
+    assert range_text([2.0, 2.0]) == "2"
+    assert settling_text(1.234) == "1.23 s"
+    assert settling_text(None, 7.5) == "> 7.5 s"
+    assert settling_text(math.inf) == "not settled"
+
+
+def test_what_is_not_finite_becomes_none() -> None:
+    value = {"a": np.array([1.0, np.inf]), "b": (np.nan, {"c": np.float64(2.0)}), "d": True, "e": "text"}
+    assert finite(value) == {"a": [1.0, None], "b": [None, {"c": 2.0}], "d": True, "e": "text"}
+
+
+def test_a_robot_is_described_by_its_largest_changes() -> None:
+    arm = fh.paper_arm()
+
+    def text(robot: fh.Robot, extras: tuple[str, ...] = (), **changed: float) -> str:
+        return changes_text(robot.plant_parameters({**robot.nominal, **changed}), robot, extras)
+
+    assert text(arm, stiffness=90.0, mass=1.03) == "stiffness −10 %, mass +3 %"
+    assert text(arm, stiffness=90.0, inductance=0.2) == "stiffness −10 %"  # no coil in this true plant
+    assert text(arm, ("inductance",), stiffness=90.0, inductance=0.2).startswith("inductance +100 %, ")
+    assert text(arm) == "the nominal robot"
+    planar = fh.load_robot("planar-two-link")
+    assert text(planar, inertia_zz_elbow=1.2 * planar.nominal["inertia_zz_elbow"]) == "inertia zz elbow +20 %"
+    assert text(planar, damping_elbow=1.0) == "the nominal robot"
+    with pytest.raises(TypeError, match="robot's numbers"):
+        changes_text({"mass": 1.0}, arm, ())
+
+
+def test_a_payload_is_no_heavier_link() -> None:
+    """Old code: mass elbow +92 %, inertia yy elbow +87 %, centre of mass x elbow +49 %, …"""
+    robot = fh.load_robot("spatial-three-link", payload="0..2kg")
+    ends = {p.name: 1.0 if p.name.startswith("payload") else 0.0 for p in robot.uncertain}
+    assert changes_text(robot.corner(ends), robot, ()) == "payload mass elbow 2 kg"
+    assert changes_text(robot.draw(np.random.default_rng(0)), robot, ()).startswith("payload mass elbow ")
+
+
+def test_options_are_code_once() -> None:
+    (note,) = notes_of(["Try `--extras a --friction`, `--dead-zone`, or --rays."])
+    assert note.text == "Try `--extras a --friction`, `--dead-zone`, or `--rays`."
+
+
+def test_units_of_joints_that_turn_and_slide(robot_of: Callable[[str], Any]) -> None:
+    cart = robot_of("cart")
+    units = Units.of(cart.plant(), cart.joint_names, degrees=True)
+    assert (units.position, units.speed, units.angle, units.scale) == (
+        "m or rad",
+        "m/s or rad/s",
+        "m or rad",
+        1.0,
+    )
+    assert (units.load, units.spring, units.effort) == ("N or N·m",) * 3
+    arm = robot_of("paper")
+    turned = Units.of(arm.plant(), arm.joint_names, degrees=True)
+    assert (turned.angle, turned.rate, turned.effort) == ("°", "°/s", "V")
+    assert turned.scale == pytest.approx(180.0 / math.pi)
+    assert Units.of(arm.plant(), arm.joint_names).small == ("mrad", 1e3)
+
+
+def test_degrees_are_those_of_the_specification(report_design: Make) -> None:
+    assert units_of(report_design("met").evaluation).angle == "°"
+    assert units_of(report_design("rings").evaluation).angle == "rad"
+
+
+@pytest.mark.slow
+def test_weights_have_the_inverse_unit_of_what_they_weigh(report_design: Make) -> None:
+    problem = report_design("cart").problem
+    found = state_weights(problem, ("belt", "arm"))
+    units = {weight.signal: weight.unit for weight in found}
+    assert units["link_position_belt"] == "1/m"
+    assert units["link_position_arm_integral"] == "1/(rad·s)"
+    assert units["joint_torque_rate_belt"] == "1/(N/s)"
+    assert effort_unit(problem) == "N⁻² or (N·m)⁻²"
+    assert all(weight.value for weight in found)

@@ -1,0 +1,70 @@
+"""design.json: the numbers of the page, finite or null."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from flexhinf.design import Design
+from flexhinf.pages.numbers import design_numbers
+from flexhinf.report import to_json
+
+Make = Callable[[str], Design]
+
+#: Keys of the first version, which programs may read.
+KEPT = {
+    "version", "robot", "joints", "verdict", "met", "specification", "notes", "gamma_star", "gamma", "degree", "states",
+    "operating_point", "operating_input", "inputs", "weights", "open_modes", "closed_modes", "estimator_modes",
+    "margins",
+    "state_margins", "noise_at_the_inputs", "corners", "attained", "budget", "degrees", "starts_inside", "step",
+    "mujoco",
+    "draws", "load", "move", "rigid", "noise_variances", "initial_variance",
+}  # fmt: skip
+
+
+def numbers(design: Design) -> dict[str, Any]:
+    """As they are read back."""
+    return json.loads(to_json(design_numbers(design)))
+
+
+def leaves(value: Any) -> list[Any]:
+    """All that is no list and no object."""
+    if isinstance(value, dict):
+        return [leaf for entry in value.values() for leaf in leaves(entry)]
+    return [leaf for entry in value for leaf in leaves(entry)] if isinstance(value, list) else [value]
+
+
+@pytest.mark.parametrize("name", ["met", "rings", "true state"])
+def test_every_number_is_finite_or_null(report_design: Make, name: str) -> None:
+    found = numbers(report_design(name))
+    assert set(found) >= KEPT
+    assert all(math.isfinite(leaf) for leaf in leaves(found) if isinstance(leaf, float))
+
+
+def test_the_file_has_what_was_found(report_design: Make) -> None:
+    design = report_design("met")
+    found, e = numbers(design), design.evaluation
+    assert found["met"] is design.met
+    assert [line["found"] for line in found["specification"]] == [line.found for line in design.requirements]
+    assert found["weights"]["wanted"] == {"bandwidth": [3.0], "damping": 0.2}
+    assert sum(one["used"] for one in found["weights"]["tries"]) == 1
+    assert sum(one["used"] for one in found["estimator_noise"]["tried"]) == 1
+    assert found["margins"]["peak_sensitivity"] == e.margins.peak_sensitivity
+    assert found["margins"]["gain_margins"] == e.margins.gain_margins[0].tolist()
+    samples = e.step_samples
+    assert samples is not None
+    assert found["draws"]["settling_time_s"] == pytest.approx(samples.settling.tolist())
+    held = design.setup.equilibrium(design.goal)[1]
+    assert found["inputs"]["equilibrium at the goal"] == pytest.approx(abs(held[0]))
+    assert found["inputs"]["step, nominal robot"] == np.abs(e.step.inputs).max()
+    assert found["budget"] == []  # the step starts outside the region
+    assert found["load"]["joints"][0]["load"] == e.load_response.load[0]
+    assert found["corners"][0]["form"] == "as designed"
+    assert max(found["frequency_response"]["sensitivity"]) == pytest.approx(
+        e.margins.peak_sensitivity, rel=0.02
+    )

@@ -1,0 +1,328 @@
+"""The page of a design: status first, every section in its place, and what was computed in it."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import re
+from collections.abc import Callable
+from html import unescape
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from flexhinf.analysis import Margins
+from flexhinf.design import Design
+from flexhinf.design.requirements import Requirement
+from flexhinf.design.responses import Response
+from flexhinf.design.result import Status
+from flexhinf.pages import design_page
+from flexhinf.pages.design import poles, region
+from flexhinf.pages.design.corners import corner_cells, corner_rows, corners_text
+from flexhinf.pages.design.margins import margin_rows
+from flexhinf.pages.design.monte_carlo import histogram_bins, spread_rows
+from flexhinf.pages.design.region import level_rows, widest_step
+from flexhinf.pages.design.requirements import found_text, limit_text, requirement_table
+from flexhinf.pages.design.weights import candidate_rows, robust_rows, selected_candidates
+from flexhinf.pages.drawing import joint_table, units_of
+from flexhinf.pages.page import remarks, title_of
+from flexhinf.pages.settings import design_settings
+from flexhinf.report import Column
+
+Make = Callable[[str], Design]
+ORDER = [
+    "specification", "step", "draws", "load", "ring-down", "move", "margins", "modes", "corners", "weights", "noise",
+    "region", "rigid", "law", "files",
+]  # fmt: skip
+
+
+def with_evaluation(design: Design, **parts: object) -> Design:
+    """The same design with other parts of its evaluation."""
+    evaluation = dataclasses.replace(design.evaluation)
+    vars(evaluation).update({**vars(design.evaluation), **parts})
+    return dataclasses.replace(design, evaluation=evaluation)
+
+
+def text_of(design: Design, section: str) -> str:
+    """What a section says, without mark-up."""
+    (found,) = [part for part in design_page(design, ["flexhinf"]).sections if part.id == section]
+    html = re.sub(r"<sup>(.*?)</sup>", r"^\1", found.html())
+    return re.sub(r"\s+", " ", unescape(re.sub(r"<svg.*?</svg>|<[^>]+>", " ", html, flags=re.DOTALL)))
+
+
+def test_every_question_has_its_section_in_order(report_design: Make) -> None:
+    page = design_page(report_design("met"), ["flexhinf", "design", "paper"], files=["design.json"])
+    assert [section.id for section in page.sections] == ORDER
+    html = page.html()
+    assert "<script" not in html
+    assert not re.search(r"\bnan\b|\binf\b", re.sub(r"<svg.*?</svg>", "", html, flags=re.DOTALL))
+    figures = re.findall(r'id="(figure-[a-z]+)"', html)
+    assert figures == [
+        "figure-step", "figure-arm", "figure-draws", "figure-spread", "figure-load", "figure-ringing", "figure-move",
+        "figure-bode", "figure-sensitivity", "figure-nyquist", "figure-estimate", "figure-poles", "figure-search",
+        "figure-rigid",
+    ]  # fmt: skip
+
+
+@pytest.mark.slow
+def test_the_status_comes_first_failures_before_the_rest(report_design: Make) -> None:
+    design = dataclasses.replace(report_design("rings"), status=Status(("a",), ("b",), ("c",)))
+    kinds = [entry.kind for entry in design_page(design, ["flexhinf"]).status]
+    assert kinds == ["not met", "risky", "not proved"]
+    html = design_page(design, ["flexhinf"]).html()
+    assert html.index('class="status"') < html.index('class="verdict"') < html.index('class="numbers"')
+    fine = dataclasses.replace(design, status=Status())
+    (met,) = design_page(fine, ["flexhinf"]).status
+    assert met.kind == "met"
+    assert met.text.endswith(
+        "requirements, all of them our defaults; neither bandwidth nor damping is required."
+    )
+    (alone,) = design_page(
+        dataclasses.replace(design, status=Status(scope="only the nominal")), ["flexhinf"]
+    ).status
+    assert alone.text.endswith("; only the nominal.")
+    assert "defaults" not in design_page(report_design("met"), ["flexhinf"]).status[0].text
+
+
+def test_the_page_says_which_step_the_region_allows(report_design: Make) -> None:
+    design = report_design("met")
+    assert widest_step(design) == math.inf
+    robot = SimpleNamespace(links=SimpleNamespace(limits=[(0.0, 3.0), None, (-1.0, 2.5)]))
+    limited: Any = SimpleNamespace(robot=robot, goal=np.array([1.0, 5.0, 1.0]))
+    assert widest_step(limited) == 1.5
+    text = "".join(block.html() for block in region.blocks(design))
+    assert "integrals at which V is smallest" in text
+    assert "left of the level" not in text
+
+
+def test_one_joint_is_not_named(report_design: Make) -> None:
+    design = report_design("met")
+    assert "mainly" not in "".join(block.html() for block in poles.blocks(design))
+    single = joint_table(("joint", Column("way", "°"), "ends"), [("joint", 5.73, None)], "", "a")
+    assert single.rows == [("way", "5.73°"), ("ends", "–")]
+    assert joint_table(("joint", Column("way", "°")), [("a", 1.0), ("b", 2.0)], "", "a").stacks
+    settings = {row.name: row.unit for row in design_settings(design)["Synthesis"]}
+    assert settings["pose"] == "rad"
+
+
+def test_bins_of_a_histogram_hold_equally_many_sampling_instants() -> None:
+    values = 1e-3 * np.random.default_rng(0).integers(862, 908, 200)
+    edges = histogram_bins(values, 1e-3)
+    held = np.histogram(1e-3 * np.arange(800, 1000), edges)[0]
+    assert len(set(held.tolist())) == 1
+    assert edges[0] < values.min() < values.max() < edges[-1]
+    assert len(histogram_bins(np.array([0.5, 0.5]), 1e-3)) > 1
+    assert len(histogram_bins(values, 0.0)) == 21
+
+
+def test_requirements_that_are_not_met_stand_first_with_criterion_and_joint() -> None:
+    kept = Requirement("overshoot", 5.0, 4.0, "%", True, "the step", "of the step", "--overshoot")
+    missed = Requirement("bandwidth", 4.0, 3.0, "rad/s", False, "running loop", "at −3 dB", joint="elbow")
+    first, second = requirement_table((kept, missed)).rows
+    assert first == (
+        "bandwidth",
+        "≥ 4 rad/s",
+        "3 rad/s (elbow)",
+        "NO",
+        "running loop",
+        "at −3 dB",
+        "our default",
+    )
+    assert second[3:] == ("yes", "the step", "of the step", "`--overshoot`")
+    gone = dataclasses.replace(kept, found=np.inf)
+    assert (limit_text(gone), found_text(gone)) == ("≤ 5 %", "diverges")
+
+
+@pytest.mark.slow
+def test_nothing_sampled_is_called_a_guarantee(report_design: Make) -> None:
+    for name in ("met", "robust"):
+        html = design_page(report_design(name), ["flexhinf"]).html().lower()
+        assert "guarantee" not in html
+        assert "any r<sup>v" not in html
+        assert "sampled" in html
+
+
+@pytest.mark.slow
+def test_commands_that_are_named_exist(report_design: Make) -> None:
+    """The page once sent its reader to `flexhinf certify`."""
+    html = design_page(report_design("robust"), ["flexhinf"]).html()
+    named = {word for word in re.findall(r"\bflexhinf ([a-z]+)\b", html) if word != "version"}
+    assert named <= {"paper", "robots", "design", "compare", "schema"}
+
+
+def test_what_does_not_apply_has_no_section(report_design: Make) -> None:
+    page = design_page(report_design("true state"), ["flexhinf"])
+    assert not {"draws", "rigid", "noise", "corners", "files"} & {section.id for section in page.sections}
+    assert "figure-estimate" not in page.html()
+    assert "figure-arm" not in page.html()  # its link has no length
+
+
+def test_the_search_is_shown_with_the_candidate_that_is_used(report_design: Make) -> None:
+    design = report_design("met")
+    rows, search = candidate_rows(design), design.design_problem.search
+    assert search is not None
+    assert [row[0] for row in rows] == sorted(c.damping_weight for c in search.candidates)
+    (used,) = [row for row in rows if row[-1]]
+    assert used[0] == search.chosen.damping_weight
+    shown = selected_candidates(rows)
+    assert used in shown
+    assert (shown[0], shown[-1]) == (rows[0], rows[-1])
+    assert f"evaluated {len(rows)} candidates" in text_of(design, "weights")
+
+
+def test_the_robust_preset_says_what_its_tolerances_cost(report_design: Make) -> None:
+    design = report_design("robust")
+    r = design.design_problem.robustness
+    assert r is not None
+    (_, plain, robust), (_, gain, robust_gain) = robust_rows(design)
+    assert (plain, robust) == (r.nominal_gamma_star, r.gamma_star)
+    assert (gain, robust_gain) == (r.nominal_gain, r.robust_gain)
+    text = text_of(design, "weights")
+    assert f"{100 * (robust / plain - 1):.1f}" in text
+    assert f"{r.channels} channels" in text
+    assert "linear in each tolerance" in text  # products of tolerances are not claimed
+    assert "γ* of this problem, with the channels of the tolerances" in text
+
+
+@pytest.mark.slow
+def test_the_limit_of_the_input_is_drawn_or_named(report_design: Make) -> None:
+    assert "dashed: required: at most ±60 V" in text_of(report_design("met"), "step")
+    assert "±60" not in text_of(report_design("rings"), "step")
+
+
+def test_the_spread_is_that_of_the_samples(report_design: Make) -> None:
+    design = report_design("met")
+    samples = design.evaluation.step_samples
+    assert samples is not None
+    rows = spread_rows(design.evaluation, units_of(design.evaluation))
+    for (name, *_, median, high, worst, joint), values in zip(
+        rows, (samples.overshoot, samples.settling, samples.peak)
+    ):
+        ordered = np.sort(values)
+        assert (median, high, worst) == (ordered[8], ordered[15], ordered[-1]), name
+        assert joint == ""
+    text = text_of(design, "draws")
+    assert f"robot {samples.worst + 1} (" in text
+    assert f"robot {samples.slowest + 1} (" in text
+
+
+@pytest.mark.slow
+def test_runs_that_diverge_are_counted_and_never_drawn(report_design: Make) -> None:
+    design = report_design("met")
+    samples = design.evaluation.step_samples
+    assert samples is not None
+    overshoot, settling, positions = (
+        samples.overshoot.copy(),
+        samples.settling.copy(),
+        samples.positions.copy(),
+    )
+    overshoot[3] = settling[3] = np.inf
+    positions[3, 40:] = np.nan
+    gone = dataclasses.replace(samples, overshoot=overshoot, settling=settling, positions=positions)
+    text = text_of(with_evaluation(design, step_samples=gone), "draws")
+    assert "15 of 16 settle, 1 diverge" in text
+    assert "1 that diverged are left out" in text
+    assert "never" in text
+    assert "robot 4 (" in text
+
+
+def test_margins_stand_beside_those_of_the_true_state(report_design: Make) -> None:
+    design = report_design("met")
+    e = design.evaluation
+    rows = {what: (ours, state) for what, ours, state in margin_rows(e)}
+    assert rows["peak sensitivity"] == (
+        f"{e.margins.peak_sensitivity:.3g}", f"{e.state_margins.peak_sensitivity:.3g}",
+    )  # fmt: skip
+    assert rows["delay margin, ms"][0] == f"{1e3 * e.margins.delay_margin_s:.3g}"
+    unstable = with_evaluation(design, margins=Margins(e.margins.linear))
+    vars(unstable.evaluation.margins)["stable"] = False
+    assert {ours for _, ours, _ in margin_rows(unstable.evaluation)} == {"unstable"}
+    alone = margin_rows(report_design("true state").evaluation)
+    assert {len(row) for row in alone} == {2}
+
+
+def test_the_corners_are_named_with_their_form_of_process_noise(report_design: Make) -> None:
+    e = report_design("rings").evaluation
+    assert e.corners is not None
+    assert e.corners.count == 8
+    text = corners_text(e)
+    assert text.startswith("Measured: link position. ")
+    assert f"{e.corners.unstable} of 8 corners" in text or "None of the 8 corners" in text
+    cells, rows = corner_cells(e.corners), corner_rows(e)
+    assert {len(row) for row in cells} == {1 + 2 * len(e.corners.forms)}
+    assert {row.form for row in rows} >= {"as designed", "true state", *e.corners.forms}
+    for row in rows:
+        assert row.percent == pytest.approx(100.0 * row.unstable / 8)
+    section = text_of(report_design("rings"), "corners")
+    for form in e.corners.forms:
+        assert form in section
+    assert "Forms that are not listed were not tried" in section
+
+
+def test_levels_from_below_and_from_above(report_design: Make) -> None:
+    design = report_design("met")
+    rows = dict(level_rows(design))
+    assert rows["γ of the law"] == pytest.approx(1.5 * rows["γ* of the problem, linear part"])
+    assert rows["γ of the inequality checked in the region"] == pytest.approx(1.6 * design.gamma_star)
+    if design.attenuation.attained is not None:
+        assert rows["worst disturbance found (lower bound)"] == design.attenuation.attained.gain
+
+
+def test_a_linear_law_is_not_called_nonlinear(report_design: Make) -> None:
+    assert title_of(report_design("rings")) == "A linear H∞ law for the robot “paper”"
+
+
+@pytest.mark.slow
+def test_every_remark_stands_once_in_its_section(report_design: Make) -> None:
+    for name in ("met", "rings", "true state"):
+        design = report_design(name)
+        page = design_page(design, ["flexhinf"])
+        shown = {part.id: part.html().count('class="note"') for part in page.sections}
+        found = {section: len(texts) for section, texts in remarks(design).items() if texts}
+        assert found == {k: n for k, n in shown.items() if n}
+
+
+@pytest.mark.slow
+def test_joints_that_slide_have_their_units_and_every_worst_value_its_joint(report_design: Make) -> None:
+    design = report_design("cart")
+    for section, units in {
+        "step": ("m or rad", "N or N·m"),
+        "load": ("N or N·m",),
+        "law": ("m or rad", "N or N·m"),
+        "weights": ("1/m", "1/rad", "1/(N/s)", "1/(N·m/s)"),
+        "specification": (" N ", " N·m "),
+    }.items():
+        text = text_of(design, section)
+        assert all(unit in text for unit in units), section
+    assert "saturation at ±300 N or N·m, beyond the panel" in text_of(design, "step")
+    verdict = design_page(design, ["flexhinf"]).verdict
+    assert "(belt)" in verdict or "(arm)" in verdict
+    for line in design.requirements:
+        if line.what in ("overshoot", "peak input", "bandwidth"):
+            assert line.joint in ("belt", "arm"), line
+
+
+@pytest.mark.slow
+def test_runs_that_diverge_are_a_result_on_the_page(report_design: Make) -> None:
+    design = report_design("rings")
+    e = design.evaluation
+
+    def cut(response: Response) -> Response:
+        run = response.run
+        signals = {kind: values[:50] for kind, values in run.signals.items()}
+        gone = dataclasses.replace(run, time=run.time[:50], signals=signals, diverged_at=0.05)
+        return dataclasses.replace(response, run=gone)
+
+    load = dataclasses.replace(e.load_response, response=cut(e.load_response.response))
+    move = dataclasses.replace(e.move, response=cut(e.move.response))
+    gone = with_evaluation(design, step=cut(e.step), load_response=load, move=move)
+    page = design_page(gone, ["flexhinf"])
+    assert page.verdict.startswith("The step diverges at 0.05 s.")
+    assert "until it diverged" in text_of(gone, "specification")
+    found = remarks(gone)
+    assert any("The step diverges" in text for text in found["step"])
+    assert any("the loop diverges" in text for text in found["load"])
+    assert any("The loop diverges while it follows the planned move" in text for text in found["move"])
+    assert not re.search(r"\bnan\b", re.sub(r"<svg.*?</svg>", "", page.html(), flags=re.DOTALL))

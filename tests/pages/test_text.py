@@ -1,0 +1,66 @@
+"""The terminal says the same within 80 columns, and results are short in a terminal."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable
+
+import pytest
+from rich.console import Console
+
+from flexhinf.design import Comparison, Design
+from flexhinf.pages import comparison_tables, design_tables, verdict
+
+Make = Callable[[str], Design]
+
+
+def printed(tables: list) -> str:
+    """All tables, as wide as they come."""
+    stream = io.StringIO()
+    for table in tables:
+        Console(file=stream, width=80).print(table)
+    return stream.getvalue()
+
+
+@pytest.mark.parametrize(
+    "name", ["met", "rings", "true state", pytest.param("robust", marks=pytest.mark.slow),
+             pytest.param("cart", marks=pytest.mark.slow)]
+)  # fmt: skip
+def test_eighty_columns_are_enough(report_design: Make, name: str) -> None:
+    text = printed(design_tables(report_design(name)))
+    assert max(len(line) for line in text.splitlines()) <= 80
+    assert "…" not in text
+
+
+def test_the_requirements_come_first(report_design: Make) -> None:
+    design = report_design("met")
+    text = printed(design_tables(design))
+    order = [
+        "requirements", "Inputs of the motors", "The step on 16 robots", "Margins", "Oscillations",
+        "Corners of the tolerances", "Search for the weights", "Noise levels", "Region of each",
+    ]  # fmt: skip
+    places = [text.index(words) for words in order]
+    assert places == sorted(places)
+    assert ("NOT MET" in text) is not design.met
+    assert "mainly" not in text  # there is one joint
+    assert "Dissipation budget" not in text  # the step starts outside
+    first = verdict(design).partition(".")[0]
+    assert design.status.line.startswith(first)
+    assert "The rigid design on the same robot" in verdict(design)
+
+
+def test_a_comparison_fits_into_eighty_columns(report_comparison: Comparison) -> None:
+    text = printed(comparison_tables(report_comparison))
+    assert max(len(line) for line in text.splitlines()) <= 80
+    assert "…" not in text
+    for row in report_comparison.compared:
+        assert row.name in text
+    for table in comparison_tables(report_comparison):
+        assert "* best of its row" in printed([table])
+
+
+def test_results_are_short_in_a_terminal(report_design: Make, report_comparison: Comparison) -> None:
+    for result in (report_design("met"), report_comparison):
+        assert len(repr(result)) < 300
+        assert result._repr_html_().startswith("<table>")
+    assert "requirements: met" in repr(report_design("met"))
