@@ -7,6 +7,7 @@ import itertools
 import math
 import os
 from collections.abc import Mapping, Sequence
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ import tomlkit
 from flexhinf import __version__
 from flexhinf.design.design_file import plain, weights_of
 from flexhinf.design.requirements import Requirement
-from flexhinf.design.result import Design
+from flexhinf.design.result import PAGES, Design
 from flexhinf.design.specification import FIELDS, Specification
 from flexhinf.errors import InvalidInput
 from flexhinf.plant import Penalty
@@ -163,12 +164,10 @@ def _one_effort(penalty: Penalty) -> float:
 # Result --------------------------------------------------------------------------------------------
 def result_table(design: Design) -> dict[str, Any]:
     """What came of a design, for the table [result]; nothing in it is None."""
-    from flexhinf.pages.page import verdict
-
     problem, samples, found = design.design_problem, design.evaluation.step_samples, design.evaluation.margins
     levels = design.setup.process_noise
     table: dict[str, Any] = {
-        "verdict": verdict(design),
+        "verdict": import_module(PAGES).verdict(design),
         "met": design.met,
         "preset": problem.preset,
         "goal": design.goal,

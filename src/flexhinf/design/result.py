@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -47,6 +48,9 @@ FEW_PERIODS = 3.0
 
 #: Sensor noise that moves a motor by more than this fraction of the step's peak input, rms, wears it out.
 NOISE_FRACTION = 0.05
+
+#: The room whose pages show results. It reads designs, so it is loaded when one is saved.
+PAGES = "flexhinf.pages"
 
 
 @dataclass(frozen=True)
@@ -334,9 +338,7 @@ class Design(Summarised):
 
     def save(self, folder: str | Path) -> Path:
         """Write the report, its numbers, the controller and every run into a folder, which is returned."""
-        from flexhinf.pages import write_design
-
-        return write_design(self, folder)
+        return import_module(PAGES).write_design(self, folder)
 
 
 @dataclass(frozen=True, eq=False)
@@ -424,9 +426,7 @@ class Comparison(Summarised):
 
     def save(self, folder: str | Path) -> Path:
         """Write the report and its numbers into a folder, which is returned."""
-        from flexhinf.pages import write_comparison
-
-        return write_comparison(self, folder)
+        return import_module(PAGES).write_comparison(self, folder)
 
     def units(self) -> dict[str, Any]:
         """Units of inputs, positions, small position errors and torques, for joints that turn, slide or both."""
