@@ -147,11 +147,11 @@ class TorqueFeedback(PlacedLaw):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.rotor_inertia is None:
-            object.__setattr__(self, "rotor_inertia", self.joints.motor_inertia)
-        n = len(self.joints.stiffness)
-        for name in ("rotor_inertia", "proportional", "derivative", "integral"):
-            object.__setattr__(self, name, _per_joint(name, getattr(self, name), n))
+        n, rotor = len(self.joints.stiffness), self.rotor_inertia
+        given = {name: getattr(self, name) for name in ("proportional", "derivative", "integral")}
+        given["rotor_inertia"] = self.joints.motor_inertia if rotor is None else rotor
+        for name, value in given.items():
+            object.__setattr__(self, name, _per_joint(name, value, n))
         if len(self.integrate) not in (0, n) or bool(len(self.integrate)) != bool(np.any(self.integral)):
             raise InvalidInput(
                 "The integral gain and what is integrated do not fit each other.",

@@ -11,7 +11,7 @@ import numpy as np
 from flexhinf.design.attenuation import attenuation, searches_disturbance
 from flexhinf.design.carrying import Carried, carried_payloads
 from flexhinf.design.certification import prove_design, with_tolerances
-from flexhinf.design.criterion import MODES, criterion_for, reference_metrics, stated_limits
+from flexhinf.design.criterion import check_mode, criterion_for, reference_metrics, stated_limits
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.hunting import RestRun, brought_to_rest
 from flexhinf.design.joint_limits import joint_limits
@@ -47,7 +47,6 @@ from flexhinf.design.specification import Specification
 from flexhinf.design.synthesis.degrees import rays_of, synthesis_stages
 from flexhinf.design.synthesis.steps import Synthesis, synthesise
 from flexhinf.design.tuning import TunedLaw, Tuner
-from flexhinf.errors import InvalidInput
 from flexhinf.robot import Robot
 from flexhinf.robot.mujoco import check_expressed
 
@@ -304,10 +303,7 @@ def compare(
         As `design`.
     """
     s, kinds = specification, [law_kind(name) for name in law_names(laws)]
-    if tune not in MODES:
-        raise InvalidInput(
-            "There is no such way to tune.", f"expected {', '.join(MODES)}, got {tune!r}", "tune='peak'"
-        )
+    check_mode(tune, "tune='peak'")
     progress("equilibrium, and weights")
     synthesis = synthesise(robot, s, progress)
     setup, _ = brought_to_rest(synthesis.setup(robot, s))
