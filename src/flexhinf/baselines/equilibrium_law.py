@@ -68,10 +68,7 @@ class ElasticJoints:
 def check_joints(plant: Plant) -> int:
     """Number of elastic joints n of a plant with their states, 4n in the order of Eq. (2), and one input each.
 
-    Raises
-    ------
-    InvalidInput
-        If it has other states, inputs or disturbances.
+    Raises `InvalidInput` if it has other states, inputs or disturbances.
     """
     names = tuple(single for name in STATES for single in plant.expanded(name))
     joints = len(plant.inputs)
@@ -93,10 +90,7 @@ def check_joints(plant: Plant) -> int:
 def elastic_joints(plant: Plant, x: np.ndarray, u: np.ndarray) -> ElasticJoints:
     """The joints' numbers at the equilibrium (x, u), (4n,) and (n,).
 
-    Raises
-    ------
-    InvalidInput
-        If the plant has no elastic joints, or its motors are coupled.
+    Raises `InvalidInput` if the plant has no elastic joints, or its motors are coupled.
     """
     n = check_joints(plant)
     a, b, g, _ = plant.linearise(x, u)
@@ -137,10 +131,7 @@ def _diagonal(what: str, matrix: np.ndarray) -> np.ndarray:
 class GravityTorque:
     """G(q1) of a plant of elastic joints, on any element, with the plant's parameters as data.
 
-    Raises
-    ------
-    InvalidInput
-        If the plant has no elastic joints.
+    Raises `InvalidInput` if the plant has no elastic joints.
     """
 
     plant: Plant
@@ -206,10 +197,7 @@ class EquilibriumLaw(Law):
     integrate : sequence of str
         States whose tracking error is integrated, single names or groups; ``NAME_integral`` are the last states.
 
-    Raises
-    ------
-    InvalidInput
-        If names or shapes do not fit the plant.
+    Raises `InvalidInput` if names or shapes do not fit the plant.
     """
 
     plant: Plant

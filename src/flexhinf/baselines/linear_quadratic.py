@@ -33,10 +33,7 @@ def lqr_gain(problem: GeneralisedPlant, effort: float = 1.0) -> np.ndarray:
 
     K = −R2⁻¹ Bᵀ P with AᵀP + PA + HᵀH − P B R2⁻¹ Bᵀ P = 0 [anderson1990].
 
-    Parameters
-    ----------
-    effort : float
-        Factor of R2, the one tuning parameter of an LQR: the larger, the less effort.
+    `effort`: factor of R2, the one tuning parameter of an LQR: the larger, the less effort.
 
     Raises
     ------
@@ -79,10 +76,7 @@ def _unsolved(problem: GeneralisedPlant, got: str) -> NumericalFailure:
 class LinearQuadratic(EquilibriumLaw):
     """u = u* + K (x − x*). The gain is data, so all such laws of one size share their code.
 
-    Parameters
-    ----------
-    gain : (m, n) array
-        K, integrals included.
+    `gain` (m, n): K, integrals included.
     """
 
     gain: Any
@@ -136,10 +130,7 @@ class GravityCompensatedLQR(PlacedLaw):
     acts on the motors relative to that wind-up, which itself moves at the rate K_s⁻¹ ∂G/∂q q̇. About a reference,
     k = κ(x_d + δ) − κ(x_d), so every pose held is an equilibrium.
 
-    Parameters
-    ----------
-    gain : (n, states) array
-        K, of the weightless robot.
+    `gain` (n, states): K, of the weightless robot.
     """
 
     gain: Any

@@ -58,10 +58,7 @@ def rigid_gains(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """(K_p, K_d, K_i), (n,) each, that give I s² + (K_d + B) s + K_p + K_i/s the poles asked for.
 
-    Raises
-    ------
-    InvalidInput
-        If bandwidth, damping or rate is not a number of the right sign.
+    Raises `InvalidInput` if bandwidth, damping or rate is not a number of the right sign.
     """
     if not (np.isfinite(bandwidth) and bandwidth > 0.0 and np.isfinite(damping) and damping > 0.0):
         raise InvalidInput(
@@ -84,10 +81,8 @@ def rigid_gains(
 def check_goal(joints: ElasticJoints, proportional: np.ndarray) -> None:
     """The goal is a minimum of the potential of springs, gravity and a motor-side K_p with constant compensation.
 
-    Raises
-    ------
-    InvalidInput
-        If [[K + ∂G/∂q, −K], [−K, K + K_p]] is not positive definite: the condition of [tomei1991], at the goal.
+    Raises `InvalidInput` if [[K + ∂G/∂q, −K], [−K, K + K_p]] is not positive definite: the condition of [tomei1991],
+    at the goal.
     """
     stiffness = np.diag(joints.stiffness)
     slope = (joints.gravity_slope + joints.gravity_slope.T) / 2.0
@@ -132,11 +127,8 @@ class TorqueFeedback(PlacedLaw):
     compensation : {"motor", "goal"}
         ḡ(θ) from the motor position, or the constant G(q_d).
 
-    Raises
-    ------
-    InvalidInput
-        If numbers do not fit, the goal would not be a minimum of the potential (K_θ too small for the gravity), or q̄ is
-        no contraction.
+    Raises `InvalidInput` if numbers do not fit, the goal would not be a minimum of the potential (K_θ too small for
+    the gravity), or q̄ is no contraction.
     """
 
     rotor_inertia: Any = None

@@ -100,15 +100,8 @@ def unstable_corners(evaluation: LawEvaluation) -> int:
 def metrics_of(evaluation: LawEvaluation, criterion: Criterion | None = None) -> LawMetrics:
     """What a law is tuned by.
 
-    Parameters
-    ----------
-    criterion : Criterion, optional
-        A loop that is far beyond its limits is not run, nor run further after the step.
-
-    Raises
-    ------
-    FlexhinfError
-        If the loop cannot be linearised, or is unstable: then nothing is known in its favour.
+    With a `criterion`, a loop that is far beyond its limits is not run, nor run further after the step. Raises
+    `FlexhinfError` if the loop cannot be linearised, or is unstable: then nothing is known in its favour.
     """
     margins = evaluation.margins
     if not margins.stable:
@@ -135,10 +128,8 @@ def own_metrics(evaluation: LawEvaluation) -> LawMetrics:
 def reference_metrics(evaluation: LawEvaluation) -> LawMetrics:
     """Metrics of the design's own law, by which those of all laws are divided.
 
-    Raises
-    ------
-    InvalidInput
-        If there is nothing to divide by: its linear loop is unstable at the goal, or one of its runs diverges.
+    Raises `InvalidInput` if there is nothing to divide by: its linear loop is unstable at the goal, or one of its
+    runs diverges.
     """
     own = own_metrics(evaluation)
     lost = [f"{run} diverges" for name, run in RUNS.items() if math.isinf(getattr(own, name))]
@@ -324,10 +315,8 @@ def criterion_for(
     resolution : float
         Of a position, rad or m: smaller deviations and errors count as this.
 
-    Raises
-    ------
-    InvalidInput
-        For another mode, or where there is nothing to share: no limit was asked for and the design has no such metric.
+    Raises `InvalidInput` for another mode, or where there is nothing to share: no limit was asked for and the design
+    has no such metric.
     """
     check_mode(mode, "--tune peak")
     limits = {"damping": (LEAST_DAMPING, "default"), **limits}

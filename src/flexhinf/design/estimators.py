@@ -147,11 +147,8 @@ def noise_variances(plant: Plant, position: float) -> np.ndarray:
 def sensor_steps(robot: Robot, s: Specification) -> np.ndarray:
     """Quantisation step (p,) of each measured signal; of the whole state, (), where that is fed back.
 
-    Raises
-    ------
-    SpecificationError
-        Unless there is one for all, one for each name of `Specification.measured`, or one for each signal; for one
-        that is far beyond what the signal is.
+    Raises `SpecificationError` unless there is one for all, one for each name of `Specification.measured`, or one for
+    each signal; for one that is far beyond what the signal is.
     """
     _check_coarse(robot, s)
     steps, signals = np.asarray(s.quantisation, dtype=float), ()
@@ -240,10 +237,7 @@ def estimator_for(
     model : Plant, optional
         That the filter runs with; `plant`, whose detectability and covariance count, by default.
 
-    Raises
-    ------
-    NotDetectable
-        If the sensors do not show a mode that does not decay, with the state it is in.
+    Raises `NotDetectable` if the sensors do not show a mode that does not decay, with the state it is in.
     """
     if kind == "none":
         return None
@@ -266,10 +260,7 @@ def initial_covariance(
 
     Without process noise such a filter would be certain of its state: then `INITIAL_VARIANCE` for each state.
 
-    Parameters
-    ----------
-    plant, equilibrium, period, process, measurement
-        As for `estimator_for`.
+    `plant`, `equilibrium`, `period`, `process`, `measurement`: as for `estimator_for`.
     """
     from scipy.linalg import expm
 

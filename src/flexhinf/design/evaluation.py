@@ -173,10 +173,7 @@ class LawEvaluation:
     def margins(self) -> Margins:
         """Of the running loop.
 
-        Raises
-        ------
-        FlexhinfError
-            If it has no equilibrium.
+        Raises `FlexhinfError` if it has no equilibrium.
         """
         if isinstance(self._margins, FlexhinfError):
             raise self._margins

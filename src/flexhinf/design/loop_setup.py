@@ -52,10 +52,7 @@ def share_derived(known: Any, same: Any) -> None:
 class LoopPlants:
     """What of a loop there is before a law.
 
-    Parameters
-    ----------
-    specification : Specification
-        Sensors, quantisation, limits, extras and noise.
+    `specification`: sensors, quantisation, limits, extras and noise.
     """
 
     robot: Robot
@@ -93,10 +90,7 @@ class LoopPlants:
     def mujoco_plant(self, at: np.ndarray) -> MuJoCoPlant:
         """The same robot in MuJoCo, its step a tenth of a radian of the fastest mode's phase at a pose (n,), or less.
 
-        Raises
-        ------
-        InvalidInput
-            If MuJoCo is not installed, or does not express the extras.
+        Raises `InvalidInput` if MuJoCo is not installed, or does not express the extras.
         """
         s = self.specification
         fastest = self.true_plant.fastest_mode(*self.robot.operating_point(at, s.extras))

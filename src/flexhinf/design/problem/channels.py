@@ -101,10 +101,7 @@ def channels(robot: Robot, poses: Sequence[np.ndarray]) -> tuple[Channel, ...]:
 def tolerance_channels(robot: Robot, poses: Sequence[np.ndarray]) -> tuple[Channel, ...]:
     """The same; a robot without any is refused.
 
-    Raises
-    ------
-    InvalidInput
-        If there are none.
+    Raises `InvalidInput` if there are none.
     """
     if found := channels(robot, poses):
         return found
@@ -237,10 +234,7 @@ class Scalings:
 class RobustProblem:
     """A nominal problem with the channels of the tolerances.
 
-    Attributes
-    ----------
-    torques : (n, 2 joints)
-        Where torques enter.
+    `torques` (n, 2 joints): where torques enter.
     """
 
     nominal: LinearProblem
@@ -278,10 +272,7 @@ class RobustProblem:
     def gamma_star(self, scalings: Scalings, relative: float = ROUGH) -> float:
         """Smallest γ for every robot within the fraction of the tolerances.
 
-        Raises
-        ------
-        NoFeasibleGamma
-            If there is none.
+        Raises `NoFeasibleGamma` if there is none.
         """
         low, parts = self.nominal.gamma_star(), self.parts(scalings)
         high = LARGEST * low
@@ -325,15 +316,8 @@ def _root(matrix: np.ndarray) -> np.ndarray:
 def find_scalings(problem: RobustProblem, ratio: float) -> Scalings:
     """Scalings for a problem, found as the head of this file says.
 
-    Parameters
-    ----------
-    ratio : float
-        γ/γ* of the designs in whose loops channels are balanced.
-
-    Raises
-    ------
-    NoFeasibleGamma
-        If not even `LEAST_FRACTION` of the tolerances can be covered.
+    `ratio`: γ/γ* of the designs in whose loops channels are balanced. Raises `NoFeasibleGamma` if not even
+    `LEAST_FRACTION` of the tolerances can be covered.
     """
     best = _balanced(problem, problem.nominal.design_at(ratio))
     for _ in range(BALANCES):
@@ -432,10 +416,7 @@ class UncertainFlow:
 def with_channels(plant: Plant, enter: np.ndarray) -> Plant:
     """The robot's plant with disturbances w that enter as torques L w.
 
-    Parameters
-    ----------
-    enter : (2 joints, k)
-        L.
+    `enter` (2 joints, k): L.
     """
     names = tuple(f"{PREFIX}_{k + 1}" for k in range(enter.shape[1]))
     return Plant(

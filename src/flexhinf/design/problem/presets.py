@@ -188,10 +188,7 @@ class ToleranceChannels:
     ) -> ChannelledProblem:
         """The nonlinear problem, its smallest level found to an accuracy.
 
-        Raises
-        ------
-        NoFeasibleGamma
-            If no level does.
+        Raises `NoFeasibleGamma` if no level does.
         """
         linear, scalings = self.linear(target_frequency, damping), self.scaled(fraction)
         star = linear.gamma_star(scalings, accuracy)
@@ -255,10 +252,7 @@ class ChannelledProblem:
 def preset_of(robot: Robot, s: Specification) -> str:
     """The preset that is meant.
 
-    Raises
-    ------
-    InvalidInput
-        If the specification contradicts itself.
+    Raises `InvalidInput` if the specification contradicts itself.
     """
     behaviour = [f"`{name}`" for name in ("bandwidth", "damping") if getattr(s, name) is not None]
     weights = [f"`{name}`" for name in ("penalty", "effort") if getattr(s, name) is not None]
@@ -300,10 +294,7 @@ def choose(
 
     A default damping that no weights reach yields to what they reach; the loop is judged by `required_damping`.
 
-    Parameters
-    ----------
-    near : DesignProblem, optional
-        Of the same robot and preset for another bandwidth or damping, from whose weights the search begins.
+    `near`: of the same robot and preset for another bandwidth or damping, from whose weights the search begins.
 
     Raises
     ------

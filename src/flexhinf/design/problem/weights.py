@@ -349,10 +349,7 @@ FASTEST = 30.0
 class DampingOutOfReach(InvalidInput):
     """No weights damp every oscillation as required.
 
-    Attributes
-    ----------
-    reached : float
-        A damping ratio that weights are found for, a little below the best.
+    `reached` is a damping ratio that weights are found for, a little below the best.
     """
 
     reached = 0.0
@@ -408,10 +405,7 @@ class Candidate:
 class SearchResult:
     """The outcome, and the way to it.
 
-    Attributes
-    ----------
-    candidates : tuple of Candidate
-        One per ζ, in the order of the search.
+    `candidates`: one per ζ, in the order of the search.
     """
 
     chosen: Candidate
@@ -439,10 +433,7 @@ def search(
     near : Candidate, optional
         For another bandwidth or damping; the search begins at its ω and ζ in proportion, which saves most of it.
 
-    Raises
-    ------
-    InvalidInput
-        If it cannot be met: which limit binds, and the best that was found.
+    Raises `InvalidInput` if it cannot be met: which limit binds, and the best that was found.
     """
     candidates = _Search(target, family, synthesis, FASTEST * held)
     chosen = (None if near is None else candidates.in_proportion(near)) or candidates.damped()

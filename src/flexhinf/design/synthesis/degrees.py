@@ -113,10 +113,7 @@ def solve_degrees(
     progress : callable
         Called with what comes next, once per degree.
 
-    Raises
-    ------
-    InfeasibleGamma, InvalidInput
-        As `solve_hji`.
+    Raises `InfeasibleGamma` or `InvalidInput` as `solve_hji`.
     """
     for degree in degrees:
         progress(f"degree {degree}: solve")
@@ -139,10 +136,7 @@ def with_region(
     penalty : optional
         Of the inequality that is checked; 0.9 times the designed one by default.
 
-    Raises
-    ------
-    InvalidInput
-        As `HJISolution.sampled_region`.
+    Raises `InvalidInput` as `HJISolution.sampled_region`.
     """
     start, solution = time.perf_counter(), choice.solution
     check = solution.sampled_region(gamma=gamma, penalty=penalty, rays=rays, seed=seed)  # type: ignore[arg-type]
@@ -179,14 +173,7 @@ def try_degrees(
         Of which the ratios are, where it is not the problem's own: that of a robust problem, for all robots within the
         tolerances.
 
-    Yields
-    ------
-    DegreeChoice
-
-    Raises
-    ------
-    InfeasibleGamma, InvalidInput
-        As `solve_hji` and `HJISolution.sampled_region`.
+    Raises `InfeasibleGamma` or `InvalidInput` as `solve_hji` and `HJISolution.sampled_region`.
     """
     gamma_star = smallest_gamma(problem) if gamma_star is None else gamma_star
     for choice in solve_degrees(problem, degrees, gamma_ratio * gamma_star, progress):

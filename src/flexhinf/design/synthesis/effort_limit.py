@@ -52,15 +52,8 @@ def problem_within_effort(
     Default bandwidths are lowered until every joint keeps its limits. Those that the specification states are not:
     beyond a limit that it states too it is refused, beyond one of the robot the loop is judged as it is.
 
-    Parameters
-    ----------
-    levels : EstimatorNoise or None
-        R^v of the estimator in these runs; by default what the specification states.
-
-    Raises
-    ------
-    InvalidInput
-        If a limit is not kept: with the best bandwidth found within it.
+    `levels`: R^v of the estimator in these runs; by default what the specification states. Raises `InvalidInput` if a
+    limit is not kept: with the best bandwidth found within it.
     """
     limits = joint_limits(robot, s)
     if not (limits.limits_peak or limits.limits_speed) or problem.target is None:

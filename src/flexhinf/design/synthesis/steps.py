@@ -115,10 +115,7 @@ class Synthesis:
 def synthesise(robot: Robot, s: Specification, progress: Progress) -> Synthesis:
     """Weights, noise levels, every degree, the best of them, and laws at other poses.
 
-    Raises
-    ------
-    InvalidInput, InfeasibleGamma, NotStabilisable, NotDetectable
-        With what to change.
+    Raises `InvalidInput`, `InfeasibleGamma`, `NotStabilisable` or `NotDetectable` with what to change.
     """
     check_stated_units(robot, s)
     move = stated_move(robot, s)

@@ -403,10 +403,7 @@ def at_pose(
 ) -> tuple[GeneralisedPlant, float]:
     """The problem, and its level, of the same factors at another pose.
 
-    Parameters
-    ----------
-    covered, damped : DesignProblem
-        There, as of `search_whole_loop`.
+    `covered`, `damped`: there, as of `search_whole_loop`.
     """
     if not found.better:
         return damped.problem, damped.gamma
