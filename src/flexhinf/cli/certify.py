@@ -10,9 +10,9 @@ import typer
 
 from flexhinf.cli.arguments import (
     Elastic,
-    GoalXyz,
     Out,
     Payload,
+    PoseXyz,
     Tool,
     reproduce_command,
     request_of,
@@ -81,7 +81,7 @@ def certify(
     threads: Annotated[int, typer.Option(help="The certificate does not depend on it.", min=1, max=64)] = 2,
     elastic: Elastic = "",
     payload: Payload = "",
-    goal_xyz: GoalXyz = "",
+    pose_xyz: PoseXyz = "",
     tool: Tool = "",
     **options: Any,
 ) -> None:
@@ -136,7 +136,7 @@ def certify(
     from flexhinf.report import check as check_folder
     from flexhinf.report import write
 
-    request = request_of(context, robot, elastic, payload, goal_xyz, tool).request
+    request = request_of(context, robot, elastic, payload, pose_xyz, tool).request
     folder = check_folder(out)
     with ProofProgress() as bar:
         try:

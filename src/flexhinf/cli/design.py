@@ -9,9 +9,9 @@ import typer
 
 from flexhinf.cli.arguments import (
     Elastic,
-    GoalXyz,
     Out,
     Payload,
+    PoseXyz,
     Robot,
     Tool,
     reproduce_command,
@@ -28,7 +28,7 @@ def design(
     out: Out = Path("flexhinf-design"),
     elastic: Elastic = "",
     payload: Payload = "",
-    goal_xyz: GoalXyz = "",
+    pose_xyz: PoseXyz = "",
     tool: Tool = "",
     **options: Any,
 ) -> None:
@@ -48,7 +48,7 @@ def design(
     from flexhinf.design import design_text, report, stages
     from flexhinf.report import check, write
 
-    read = request_of(context, robot, elastic, payload, goal_xyz, tool)
+    read = request_of(context, robot, elastic, payload, pose_xyz, tool)
     request = read.request
     folder = check(out)
     with Progress(stages(request.robot, request.specification) + 1) as progress:
@@ -106,7 +106,7 @@ def compare(
     out: Out = Path("flexhinf-compare"),
     elastic: Elastic = "",
     payload: Payload = "",
-    goal_xyz: GoalXyz = "",
+    pose_xyz: PoseXyz = "",
     tool: Tool = "",
     laws: Laws = "",
     tune: Tune = "peak",
@@ -129,7 +129,7 @@ def compare(
     from flexhinf.design import comparison_stages, law_names, report
     from flexhinf.report import check, write
 
-    read = request_of(context, robot, elastic, payload, goal_xyz, tool)
+    read = request_of(context, robot, elastic, payload, pose_xyz, tool)
     request = read.request
     chosen = tuple(name.strip() for name in laws.split(",") if name.strip()) or None
     folder = check(out)
