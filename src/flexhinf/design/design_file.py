@@ -27,7 +27,7 @@ from flexhinf.errors import InvalidInput
 from flexhinf.plant import Penalty
 from flexhinf.robot import Robot, catalogue, load_robot
 from flexhinf.robot.signals import SENSORS, expanded, signal_names, units_of
-from flexhinf.untrusted import checked_path, read_toml, value_text
+from flexhinf.validation import checked_path, read_toml, value_text
 
 #: Fields with one number, or one per joint, and the signal that each is a value of.
 SIGNALS = {

@@ -21,7 +21,7 @@ from flexhinf.pages.drawing import (
     units_of,
 )
 from flexhinf.report import Column, Figure, label, legend, new_figure, number
-from flexhinf.robot.extras import DRY
+from flexhinf.robot.elastic import DRY
 
 #: Pieces of the run in the figure: of each the extremes are drawn, so that no vibration is lost.
 PIECES = 400

@@ -14,7 +14,7 @@ import pytest
 import flexhinf as fh
 from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.plant import Penalty
-from flexhinf.untrusted import checked_name, read_toml, read_xml, real_array, real_number, value_text
+from flexhinf.validation import checked_name, read_toml, read_xml, real_array, real_number, value_text
 
 SECONDS = 1.0
 """Processor time within which any file is refused."""
