@@ -9,13 +9,13 @@ import numpy as np
 
 from flexhinf.design.hunting import WIDEST, RestRun
 from flexhinf.design.impulse import AFTER, ImpulseRuns
+from flexhinf.design.problem.presets import preset_of
 from flexhinf.design.result import Design
-from flexhinf.design.weights.choose import preset_of
 from flexhinf.loop.simulation.metrics import REST_TAIL, tail_of
 from flexhinf.loop.simulation.ring_down import VISIBLE
 from flexhinf.pages.drawing import DASHED, Panel, figure_block, joint_table, listed, time_figure, units_of
 from flexhinf.report import MUTED, Column, Figure, Table, number
-from flexhinf.robot.extras import DRY
+from flexhinf.robot.elastic import DRY
 
 #: Pieces of the run in the figure: of each the extremes are drawn, so that no vibration is lost.
 PIECES = 400
@@ -40,8 +40,8 @@ def remarks(design: Design) -> Iterator[str]:
         before, worst = run.without, run.without.worst
         yield (
             f"Dry friction and integral action would keep the robot moving: {_motion(design, before, worst)}. "
-            f"So errors up to {_zone(design, run)} are not integrated; they may remain. `--dead-zone` states another "
-            "zone, 0 none."
+            f"So errors up to {_zone(design, run)} are not integrated; they may remain. "
+            "`--integral-dead-zone` states another zone, 0 none."
         )
     if run is None or not run.hunts:
         return
@@ -54,8 +54,8 @@ def remarks(design: Design) -> Iterator[str]:
         any(name.startswith(side) for name in s.measured) for side in ("link_position", "motor_position")
     )
     advice = [
-        *([] if s.friction_model else [f"`--extras {extras} --friction`"]),
-        "another `--dead-zone`",
+        *([] if s.friction_model else [f"`--extras {extras} --friction-model`"]),
+        "another `--integral-dead-zone`",
         *([] if both else ["sensors on both sides of the springs"]),
         *(
             ["weights that damp the vibration (`--preset damped`)"]

@@ -7,11 +7,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from flexhinf.design.problem.modes import JointScales
+from flexhinf.design.problem.presets import Robustness, required_damping
 from flexhinf.design.result import Design
-from flexhinf.design.weights.choose import required_damping
-from flexhinf.design.weights.design_problem import JointScales, Robustness
-from flexhinf.design.weights.estimator_noise import MOST_NOISE, NoiseCandidate, NoiseSearch
-from flexhinf.design.weights.whole_loop import NOISE, WholeLoopSearch
+from flexhinf.design.synthesis.noise import MOST_NOISE, NoiseCandidate, NoiseSearch
+from flexhinf.design.synthesis.whole_loop import NOISE, WholeLoopSearch
 from flexhinf.pages.drawing import (
     DASHED,
     count_text,
