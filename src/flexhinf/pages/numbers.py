@@ -92,7 +92,7 @@ def comparison_numbers(comparison: Comparison) -> dict[str, Any]:
             "mode": criterion.mode,
             "criterion": criterion.text,
             "limits": [
-                {**_picked(x, "figure", "value"), "at_least": x.least, "from": x.origin}
+                {**_picked(x, "value", figure="metric"), "at_least": x.least, "from": x.origin}
                 for x in criterion.limits
             ],
         },
