@@ -17,7 +17,7 @@ from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.hunting import brought_to_rest
 from flexhinf.design.laws import DESIGN
 from flexhinf.design.pipeline import step_duration
-from flexhinf.design.synthesis import synthesise
+from flexhinf.design.synthesis.steps import synthesise
 from flexhinf.errors import InvalidInput
 from flexhinf.files import locked, write_file
 from flexhinf.loop import Controller, load_controller

@@ -247,7 +247,7 @@ def _without_none(fields: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _rivals(name: str, value: Any, fields: Mapping[str, Any]) -> tuple[str, ...]:
-    """Fields that contradict this one, see `flexhinf.design.weights.choose.preset_of`."""
+    """Fields that contradict this one, see `flexhinf.design.problem.presets.preset_of`."""
     stated = fields.get("preset") == "paper"
     if name == "penalty":
         return ("bandwidth", "damping", "preset")

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from flexhinf.design.hunting import WIDEST, RestRun
+from flexhinf.design.problem.presets import preset_of
 from flexhinf.design.result import Design
-from flexhinf.design.weights.choose import preset_of
 from flexhinf.loop.simulation.metrics import REST_TAIL, tail_of
 from flexhinf.pages.drawing import (
     figure_block,

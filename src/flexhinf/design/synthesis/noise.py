@@ -46,8 +46,8 @@ from flexhinf.analysis import (
 )
 from flexhinf.design.estimators import EstimatorNoise
 from flexhinf.design.loop_setup import LoopSetup
+from flexhinf.design.problem.modes import JointScales
 from flexhinf.design.specification import RINGS, TOLERANCE
-from flexhinf.design.weights.design_problem import JointScales
 from flexhinf.errors import FlexhinfError, NumericalFailure
 from flexhinf.robot.payload import payload_ends
 

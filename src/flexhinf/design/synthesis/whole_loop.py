@@ -16,7 +16,7 @@ criterion the outcome cannot be worse.
 A candidate is looked at on few corners: those that are nearest to instability or overshoot most. One that would be the
 best is looked at on all, and those that it fails on join them.
 
-The preset `robust`: the weights and noise levels that `flexhinf.design.weights.whole_loop` finds, as a problem.
+The preset `robust`: the weights and noise levels that `flexhinf.design.synthesis.whole_loop` finds, as a problem.
 """
 
 from __future__ import annotations
@@ -31,12 +31,15 @@ from flexhinf.analysis import EquilibriumLoop, Margins, ToleranceBox, margins
 from flexhinf.design.estimators import EstimatorNoise
 from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.monte_carlo import sampled_runs
+from flexhinf.design.problem.presets import (
+    ChannelledProblem,
+    DesignProblem,
+    ToleranceChannels,
+    required_damping,
+)
+from flexhinf.design.problem.weights import Candidate, LinearDesign, SearchResult, behaviour_of
 from flexhinf.design.responses import run_length
 from flexhinf.design.specification import Specification
-from flexhinf.design.weights.choose import required_damping
-from flexhinf.design.weights.design_problem import ChannelledProblem, Covering, DesignProblem
-from flexhinf.design.weights.linear_family import LinearDesign, behaviour_of
-from flexhinf.design.weights.search import Candidate, SearchResult
 from flexhinf.errors import FlexhinfError
 from flexhinf.hinf import solve_hji
 from flexhinf.plant import GeneralisedPlant
@@ -75,7 +78,7 @@ SLOWEST = 0.5
 
 
 @dataclass(frozen=True, eq=False)
-class WholeLoop:
+class LoopJudgement:
     """A law with its estimator in the loop, as the search judges it.
 
     Attributes
@@ -143,7 +146,7 @@ class Search:
         assert damped.target is not None
         assert covered.covering is not None
         assert covered.search is not None
-        self.covering: Covering = covered.covering
+        self.covering: ToleranceChannels = covered.covering
         self.target, self.first = damped.target, damped.search.chosen
         self.covered, self.levels = covered.search.chosen, levels
         states = len(damped.problem.state_names)
@@ -222,7 +225,7 @@ class Search:
         return self.setup(Made(self.damped.problem, self.damped.gamma, self.levels), 2)
 
     # The search -----------------------------------------------------------------------------------------
-    def run(self) -> tuple[Made, WholeLoop, np.ndarray]:
+    def run(self) -> tuple[Made, LoopJudgement, np.ndarray]:
         """The best candidate that keeps all conditions, what it comes to, and its x."""
         from scipy.optimize import minimize
 
@@ -258,8 +261,8 @@ class Search:
         self.stepping_at = worst[: self.stepping]
         self.active = np.unique(np.concatenate([nearest, worst[:JOIN]]))
         found = margins(loop)
-        self.own = WholeLoop(scale, corner, float(overshoots.max()), found, self.noises(found), used)
-        self.kept: list[tuple[float, Made, WholeLoop, np.ndarray]] = [
+        self.own = LoopJudgement(scale, corner, float(overshoots.max()), found, self.noises(found), used)
+        self.kept: list[tuple[float, Made, LoopJudgement, np.ndarray]] = [
             (0.0, made, self.own, np.array([0.0, 0.0, 0.0, 0.0, 0.0]))
         ]
 
@@ -286,7 +289,9 @@ class Search:
             missed = self.missed(found)
             if MISSED * missed + gained < best + 0.1:
                 overshoots, used = self.stepped(made, self.stepping_at)
-                judged = WholeLoop(scale, corner, float(overshoots.max()), found, self.noises(found), used)
+                judged = LoopJudgement(
+                    scale, corner, float(overshoots.max()), found, self.noises(found), used
+                )
                 missed += self.missed_in_steps(judged)
                 if MISSED * missed + gained < best and missed <= ALLOWED:
                     judged = self.on_all(loop, judged)
@@ -312,13 +317,13 @@ class Search:
         ]
         return float(sum(np.log(ratio) for ratio in ratios if ratio > 1.0))
 
-    def missed_in_steps(self, judged: WholeLoop) -> float:
+    def missed_in_steps(self, judged: LoopJudgement) -> float:
         """The same of overshoot and joints' limits."""
         over = max(0.0, judged.overshoot - self.own.overshoot) / max(self.own.overshoot, 0.5)
         limit = max(1.0, self.own.used)
         return min(over, 1.0) + max(0.0, float(np.log(max(judged.used, 1e-9) / limit)))
 
-    def on_all(self, loop: EquilibriumLoop, judged: WholeLoop) -> WholeLoop:
+    def on_all(self, loop: EquilibriumLoop, judged: LoopJudgement) -> LoopJudgement:
         """The same with the factor of all corners; those that were missing are looked at from now on."""
         beyond = self.box.unstable(loop, (1.0 - WIDTH) * judged.scale)
         if not len(beyond):
@@ -327,7 +332,7 @@ class Search:
         scale, corner = self.edge(loop, beyond)
         return replace(judged, scale=scale, corner=corner)
 
-    def confirmed(self) -> tuple[Made, WholeLoop, np.ndarray]:
+    def confirmed(self) -> tuple[Made, LoopJudgement, np.ndarray]:
         """The best candidate that overshoots clearly less than `damped` at all corners at which that stepped; else the
         best that does not overshoot more; else `damped`."""
         second = None
@@ -350,7 +355,7 @@ class WholeLoopSearch:
 
     Attributes
     ----------
-    damped, found : WholeLoop
+    damped, found : LoopJudgement
         The same where nothing better was found.
     frequency, damping : float
         Factors of ω and ζ of all joints, over those of `damped`.
@@ -364,8 +369,8 @@ class WholeLoopSearch:
         The corner at which the loop becomes unstable first, by its changes.
     """
 
-    damped: WholeLoop
-    found: WholeLoop
+    damped: LoopJudgement
+    found: LoopJudgement
     frequency: float
     damping: float
     links: float

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import flexhinf as fh
-from flexhinf.design.weights.design_problem import JointScales
-from flexhinf.design.weights.linear_family import ROUGH, LinearFamily, LinearProblem
+from flexhinf.design.problem.modes import JointScales
+from flexhinf.design.problem.weights import ROUGH, LinearFamily, LinearProblem
 
 pytest.importorskip("slycot", reason="the norm of python-control")
 pytestmark = pytest.mark.oracle

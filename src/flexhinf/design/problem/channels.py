@@ -37,7 +37,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from flexhinf.analysis import DissipationCorners, LinearCorners
-from flexhinf.design.weights.linear_family import ROUGH, LinearDesign, LinearProblem
+from flexhinf.design.problem.weights import ROUGH, LinearDesign, LinearProblem
 from flexhinf.errors import FlexhinfError, NoFeasibleGamma, NumericalFailure
 from flexhinf.hinf import linear_law
 from flexhinf.hinf.linear_part import is_feasible

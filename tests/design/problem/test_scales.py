@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from scipy.linalg import eigh, solve_continuous_are
 
-from flexhinf.design.weights.design_problem import JointScales
-from flexhinf.design.weights.linear_family import LinearFamily, LinearProblem
+from flexhinf.design.problem.modes import JointScales
+from flexhinf.design.problem.weights import LinearFamily, LinearProblem
 
 pytestmark = pytest.mark.oracle
 

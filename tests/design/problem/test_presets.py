@@ -12,8 +12,9 @@ import pytest
 
 import flexhinf as fh
 from flexhinf.design import Specification
-from flexhinf.design.modes import closed_loop
-from flexhinf.design.weights.choose import (
+from flexhinf.design.problem.channels import channels
+from flexhinf.design.problem.modes import closed_loop
+from flexhinf.design.problem.presets import (
     BANDWIDTH_FRACTION,
     DAMPING,
     DesignProblem,
@@ -21,8 +22,7 @@ from flexhinf.design.weights.choose import (
     preset_of,
     required_damping,
 )
-from flexhinf.design.weights.linear_family import LinearFamily
-from flexhinf.design.weights.robust import channels
+from flexhinf.design.problem.weights import LinearFamily
 from flexhinf.errors import InvalidInput
 
 Named = Callable[[str], Any]

@@ -9,10 +9,17 @@ import pytest
 
 import flexhinf as fh
 from flexhinf.design import Specification
-from flexhinf.design.degrees import ACTING, GAIN, DegreeChoice, choose_degree, solve_degrees, step_cost
 from flexhinf.design.loop_setup import LoopSetup
-from flexhinf.design.synthesis import synthesise
-from flexhinf.design.weights.choose import choose
+from flexhinf.design.problem.presets import choose
+from flexhinf.design.synthesis.degrees import (
+    ACTING,
+    GAIN,
+    DegreeChoice,
+    choose_degree,
+    solve_degrees,
+    step_cost,
+)
+from flexhinf.design.synthesis.steps import synthesise
 from flexhinf.robot import Robot
 
 Choices = tuple[DegreeChoice, ...]

@@ -1,4 +1,4 @@
-"""The same program walked with CasADi's own evaluator: the fallback, and the oracle of the tests."""
+"""A program walked step by step with CasADi's own evaluator: what compiled programs are compared with."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.codegen.kernel import Kernel, Status
+from flexhinf.codegen.kernel import Kernel, Status, check_lanes
 from flexhinf.codegen.memory import COLUMN, Columns, Slice, whole
 from flexhinf.codegen.noise import normal_numbers
 from flexhinf.codegen.program import (
@@ -40,13 +40,12 @@ def interpret(program: Program, lanes: int = 1) -> Kernel:
     Kernel
         Some microseconds per call of a traced function.
     """
+    check_lanes(program, lanes)
     return InterpretedKernel(program, lanes)
 
 
 class InterpretedKernel(Kernel):
     """See `interpret`."""
-
-    compiled = False
 
     def _bind(self, arrays: dict[str, np.ndarray], counts: dict[str, int], short: bool) -> BoundWalk:
         return BoundWalk(self, arrays, counts)

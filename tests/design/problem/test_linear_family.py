@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from flexhinf.design.weights.linear_family import MEMBERS, LinearFamily
+from flexhinf.design.problem.weights import MEMBERS, LinearFamily
 
 pytestmark = pytest.mark.oracle
 

@@ -10,8 +10,8 @@ import pytest
 import flexhinf as fh
 from flexhinf.analysis import dissipation_corners
 from flexhinf.design import Specification
-from flexhinf.design.weights.choose import choose
-from flexhinf.design.weights.robust import ENLARGED, acting_corners, covering_products
+from flexhinf.design.problem.channels import ENLARGED, acting_corners, covering_products
+from flexhinf.design.problem.presets import choose
 from flexhinf.errors import NoFeasibleGamma
 
 ARM = fh.paper_arm()

@@ -1,5 +1,6 @@
 """A problem whose step keeps the limits of inputs and speeds, joint by joint: bandwidths are lowered until the
-nonlinear loop keeps them."""
+nonlinear loop keeps them.
+"""
 
 from __future__ import annotations
 
@@ -10,14 +11,14 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.design.degrees import tried_degrees
 from flexhinf.design.estimators import EstimatorNoise
 from flexhinf.design.joint_limits import ROBOT, JointLimits, joint_limits
 from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.monte_carlo import sampled_runs
+from flexhinf.design.problem.presets import DesignProblem, choose
 from flexhinf.design.responses import Response, run_length, sample_robots
 from flexhinf.design.specification import TOLERANCE, Specification
-from flexhinf.design.weights.choose import DesignProblem, choose
+from flexhinf.design.synthesis.degrees import tried_degrees
 from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.hinf import solve_hji
 from flexhinf.robot import Robot

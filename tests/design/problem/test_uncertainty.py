@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from flexhinf.design.weights.robust import Channel, channels
+from flexhinf.design.problem.channels import Channel, channels
 
 pytestmark = pytest.mark.oracle
 

@@ -1,6 +1,6 @@
 """The degree of V: several are solved, regions are sampled, and time and residuals are measured.
 
-Which one a design uses is decided in `flexhinf.design.degrees`.
+Which one a design uses is decided in `flexhinf.design.synthesis.degrees`.
 
 Which degree a design uses: the lowest one whose step no higher one makes clearly cheaper.
 
@@ -27,8 +27,8 @@ from itertools import pairwise
 import numpy as np
 
 from flexhinf.design.loop_setup import LoopSetup
-from flexhinf.design.modes import closed_loop
 from flexhinf.design.monte_carlo import sampled_runs
+from flexhinf.design.problem.modes import closed_loop
 from flexhinf.design.requirements import sample_requirements, step_requirements
 from flexhinf.design.responses import Response, run_length, sample_robots
 from flexhinf.design.specification import Specification
@@ -62,7 +62,7 @@ class DegreeChoice:
         Whether the region was sampled; level and step are nan otherwise.
     acting : float
         How much this law would change the input along the step of the lowest degree, over its largest value there (both
-        deviations from the goal's); nan where that was not asked, see `flexhinf.design.degrees`.
+        deviations from the goal's); nan where that was not asked, see `flexhinf.design.synthesis.degrees`.
     cost : float
         ∫|z|² of the step without the integrals; infinite if it diverges, nan if it was not run.
     missed : tuple of str

@@ -14,9 +14,9 @@ from flexhinf.analysis import destabilising_scale
 from flexhinf.design import Design, Specification
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.monte_carlo import sampled_runs
-from flexhinf.design.synthesis import Synthesis, synthesise
-from flexhinf.design.weights import whole_loop
-from flexhinf.design.weights.whole_loop import LEAST_FRACTION, NOISE
+from flexhinf.design.synthesis import whole_loop
+from flexhinf.design.synthesis.steps import Synthesis, synthesise
+from flexhinf.design.synthesis.whole_loop import LEAST_FRACTION, NOISE
 from flexhinf.errors import InvalidInput
 from flexhinf.pages.design import weights
 

@@ -10,7 +10,22 @@ from typing import Any
 import numpy as np
 
 from flexhinf.design.along_move import AlongMove, Least, scheduled
-from flexhinf.design.degrees import (
+from flexhinf.design.design_file import check_stated_units
+from flexhinf.design.estimators import EstimatorNoise, estimator_for, noise_variances, sensor_steps
+from flexhinf.design.joint_limits import ROBOT, JointLimits, integral_dead_zone, joint_limits
+from flexhinf.design.loop_setup import LoopSetup
+from flexhinf.design.plans import stated_move
+from flexhinf.design.problem.presets import (
+    DesignProblem,
+    choose,
+    preset_of,
+    required_damping,
+    tolerance_channels,
+)
+from flexhinf.design.proved_step import LENGTH, ProvedLaw, proved_law
+from flexhinf.design.responses import Plan, start_and_goal
+from flexhinf.design.specification import RINGS, TOLERANCE, Specification, SpecificationError
+from flexhinf.design.synthesis.degrees import (
     DegreeChoice,
     choose_degree,
     rays_of,
@@ -18,19 +33,9 @@ from flexhinf.design.degrees import (
     tried_degrees,
     with_region,
 )
-from flexhinf.design.design_file import check_stated_units
-from flexhinf.design.effort_limit import problem_within_effort
-from flexhinf.design.estimators import EstimatorNoise, estimator_for, noise_variances, sensor_steps
-from flexhinf.design.joint_limits import ROBOT, JointLimits, integral_dead_zone, joint_limits
-from flexhinf.design.loop_setup import LoopSetup
-from flexhinf.design.plans import stated_move
-from flexhinf.design.proved_step import LENGTH, ProvedLaw, proved_law
-from flexhinf.design.responses import Plan, start_and_goal
-from flexhinf.design.specification import RINGS, TOLERANCE, Specification, SpecificationError
-from flexhinf.design.weights.choose import choose, preset_of, required_damping, tolerance_channels
-from flexhinf.design.weights.design_problem import DesignProblem
-from flexhinf.design.weights.estimator_noise import NoiseSearch, search_noise
-from flexhinf.design.weights.whole_loop import Search, WholeLoopSearch, at_pose, search_whole_loop
+from flexhinf.design.synthesis.effort_limit import problem_within_effort
+from flexhinf.design.synthesis.noise import NoiseSearch, search_noise
+from flexhinf.design.synthesis.whole_loop import Search, WholeLoopSearch, at_pose, search_whole_loop
 from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.hinf import HJISolution, solve_hji
 from flexhinf.loop import Schedule

@@ -10,9 +10,17 @@ import control
 import numpy as np
 import pytest
 
-from flexhinf.design.weights.design_problem import JointScales
-from flexhinf.design.weights.linear_family import LinearDesign, LinearFamily, LinearProblem, behaviour_of
-from flexhinf.design.weights.search import FITS, SearchResult, TargetBehaviour, search
+from flexhinf.design.problem.modes import JointScales
+from flexhinf.design.problem.weights import (
+    FITS,
+    LinearDesign,
+    LinearFamily,
+    LinearProblem,
+    SearchResult,
+    TargetBehaviour,
+    behaviour_of,
+    search,
+)
 from flexhinf.errors import InvalidInput
 
 pytestmark = pytest.mark.oracle

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.linalg import solve_continuous_are
 
-from flexhinf.design.weights.linear_family import LinearFamily, behaviour_of
+from flexhinf.design.problem.weights import LinearFamily, behaviour_of
 
 pytestmark = pytest.mark.oracle
 

@@ -10,9 +10,7 @@ import control
 import numpy as np
 import pytest
 
-from flexhinf.design.weights.design_problem import JointScales
-from flexhinf.design.weights.linear_family import LinearDesign, LinearFamily, LinearProblem
-from flexhinf.design.weights.robust import (
+from flexhinf.design.problem.channels import (
     LEAST_FRACTION,
     Channel,
     RobustProblem,
@@ -20,6 +18,8 @@ from flexhinf.design.weights.robust import (
     channels,
     find_scalings,
 )
+from flexhinf.design.problem.modes import JointScales
+from flexhinf.design.problem.weights import LinearDesign, LinearFamily, LinearProblem
 from flexhinf.errors import NoFeasibleGamma
 
 pytest.importorskip("slycot", reason="the norm of python-control")

@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 
 import flexhinf as fh
-from flexhinf.design import Specification, design, effort_limit
-from flexhinf.design.effort_limit import WIDTH, problem_within_effort
+from flexhinf.design import Specification, design
 from flexhinf.design.loop_setup import LoopSetup
-from flexhinf.design.weights.choose import choose
+from flexhinf.design.problem.presets import choose
+from flexhinf.design.synthesis import effort_limit
+from flexhinf.design.synthesis.effort_limit import WIDTH, problem_within_effort
 from flexhinf.errors import InvalidInput
 
 GOAL, START = np.array([np.pi / 2]), np.array([0.0])

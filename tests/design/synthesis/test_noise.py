@@ -14,8 +14,8 @@ from flexhinf.design import Specification
 from flexhinf.design.estimators import EstimatorNoise
 from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.responses import run_response
-from flexhinf.design.synthesis import synthesise
-from flexhinf.design.weights.estimator_noise import COMPLIANT_BAND, search_noise
+from flexhinf.design.synthesis.noise import COMPLIANT_BAND, search_noise
+from flexhinf.design.synthesis.steps import synthesise
 from flexhinf.loop import Sine
 
 
