@@ -14,9 +14,9 @@ from flint import arb, arb_poly, arb_series, ctx, fmpq
 
 from flexhinf.certify import Function, quotients
 from flexhinf.certify.checker import quadratic
+from flexhinf.certify.checker.bounds import GRID, ORDER, Quotient
 from flexhinf.certify.checker.quadratic import quotient_range
-from flexhinf.certify.checker.quotient import GRID, ORDER, Quotient, offset_of, series_of
-from flexhinf.certify.checker.residual import as_rational
+from flexhinf.certify.checker.residual import as_rational, offset_of, series_of
 from flexhinf.certify.enclosures import MeanForms
 from flexhinf.certify.quotients import QuotientTable, quotient_table
 

@@ -15,9 +15,9 @@ import pytest
 from flint import arb, arb_series, ctx, fmpq
 
 from flexhinf.certify.checker import second_route
+from flexhinf.certify.checker.bounds import ORDER, Quotient
 from flexhinf.certify.checker.quadratic import quotient_range
-from flexhinf.certify.checker.quotient import ORDER, Quotient, series_of
-from flexhinf.certify.checker.residual import as_rational
+from flexhinf.certify.checker.residual import as_rational, series_of
 from flexhinf.certify.quotients import QuotientTable, quotient_table
 from flexhinf.certify.terms import Function
 
