@@ -321,10 +321,10 @@ def _no_design(file: str, keys: list[str]) -> InvalidInput:
     )
 
 
-#: What options are called that a design file calls otherwise.
+#: Other names that a field had or has: those of earlier versions, and --peak-effort by the kind of drive.
 OPTIONS = {
-    "goal": "pose", "from_pose": "start", "peak_voltage": "peak_effort", "peak_current": "peak_effort",
-    "peak_torque": "peak_effort",
+    "goal": "pose", "from_pose": "start", "friction": "friction_model", "dead_zone": "integral_dead_zone",
+    "peak_voltage": "peak_effort", "peak_current": "peak_effort", "peak_torque": "peak_effort",
 }  # fmt: skip
 
 

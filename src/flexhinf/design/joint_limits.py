@@ -172,7 +172,7 @@ def joint_limits(robot: Robot, s: Specification) -> JointLimits:
         value = getattr(s, name)
         if value is None:
             return np.array(own, dtype=float), ROBOT
-        return _per_joint(robot, name, value), FIELDS[name].options[0]
+        return _per_joint(robot, name, value), FIELDS[name].option
 
     peak, peak_source = stated("peak_effort", robot.effort_limits)
     saturation, saturation_source = stated("saturation", robot.effort_limits)

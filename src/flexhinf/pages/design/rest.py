@@ -45,8 +45,8 @@ def remarks(design: Design) -> Iterator[str]:
         before, worst = run.without, run.without.worst
         yield (
             f"Dry friction and integral action would keep the robot moving: {_motion(design, before, worst)}. "
-            f"So errors up to {_zone(design, run)} are not integrated; they may remain. `--dead-zone` states another "
-            "zone, 0 none."
+            f"So errors up to {_zone(design, run)} are not integrated; they may remain. "
+            "`--integral-dead-zone` states another zone, 0 none."
         )
     if run is None or not run.hunts:
         return
@@ -61,8 +61,8 @@ def remarks(design: Design) -> Iterator[str]:
     )
     own = preset_of(design.evaluation.setup.robot, s) == "paper"
     advice = [
-        *([] if s.friction_model else [f"`--extras {extras} --friction`"]),
-        "another `--dead-zone`",
+        *([] if s.friction_model else [f"`--extras {extras} --friction-model`"]),
+        "another `--integral-dead-zone`",
         *([] if both else ["sensors on both sides of the springs"]),
         *(["weights that damp the vibration (`--preset damped`)"] if own else []),
     ]
