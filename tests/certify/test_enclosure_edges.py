@@ -13,7 +13,7 @@ from flint import fmpq
 from flexhinf.certify.cells import Cells, _following
 from flexhinf.certify.checker import subdivision
 from flexhinf.certify.checker.bounds import UNIT, _interval, concave_bound
-from flexhinf.certify.enclosures import MeanForms
+from flexhinf.certify.inequality import MeanForms
 from flexhinf.certify.theorem import _down, _up
 
 pytestmark = pytest.mark.property

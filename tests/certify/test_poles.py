@@ -15,8 +15,8 @@ from flexhinf.certify.checker import second_route
 from flexhinf.certify.checker.bounds import ORDER, Proof, Quotient
 from flexhinf.certify.checker.quadratic import quotient_range
 from flexhinf.certify.checker.second_route import Cell, cell_holds
-from flexhinf.certify.quotients import quotient_table
-from flexhinf.certify.terms import Function
+from flexhinf.certify.claim import Function
+from flexhinf.certify.inequality import quotient_table
 
 LOG = Function("log", (1.0,), 1.0)  # log(1 + s): its pole is at s = −1
 SERIES = quotient_file.series_of

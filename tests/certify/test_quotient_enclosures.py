@@ -18,8 +18,8 @@ from flexhinf.certify.checker import second_route
 from flexhinf.certify.checker.bounds import ORDER, Quotient
 from flexhinf.certify.checker.quadratic import quotient_range
 from flexhinf.certify.checker.residual import as_rational, series_of
-from flexhinf.certify.quotients import QuotientTable, quotient_table
-from flexhinf.certify.terms import Function
+from flexhinf.certify.claim import Function
+from flexhinf.certify.inequality import QuotientTable, quotient_table
 
 REACH = 3.0
 PHI = {"sin": mpmath.sin, "cos": mpmath.cos, "exp": mpmath.exp, "tanh": mpmath.tanh, "arctan": mpmath.atan}

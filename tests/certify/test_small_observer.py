@@ -14,7 +14,7 @@ from flexhinf.certify import Certificate, Function, Parameter, Signal, Term
 from flexhinf.certify.checker import Verification
 from flexhinf.certify.checker import observer as checked
 from flexhinf.certify.checker.residual import Refusal
-from flexhinf.certify.terms import Observer
+from flexhinf.certify.claim import Observer
 from flexhinf.certify.theorem import theorem_text
 from flexhinf.errors import InvalidInput
 

@@ -299,7 +299,7 @@ def test_no_name_and_no_unit_can_be_read_as_a_part_of_the_theorem(tmp_path: Path
 
 
 def test_rounding_of_the_penalty_is_no_part_of_a_claim() -> None:
-    from flexhinf.certify.theorem import _without_rounding
+    from flexhinf.certify.problem_to_claim import _without_rounding
 
     row = (((1, 0), 2.0), ((0, 1), -1.3e-16), ((0, 2), 1e-3))
     assert _without_rounding(row) == (row[0], row[2])

@@ -42,10 +42,12 @@ import numpy as np
 from flexhinf.certify.box import BoxExcess
 from flexhinf.certify.inequality import (
     Inequality,
+    QuotientTable,
     Rational,
     by_parity,
     is_symmetric,
     parity,
+    quotient_table,
     times_powers,
 )
 from flexhinf.certify.kernel import kernel_text
@@ -64,8 +66,7 @@ from flexhinf.certify.kernel_code import (
     sums_by_degree,
     sums_on_faces,
 )
-from flexhinf.certify.quotients import QuotientTable, quotient_table
-from flexhinf.certify.reading import nearest_double
+from flexhinf.certify.problem_to_claim import nearest_double
 from flexhinf.codegen import machine
 from flexhinf.codegen.compiler import cached
 from flexhinf.errors import NumericalFailure

@@ -16,7 +16,7 @@ from functools import cache
 import numpy as np
 
 from flexhinf.certify.inequality import Rational
-from flexhinf.certify.reading import nearest_double
+from flexhinf.certify.problem_to_claim import nearest_double
 from flexhinf.codegen.emit.text import ModuleText, Writer
 
 

@@ -1,13 +1,5 @@
-"""`certify`: the largest level that the search proves, as a certificate.
-
-The theorem for every robot within its tolerances, not for the nominal one alone.
-
-The law is the nominal one, and so is V, of the deviation from each robot's own equilibrium at the goal. Two things of a
-robot are its own: its rates, for which the search takes the whole box of parameters (`flexhinf.certify.box`), and its
-equilibrium. Where that moves, to δ from the nominal one, the input in deviations x from it is u = k(x + δ) − k(δ); for
-a linear law this is k(x) again, whatever δ is, and where the plant is linear in what moves, its rates are the same too.
-So with V of degree two the box needs nothing else at any goal; for a nonlinear law the goal must be one whose
-equilibrium stays, such as upright.
+"""`certify`: the largest level that the search proves, as a certificate of the nominal plant or of a box of its
+parameters.
 
 A step starts at each robot's own equilibrium at −a, and where the input must not jump, with the integrator at which
 this robot's input is the one that held it: both are terms in a and in the robot's parameters.
@@ -15,30 +7,26 @@ this robot's input is the one that held it: both are terms in a and in the robot
 
 from __future__ import annotations
 
-import itertools
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from flexhinf.certify.box import BoxExcess
+from flexhinf.certify.box import BoxExcess, Ranges, tolerance_statement
+from flexhinf.certify.box_gain import quadratic_part
 from flexhinf.certify.cells import CellBounds, Outcome, Progress, search
 from flexhinf.certify.certificate import Certificate
+from flexhinf.certify.claim import MOST_STATES
 from flexhinf.certify.inequality import Inequality, inequality_of
 from flexhinf.certify.observer import check_bandwidth, observed
-from flexhinf.certify.reading import flat_names, nearest_double, plant_terms
-from flexhinf.certify.sampled_gain import quadratic_part
+from flexhinf.certify.problem_to_claim import nearest_double, statement_of
 from flexhinf.certify.starts import largest_values, robot_start, start_inside, starts_of, tabled_start
-from flexhinf.certify.terms import MOST_STATES, Polynomial
-from flexhinf.certify.theorem import few_bits, law_polynomials, signals, statement_of, with_units
 from flexhinf.errors import InvalidInput, NumericalFailure
 from flexhinf.hinf.margin import CheckedPenalty
 from flexhinf.hinf.sampled import sample_region
 from flexhinf.hinf.value_function import ValueFunction
 from flexhinf.plant.plant import GeneralisedPlant
-from flexhinf.robot import Robot
 from flexhinf.untrusted import HUGE
 
 _DIRECTIONS = 20_000  # rays that are followed to see how far the region extends
@@ -275,8 +263,6 @@ def _along(inequality: Inequality, directions: np.ndarray) -> np.ndarray:
     return result
 
 
-Ranges = Mapping[str, tuple[float, float]]
-
 _POINTS = 400  # of a path at which V is looked at, to see how far it stays inside
 _BOX_ROOM = 1.002  # level over the largest V on a path that is to be inside
 _INSIDE = 1 - 1e-3  # V on a path stays below this share of the level, so that the check is quick
@@ -286,33 +272,6 @@ _FARTHEST = 63.0  # |ℓᵀx| of a function: the checker looks as far as 64
 _FURTHEST = 3  # how far a path is followed, over the amplitude that its beginning predicts
 _MOVED = 1e-12  # rates at the nominal equilibrium above this, relative to the parameters: it moves
 _ROUNDING = 1e-14  # terms below this, relative to the largest, are what rounding left of a sum that cancels
-
-
-def parameter_ranges(robot: Robot, plant: Any, scale: float = 1.0) -> dict[str, tuple[float, float]]:
-    """Ranges of a plant's parameters over the robot's tolerances, rounded outwards.
-
-    Parameters
-    ----------
-    robot : Robot
-        Each parameter of its plant is monotone in each of its own, so the ends are those of its corners.
-    plant : Plant or GeneralisedPlant
-        Of the robot.
-    scale : float
-        Of all tolerances.
-    """
-    table = plant.parameters
-    names = [parameter.name for parameter in robot.uncertain]
-    rows = [
-        table.replaced(table.known(robot.corner(dict(zip(names, signs))))).vector()
-        for signs in itertools.product((-scale, scale), repeat=len(names))
-    ]
-    low, high = np.min(rows, axis=0), np.max(rows, axis=0)
-    varies = low < high
-    low, high = (
-        np.where(varies, np.nextafter(low, -np.inf), low),
-        np.where(varies, np.nextafter(high, np.inf), high),
-    )
-    return dict(zip(flat_names(table), zip(low.tolist(), high.tolist())))
 
 
 def certify_tolerances(
@@ -344,7 +303,7 @@ def certify_tolerances(
         The level of the storage function, or the largest step without a jump of the input that is to be inside; a
         negative one is from above the goal to it.
     p : ndarray, shape (n, n), optional
-        ½ xᵀPx is the storage function instead, see `flexhinf.certify.common_value`.
+        ½ xᵀPx is the storage function instead, see `flexhinf.certify.box_gain`.
     most_cells : int
         The search ends there.
 
@@ -409,142 +368,3 @@ def _largest(found: Certificate) -> Certificate:
             break
         factor = math.sqrt(proved * high)
     return low
-
-
-def tolerance_statement(
-    solution: ValueFunction,
-    problem: GeneralisedPlant,
-    ranges: Ranges,
-    gamma: float,
-    *,
-    scale: float = 1.0,
-    p: np.ndarray | None = None,
-    about: str = "",
-) -> Certificate:
-    """The certificate to be proved, at level 1; arguments as `certify_tolerances`."""
-    terms = plant_terms(problem)
-    fixed = [name for name in terms.inside if name in ranges and ranges[name][0] < ranges[name][1]]
-    if fixed:
-        raise InvalidInput(
-            "A parameter stands inside a function of the state.",
-            f"expected parameters that multiply terms, got {', '.join(sorted(fixed))}",
-            "its nominal value, or sampled_region",
-        )
-    law = law_polynomials(solution, terms)
-    parameters = tuple(
-        replace(p, low=ranges[p.name][0], high=ranges[p.name][1]) if p.name in ranges else p
-        for p in with_units(problem, terms.parameters)
-    )
-    value = (
-        tuple(
-            (tuple(powers), scale * value)
-            for degree, part in sorted(solution.value_parts.items())
-            for powers, value in zip(solution.exponents(degree).tolist(), part.tolist())
-            if value
-        )
-        if p is None
-        else _quadratic(p)
-    )
-    root = np.linalg.inv(np.linalg.cholesky(scale * solution.P if p is None else p)).T
-    statement = Certificate(
-        about=about or "a state feedback, for all parameters in the box",
-        states=signals(problem, solution.state_names), inputs=signals(problem, solution.input_names),
-        disturbances=signals(problem, problem.disturbance_names),
-        drift=terms.drift, g1=terms.g1, g2=terms.g2,
-        penalty=tuple(row for row in terms.penalty if row),
-        r2=tuple(map(tuple, problem.r2.tolist())),
-        value=value, law=law, gamma=float(gamma), level=1.0,
-        coordinates=tuple(map(tuple, few_bits(root @ _axes(law, problem, root, gamma)).tolist())),
-        reach=1.0, parameters=parameters, functions=terms.functions,
-    )  # fmt: skip
-    _refuse_moved(statement, problem)
-    return statement
-
-
-def _quadratic(p: np.ndarray) -> Polynomial:
-    """½ xᵀPx."""
-    n = len(p)
-    return tuple(
-        (tuple(int(k == i) + int(k == j) for k in range(n)), float(p[i, j] / (2.0 if i == j else 1.0)))
-        for i in range(n)
-        for j in range(i, n)
-        if p[i, j]
-    )
-
-
-def _axes(
-    law: tuple[Polynomial, ...], problem: GeneralisedPlant, root: np.ndarray, gamma: float
-) -> np.ndarray:
-    """Rotation (n, n) after which r_2 of the nominal plant is diagonal; P⁻¹ = root rootᵀ."""
-    plant, p = problem.expand(1), np.linalg.inv(root @ root.T)
-    units = [tuple(row) for row in np.eye(len(p), dtype=int).tolist()]
-    gain = np.array([[dict(row).get(unit, 0.0) for unit in units] for row in law])
-    a = plant.f_parts[1] + plant.g2_parts[0][:, :, 0] @ gain
-    h, b1 = plant.h_parts[1], plant.g1_parts[0][:, :, 0]
-    quadratic = p @ a + a.T @ p + h.T @ h + gain.T @ problem.r2 @ gain + p @ b1 @ b1.T @ p / gamma**2
-    return np.linalg.eigh(-root.T @ quadratic @ root)[1]
-
-
-def _refuse_moved(statement: Certificate, problem: GeneralisedPlant) -> None:
-    """Refuse an equilibrium at the goal that moves with the parameters, but for a linear law and in states in which
-    the plant is linear: those of functions and products must be held at the goal by an integrator."""
-    if not _moves(statement, problem):
-        return
-    linear = all(sum(powers) == 1 for law in statement.law for powers, _ in law)
-    bent = {i for f in statement.functions for i, slope in enumerate(f.slope) if slope}
-    bent |= {
-        i
-        for row in statement.drift
-        for term in row
-        if sum(term.powers) + (term.function is not None) > 1
-        for i, power in enumerate(term.powers)
-        if power
-    }
-    bent |= {
-        i
-        for entry in (*statement.g1, *statement.g2)
-        for terms in entry
-        for term in terms
-        for i, power in enumerate(term.powers)
-        if power
-    }
-    bent |= {
-        i
-        for row in statement.penalty
-        for powers, _ in row
-        if sum(powers) > 1
-        for i, power in enumerate(powers)
-        if power
-    }
-    held = {
-        row[0].powers.index(1)
-        for row, inputs in zip(statement.drift, statement.g2)
-        if len(row) == 1 and row[0].function is None and sum(row[0].powers) == 1 and not any(inputs)
-    }
-    if not linear or bent - held:
-        raise InvalidInput(
-            "The equilibrium at the goal moves with the parameters, and the law is not linear, or the plant is not "
-            "linear in what moves.",
-            f"expected no moving equilibrium, or a law of degree 1 and integrators that hold {sorted(bent)}, got "
-            f"a law of degree {max(sum(powers) for law in statement.law for powers, _ in law)}",
-            "degree=2, whose law is linear, or a goal at which no torque is held",
-        )
-
-
-def _moves(statement: Certificate, problem: GeneralisedPlant) -> bool:
-    """Whether some parameters give rates at the nominal equilibrium."""
-    table = problem.plant.parameters
-    flat, nominal = flat_names(table), table.vector()
-    point, u = np.asarray(problem.operating_point), np.asarray(problem.operating_input)
-    rng, d = np.random.default_rng(0), np.zeros(len(problem.disturbance_names))
-    varying = [p for p in statement.parameters if p.low < p.high]
-    corners = [{p.name: end} for p in varying for end in (p.low, p.high)]
-    corners += [{p.name: (p.low, p.high)[rng.integers(2)] for p in varying} for _ in range(16)]
-    for corner in corners:
-        there = nominal.copy()
-        for name, value in corner.items():
-            there[flat.index(name)] = value
-        rates = np.asarray(problem.flow(point, u, d, table.named(there)), dtype=float)
-        if np.abs(rates).max() > _MOVED * max(1.0, float(np.abs(nominal).max())):
-            return True
-    return False

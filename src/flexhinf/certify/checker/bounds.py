@@ -23,8 +23,7 @@ import numpy as np
 from flint import arb, arb_series, ctx, fmpq
 
 from flexhinf.certify.checker.residual import offset_of, parameter_corners, residual, rounded, series_of
-from flexhinf.certify.claim import Claim
-from flexhinf.certify.terms import Function
+from flexhinf.certify.claim import Claim, Function
 
 #: Largest relative error of one rounded operation.
 UNIT = 2.0**-53

@@ -22,8 +22,7 @@ from flexhinf.certify.checker.residual import (
     positive_definite,
     rounded,
 )
-from flexhinf.certify.claim import Claim
-from flexhinf.certify.terms import Observer, Term, Terms
+from flexhinf.certify.claim import Claim, Observer, Term, Terms
 
 _MOST_CORNERS = 12  # binary logarithm of the corners of a box of slopes
 

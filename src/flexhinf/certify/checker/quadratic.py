@@ -29,8 +29,7 @@ from flexhinf.certify.checker.residual import (
     row_of,
     series_of,
 )
-from flexhinf.certify.claim import Claim
-from flexhinf.certify.terms import Function
+from flexhinf.certify.claim import Claim, Function
 
 _MOST_CORNERS = 2**15
 _MOST_FAILED = 64  # corners that are kept

@@ -11,8 +11,7 @@ from typing import Any
 import numpy as np
 from flint import Ordering, arb, arb_series, fmpq, fmpq_mat, fmpq_mpoly_ctx
 
-from flexhinf.certify.claim import Claim
-from flexhinf.certify.terms import Function, Polynomial, Terms
+from flexhinf.certify.claim import Claim, Function, Polynomial, Terms
 
 #: A product of powers of parameters: (name, exponent) pairs.
 Exponents = tuple[tuple[str, int], ...]

@@ -16,7 +16,7 @@ from flint import arb, arb_series, fmpq
 
 from flexhinf.certify.checker.bounds import Bounds, Proof
 from flexhinf.certify.checker.residual import Refusal, as_rational, offset_of, series_of
-from flexhinf.certify.terms import Function
+from flexhinf.certify.claim import Function
 
 _ORDER = 5  # of the Taylor polynomials of S: not that of the first route
 _PIECES = 32  # in which a bound of a derivative is looked for

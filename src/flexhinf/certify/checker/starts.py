@@ -28,8 +28,7 @@ from flexhinf.certify.checker.residual import (
     row_of,
     series_of,
 )
-from flexhinf.certify.claim import Claim
-from flexhinf.certify.terms import Start
+from flexhinf.certify.claim import Claim, Start
 
 BITS = 128
 _HALVINGS = 40  # of the amplitude, before an interval is refused
