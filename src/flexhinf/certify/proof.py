@@ -8,7 +8,7 @@ this robot's input is the one that held it: both are terms in a and in the robot
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -33,6 +33,12 @@ _DIRECTIONS = 20_000  # rays that are followed to see how far the region extends
 _BELOW = (0.999, 0.995, 0.98, 0.95, 0.9, 0.8)  # shares of the level that failed, tried in turn
 _ROOM = 1.1  # reach over the largest radius that was seen
 _LARGER = 1.6  # reach over the one that was too small
+_POINTS = 400  # of a path at which V is looked at, to see how far it stays inside
+_BOX_ROOM = 1.002  # level over the largest V on a path that is to be inside
+_INSIDE = 1 - 1e-3  # V on a path stays below this share of the level, so that the check is quick
+_FINE = 1.05  # ratio of levels at which the search for the largest one ends
+_MOST_LEVELS = 1e6  # the largest level over the one that a step needs
+_FARTHEST = 63.0  # |ℓᵀx| of a function: the checker looks as far as 64
 
 
 class NotProved(NumericalFailure):
@@ -57,25 +63,20 @@ class NotProved(NumericalFailure):
         self.point, self.reason = point, reason
 
     @classmethod
-    def at(cls, level: float, outcome: Outcome, point: np.ndarray | None) -> NotProved:
-        """What a search up to `level` ended with, at a deviation."""
-        where = "" if point is None else f" at x = {np.array2string(point, precision=6)}"
+    def at(cls, statement: Certificate, outcome: Outcome) -> NotProved:
+        """How a search up to the statement's level ended."""
+        point, where = None, ""
+        if outcome.point is not None:
+            point = np.array(statement.coordinates) @ outcome.point
+            where = f" at x = {np.array2string(point, precision=6)}"
         return cls(
-            f"The level V <= {level:.8g} is not proved.",
+            f"The level V <= {statement.level:.8g} is not proved.",
             f"{outcome.reason}{where}, where V = {outcome.value:.8g} and r/|z|^2 = {outcome.residual:.3g}, "
             f"after {outcome.cells} cells",
             "a smaller level, a larger gamma, or a smaller penalty",
             point=point,
             reason=outcome.reason,
         )
-
-
-@dataclass(frozen=True, eq=False)
-class _Extent:
-    """How far a region goes: the largest |z_j|, and the largest |ℓ| of each function."""
-
-    reach: float
-    forms: np.ndarray
 
 
 def certify(
@@ -96,29 +97,28 @@ def certify(
     if observer is not None:
         check_bandwidth(solution, observer)
     statement = statement_of(solution, gamma, penalty, decay=decay, about=about)
-    if level is not None:
-        proved, outcome = _proved(solution, replace(statement, level=float(level)), threads, progress)
-        if not outcome.proved:
-            raise NotProved.at(level, outcome, _in_state(statement, outcome))
-        return proved if observer is None else observed(solution, proved, observer)
-    check = sample_region(solution, gamma, penalty)
-    if check is None or not 0 < check.level < np.inf:
-        raise InvalidInput(
-            "There is no level to prove.",
-            "expected a level found by sampled_region, got "
-            + ("no definite margin" if check is None else f"{check.level:g} ({check.limit})"),
-            "a level, or a weaker pair: checked_margin says where the margin is lost",
-        )
-    tried = check.level
-    for share in _BELOW:
+    tried, shares, sampled = level, (1.0,), None
+    if tried is None:
+        check = sample_region(solution, gamma, penalty)
+        if check is None or not 0 < check.level < np.inf:
+            raise InvalidInput(
+                "There is no level to prove.",
+                "expected a level found by sampled_region, got "
+                + ("no definite margin" if check is None else f"{check.level:g} ({check.limit})"),
+                "a level, or a weaker pair: checked_margin says where the margin is lost",
+            )
+        tried, shares, sampled = check.level, _BELOW, check.level
+    for share in shares:
         tried *= share
-        proved, outcome = _proved(solution, replace(statement, level=tried), threads, progress)
+        found, outcome = prove(replace(statement, level=float(tried)), threads=threads, progress=progress)
         if outcome.proved:
-            found = replace(proved, sampled_level=check.level)
+            provenance = {"cells": str(outcome.cells), "method": method_of(outcome)}
+            found = replace(found, starts=starts_of(solution, found), provenance=provenance)
+            found = replace(found.with_proved_starts(), sampled_level=sampled)
             return found if observer is None else observed(solution, found, observer)
-        if outcome.value == outcome.value:
+        if level is None and outcome.value == outcome.value:
             tried = min(tried, outcome.value)
-    raise NotProved.at(tried, outcome, _in_state(statement, outcome))
+    raise NotProved.at(replace(found, level=float(tried)), outcome)
 
 
 def check_decay(decay: float) -> None:
@@ -139,18 +139,6 @@ def check_states(count: int) -> None:
             f"expected at most {MOST_STATES} states, got {count}: cells grow 10 to 23 times with each",
             "solution.sampled_region(), which looks at points and proves nothing",
         )
-
-
-def _proved(
-    solution: ValueFunction, statement: Certificate, threads: int, progress: Progress | None
-) -> tuple[Certificate, Outcome]:
-    """The statement with its reach and its starts, and how the search ended."""
-    found, outcome = prove(statement, threads=threads, progress=progress)
-    if not outcome.proved:
-        return found, outcome
-    provenance = {"cells": str(outcome.cells), "method": method_of(outcome)}
-    complete = replace(found, starts=starts_of(solution, found), provenance=provenance)
-    return complete.with_proved_starts(), outcome
 
 
 def prove(
@@ -185,15 +173,15 @@ def prove(
     if not most_cells:
         return statement, Outcome(False, "no definite quadratic form", None, np.nan, np.nan, 0)
     inequality = inequality_of(statement)
-    extent = _extent(inequality, statement.level)
-    reach = _few_bits(_ROOM * extent.reach)
+    farthest, forms = _extent(inequality, statement.level)
+    reach = _rounded_up(_ROOM * farthest)
     for _ in range(4):
         box = BoxExcess(statement, reach) if any(p.low < p.high for p in statement.parameters) else None
-        bounds = CellBounds(inequality, reach, (1.3 * extent.forms + 0.1).tolist(), box)
+        bounds = CellBounds(inequality, reach, (1.3 * forms + 0.1).tolist(), box)
         outcome = search(bounds, statement.level, threads=threads, progress=progress, most_cells=most_cells)
         if outcome.reason != "not closed":
             break
-        reach = _few_bits(_LARGER * reach)
+        reach = _rounded_up(_LARGER * reach)
     return replace(statement, reach=reach), outcome
 
 
@@ -205,7 +193,7 @@ def wide_statement(statement: Certificate) -> Certificate | None:
         return None
     inverse = np.linalg.inv(quadratic)
     reach = _ROOM * float(np.sqrt(2.0 * statement.level * inverse.diagonal().max()))
-    return replace(statement, reach=_few_bits(reach)) if 0.0 < reach < HUGE else None
+    return replace(statement, reach=_rounded_up(reach)) if 0.0 < reach < HUGE else None
 
 
 def method_of(outcome: Outcome) -> str:
@@ -213,18 +201,15 @@ def method_of(outcome: Outcome) -> str:
     return "branch and bound along rays" if outcome.cells else "a definite quadratic form"
 
 
-def _in_state(statement: Certificate, outcome: Outcome) -> np.ndarray | None:
-    return None if outcome.point is None else np.array(statement.coordinates) @ outcome.point
-
-
-def _few_bits(value: float) -> float:
+def _rounded_up(value: float) -> float:
     """The value rounded up to eight bits, so that its products with dyadic fractions are exact."""
     unit = 2.0 ** (np.floor(np.log2(value)) - 7)
     return float(np.ceil(value / unit) * unit)
 
 
-def _extent(inequality: Inequality, level: float) -> _Extent:
-    """Along random rays, how far {V ≤ level} goes; not a bound, only where to look."""
+def _extent(inequality: Inequality, level: float) -> tuple[float, np.ndarray]:
+    """The largest |z_j| of {V ≤ level} and the largest |ℓ| of each function, along random rays: not bounds, only
+    where to look."""
     n = inequality.states
     rng = np.random.default_rng(0)
     directions = rng.standard_normal((_DIRECTIONS, n))
@@ -244,7 +229,7 @@ def _extent(inequality: Inequality, level: float) -> _Extent:
         radius, value = np.where(alive, further, radius), np.where(alive, following, value)
     forms = np.array([[nearest_double(a) for a in q.form] for q in inequality.quotients]).reshape(-1, n)
     reached = radius + step
-    return _Extent(float(reached.max()), np.abs(directions @ forms.T * reached[:, None]).max(axis=0))
+    return float(reached.max()), np.abs(directions @ forms.T * reached[:, None]).max(axis=0)
 
 
 def _along(inequality: Inequality, directions: np.ndarray) -> np.ndarray:
@@ -261,17 +246,6 @@ def _along(inequality: Inequality, directions: np.ndarray) -> np.ndarray:
                 term *= powers[e][:, i]
         result[:, sum(key)] += term
     return result
-
-
-_POINTS = 400  # of a path at which V is looked at, to see how far it stays inside
-_BOX_ROOM = 1.002  # level over the largest V on a path that is to be inside
-_INSIDE = 1 - 1e-3  # V on a path stays below this share of the level, so that the check is quick
-_FINE = 1.05  # ratio of levels at which the search for the largest one ends
-_MOST_LEVELS = 1e6  # the largest level over the one that a step needs
-_FARTHEST = 63.0  # |ℓᵀx| of a function: the checker looks as far as 64
-_FURTHEST = 3  # how far a path is followed, over the amplitude that its beginning predicts
-_MOVED = 1e-12  # rates at the nominal equilibrium above this, relative to the parameters: it moves
-_ROUNDING = 1e-14  # terms below this, relative to the largest, are what rounding left of a sum that cancels
 
 
 def certify_tolerances(
@@ -316,9 +290,8 @@ def certify_tolerances(
     """
     statement = tolerance_statement(solution, problem, ranges, gamma, scale=scale, p=p, about=about)
     side = 1.0 if step is not None and step < 0.0 else -1.0
-    step = (
-        None if step is None else math.nextafter(abs(step), math.inf)
-    )  # π is no double, and half a turn is inside
+    if step is not None:
+        step = math.nextafter(abs(step), math.inf)  # π is no double, and half a turn is inside
     start = robot_start(statement, side)
     if start is None and step is not None:
         start = tabled_start(solution, statement, step, side)
@@ -329,16 +302,12 @@ def certify_tolerances(
                 f"expected a level, or a step of a plant with an integrator, got level={level!r}, step={step!r}",
                 "level=…, in the units of scale · V",
             )
-        level = (
-            _BOX_ROOM
-            * float(largest_values(statement, start, np.linspace(0.0, step, _POINTS)).max())
-            / _INSIDE
-        )
+        values = largest_values(statement, start, np.linspace(0.0, step, _POINTS))
+        level = _BOX_ROOM * float(values.max()) / _INSIDE
     statement = replace(statement, level=float(level))
     found, outcome = prove(statement, threads=threads, progress=progress, most_cells=most_cells)
     if not outcome.proved:
-        point = None if outcome.point is None else np.array(found.coordinates) @ outcome.point
-        raise NotProved.at(level, outcome, point)
+        raise NotProved.at(found, outcome)
     if step is not None and not outcome.cells:
         found = _largest(found)
     provenance = {"cells": str(outcome.cells), "method": f"{method_of(outcome)}, vertices of the box"}
@@ -354,7 +323,7 @@ def _largest(found: Certificate) -> Certificate:
     t = np.array(found.coordinates)
     inverse = np.linalg.inv(t.T @ quadratic_part(found.value, len(t)) @ t)
     slopes = np.array([f.slope for f in found.functions]).reshape(-1, len(t)) @ t
-    square = 2.0 * found.level * np.einsum("ki,ij,kj->k", slopes, inverse, slopes).max(initial=0.0)
+    square = 2.0 * found.level * float(np.einsum("ki,ij,kj->k", slopes, inverse, slopes).max(initial=0.0))
     most = _MOST_LEVELS if square == 0.0 else min(_MOST_LEVELS, _FARTHEST**2 / square)
     low, high = found, max(most, 1.0)
     factor, proved = high, 1.0
