@@ -36,8 +36,8 @@ from flexhinf.certify.box import parameter_ranges, tolerance_statement
 from flexhinf.certify.box_gain import common_value
 from flexhinf.certify.problem_to_claim import statement_of, terms_of
 from flexhinf.certify.proof import certify_tolerances
+from flexhinf.design.problem.presets import choose
 from flexhinf.design.specification import Specification
-from flexhinf.design.weights.choose import choose
 from flexhinf.hinf.sampled import equilibrium_state, step_amplitude, step_roles
 
 __all__ = ["COMMON", "claim_at", "given_storage", "ours", "solution_of"]

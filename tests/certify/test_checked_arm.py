@@ -12,8 +12,8 @@ import flexhinf as fh
 from flexhinf.certify import Certificate
 from flexhinf.certify.box import parameter_ranges
 from flexhinf.certify.proof import certify_tolerances
+from flexhinf.design.problem.presets import choose
 from flexhinf.design.specification import Specification
-from flexhinf.design.weights.choose import choose
 
 
 @pytest.mark.slow

@@ -31,7 +31,7 @@ from flexhinf.plant.polynomial_plant import PolynomialPlant, Problem
 from flexhinf.polynomial import basis
 from flexhinf.polynomial.algebra import product
 from flexhinf.scalars import trace
-from flexhinf.untrusted import HUGE
+from flexhinf.validation import HUGE
 
 Row = tuple[Term, ...]
 Polynomials = tuple[tuple[tuple[tuple[int, ...], float], ...], ...]
