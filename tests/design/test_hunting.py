@@ -11,7 +11,7 @@ from flexhinf.design import Design, Specification
 from flexhinf.design.hunting import brought_to_rest, rest_run
 from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.requirements import hunting_requirement
-from flexhinf.design.synthesis import synthesise
+from flexhinf.design.synthesis.steps import synthesise
 from flexhinf.errors import InvalidInput
 from flexhinf.loop import JerkLimited
 from flexhinf.pages.design import rest

@@ -29,7 +29,7 @@ from flexhinf.cli.paper import paper
 from flexhinf.cli.run import run_design
 from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.files import recorded
-from flexhinf.untrusted import checked_path, value_text
+from flexhinf.validation import checked_path, value_text
 
 
 def robots() -> None:

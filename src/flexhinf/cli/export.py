@@ -10,7 +10,7 @@ import typer
 
 from flexhinf.cli.messages import Progress, note
 from flexhinf.errors import InvalidInput
-from flexhinf.untrusted import checked_path, value_text
+from flexhinf.validation import checked_path, value_text
 
 if TYPE_CHECKING:
     from flexhinf.loop import Controller

@@ -17,7 +17,7 @@ from flexhinf.design.waypoint_table import WaypointError, WaypointTable
 from flexhinf.errors import InvalidInput
 from flexhinf.robot import Robot
 from flexhinf.robot.kinematics import Reached, pose_at
-from flexhinf.untrusted import value_text, within_proportion
+from flexhinf.validation import value_text, within_proportion
 
 AXES = ("x", "y", "z")
 

@@ -11,8 +11,8 @@ import numpy as np
 from flexhinf.design.responses import Response
 from flexhinf.design.specification import FIELDS, Specification, SpecificationError
 from flexhinf.robot import Robot
-from flexhinf.robot.extras import DRIVES
-from flexhinf.robot.limits import position_ranges
+from flexhinf.robot.elastic import DRIVES
+from flexhinf.robot.kinematics import position_ranges
 from flexhinf.robot.signals import UNITS
 
 #: Who states a limit that no option does.

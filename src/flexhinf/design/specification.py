@@ -47,7 +47,7 @@ from flexhinf.design.units import (
 )
 from flexhinf.design.waypoint_table import Move, WaypointError
 from flexhinf.errors import InvalidInput
-from flexhinf.untrusted import value_text
+from flexhinf.validation import value_text
 
 
 @dataclasses.dataclass(frozen=True)

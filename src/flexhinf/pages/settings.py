@@ -13,7 +13,7 @@ from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.joint_limits import ROBOT
 from flexhinf.design.result import Comparison, Design
 from flexhinf.design.specification import Specification
-from flexhinf.design.synthesis import Synthesis
+from flexhinf.design.synthesis.steps import Synthesis
 from flexhinf.estimation import MODEL_STEP
 from flexhinf.pages.design.weights import effort_unit, state_weights
 from flexhinf.pages.drawing import limit_text, units_of

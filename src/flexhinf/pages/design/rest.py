@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from flexhinf.design.hunting import WIDEST, RestRun
+from flexhinf.design.problem.presets import preset_of
 from flexhinf.design.result import Design
-from flexhinf.design.weights.choose import preset_of
 from flexhinf.loop.simulation.metrics import REST_TAIL, tail_of
 from flexhinf.pages.drawing import (
     figure_block,
@@ -21,7 +21,7 @@ from flexhinf.pages.drawing import (
     units_of,
 )
 from flexhinf.report import Column, Figure, label, legend, new_figure, number
-from flexhinf.robot.extras import DRY
+from flexhinf.robot.elastic import DRY
 
 #: Pieces of the run in the figure: of each the extremes are drawn, so that no vibration is lost.
 PIECES = 400
