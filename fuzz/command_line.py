@@ -11,13 +11,13 @@ import io
 import math
 import os
 import tempfile
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 from unittest import mock
 
 import numpy as np
 
-import flexhinf.design
 import flexhinf.paper
 from flexhinf.cli import main
 from flexhinf.design.specification import FIELDS
@@ -79,7 +79,8 @@ QUICK = (
 
 
 #: What is replaced by a stop.
-WORK = ((flexhinf.design, "design"), (flexhinf.design, "compare"), (flexhinf.paper, "reproduce"))
+DESIGN = import_module("flexhinf.design")
+WORK = ((DESIGN, "design"), (DESIGN, "compare"), (flexhinf.paper, "reproduce"))
 
 
 class _ReachedError(FlexhinfError):
@@ -145,15 +146,16 @@ def _options(rng: np.random.Generator, count: int) -> list[str]:
             "--laws",
             "--tune",
             "--payload",
-            "--goal-xyz",
+            "--pose-xyz",
+            "--goal",
             "--tool",
             "--gamma-ratio",
             "--unknown",
             "--peak-voltage",
             "-x",
         )
-        option = field.options[0].split("/")[0] if rng.random() < 0.93 else others[rng.integers(len(others))]
-        if "/" in field.options[0] and option in field.options[0]:
+        option = field.option.split("/")[0] if rng.random() < 0.93 else others[rng.integers(len(others))]
+        if "/" in field.option and option in field.option:
             found.append(option)
             continue
         value = field.about.example if rng.random() < 0.7 else VALUES[rng.integers(len(VALUES))]
@@ -167,11 +169,7 @@ def _outcome(words: list[str], whole: bool) -> tuple[int | None, str, str]:
     stops = contextlib.ExitStack()
     with stops, contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
         if not whole:
-            for module, name in (
-                (flexhinf.design, "design"),
-                (flexhinf.design, "compare"),
-                (flexhinf.paper, "reproduce"),
-            ):
+            for module, name in WORK:
                 stops.enter_context(mock.patch.object(module, name, _stop))
         try:
             code = main(words)

@@ -88,7 +88,7 @@ def test_the_mode_says_what_is_shared() -> None:
 
 def test_a_design_that_diverges_gives_nothing_to_share() -> None:
     lost = replace(OWN, peak_input=math.inf)
-    with pytest.raises(InvalidInput, match="--from-pose"):
+    with pytest.raises(InvalidInput, match="--start"):
         made(own=lost)
     assert value(made(own=lost, peak_input=(60.0, "--peak-voltage")), "peak_input") == 60.0
 

@@ -44,7 +44,7 @@ from flexhinf.baselines.equilibrium_law import (
 from flexhinf.baselines.linear_quadratic import INTEGRAL_RATE
 from flexhinf.errors import InvalidInput
 from flexhinf.plant import GeneralisedPlant
-from flexhinf.untrusted import real_array
+from flexhinf.validation import real_array
 
 #: What the fixed number of turns leaves of ḡ, relative to the weight.
 LEFT = 1e-6

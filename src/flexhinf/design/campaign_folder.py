@@ -22,7 +22,7 @@ from flexhinf.errors import InvalidInput
 from flexhinf.files import locked, write_file
 from flexhinf.loop import Controller, load_controller
 from flexhinf.report import unchanged
-from flexhinf.untrusted import checked_path, read_toml
+from flexhinf.validation import checked_path, read_toml
 
 #: Folder of the design file and the controller inside a campaign's, and their names.
 SETUP, CONTROLLER = "setup", "controller"

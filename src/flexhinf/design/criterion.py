@@ -341,7 +341,7 @@ def criterion_for(
         raise InvalidInput(
             f"There is no {mode} that the laws could share.",
             "expected one in the specification, or a design whose step does not diverge and whose loop is stable",
-            "--tune none, a start nearer to the goal (--from-pose), or another design",
+            "--tune none, a start nearer to the goal (--start), or another design",
         )
     linear = (
         *wider("peak_sensitivity", "peak sensitivity", ""),

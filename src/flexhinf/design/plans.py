@@ -19,7 +19,7 @@ from flexhinf.errors import InvalidInput
 from flexhinf.loop import JerkLimited, Moving, Waypoints
 from flexhinf.plant import Law
 from flexhinf.robot import Robot, check_reference
-from flexhinf.robot.limits import position_ranges
+from flexhinf.robot.kinematics import position_ranges
 
 #: Time of a quintic times the bandwidth: then it keeps the limits below.
 QUINTIC_TIME = 4.7

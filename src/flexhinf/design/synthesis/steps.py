@@ -41,7 +41,7 @@ from flexhinf.hinf import HJISolution, solve_hji
 from flexhinf.loop import Schedule
 from flexhinf.plant import GeneralisedPlant, Law, Penalty
 from flexhinf.robot import Robot
-from flexhinf.robot.limits import check_holding
+from flexhinf.robot.kinematics import check_holding
 from flexhinf.robot.plausibility import check_delay, check_fast
 
 Progress = Callable[[str], None]
