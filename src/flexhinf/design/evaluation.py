@@ -85,6 +85,11 @@ class LawEvaluation:
             vars(same)["step"] = step
         return same
 
+    def compute(self, *names: str) -> None:
+        """Compute these attributes now, where they would else be computed when they are first read."""
+        for name in names:
+            getattr(self, name)
+
     @property
     def _runs(self) -> Scenario:
         assert self.scenario is not None, "an evaluation without a scenario has no runs"

@@ -105,12 +105,13 @@ def design(robot: Robot, specification: Specification, progress: Progress | None
     progress("compile the closed loop, and run the step")
     scenario, step = _scenario(linear, synthesis, _duration(setup, modes), sample_count)
     evaluation = linear.in_scenario(scenario, step)
-    evaluation.margins  # noqa: B018  (before there is a second thread: filters of warnings are the whole process's)
+    evaluation.compute(
+        "margins"
+    )  # before there is a second thread: filters of warnings are the whole process's
     with ThreadPoolExecutor(1) as beside:  # runs are compiled code, which lets the other thread go on
         rigid = beside.submit(_runs, evaluation, synthesis)
         progress("corners of the tolerances, while load, move and sampled robots are run")
-        evaluation.corners  # noqa: B018
-        evaluation.frequency_response  # noqa: B018
+        evaluation.compute("corners", "frequency_response")
         progress("the worst disturbance, and the dissipation budget of the step")
         worth = attenuation(setup, synthesis, scenario.step_duration)
         mujoco = _on_mujoco(setup, scenario, progress) if s.mujoco else None
@@ -132,10 +133,7 @@ def design(robot: Robot, specification: Specification, progress: Progress | None
 
 def _runs(evaluation: LawEvaluation, synthesis: Synthesis) -> RigidComparison | None:
     """The runs that a design shows beside its step, and the rigid design on the same robot, where it is asked for."""
-    evaluation.load_response  # noqa: B018
-    evaluation.ring_down  # noqa: B018
-    evaluation.move  # noqa: B018
-    evaluation.step_samples  # noqa: B018
+    evaluation.compute("load_response", "ring_down", "move", "step_samples")
     return _rigid(evaluation, synthesis) if evaluation.setup.specification.compare_rigid else None
 
 
@@ -382,11 +380,11 @@ def _row(kind: LawKind, tuned: TunedLaw | str, progress: Progress) -> ComparedLa
         return ComparedLaw(kind, failure=failure)
     progress(f"{kind.name}: step, load and move")
     evaluation = tuned.evaluation
-    evaluation.worst  # noqa: B018
+    evaluation.compute("worst")
     assert evaluation.scenario is not None
     if evaluation.scenario.robots:
         progress(f"{kind.name}: {len(evaluation.scenario.robots)} robots within their tolerances")
-    evaluation.metrics  # noqa: B018
+    evaluation.compute("metrics")
     judged = _law_requirements(evaluation)
     return ComparedLaw(kind, tuned, (*judged.margins, *judged.step, *judged.robots))
 

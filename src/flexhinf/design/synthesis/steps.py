@@ -18,7 +18,6 @@ from flexhinf.design.plans import stated_move
 from flexhinf.design.problem.channels import tolerance_channels
 from flexhinf.design.problem.presets import (
     DesignProblem,
-    choose,
     preset_of,
     required_damping,
 )
@@ -35,6 +34,7 @@ from flexhinf.design.synthesis.degrees import (
 )
 from flexhinf.design.synthesis.effort_limit import problem_within_effort
 from flexhinf.design.synthesis.noise import NoiseSearch, search_noise
+from flexhinf.design.synthesis.task import Task
 from flexhinf.design.synthesis.whole_loop import Search, WholeLoopSearch, at_pose, search_whole_loop
 from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.hinf import HJISolution, solve_hji
@@ -132,31 +132,8 @@ def _levels(noise: NoiseSearch | None) -> EstimatorNoise | None:
     return None if noise is None else noise.chosen.levels
 
 
-@dataclass(frozen=True, eq=False)
-class _Steps:
-    """The steps of one synthesis.
-
-    Attributes
-    ----------
-    goal, start : (n,)
-        Link positions of the step, rad or m.
-    progress : callable
-        Called with what comes next.
-    """
-
-    robot: Robot
-    s: Specification
-    goal: np.ndarray
-    start: np.ndarray
-    progress: Progress
-
-    def setup(self, law: Law, noise: NoiseSearch | None = None) -> LoopSetup:
-        """The loop of a law."""
-        return LoopSetup(self.robot, self.s, law, self.goal, self.start, estimator_noise=_levels(noise))
-
-    def choose(self, near: DesignProblem | None = None, **changes: Any) -> DesignProblem:
-        """The problem of the specification with changes."""
-        return choose(self.robot, self.goal, self.start, replace(self.s, **changes), near=near)
+class _Steps(Task):
+    """The steps of one synthesis."""
 
     def synthesis(self) -> Synthesis:
         """The law about the goal, or a schedule with the poses that are stated."""
@@ -188,7 +165,7 @@ class _Steps:
         if not limits.limits_effort:
             return ""
         self.progress("the step on the running loop")
-        setup = self.setup(law.solution, self.noise_search(law.design_problem))
+        setup = self.setup(law.solution, _levels(self.noise_search(law.design_problem)))
         peak = setup.step(LENGTH / float(np.min(law.bandwidth))).peak_input
         if peak <= (1.0 + TOLERANCE) * limits.effort[0]:
             return ""
@@ -205,7 +182,9 @@ class _Steps:
         solved = list(solve_degrees(problem.problem, tried_degrees(states, s), problem.gamma, self.progress))
         if len(solved) > 1:
             self.progress("the degree of V: the step with each")
-        chosen, choices = choose_degree(self.setup(solved[0].solution, noise), problem.nominal, solved)
+        chosen, choices = choose_degree(
+            self.setup(solved[0].solution, _levels(noise)), problem.nominal, solved
+        )
         rays, place, regions = rays_of(states, s), choices.index(chosen), list(choices)
         if rays:
             gamma, penalty = s.checked_gamma_ratio * problem.gamma_star, checked_penalty(s, problem)
@@ -234,9 +213,7 @@ class _Steps:
     def searched_problem(self) -> tuple[DesignProblem, NoiseSearch | None]:
         """The problem within the limits of the running loop and of the joints, and the noise levels for it."""
         problem, noise = self.affordable(self.choose())
-        slower = problem_within_effort(
-            self.robot, self.goal, self.start, self.s, problem, _levels(noise), self.progress
-        )
+        slower = problem_within_effort(self, problem, _levels(noise))
         return (problem, noise) if slower is problem else (slower, self.noise_search(slower))
 
     def robust_problem(self) -> tuple[DesignProblem, NoiseSearch | None, WholeLoopSearch]:
@@ -248,8 +225,8 @@ class _Steps:
         self.progress("channels of the tolerances")
         covered = self.choose(bandwidth=damped.target.bandwidth.tolist(), damping=damped.target.damping)
         degree = plain.degrees(damped, noise)[0].degree
-        search = Search(self.robot, self.goal, self.start, self.s, damped, covered, _levels(noise), degree)
-        problem, levels, whole = search_whole_loop(search, self.progress)
+        search = Search(self, damped, covered, _levels(noise), degree)
+        problem, levels, whole = search_whole_loop(search)
         if noise is None or levels is None or not whole.better:
             return problem, noise, whole
         damping = required_damping(self.s, damped.target)
@@ -293,7 +270,7 @@ class _Steps:
 
     def linear_setup(self, problem: DesignProblem) -> LoopSetup:
         """The loop of the problem's linear law."""
-        return self.setup(solve_hji(problem.problem, problem.gamma, 2))
+        return self.solved(problem.problem, problem.gamma, 2)
 
     def noise_search(self, problem: DesignProblem) -> NoiseSearch | None:
         """Noise levels of the estimator for the problem's linear law; None where they are stated."""

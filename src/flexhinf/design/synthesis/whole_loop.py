@@ -21,7 +21,6 @@ The preset `robust`: the weights and noise levels that `flexhinf.design.synthesi
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -29,7 +28,7 @@ import numpy as np
 
 from flexhinf.analysis import EquilibriumLoop, Margins, ToleranceBox, margins
 from flexhinf.design.estimators import EstimatorNoise
-from flexhinf.design.loop_setup import LoopPlants, LoopSetup
+from flexhinf.design.loop_setup import LoopPlants
 from flexhinf.design.monte_carlo import sampled_runs
 from flexhinf.design.problem.presets import (
     ChannelledProblem,
@@ -38,11 +37,9 @@ from flexhinf.design.problem.presets import (
 )
 from flexhinf.design.problem.weights import Candidate, SearchResult, behaviour_of
 from flexhinf.design.responses import run_length
-from flexhinf.design.specification import Specification
+from flexhinf.design.synthesis.task import Task
 from flexhinf.errors import FlexhinfError
-from flexhinf.hinf import solve_hji
 from flexhinf.plant import GeneralisedPlant
-from flexhinf.robot import Robot
 
 #: Most noise of a motor, over that with the preset damped.
 NOISE = 3.0
@@ -131,10 +128,7 @@ class Search:
 
     def __init__(
         self,
-        robot: Robot,
-        goal: np.ndarray,
-        start: np.ndarray,
-        s: Specification,
+        task: Task,
         damped: DesignProblem,
         covered: DesignProblem,
         levels: EstimatorNoise | None,
@@ -144,11 +138,10 @@ class Search:
         assert damped.target is not None
         assert covered.channels is not None
         assert covered.search is not None
-        self.robot, self.goal, self.start, self.s = robot, goal, start, s
+        self.task, self.noise = task, LoopPlants(task.robot, task.s).noise
         self.damped, self.target, self.first = damped, damped.target, damped.search.chosen
         self.channels, self.covered = covered.channels, covered.search.chosen
         self.levels, self.degree, self.count = levels, degree, 0
-        self.noise = LoopPlants(robot, s).noise
         self.own_candidate = LoopCandidate(damped.problem, damped.gamma, levels)
         states = len(damped.problem.state_names)
         self.most, self.stepping = next((count, few) for most, count, few in CANDIDATES if states <= most)
@@ -157,7 +150,9 @@ class Search:
     @cached_property
     def box(self) -> ToleranceBox:
         """The corners of the tolerances."""
-        return ToleranceBox.of(self.loop(self.own_candidate), self.robot.corner, self.robot.uncertain)
+        return ToleranceBox.of(
+            self.loop(self.own_candidate), self.task.robot.corner, self.task.robot.uncertain
+        )
 
     def edge(self, loop: EquilibriumLoop, which: np.ndarray | None = None) -> tuple[float, int]:
         """Factor of the tolerances at which one of some corners (all by default) is unstable, and which."""
@@ -182,25 +177,21 @@ class Search:
         """Of what the channels can cover, of x (5,)."""
         return float(np.clip(x[4], LEAST_FRACTION, 1.0))
 
-    def setup(self, made: LoopCandidate, degree: int) -> LoopSetup:
-        """The loop of a candidate's law."""
-        law = solve_hji(made.problem, made.gamma, degree)
-        return LoopSetup(self.robot, self.s, law, self.goal, self.start, estimator_noise=made.levels)
-
     def loop(self, made: LoopCandidate) -> EquilibriumLoop:
         """The linear loop at the goal."""
-        return self.setup(made, 2).equilibrium_loop(estimated=self.s.estimator != "none")
+        setup = self.task.solved(made.problem, made.gamma, 2, made.levels)
+        return setup.equilibrium_loop(estimated=self.task.s.estimator != "none")
 
     def stepped(self, made: LoopCandidate, which: np.ndarray) -> tuple[np.ndarray, float]:
         """Overshoot (N,) of the step at corners, and the largest share of a limit that a step used."""
-        setup, population = self.setup(made, self.degree), self.box.population
+        setup = self.task.solved(made.problem, made.gamma, self.degree, made.levels)
         duration = self.duration + setup.command_time
         limits = setup.limits
         nominal = setup.step(duration)
         if nominal.diverged_at is not None:
             return np.full(len(which), np.inf), np.inf
         parts = nominal.run.settings["sub_steps"]
-        runs = sampled_runs(setup, [population.values[k] for k in which], duration, parts)
+        runs = sampled_runs(setup, [self.box.population.values[k] for k in which], duration, parts)
         shares = [runs.inputs / limits.peak, runs.speeds / limits.speed]
         return runs.overshoot, float(
             np.max([np.where(np.isfinite(share), share, 0.0).max() for share in shares])
@@ -292,7 +283,7 @@ class Search:
 
     def missed(self, found: Margins) -> float:
         """Sum of ln(figure/limit) of the linear conditions that are missed, and missed by more than with `damped`."""
-        own, s = self.own.margins, self.s
+        own, s = self.own.margins, self.task.s
         damping = required_damping(s, self.target)
         noises = self.noises(found) / (NOISE * np.maximum(self.own.noises, 1e-300))
         bandwidth = np.minimum(self.target.bandwidth, np.nan_to_num(own.bandwidth))
@@ -374,11 +365,11 @@ class WholeLoopSearch:
 
 
 def search_whole_loop(
-    search: Search, progress: Callable[[str], None] = lambda text: None
+    search: Search,
 ) -> tuple[DesignProblem, EstimatorNoise | None, WholeLoopSearch]:
     """The problem of the preset robust, its noise levels, and how they were found."""
     best, judged, point = search.run()
-    progress(f"weights and noise levels for the tolerances: {search.count} loops tried")
+    search.task.progress(f"weights and noise levels for the tolerances: {search.count} loops tried")
     factors = dict(zip(("frequency", "damping", "links", "motors"), np.exp(point[:4]).tolist()))
     outcome = WholeLoopSearch(
         search.own, judged, **factors, fraction=search.fraction(point), count=search.count,
