@@ -16,7 +16,7 @@ from flexhinf.analysis import EquilibriumLoop
 from flexhinf.design.estimators import (
     KINDS,
     EstimatorNoise,
-    estimator_for,
+    check_detectable,
     initial_covariance,
     noise_variances,
     sensor_steps,
@@ -127,6 +127,46 @@ class LoopPlants:
         s = self.specification
         return None if s.estimator == "none" else np.sqrt(noise_variances(self.model, s.measurement_noise))
 
+    def estimator_at(
+        self,
+        at: np.ndarray,
+        goal: np.ndarray,
+        noise: EstimatorNoise,
+        running: bool = False,
+        linear: bool = False,
+    ) -> Any:
+        """The estimator, its initial mean the robot in equilibrium at a pose (n,); None for "none".
+
+        Parameters
+        ----------
+        at, goal : (n,)
+            The sensors must show every mode at the goal that does not decay.
+        noise : EstimatorNoise
+            Levels of R^v.
+        running : bool
+            As it runs, with the `estimator_model`; otherwise with `model`.
+        linear : bool
+            With the linearisation at the goal: a linear Kalman filter.
+
+        Raises `NotDetectable` if the sensors do not show a mode that does not decay, with the state it is in.
+        """
+        s, model = self.specification, self.model
+        if s.estimator == "none":
+            return None
+        equilibrium = self.robot.operating_point(goal)
+        a, _, _, c = model.linearise(*equilibrium)
+        process, measurement = noise.covariance(model.states), noise_variances(model, s.measurement_noise)
+        kind, options = s.estimator, {}
+        if linear:
+            kind, model = "ekf", linear_plant(model, *equilibrium)
+        else:
+            check_detectable(model, (a, c))
+            model = self.estimator_model if running else model
+            options = {"about": equilibrium[0]} if kind == "observer" else {}
+        covariance = initial_covariance((a, c), s.period, process, measurement)
+        mean = self.robot.operating_point(at)[0]
+        return KINDS[kind](model, s.period, process, measurement, mean=mean, covariance=covariance, **options)
+
 
 @dataclass(frozen=True, eq=False)
 class LoopSetup(LoopPlants):
@@ -189,26 +229,8 @@ class LoopSetup(LoopPlants):
         return self.robot.operating_point(self.goal)
 
     def estimator(self, at: np.ndarray, running: bool = False) -> Any:
-        """The estimator, its initial mean the robot in equilibrium at a pose (n,); None for "none".
-
-        Parameters
-        ----------
-        at : (n,)
-        running : bool
-            As it runs, with the `estimator_model`; otherwise as linear figures have it, with `model`.
-        """
-        s, equilibrium = self.specification, self.goal_equilibrium
-        mean = self.robot.operating_point(at)[0]
-        process = self.process_noise.covariance(self.model.states)
-        measurement = noise_variances(self.model, s.measurement_noise)
-        if self.linear_model and s.estimator != "none":
-            covariance = initial_covariance(self.model, equilibrium, s.period, process, measurement)
-            model = linear_plant(self.model, *equilibrium)
-            return KINDS["ekf"](model, s.period, process, measurement, mean=mean, covariance=covariance)
-        model = self.estimator_model if running else self.model
-        return estimator_for(
-            s.estimator, self.model, equilibrium, mean, s.period, process, measurement, model
-        )
+        """The estimator, see `LoopPlants.estimator_at`; linear metrics have the one that is not `running`."""
+        return self.estimator_at(at, self.goal, self.process_noise, running, self.linear_model)
 
     def controller(self, at: np.ndarray, moving: bool = False, start: str | None = None) -> Controller:
         """A controller for a run that begins at a pose.

@@ -11,9 +11,9 @@ import numpy as np
 
 from flexhinf.design.along_move import AlongMove, Least, scheduled
 from flexhinf.design.design_file import check_stated_units
-from flexhinf.design.estimators import EstimatorNoise, estimator_for, noise_variances, sensor_steps
+from flexhinf.design.estimators import EstimatorNoise, sensor_steps
 from flexhinf.design.joint_limits import ROBOT, JointLimits, integral_dead_zone, joint_limits
-from flexhinf.design.loop_setup import LoopSetup
+from flexhinf.design.loop_setup import LoopPlants, LoopSetup
 from flexhinf.design.plans import stated_move
 from flexhinf.design.problem.channels import tolerance_channels
 from flexhinf.design.problem.presets import (
@@ -307,11 +307,7 @@ def _refuse_early(robot: Robot, s: Specification, goal: np.ndarray, start: np.nd
             "another `start` or `pose`",
         )
     robot.plant(s.measured, extras=s.extras)
-    model = robot.plant(s.measured)
-    estimator_for(
-        s.estimator, model, robot.operating_point(goal), robot.operating_point(start)[0], s.period,
-        EstimatorNoise.stated(s).covariance(model.states), noise_variances(model, s.measurement_noise),
-    )  # fmt: skip
+    LoopPlants(robot, s).estimator_at(start, goal, EstimatorNoise.stated(s))
     sensor_steps(robot, s)
     _check_dead_zone(robot, s, np.abs(goal - start))
     limits = joint_limits(robot, s)
