@@ -35,6 +35,8 @@ class Column:
         For `Table.of`: the entry of a record, and the factor that brings it to `unit`.
     brief : str or None
         Header in a terminal where it differs; None for a column that is only on pages.
+    right : bool
+        Whether texts are right-aligned too.
     """
 
     name: str
@@ -44,6 +46,7 @@ class Column:
     key: str = ""
     scale: float = 1.0
     brief: str | None = ""
+    right: bool = False
 
     @property
     def heading(self) -> str:
@@ -113,7 +116,7 @@ class Table(Block):
 
     def records(self) -> list[dict[str, object]]:
         """Rows by the names of their columns."""
-        names = [column.name for column in self._columns]
+        names = [column.name for column in self.heads]
         return [dict(zip(names, row)) for row in self.rows if not isinstance(row, str)]
 
     def ids(self) -> tuple[str, ...]:
@@ -121,14 +124,15 @@ class Table(Block):
         return (self.id,) if self.id else ()
 
     @cached_property
-    def _columns(self) -> list[Column]:
+    def heads(self) -> list[Column]:
+        """The columns."""
         return [Column(column) if isinstance(column, str) else column for column in self.columns]
 
     @cached_property
     def _written(self) -> list[tuple[bool, list[str]]]:
-        """Of each column whether it holds numbers, and its texts."""
+        """Of each column whether it is right-aligned, and its texts."""
         found = []
-        for index, column in enumerate(self._columns):
+        for index, column in enumerate(self.heads):
             cells = [row[index] for row in self.rows if not isinstance(row, str)]
             values = [cell.value if isinstance(cell, Cell) else cell for cell in cells]
             known = [value for value in values if value is not None]
@@ -138,7 +142,7 @@ class Table(Block):
             else:
                 decimals = _decimals(known) if numeric and column.decimals is None else column.decimals
                 texts = [scalar(value, decimals) for value in values]
-            found.append((numeric, texts))
+            found.append((numeric or column.right, texts))
         return found
 
     def _lines(self) -> Iterable[str | list[tuple[str, str]]]:
@@ -155,14 +159,14 @@ class Table(Block):
         css = [' class="number"' if numeric else "" for numeric, _ in self._written]
         head = "".join(
             f'<th scope="col"{mark}>{prose(column.name)}{unit_html(column.unit)}</th>'
-            for column, mark in zip(self._columns, css)
+            for column, mark in zip(self.heads, css)
         )
         labels = [""] * len(css)
         if self.stacks:  # what a stacked row repeats before each cell but its first
-            names = [f"{column.name} {column.unit}".strip() for column in self._columns[1:]]
+            names = [f"{column.name} {column.unit}".strip() for column in self.heads[1:]]
             labels[1:] = [f' data-label="{escape(name)}"' for name in names]
         body = "".join(
-            f'<tr><th scope="rowgroup" colspan="{len(css)}">{prose(line)}</th></tr>'
+            f'<tr><th scope="rowgroup" colspan="{len(css)}"><strong>{prose(line)}</strong></th></tr>'
             if isinstance(line, str)
             else f"<tr>{''.join(_cell(mark, label, *cell) for mark, label, cell in zip(css, labels, line))}</tr>"
             for line in self._lines()
@@ -192,19 +196,21 @@ class Table(Block):
 
         title = self.title or self.caption
         table = Terminal(
-            title=Text(title, "table.title"), title_justify="left", box=SIMPLE_HEAD, pad_edge=False,
+            title=Text(title, "table.title"), title_justify="left", box=SIMPLE_HEAD, pad_edge=False, show_edge=not wide,
             padding=(0, 1, 0, 0), min_width=min(WIDTH, max(map(len, title.split("\n")))),
         )  # fmt: skip
-        there = [k for k, column in enumerate(self._columns) if column.brief is not None]
+        indent = " " if any(isinstance(row, str) for row in self.rows) else ""
+        there = [k for k, column in enumerate(self.heads) if column.brief is not None]
         for k in there:
             right = self._written[k][0]
-            heading = Text(self._columns[k].heading)
+            heading = Text(self.heads[k].heading)
             table.add_column(heading, justify="right" if right else "left", no_wrap=wide or right)
         for line in self._lines():
             if isinstance(line, str):
                 table.add_row(Text(line, "bold"))
             else:
                 cells = [line[k] for k in there]
+                cells[0] = (indent + cells[0][0], cells[0][1])
                 table.add_row(*(Text(f"{t}*") if m == "best" else Text(t, m) for t, m in cells))
         return table
 
