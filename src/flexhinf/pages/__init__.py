@@ -14,19 +14,17 @@ from flexhinf.pages.campaign_text import (
     worst_text,
 )
 from flexhinf.pages.certificate_page import certificate_page
-from flexhinf.pages.comparison import comparison_notes, comparison_page
-from flexhinf.pages.deployed_run import run_met, run_notes, run_tables, run_verdict
+from flexhinf.pages.comparison import comparison_notes, comparison_page, comparison_verdict
 from flexhinf.pages.design.laws import comparison_tables
 from flexhinf.pages.files import comparison_files, design_files, write_comparison, write_design
-from flexhinf.pages.film import check_film, write_film
 from flexhinf.pages.page import design_page, notes, verdict
+from flexhinf.pages.run import check_film, run_met, run_notes, run_tables, run_verdict, write_film
 from flexhinf.pages.text import (
     certification_notes,
     certification_tables,
     design_tables,
     robots_table,
 )
-from flexhinf.pages.verdict import comparison_verdict
 
 __all__ = [
     "campaign_page", "campaign_verdict", "certificate_page", "certification_notes", "certification_tables",
