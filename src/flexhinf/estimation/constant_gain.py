@@ -237,12 +237,7 @@ def check_detectable(drift: np.ndarray, measured: np.ndarray, states: Sequence[s
 
 
 def check_decay(error: np.ndarray) -> None:
-    """Refuse (1 − L H) Φ, (n, n), if an error stays: what the gain is when there is no noise to learn from.
-
-    Raises
-    ------
-    InvalidInput
-    """
+    """Refuse (1 − L H) Φ, (n, n), if an error stays: what the gain is when there is no noise to learn from."""
     radius = float(np.abs(np.linalg.eigvals(error)).max())
     if radius >= 1.0 - UNDAMPED:
         raise InvalidInput(

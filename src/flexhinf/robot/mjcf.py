@@ -166,7 +166,7 @@ def _kept(root: Element, file: str) -> Element:
         if len(stated) > 1 or not whole:
             raise _refusal(
                 file,
-                f"the inertia of the body {value_text(element.get('name', ''), 60)} is incomplete, or stands there twice",
+                f"the inertia of the body {value_text(element.get('name', ''), 60)} is incomplete or stands twice",
                 f"expected one <inertial> with pos, mass, and diaginertia or fullinertia, got {len(stated)} with "
                 f"{value_text(sorted(keys), 120)}",
                 '<inertial pos="0 0 0" mass="1" diaginertia="0.01 0.01 0.01"/>',

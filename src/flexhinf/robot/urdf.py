@@ -46,14 +46,7 @@ NUMBER = re.compile(r"[+-]?(?:[0-9]++\.?[0-9]*+|\.[0-9]++)(?:[eE][+-]?[0-9]++)?"
 
 
 def check_element(file: str, name: str, element: Element) -> None:
-    """Refuse what could be read in two ways in the link or the joint `name`, and what is probably misspelt.
-
-    Raises
-    ------
-    InvalidInput
-        For an element that stands twice, one whose name is almost one that is read, and attributes that are missing
-        or are none of that element.
-    """
+    """Refuse what could be read in two ways in the link or the joint `name`, and what is probably misspelt."""
     once, where = ONCE[element.tag], "<inertial> of" if element.tag == "inertial" else f"the {element.tag}"
     for tag in once:
         count = len(element.findall(tag))
@@ -474,13 +467,7 @@ def locked_joints(
 
 
 def check_lock(file: str, name: str, limits: tuple[float, float] | None, value: float) -> None:
-    """Refuse a joint that is locked outside its limits, rad or m.
-
-    Raises
-    ------
-    InvalidInput
-        With the limits and the value.
-    """
+    """Refuse a joint that is locked outside its limits, rad or m."""
     if limits is not None and not limits[0] <= value <= limits[1]:
         raise InvalidInput(
             f"{file}: the joint {name!r} is locked outside its limits.",
@@ -490,14 +477,7 @@ def check_lock(file: str, name: str, limits: tuple[float, float] | None, value: 
 
 
 def check_selection(joints: Any, locked: Any) -> None:
-    """Refuse what does not say which joints move, and where the others stand.
-
-    Raises
-    ------
-    InvalidInput
-        Unless `joints` is None or a sequence of distinct names, and `locked` None or a mapping of names to finite
-        numbers.
-    """
+    """Refuse what does not say which joints move, and where the others stand."""
     names = joints is None or (
         isinstance(joints, Sequence)
         and not isinstance(joints, (str, bytes))
