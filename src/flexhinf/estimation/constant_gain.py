@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -20,9 +20,6 @@ from flexhinf.estimation.filter import RecursiveFilter
 from flexhinf.plant import Estimator
 from flexhinf.scalars import jacobian
 from flexhinf.validation import real_array, value_text
-
-if TYPE_CHECKING:
-    from flexhinf.estimation.filter import RecursiveFilter
 
 
 class ConstantGainBelief(NamedTuple):

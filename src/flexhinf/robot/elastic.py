@@ -236,7 +236,7 @@ def reflected(
         name = per_joint(quantity, joint, len(joints))
         return values[name] if default is None else values.get(name, default)
 
-    dry = _dry(values)
+    dry = any(name.startswith(("coulomb_friction", "static_friction")) for name in values)
     packed: dict[str, list[float]] = {"stiffness": [], "motor_inertia": [], "friction": []}
     packed |= {quantity: [] for quantity in CONSTANTS[drive]}
     packed |= {
@@ -275,10 +275,6 @@ def torque_per_input(drive: str, p: Any) -> Any:
     if drive == "torque":
         return 1.0
     return p.torque_constant / p.resistance if drive == "voltage" else p.torque_constant
-
-
-def _dry(values: Mapping[str, float]) -> bool:
-    return any(name.startswith(("coulomb_friction", "static_friction")) for name in values)
 
 
 @dataclass(frozen=True)

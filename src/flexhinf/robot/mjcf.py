@@ -381,7 +381,7 @@ def _placement(file: str, position: np.ndarray, quaternion: np.ndarray) -> Place
     w, *axis = quaternion.tolist()
     place = Placement(translation=tuple(position.tolist()))
     angle = 2.0 * float(np.arctan2(np.linalg.norm(axis), w))
-    return place if angle == 0.0 else place.then(moved("revolute", (axis[0], axis[1], axis[2]), angle))
+    return place if angle == 0.0 else place.then(moved("revolute", axis, angle))
 
 
 def _effort(model: Any, joint: int) -> float:
