@@ -150,8 +150,11 @@ def _axes(
 
 
 def _refuse_moved(statement: Certificate, problem: GeneralisedPlant) -> None:
-    """Refuse an equilibrium at the goal that moves with the parameters, but for a linear law and in states in which
-    the plant is linear: those of functions and products must be held at the goal by an integrator."""
+    """Raise unless each robot of the box has the law and the rates of this statement about its own equilibrium.
+
+    That is so where the equilibrium at the goal does not move with the parameters; otherwise the law must be linear,
+    and so must the plant in all states that move: those of functions and products are held by an integrator.
+    """
     if not _moves(statement, problem):
         return
     linear = all(sum(powers) == 1 for law in statement.law for powers, _ in law)
@@ -182,7 +185,7 @@ def _refuse_moved(statement: Certificate, problem: GeneralisedPlant) -> None:
 
 
 def _moves(statement: Certificate, problem: GeneralisedPlant) -> bool:
-    """Whether some parameters give rates at the nominal equilibrium."""
+    """Whether the nominal equilibrium has rates that are not zero at some parameters of the box."""
     table = problem.plant.parameters
     flat, nominal = flat_names(table), table.vector()
     point, u = np.asarray(problem.operating_point), np.asarray(problem.operating_input)
@@ -222,7 +225,7 @@ def parameter_groups(certificate: Certificate) -> list[dict[str, int]]:
 
 @dataclass(frozen=True, eq=False)
 class _Products:
-    """Q_q = (an entry of V_x) · (a form) · (a quotient S_j or 1), with the columns of C, (vertices, products)."""
+    """The products Q_q = (an entry of V_x) · (a form) · (a quotient S_j or 1), and C (vertices, products)."""
 
     changes: np.ndarray
     first: np.ndarray
@@ -350,7 +353,7 @@ class _Changes(Algebra):
         self._corners = list(itertools.product((0, 1), repeat=len(groups)))
 
     def value(self, term: Term) -> tuple[list[fmpq], fmpq]:
-        """coefficient · Π p^e of a term at all vertices and at the middle."""
+        """Values of coefficient · Π p^e of a term at all vertices and at the middle."""
         constant, used = rational(term.coefficient), []
         for name, power in term.parameters:
             if name in self._group:
@@ -379,7 +382,7 @@ class _Changes(Algebra):
         return self._number((term.powers, term.function), part)
 
     def products(self) -> _Products:
-        """Of V_x (f + g2 k) and of ½ |g1ᵀV_xᵀ|²/γ²."""
+        """Changes of V_x (f + g2 k) and of ½ |g1ᵀV_xᵀ|²/γ² at all vertices."""
         found: dict[tuple[int, int, int], list[fmpq]] = {}
 
         def add(key: tuple[int, int, int], changes: list[fmpq]) -> None:
@@ -410,7 +413,7 @@ class _Changes(Algebra):
         )
 
     def squares(self, add: Callable[[tuple[int, int, int], list[fmpq]], None]) -> None:
-        """½ |g1ᵀV_xᵀ|²/γ², where g1 depends on parameters."""
+        """Add the changes of ½ |g1ᵀV_xᵀ|²/γ² where g1 depends on parameters."""
         factor = 1 / (2 * rational(self.certificate.gamma) ** 2)
         for column in zip(*self.certificate.g1):
             entries = [[(term, *self.value(term)) for term in entry] for entry in column]
@@ -431,7 +434,7 @@ class _Changes(Algebra):
 
     @staticmethod
     def refuse_powers(term: Term) -> None:
-        """Refuse an entry of g1 or g2 that depends on the state, where parameters meet it."""
+        """Raise where an entry of g1 or g2 depends both on the state and on an uncertain parameter."""
         if any(term.powers):
             raise InvalidInput(
                 "The box of parameters cannot be searched for this plant.",

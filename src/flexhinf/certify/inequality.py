@@ -196,7 +196,7 @@ def is_symmetric(inequality: Inequality) -> bool:
 
 
 def by_parity(terms: Rational, even: bool) -> tuple[Rational, Rational]:
-    """The terms of even (or odd) degree, and the others."""
+    """The terms of even (or odd) degree, and all others."""
     kept = {key: value for key, value in terms.items() if (sum(key) % 2 == 0) == even}
     return kept, {key: value for key, value in terms.items() if key not in kept}
 
@@ -280,7 +280,7 @@ class QuotientTable:
 
 
 def _beyond(table: np.ndarray, reach: np.ndarray) -> np.ndarray:
-    """The bound out to `reach` on one side; the first piece for a reach of the other sign."""
+    """Bounds of the derivative out to `reach` on one side of 0; the first one where `reach` is on the other side."""
     place = np.maximum(np.ceil(reach / _PIECE).astype(np.int64) - 1, 0)
     return np.where(place < len(table), table[np.minimum(place, len(table) - 1)], np.inf)
 
@@ -375,7 +375,7 @@ class MeanForms:
         self._tables = [self._face(polynomials, f, s) for f in range(n) for s in (1, -1)]
 
     def _parents(self) -> list[tuple[slice, np.ndarray, np.ndarray]]:
-        """Of all monomials of each degree after the first: one of a degree less, and the variable between them."""
+        """For each degree the monomials, one monomial of a degree less for each, and the variable between the two."""
         total = self.rows.sum(1)
         levels = []
         for degree in range(1, int(total.max()) + 1):
