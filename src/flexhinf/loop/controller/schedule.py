@@ -39,7 +39,7 @@ FLAT = 1e-9
 ROUNDING = 1e-14
 
 
-def fade_time(fade: Any, mode: Mode) -> float:
+def blend_time(fade: Any, mode: Mode) -> float:
     """The time constant of the bias, s.
 
     Raises
@@ -61,7 +61,7 @@ def inverse_slope(slope: np.ndarray) -> np.ndarray:
     return np.linalg.pinv(slope, rcond=FLAT)
 
 
-def continued(
+def bumpless_transfer(
     run: Any,
     law: Callable[[Any], Any],
     taken: Any,
@@ -151,7 +151,7 @@ def _joined(
     point: Any,
     decay: Any,
 ) -> tuple[Any, Any, Any, Any]:
-    """What was found where a law takes over, else what was; see `continued`."""
+    """What was found where a law takes over, else what was; see `bumpless_transfer`."""
     new = taken[0] > 0.5
     integral = where(new, errors, deviation[n:]) + point[n:]
     bias = where(new, misfit, decay * bias)

@@ -17,7 +17,7 @@ import numpy as np
 
 from flexhinf.codegen import DIRECT, Block, Composer
 from flexhinf.loop.controller.options import Mode, Source
-from flexhinf.loop.controller.schedule import chosen, continued
+from flexhinf.loop.controller.schedule import bumpless_transfer, chosen
 from flexhinf.plant import Estimator, Law
 from flexhinf.polynomial import basis
 from flexhinf.polynomial.law import PolynomialLaw
@@ -212,7 +212,7 @@ def controller_step(
     after = {"position": position, "reference": requested, "command": r, "active": active}
     if mode.takes_over:
         wanted = run.call(_difference, memory.u, rest)
-        feedback, growth, integral, after["bias"] = continued(
+        feedback, growth, integral, after["bias"] = bumpless_transfer(
             run, law_of, taken, deviation, feedback, wanted, inverse, growth, memory.bias, point, data.decay
         )
     rates = (memory.u, data.period, data.input_rate) if mode.limits_input_rate else ()

@@ -13,7 +13,6 @@ import numpy as np
 
 from flexhinf.errors import InvalidInput
 from flexhinf.loop.controller.controller import Controller
-from flexhinf.loop.controller.running import stepped
 from flexhinf.loop.signals.references import signal_name
 from flexhinf.loop.signals.sampling import (
     by_name,
@@ -74,7 +73,7 @@ def loop_to_control(
         return x[states] if states else np.ravel(np.asarray(plant.traced_output(x, idle, p), dtype=float))
 
     def update(t: float, state: Any, v: Any, params: Any) -> np.ndarray:
-        u, after = stepped(controller, measured(state[:n]), v[:commanded], state[n:])
+        u, after = controller.evaluate(measured(state[:n]), v[:commanded], state[n:])
         x = np.asarray(state[:n], dtype=float)
 
         def flow(x: Any, d: Any) -> np.ndarray:
@@ -86,7 +85,7 @@ def loop_to_control(
 
     def output(t: float, state: Any, v: Any, params: Any) -> np.ndarray:
         y = measured(state[:n])
-        return np.concatenate([y, stepped(controller, y, v[:commanded], state[n:])[0]])
+        return np.concatenate([y, controller.evaluate(y, v[:commanded], state[n:])[0]])
 
     return package.nlsys(
         update,
