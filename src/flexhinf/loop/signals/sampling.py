@@ -12,9 +12,8 @@ import numpy as np
 
 from flexhinf.codegen.noise import normal_numbers
 from flexhinf.errors import InvalidInput
-from flexhinf.loop.signals.jerk_limited import JerkLimited
+from flexhinf.loop.signals.motions import JerkLimited, Spline
 from flexhinf.loop.signals.references import Constant, Moving, Quintic, Samples, Sine, Step
-from flexhinf.loop.signals.waypoints import Spline
 from flexhinf.plant import BlackBox, Plant
 from flexhinf.untrusted import real_array, value_text
 

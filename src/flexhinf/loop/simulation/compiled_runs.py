@@ -17,7 +17,7 @@ from flexhinf.errors import InvalidInput
 from flexhinf.loop.controller.controller import Controller
 from flexhinf.loop.controller.options import positive
 from flexhinf.loop.shared import share
-from flexhinf.loop.signals.jerk_limited import JerkLimited
+from flexhinf.loop.signals.motions import JerkLimited
 from flexhinf.loop.signals.references import Constant, Quintic, Sine, Step
 from flexhinf.loop.simulation.program import Channel, LoopSizes, loop_program
 from flexhinf.loop.simulation.trajectory import STARTED, Trajectory
