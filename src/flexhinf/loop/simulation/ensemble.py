@@ -38,7 +38,7 @@ from flexhinf.loop.simulation.metrics import (
     common_reductions,
     tracking_reductions,
 )
-from flexhinf.loop.simulation.program import Channel, EnsembleOptions, ensemble_program, reduction_program
+from flexhinf.loop.simulation.program import Channel, EnsembleOptions, loop_program, reduction_program
 from flexhinf.loop.simulation.trajectory import Trajectory
 from flexhinf.plant import Plant
 from flexhinf.untrusted import value_text
@@ -310,7 +310,7 @@ class Ensemble:
 
         def build() -> Kernel:
             model = (self.plant, self.controller, code.sizes, self.channel)
-            return compile_program(ensemble_program(*model, self.reductions, options), lanes)
+            return compile_program(loop_program(*model, options, self.reductions), lanes)
 
         updates = tuple(one.code_key for one in self.reductions)
         return share((*code.key, "ensemble", options, updates, lanes), build)
