@@ -10,8 +10,7 @@ from flexhinf.loop.signals.motions import JerkLimited, Spline, Waypoints
 from flexhinf.loop.signals.references import Constant, Moving, Quintic, Samples, Signal, Sine, Step
 from flexhinf.loop.simulation.closed_loop import Loop
 from flexhinf.loop.simulation.compiled_runs import PreparedRun
-from flexhinf.loop.simulation.ensemble import Ensemble
-from flexhinf.loop.simulation.ensemble_plants import EnsembleResult
+from flexhinf.loop.simulation.ensemble import Ensemble, EnsembleResult
 from flexhinf.loop.simulation.metrics import (
     Instant,
     Reduction,

@@ -11,7 +11,7 @@ traced and compiled like a model: NumPy code on any element, choices by `flexhin
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
@@ -339,6 +339,73 @@ class Reduction:
     def code_key(self) -> Hashable:
         """What distinguishes the compiled code."""
         return (self.update if self.key is None else self.key), len(self.start)
+
+
+@dataclass(frozen=True, eq=False)
+class EnsembleResult:
+    """Numbers of N runs.
+
+    Attributes
+    ----------
+    codes : (N,) array of int
+        0 for a run that came to its end; `CONTROL_FAILED` or `PLANT_FAILED` of `flexhinf.loop.simulation.program`
+        where the controller's or the plant's numbers are no longer finite.
+    diverged_at : (N,) array
+        The time of the last sample of a run that diverged, s; NaN for the others.
+    sub_steps : (N,) array of int
+        Runge–Kutta steps per period.
+    judged : tuple of str
+        Tracked states, see `Controller.judged`.
+    by_state : mapping of str to mapping of str to array
+        For each of them its metrics, (N,).
+    common : mapping of str to array
+        Metrics of the whole run, (N,) or (N, j).
+    kept : (N, T, k) array
+        Signals that are kept, at the instants of the ensemble; NaN after a run diverged.
+    """
+
+    codes: np.ndarray
+    diverged_at: np.ndarray
+    sub_steps: np.ndarray
+    judged: tuple[str, ...]
+    by_state: Mapping[str, Mapping[str, np.ndarray]]
+    common: Mapping[str, np.ndarray]
+    kept: np.ndarray
+
+    @property
+    def completed(self) -> np.ndarray:
+        """Which runs came to their end, (N,) of bool."""
+        return self.codes == 0
+
+    def metrics(self, name: str | None = None) -> dict[str, np.ndarray]:
+        """Metrics (N,) of the first (or the named) tracked state, by the names of `Trajectory.metrics`.
+
+        Where `Trajectory.metrics` has None they are NaN: for a command that is no step, and for runs that diverged. A
+        settling time or a rise time is infinite where the run is not settled, or has not risen, at its end.
+        `estimation_rmse` is (N, j), one column per estimated state whose true value is known.
+
+        Raises
+        ------
+        InvalidInput
+            If this state is not tracked.
+        """
+        if name is None and self.judged:
+            name = self.judged[0]
+        if name is not None and name not in self.by_state:
+            raise InvalidInput(
+                f"{name!r} is not tracked.", f"expected one of {list(self.judged)}", "one of these names"
+            )
+        return {**(self.by_state[name] if name is not None else {}), **self.common}
+
+    def metrics_of(self, k: int, name: str | None = None) -> dict[str, Any]:
+        """Those of the k-th run, with None as in `Trajectory.metrics`."""
+        row = {key: values[k].tolist() for key, values in self.metrics(name).items()}
+        if not self.completed[k]:
+            return dict.fromkeys(row)
+        return {
+            key: value if isinstance(value, list) or np.isfinite(value) else None
+            for key, value in row.items()
+        }
 
 
 def update_all(reductions: Sequence[Reduction], remembered: Any, now: Instant) -> Any:
