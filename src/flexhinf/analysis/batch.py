@@ -4,8 +4,6 @@ Derivatives are taken column by column: a tangent costs a few times the function
 arguments, and the columns of a row run side by side in vector lanes. A whole Jacobian as one trace, some hundred
 thousand operations for a step of a seven-link arm, is never formed.
 
-`Dual` carries values of many rows together with their derivatives by common variables: the chain rule.
-
 A law and its slope at many points.
 
 The integrals with which a law holds a goal that is not its operating point.
@@ -14,7 +12,6 @@ The integrals with which a law holds a goal that is not its operating point.
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable
-from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -207,64 +204,6 @@ def solved(matrices: np.ndarray, vectors: np.ndarray) -> np.ndarray:
         if len(matrices) == 1:
             return np.full(vectors.shape, np.nan)
         return np.vstack([solved(matrices[i : i + 1], vectors[i : i + 1]) for i in range(len(matrices))])
-
-
-@dataclass(frozen=True)
-class Dual:
-    """Values and derivatives.
-
-    Attributes
-    ----------
-    value : (N, k) array
-    by : (N, k, w) array
-        Derivatives by w variables.
-    """
-
-    value: np.ndarray
-    by: np.ndarray
-
-    def __add__(self, other: Dual) -> Dual:
-        return Dual(self.value + other.value, self.by + other.by)
-
-    def __sub__(self, other: Dual) -> Dual:
-        return Dual(self.value - other.value, self.by - other.by)
-
-    def __getitem__(self, part: slice) -> Dual:
-        """Some of the entries."""
-        return Dual(self.value[:, part], self.by[:, part])
-
-    def times(self, factor: np.ndarray) -> Dual:
-        """Each row by a number, (N,)."""
-        return Dual(factor[:, None] * self.value, factor[:, None, None] * self.by)
-
-    def moved(self, matrix: np.ndarray) -> Dual:
-        """By a constant matrix (j, k)."""
-        return Dual(self.value @ matrix.T, matrix @ self.by)
-
-    def plus(self, constant: np.ndarray) -> Dual:
-        """With a constant (k,) or (N, k) added."""
-        return Dual(self.value + constant, self.by)
-
-    def through(self, function: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]) -> Dual:
-        """f of it, for an f that gives values (N, j) and slopes (N, j, k)."""
-        value, slope = function(self.value)
-        return Dual(value, slope @ self.by)
-
-
-def variables(*values: np.ndarray, width: int | None = None) -> tuple[Dual, ...]:
-    """The variables themselves: arrays (N, k) that follow each other; derivatives by the first `width` numbers only."""
-    unit = np.eye(sum(value.shape[1] for value in values))[:, :width]
-    start, found = 0, []
-    for value in values:
-        stop = start + value.shape[1]
-        found.append(Dual(value, np.broadcast_to(unit[start:stop], (len(value), *unit[start:stop].shape))))
-        start = stop
-    return tuple(found)
-
-
-def stacked(*parts: Dual) -> Dual:
-    """The entries of all parts in one vector per row."""
-    return Dual(np.hstack([p.value for p in parts]), np.concatenate([p.by for p in parts], axis=1))
 
 
 class LawRows:

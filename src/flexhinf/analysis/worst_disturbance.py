@@ -247,10 +247,7 @@ def _slopes(
     stepped = step.step(memory, y, command, started=started)
 
     def split(by: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        through = by[:, :, s : s + p] @ by_y
-        whole = np.concatenate([through[:, :, :n], by[:, :, :s]], axis=2)
-        whole[:, :, n + place.start : n + place.stop] += through[:, :, n:]
-        return whole, by[:, :, s + p : s + p + c]
+        return equilibrium_loop.by_loop(by, by_y), by[:, :, s + p : s + p + c]
 
     torques = np.zeros((count, len(plant.disturbances)))
     chosen = [tuple(plant.disturbances).index(name) for name in runs.problem.disturbances or ()]
