@@ -27,7 +27,7 @@ from flexhinf.campaign.batches import BATCH, TRACED, Campaign, Rows, run_batch
 from flexhinf.campaign.journal import Journal, disk_refusals, labelled
 from flexhinf.campaign.results import MergedTable, merged
 from flexhinf.errors import FlexhinfError, InvalidInput
-from flexhinf.untrusted import value_text
+from flexhinf.validation import value_text
 
 #: Batches on the way for each thread of the cluster; and how long a scheduler may take to answer, s.
 AHEAD, PATIENCE = 2, 10.0

@@ -25,7 +25,7 @@ from flexhinf.loop import Controller, Loop, Step
 from flexhinf.robot import MuJoCoPlant, Robot
 from flexhinf.robot.parameters import per_joint
 from flexhinf.robot.signals import signal_names
-from flexhinf.untrusted import value_text
+from flexhinf.validation import value_text
 
 #: Length of a run that states none, s: of a step, and of a move in parts of its own time.
 STEP_TIME, MOVE_TIMES = 5.0, 1.5

@@ -12,8 +12,8 @@ from functools import cached_property
 import numpy as np
 
 from flexhinf.design.loop_setup import LoopSetup
+from flexhinf.design.problem.modes import JointScales
 from flexhinf.design.responses import Response, default_load
-from flexhinf.design.weights.design_problem import JointScales
 from flexhinf.loop.simulation.ring_down import FITS, Oscillation, RingDown, ring_down
 
 #: An impulse is this fraction of the default load, times the time in which the joint's vibration goes through one

@@ -11,15 +11,15 @@ import numpy as np
 from flexhinf.design.attenuation import attenuation, searches_disturbance
 from flexhinf.design.carrying import Carried, carried_payloads
 from flexhinf.design.certification import prove_design, with_tolerances
-from flexhinf.design.criterion import MODES, criterion_for, stated_limits, yardstick
-from flexhinf.design.degrees import rays_of, synthesis_stages
+from flexhinf.design.criterion import MODES, criterion_for, reference_metrics, stated_limits
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.hunting import RestRun, brought_to_rest
 from flexhinf.design.joint_limits import joint_limits
 from flexhinf.design.laws import DESIGN, LawFactory, LawKind, law_kind, law_names
 from flexhinf.design.loop_setup import LoopSetup
-from flexhinf.design.modes import closed_loop, modes_of
 from flexhinf.design.plans import plan_move, stated_move
+from flexhinf.design.problem.modes import JointScales, closed_loop, modes_of
+from flexhinf.design.problem.presets import preset_of, required_damping
 from flexhinf.design.requirements import (
     Requirement,
     behaviour_requirements,
@@ -44,10 +44,9 @@ from flexhinf.design.responses import (
 from flexhinf.design.result import ComparedLaw, Comparison, Design, status_of
 from flexhinf.design.rigid import RigidComparison, compare_rigid
 from flexhinf.design.specification import Specification
-from flexhinf.design.synthesis import Synthesis, synthesise
+from flexhinf.design.synthesis.degrees import rays_of, synthesis_stages
+from flexhinf.design.synthesis.steps import Synthesis, synthesise
 from flexhinf.design.tuning import TunedLaw, Tuner
-from flexhinf.design.weights.choose import preset_of, required_damping
-from flexhinf.design.weights.design_problem import JointScales
 from flexhinf.errors import InvalidInput
 from flexhinf.robot import Robot
 from flexhinf.robot.mujoco import check_expressed
@@ -319,7 +318,7 @@ def compare(
     unit = _unit(synthesis)
     criterion = criterion_for(
         tune,
-        yardstick(own),
+        reference_metrics(own),
         scenario.step_duration,
         stated_limits(setup, unit),
         unit,

@@ -17,18 +17,18 @@ import numpy as np
 from flexhinf.design.attenuation import Attenuation
 from flexhinf.design.carrying import Carried
 from flexhinf.design.certification import DesignProof, StepProof, step_proof
-from flexhinf.design.degrees import DegreeChoice, shrinking
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.hunting import RestRun
 from flexhinf.design.loop_setup import LoopSetup
-from flexhinf.design.modes import Mode
+from flexhinf.design.problem.modes import Mode
+from flexhinf.design.problem.presets import DesignProblem
 from flexhinf.design.requirements import RINGS, Requirement, all_met
 from flexhinf.design.responses import Response, Scenario
 from flexhinf.design.rigid import RigidComparison
 from flexhinf.design.specification import TOLERANCE, Specification
-from flexhinf.design.synthesis import Synthesis
-from flexhinf.design.weights.choose import DesignProblem
-from flexhinf.design.weights.estimator_noise import NoiseSearch
+from flexhinf.design.synthesis.degrees import DegreeChoice, shrinking
+from flexhinf.design.synthesis.noise import NoiseSearch
+from flexhinf.design.synthesis.steps import Synthesis
 from flexhinf.hinf import HJISolution
 from flexhinf.loop import Controller
 from flexhinf.notebook import Summarised

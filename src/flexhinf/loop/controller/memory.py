@@ -30,7 +30,7 @@ import numpy as np
 from flexhinf.codegen import Buffer, Copy, Guard, Program, Slice
 from flexhinf.codegen.program import Step
 from flexhinf.errors import InvalidInput, NumericalFailure
-from flexhinf.untrusted import real_array, value_text
+from flexhinf.validation import real_array, value_text
 
 Shape = tuple[int, ...]
 

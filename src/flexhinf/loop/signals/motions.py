@@ -10,7 +10,7 @@ import numpy as np
 
 from flexhinf.errors import InvalidInput
 from flexhinf.loop.signals.references import Quintic, checked_order, checked_samples
-from flexhinf.untrusted import HUGE, real_array, value_text
+from flexhinf.validation import HUGE, real_array, value_text
 
 # Jerk-limited motion [berscheid2021] --------------------------------------------------------------------
 LIMITS = ("velocity", "acceleration", "jerk")

@@ -15,7 +15,7 @@ from flexhinf.errors import InvalidInput
 from flexhinf.loop.signals.motions import JerkLimited, Spline
 from flexhinf.loop.signals.references import Constant, Moving, Quintic, Samples, Sine, Step
 from flexhinf.plant import BlackBox, Plant
-from flexhinf.untrusted import real_array, value_text
+from flexhinf.validation import real_array, value_text
 
 VECTORISED = (Constant, JerkLimited, Moving, Quintic, Samples, Sine, Spline, Step)
 

@@ -36,7 +36,7 @@ from flexhinf.loop.simulation.program import CONTROL_FAILED, PLANT_FAILED, Chann
 from flexhinf.loop.simulation.trajectory import Trajectory
 from flexhinf.notebook import Summarised, names_text
 from flexhinf.plant import BlackBox, Plant, python_control, rk4_step, sub_steps
-from flexhinf.untrusted import value_text
+from flexhinf.validation import value_text
 
 #: How a run ends that was stopped before its last sample.
 STOPPED = -1
