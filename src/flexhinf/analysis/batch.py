@@ -301,7 +301,15 @@ def equilibrium_integrals(law: LawRows, x: np.ndarray, u: np.ndarray) -> np.ndar
     away, wanted = x - point[:n], u - rest
     if not k or (np.array_equal(away, np.zeros(n)) and np.array_equal(wanted, np.zeros(len(u)))):
         return point[n:].copy()
-    found = _scanned(law, away, wanted, point[n:]) if k == len(u) == 1 else _followed(law, away, wanted, k)
+    if k == len(u) == 1:
+        integrals = INTEGRALS - point[n:]
+        points = np.column_stack([np.tile(away, (len(integrals), 1)), integrals])
+        excess = np.sign(law(points)[0][:, 0] - wanted[0])
+        crossings = np.flatnonzero(excess[1:] != excess[:-1])
+        nearest = crossings[[np.argmin(np.abs(INTEGRALS[crossings]))]] if len(crossings) else None
+        found = None if nearest is None else integrals[nearest]
+    else:
+        found = _followed(law, away, wanted, k)
     if found is None:
         raise NumericalFailure(
             "The law does not hold the robot at the goal.",
@@ -309,16 +317,6 @@ def equilibrium_integrals(law: LawRows, x: np.ndarray, u: np.ndarray) -> np.ndar
             "another degree, or a law made for this goal",
         )
     return point[n:] + found
-
-
-def _scanned(law: LawRows, away: np.ndarray, wanted: np.ndarray, offset: np.ndarray) -> np.ndarray | None:
-    integrals = INTEGRALS - offset
-    points = np.column_stack([np.tile(away, (len(integrals), 1)), integrals])
-    excess = np.sign(law(points)[0][:, 0] - wanted[0])
-    crossings = np.flatnonzero(excess[1:] != excess[:-1])
-    if not len(crossings):
-        return None
-    return integrals[[crossings[np.argmin(np.abs(INTEGRALS[crossings]))]]]
 
 
 def _followed(law: LawRows, away: np.ndarray, wanted: np.ndarray, k: int) -> np.ndarray | None:

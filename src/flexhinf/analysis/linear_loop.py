@@ -351,21 +351,13 @@ class LinearLoop:
         n, size = len(self.a), len(parts.a)
         # u and the next memory by (w, v, r, d); a disturbance moves the plant alone.
         u, after = (
-            np.hstack(
-                [
-                    np.zeros((len(block), m)),
-                    block[:, len(self.memory) :],
-                    command,
-                    np.zeros((len(block), self.g.shape[1])),
-                ]
-            )
+            np.pad(np.hstack([block[:, len(self.memory) :], command]), ((0, 0), (m, self.g.shape[1])))
             for block, command in ((self.law, self.commanded_law), (self.memory, self.commanded_memory))
         )
         b = np.zeros((size, u.shape[1]))
         b[:n, m + p + q :], b[n + m :] = self._by_disturbance(), after
-        total = u.copy()
-        total[:, :m] += np.eye(m)
-        c = np.vstack([parts.u, parts.u, np.hstack([self.positions, np.zeros((q, size - n))])])
+        total = u + np.eye(m, u.shape[1])
+        c = np.vstack([parts.u, parts.u, np.pad(self.positions, ((0, 0), (0, size - n)))])
         d = np.vstack([total, u, np.zeros((q, u.shape[1]))])
         return parts.system(b, c, d, parts.u, total)
 

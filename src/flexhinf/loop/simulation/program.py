@@ -32,17 +32,7 @@ WHOLE = 1e-6
 def check_delay(samples: float, period: float, most: int = LONGEST) -> None:
     """Refuse a delay of more samples than a run (or a linear loop, `LONGEST_LINEAR`) can have.
 
-    Parameters
-    ----------
-    samples : float
-        Length of the delay.
-    period : float
-        s.
-
-    Raises
-    ------
-    InvalidInput
-        With the unit that was probably meant.
+    The InvalidInput says the unit that was probably meant.
     """
     if samples <= most * (1.0 + WHOLE):
         return
@@ -72,29 +62,12 @@ class Channel:
 
     @staticmethod
     def of(quantisation: Any, delay: Any, period: float, measured: tuple[str, ...]) -> Channel:
-        """From user's numbers.
-
-        Parameters
-        ----------
-        quantisation : None, float, or (p,) array
-            Step of the measurements.
-        delay : float
-            s; a whole number of periods, at most `LONGEST`.
-        period : float
-            s.
-
-        Raises
-        ------
-        InvalidInput
-            If they do not fit.
-        """
+        """From user's numbers: steps of the measurements (None, one, or (p,)), and the delay, s, a whole number of
+        periods, at most `LONGEST`; what does not fit is refused."""
         steps = np.zeros(0) if quantisation is None else real_array(quantisation)
         late = real_number(delay)
-        if (
-            steps.shape not in ((0,), (), (len(measured),))
-            or not np.all(np.isfinite(steps))
-            or np.any(steps < 0)
-        ):
+        fits = steps.shape in ((0,), (), (len(measured),))
+        if not fits or not np.all(np.isfinite(steps)) or np.any(steps < 0):
             raise InvalidInput(
                 "The quantisation does not fit the measurements.",
                 f"expected one step >= 0 or one for each of {list(measured)}, got {value_text(quantisation)}",
@@ -167,14 +140,8 @@ def measure_function(plant: Plant, controller: Controller, channel: Channel = DI
             return channel.quantised(x[places] + noise)
         return channel.quantised(plant.evaluate_output(x, u, truth[1:]) + noise)
 
-    return trace(
-        measure,
-        plant.n,
-        len(plant.inputs),
-        len(controller.measured),
-        1 + plant.parameters.size,
-        name="measure",
-    )
+    sizes = (plant.n, len(plant.inputs), len(controller.measured), 1 + plant.parameters.size)
+    return trace(measure, *sizes, name="measure")
 
 
 @dataclass(frozen=True)
