@@ -18,7 +18,7 @@ from flexhinf.errors import InvalidInput
 from flexhinf.hinf import smallest_gamma, solve_hji
 from flexhinf.plant import GeneralisedPlant, Law, Penalty
 
-#: The design's own law as `flexhinf design` makes it, by whose figures the criterion divides. It is not tuned for the
+#: The design's own law as `flexhinf design` makes it, by whose metrics the criterion divides. It is not tuned for the
 #: criterion, so it is no side of the comparison: that is the next one.
 DESIGN = "design"
 

@@ -261,8 +261,8 @@ class Tuner:
 
     def _robust_best(self, kind: LawKind, sensors: tuple[str, ...], found: Tuning) -> Candidate:
         """The cheapest candidate that keeps every limit with no more unstable corners than the design: a law is not
-        left out for its corners while a candidate of it stands them. Without one among `LOOKED_AT`, the design's own
-        law where the law is of that kind, else the cheapest."""
+        left out for its corners while a candidate of it keeps them stable. Without one among `LOOKED_AT`, the
+        design's own law where the law is of that kind, else the cheapest."""
         if not found.feasible or not self.own.setup.robot.uncertain:
             return found.best
         allowed = unstable_corners(self.own)
@@ -357,7 +357,6 @@ class Tuner:
         setup = replace(
             own,
             law=law,
-            law_at_goal=own.law_at_goal if law is own.law else None,
             specification=other_sensors(own.robot, own.specification, sensors),
             estimator_noise=replace(noise, source="tuned"),
             linear_model=kind.name == "lqg",
