@@ -59,11 +59,6 @@ class ElasticJoints:
     motor_damping: np.ndarray
     torque_per_input: np.ndarray
 
-    @property
-    def joint_inertia(self) -> np.ndarray:
-        """Inertia that each motor would move if the joints were rigid and the others stood still, M_jj + J_j."""
-        return np.diag(self.link_inertia) + self.motor_inertia
-
 
 def check_joints(plant: Plant) -> int:
     """Number of elastic joints n of a plant with their states, 4n in the order of Eq. (2), and one input each.

@@ -1,7 +1,7 @@
 """The preset `robust`: weights and noise levels for the tolerances, searched on the whole loop with its estimator.
 
 The channels of the tolerances see the law alone: with the true state fed back they bound its gain, and with the
-estimator in the loop they may make it worse. so the final decision uses the closed loop with its estimator. From the
+estimator in the loop they may make it worse. So the final decision uses the closed loop with its estimator. From the
 weights of the preset `damped` with its noise levels, and from those whose channels cover all tolerances, factors are
 searched (the scalings of a μ-synthesis, with the fraction of the tolerances that the channels stand for) on
 
