@@ -16,7 +16,6 @@ from flexhinf.design.problem.modes import Mode
 from flexhinf.design.requirements import Requirement
 from flexhinf.design.responses import Response
 from flexhinf.design.result import ComparedLaw, Comparison, Design
-from flexhinf.design.synthesis.noise import NoiseCandidate, NoiseSearch
 from flexhinf.design.tuning import TradeOff, best_rival, trade_offs
 from flexhinf.pages.design.margins import corner_rows
 from flexhinf.pages.design.moves import along_rows
@@ -32,6 +31,7 @@ from flexhinf.pages.proof import proof_numbers
 def design_numbers(design: Design) -> dict[str, Any]:
     """Of one design."""
     e, status, attained = design.evaluation, design.status, design.attenuation.attained
+    estimator = design.setup.estimator(design.start)
     found = {
         "version": 1,
         "robot": design.robot.name,
@@ -51,9 +51,14 @@ def design_numbers(design: Design) -> dict[str, Any]:
         "input_joints": {row["what"]: row["joint"] for row in input_rows(design)},
         "weights": _weights(design),
         "estimator_noise": _estimator_noise(design),
-        "open_modes": [_mode(m) for m in e.open_modes],
-        "closed_modes": [_mode(m) for m in design.law_modes],
-        "estimator_modes": [_mode(m) for m in e.estimator_modes],
+        **{
+            f"{name}_modes": [_mode(m) for m in modes]
+            for name, modes in (
+                ("open", e.open_modes),
+                ("closed", design.law_modes),
+                ("estimator", e.estimator_modes),
+            )
+        },
         "margins": _margins(e.margins),
         "state_margins": _margins(e.state_margins),
         "frequency_response": _frequency_response(e.frequency_response),
@@ -69,7 +74,7 @@ def design_numbers(design: Design) -> dict[str, Any]:
         "proof": proof_numbers(design),
         **_runs(design),
         "noise_variances": noise_variances(design.problem.plant, design.specification.measurement_noise),
-        "initial_variance": _initial_variance(design),
+        "initial_variance": None if estimator is None else np.diag(estimator.initial.covariance),
     }
     return finite(found)
 
@@ -92,7 +97,7 @@ def comparison_numbers(comparison: Comparison) -> dict[str, Any]:
             "mode": criterion.mode,
             "criterion": criterion.text,
             "limits": [
-                {**_picked(x, "value", figure="metric"), "at_least": x.least, "from": x.origin}
+                {"figure": x.metric, "value": x.value, "at_least": x.least, "from": x.origin}
                 for x in criterion.limits
             ],
         },
@@ -131,11 +136,10 @@ def _mode(m: Mode) -> dict[str, Any]:
 
 
 def _weights(design: Design) -> dict[str, Any]:
-    problem = design.design_problem
-    search, target, r, whole = problem.search, problem.target, problem.robustness, design.synthesis.robust
+    problem, whole = design.design_problem, design.synthesis.robust
+    search, target, r = problem.search, problem.target, problem.robustness
     return {
-        "preset": problem.preset,
-        "source": problem.source,
+        **_picked(problem, "preset", "source"),
         "states": {w.signal: w.value for w in state_weights(design.problem, design.robot.joint_names)},
         "effort": design.problem.r2,
         "wanted": None if target is None else _picked(target, "bandwidth", "damping"),
@@ -144,10 +148,12 @@ def _weights(design: Design) -> dict[str, Any]:
                 **_picked(c, "damping_weights", "target_frequency"),
                 **_picked(c.behaviour, "bandwidth", "damping", "nominal_damping"),
                 "gamma_star": c.design.gamma_star,
-                "used": search is not None and c is search.chosen,
+                "used": c is search.chosen,
             }
-            for c in (() if search is None else search.candidates)
-        ],
+            for c in search.candidates
+        ]
+        if search
+        else [],
         "robust": None if r is None else {**vars(r), "share": r.fraction},
         "whole_loop": whole
         and {
@@ -163,27 +169,26 @@ def _weights(design: Design) -> dict[str, Any]:
 
 
 def _estimator_noise(design: Design) -> dict[str, Any] | None:
-    """R^v in use, and what the search tried; None without an estimator."""
+    """Rᵛ in use; the trade-off of the search, and the levels in use where they are none of it. None without an
+    estimator."""
     if design.specification.estimator == "none":
         return None
-    noise, search = design.setup.process_noise, design.noise_search
-    figures = ("peak_sensitivity", "gain_margin", "damping", "compliance", "input_noise", "noises", "missed")
-    tried = [
-        {
-            **_picked(one.levels, "motor_velocities", "link_velocities"),
-            **_picked(one, *figures, unstable_corners="unstable"),
-            "used": search is not None and is_used(search, one),
-        }
-        for one in (() if search is None else _shown(search))
-    ]
-    levels = _picked(noise, "all_states", "link_velocities", "motor_velocities", "source")
+    search, tried = design.noise_search, []
+    metrics = ("peak_sensitivity", "gain_margin", "damping", "compliance", "input_noise", "noises", "missed")
+    if search is not None:
+        others = [one for one in search.trade_off if not is_used(search, one)]
+        tried = [
+            {
+                **_picked(one.levels, "motor_velocities", "link_velocities"),
+                **_picked(one, *metrics, unstable_corners="unstable"),
+                "used": is_used(search, one),
+            }
+            for one in sorted([*others, search.chosen], key=lambda one: one.input_noise)
+        ]
+    levels = _picked(
+        design.setup.process_noise, "all_states", "link_velocities", "motor_velocities", "source"
+    )
     return {**levels, "count": 0 if search is None else search.count, "tried": tried}
-
-
-def _shown(search: NoiseSearch) -> list[NoiseCandidate]:
-    """The trade-off, and the levels in use where they are none of it."""
-    others = [one for one in search.trade_off if not is_used(search, one)]
-    return sorted([*others, search.chosen], key=lambda one: one.input_noise)
 
 
 def _margins(m: Margins) -> dict[str, Any]:
@@ -209,84 +214,71 @@ def _frequency_response(f: FrequencyResponse) -> dict[str, Any]:
 
 
 def _runs(design: Design) -> dict[str, Any]:
-    e = design.evaluation
-    load, move = e.load_response, e.move
+    e, rest, ring_down = design.evaluation, design.rest, design.evaluation.ring_down
+    duration = design.scenario.step_duration
+    rigid = design.rigid.loops if design.rigid else ()
     return {
-        "step": {
-            **_picked(design, "start", "goal"),
-            "duration_s": design.scenario.step_duration,
-            **_run(e.step, e.step.metrics),
-        },
+        "step": {**_picked(design, "start", "goal"), "duration_s": duration, **_run(e.step)},
         "mujoco": None if design.mujoco is None else design.mujoco.metrics,
         "draws": _samples(e),
         "ring_down": {
-            "damping": e.ring_down.damping,
-            "diverged": e.ring_down.diverged,
-            "fit_error": e.ring_down.found and e.ring_down.found.error,
-            "joints": ring_down_rows(e.ring_down),
+            **_picked(ring_down, "damping", "diverged"),
+            "fit_error": ring_down.found and ring_down.found.error,
+            "joints": ring_down_rows(ring_down),
         },
-        "load": {"at_s": load.at, **_run(load.response, load.metrics)},
-        "move": {"duration_s": move.plan.duration, **_run(move.response, move.metrics)},
-        "payload": [_carried(one) for one in design.carried],
-        "rest": _rest(design),
+        "load": {"at_s": e.load_response.at, **_run(e.load_response.response, e.load_response.metrics)},
+        "move": {"duration_s": e.move.plan.duration, **_run(e.move.response, e.move.metrics)},
+        "payload": [_payload(one) for one in design.carried],
+        "rest": rest
+        and {
+            **_picked(rest, "extras", "limit", "hunts", "dead_zone"),
+            "amplitudes_without_dead_zone": None if rest.without is None else rest.without.amplitudes,
+            "duration_s": float(rest.response.run.time[-1]),
+            "diverged_at_s": rest.response.diverged_at,
+            "joints": rest_rows(rest),
+        },
         "along_move": along_rows(design.synthesis.along),
         "rigid": [
             {
                 **_picked(loop, "side", "stable"),
                 "modes": [_mode(m) for m in loop.modes],
-                **_run(loop.response, loop.response.metrics),
+                **_run(loop.response),
             }
-            for loop in (design.rigid.loops if design.rigid else ())
+            for loop in rigid
         ],
     }
 
 
-def _carried(one: Carried) -> dict[str, Any]:
+def _payload(one: Carried) -> dict[str, Any]:
     """With masses in the true robot that the model does not know."""
     return {
         "masses_kg": dict(one.masses),
-        "step": _run(one.step, one.step.metrics),
-        "gripped": None if one.gripped is None else _run(one.gripped.response, one.gripped.metrics),
+        "step": _run(one.step),
+        "gripped": one.gripped and _run(one.gripped.response, one.gripped.metrics),
         "margins": _margins(one.margins),
-        "weighed_kg": None if one.weighed is None else one.weighed.masses,
-        "hidden_by_friction_kg": None if one.weighed is None else one.weighed.hidden,
+        "weighed_kg": one.weighed and one.weighed.masses,
+        "hidden_by_friction_kg": one.weighed and one.weighed.hidden,
     }
 
 
-def _rest(design: Design) -> dict[str, Any] | None:
-    """The long run with dry friction, by joints; None for a robot that states none."""
-    run = design.rest
-    if run is None:
-        return None
+def _run(response: Response, metrics: Sequence[Mapping[str, Any]] | None = None) -> dict[str, Any]:
     return {
-        "extras": list(run.extras), "limit": run.limit, "hunts": run.hunts, "dead_zone": run.dead_zone,
-        "amplitudes_without_dead_zone": None if run.without is None else run.without.amplitudes,
-        "duration_s": float(run.response.run.time[-1]), "diverged_at_s": run.response.diverged_at,
-        "joints": rest_rows(run),
-    }  # fmt: skip
-
-
-def _run(response: Response, metrics: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    return {"diverged_at_s": response.diverged_at, "joints": metrics}
+        "diverged_at_s": response.diverged_at,
+        "joints": response.metrics if metrics is None else metrics,
+    }
 
 
 def _samples(e: LawEvaluation) -> dict[str, Any] | None:
     samples = e.step_samples
     if samples is None or not len(samples):
         return None
-    drawn = {name: samples.values[k] for name, k in (("worst", samples.worst), ("slowest", samples.slowest))}
     return {
         "count": len(samples),
         **_picked(samples, "diverged", "unsettled", "worst", "slowest"),
         **_picked(samples, overshoot_percent="overshoot", settling_time_s="settling", peak_input="peak"),
-        **{f"{k}_values": {name: np.asarray(v) for name, v in robot.items()} for k, robot in drawn.items()},
+        "worst_values": dict(samples.values[samples.worst]),
+        "slowest_values": dict(samples.values[samples.slowest]),
     }
-
-
-def _initial_variance(design: Design) -> list[float] | None:
-    """Diagonal of P0, one entry for each state of the estimator; None without one."""
-    estimator = design.setup.estimator(design.start)
-    return None if estimator is None else np.diag(estimator.initial.covariance).tolist()
 
 
 def _law(row: ComparedLaw) -> dict[str, Any]:
