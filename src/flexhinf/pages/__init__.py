@@ -18,14 +18,16 @@ from flexhinf.pages.deployed_run import run_met, run_notes, run_tables, run_verd
 from flexhinf.pages.design.laws import comparison_tables
 from flexhinf.pages.files import comparison_files, design_files, write_comparison, write_design
 from flexhinf.pages.film import check_film, write_film
-from flexhinf.pages.page import design_page, notes, verdict
-from flexhinf.pages.pair_page import pair_page, pair_table, pair_verdict, write_pair
-from flexhinf.pages.text import (
+from flexhinf.pages.page import (
     certification_notes,
     certification_tables,
+    design_page,
     design_tables,
+    notes,
     robots_table,
+    verdict,
 )
+from flexhinf.pages.pair_page import pair_page, pair_table, pair_verdict, write_pair
 from flexhinf.pages.verdict import comparison_verdict
 
 __all__ = [

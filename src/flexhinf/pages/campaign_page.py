@@ -32,7 +32,7 @@ from flexhinf.pages.campaign_worst import (
     worst_section,
     worst_verdict,
 )
-from flexhinf.pages.design.monte_carlo import histogram_bins
+from flexhinf.pages.design.step import histogram_bins
 from flexhinf.pages.drawing import DASHED, figure_block, panels
 from flexhinf.report import (
     INK,

@@ -20,7 +20,7 @@ from flexhinf.pages.campaign_worst import (
     replay_command,
     value_text,
 )
-from flexhinf.pages.design.monte_carlo import histogram_bins
+from flexhinf.pages.design.step import histogram_bins
 from flexhinf.pages.drawing import DASHED, figure_block, framed, panels
 from flexhinf.report import (
     INK,

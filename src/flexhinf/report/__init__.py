@@ -17,7 +17,6 @@ from flexhinf.report.blocks import (
     to_json,
     versions,
 )
-from flexhinf.report.claims import Claim, ClaimEvidence, Claims, by_verdict, summary
 from flexhinf.report.figure import (
     GRID,
     INK,
@@ -35,7 +34,17 @@ from flexhinf.report.figure import (
     time_response,
 )
 from flexhinf.report.folder import check, is_report, unchanged, write
-from flexhinf.report.page import KeyNumber, Page, Section, Status
+from flexhinf.report.page import (
+    Claim,
+    ClaimEvidence,
+    Claims,
+    KeyNumber,
+    Page,
+    Section,
+    Status,
+    by_verdict,
+    summary,
+)
 from flexhinf.report.table import Cell, Column, Table
 
 __all__ = [
