@@ -349,7 +349,6 @@ class ArmPicture:
         axes.tick_params(labelsize=8.5)
 
     def _draw_table(self, axes: Axes) -> None:
-        """One row for each joint: link, motor, wind-up, and the input as a bar with its limit."""
         film = self.film
         n = len(film.slides)
         peaks = np.abs(film.inputs).max(axis=0)
@@ -376,7 +375,6 @@ class ArmPicture:
             self.moving += [bar, *texts]
 
     def _place(self, k: int) -> None:
-        """Everything that moves, at sample k."""
         film = self.film
         self.clock.set_text(f"{film.time[k]:6.2f} s")
         self._place_arm(k)

@@ -174,7 +174,6 @@ def title_of(design: Design) -> str:
 
 
 def _intro(design: Design) -> str:
-    """Robot, sensors, true plant and step."""
     robot, s = design.robot, design.specification
     about = f"{robot.description.rstrip('.')}. " if robot.description else ""
     measured = ", ".join(s.measured).replace("_", " ") if s.estimator != "none" else "the true state"
@@ -188,7 +187,6 @@ def _intro(design: Design) -> str:
 
 
 def _headline(design: Design) -> str:
-    """What the nominal loop and the sampled robots do, and what is proved."""
     e = design.evaluation
     parts = [step.step_text(e.step, units_of(e))]
     if not e.margins.stable:
@@ -227,7 +225,6 @@ def _worst(design: Design, metric: str, unit: str, digits: int = 3) -> str:
 
 
 def _key_numbers(design: Design) -> list[KeyNumber]:
-    """The few numbers at the top."""
     e, period = design.evaluation, design.specification.period
     response, m, samples, effort = e.step, e.margins, e.step_samples, units_of(e).effort
     several, settling = len(e.setup.joints) > 1, rounded(response.settling.value)

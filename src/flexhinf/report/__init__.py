@@ -4,7 +4,6 @@ from flexhinf.report.blocks import (
     Block,
     Bullets,
     Figure,
-    FigureRow,
     Listing,
     Note,
     Paragraph,
@@ -49,7 +48,7 @@ from flexhinf.report.table import Cell, Column, Table
 
 __all__ = [
     "GRID", "INK", "MUTED", "SERIES", "WIDTH", "Block", "Bullets", "Cell", "Claim", "ClaimEvidence", "Claims",
-    "Column", "Figure", "FigureRow", "KeyNumber", "Listing", "Note", "Page", "Paragraph", "Provenance", "Section",
+    "Column", "Figure", "KeyNumber", "Listing", "Note", "Page", "Paragraph", "Provenance", "Section",
     "Setting", "Settings", "Status", "Table", "at_least", "at_most", "by_verdict", "check", "figure_to_svg",
     "house_style", "is_report", "label", "legend", "new_figure", "number", "quantile_band", "reference_line",
     "settling_band", "summary", "time_response", "to_json", "unchanged", "versions", "write",

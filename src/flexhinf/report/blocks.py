@@ -331,21 +331,6 @@ class Figure(Block):
         return (self.id,)
 
 
-@dataclass(frozen=True)
-class FigureRow(Block):
-    """Figures that belong together, side by side where the page is wide enough."""
-
-    figures: tuple[Figure, ...]
-
-    def html(self) -> str:
-        """The figures as HTML."""
-        return '<div class="row">' + "".join(figure.html() for figure in self.figures) + "</div>"
-
-    def ids(self) -> tuple[str, ...]:
-        """The anchors of the figures."""
-        return tuple(figure.id for figure in self.figures)
-
-
 # Drawings inside a page ------------------------------------------------------------------------------
 def inline(svg: str, prefix: str, described_by: str = "") -> str:
     """The ``svg`` element for the inside of an HTML page.

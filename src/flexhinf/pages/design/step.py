@@ -164,7 +164,6 @@ def effort_limit(e: LawEvaluation) -> tuple[np.ndarray | None, str]:
 
 
 def _figure(e: LawEvaluation, units: Units) -> Figure:
-    """Distance from the goal, spring torques and inputs of every joint."""
     response, command, s = e.step, e.setup.command, e.setup.specification
     time, goal = response.run.time, response.goal
     planned = None if command is None else units.scale * (command(time) - goal)
@@ -221,7 +220,6 @@ def _table(e: LawEvaluation, units: Units) -> Table:
 
 
 def _mujoco_table(design: Design, theirs: Response) -> Table:
-    """The same controller and noise on MuJoCo's plant, beside ours."""
     units = units_of(design.evaluation)
     rows = [
         {**row, "plant": plant}
@@ -386,7 +384,6 @@ def _draw_text(e: LawEvaluation, samples: MonteCarlo) -> str:
 
 
 def _bands(e: LawEvaluation, samples: MonteCarlo, units: Units) -> list[Figure]:
-    """Link positions of all robots that reached the end; none if there is none."""
     ended = np.flatnonzero(np.isfinite(samples.positions).all(axis=(1, 2)))
     if not len(ended):
         return []
@@ -438,7 +435,6 @@ def _metrics(e: LawEvaluation, samples: MonteCarlo) -> list[tuple[str, str, np.n
 
 
 def _histograms(e: LawEvaluation, samples: MonteCarlo, units: Units) -> list[Figure]:
-    """How overshoot, settling time and peak input spread; none for few robots, or where no run settles."""
     s, peaks = e.setup.specification, e.setup.limits.peak
     metrics = _metrics(e, samples)
     if len(samples) < FEW or not any(np.isfinite(values).any() for _, _, values, _, _ in metrics[:2]):
