@@ -1,4 +1,10 @@
-"""What a box of parameters adds to the dissipation inequality on cells.
+"""A box of parameters: the claim for every robot within its tolerances, and what the box adds to r on cells.
+
+The law is the nominal one, and so is V, of the deviation from each robot's own equilibrium at the goal. Two things of a
+robot are its own: its rates, for which the search takes the whole box, and its equilibrium. Where that moves, to δ from
+the nominal one, the input in deviations x from it is u = k(x + δ) − k(δ); for a linear law this is k(x) again, whatever
+δ is, and where the plant is linear in what moves, its rates are the same too. So with V of degree two the box needs
+nothing else at any goal; for a nonlinear law the goal must be one whose equilibrium stays, such as upright.
 
 r is a sum of monomials of the parameters times functions of the state. In each parameter by itself (or in its inverse,
 whichever occurs) it is convex: f and g2 are affine in it, |g1ᵀV_xᵀ|² is a square. A function that is convex in each
@@ -14,21 +20,37 @@ every vertex by its own value and slopes: the middles are exact, so nothing is l
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from math import comb, prod
+from typing import Any
 
 import numpy as np
-from flint import fmpq, fmpq_mpoly, fmpq_mpoly_ctx
+from flint import fmpq, fmpq_mpoly
 
 from flexhinf.certify.certificate import Certificate
-from flexhinf.certify.enclosures import MeanForms
-from flexhinf.certify.inequality import Rational
-from flexhinf.certify.quotients import quotient_table
-from flexhinf.certify.reading import nearest_double, rational, terms_of
-from flexhinf.certify.terms import Term
+from flexhinf.certify.claim import Polynomial, Term
+from flexhinf.certify.inequality import Algebra, MeanForms, Rational, quotient_table
+from flexhinf.certify.problem_to_claim import (
+    claim_of,
+    few_bits,
+    flat_names,
+    law_polynomials,
+    matrix_rows,
+    nearest_double,
+    plant_terms,
+    rational,
+    terms_of,
+    value_polynomial,
+)
 from flexhinf.errors import InvalidInput
+from flexhinf.hinf.value_function import ValueFunction
+from flexhinf.plant.plant import GeneralisedPlant
+from flexhinf.robot import Robot
 
+Ranges = Mapping[str, tuple[float, float]]
+
+_MOVED = 1e-12  # rates at the nominal equilibrium above this, relative to the parameters: it moves
 #: Relative allowance for the rounding of the last sums: a few hundred operations in doubles.
 _ROUNDING = 1e-12
 
@@ -36,11 +58,157 @@ _ORDER = 3  # of the polynomials that stand for quotients of elementary function
 _MOST_VERTICES = 4096
 
 
+def parameter_ranges(robot: Robot, plant: Any, scale: float = 1.0) -> dict[str, tuple[float, float]]:
+    """Ranges of a plant's parameters over the robot's tolerances, rounded outwards.
+
+    Parameters
+    ----------
+    robot : Robot
+        Each parameter of its plant is monotone in each of its own, so the ends are those of its corners.
+    plant : Plant or GeneralisedPlant
+        Of the robot.
+    scale : float
+        Of all tolerances.
+    """
+    table = plant.parameters
+    names = [parameter.name for parameter in robot.uncertain]
+    rows = [
+        table.replaced(table.known(robot.corner(dict(zip(names, signs))))).vector()
+        for signs in itertools.product((-scale, scale), repeat=len(names))
+    ]
+    low, high = np.min(rows, axis=0), np.max(rows, axis=0)
+    varies = low < high
+    low, high = (
+        np.where(varies, np.nextafter(low, -np.inf), low),
+        np.where(varies, np.nextafter(high, np.inf), high),
+    )
+    return dict(zip(flat_names(table), zip(low.tolist(), high.tolist())))
+
+
+def tolerance_statement(
+    solution: ValueFunction,
+    problem: GeneralisedPlant,
+    ranges: Ranges,
+    gamma: float,
+    *,
+    scale: float = 1.0,
+    p: np.ndarray | None = None,
+    about: str = "",
+) -> Certificate:
+    """The certificate to be proved, at level 1; arguments as `certify_tolerances`."""
+    terms = plant_terms(problem)
+    fixed = [name for name in terms.inside if name in ranges and ranges[name][0] < ranges[name][1]]
+    if fixed:
+        raise InvalidInput(
+            "A parameter stands inside a function of the state.",
+            f"expected parameters that multiply terms, got {', '.join(sorted(fixed))}",
+            "its nominal value, or sampled_region",
+        )
+    box = {q.name: (q.low, q.high) for q in terms.parameters} | dict(ranges)
+    ranged = tuple(replace(q, low=box[q.name][0], high=box[q.name][1]) for q in terms.parameters)
+    root = np.linalg.inv(np.linalg.cholesky(scale * solution.P if p is None else p)).T
+    law = law_polynomials(solution, terms)
+    statement = claim_of(
+        solution,
+        problem,
+        replace(terms, parameters=ranged),
+        about=about or "a state feedback, for all parameters in the box",
+        r2=matrix_rows(problem.r2),
+        value=value_polynomial(solution, scale) if p is None else _quadratic(p),
+        law=law,
+        gamma=float(gamma),
+        level=1.0,
+        coordinates=matrix_rows(few_bits(root @ _axes(law, problem, root, gamma))),
+        reach=1.0,
+    )
+    _refuse_moved(statement, problem)
+    return statement
+
+
+def _quadratic(p: np.ndarray) -> Polynomial:
+    """½ xᵀPx."""
+    n = len(p)
+    return tuple(
+        (tuple(int(k == i) + int(k == j) for k in range(n)), float(p[i, j] / (2.0 if i == j else 1.0)))
+        for i in range(n)
+        for j in range(i, n)
+        if p[i, j]
+    )
+
+
+def _axes(
+    law: tuple[Polynomial, ...], problem: GeneralisedPlant, root: np.ndarray, gamma: float
+) -> np.ndarray:
+    """Rotation (n, n) after which r_2 of the nominal plant is diagonal; P⁻¹ = root rootᵀ."""
+    plant, p = problem.expand(1), np.linalg.inv(root @ root.T)
+    units = [tuple(row) for row in np.eye(len(p), dtype=int).tolist()]
+    gain = np.array([[dict(row).get(unit, 0.0) for unit in units] for row in law])
+    a = plant.f_parts[1] + plant.g2_parts[0][:, :, 0] @ gain
+    h, b1 = plant.h_parts[1], plant.g1_parts[0][:, :, 0]
+    quadratic = p @ a + a.T @ p + h.T @ h + gain.T @ problem.r2 @ gain + p @ b1 @ b1.T @ p / gamma**2
+    return np.linalg.eigh(-root.T @ quadratic @ root)[1]
+
+
+def _refuse_moved(statement: Certificate, problem: GeneralisedPlant) -> None:
+    """Raise unless each robot of the box has the law and the rates of this statement about its own equilibrium.
+
+    That is so where the equilibrium at the goal does not move with the parameters; otherwise the law must be linear,
+    and so must the plant in all states that move: those of functions and products are held by an integrator.
+    """
+    if not _moves(statement, problem):
+        return
+    linear = all(sum(powers) == 1 for law in statement.law for powers, _ in law)
+    bent = {i for f in statement.functions for i, slope in enumerate(f.slope) if slope}
+    nonlinear = [
+        term.powers
+        for row in statement.drift
+        for term in row
+        if sum(term.powers) + (term.function is not None) > 1
+    ]
+    channels = (terms for row in (*statement.g1, *statement.g2) for terms in row)
+    nonlinear += [term.powers for terms in channels for term in terms]
+    nonlinear += [powers for row in statement.penalty for powers, _ in row if sum(powers) > 1]
+    bent |= {i for powers in nonlinear for i, power in enumerate(powers) if power}
+    held = {
+        row[0].powers.index(1)
+        for row, inputs in zip(statement.drift, statement.g2)
+        if len(row) == 1 and row[0].function is None and sum(row[0].powers) == 1 and not any(inputs)
+    }
+    if not linear or bent - held:
+        raise InvalidInput(
+            "The equilibrium at the goal moves with the parameters, and the law is not linear, or the plant is not "
+            "linear in what moves.",
+            f"expected no moving equilibrium, or a law of degree 1 and integrators that hold {sorted(bent)}, got "
+            f"a law of degree {max(sum(powers) for law in statement.law for powers, _ in law)}",
+            "degree=2, whose law is linear, or a goal at which no torque is held",
+        )
+
+
+def _moves(statement: Certificate, problem: GeneralisedPlant) -> bool:
+    """Whether the nominal equilibrium has rates that are not zero at some parameters of the box."""
+    table = problem.plant.parameters
+    flat, nominal = flat_names(table), table.vector()
+    point, u = np.asarray(problem.operating_point), np.asarray(problem.operating_input)
+    rng, d = np.random.default_rng(0), np.zeros(len(problem.disturbance_names))
+    varying = [p for p in statement.parameters if p.low < p.high]
+    corners = [{p.name: end} for p in varying for end in (p.low, p.high)]
+    corners += [{p.name: (p.low, p.high)[rng.integers(2)] for p in varying} for _ in range(16)]
+    for corner in corners:
+        there = nominal.copy()
+        for name, value in corner.items():
+            there[flat.index(name)] = value
+        rates = np.asarray(problem.flow(point, u, d, table.named(there)), dtype=float)
+        if np.abs(rates).max() > _MOVED * max(1.0, float(np.abs(nominal).max())):
+            return True
+    return False
+
+
 def parameter_groups(certificate: Certificate) -> list[dict[str, int]]:
     """Parameters (with their exponents) that occur as one product only, such as m g l: each product is one variable."""
     exponents: dict[str, int] = {}
     where: dict[str, set[int]] = {}
-    for number, term in enumerate(_all_terms(certificate)):
+    rows = (*certificate.drift, *(terms for row in (*certificate.g1, *certificate.g2) for terms in row))
+    for number, term in enumerate(term for terms in rows for term in terms):
         for name, power in term.parameters:
             if power:
                 exponents[name] = power
@@ -55,18 +223,9 @@ def parameter_groups(certificate: Certificate) -> list[dict[str, int]]:
     return list(groups.values())
 
 
-def _all_terms(certificate: Certificate) -> Iterable[Term]:
-    for row in certificate.drift:
-        yield from row
-    for rows in (certificate.g1, certificate.g2):
-        for row in rows:
-            for entry in row:
-                yield from entry
-
-
 @dataclass(frozen=True, eq=False)
 class _Products:
-    """Q_q = (an entry of V_x) · (a form) · (a quotient S_j or 1), with the columns of C, (vertices, products)."""
+    """The products Q_q = (an entry of V_x) · (a form) · (a quotient S_j or 1), and C (vertices, products)."""
 
     changes: np.ndarray
     first: np.ndarray
@@ -89,12 +248,11 @@ class BoxExcess:
     """
 
     def __init__(self, certificate: Certificate, reach: float) -> None:
-        algebra = _Forms(certificate)
-        self.n = algebra.n
-        changes = _Changes(certificate, algebra)
+        changes = _Changes(certificate)
+        self.n = changes.n
         self._products = changes.products()
-        self._mean = MeanForms(self.n, algebra.found)
-        lines = [[nearest_double(a) for a in algebra.linear(f.slope)] for f in certificate.functions]
+        self._mean = MeanForms(self.n, changes.forms)
+        lines = [[nearest_double(a) for a in changes.form(f.slope)] for f in certificate.functions]
         self._lines = np.array(lines).reshape(-1, self.n)
         self._tables = [
             quotient_table(f, reach * float(np.abs(line).sum()) * (1.0 + _ROUNDING) + 0.25, _ORDER)
@@ -160,68 +318,22 @@ class BoxExcess:
         return values, radii
 
 
-class _Forms:
-    """The polynomials in z without constants that are to be enclosed, each once."""
+class _Changes(Algebra):
+    """How the monomials of the parameters change from the middle of the box to its vertices.
+
+    Attributes
+    ----------
+    forms : list of dict of exponents to fmpq
+        The polynomials in z without constants that are to be enclosed, each once.
+    """
 
     def __init__(self, certificate: Certificate) -> None:
-        self.certificate = certificate
-        self.n = n = len(certificate.states)
-        self.x, self.z = (fmpq_mpoly_ctx.get([f"{letter}{i}" for i in range(n)]) for letter in "xz")
-        self._state = [
-            sum((self.z.constant(rational(a)) * z for a, z in zip(row, self.z.gens())), self.z.constant(0))
-            for row in certificate.coordinates
-        ]
-        self.found: list[Rational] = []
+        super().__init__(certificate)
+        self.forms: list[Rational] = []
         self._known: dict[object, int] = {}
-        self._value = self.x.from_dict({powers: rational(v) for powers, v in certificate.value})
-        self._laws = [self.x.from_dict({powers: rational(v) for powers, v in law}) for law in certificate.law]
-
-    def moved(self, polynomial: fmpq_mpoly) -> Rational:
-        """A polynomial in x in coordinates z."""
-        return terms_of(polynomial.compose(*self._state, ctx=self.z))
-
-    def linear(self, slope: Iterable[float]) -> list[fmpq]:
-        """ℓᵀx as a linear form of z."""
-        line = self.x.from_dict(
-            {tuple(int(i == j) for j in range(self.n)): rational(a) for i, a in enumerate(slope) if a}
-        )
-        terms = self.moved(line)
-        return [terms.get(tuple(int(i == j) for j in range(self.n)), fmpq(0)) for i in range(self.n)]
-
-    def form(self, key: object, polynomial: Callable[[], fmpq_mpoly]) -> int:
-        """Its number among those that are enclosed."""
-        if key not in self._known:
-            self._known[key] = len(self.found)
-            self.found.append(self.moved(polynomial()))
-        return self._known[key]
-
-    def slope(self, i: int) -> int:
-        """∂V/∂x_i."""
-        return self.form(("slope", i), lambda: self._value.derivative(i))
-
-    def law(self, j: int) -> int:
-        """k_j."""
-        return self.form(("law", j), lambda: self._laws[j])
-
-    def part(self, powers: tuple[int, ...], function: int | None) -> int:
-        """x^a, or x^a ℓ where a function multiplies it by S(ℓ)."""
-        monomial = self.x.from_dict({powers: fmpq(1)})
-        if function is None:
-            return self.form((powers, None), lambda: monomial)
-        slope = self.certificate.functions[function].slope
-        line = self.x.from_dict(
-            {tuple(int(i == j) for j in range(self.n)): rational(a) for i, a in enumerate(slope) if a}
-        )
-        return self.form((powers, function), lambda: monomial * line)
-
-
-class _Changes:
-    """How the monomials of the parameters change from the middle of the box to its vertices."""
-
-    def __init__(self, certificate: Certificate, forms: _Forms) -> None:
-        self.certificate, self.forms = certificate, forms
+        self._value, self._laws = self.in_x(certificate.value), [*map(self.in_x, certificate.law)]
         ranges = {p.name: (rational(p.low), rational(p.high)) for p in certificate.parameters}
-        middle = {p.name: rational(p.middle) for p in certificate.parameters}
+        middle = self.parameters
         groups = parameter_groups(certificate)
         if 2 ** len(groups) > _MOST_VERTICES:
             raise InvalidInput(
@@ -232,7 +344,7 @@ class _Changes:
         self._group = {
             name: (k, name == next(iter(group))) for k, group in enumerate(groups) for name in group
         }
-        self._values, self._middle, self._constant = [], [], middle
+        self._values, self._middle = [], []
         for group in groups:
             ends = [[ranges[name][side] ** power for side in (0, 1)] for name, power in group.items()]
             every = [prod(chosen, start=fmpq(1)) for chosen in itertools.product(*ends)]
@@ -241,19 +353,36 @@ class _Changes:
         self._corners = list(itertools.product((0, 1), repeat=len(groups)))
 
     def value(self, term: Term) -> tuple[list[fmpq], fmpq]:
-        """coefficient · Π p^e of a term at all vertices and at the middle."""
+        """Values of coefficient · Π p^e of a term at all vertices and at the middle."""
         constant, used = rational(term.coefficient), []
         for name, power in term.parameters:
             if name in self._group:
                 k, first = self._group[name]
                 used += [k] if first else []
             else:
-                constant *= self._constant[name] ** power
+                constant *= self.parameters[name] ** power
         ends = [constant * prod((self._values[k][c[k]] for k in used), start=fmpq(1)) for c in self._corners]
         return ends, constant * prod((self._middle[k] for k in used), start=fmpq(1))
 
+    def _number(self, key: object, polynomial: fmpq_mpoly) -> int:
+        """The place of a polynomial among those that are enclosed."""
+        if key not in self._known:
+            self._known[key] = len(self.forms)
+            self.forms.append(terms_of(self.moved(polynomial)))
+        return self._known[key]
+
+    def _slope(self, i: int) -> int:
+        return self._number(("slope", i), self._value.derivative(i))
+
+    def _part(self, term: Term) -> int:
+        """x^a, or x^a ℓ where a function multiplies it by S(ℓ)."""
+        part = self.x.from_dict({term.powers: fmpq(1)})
+        if term.function is not None:
+            part *= self.line(self.certificate.functions[term.function].slope)
+        return self._number((term.powers, term.function), part)
+
     def products(self) -> _Products:
-        """Of V_x (f + g2 k) and of ½ |g1ᵀV_xᵀ|²/γ²."""
+        """Changes of V_x (f + g2 k) and of ½ |g1ᵀV_xᵀ|²/γ² at all vertices."""
         found: dict[tuple[int, int, int], list[fmpq]] = {}
 
         def add(key: tuple[int, int, int], changes: list[fmpq]) -> None:
@@ -266,36 +395,32 @@ class _Changes:
                 ends, middle = self.value(term)
                 if any(end != middle for end in ends):
                     number = -1 if term.function is None else term.function
-                    key = self.forms.slope(i), self.forms.part(term.powers, term.function), number
-                    add(key, [end - middle for end in ends])
+                    add((self._slope(i), self._part(term), number), [end - middle for end in ends])
         for i, row in enumerate(self.certificate.g2):
             for j, entry in enumerate(row):
                 for term in entry:
                     ends, middle = self.value(term)
                     if any(end != middle for end in ends):
                         self.refuse_powers(term)
-                        add((self.forms.slope(i), self.forms.law(j), -1), [end - middle for end in ends])
+                        key = self._slope(i), self._number(("law", j), self._laws[j]), -1
+                        add(key, [end - middle for end in ends])
         self.squares(add)
         keys = list(found)
         columns = [[nearest_double(c) for c in found[key]] for key in keys]
         count = len(self._corners)
         return _Products(
-            np.array(columns).reshape(-1, count).T,
-            np.array([key[0] for key in keys], dtype=int),
-            np.array([key[1] for key in keys], dtype=int),
-            np.array([key[2] for key in keys], dtype=int),
+            np.array(columns).reshape(-1, count).T, *np.array(keys, dtype=int).reshape(-1, 3).T.copy()
         )
 
     def squares(self, add: Callable[[tuple[int, int, int], list[fmpq]], None]) -> None:
-        """½ |g1ᵀV_xᵀ|²/γ², where g1 depends on parameters."""
+        """Add the changes of ½ |g1ᵀV_xᵀ|²/γ² where g1 depends on parameters."""
         factor = 1 / (2 * rational(self.certificate.gamma) ** 2)
         for column in zip(*self.certificate.g1):
             entries = [[(term, *self.value(term)) for term in entry] for entry in column]
             if all(end == middle for entry in entries for _, ends, middle in entry for end in ends):
                 continue
-            for entry in column:
-                for term in entry:
-                    self.refuse_powers(term)
+            for term in (term for entry in column for term in entry):
+                self.refuse_powers(term)
             at = [
                 [sum((ends[v] for _, ends, _ in entry), fmpq(0)) for v in range(len(self._corners))]
                 for entry in entries
@@ -305,11 +430,11 @@ class _Changes:
                 weight = factor * (1 if i == l else 2)
                 changes = [weight * (a * b - middles[i] * middles[l]) for a, b in zip(at[i], at[l])]
                 if any(changes):
-                    add((self.forms.slope(i), self.forms.slope(l), -1), changes)
+                    add((self._slope(i), self._slope(l), -1), changes)
 
     @staticmethod
     def refuse_powers(term: Term) -> None:
-        """Refuse an entry of g1 or g2 that depends on the state, where parameters meet it."""
+        """Raise where an entry of g1 or g2 depends both on the state and on an uncertain parameter."""
         if any(term.powers):
             raise InvalidInput(
                 "The box of parameters cannot be searched for this plant.",

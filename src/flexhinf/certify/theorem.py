@@ -1,154 +1,12 @@
-"""The theorem of a certificate in plain English: what is proved with all hypotheses, and what is not.
-
-What is to be proved: the certificate of a solution before any search, with every number as the user has it.
-"""
+"""The theorem of a certificate in plain English: what is proved with all hypotheses, and what is not."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import replace
 from decimal import ROUND_CEILING, ROUND_FLOOR, Context, Decimal
 from math import sqrt
 
-import numpy as np
-
-from flexhinf.certify.certificate import Certificate
 from flexhinf.certify.checker import Verification
-from flexhinf.certify.claim import Claim
-from flexhinf.certify.reading import PlantTerms, plant_terms
-from flexhinf.certify.terms import Function, Observer, Parameter, Polynomial, Signal, Start, Term, Terms
-from flexhinf.hinf.margin import CheckedPenalty, checked_pair
-from flexhinf.hinf.value_function import ValueFunction
-from flexhinf.plant.plant import GeneralisedPlant
-from flexhinf.plant.polynomial_plant import Problem
-from flexhinf.polynomial import basis
-from flexhinf.polynomial.algebra import product
-from flexhinf.validation import HUGE
-
-_BITS = 20  # of the entries of T
-_LEFT_OVER = 1e-13
-
-
-def statement_of(
-    solution: ValueFunction,
-    gamma: float | None,
-    penalty: CheckedPenalty | None,
-    *,
-    decay: float = 0.0,
-    level: float = 1.0,
-    reach: float = 1.0,
-    about: str = "",
-) -> Certificate:
-    """The certificate to be proved; arguments as `HJISolution.certify`."""
-    pair = checked_pair(solution, gamma, penalty)
-    terms = plant_terms(solution.problem, pair.output)
-    problem = solution.problem
-    disturbances = (
-        problem.disturbance_names
-        if isinstance(problem, GeneralisedPlant)
-        else tuple(f"d{j + 1}" for j in range(solution.expansion.size[1]))
-    )
-    transform = coordinates(solution, terms, pair.gamma, decay)
-    return Certificate(
-        about=about or "a state feedback",
-        states=signals(problem, solution.state_names),
-        inputs=signals(problem, solution.input_names),
-        disturbances=signals(problem, disturbances),
-        drift=terms.drift,
-        g1=terms.g1,
-        g2=terms.g2,
-        penalty=tuple(row for row in map(_without_rounding, terms.penalty) if row),
-        r2=tuple(map(tuple, solution.expansion.r2.tolist())),
-        value=tuple(
-            (tuple(powers), value)
-            for degree, part in sorted(solution.value_parts.items())
-            for powers, value in zip(solution.exponents(degree).tolist(), part.tolist())
-            if value
-        ),
-        law=law_polynomials(solution, terms),
-        gamma=min(pair.gamma, HUGE),  # of the Hamilton–Jacobi–Bellman equation no gain is claimed
-        decay=decay,
-        level=level,
-        coordinates=tuple(map(tuple, transform.tolist())),
-        reach=reach,
-        parameters=with_units(problem, terms.parameters),
-        functions=terms.functions,
-    )
-
-
-def _without_rounding(row: Polynomial) -> Polynomial:
-    """A row of h without what rounding left: below 1e-13 of the row's largest coefficient."""
-    largest = max((abs(value) for _, value in row), default=0.0)
-    return tuple((powers, value) for powers, value in row if abs(value) > _LEFT_OVER * largest)
-
-
-def signals(problem: Problem | None, names: Iterable[str]) -> tuple[Signal, ...]:
-    """Signals of a problem with their units; a command has that of its output."""
-    return tuple(
-        Signal(name, _unit(problem, name) or _unit(problem, name.removesuffix("_command"))) for name in names
-    )
-
-
-def with_units(problem: Problem | None, parameters: Iterable[Parameter]) -> tuple[Parameter, ...]:
-    """The parameters of a problem with their units."""
-    return tuple(replace(p, unit=_unit(problem, p.name)) for p in parameters)
-
-
-def _unit(problem: Problem | None, name: str) -> str:
-    return problem.plant.unit(name).replace(" ", "·") if isinstance(problem, GeneralisedPlant) else ""
-
-
-def law_polynomials(solution: ValueFunction, terms: PlantTerms) -> tuple[Polynomial, ...]:
-    """−R2⁻¹ g2ᵀ V_xᵀ in doubles: with a constant g2 the controller's own numbers, else the product's, rounded."""
-    n, _, m, _ = solution.expansion.size
-    rows: list[dict[tuple[int, ...], float]] = [{} for _ in range(m)]
-    if all(not any(term.powers) for entries in terms.g2 for row in entries for term in row):
-        matrix = solution.expansion.g2_parts[0]
-        for i, slope in solution.slope_parts.items():
-            columns = np.array([product(slope, matrix[:, j], n, i - 1, 0) for j in range(m)])
-            for row, part in zip(rows, -np.linalg.solve(solution.expansion.r2, columns)):
-                powers = map(tuple, basis.exponents(n, i - 1).tolist())
-                row |= {key: value for key, value in zip(powers, part.tolist()) if value}
-        return tuple(tuple(row.items()) for row in rows)
-    numbers = {parameter.name: (parameter.low + parameter.high) / 2 for parameter in terms.parameters}
-    price = solution.input_price
-    for k, slope in solution.slope_parts.items():
-        for powers, along in zip(basis.exponents(n, k - 1).tolist(), slope.tolist()):
-            for i, value in enumerate(along):
-                for j, row in enumerate(terms.g2[i] if value else ()):
-                    for term in row:
-                        key = tuple(a + b for a, b in zip(powers, term.powers))
-                        factor = value * term.coefficient
-                        for name, power in term.parameters:
-                            factor *= numbers[name] ** power
-                        for target, weight in zip(rows, price[:, j].tolist()):
-                            target[key] = target.get(key, 0.0) - weight * factor
-    return tuple(tuple((key, value) for key, value in row.items() if value) for row in rows)
-
-
-def coordinates(solution: ValueFunction, terms: PlantTerms, gamma: float, decay: float) -> np.ndarray:
-    """T with V_2 = ½|z|² and r_2 diagonal, both up to the 20 bits that T is rounded to."""
-    plant, p = solution.expansion, solution.P
-    a, c = plant.f_parts[1], np.zeros((len(terms.penalty), len(p)))
-    for row, polynomial in zip(c, terms.penalty):
-        for powers, value in polynomial:
-            if sum(powers) == 1:
-                row[powers.index(1)] = value
-    b1, b2 = plant.g1_parts[0][:, :, 0], plant.g2_parts[0][:, :, 0]
-    s = b1 @ b1.T / gamma**2 - b2 @ np.linalg.solve(plant.r2, b2.T)
-    quadratic = p @ a + a.T @ p + c.T @ c + p @ s @ p + decay * p
-    root = np.linalg.cholesky(np.linalg.inv(p))
-    _, vectors = np.linalg.eigh(-root.T @ quadratic @ root)
-    transform = root @ vectors
-    return few_bits(transform)
-
-
-def few_bits(matrix: np.ndarray) -> np.ndarray:
-    """Each column rounded to `_BITS` bits of its largest entry: any invertible T is sound, a short one is quick."""
-    largest = np.abs(matrix).max(axis=0, keepdims=True)
-    scale = np.exp2(_BITS - 2 - np.ceil(np.log2(largest)))
-    return np.round(matrix * scale) / scale
-
+from flexhinf.certify.claim import Claim, Function, Observer, Polynomial, Signal, Start, Term, Terms
 
 #: Heading of what a file says and nothing checks.
 AUTHOR = "In the author's words, not checked"
@@ -164,7 +22,7 @@ def persistent_bound(claim: Claim) -> float:
 
 
 def theorem_text(claim: Claim, found: Verification, whole: bool = False) -> str:
-    """What the claim says, to be believed where `found.proved`; `whole` with V and the law in full, however long."""
+    """The theorem of a claim, valid if `found.proved`. `whole`: with V and the law in full, however long."""
     statements = _statements(claim, found)
     fed = f" (1. to {len(statements) - 1}.) or estimates ({len(statements)}.)" if claim.observer else ""
     lines = [
@@ -243,7 +101,7 @@ def _statements(claim: Claim, found: Verification) -> list[tuple[str, str]]:
 
 
 def theorem_parts(claim: Claim, found: Verification) -> list[tuple[str, list[str]]]:
-    """The same in parts, each with its heading and its sentences, without indents."""
+    """The theorem in full as pairs of a heading and its sentences."""
     parts: list[tuple[str, list[str]]] = []
     for line in theorem_text(claim, found, whole=True).splitlines():
         text = line.strip()
@@ -284,7 +142,7 @@ def _not_proved(claim: Claim, found: Verification) -> list[str]:
 
 
 def _observer(claim: Claim) -> list[str]:
-    """The observer as a hypothesis."""
+    """The hypothesis about the observer; empty without one."""
     if claim.observer is None:
         return []
     known = set(claim.observer.known)
@@ -306,7 +164,7 @@ def _observer(claim: Claim) -> list[str]:
 
 
 def _with_estimates(claim: Claim, observer: Observer) -> str:
-    """What is proved of output feedback."""
+    """The statement about output feedback."""
     names = [s for s in claim.states if s.name not in observer.known]
     axes = ", ".join(
         f"{s.name} {_down(sqrt(2 * observer.energy / row[i]) * (1 - 1e-9))} {s.unit}".rstrip()
@@ -353,7 +211,7 @@ def _parameters(claim: Claim) -> list[str]:
 
 
 def verification_text(found: Verification) -> str:
-    """How the checker ended, in a few lines."""
+    """The result of the checker in a few lines."""
     if not found.proved:
         return f"NOT PROVED: {found.reason}"
     if found.corners:
@@ -376,7 +234,7 @@ def verification_text(found: Verification) -> str:
 
 
 def _down(value: float, rounding: str = ROUND_FLOOR) -> str:
-    """Six digits, rounded down, so that what is said holds; or the shortest text of the very same double."""
+    """A number with six digits, rounded down so that the statement holds; with all of them where they are fewer."""
     exact = Decimal(repr(value))
     if len(exact.as_tuple().digits) <= _DIGITS:
         return f"{value:.{_DIGITS}g}"

@@ -18,13 +18,13 @@ from typing import Any
 import numpy as np
 
 from flexhinf.analysis import Attained, worst_disturbance
+from flexhinf.analysis.search import MovedLaw, worst_gain
 from flexhinf.analysis.worst_disturbance import DisturbanceRuns
-from flexhinf.analysis.worst_gain import MovedLaw, worst_gain
 from flexhinf.campaign import Journal
 from flexhinf.campaign.journal import disk_refusals, write_whole
 from flexhinf.campaign.manifest import UNREADABLE, read_sealed, sealed
 from flexhinf.certify import Certificate
-from flexhinf.certify.sampled_gain import linear_part
+from flexhinf.certify.box_gain import linear_part
 from flexhinf.design.attenuation import LONGEST, MOST_STATES, STEPS, Attenuation
 from flexhinf.design.campaign_setup import DesignCampaign
 from flexhinf.design.certification import DesignProof, prove_design

@@ -11,7 +11,7 @@ import numpy as np
 from flexhinf.design.attenuation import attenuation, searches_disturbance
 from flexhinf.design.carrying import Carried, carried_payloads
 from flexhinf.design.certification import prove_design, with_tolerances
-from flexhinf.design.criterion import MODES, criterion_for, reference_metrics, stated_limits
+from flexhinf.design.criterion import check_mode, criterion_for, reference_metrics, stated_limits
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.hunting import RestRun, brought_to_rest
 from flexhinf.design.joint_limits import joint_limits
@@ -47,7 +47,6 @@ from flexhinf.design.specification import Specification
 from flexhinf.design.synthesis.degrees import rays_of, synthesis_stages
 from flexhinf.design.synthesis.steps import Synthesis, synthesise
 from flexhinf.design.tuning import TunedLaw, Tuner
-from flexhinf.errors import InvalidInput
 from flexhinf.robot import Robot
 from flexhinf.robot.mujoco import check_expressed
 
@@ -58,20 +57,43 @@ RIGID_STATES = 15
 
 
 # Design -------------------------------------------------------------------------------------------------
-def design(robot: Robot, specification: Specification, progress: Progress = lambda text: None) -> Design:
-    """Everything from the robot to its judged loop; nothing is written.
+def _silent(text: str) -> None:
+    """Progress that nobody wants to see."""
+
+
+def design(robot: Robot, specification: Specification, progress: Progress | None = None) -> Design:
+    """Design a controller for a robot, and judge the loop in which it runs; nothing is written.
 
     Parameters
     ----------
+    robot : Robot
+        From `load_robot`.
+    specification : Specification
+        What the loop must do; a field that is not stated is chosen by the rule that its help states.
     progress : callable, optional
         Called with what comes next, about `stages` times in all.
+
+    Returns
+    -------
+    Design
+        Law, estimator, runs and requirements; `Design.save` writes the report, `Design.controller` is what runs.
 
     Raises
     ------
     InvalidInput, InfeasibleGamma, NotStabilisable, NotDetectable, NumericalFailure
         With what to change.
+
+    Examples
+    --------
+    >>> import flexhinf as fh
+    >>> quick = dict(degrees="2", draws=0, rays=0, proof_seconds=0, compare_rigid=False)
+    >>> arm = fh.design(fh.load_robot("paper"), fh.Specification(pose="10deg", start="0", estimator="none", **quick))
+    >>> arm.gamma > arm.gamma_star
+    True
+    >>> arm.controller().period
+    0.001
     """
-    s = specification
+    s, progress = specification, progress or _silent
     if s.mujoco:
         check_expressed(s.extras)
     progress("equilibrium, and weights")
@@ -83,12 +105,13 @@ def design(robot: Robot, specification: Specification, progress: Progress = lamb
     progress("compile the closed loop, and run the step")
     scenario, step = _scenario(linear, synthesis, _duration(setup, modes), sample_count)
     evaluation = linear.in_scenario(scenario, step)
-    evaluation.margins  # noqa: B018  (before there is a second thread: filters of warnings are the whole process's)
+    evaluation.compute(
+        "margins"
+    )  # before there is a second thread: filters of warnings are the whole process's
     with ThreadPoolExecutor(1) as beside:  # runs are compiled code, which lets the other thread go on
         rigid = beside.submit(_runs, evaluation, synthesis)
         progress("corners of the tolerances, while load, move and sampled robots are run")
-        evaluation.corners  # noqa: B018
-        evaluation.frequency_response  # noqa: B018
+        evaluation.compute("corners", "frequency_response")
         progress("the worst disturbance, and the dissipation budget of the step")
         worth = attenuation(setup, synthesis, scenario.step_duration)
         mujoco = _on_mujoco(setup, scenario, progress) if s.mujoco else None
@@ -110,10 +133,7 @@ def design(robot: Robot, specification: Specification, progress: Progress = lamb
 
 def _runs(evaluation: LawEvaluation, synthesis: Synthesis) -> RigidComparison | None:
     """The runs that a design shows beside its step, and the rigid design on the same robot, where it is asked for."""
-    evaluation.load_response  # noqa: B018
-    evaluation.ring_down  # noqa: B018
-    evaluation.move  # noqa: B018
-    evaluation.step_samples  # noqa: B018
+    evaluation.compute("load_response", "ring_down", "move", "step_samples")
     return _rigid(evaluation, synthesis) if evaluation.setup.specification.compare_rigid else None
 
 
@@ -276,13 +296,15 @@ def compare(
     specification: Specification,
     laws: Sequence[str] | None = None,
     tune: str = "peak",
-    progress: Progress = lambda text: None,
+    progress: Progress | None = None,
     same_sensors: bool = False,
 ) -> Comparison:
-    """The same evaluation for several laws, each tuned for one criterion; nothing is written.
+    """Compare laws on one robot, each tuned for the same criterion and evaluated in the same runs; nothing is written.
 
     Parameters
     ----------
+    robot : Robot
+        From `load_robot`.
     specification : Specification
         Of the design that the others are compared with, and of the loop.
     laws : sequence of str, optional
@@ -295,6 +317,11 @@ def compare(
     same_sensors : bool
         Every law measures what the design measures, instead of what its proponents would choose.
 
+    Returns
+    -------
+    Comparison
+        The laws with their runs and costs; `Comparison.save` writes the report.
+
     Raises
     ------
     InvalidInput
@@ -302,12 +329,18 @@ def compare(
         was asked for and does not fit the robot.
     FlexhinfError
         As `design`.
+
+    Examples
+    --------
+    >>> import flexhinf as fh
+    >>> spec = fh.Specification(pose="10deg", start="0", degrees="2", draws=0, rays=0, estimator="none")
+    >>> comparison = fh.compare(fh.load_robot("paper"), spec, laws=("pd",), tune="none")
+    >>> [row.name for row in comparison.rows]
+    ['design', 'nl-hinf', 'pd']
     """
     s, kinds = specification, [law_kind(name) for name in law_names(laws)]
-    if tune not in MODES:
-        raise InvalidInput(
-            "There is no such way to tune.", f"expected {', '.join(MODES)}, got {tune!r}", "tune='peak'"
-        )
+    progress = progress or _silent
+    check_mode(tune, "tune='peak'")
     progress("equilibrium, and weights")
     synthesis = synthesise(robot, s, progress)
     setup, _ = brought_to_rest(synthesis.setup(robot, s))
@@ -347,11 +380,11 @@ def _row(kind: LawKind, tuned: TunedLaw | str, progress: Progress) -> ComparedLa
         return ComparedLaw(kind, failure=failure)
     progress(f"{kind.name}: step, load and move")
     evaluation = tuned.evaluation
-    evaluation.worst  # noqa: B018
+    evaluation.compute("worst")
     assert evaluation.scenario is not None
     if evaluation.scenario.robots:
         progress(f"{kind.name}: {len(evaluation.scenario.robots)} robots within their tolerances")
-    evaluation.metrics  # noqa: B018
+    evaluation.compute("metrics")
     judged = _law_requirements(evaluation)
     return ComparedLaw(kind, tuned, (*judged.margins, *judged.step, *judged.robots))
 

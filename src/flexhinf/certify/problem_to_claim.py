@@ -1,0 +1,505 @@
+"""From a problem and its solution to the claim that is to be proved, every number exact.
+
+A model's code was traced once (`flexhinf.scalars.trace`). Here its instructions are run on polynomials over the
+rationals: every constant is the rational number that its double is, every parameter is a variable, and a function such
+as sin of a linear form of the state is a variable too. So nothing is expanded and nothing is rounded. What has no such
+form is refused by name: functions of other forms, `where`, inputs that do not enter affinely.
+
+A claim is about the nominal plant (`statement_of`) or about a box of its parameters (`tolerance_statement`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from math import pi
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from flint import fmpq, fmpq_mpoly, fmpq_mpoly_ctx
+
+from flexhinf.certify.certificate import Certificate
+from flexhinf.certify.claim import FUNCTIONS, Function, Parameter, Polynomial, Signal, Term
+from flexhinf.errors import InvalidInput
+from flexhinf.hinf.margin import CheckedPenalty, checked_pair
+from flexhinf.hinf.value_function import ValueFunction
+from flexhinf.plant.parameters import ParameterTable
+from flexhinf.plant.plant import GeneralisedPlant
+from flexhinf.plant.polynomial_plant import PolynomialPlant, Problem
+from flexhinf.polynomial import basis
+from flexhinf.polynomial.algebra import product
+from flexhinf.scalars import trace
+from flexhinf.validation import HUGE
+
+Row = tuple[Term, ...]
+Polynomials = tuple[tuple[tuple[tuple[int, ...], float], ...], ...]
+
+#: Operations of CasADi that are functions of a certificate.
+ELEMENTARY = dict(
+    zip((ca.OP_SIN, ca.OP_COS, ca.OP_EXP, ca.OP_TANH, ca.OP_ATAN, ca.OP_LOG), FUNCTIONS, strict=True)
+)
+SUMS = {ca.OP_ADD: lambda a, b: a + b, ca.OP_SUB: lambda a, b: a - b, ca.OP_MUL: lambda a, b: a * b}
+_HIGHEST_POWER = 10
+_MOST_HALVES = 64  # an offset that is the double nearest to k π/2 means k π/2 itself
+
+#: φ(o) where it is rational: by function and, of multiples of π/2, their number.
+_QUARTERS = {"sin": (0, 1, 0, -1), "cos": (1, 0, -1, 0)}
+_AT_ZERO = {"exp": 1, "tanh": 0, "arctan": 0}
+
+
+@dataclass(frozen=True)
+class PlantTerms:
+    """f, g1, g2 and h of a problem as a certificate has them; see `flexhinf.certify.Certificate`.
+
+    `inside` are the parameters that stand in functions of the state, with their nominal values.
+    """
+
+    drift: tuple[Row, ...]
+    g1: tuple[tuple[Row, ...], ...]
+    g2: tuple[tuple[Row, ...], ...]
+    penalty: Polynomials
+    functions: tuple[Function, ...]
+    parameters: tuple[Parameter, ...]
+    inside: tuple[str, ...] = ()
+
+
+def rational(value: float) -> fmpq:
+    """A double as the rational number it is."""
+    numerator, denominator = Fraction(float(value)).as_integer_ratio()
+    return fmpq(numerator, denominator)
+
+
+def nearest_double(value: fmpq) -> float:
+    """The double nearest to a rational number."""
+    return int(value.p) / int(value.q)  # Python rounds the quotient of two integers correctly
+
+
+def terms_of(polynomial: fmpq_mpoly) -> dict[tuple[int, ...], fmpq]:
+    """The coefficients of a polynomial by exponents, as Python's integers."""
+    return {tuple(map(int, key)): value for key, value in polynomial.to_dict().items()}
+
+
+def plant_terms(problem: Problem | None, penalty: Any = None) -> PlantTerms:
+    """The fields of a problem in exact terms.
+
+    Parameters
+    ----------
+    penalty : callable, optional
+        The checked h: from deviations (1, n) and the designed h (1, s) to (1, s). Default: the designed one.
+
+    Raises
+    ------
+    InvalidInput
+        A model that has no such form, by name.
+    """
+    if isinstance(problem, GeneralisedPlant):
+        return _of_model(problem, penalty)
+    if isinstance(problem, PolynomialPlant):
+        return _of_polynomials(problem, penalty)
+    raise InvalidInput(
+        "The exact plant is not known, so nothing can be proved about it.",
+        f"expected the problem of a Plant, or a PolynomialPlant, got {type(problem).__name__}",
+        "load_solution(path, problem=…) for a solution from a file",
+    )
+
+
+def _of_model(problem: GeneralisedPlant, penalty: Any) -> PlantTerms:
+    problem.check_unchanged()
+    table = problem.plant.parameters
+    n, m, k = len(problem.state_names), len(problem.input_names), len(problem.disturbance_names)
+    flow = trace(lambda x, u, d, p: problem.flow(x, u, d, table.named(p)), n, m, k, table.size)
+    output = trace(
+        lambda x, p: _checked(penalty, x, problem.penalty_output(x, table.named(p))), n, table.size
+    )
+    reader = _Reader(
+        n, m + k, flat_names(table), table.vector(), flow.n_instructions() + output.n_instructions()
+    )
+    x, inputs = reader.states, reader.inputs
+    moved = [a + rational(b) for a, b in zip(x, problem.operating_point)]
+    driven = [a + rational(b) for a, b in zip(inputs[:m], problem.operating_input)]
+    rates = reader.run(flow, [moved, driven, inputs[m:], reader.parameters])
+    h = reader.run(output, [x, [reader.constant(value) for value in table.vector()]])
+    columns = [reader.split(rate) for rate in rates]
+    drift = tuple(reader.row(row[0], drift=True) for row in columns)
+    g2, g1 = (
+        tuple(tuple(reader.row(part) for part in row[chosen]) for row in columns)
+        for chosen in (slice(1, 1 + m), slice(1 + m, 1 + m + k))
+    )
+    penalty_terms = tuple(reader.polynomial(part) for part in h)
+    return PlantTerms(drift, g1, g2, penalty_terms, tuple(reader.functions), reader.used(), reader.inside)
+
+
+def flat_names(table: ParameterTable) -> list[str]:
+    """A name for every entry of the parameter vector."""
+    rows = table.values.items()
+    return [f"{name}_{i + 1}" if value.ndim else name for name, value in rows for i in range(value.size)]
+
+
+def _checked(penalty: Any, x: Any, h: Any) -> Any:
+    if penalty is None:
+        return np.asarray(h)
+    return np.asarray(penalty(np.asarray(x)[None], np.asarray(h)[None]))[0]
+
+
+def _of_polynomials(plant: PolynomialPlant, penalty: Any) -> PlantTerms:
+    n, disturbances, inputs, outputs = plant.size
+
+    def row(parts: dict[int, np.ndarray], *place: int) -> Row:
+        return tuple(
+            Term(value, tuple(exponents))
+            for degree, part in sorted(parts.items())
+            for exponents, value in zip(basis.exponents(n, degree).tolist(), part[place].tolist())
+            if value
+        )
+
+    output = trace(lambda x, h: _checked(penalty, x, h), n, outputs)
+    reader = _Reader(n, 0, (), np.zeros(0), output.n_instructions())
+    designed = []
+    for i in range(outputs):
+        terms = {term.powers: rational(term.coefficient) for term in row(plant.h_parts, i)}
+        rest = (0,) * (len(reader.context.names()) - n)
+        designed.append(reader.context.from_dict({(*key, *rest): value for key, value in terms.items()}))
+    h = reader.run(output, [reader.states, designed])
+    return PlantTerms(
+        tuple(row({k: part for k, part in plant.f_parts.items() if k}, i) for i in range(n)),
+        tuple(tuple(row(plant.g1_parts, i, j) for j in range(disturbances)) for i in range(n)),
+        tuple(tuple(row(plant.g2_parts, i, j) for j in range(inputs)) for i in range(n)),
+        tuple(reader.polynomial(part) for part in h),
+        (),
+        (),
+    )
+
+
+class _Reader:
+    """Runs traced code on polynomials in states, inputs, parameters, their inverses, and functions.
+
+    Parameters
+    ----------
+    states, inputs : int
+        Numbers of variables; the inputs are u, then d.
+    parameters : sequence of str
+        Names of the parameters.
+    values : ndarray
+        Their nominal values.
+    most : int
+        Bound on the number of functions.
+    """
+
+    def __init__(
+        self, states: int, inputs: int, parameters: Sequence[str], values: np.ndarray, most: int
+    ) -> None:
+        sizes = states, inputs, len(parameters), len(parameters), most
+        names = [f"{letter}{i}" for letter, size in zip("xupqs", sizes) for i in range(size)]
+        self.context = fmpq_mpoly_ctx.get(names)
+        variables = iter(self.context.gens())
+        parts = [[next(variables) for _ in range(size)] for size in sizes]
+        self.states, self.inputs, self.parameters, self.inverses, self._room = parts
+        self.names, self.values = tuple(parameters), values
+        self.edges = np.cumsum([0, *sizes]).tolist()
+        self.functions: list[Function] = []
+        self._seen: set[int] = set()
+        self.inside: tuple[str, ...] = ()
+
+    def constant(self, value: float) -> fmpq_mpoly:
+        """A number as a polynomial."""
+        return self.context.constant(rational(value))
+
+    # Running code ------------------------------------------------------------------------------
+    def run(self, function: Any, arguments: Sequence[Sequence[fmpq_mpoly]]) -> list[fmpq_mpoly]:
+        """The single result of a traced function."""
+        work: dict[int, fmpq_mpoly] = {}
+        result = [self.context.constant(0)] * function.size1_out(0)
+        for k in range(function.n_instructions()):
+            code = function.instruction_id(k)
+            read, written = function.instruction_input(k), function.instruction_output(k)
+            if code == ca.OP_CONST:
+                work[written[0]] = self.constant(function.instruction_constant(k))
+            elif code == ca.OP_INPUT:
+                work[written[0]] = arguments[read[0]][read[1]]
+            elif code == ca.OP_OUTPUT:
+                result[written[1]] = work[read[0]]
+            else:
+                work[written[0]] = self._operation(code, [work[place] for place in read])
+        return result
+
+    def _operation(self, code: int, operands: list[fmpq_mpoly]) -> fmpq_mpoly:
+        first, second = operands[0], operands[-1]
+        simple = {ca.OP_NEG: -1, ca.OP_TWICE: 2, ca.OP_ASSIGN: 1}
+        if code in SUMS:
+            return SUMS[code](first, second)
+        if code in simple:
+            return first * simple[code]
+        if code == ca.OP_SQ:
+            return first * first
+        if code in (ca.OP_INV, ca.OP_DIV):
+            return (first if code == ca.OP_DIV else 1) * self._inverse(second)
+        if code in (ca.OP_POW, ca.OP_CONSTPOW) and second.is_constant():
+            value = second.leading_coefficient() if second else fmpq(0)
+            if value.q == 1 and 0 <= value <= _HIGHEST_POWER:
+                return first ** int(value.p)
+        if code in ELEMENTARY:
+            return self._applied(ELEMENTARY[code], first)
+        name = next((name for name in dir(ca) if name.startswith("OP_") and getattr(ca, name) == code), "?")
+        raise refused(f"the operation {name.removeprefix('OP_').lower()}")
+
+    def _inverse(self, below: fmpq_mpoly) -> fmpq_mpoly:
+        terms = list(terms_of(below).items())
+        start, end = self.edges[2], self.edges[4]
+        if len(terms) != 1 or any(terms[0][0][:start]) or any(terms[0][0][end:]):
+            raise refused("a quotient by something else than a product of parameters")
+        (exponents, value), count = terms[0], len(self.names)
+        swapped = [0] * len(exponents)
+        swapped[start : start + count] = exponents[start + count : end]
+        swapped[start + count : end] = exponents[start : start + count]
+        return self.context.from_dict({tuple(swapped): 1 / value})
+
+    def _applied(self, name: str, argument: fmpq_mpoly) -> fmpq_mpoly:
+        """The variable that stands for a function of a linear form of the state; parameters inside are nominal."""
+        slope, sums = [0.0] * len(self.states), dict[int | None, fmpq]()
+        for exponents, value in terms_of(argument).items():
+            states, others = exponents[: self.edges[1]], exponents[self.edges[1] : self.edges[2]]
+            if sum(states) > 1 or any(others) or any(exponents[self.edges[4] :]):
+                raise refused(f"{name} of something else than a linear form of the state")
+            for i, power in self._powers(exponents):
+                self.inside = tuple({*self.inside, self.names[i]})
+                value *= rational(self.values[i]) ** power
+            place = states.index(1) if any(states) else None
+            sums[place] = sums.get(place, fmpq(0)) + value
+        offset = sums.pop(None, fmpq(0))
+        if not sums:
+            raise refused(f"{name} of a constant: make that a parameter of the plant")
+        for place, value in sums.items():
+            slope[place or 0] = _exact_double(value, name)
+        function = Function(name, tuple(slope), *_offset(name, offset))
+        if function not in self.functions:
+            self.functions.append(function)
+        return self._room[self.functions.index(function)]
+
+    # Terms -------------------------------------------------------------------------------------
+    def split(self, rate: fmpq_mpoly) -> list[fmpq_mpoly]:
+        """The part without inputs, then the factor of each input."""
+        start, end = self.edges[1], self.edges[2]
+        parts: list[dict[tuple[int, ...], fmpq]] = [{} for _ in range(end - start + 1)]
+        for exponents, value in terms_of(rate).items():
+            inputs = exponents[start:end]
+            if sum(inputs) > 1:
+                raise refused("an input or a disturbance that does not enter affinely")
+            place = 1 + inputs.index(1) if any(inputs) else 0
+            parts[place][exponents[:start] + (0,) * (end - start) + exponents[end:]] = value
+        return [self.context.from_dict(part) for part in parts]
+
+    def row(self, field: fmpq_mpoly, drift: bool = False) -> Row:
+        """The terms of a field. The drift loses its constant, which the operating input balances."""
+        result: dict[Any, fmpq] = {}
+        for exponents, value in terms_of(field).items():
+            states, functions = exponents[: self.edges[1]], exponents[self.edges[4] :]
+            powers = self._powers(exponents)
+            self._seen |= {i for i, _ in powers}
+            pairs = tuple((self.names[i], power) for i, power in powers)
+            if sum(functions) > 1 or (any(functions) and not drift):
+                raise refused("a product of functions, or a function in g1 or g2")
+            index = functions.index(1) if any(functions) else None
+            if index is not None:
+                at_zero = self._at_zero(self.functions[index]) if any(states) else fmpq(0)
+                key = (states, pairs, None)
+                result[key] = result.get(key, fmpq(0)) + value * at_zero
+            if index is not None or any(states) or not drift:
+                key = (states, pairs, index)
+                result[key] = result.get(key, fmpq(0)) + value
+        return tuple(
+            Term(_exact_double(value, "the model"), states, pairs, index)
+            for (states, pairs, index), value in result.items()
+            if value
+        )
+
+    def _powers(self, exponents: tuple[int, ...]) -> list[tuple[int, int]]:
+        """The parameters of a term, by number, and their powers."""
+        start, middle, end = self.edges[2:5]
+        powers = [a - b for a, b in zip(exponents[start:middle], exponents[middle:end])]
+        return [(i, power) for i, power in enumerate(powers) if power]
+
+    def _at_zero(self, function: Function) -> fmpq:
+        if function.offset == 0.0 and function.name in _QUARTERS:
+            return fmpq(_QUARTERS[function.name][function.pi_halves % 4])
+        if function.offset == 0.0 and function.name in _AT_ZERO:
+            return fmpq(_AT_ZERO[function.name])
+        raise refused(f"a state times {function.name} of a state, away from where that is rational")
+
+    def polynomial(self, part: fmpq_mpoly) -> tuple[tuple[tuple[int, ...], float], ...]:
+        """A penalised output. Its coefficients are rounded to doubles, and what is checked has these."""
+        terms = terms_of(part)
+        if any(any(exponents[self.edges[1] :]) for exponents in terms):
+            raise refused("a penalty that is no polynomial of the state")
+        n = self.edges[1]
+        return tuple((key[:n], nearest_double(value)) for key, value in terms.items() if any(key))
+
+    def used(self) -> tuple[Parameter, ...]:
+        """The parameters that stand in terms, at their nominal values."""
+        chosen = [(self.names[i], float(self.values[i])) for i in sorted(self._seen)]
+        return tuple(Parameter(name, value, value) for name, value in chosen)
+
+
+def _offset(name: str, offset: fmpq) -> tuple[float, int]:
+    """The offset as a double and a number of π/2, one of them zero."""
+    value = _exact_double(offset, name)
+    halves = round(value / (pi / 2))
+    if halves and abs(halves) <= _MOST_HALVES and value == halves * pi / 2 and name in _QUARTERS:
+        return 0.0, halves
+    return value, 0
+
+
+def _exact_double(value: fmpq, where: str) -> float:
+    """A rational number that is a double."""
+    found = nearest_double(value)
+    if rational(found) != value:
+        raise refused(f"a number of {where} that is no double: make it a parameter of the plant")
+    return found
+
+
+def refused(what: str) -> InvalidInput:
+    """The error for a plant that the method cannot take."""
+    return InvalidInput(
+        "The method cannot prove anything about this plant.",
+        f"expected polynomials of the state, and functions ({', '.join(FUNCTIONS)}) of linear forms, got {what}",
+        "sampled_region, or the Taylor expansion as the plant: solve_hji(problem.expand(degree), …)",
+    )
+
+
+_BITS = 20  # of the entries of T
+_LEFT_OVER = 1e-13
+
+
+def statement_of(
+    solution: ValueFunction,
+    gamma: float | None,
+    penalty: CheckedPenalty | None,
+    *,
+    decay: float = 0.0,
+    level: float = 1.0,
+    reach: float = 1.0,
+    about: str = "",
+) -> Certificate:
+    """The certificate to be proved of the nominal plant; arguments as `HJISolution.certify`."""
+    pair = checked_pair(solution, gamma, penalty)
+    terms = plant_terms(solution.problem, pair.output)
+    return claim_of(
+        solution,
+        solution.problem,
+        replace(terms, penalty=tuple(map(_without_rounding, terms.penalty))),
+        about=about or "a state feedback",
+        r2=matrix_rows(solution.expansion.r2),
+        value=value_polynomial(solution),
+        law=law_polynomials(solution, terms),
+        gamma=min(pair.gamma, HUGE),  # of the Hamilton–Jacobi–Bellman equation no gain is claimed
+        decay=decay,
+        level=level,
+        coordinates=matrix_rows(coordinates(solution, terms, pair.gamma, decay)),
+        reach=reach,
+    )
+
+
+def claim_of(
+    solution: ValueFunction, problem: Problem | None, terms: PlantTerms, **others: Any
+) -> Certificate:
+    """The certificate of a solution, with these terms of the plant and the fields that are `others`."""
+    disturbances: Iterable[str] = [f"d{j + 1}" for j in range(solution.expansion.size[1])]
+    if isinstance(problem, GeneralisedPlant):
+        disturbances = problem.disturbance_names
+    return Certificate(
+        states=_signals(problem, solution.state_names),
+        inputs=_signals(problem, solution.input_names),
+        disturbances=_signals(problem, disturbances),
+        drift=terms.drift,
+        g1=terms.g1,
+        g2=terms.g2,
+        penalty=tuple(row for row in terms.penalty if row),
+        parameters=tuple(replace(p, unit=_unit(problem, p.name)) for p in terms.parameters),
+        functions=terms.functions,
+        **others,
+    )
+
+
+def value_polynomial(solution: ValueFunction, scale: float = 1.0) -> Polynomial:
+    """scale · V."""
+    return tuple(
+        (tuple(powers), scale * value)
+        for degree, part in sorted(solution.value_parts.items())
+        for powers, value in zip(solution.exponents(degree).tolist(), part.tolist())
+        if value
+    )
+
+
+def matrix_rows(matrix: np.ndarray) -> tuple[tuple[float, ...], ...]:
+    """A matrix as a claim has it."""
+    return tuple(map(tuple, matrix.tolist()))
+
+
+def _without_rounding(row: Polynomial) -> Polynomial:
+    """A row of h without coefficients below 1e-13 of its largest one, which are rounding."""
+    largest = max((abs(value) for _, value in row), default=0.0)
+    return tuple((powers, value) for powers, value in row if abs(value) > _LEFT_OVER * largest)
+
+
+def _signals(problem: Problem | None, names: Iterable[str]) -> tuple[Signal, ...]:
+    """Signals of a problem with their units; a command has that of its output."""
+    return tuple(
+        Signal(name, _unit(problem, name) or _unit(problem, name.removesuffix("_command"))) for name in names
+    )
+
+
+def _unit(problem: Problem | None, name: str) -> str:
+    return problem.plant.unit(name).replace(" ", "·") if isinstance(problem, GeneralisedPlant) else ""
+
+
+def law_polynomials(solution: ValueFunction, terms: PlantTerms) -> tuple[Polynomial, ...]:
+    """The law −R2⁻¹ g2ᵀ V_xᵀ in doubles: the controller's own numbers if g2 is constant, else the product, rounded."""
+    n, _, m, _ = solution.expansion.size
+    rows: list[dict[tuple[int, ...], float]] = [{} for _ in range(m)]
+    if all(not any(term.powers) for entries in terms.g2 for row in entries for term in row):
+        matrix = solution.expansion.g2_parts[0]
+        for i, slope in solution.slope_parts.items():
+            columns = np.array([product(slope, matrix[:, j], n, i - 1, 0) for j in range(m)])
+            for row, part in zip(rows, -np.linalg.solve(solution.expansion.r2, columns)):
+                powers = map(tuple, basis.exponents(n, i - 1).tolist())
+                row |= {key: value for key, value in zip(powers, part.tolist()) if value}
+        return tuple(tuple(row.items()) for row in rows)
+    numbers = {parameter.name: (parameter.low + parameter.high) / 2 for parameter in terms.parameters}
+    price = solution.input_price
+    for k, slope in solution.slope_parts.items():
+        for powers, along in zip(basis.exponents(n, k - 1).tolist(), slope.tolist()):
+            for i, value in enumerate(along):
+                for j, row in enumerate(terms.g2[i] if value else ()):
+                    for term in row:
+                        key = tuple(a + b for a, b in zip(powers, term.powers))
+                        factor = value * term.coefficient
+                        for name, power in term.parameters:
+                            factor *= numbers[name] ** power
+                        for target, weight in zip(rows, price[:, j].tolist()):
+                            target[key] = target.get(key, 0.0) - weight * factor
+    return tuple(tuple((key, value) for key, value in row.items() if value) for row in rows)
+
+
+def coordinates(solution: ValueFunction, terms: PlantTerms, gamma: float, decay: float) -> np.ndarray:
+    """T with V_2 = ½|z|² and r_2 diagonal, both up to the 20 bits that T is rounded to."""
+    plant, p = solution.expansion, solution.P
+    a, c = plant.f_parts[1], np.zeros((len(terms.penalty), len(p)))
+    for row, polynomial in zip(c, terms.penalty):
+        for powers, value in polynomial:
+            if sum(powers) == 1:
+                row[powers.index(1)] = value
+    b1, b2 = plant.g1_parts[0][:, :, 0], plant.g2_parts[0][:, :, 0]
+    s = b1 @ b1.T / gamma**2 - b2 @ np.linalg.solve(plant.r2, b2.T)
+    quadratic = p @ a + a.T @ p + c.T @ c + p @ s @ p + decay * p
+    root = np.linalg.cholesky(np.linalg.inv(p))
+    _, vectors = np.linalg.eigh(-root.T @ quadratic @ root)
+    transform = root @ vectors
+    return few_bits(transform)
+
+
+def few_bits(matrix: np.ndarray) -> np.ndarray:
+    """Each column rounded to `_BITS` bits of its largest entry: any invertible T is sound, a short one is quick."""
+    largest = np.abs(matrix).max(axis=0, keepdims=True)
+    scale = np.exp2(_BITS - 2 - np.ceil(np.log2(largest)))
+    return np.round(matrix * scale) / scale

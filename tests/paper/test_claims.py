@@ -1,0 +1,44 @@
+"""Every claim at the default settings and at others: criterion, verdict, and what shows it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from flexhinf.paper.claim import PaperClaim
+from flexhinf.paper.disturbances import GAIN, attained_gain
+from flexhinf.paper.estimators import UKF
+from flexhinf.paper.experiments import Experiments
+from flexhinf.paper.loop_setup import PaperSettings, PaperSetup
+from flexhinf.paper.tolerances import COIL, TOLERANCES
+from flexhinf.report import to_json
+
+pytestmark = pytest.mark.paper
+
+
+@pytest.mark.parametrize("claim", [COIL, GAIN, TOLERANCES, *UKF[1:]], ids=lambda claim: claim.id)
+@pytest.mark.parametrize(
+    "options",
+    [
+        pytest.param({"estimator": "none", "process_noise": 0.0}, id="true-state"),
+        pytest.param(
+            {"gamma_ratio": 1.0001, "measurement_noise": 1.0}, id="diverging", marks=pytest.mark.slow
+        ),
+    ],
+)
+def test_any_settings_are_judged(claim: PaperClaim, options: dict) -> None:
+    judged = claim.judged(Experiments(PaperSetup(PaperSettings(period=0.02, **options))))
+    assert judged.claim.verdict in ("holds", "fails", "ties", "not judged")
+    assert judged.claim.criterion
+    assert all(table.html() for table in judged.finding.tables)
+    assert to_json(judged.as_dict())
+
+
+@pytest.mark.slow
+def test_the_gain_stays_below_gamma_near_rest_only(setup: PaperSetup) -> None:
+    rows: list[Any] = list(attained_gain(Experiments(setup)).tables[0].rows)
+    inside = [row for row in rows if row[2] is not None and row[2] <= 180.0]
+    assert max(row[5] for row in inside) == pytest.approx(1.43, abs=0.02)
+    assert all(row[3] <= setup.gamma for row in inside)
+    assert any(row[3] is None or row[3] > setup.gamma for row in rows)
