@@ -335,6 +335,10 @@ Degrees = Annotated[
     tuple[Annotated[int, Field(ge=2, le=12)], ...], Field(min_length=1), BeforeValidator(integers),
     Allowed("a list of integers from 2 to 12, degrees of V"),
 ]  # fmt: skip
+Text = Annotated[str, Allowed("text")]
+Real = Annotated[float, BeforeValidator(number), Allowed("a number")]  # what is used checks its range
+Whole = Annotated[int, BeforeValidator(integer), Allowed("an integer")]
+Threads = Annotated[int, Field(ge=1, le=64), BeforeValidator(integer), Allowed("an integer from 1 to 64")]
 Names = Annotated[tuple[str, ...], BeforeValidator(names), Allowed("a list of names")]
 Weights = Annotated[
     Any, BeforeValidator(weights), Allowed("weights by name, one per state, or rows of a matrix"),
