@@ -231,13 +231,7 @@ def checked_text(what: str, text: Any) -> str:
 
 
 def distinct(what: str, names: Sequence[str]) -> None:
-    """Refuse a name that stands twice.
-
-    Raises
-    ------
-    InvalidInput
-        With the name and how often it stands there.
-    """
+    """Refuse a name that stands twice."""
     if len(set(names)) < len(names):
         counted: dict[str, int] = {}
         for name in names:

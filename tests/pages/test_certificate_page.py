@@ -26,7 +26,7 @@ def one() -> CertifiedDegree:
     star = fh.smallest_gamma(problem)
     solution = fh.solve_hji(problem, gamma=1.5 * star, degree=2)
     given = solution.certify(1.6 * star, CHECKED, level=1.0e4)
-    choice = DegreeChoice(2, solution, 1.1e4, 1.5, "inequality", 0.0, 0.0, 0.0)
+    choice = DegreeChoice(2, solution, 0.0, 0.0, 0.0, 1.1e4, 1.5, "inequality", True)
     return CertifiedDegree(choice, True, given, proved_steps(solution, given), "", 0.1)
 
 

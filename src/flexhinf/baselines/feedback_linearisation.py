@@ -47,10 +47,8 @@ class NormalForm:
     outputs : sequence of str
         States of the plant.
 
-    Raises
-    ------
-    InvalidInput
-        If their numbers differ, an output is not reached by any input, or the input does not enter linearly.
+    Raises `InvalidInput` if their numbers differ, an output is not reached by any input, or the input does not enter
+    linearly.
     """
 
     plant: Plant
@@ -176,11 +174,8 @@ class FeedbackLinearisation(PlacedLaw):
     outputs : sequence of str
         States, single names or groups; the link positions by default.
 
-    Raises
-    ------
-    InvalidInput
-        If the numbers do not fit, A is singular at the equilibrium, or the loop is unstable there (poles that are not
-        in the left half plane, or zero dynamics that are not).
+    Raises `InvalidInput` if the numbers do not fit, A is singular at the equilibrium, or the loop is unstable there
+    (poles that are not in the left half plane, or zero dynamics that are not).
     """
 
     coefficients: Sequence[Any]
@@ -249,10 +244,7 @@ class FeedbackLinearisation(PlacedLaw):
             σ/ω of the integral's own pole at −σ beside the filter's poles; by default it is one of a filter of one
             order more.
 
-        Raises
-        ------
-        InvalidInput
-            If the bandwidth or the rate is not positive.
+        Raises `InvalidInput` if the bandwidth or the rate is not positive.
         """
         plant = problem.plant
         names = plant.expanded(outputs)
@@ -317,10 +309,7 @@ def bessel_coefficients(order: int, bandwidth: float) -> np.ndarray:
 
     Its step has less than 1 % of overshoot at any order. Shape (r,), rad/s to the power r − i.
 
-    Raises
-    ------
-    InvalidInput
-        If the bandwidth is not positive.
+    Raises `InvalidInput` if the bandwidth is not positive.
     """
     from scipy.signal import bessel
 

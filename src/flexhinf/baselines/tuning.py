@@ -148,10 +148,7 @@ def tune(
     -------
     Tuning
 
-    Raises
-    ------
-    InvalidInput
-        If starts, bounds or counts do not fit each other.
+    Raises `InvalidInput` if starts, bounds or counts do not fit each other.
     """
     _check(start, bounds, samples, refinements)
     names = tuple(start)

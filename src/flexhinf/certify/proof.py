@@ -91,7 +91,7 @@ def certify(
     threads: int = 1,
     progress: Progress | None = None,
 ) -> Certificate:
-    """What `HJISolution.certify` does."""
+    """See `HJISolution.certify`."""
     check_states(len(solution.P))
     check_decay(decay)
     if observer is not None:
@@ -186,7 +186,7 @@ def prove(
 
 
 def wide_statement(statement: Certificate) -> Certificate | None:
-    """The statement with a cube that holds all of {V ≤ level}, for a V of degree two; None for others."""
+    """The statement with a reach that holds all of {V ≤ level}; None where V is not of degree two and definite."""
     t = np.array(statement.coordinates)
     quadratic = t.T @ quadratic_part(statement.value, len(t)) @ t  # V = ½ zᵀ(…)z
     if statement.degree != 2 or np.linalg.matrix_rank(quadratic) < len(t):

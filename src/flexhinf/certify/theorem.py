@@ -22,7 +22,7 @@ def persistent_bound(claim: Claim) -> float:
 
 
 def theorem_text(claim: Claim, found: Verification, whole: bool = False) -> str:
-    """What the claim says, to be believed where `found.proved`; `whole` with V and the law in full, however long."""
+    """The theorem of a claim, valid if `found.proved`. `whole`: with V and the law in full, however long."""
     statements = _statements(claim, found)
     fed = f" (1. to {len(statements) - 1}.) or estimates ({len(statements)}.)" if claim.observer else ""
     lines = [
@@ -101,7 +101,7 @@ def _statements(claim: Claim, found: Verification) -> list[tuple[str, str]]:
 
 
 def theorem_parts(claim: Claim, found: Verification) -> list[tuple[str, list[str]]]:
-    """The same in parts, each with its heading and its sentences, without indents."""
+    """The theorem in full as pairs of a heading and its sentences."""
     parts: list[tuple[str, list[str]]] = []
     for line in theorem_text(claim, found, whole=True).splitlines():
         text = line.strip()
@@ -142,7 +142,7 @@ def _not_proved(claim: Claim, found: Verification) -> list[str]:
 
 
 def _observer(claim: Claim) -> list[str]:
-    """The observer as a hypothesis."""
+    """The hypothesis about the observer; empty without one."""
     if claim.observer is None:
         return []
     known = set(claim.observer.known)
@@ -164,7 +164,7 @@ def _observer(claim: Claim) -> list[str]:
 
 
 def _with_estimates(claim: Claim, observer: Observer) -> str:
-    """What is proved of output feedback."""
+    """The statement about output feedback."""
     names = [s for s in claim.states if s.name not in observer.known]
     axes = ", ".join(
         f"{s.name} {_down(sqrt(2 * observer.energy / row[i]) * (1 - 1e-9))} {s.unit}".rstrip()
@@ -211,7 +211,7 @@ def _parameters(claim: Claim) -> list[str]:
 
 
 def verification_text(found: Verification) -> str:
-    """How the checker ended, in a few lines."""
+    """The result of the checker in a few lines."""
     if not found.proved:
         return f"NOT PROVED: {found.reason}"
     if found.corners:
@@ -234,7 +234,7 @@ def verification_text(found: Verification) -> str:
 
 
 def _down(value: float, rounding: str = ROUND_FLOOR) -> str:
-    """Six digits, rounded down, so that what is said holds; or the shortest text of the very same double."""
+    """A number with six digits, rounded down so that the statement holds; with all of them where they are fewer."""
     exact = Decimal(repr(value))
     if len(exact.as_tuple().digits) <= _DIGITS:
         return f"{value:.{_DIGITS}g}"

@@ -18,8 +18,8 @@ from typing import Any
 import numpy as np
 
 from flexhinf.analysis import Attained, worst_disturbance
+from flexhinf.analysis.search import MovedLaw, worst_gain
 from flexhinf.analysis.worst_disturbance import DisturbanceRuns
-from flexhinf.analysis.worst_gain import MovedLaw, worst_gain
 from flexhinf.campaign import Journal
 from flexhinf.campaign.journal import disk_refusals, write_whole
 from flexhinf.campaign.manifest import UNREADABLE, read_sealed, sealed

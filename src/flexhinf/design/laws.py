@@ -216,10 +216,7 @@ DEFAULT_LAWS = tuple(_BY_NAME)
 def law_kind(name: str) -> LawKind:
     """What a name stands for.
 
-    Raises
-    ------
-    InvalidInput
-        For a name that is not known, with the nearest that is.
+    Raises `InvalidInput` for a name that is not known, with the nearest that is.
     """
     match = _WITH_DEGREE.match(name)
     if match and 2 <= int(match[1]) <= LARGEST_DEGREE:
@@ -241,10 +238,7 @@ def law_kind(name: str) -> LawKind:
 def law_names(names: Sequence[str] | None = None) -> tuple[str, ...]:
     """The names of a comparison, each once: the design's own law and the same tuned, then the others.
 
-    Raises
-    ------
-    InvalidInput
-        For a name that is not known.
+    Raises `InvalidInput` for a name that is not known.
     """
     wanted = tuple(names) if names else DEFAULT_LAWS
     for name in wanted:
@@ -331,10 +325,8 @@ class LawFactory:
         degree : int, optional
             Of V, instead of its own.
 
-        Raises
-        ------
-        FlexhinfError
-            If there is no such law: a Riccati equation without a solution, a goal that it does not hold.
+        Raises `FlexhinfError` if there is no such law: a Riccati equation without a solution, a goal that it does not
+        hold.
         """
         if kind.name == DESIGN or self._is_own(kind, values, degree):
             return self.synthesis.law

@@ -148,10 +148,7 @@ class Tuner:
         progress : callable, optional
             Called with what comes next, three times for each law.
 
-        Raises
-        ------
-        InvalidInput
-            If a law that was asked for does not fit the robot.
+        Raises `InvalidInput` if a law that was asked for does not fit the robot.
         """
         found: dict[str, TunedLaw | str] = {}
         for kind in kinds:
@@ -182,10 +179,7 @@ class Tuner:
     def tune(self, kind: LawKind) -> TunedLaw:
         """The first round: the best law of a kind with each of its sets of sensors; the best of these.
 
-        Raises
-        ------
-        FlexhinfError
-            If no law of this kind can be made and judged at all.
+        Raises `FlexhinfError` if no law of this kind can be made and judged at all.
         """
         if kind.name == DESIGN:
             metrics = self.criterion.own
@@ -371,10 +365,7 @@ class Tuner:
         degree : int, optional
             Of V, instead of the law's own.
 
-        Raises
-        ------
-        FlexhinfError
-            If there is no such law.
+        Raises `FlexhinfError` if there is no such law.
         """
         values = {name: float(round(x)) if name == DEGREE else x for name, x in values.items()}
         own = self.own.setup

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -20,9 +20,6 @@ from flexhinf.estimation.filter import RecursiveFilter
 from flexhinf.plant import Estimator
 from flexhinf.scalars import jacobian
 from flexhinf.validation import real_array, value_text
-
-if TYPE_CHECKING:
-    from flexhinf.estimation.filter import RecursiveFilter
 
 
 class ConstantGainBelief(NamedTuple):
@@ -237,12 +234,7 @@ def check_detectable(drift: np.ndarray, measured: np.ndarray, states: Sequence[s
 
 
 def check_decay(error: np.ndarray) -> None:
-    """Refuse (1 − L H) Φ, (n, n), if an error stays: what the gain is when there is no noise to learn from.
-
-    Raises
-    ------
-    InvalidInput
-    """
+    """Refuse (1 − L H) Φ, (n, n), if an error stays: what the gain is when there is no noise to learn from."""
     radius = float(np.abs(np.linalg.eigvals(error)).max())
     if radius >= 1.0 - UNDAMPED:
         raise InvalidInput(

@@ -60,13 +60,7 @@ class Penalty:
         return Penalty(copy.deepcopy(self.states, memo), copy.deepcopy(self.effort, memo))
 
     def __getstate__(self) -> dict[str, Any]:
-        """For a pickle: code is found again by its name.
-
-        Raises
-        ------
-        InvalidInput
-            For code without such a name, a lambda or a function inside of another.
-        """
+        """For a pickle: code is found again by its name."""
         if callable(self.states) and not has_a_name(self.states):
             raise InvalidInput(
                 "A penalty of code without a name cannot be pickled.",

@@ -166,7 +166,7 @@ class Table(Block):
             names = [f"{column.name} {column.unit}".strip() for column in self.heads[1:]]
             labels[1:] = [f' data-label="{escape(name)}"' for name in names]
         body = "".join(
-            f'<tr><th scope="rowgroup" colspan="{len(css)}">{prose(line)}</th></tr>'
+            f'<tr><th scope="rowgroup" colspan="{len(css)}"><strong>{prose(line)}</strong></th></tr>'
             if isinstance(line, str)
             else f"<tr>{''.join(_cell(mark, label, *cell) for mark, label, cell in zip(css, labels, line))}</tr>"
             for line in self._lines()

@@ -21,7 +21,8 @@ import numpy as np
 
 from flexhinf.errors import InvalidInput
 from flexhinf.plant.parameters import ParameterTable
-from flexhinf.robot.elastic import Layout, Links, friction_torque
+from flexhinf.robot.arm import Links
+from flexhinf.robot.elastic import Layout, friction_torque
 from flexhinf.robot.units import TURNING, Stated
 from flexhinf.scalars import derivative, series, trace
 from flexhinf.validation import real_array, value_text

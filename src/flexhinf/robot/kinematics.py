@@ -53,11 +53,6 @@ def check_reference(
     -------
     float
         The largest share of the effort that the feedforward uses; 0 without `effort`.
-
-    Raises
-    ------
-    InvalidInput
-        Naming the joint, the time, the value and the limit.
     """
     for name, value in (("duration", duration), ("period", period)):
         if not np.isfinite(value) or value <= 0.0:
@@ -110,11 +105,6 @@ def check_holding(
     -------
     x, u : ndarray
         The operating point.
-
-    Raises
-    ------
-    InvalidInput
-        Naming the joint, the input that holds it and the limit; or for a pose outside the joints' limits.
     """
     x, u = robot.operating_point(pose)
     limits = np.array(robot.effort_limits) if limit is None else _per_joint(robot, "effort", limit)

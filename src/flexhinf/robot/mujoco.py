@@ -48,12 +48,7 @@ FRAME, SWITCH = 1.0 / 30.0, 1e-4
 
 
 def check_display() -> None:
-    """Refuse, before any work, a view where there is no display.
-
-    Raises
-    ------
-    InvalidInput
-    """
+    """Refuse, before any work, a view where there is no display."""
     if sys.platform.startswith("linux") and not (
         os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
     ):
@@ -279,13 +274,7 @@ class MuJoCoPlant(BlackBox):
 
 
 def check_expressed(extras: Sequence[str]) -> None:
-    """Refuse what a run on MuJoCo's plant would need and does not have, before any work.
-
-    Raises
-    ------
-    InvalidInput
-        If MuJoCo is not installed, or for an extra that it does not express.
-    """
+    """Refuse what a run on MuJoCo's plant would need and does not have, before any work."""
     missing = [name for name in extras if name not in EXPRESSED]
     if missing:
         raise InvalidInput(

@@ -193,8 +193,7 @@ def verify(
 
 
 def _check_sizes(claim: Claim) -> None:
-    """Few enough products of parameters and functions, corners and nodes for exact algebra to end; and numbers whose
-    products are far from the smallest and the largest doubles."""
+    """Refuse claims whose exact algebra would not end, and numbers whose products come near the ends of the doubles."""
     rows = (claim.drift, *claim.g1, *claim.g2)
     kinds = {(term.parameters, term.function) for row in rows for terms in row for term in terms}
     if len(kinds) > _MOST_KINDS:
@@ -238,7 +237,7 @@ def _face(
 
 
 def _again(proof: Proof, cells: list[Cell], seed: int) -> int:
-    """Prove a sample of cells, or their opposites, at random corners of the parameters."""
+    """Prove a sample of cells again, some of them at −z, each at a random corner of the parameters."""
     rng = np.random.default_rng(seed)
     for cell in cells:
         corner = int(rng.integers(len(proof.exact_corners)))

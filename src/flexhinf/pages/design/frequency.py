@@ -333,9 +333,9 @@ def mode_table(design: Design, brief: bool = False) -> Table:
         Column("loop", key="loop"),
         Column("mode", key="mode"),
         *([Column("mainly", key="joint")] if joints > 1 else []),
-        Column("frequency", "Hz", digits=3, key="frequency", brief="Hz"),
-        Column("damping ratio", digits=3, key="damping", brief="damping"),
-        Column("time constant", "s", key="time", brief=None),
+        Column("frequency", "Hz", digits=4, key="frequency", brief="Hz"),
+        Column("damping ratio", digits=4, key="damping", brief="damping"),
+        Column("time constant", "s", digits=4, key="time", brief=None),
     )
     caption = "Modes that oscillate or do not decay, linearised at the goal, continuous time"
     title = f"γ* of the problem = {design.gamma_star:.5g}, γ = {design.gamma:.5g}\nOscillations at the goal"

@@ -85,11 +85,6 @@ def add(a: Vector, b: Vector) -> Vector:
     return tuple(map(plus, a, b))
 
 
-def subtract(a: Vector, b: Vector) -> Vector:
-    """a − b."""
-    return tuple(map(minus, a, b))
-
-
 def opposite(a: Vector) -> Vector:
     """−a."""
     return tuple(minus(0.0, x) for x in a)
@@ -125,17 +120,6 @@ def product(m: Matrix, n: Matrix) -> Matrix:
 def add_matrices(m: Matrix, n: Matrix) -> Matrix:
     """m + n."""
     return tuple(map(add, m, n))
-
-
-def subtract_matrices(m: Matrix, n: Matrix) -> Matrix:
-    """m − n."""
-    return tuple(map(subtract, m, n))
-
-
-def skew(a: Vector) -> Matrix:
-    """[a], with [a] b = a × b."""
-    x, y, z = a
-    return ((0.0, minus(0.0, z), y), (z, 0.0, minus(0.0, x)), (minus(0.0, y), x, 0.0))
 
 
 def rotated_symmetric(r: Matrix, m: Matrix) -> Matrix:
