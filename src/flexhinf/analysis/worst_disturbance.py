@@ -11,8 +11,6 @@ The gradient ∂∫|z|²/∂d comes from the adjoint of the sampled loop. The st
 and the controller's memory (`SampledController`). With ζ' = F(ζ, d) from sample to sample, λ_k = ∂|z_k|²/∂ζ_k +
 λ_{k+1} ∂F/∂ζ is followed backwards, and the gradient is λ_{k+1} ∂F/∂d. All derivatives along the run are computed at
 once; only the products of the recursion are in turn.
-
-Eq. (3) as a run: disturbances of a problem held between samples, z at the samples, V on the way.
 """
 
 from __future__ import annotations
@@ -72,7 +70,7 @@ class Attained:
 
 
 class DisturbanceRuns:
-    """Runs of a law's loop under the disturbances of its problem.
+    """Runs of a law's loop under the disturbances of its problem, held between samples; Eq. (3) as a run.
 
     Parameters
     ----------

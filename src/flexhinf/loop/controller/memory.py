@@ -1,6 +1,4 @@
-"""What a controller remembers between steps and the numbers its step is made of: flat vectors with a layout.
-
-What a running controller remembers, so that no sample can leave it stuck; and its step as a program.
+"""What a controller remembers between steps, so that no sample can leave it stuck; and its step as a program.
 
 A step is a transaction: memory and estimate change where the step's numbers are all finite, and not otherwise. That
 alone does not help against a wild measurement whose numbers are finite: a cubic law makes 1e18 V of 1e6 rad, and the
@@ -279,13 +277,8 @@ def step_program(
 
 
 def step_failure(code: int, back: bool, y: Any, reference: Any) -> NumericalFailure:
-    """The error of a compiled step that ended with a code; y and the command are those it was given.
-
-    Parameters
-    ----------
-    back : bool
-        Whether an earlier memory has taken the place of the one it ran on.
-    """
+    """The error of a compiled step that ended with a code; y and the command are those it was given, and `back` says
+    whether an earlier memory has taken the place of the one it ran on."""
     if code != BAD_RESULT:
         advice = "another command"
         if code == BAD_MEASUREMENT:
