@@ -490,16 +490,8 @@ def worst_disturbance(
 def ascend_inside(
     search: DisturbanceSearch, start: np.ndarray, level: float, turns: int, solution: HJISolution
 ) -> Attained:
-    """The best of all energies tried with which V of a solution stayed below the level; the smallest energy if there
-    is none.
-
-    Parameters
-    ----------
-    start : (N, k) array
-        At the search's period, of any size.
-    solution : HJISolution
-        Whose V, and γ for the first energy.
-    """
+    """The best of all energies tried with which V of a solution, whose γ gives the first energy, stayed below the
+    level; the smallest energy if there is none. The start (N, k) is at the search's period, of any size."""
     energy, best, grows = 2.0 * level / solution.gamma**2, None, None
     for _ in range(ROUNDS):
         found = search.climbed(start, energy, turns, solution)

@@ -244,14 +244,8 @@ def step_program(
 ) -> Program:
     """One step as a transaction: `memory` and `estimate` are written where everything is finite.
 
-    Parameters
-    ----------
-    sizes : mapping of str to int
-        Numbers in each of y, r, data, memory, u and estimate; without y, the step has no measurement.
-    commanded : bool
-        Whether a command is read.
-    steps : callable
-        As `Controller.steps`.
+    `sizes` are those of y, r, data, memory, u and estimate; without y, the step has no measurement. `commanded` says
+    whether a command is read, and `steps` are those of `Controller.steps`.
     """
     roles: dict[str, Any] = {name: role for name, role in ROLES.items() if name in sizes}
     buffers = [Buffer(name, sizes[name], role) for name, role in roles.items()]
