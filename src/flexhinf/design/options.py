@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Mapping
+import textwrap
 from pathlib import Path
 from typing import Any, get_args, get_origin, get_type_hints
 
@@ -108,7 +108,7 @@ class FieldInfo:
             return self.adapter.validate_python(value)
         except UnicodeEncodeError as error:
             what, found = "is no text in UTF-8", f"got {value_text(error.object)}"
-            raise InvalidInput(f"The {words(self.name)} {what}.", found, "text that can be printed") from None
+            raise InvalidInput(f"The {spaced(self.name)} {what}.", found, "text that can be printed") from None
         except ValidationError as error:
             first = error.errors(include_url=False)[0]
             own = first.get("ctx", {}).get("error")
@@ -134,14 +134,14 @@ def argument(help: str, metavar: str = "", *, default: Any = dataclasses.MISSING
     return dataclasses.field(default=default, metadata={"about": about})
 
 
-def words(name: str) -> str:
+def spaced(name: str) -> str:
     """The name of a field as words."""
     return name.replace("_", " ")
 
 
 def refused(name: str) -> str:
     """First part of the error about a value of a field."""
-    return f"The {words(name)} cannot be used."
+    return f"The {spaced(name)} cannot be used."
 
 
 def option_name(name: str) -> str:
@@ -177,10 +177,11 @@ def _allowed(annotation: Any) -> str:
     return next((words for part in get_args(annotation) if (words := _allowed(part))), "")
 
 
-def parameters_section(fields: Mapping[str, FieldInfo]) -> str:
-    """Fields as the section "Parameters" of a docstring."""
+def with_parameters(cls: Any) -> str:
+    """The docstring of a dataclass with its declared options as the section "Parameters", before "Raises"."""
     lines = ["    Parameters", "    ----------"]
-    for field in fields.values():
+    for field in declared(cls).values():
         default = field.about.default or ("none" if field.default in (None, ()) else repr(field.default))
-        lines += [f"    {field.name} : {field.allowed}; default: {default}", f"        {field.about.help}"]
-    return "\n".join(lines) + "\n"
+        lines.append(f"    {field.name} : {field.allowed}; default: {default}")
+        lines += textwrap.wrap(field.about.help, 110, initial_indent=" " * 8, subsequent_indent=" " * 8)
+    return str(cls.__doc__).replace("    Raises\n", "\n".join([*lines, "", "    Raises\n"]))
