@@ -12,6 +12,7 @@ import tomllib
 import unicodedata
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from importlib import import_module
 from io import BufferedReader
 from pathlib import Path
 from typing import Any
@@ -176,6 +177,21 @@ def value_text(value: Any, most: int = 200) -> str:
         Exception
     ) as error:  # an integer of more than 4300 digits, lists nested too deeply, foreign objects
         return f"a {type(value).__name__} that cannot be printed ({readable(str(error), 80)})"
+
+
+def extra_package(package: str, extra: str, what: str) -> Any:
+    """An optional package; without it an error that names the extra of flexhinf that brings it.
+
+    Raises
+    ------
+    InvalidInput
+        `what` is its first sentence.
+    """
+    try:
+        return import_module(package)
+    except ImportError as error:
+        advice = f"pip install 'flexhinf[{extra}]'"
+        raise InvalidInput(what, f"expected the package {package!r}: {error}", advice) from error
 
 
 # Names ----------------------------------------------------------------------------------------------

@@ -33,15 +33,16 @@ from flexhinf.scalars import (
     symbols,
     trace,
 )
-from flexhinf.validation import (
+from flexhinf.validation import (  # fmt: skip
     LONGEST_NAME,
     checked_name,
     checked_names,
     checked_text,
     distinct,
+    extra_package,
     real_array,
     value_text,
-)  # fmt: skip
+)
 
 #: Largest rate at an operating point, relative to the plant's own rates, that still counts as an equilibrium.
 EQUILIBRIUM_TOLERANCE = 1e-9
@@ -158,13 +159,7 @@ def signals(what: str, model: Callable[[], Any]) -> np.ndarray:
 
 def python_control() -> Any:
     """The package, or an error that says how to get it."""
-    try:
-        import control
-    except ImportError as error:
-        raise InvalidInput(
-            "python-control is not installed.", f"import control: {error}", "pip install 'flexhinf[control]'"
-        ) from error
-    return control
+    return extra_package("control", "control", "python-control is not installed.")
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -18,7 +18,7 @@ import numpy as np
 
 from flexhinf.errors import InvalidInput
 from flexhinf.plant.equilibrium import motion_of
-from flexhinf.robot.dynamics.bodies import frames_of
+from flexhinf.robot.dynamics.algorithms import frames_of
 from flexhinf.robot.elastic import DRIVES
 from flexhinf.robot.robot import Robot
 from flexhinf.robot.signals import UNITS, signal_names

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from importlib import import_module
 from typing import Any
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
@@ -28,7 +27,7 @@ from flexhinf.robot.urdf import (
     merged,
     moved,
 )
-from flexhinf.validation import HUGE, checked_name, value_text
+from flexhinf.validation import HUGE, checked_name, extra_package, value_text
 
 KINDS = {"mjJNT_HINGE": "revolute", "mjJNT_SLIDE": "prismatic"}
 
@@ -114,14 +113,7 @@ def _refusal(file: str, what: str, found: str, advice: str) -> InvalidInput:
 # Before MuJoCo reads it ---------------------------------------------------------------------------
 def _specification(root: Element, file: str) -> Any:
     """MuJoCo's own description of the bodies, joints, shapes and actuators, checked and not yet compiled."""
-    try:
-        mujoco: Any = import_module("mujoco")
-    except ImportError as error:
-        raise InvalidInput(
-            f"{file}: MJCF is read by MuJoCo, which is not installed.",
-            "expected the package 'mujoco'",
-            "pip install 'flexhinf[mujoco]'; or a URDF",
-        ) from error
+    mujoco = extra_package("mujoco", "mujoco", f"{file}: MJCF is read by MuJoCo, which is not installed.")
     for element in root.iter():
         if element.tag in REFUSED:
             raise _refusal(
