@@ -241,6 +241,13 @@ def nearest(name: Any, known: Iterable[Any], otherwise: str = "one of these") ->
     return repr(close[0]) if close else otherwise
 
 
+def unknown_name(what: str, name: Any, known: Iterable[Any], otherwise: str = "one of these") -> InvalidInput:
+    """The error for a name that is none of the known ones."""
+    known = list(known)
+    found = f"expected one of {known}, got {value_text(name, 60)}"
+    return InvalidInput(what, found, nearest(name, known, otherwise))
+
+
 def checked_names(what: str, names: Any) -> tuple[str, ...]:
     """One name or several, as a tuple; `what` begins the message: "The sensors".
 

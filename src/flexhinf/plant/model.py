@@ -33,7 +33,7 @@ from flexhinf.scalars import (
     symbols,
     trace,
 )
-from flexhinf.validation import (  # fmt: skip
+from flexhinf.validation import (
     LONGEST_NAME,
     checked_name,
     checked_names,
@@ -41,6 +41,7 @@ from flexhinf.validation import (  # fmt: skip
     distinct,
     extra_package,
     real_array,
+    unknown_name,
     value_text,
 )
 
@@ -267,9 +268,7 @@ class Model(Summarised):
     def index(self, name: str) -> int:
         """Place of a state in x, by name."""
         if name not in self.states:
-            raise InvalidInput(
-                f"There is no state {name!r}.", f"expected one of {list(self.states)}", "one of these names"
-            )
+            raise unknown_name(f"There is no state {name!r}.", name, self.states)
         return tuple(self.states).index(name)
 
     def expanded(self, names: str | Sequence[str]) -> tuple[str, ...]:
