@@ -12,6 +12,7 @@ import tomllib
 import unicodedata
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from importlib import import_module
 from io import BufferedReader
 from pathlib import Path
 from typing import Any
@@ -178,6 +179,21 @@ def value_text(value: Any, most: int = 200) -> str:
         return f"a {type(value).__name__} that cannot be printed ({readable(str(error), 80)})"
 
 
+def extra_package(package: str, extra: str, what: str) -> Any:
+    """An optional package; without it an error that names the extra of flexhinf that brings it.
+
+    Raises
+    ------
+    InvalidInput
+        `what` is its first sentence.
+    """
+    try:
+        return import_module(package)
+    except ImportError as error:
+        advice = f"pip install 'flexhinf[{extra}]'"
+        raise InvalidInput(what, f"expected the package {package!r}: {error}", advice) from error
+
+
 # Names ----------------------------------------------------------------------------------------------
 def checked_name(
     what: str, name: Any, spaces: bool = False, without: str = "", longest: int = LONGEST_NAME
@@ -223,6 +239,13 @@ def nearest(name: Any, known: Iterable[Any], otherwise: str = "one of these") ->
     """The known name that is most like a wrong one, as an advice."""
     close = difflib.get_close_matches(str(name)[:200], list(known), n=1)
     return repr(close[0]) if close else otherwise
+
+
+def unknown_name(what: str, name: Any, known: Iterable[Any], otherwise: str = "one of these") -> InvalidInput:
+    """The error for a name that is none of the known ones."""
+    known = list(known)
+    found = f"expected one of {known}, got {value_text(name, 60)}"
+    return InvalidInput(what, found, nearest(name, known, otherwise))
 
 
 def checked_names(what: str, names: Any) -> tuple[str, ...]:

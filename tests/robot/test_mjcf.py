@@ -152,6 +152,8 @@ def test_motors_limits_and_gravity_are_those_of_the_file(write):
         ("<actuator>", "<tendon><fixed stiffness='3'><joint joint='elbow' coef='1'/></fixed></tendon><actuator>",
          "a tendon has stiffness"),
         ('diaginertia="0.02 0.004 0.021"', "", "is incomplete"),
+        ('mass="0.4"', 'mass="-0.4"', "mass of <inertial> cannot be read"),
+        ('armature="0.02"', 'armature="1e31"', "armature of <joint> cannot be read"),
         ('diaginertia="0.02 0.004 0.021"', 'diaginertia="0.02 0.004 0.9"', "must satisfy"),
         ('pos="0 0 0.4" axisangle="1 0 1 70"', 'pos="0 0 x"', "bad format in attribute 'pos'"),
         ('axisangle="1 0 1 70"', 'axisangle="1 0 1 70" euler="0 0 0"', "multiple orientation"),

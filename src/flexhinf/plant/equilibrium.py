@@ -12,7 +12,7 @@ import numpy as np
 
 from flexhinf.errors import InvalidInput, NumericalFailure
 from flexhinf.plant.model import Model
-from flexhinf.validation import checked_array, value_text
+from flexhinf.validation import checked_array, unknown_name, value_text
 
 ITERATIONS = 50
 
@@ -28,9 +28,7 @@ def pose_values(pose: Any, names: Sequence[str]) -> np.ndarray:
     if isinstance(pose, Mapping):
         unknown = [name for name in pose if name not in names]
         if unknown:
-            raise InvalidInput(
-                f"The pose names {unknown[0]!r}.", f"expected names out of {list(names)}", "one of these"
-            )
+            raise unknown_name(f"The pose names {unknown[0]!r}.", unknown[0], names)
         pose = [pose.get(name, 0.0) for name in names]
     expected = f"{len(names)} finite values for {list(names)}"
     shape, advice = (len(names),), "one value per integrated state"

@@ -39,9 +39,11 @@ from flexhinf.validation import (
     checked_names,
     checked_text,
     distinct,
+    extra_package,
     real_array,
+    unknown_name,
     value_text,
-)  # fmt: skip
+)
 
 #: Largest rate at an operating point, relative to the plant's own rates, that still counts as an equilibrium.
 EQUILIBRIUM_TOLERANCE = 1e-9
@@ -158,13 +160,7 @@ def signals(what: str, model: Callable[[], Any]) -> np.ndarray:
 
 def python_control() -> Any:
     """The package, or an error that says how to get it."""
-    try:
-        import control
-    except ImportError as error:
-        raise InvalidInput(
-            "python-control is not installed.", f"import control: {error}", "pip install 'flexhinf[control]'"
-        ) from error
-    return control
+    return extra_package("control", "control", "python-control is not installed.")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -272,9 +268,7 @@ class Model(Summarised):
     def index(self, name: str) -> int:
         """Place of a state in x, by name."""
         if name not in self.states:
-            raise InvalidInput(
-                f"There is no state {name!r}.", f"expected one of {list(self.states)}", "one of these names"
-            )
+            raise unknown_name(f"There is no state {name!r}.", name, self.states)
         return tuple(self.states).index(name)
 
     def expanded(self, names: str | Sequence[str]) -> tuple[str, ...]:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf.errors import InvalidInput
-from flexhinf.validation import nearest, read_only, real_array, value_text
+from flexhinf.validation import read_only, real_array, unknown_name, value_text
 
 AS_STATED = "the name as it stands in the parameters"
 
@@ -25,11 +25,8 @@ class Parameters:
     def __getattr__(self, name: str) -> Any:
         if name.startswith("_"):  # copy, pickle and notebooks ask for such names
             raise AttributeError(name)
-        raise InvalidInput(
-            f"The model reads a parameter that it does not have: {name!r}.",
-            f"expected one of {sorted(self.__dict__)}",
-            nearest(name, self.__dict__, AS_STATED),
-        )
+        what = f"The model reads a parameter that it does not have: {name!r}."
+        raise unknown_name(what, name, sorted(self.__dict__), AS_STATED)
 
 
 @dataclass(frozen=True)
@@ -119,11 +116,7 @@ class ParameterTable:
         """
         for name, value in changes.items():
             if name not in self.values:
-                raise InvalidInput(
-                    f"There is no parameter {name!r}.",
-                    f"expected one of {list(self.names)}",
-                    nearest(name, self.values, AS_STATED),
-                )
+                raise unknown_name(f"There is no parameter {name!r}.", name, self.names, AS_STATED)
             if np.shape(value) != self.values[name].shape:
                 raise InvalidInput(
                     f"The parameter {name!r} has the wrong shape.",

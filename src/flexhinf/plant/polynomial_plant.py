@@ -7,7 +7,7 @@ What synthesis needs to know of a plant with an objective.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable
 
@@ -18,26 +18,18 @@ from flexhinf.notebook import Summarised, names_text
 from flexhinf.polynomial import basis
 from flexhinf.polynomial.algebra import evaluate, monomials
 from flexhinf.polynomial.basis import from_kronecker
-from flexhinf.validation import checked_array, distinct, read_only, real_array, value_text
+from flexhinf.validation import checked_array, checked_names, distinct, read_only, real_array, value_text
 
 _HIGHEST = 200  # degree of a monomial, as for the synthesis
 _MOST = 200_000_000  # coefficients of one part, zeros included: 1.6 GB
 _REST = 1e-9  # |f(x*)| up to this, relative to its row of the Jacobian or to one, is rounding
 
 
-def checked_names(kind: str, given: Sequence[str] | None, letter: str, count: int) -> tuple[str, ...]:
+def numbered_names(kind: str, given: Sequence[str] | None, letter: str, count: int) -> tuple[str, ...]:
     """One name per signal, all distinct; numbered letters by default."""
     if given is None:
         return tuple(f"{letter}{i + 1}" for i in range(count))
-    names: tuple[Any, ...] = (
-        tuple(given) if isinstance(given, Iterable) and not isinstance(given, str) else (given,)
-    )
-    if not all(isinstance(name, str) for name in names):
-        raise InvalidInput(
-            f"A {kind} name is not a text.",
-            f"expected {count} texts, got {value_text(given)}",
-            f"'{letter}1'",
-        )
+    names = checked_names(f"The {kind}s", given)
     if len(names) != count:
         raise InvalidInput(
             f"The number of {kind} names is not the number of {kind}s.",
@@ -414,8 +406,8 @@ class PolynomialPlant(Summarised):
         operating_input: Any = None,
     ) -> None:
         r2 = checked_r2(r2)
-        names = checked_names("state", state_names, "x", n)
-        inputs = checked_names("input", input_names, "u", len(r2))
+        names = numbered_names("state", state_names, "x", n)
+        inputs = numbered_names("input", input_names, "u", len(r2))
         distinct("Of states and inputs, the name", (*names, *inputs))
         parts = {
             "f": checked_parts("f", f, n, (n,), 1),

@@ -31,6 +31,7 @@ import numpy as np
 from flexhinf.errors import InvalidInput
 from flexhinf.robot.parameters import per_joint
 from flexhinf.scalars import clip
+from flexhinf.validation import unknown_name
 
 #: The parameter that each switch needs.
 EXTRAS = {
@@ -64,11 +65,8 @@ def checked_extras(extras: Any, inductance: bool, given: Collection[str], robot:
     requested = {*requested, "inductance"} if inductance else set(requested)
     for name in sorted(requested):
         if name not in EXTRAS:
-            raise InvalidInput(
-                f"Nothing that a real joint adds is called {name!r}.",
-                f"expected names out of {list(EXTRAS)}",
-                "extras=('joint_damping', 'coulomb_friction')",
-            )
+            what = f"Nothing that a real joint adds is called {name!r}."
+            raise unknown_name(what, name, EXTRAS, "extras=('joint_damping', 'coulomb_friction')")
         if EXTRAS[name] not in given:
             raise InvalidInput(
                 f"The robot {robot!r} does not state {EXTRAS[name]!r}, which {name!r} needs.",
@@ -198,11 +196,7 @@ def required_of_drive(
         For an unknown drive.
     """
     if drive not in DRIVES:
-        raise InvalidInput(
-            "The motors are driven in an unknown way.",
-            f"expected one of {list(DRIVES)}, got {drive!r}",
-            "'voltage'",
-        )
+        raise unknown_name("The motors are driven in an unknown way.", drive, DRIVES, "'voltage'")
     required = []
     for joint in joints:
 

@@ -25,7 +25,7 @@ from flexhinf.robot.arm import Links
 from flexhinf.robot.elastic import Layout, friction_torque
 from flexhinf.robot.units import TURNING, Stated
 from flexhinf.scalars import derivative, series, trace
-from flexhinf.validation import checked_array, real_array
+from flexhinf.validation import checked_array, real_array, unknown_name
 
 #: A torque (force) of less than this times the robot's weight, at a metre, is rounding.
 ROUNDING = 1e-12
@@ -102,11 +102,8 @@ def checked_pose(pose: Any, default: np.ndarray, links: Links, robot: str) -> np
             named[names[0]] = named.pop("link_position")
         unknown = [name for name in named if name not in names]
         if unknown:
-            raise InvalidInput(
-                f"The pose names a joint that the robot {robot!r} does not have: {unknown[0]!r}.",
-                f"expected names out of {list(names)}",
-                "one of these",
-            )
+            what = f"The pose names a joint that the robot {robot!r} does not have: {unknown[0]!r}."
+            raise unknown_name(what, unknown[0], names)
         pose = [named.get(name, value) for name, value in zip(names, default)]
     given = list(pose) if isinstance(pose, (tuple, list)) else [pose]
     values = checked_array(

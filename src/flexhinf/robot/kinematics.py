@@ -18,17 +18,11 @@ import numpy as np
 
 from flexhinf.errors import InvalidInput
 from flexhinf.plant.equilibrium import motion_of
-from flexhinf.robot.dynamics.bodies import frames_of
+from flexhinf.robot.dynamics.algorithms import frames_of
 from flexhinf.robot.elastic import DRIVES
 from flexhinf.robot.robot import Robot
 from flexhinf.robot.signals import UNITS, signal_names
-from flexhinf.validation import (
-    HUGE,
-    checked_array,
-    checked_positive,
-    real_array,
-    value_text,
-)
+from flexhinf.validation import HUGE, checked_array, checked_positive, real_array, unknown_name, value_text
 
 
 def position_ranges(robot: Robot) -> np.ndarray:
@@ -327,11 +321,7 @@ def _place(robot: Robot, link: str | None) -> int:
     if link is None:
         return len(names) - 1
     if link not in names:
-        raise InvalidInput(
-            "There is no such link.",
-            f"expected one of {list(names)}, got {value_text(link, 60)}",
-            repr(names[-1]),
-        )
+        raise unknown_name("There is no such link.", link, names, repr(names[-1]))
     return names.index(link)
 
 

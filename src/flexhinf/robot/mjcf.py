@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from importlib import import_module
 from typing import Any
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
@@ -22,13 +21,14 @@ from flexhinf.robot.urdf import (
     MOST_JOINTS,
     MOST_LINKS,
     RigidArm,
+    check_body,
     check_lock,
     check_selection,
     locked_joints,
     merged,
     moved,
 )
-from flexhinf.validation import HUGE, checked_name, value_text
+from flexhinf.validation import HUGE, checked_name, extra_package, value_text
 
 KINDS = {"mjJNT_HINGE": "revolute", "mjJNT_SLIDE": "prismatic"}
 
@@ -114,14 +114,7 @@ def _refusal(file: str, what: str, found: str, advice: str) -> InvalidInput:
 # Before MuJoCo reads it ---------------------------------------------------------------------------
 def _specification(root: Element, file: str) -> Any:
     """MuJoCo's own description of the bodies, joints, shapes and actuators, checked and not yet compiled."""
-    try:
-        mujoco: Any = import_module("mujoco")
-    except ImportError as error:
-        raise InvalidInput(
-            f"{file}: MJCF is read by MuJoCo, which is not installed.",
-            "expected the package 'mujoco'",
-            "pip install 'flexhinf[mujoco]'; or a URDF",
-        ) from error
+    mujoco = extra_package("mujoco", "mujoco", f"{file}: MJCF is read by MuJoCo, which is not installed.")
     for element in root.iter():
         if element.tag in REFUSED:
             raise _refusal(
@@ -172,11 +165,15 @@ def _kept(root: Element, file: str) -> Element:
                 '<inertial pos="0 0 0" mass="1" diaginertia="0.01 0.01 0.01"/>',
             )
         for key, text in element.attrib.items():
-            if key not in ("name", "class", "childclass", "joint") and _NOT_FINITE.search(text):
+            if key in ("name", "class", "childclass", "joint"):
+                continue
+            lowest = 0.0 if key in ("mass", "density") else -HUGE
+            outside = any(number < lowest or number > HUGE for number in map(_number, text.split()))
+            if outside or _NOT_FINITE.search(text):
                 raise _refusal(
                     file,
                     f"{key} of <{element.tag}> cannot be read",
-                    f"expected finite numbers, got {value_text(text, 60)}",
+                    f"expected numbers from {lowest:g} to {HUGE:g}, got {value_text(text, 60)}",
                     "correct the value",
                 )
     return kept
@@ -345,6 +342,7 @@ def _arm(model: Any, file: str, movable: tuple[str, ...], locked: Mapping[str, f
             frames[name] = joints[carrier].name, place
         centre = place.then(_placement(file, model.body_ipos[k], model.body_iquat[k]))
         turn = np.array(centre.rotation)
+        check_body(file, name, float(model.body_mass[k]), np.diag(model.body_inertia[k]))
         about = turn @ np.diag(model.body_inertia[k]) @ turn.T
         bodies[carrier].append((name, float(model.body_mass[k]), np.array(centre.translation), about))
     gravity = np.array(model.opt.gravity) * (not model.opt.disableflags & _NO_GRAVITY)

@@ -31,7 +31,7 @@ from flexhinf.robot.elastic import checked_extras, torque_per_input
 from flexhinf.robot.kinematics import skeleton
 from flexhinf.robot.robot import Robot
 from flexhinf.robot.signals import MECHANICAL, SENSORS, Sensors, signal_names, units_of
-from flexhinf.validation import checked_array, checked_positive
+from flexhinf.validation import checked_array, checked_positive, extra_package
 
 #: Wind-ups of the springs are drawn so many times larger.
 LARGER = 10.0
@@ -285,13 +285,7 @@ def check_expressed(extras: Sequence[str]) -> None:
 
 
 def _imported() -> Any:
-    try:
-        import mujoco
-    except ImportError as error:
-        raise InvalidInput(
-            "MuJoCo is not installed.", "expected the package 'mujoco'", "pip install 'flexhinf[mujoco]'"
-        ) from error
-    return mujoco
+    return extra_package("mujoco", "mujoco", "MuJoCo is not installed.")
 
 
 # The model ----------------------------------------------------------------------------------------

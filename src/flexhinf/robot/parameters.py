@@ -5,7 +5,6 @@ A physical number with its unit, tolerance and source.
 
 from __future__ import annotations
 
-import difflib
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -14,7 +13,15 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from flexhinf.errors import InvalidInput
-from flexhinf.validation import HUGE, checked_text, is_real, real_array, value_text, within_proportion
+from flexhinf.validation import (
+    HUGE,
+    checked_text,
+    is_real,
+    nearest,
+    real_array,
+    value_text,
+    within_proportion,
+)
 
 
 class Quantity(NamedTuple):
@@ -126,12 +133,11 @@ def check_parameters(robot: str, parameters: Sequence[Parameter], slides: Mappin
     _check_meanings(robot, list(slides))
     for parameter in parameters:
         if parameter.name not in known:
-            close = difflib.get_close_matches(parameter.name, known, n=1)
             raise InvalidInput(
                 f"The robot {robot!r} has no use for a parameter {parameter.name!r}.",
                 f"expected one of {list(QUANTITIES)}"
                 + (f" with _JOINT for {list(slides)}" if slides else ""),
-                repr(close[0]) if close else "a name of the list",
+                nearest(parameter.name, known, "a name of the list"),
             )
         quantity, sliding = known[parameter.name]
         sign, unit = QUANTITIES[quantity].sign, unit_of(quantity, sliding)

@@ -51,7 +51,7 @@ from flexhinf.robot.signals import (
     signal_names,
     units_of,
 )
-from flexhinf.validation import checked_name, checked_text, real_number
+from flexhinf.validation import checked_name, checked_text, real_number, unknown_name
 
 
 @dataclass(frozen=True, repr=False)
@@ -149,11 +149,7 @@ class Robot(Summarised):
         for parameter in self.parameters:
             if parameter.name == name:
                 return parameter
-        raise InvalidInput(
-            f"The robot {self.name!r} has no parameter {name!r}.",
-            f"expected one of {list(self.nominal)}",
-            "one of these",
-        )
+        raise unknown_name(f"The robot {self.name!r} has no parameter {name!r}.", name, self.nominal)
 
     def with_values(self, values: Mapping[str, float]) -> Robot:
         """The same robot with other nominal values; unknown names raise InvalidInput."""

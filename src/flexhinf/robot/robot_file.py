@@ -23,7 +23,7 @@ from flexhinf.robot.plausibility import check_angles, check_plausible
 from flexhinf.robot.robot import Robot
 from flexhinf.robot.schema import RobotFile, check_tolerance, nesting_advice
 from flexhinf.robot.urdf import MOST_JOINTS, RigidArm, check_selection, read_urdf
-from flexhinf.validation import checked_path, distinct, nearest, read_toml, read_xml, value_text
+from flexhinf.validation import checked_path, distinct, nearest, read_toml, read_xml, unknown_name, value_text
 
 GRAVITY = 9.81
 
@@ -253,11 +253,8 @@ class PartsReader:
         names = [joint.name for joint in arm.joints]
         unknown = [name for name in rows if name not in arm.movable]
         if unknown:
-            raise InvalidInput(
-                f"{file}: there is no joint {unknown[0]!r} in {rigid.name}.",
-                f"expected one of {list(arm.movable)}",
-                nearest(unknown[0], arm.movable),
-            )
+            what = f"{file}: there is no joint {unknown[0]!r} in {rigid.name}."
+            raise unknown_name(what, unknown[0], arm.movable)
         missing = [name for name in names if name not in rows]
         if missing:
             raise InvalidInput(

@@ -22,7 +22,15 @@ from flexhinf.robot.dynamics import Joint, Placement, lumped, matrix_of, six_of
 from flexhinf.robot.dynamics.tree import KINDS
 from flexhinf.robot.parameters import INERTIA
 from flexhinf.robot.parts import Link
-from flexhinf.validation import HUGE, checked_name, distinct, nearest, read_xml, real_number, value_text
+from flexhinf.validation import (
+    HUGE,
+    checked_name,
+    distinct,
+    read_xml,
+    real_number,
+    unknown_name,
+    value_text,
+)
 
 #: What may stand in an element, and only once, with what else a URDF has there.
 ONCE = {
@@ -438,11 +446,8 @@ def locked_joints(
     still = dict(locked or {})
     for name in (*(joints or ()), *still):
         if name not in movable:
-            raise InvalidInput(
-                f"{file}: there is no joint {value_text(name, 60)} that could move.",
-                f"expected one of {list(movable)}",
-                nearest(name, movable),
-            )
+            what = f"{file}: there is no joint {value_text(name, 60)} that could move."
+            raise unknown_name(what, name, movable)
     if joints is None:
         return still
     both = [name for name in joints if name in still]
