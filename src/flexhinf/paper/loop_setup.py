@@ -8,79 +8,19 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from flexhinf.analysis import Population, corner_population
-from flexhinf.errors import InfeasibleGamma, InvalidInput
+from flexhinf.errors import InfeasibleGamma
 from flexhinf.estimation import ExtendedKalmanFilter, UnscentedKalmanFilter
 from flexhinf.hinf import HJISolution, smallest_gamma, solve_hji
 from flexhinf.loop import Controller, Ensemble, Loop, Step, Trajectory
+from flexhinf.paper.settings import PaperSettings
 from flexhinf.plant import GeneralisedPlant, Law, Penalty, Plant
 from flexhinf.robot import Robot, paper_arm
-
-ESTIMATORS = ("ukf", "ekf", "none")
-PERIODS = "1e-4 to 0.05 s (the joint vibrates at 14 rad/s)"
-
-
-@dataclass(frozen=True)
-class PaperSettings:
-    """Options of ``flexhinf paper``.
-
-    Parameters
-    ----------
-    gamma_ratio : float
-        γ/γ*; more than 1.
-    degree : int
-        Degree of V, at least 2; the law has one less. 4 is the paper's cubic law.
-    period : float
-        Sampling period of estimator and controller, s.
-    seed : int
-        Of measurement noise and of the sampled plants.
-    estimator : {"ukf", "ekf", "none"}
-        "none" feeds back the true state.
-    process_noise : float
-        Variance q of R^v = q I, added to each state at each sample.
-    measurement_noise : float
-        Variance R^n of the measured link position, rad². The simulated noise has the same variance.
-
-    Raises
-    ------
-    InvalidInput
-        For a value outside its range.
-    """
-
-    gamma_ratio: float = 2.0
-    degree: int = 4
-    period: float = 1e-3
-    seed: int = 0
-    estimator: str = "ukf"
-    process_noise: float = 1e-6
-    measurement_noise: float = 1e-6
-
-    def __post_init__(self) -> None:
-        degree, seed = (value if type(value) is int else -1 for value in (self.degree, self.seed))
-        allowed = (
-            ("γ/γ*", "gamma_ratio", 0.0 < self.gamma_ratio <= 1e6, "a number above 1, up to 1e6"),
-            ("degree of V", "degree", 2 <= degree <= 12, "an integer from 2 to 12"),
-            ("sampling period", "period", 1e-4 <= self.period <= 0.05, PERIODS),
-            ("seed", "seed", 0 <= seed < 2**53, "an integer from 0"),
-            ("estimator", "estimator", self.estimator in ESTIMATORS, ", ".join(ESTIMATORS)),
-            ("process noise", "process_noise", self.process_noise >= 0.0, "a variance >= 0"),
-            ("measurement noise", "measurement_noise", self.measurement_noise > 0.0, "a variance > 0, rad²"),
-        )
-        for what, name, holds, expected in allowed:
-            value = getattr(self, name)
-            if not holds or (isinstance(value, float) and not math.isfinite(value)):
-                raise InvalidInput(
-                    f"The {what} cannot be used.",
-                    f"expected {expected}, got {value!r}",
-                    f"--{name.replace('_', '-')} {getattr(PaperSettings, name)}",
-                )
-
 
 #: R2 of Eq. (11).
 EFFORT = 10.0
