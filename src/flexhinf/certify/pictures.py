@@ -83,15 +83,14 @@ class LimitSlice(Slice):
     ----------
     limit : str
         What fails there, as `SampledCheck.limit`.
-    point, other : ndarray, shape (n,)
-        Deviations.
+    point : ndarray, shape (n,)
+        Deviation at which the level ends.
     moved : int or None
         Place of the state that is moved, None for the largest start.
     """
 
     limit: str
     point: np.ndarray
-    other: np.ndarray
     moved: int | None
 
 
@@ -103,8 +102,8 @@ class WorstStep:
     ----------
     time : ndarray, shape (N,)
         s.
-    state, input, disturbance : ndarray, shapes (N, n), (N, m), (N, w)
-        Deviations from the goal; the input itself.
+    state, disturbance : ndarray, shapes (N, n), (N, w)
+        Deviations from the goal.
     value, spent : ndarray, shape (N,)
         V, and ½γ²∫|d|² until then.
     """
@@ -113,7 +112,6 @@ class WorstStep:
     amplitude: float
     time: np.ndarray
     state: np.ndarray
-    input: np.ndarray
     disturbance: np.ndarray
     value: np.ndarray
     spent: np.ndarray
@@ -153,7 +151,7 @@ def limit_slice(
     across, up = (np.linspace(-SIDES * length, SIDES * length, POINTS) for length in lengths)
     points = across[:, None] * other + up[:, None, None] * point
     value, residual = _on(solution, certificate, penalty, points)
-    return LimitSlice(across, up, value, residual, check.limit, point, other, moved)
+    return LimitSlice(across, up, value, residual, check.limit, point, moved)
 
 
 def _beside(solution: ValueFunction, certificate: Claim, point: np.ndarray) -> tuple[np.ndarray, int | None]:
@@ -210,27 +208,26 @@ def worst_step(solution: ValueFunction, certificate: Claim, start: Start) -> Wor
     h, gamma, level = duration / SAMPLES, certificate.gamma, certificate.level
     first = float(solution.value(x))
 
-    def fields(x: np.ndarray, on: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def rates(x: np.ndarray, on: bool) -> tuple[np.ndarray, np.ndarray]:
+        """(ẋ, d)."""
         f, g1, g2, _ = solution.exact_fields(x[None])
         d = g1[0].T @ solution.gradient(x) / gamma**2 if on else np.zeros(g1.shape[2])
-        u = solution.inputs(x[None])[0]
-        return f[0] + g1[0] @ d + g2[0] @ u, u, d
+        return f[0] + g1[0] @ d + g2[0] @ solution.inputs(x[None])[0], d
 
     rows, spent, on = [], 0.0, True
     for k in range(SAMPLES + 1):
-        rate, u, d = fields(x, on)
+        rate, d = rates(x, on)
         on = on and first + spent + 0.5 * gamma**2 * h * float(d @ d) < level
         if not on and d.any():
-            rate, u, d = fields(x, on)
-        rows.append((k * h, x, solution.operating_input + u, d, float(solution.value(x)), spent))
+            rate, d = rates(x, on)
+        rows.append((k * h, x, d, float(solution.value(x)), spent))
         energy = float(d @ d)
-        a, _, da = fields(x + 0.5 * h * rate, on)
-        b, _, db = fields(x + 0.5 * h * a, on)
-        c, _, dc = fields(x + h * b, on)
+        a, da = rates(x + 0.5 * h * rate, on)
+        b, db = rates(x + 0.5 * h * a, on)
+        c, dc = rates(x + h * b, on)
         x = x + h / 6.0 * (rate + 2.0 * a + 2.0 * b + c)
         spent += 0.5 * gamma**2 * h / 6.0 * float(energy + 2.0 * da @ da + 2.0 * db @ db + dc @ dc)
-    time, states, inputs, ds, values, energies = (np.array(column) for column in zip(*rows))
-    return WorstStep(start.rule, amplitude, time, states, inputs, ds, values, energies)
+    return WorstStep(start.rule, amplitude, *(np.array(column) for column in zip(*rows)))
 
 
 def _middle(claim: Claim) -> dict[str, float]:

@@ -22,8 +22,9 @@ from flexhinf.paper.experiments import (
     Experiments,
     ToleranceRun,
 )
-from flexhinf.paper.loop_setup import GOALS, INITIAL_VARIANCE, SAMPLED_PLANTS, PaperSettings, name_goal
+from flexhinf.paper.loop_setup import GOALS, INITIAL_VARIANCE, SAMPLED_PLANTS, name_goal
 from flexhinf.paper.reproduction import Reproduction
+from flexhinf.paper.settings import PaperSettings
 from flexhinf.paper.tolerances import SWEPT, ToleranceStudy, unstable_of
 from flexhinf.paper.tracking import LAWS
 from flexhinf.report import (
