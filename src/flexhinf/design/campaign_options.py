@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from flexhinf.design.options import ADVANCED, HARDWARE, RUN, SAMPLED, option, words
+from flexhinf.design.options import ADVANCED, HARDWARE, RUN, SAMPLED, option, spaced
 from flexhinf.design.units import Duration, Real, Text, Whole
 from flexhinf.errors import InvalidInput
 from flexhinf.validation import value_text
@@ -68,7 +68,7 @@ class CampaignOptions:
             value = getattr(self, name)
             if not (math.isfinite(value) and value >= 0.0):
                 raise InvalidInput(
-                    f"The {words(name)} is not usable.",
+                    f"The {spaced(name)} is not usable.",
                     f"expected a number >= 0, the half width of its interval, got {value_text(value)}",
                     "0.01",
                 )

@@ -108,7 +108,7 @@ class FieldInfo:
             return self.adapter.validate_python(value)
         except UnicodeEncodeError as error:
             what, found = "is no text in UTF-8", f"got {value_text(error.object)}"
-            raise InvalidInput(f"The {words(self.name)} {what}.", found, "text that can be printed") from None
+            raise InvalidInput(f"The {spaced(self.name)} {what}.", found, "text that can be printed") from None
         except ValidationError as error:
             first = error.errors(include_url=False)[0]
             own = first.get("ctx", {}).get("error")
@@ -134,14 +134,14 @@ def argument(help: str, metavar: str = "", *, default: Any = dataclasses.MISSING
     return dataclasses.field(default=default, metadata={"about": about})
 
 
-def words(name: str) -> str:
+def spaced(name: str) -> str:
     """The name of a field as words."""
     return name.replace("_", " ")
 
 
 def refused(name: str) -> str:
     """First part of the error about a value of a field."""
-    return f"The {words(name)} cannot be used."
+    return f"The {spaced(name)} cannot be used."
 
 
 def option_name(name: str) -> str:

@@ -13,18 +13,20 @@ from flexhinf.pages.campaign_text import (
     worst_table,
     worst_text,
 )
-from flexhinf.pages.certificate_page import certificate_page
+from flexhinf.pages.certificate import certificate_page
 from flexhinf.pages.comparison import comparison_notes, comparison_page, comparison_verdict
 from flexhinf.pages.design.laws import comparison_tables
 from flexhinf.pages.files import comparison_files, design_files, write_comparison, write_design
-from flexhinf.pages.page import design_page, notes, verdict
-from flexhinf.pages.run import check_film, run_met, run_notes, run_tables, run_verdict, write_film
-from flexhinf.pages.text import (
+from flexhinf.pages.page import (
     certification_notes,
     certification_tables,
+    design_page,
     design_tables,
+    notes,
     robots_table,
+    verdict,
 )
+from flexhinf.pages.run import check_film, run_met, run_notes, run_tables, run_verdict, write_film
 
 __all__ = [
     "campaign_page", "campaign_verdict", "certificate_page", "certification_notes", "certification_tables",

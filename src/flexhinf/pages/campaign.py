@@ -44,7 +44,7 @@ from flexhinf.pages.campaign_text import (
     value_text,
     worst_text,
 )
-from flexhinf.pages.design.monte_carlo import histogram_bins
+from flexhinf.pages.design.step import histogram_bins
 from flexhinf.pages.drawing import DASHED, figure_block, panels
 from flexhinf.report import (
     INK,

@@ -9,7 +9,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import cached_property
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
@@ -34,9 +34,6 @@ SAMPLED_PLANTS = 100
 LONG = 30.0
 #: Samples that may be spent on a set of runs: 130 runs of 30 s at 1 kHz.
 SAMPLES = 4_000_000
-
-T = TypeVar("T")
-R = TypeVar("R")
 
 
 class PaperSetup:
@@ -101,17 +98,16 @@ class PaperSetup:
         """The plant the estimators believe in: nominal, coil neglected."""
         return self.arm.plant()
 
-    def estimator(self, kind: str | None = None, process_noise: float | None = None, **options: Any) -> Any:
-        """An estimator of this kind (the settings' by default); None for "none"."""
-        s = self.settings
-        kind = s.estimator if kind is None else kind
+    def estimator(
+        self, kind: str | None = None, mean: Any = None, covariance: Any = INITIAL_VARIANCE, **options: Any
+    ) -> Any:
+        """An estimator of this kind (the settings' by default) from rest or another mean; None for "none"."""
+        s, kind = self.settings, self.settings.estimator if kind is None else kind
         if kind == "none":
             return None
-        q = s.process_noise if process_noise is None else process_noise
-        start = options.pop("mean", np.zeros(self.model.n))
-        p0 = options.pop("covariance", INITIAL_VARIANCE)
+        start = np.zeros(self.model.n) if mean is None else mean
         build = UnscentedKalmanFilter if kind == "ukf" else ExtendedKalmanFilter
-        return build(self.model, s.period, q, s.measurement_noise, start, p0, **options)
+        return build(self.model, s.period, s.process_noise, s.measurement_noise, start, covariance, **options)
 
     @property
     def feedback(self) -> str:
@@ -127,11 +123,8 @@ class PaperSetup:
     @cached_property
     def population(self) -> Population:
         """Plants within Tables 1 and 2: sampled ones, all 2048 corners, each tolerance alone, and the nominal one."""
-        uncertain = len(self.arm.uncertain)
-        corner = self.arm.corner
-        return corner_population(
-            corner, uncertain, 2**uncertain, self.settings.seed, self.arm.draw, SAMPLED_PLANTS
-        )
+        arm, count = self.arm, len(self.arm.uncertain)
+        return corner_population(arm.corner, count, 2**count, self.settings.seed, arm.draw, SAMPLED_PLANTS)
 
     # Runs -------------------------------------------------------------------------------------------------------
     def run(
@@ -140,7 +133,6 @@ class PaperSetup:
         reference: Any,
         duration: float,
         *,
-        true_values: Mapping[str, float] | None = None,
         inductance: bool = False,
         disturbance: Any = None,
         estimator: Any = "settings",
@@ -149,8 +141,6 @@ class PaperSetup:
     ) -> Trajectory:
         """Simulate one closed loop from the hanging rest; a run that diverges says so in its status."""
         loop, deviation = self._loop(law, estimator, inductance, noise)
-        if true_values is not None:
-            loop = Loop(self._true_plants[inductance].with_parameters(**true_values), loop.controller)
         seed = self.settings.seed if seed is None else seed
         return loop.run(reference, disturbance, deviation, duration, None, seed)
 
@@ -204,7 +194,7 @@ def affordable(wanted: int, period: float, duration: float = LONG) -> int:
     return max(1, min(wanted, int(SAMPLES * period / duration)))
 
 
-def in_two_threads(function: Callable[[T], R], items: Sequence[T]) -> list[R]:
+def in_two_threads(function: Callable[[Any], Any], items: Sequence[Any]) -> list[Any]:
     """The first alone, which compiles what the others share; compiled runs let the other thread go on."""
     if not items:
         return []

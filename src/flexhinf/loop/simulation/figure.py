@@ -5,15 +5,12 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from io import StringIO
-from typing import TYPE_CHECKING
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-
-if TYPE_CHECKING:
-    from flexhinf.loop.simulation.trajectory import Trajectory
 
 
 class NotebookFigure(Figure):
@@ -33,8 +30,8 @@ class NotebookFigure(Figure):
         return svg[svg.index("<svg") :]
 
 
-def plot_run(run: Trajectory) -> NotebookFigure:
-    """Tracked states (or all) with command and estimate above, inputs below; angles in degrees."""
+def plot_run(run: Any) -> NotebookFigure:
+    """Of a `Trajectory`: tracked states (or all) with command and estimate above, inputs below; angles in degrees."""
     with mpl.rc_context({"text.parse_math": False}):  # a dollar sign in a name is no formula
         figure = NotebookFigure(figsize=(7.0, 5.0), layout="constrained")
         above, below = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
@@ -54,7 +51,7 @@ def plot_run(run: Trajectory) -> NotebookFigure:
     return figure
 
 
-def _plot_state(axes: Axes, run: Trajectory, name: str, colour: str) -> None:
+def _plot_state(axes: Axes, run: Any, name: str, colour: str) -> None:
     scale, unit = _shown_unit(run, name)
     axes.plot(run.time, scale * run.tracked(name), colour, label=_label(name, unit))
     axes.plot(run.time, scale * run.signal("estimate", name), color="0.1", ls="--", lw=0.8, label="estimated")
@@ -63,7 +60,7 @@ def _plot_state(axes: Axes, run: Trajectory, name: str, colour: str) -> None:
         axes.plot(run.time, command, color="0.4", ls=":", lw=0.9, label="command")
 
 
-def _shown_unit(run: Trajectory, name: str) -> tuple[float, str]:
+def _shown_unit(run: Any, name: str) -> tuple[float, str]:
     """Factor and unit of a state in the figure: degrees for angles."""
     unit = dict(zip(run.names["estimate"], run.units["estimate"]))[name]
     return (180.0 / np.pi, "°") if unit == "rad" else (1.0, unit)

@@ -82,7 +82,6 @@ def load_remarks(design: Design) -> Iterator[str]:
 
 
 def _load_figure(e: LawEvaluation, loaded: LoadResponse, name: str, caption: str, title: str) -> Figure:
-    """Deviations of the links from the goal, and inputs, before and under constant torques on the links."""
     units, response, (limits, limit_name) = units_of(e), loaded.response, effort_limit(e)
     unit, scale = units.small
     panels = (
@@ -139,8 +138,11 @@ def payload_remarks(design: Design) -> Iterator[str]:
                 "LOWER..NOMINAL..UPPER, or a lower `--bandwidth`."
             )
             return
-    limits, s = design.setup.limits, design.specification
-    places = {line.where for one in design.carried for line in carrying_requirements(s, limits, one, RINGS)}
+    places = {
+        line.where
+        for one in design.carried
+        for line in carrying_requirements(design.specification, design.setup.limits, one, RINGS)
+    }
     missed = [line.what for line in design.requirements if not line.met and line.where in places]
     if missed:
         yield (
@@ -151,7 +153,6 @@ def payload_remarks(design: Design) -> Iterator[str]:
 
 
 def _payload_text(design: Design) -> str:
-    """How an unknown payload is carried, and what the motors say of it."""
     ranges = ", ".join(
         f"{p.name.removeprefix('payload_mass').strip('_') or 'the link'}: {p.interval[0]:g} to {p.interval[1]:g} kg, "
         f"{p.value:g} kg in the model"
@@ -175,7 +176,6 @@ def _payload_text(design: Design) -> str:
 
 
 def _payload_table(design: Design) -> Table:
-    """A row for each payload, the model's own first."""
     e, (unit, scale), limits = design.evaluation, units_of(design.evaluation).small, design.setup.limits
 
     def row(name: str, step: Response, one: Carried | None, m: Margins) -> tuple[Any, ...]:
