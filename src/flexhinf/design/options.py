@@ -108,7 +108,9 @@ class FieldInfo:
             return self.adapter.validate_python(value)
         except UnicodeEncodeError as error:
             what, found = "is no text in UTF-8", f"got {value_text(error.object)}"
-            raise InvalidInput(f"The {spaced(self.name)} {what}.", found, "text that can be printed") from None
+            raise InvalidInput(
+                f"The {spaced(self.name)} {what}.", found, "text that can be printed"
+            ) from None
         except ValidationError as error:
             first = error.errors(include_url=False)[0]
             own = first.get("ctx", {}).get("error")
