@@ -62,7 +62,9 @@ stiffness = 100.0
 motor_inertia = 0.1
 friction = 0.1
 """
-COMMANDS = ("design", "design", "design", "compare", "compare", "paper", "robots", "schema", "desing", "")
+COMMANDS = (
+    "design", "design", "design", "compare", "compare", "certify", "paper", "robots", "schema", "desing", "",
+)  # fmt: skip
 QUICK = (
     "--degrees",
     "2",
@@ -80,7 +82,10 @@ QUICK = (
 
 #: What is replaced by a stop.
 DESIGN = import_module("flexhinf.design")
-WORK = ((DESIGN, "design"), (DESIGN, "compare"), (flexhinf.paper, "reproduce"))
+WORK = (
+    (DESIGN, "design"), (DESIGN, "compare"), (flexhinf.paper, "reproduce"),
+    (import_module("flexhinf.design.certification"), "certify_design"),
+)  # fmt: skip
 
 
 class _ReachedError(FlexhinfError):
@@ -126,11 +131,9 @@ def _fill(folder: Path) -> None:
 
 
 def _words(rng: np.random.Generator) -> list[str]:
-    command = ("design", "design", "design", "compare", "compare", "paper", "robots", "schema", "desing", "")[
-        rng.integers(10)
-    ]
+    command = COMMANDS[rng.integers(len(COMMANDS))]
     words = [command]
-    if command in ("design", "compare") and rng.random() < 0.97:
+    if command in ("design", "compare", "certify") and rng.random() < 0.97:
         words.append(ROBOTS[rng.integers(7 if rng.random() < 0.7 else len(ROBOTS))])
     return [*words, *_options(rng, int(rng.integers(0, 5)))]
 
@@ -141,19 +144,9 @@ def _options(rng: np.random.Generator, count: int) -> list[str]:
     for _ in range(count):
         field = list(FIELDS.values())[rng.integers(len(FIELDS))]
         others = (
-            "--out",
-            "--elastic",
-            "--laws",
-            "--tune",
-            "--payload",
-            "--pose-xyz",
-            "--goal",
-            "--tool",
-            "--gamma-ratio",
-            "--unknown",
-            "--peak-voltage",
-            "-x",
-        )
+            "--out", "--elastic", "--laws", "--tune", "--payload", "--pose-xyz", "--goal", "--tool", "--gamma-ratio",
+            "--unknown", "--peak-voltage", "-x", "--decay", "--observer", "--degree", "--threads", "--check",
+        )  # fmt: skip
         option = field.option.split("/")[0] if rng.random() < 0.93 else others[rng.integers(len(others))]
         if "/" in field.option and option in field.option:
             found.append(option)

@@ -88,8 +88,8 @@ def test_a_certificate_is_made_with_every_field_that_certify_takes(read: set[str
 @pytest.mark.slow
 def test_a_comparison_is_made_with_every_field_that_compare_takes(read: set[str], tmp_path: Path) -> None:
     way = tmp_path / "way.csv"
-    way.write_text("time,joint [deg]\n0,0\n2,20\n")
-    s = Specification(move=str(way), shaping="quintic", preset="robust", start="0", **SMALL)
+    way.write_text("time,link [deg]\n0,0\n2,20\n")
+    s = Specification(move=str(way), shaping="quintic", preset="damped", start="0", **SMALL)
     fh.compare(fh.load_robot("vertical-rig"), s, ("pd",), "none").save(tmp_path / "report")
     assert set(COMPARE_FIELDS) - read == set()
 
@@ -97,8 +97,8 @@ def test_a_comparison_is_made_with_every_field_that_compare_takes(read: set[str]
 @pytest.mark.slow
 def test_a_design_is_made_with_every_field(read: set[str], tmp_path: Path) -> None:
     way = tmp_path / "way.csv"
-    way.write_text("time,joint [deg]\n0,0\n2,20\n")
-    s = Specification(move=str(way), shaping="quintic", preset="robust", start="0", **SMALL)
+    way.write_text("time,link [deg]\n0,0\n2,20\n")
+    s = Specification(move=str(way), shaping="quintic", preset="damped", start="0", **SMALL)
     fh.design(fh.load_robot("vertical-rig"), s).save(tmp_path / "report")
     assert set(FIELDS) - read == set()
 

@@ -66,7 +66,7 @@ def _parameter(field: FieldInfo, both: bool) -> inspect.Parameter:
     kind: Any = (
         bool if isinstance(default, bool) else list[str] if field.several or field.name == "via" else str
     )
-    value = (list(map(str, default)) if default else []) if kind == list[str] else default
+    value: Any = [] if kind == list[str] else default
     if kind is str and default is not MISSING:
         value = ",".join(default) if isinstance(default, tuple) else "" if default is None else str(default)
     help = about.text.replace("[", r"\[")

@@ -8,7 +8,7 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import contextmanager
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,7 +17,7 @@ import typer
 from typer.core import TyperGroup
 
 from flexhinf.cli.arguments import design_file_of, read_source, reproduce_command, with_options
-from flexhinf.cli.messages import NOT_MET, note
+from flexhinf.cli.messages import NOT_MET, note, progress_bar
 from flexhinf.cli.options import (
     BatchOptions,
     CompareCampaignsOptions,
@@ -94,7 +94,7 @@ def run(context: typer.Context, o: RunCampaignOptions) -> None:
             note("the worst case is searched when all shards are there, by the same command without --shard")
         return
     if wanted is not None:
-        search(campaign, asked, table, wanted, design_stages)
+        search(campaign, asked, table, wanted)
     _finish(table, checked)
 
 
@@ -323,11 +323,9 @@ def design_stages() -> Iterator[Callable[[str], None]]:
 def sample_progress(part: str) -> Iterator[Callable[[Report], None]]:
     """Samples, rate and time left: a bar, or a line every `EVERY` seconds where standard error is no terminal."""
     from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
-    console = Console(stderr=True)
-    columns = (BarColumn(), MofNCompleteColumn(), TextColumn("{task.description}", markup=False))
-    bar = Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
+    terminal = Console(stderr=True).is_terminal
+    bar = progress_bar("Bar", "MofNComplete", disable=not terminal)
     task = bar.add_task("")
     begun, told = time.monotonic(), time.monotonic()
 
@@ -337,7 +335,7 @@ def sample_progress(part: str) -> Iterator[Callable[[Report], None]]:
             note(report.note)
         text = _rate(report, time.monotonic() - begun)
         bar.update(task, total=report.total, completed=report.done, description=text)
-        if not console.is_terminal and report.fresh and time.monotonic() - told >= EVERY:
+        if not terminal and report.fresh and time.monotonic() - told >= EVERY:
             told = time.monotonic()
             sys.stderr.write(
                 f"{part + ': ' if part else ''}{report.done} of {report.total} samples, {text}\n"
@@ -353,20 +351,13 @@ def _rate(report: Report, seconds: float) -> str:
         return ""
     rate = report.fresh / seconds
     left = (report.total - report.done) / rate
-    shown = (
-        f"{left:.0f} s"
-        if left < 120.0
-        else f"{left / 60.0:.0f} min"
-        if left < 7200.0
-        else f"{left / 3600.0:.1f} h"
-    )
+    shown = f"{left:.0f} s" if left < 120.0 else f"{left / 60.0:.0f} min"
+    shown = shown if left < 7200.0 else f"{left / 3600.0:.1f} h"
     return f"{rate:.3g} samples/s, {shown} left"
 
 
 #: What --metric calls the worst disturbance: √(∫|z|²/∫|d|²).
 GAIN = "gain"
-
-Stages = Callable[[], AbstractContextManager[Callable[[str], None]]]
 
 
 @dataclass(frozen=True)
@@ -419,16 +410,14 @@ class WorstSearch:
         return WorstSearch(tuple((name, name in least) for name in names), starts, GAIN in chosen)
 
 
-def search(
-    campaign: Campaign, asked: DesignCampaign, table: MergedTable, wanted: WorstSearch, stages: Stages
-) -> None:
+def search(campaign: Campaign, asked: DesignCampaign, table: MergedTable, wanted: WorstSearch) -> None:
     """The worst plant for each metric, and the worst disturbance; what is in the folder is not searched again."""
     from flexhinf.campaign import search_worst
     from flexhinf.design.campaign_gain import search_gain
     from flexhinf.pages import metric_text
 
     nominal = table.journal.about.get("nominal", {})
-    with stages() as stage:
+    with design_stages() as stage:
         for metric, least in wanted.metrics:
 
             def progress(runs: int, best: float, metric: str = metric) -> None:

@@ -163,6 +163,16 @@ def _joined(arguments: Sequence[str]) -> str:
     return ""
 
 
+def progress_bar(*columns: str, disable: bool = False) -> Any:
+    """A bar on standard error that vanishes at its end: its columns of `rich.progress` by name, then what is done."""
+    from rich import progress
+    from rich.console import Console
+
+    made = [getattr(progress, f"{name}Column")() for name in columns]
+    text = progress.TextColumn("{task.description}", markup=False)
+    return progress.Progress(*made, text, console=Console(stderr=True), transient=True, disable=disable)
+
+
 class Progress:
     """A progress bar around some work, silent where standard error is not a terminal.
 
@@ -175,16 +185,7 @@ class Progress:
     """
 
     def __init__(self, total: int) -> None:
-        from rich import progress
-        from rich.console import Console
-
-        columns = (
-            progress.BarColumn(),
-            progress.MofNCompleteColumn(),
-            progress.TimeElapsedColumn(),
-            progress.TextColumn("{task.description}", markup=False),
-        )
-        self._bar = progress.Progress(*columns, console=Console(stderr=True), transient=True)
+        self._bar = progress_bar("Bar", "MofNComplete", "TimeElapsed")
         self._task = self._bar.add_task("", total=total)
         self._started = False
 
@@ -204,16 +205,7 @@ class ProofProgress:
     """A bar of the estimated share of a proof, with the cells done; silent where standard error is not a terminal."""
 
     def __init__(self) -> None:
-        from rich import progress
-        from rich.console import Console
-
-        columns = (
-            progress.BarColumn(),
-            progress.TaskProgressColumn(),
-            progress.TimeElapsedColumn(),
-            progress.TextColumn("{task.description}", markup=False),
-        )
-        self._bar = progress.Progress(*columns, console=Console(stderr=True), transient=True)
+        self._bar = progress_bar("Bar", "TaskProgress", "TimeElapsed")
         self._task = self._bar.add_task("", total=None)
         self._text, self._cells = "", 0
 
