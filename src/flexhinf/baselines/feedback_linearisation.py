@@ -133,15 +133,6 @@ class NormalForm:
             "linearising", [x, v, p], [ca.densify(ca.solve(decoupling, v - free))], {"cse": True}
         )
 
-    @cached_property
-    def _decoupling(self) -> Any:
-        import casadi as ca
-
-        x, u, p, _, top = self._derivatives
-        return ca.Function(
-            "decoupling", [x, p], [ca.densify(ca.jacobian(ca.vertcat(*top), u))], {"cse": True}
-        )
-
     def coordinates(self, x: Any, u: Any, p: Any) -> tuple[Any, Any]:
         """(ξ, y^(r)): see `chains`; of any element, p the parameter vector."""
         xi, top = apply(self.chains, x, u, p)
@@ -153,7 +144,14 @@ class NormalForm:
 
     def decoupling_matrix(self, x: np.ndarray) -> np.ndarray:
         """A(x), (m, m), at the nominal parameters."""
-        return np.asarray(self._decoupling(x, self.plant.parameters.vector()), dtype=float)
+        import casadi as ca
+
+        states, u, p, _, top = self._derivatives
+        matrix = ca.densify(ca.jacobian(ca.vertcat(*top), u))
+        value = ca.Function("decoupling", [states, p], [matrix], {"cse": True})(
+            x, self.plant.parameters.vector()
+        )
+        return np.asarray(value, dtype=float)
 
 
 #: Relative size of the smallest singular value of A(x*) that counts as zero.

@@ -475,7 +475,7 @@ def search(
     whole = faces * 2.0**d
     with ThreadPoolExecutor(threads) if threads > 1 else nullcontext() as pool:
         while stack:
-            cells = _taken(stack)
+            cells = _next_batch(stack)
             if done + len(cells) > most_cells:
                 return Outcome(False, "too many cells", None, float("nan"), float("nan"), done)
             found = bounds.bound(cells, level, pool)
@@ -505,7 +505,7 @@ def search(
     return Outcome(True, "proved", None, level, float("nan"), done)
 
 
-def _taken(stack: list[Cells]) -> Cells:
+def _next_batch(stack: list[Cells]) -> Cells:
     """The cells that were put on the stack last, at most `_TOGETHER`."""
     parts, count = [], 0
     while stack and count < _TOGETHER:

@@ -30,7 +30,7 @@ def error_axes(observer: Observer) -> np.ndarray:
     return np.sqrt(2.0 * observer.energy / np.diag(np.array(observer.storage)))
 
 
-def observed(
+def with_observer(
     solution: ValueFunction, certificate: Certificate, bandwidth: float, *, share: float = 0.1
 ) -> Certificate:
     """The certificate with an observer of the plant's states, and the starts that are left inside.
@@ -70,15 +70,15 @@ def observed(
     noise = np.array([[sum(term_weight(t, numbers) for t in entry) for entry in row] for row in channels])
     transform = np.array(certificate.coordinates)
     spread = (transform @ transform.T)[:size, :size]
-    shown = sensors[:, :size]
-    price = np.diag(np.diag(shown @ spread @ shown.T)) / bandwidth
+    seen = sensors[:, :size]
+    price = np.diag(np.diag(seen @ spread @ seen.T)) / bandwidth
     covariance = solve_continuous_are(
-        (linear + bandwidth * np.eye(size)).T, shown.T, bandwidth * spread, price
+        (linear + bandwidth * np.eye(size)).T, seen.T, bandwidth * spread, price
     )
-    gain = covariance @ shown.T @ np.linalg.inv(price)
-    closed = linear - gain @ shown
+    gain = covariance @ seen.T @ np.linalg.inv(price)
+    closed = linear - gain @ seen
     energy = share * certificate.level
-    weight, storage, gain_error = _paid(certificate, closed, noise, energy)
+    weight, storage, gain_error = _error_energy(certificate, closed, noise, energy)
     measured, gains, weights, storages = map(matrix_rows, (sensors, gain, weight, storage))
     observer = Observer(measured, names[size:], gains, weights, storages, gain_error, energy)
     claimed = replace(certificate, feedback="output injection observer", observer=observer)
@@ -106,7 +106,7 @@ def check_bandwidth(solution: ValueFunction, bandwidth: float) -> GeneralisedPla
     )
 
 
-def _paid(
+def _error_energy(
     certificate: Certificate, closed: np.ndarray, noise: np.ndarray, energy: float
 ) -> tuple[np.ndarray, np.ndarray, float]:
     """M, X and γ_e for which the errors are paid. The hull depends on X and M on the hull, so they are iterated."""

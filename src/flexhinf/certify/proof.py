@@ -19,7 +19,7 @@ from flexhinf.certify.cells import CellBounds, Outcome, Progress, search
 from flexhinf.certify.certificate import Certificate
 from flexhinf.certify.claim import MOST_STATES
 from flexhinf.certify.inequality import Inequality, inequality_of
-from flexhinf.certify.observer import check_bandwidth, observed
+from flexhinf.certify.observer import check_bandwidth, with_observer
 from flexhinf.certify.problem_to_claim import nearest_double, statement_of
 from flexhinf.certify.starts import largest_values, robot_start, start_inside, starts_of, tabled_start
 from flexhinf.errors import InvalidInput, NumericalFailure
@@ -115,7 +115,7 @@ def certify(
             provenance = {"cells": str(outcome.cells), "method": method_of(outcome)}
             found = replace(found, starts=starts_of(solution, found), provenance=provenance)
             found = replace(found.with_proved_starts(), sampled_level=sampled)
-            return found if observer is None else observed(solution, found, observer)
+            return found if observer is None else with_observer(solution, found, observer)
         if level is None and outcome.value == outcome.value:
             tried = min(tried, outcome.value)
     raise NotProved.at(replace(found, level=float(tried)), outcome)

@@ -59,7 +59,7 @@ def starts_of(solution: ValueFunction, statement: Certificate) -> tuple[Start, .
         return path_states(path, functions, statement.middle, np.array([a]))[0]
 
     for rule, place in ((SMALLEST_VALUE, settled), (UNCHANGED_INPUT, unchanged_input)):
-        rows = list(_followed(solution, statement.start_level, equilibrium, free, place))
+        rows = list(_starts_inside(solution, statement.start_level, equilibrium, free, place))
         if len(rows) > 1:
             amplitudes = tuple(a for a, _ in rows)
             table = tuple(tuple(float(x[i]) for _, x in rows) if free[i] else () for i in range(len(free)))
@@ -204,7 +204,7 @@ def path_states(
 
 
 # The integrators ----------------------------------------------------------------------------------
-def _followed(
+def _starts_inside(
     solution: ValueFunction,
     level: float,
     rest: Callable[[float], np.ndarray],

@@ -24,6 +24,7 @@ from flexhinf.design.options import (
 )
 from flexhinf.design.specification import FIELDS
 from flexhinf.design.units import Duration, Number, Real, Seconds, Text, Threads, Whole
+from flexhinf.paper.settings import PaperSettings
 
 ALL = tuple(FIELDS)
 
@@ -270,17 +271,8 @@ class RunOptions(PointOptions):
 
 
 @dataclass(frozen=True, kw_only=True)
-class PaperOptions:
-    """Of ``flexhinf paper``; the fields are those of `flexhinf.paper.PaperSettings`."""
+class PaperOptions(PaperSettings):
+    """Of ``flexhinf paper``."""
 
     out: Path = option(Path("flexhinf-paper"), WRITTEN, FOLDER)
-    gamma_ratio: Real = option(2.0, ADVANCED,
-        "γ/γ*, above 1: attenuation level over the smallest feasible one.", "2")
-    degree: Whole = option(4, ADVANCED, "Degree of V, 2 to 12; the law has one less. 4 is the paper's cubic law.", "4")
-    period: Real = option(1e-3, HARDWARE, "Sampling period of estimator and law, s.", "1e-3", "s")
-    seed: Whole = option(0, ADVANCED, "Seed of noise and of the sampled plants.", "0")
-    estimator: Text = option("ukf", HARDWARE, "ukf, ekf, or none (feeds back the true state).", "ukf")
-    process_noise: Real = option(1e-6, ADVANCED, "q of R^v = q I, variance added to each state per sample.", "1e-6")
-    measurement_noise: Real = option(1e-6, ADVANCED,
-        "R^n, variance of the measured link position, rad².", "1e-6", "rad²")
 # fmt: on

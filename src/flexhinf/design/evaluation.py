@@ -64,7 +64,7 @@ class LawEvaluation:
     setup : LoopSetup
         Law, estimator, controller and true plant.
     scenario : Scenario or None
-        The runs, the same for all laws; without one there are only linear figures.
+        The runs, the same for all laws; without one there are only linear metrics.
     parameters : mapping of str to float
         Values that were tuned, by name; empty for a design's own law.
     other_noise : bool
@@ -78,7 +78,7 @@ class LawEvaluation:
     other_noise: bool = True
 
     def in_scenario(self, scenario: Scenario, step: Response | None = None) -> LawEvaluation:
-        """The same with runs; linear figures that were computed are kept, and the step where it was run."""
+        """The same with runs; linear metrics that were computed are kept, and the step where it was run."""
         same = replace(self, scenario=scenario)
         share_derived(self, same)
         if step is not None:

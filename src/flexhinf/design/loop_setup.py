@@ -25,7 +25,7 @@ from flexhinf.design.joint_limits import JointLimits, integral_dead_zone, joint_
 from flexhinf.design.plans import has_integrals, move_reference, step_command
 from flexhinf.design.responses import LOAD_START, LoadResponse, Move, Plan, Response, run_response
 from flexhinf.design.specification import Specification
-from flexhinf.loop import Controller, EnsembleResult, Loop, Step
+from flexhinf.loop import Controller, EnsembleResult, Loop, Schedule, Step
 from flexhinf.plant import Law, Plant, linear_plant, sub_steps
 from flexhinf.robot import MuJoCoPlant, Robot
 from flexhinf.robot.elastic import DRY
@@ -76,7 +76,7 @@ class LoopPlants:
     @cached_property
     def estimator_model(self) -> Plant:
         """The model of the running estimator: on request with dry friction, smoothed. At standstill its slope would
-        count as damping, so linear figures are those of `model`."""
+        count as damping, so linear metrics are those of `model`."""
         s = self.specification
         known = s.friction_model and s.estimator in FRICTIONAL
         return self.robot.plant(s.measured, extras=self.dry_friction) if known else self.model
@@ -179,11 +179,9 @@ class LoopSetup(LoopPlants):
     specification : Specification
         Sensors, estimator, period, delay, quantisation, limits, extras and noise.
     law : Law
-        Or a schedule of laws.
+        Or a schedule of laws, that at the goal first.
     goal, start : (n,)
         Link positions, rad or m.
-    law_at_goal : Law, optional
-        The law that acts at the goal, where `law` is a schedule.
     estimator_noise : EstimatorNoise, optional
         R^v; by default what the specification states.
     linear_model : bool
@@ -198,7 +196,6 @@ class LoopSetup(LoopPlants):
     law: Law
     goal: np.ndarray
     start: np.ndarray
-    law_at_goal: Law | None = None
     estimator_noise: EstimatorNoise | None = None
     linear_model: bool = False
     chosen_zone: np.ndarray | None = None
@@ -208,7 +205,7 @@ class LoopSetup(LoopPlants):
     @property
     def linear_law(self) -> Law:
         """The law that is linearised at the goal."""
-        return self.law if self.law_at_goal is None else self.law_at_goal
+        return self.law.laws[0] if isinstance(self.law, Schedule) else self.law
 
     @property
     def process_noise(self) -> EstimatorNoise:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Mapping
+import textwrap
 from pathlib import Path
 from typing import Any, get_args, get_origin, get_type_hints
 
@@ -177,10 +177,11 @@ def _allowed(annotation: Any) -> str:
     return next((words for part in get_args(annotation) if (words := _allowed(part))), "")
 
 
-def parameters_section(fields: Mapping[str, FieldInfo]) -> str:
-    """Fields as the section "Parameters" of a docstring."""
+def with_parameters(cls: Any) -> str:
+    """The docstring of a dataclass with its declared options as the section "Parameters", before "Raises"."""
     lines = ["    Parameters", "    ----------"]
-    for field in fields.values():
+    for field in declared(cls).values():
         default = field.about.default or ("none" if field.default in (None, ()) else repr(field.default))
-        lines += [f"    {field.name} : {field.allowed}; default: {default}", f"        {field.about.help}"]
-    return "\n".join(lines) + "\n"
+        lines.append(f"    {field.name} : {field.allowed}; default: {default}")
+        lines += textwrap.wrap(field.about.help, 110, initial_indent=" " * 8, subsequent_indent=" " * 8)
+    return str(cls.__doc__).replace("    Raises\n", "\n".join([*lines, "", "    Raises\n"]))

@@ -24,8 +24,8 @@ from flexhinf.design.options import (
     WRITTEN,
     declared,
     option,
-    parameters_section,
     refused,
+    with_parameters,
 )
 from flexhinf.design.units import (
     AboveOne,
@@ -298,9 +298,7 @@ class Specification:
 
 
 FIELDS = declared(Specification)
-Specification.__doc__ = str(Specification.__doc__).replace(
-    "    Raises\n", f"{parameters_section(FIELDS)}\n    Raises\n"
-)
+Specification.__doc__ = with_parameters(Specification)
 
 
 # Errors ---------------------------------------------------------------------------------------------

@@ -19,7 +19,7 @@ from flexhinf.errors import InvalidInput, NotDetectable, NumericalFailure
 from flexhinf.estimation.filter import RecursiveFilter
 from flexhinf.plant import Estimator
 from flexhinf.scalars import jacobian
-from flexhinf.validation import real_array, value_text
+from flexhinf.validation import checked_array, value_text
 
 
 class ConstantGainBelief(NamedTuple):
@@ -47,13 +47,13 @@ class ConstantGainFilter(Estimator):
     def __init__(self, filter: RecursiveFilter, gain: np.ndarray) -> None:
         self.filter, self.plant, self.period = filter, filter.plant, filter.period
         self.process_noise, self.measurement_noise = filter.process_noise, filter.measurement_noise
-        gain, shape = real_array(gain), (filter.plant.n, len(filter.plant.outputs))
-        if gain.shape != shape or not np.all(np.isfinite(gain)):
-            raise InvalidInput(
-                "The gain does not fit the plant.",
-                f"expected {shape} finite numbers, got shape {gain.shape}",
-                "stationary_gain(linear_model(filter, x, u), process_noise, measurement_noise)",
-            )
+        shape, advice = (
+            (filter.plant.n, len(filter.plant.outputs)),
+            "stationary_gain of linear_model(filter, x, u)",
+        )
+        gain = checked_array(
+            "The gain does not fit the plant.", gain, shape, f"{shape} finite numbers", advice
+        )
         self.initial: Any = ConstantGainBelief(np.array(filter.initial.mean), gain)
 
     def settings(self) -> dict[str, Any]:

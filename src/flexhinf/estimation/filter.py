@@ -15,7 +15,13 @@ from flexhinf.plant import Estimator, Gaussian, Plant, eight_stages, rk4_stages,
 from flexhinf.plant.protocols import use_default_form
 from flexhinf.scalars import cholesky, jacobian, solve_lower, solve_lower_transposed
 from flexhinf.scalars.dependence import elementary
-from flexhinf.validation import read_only, real_array, real_number, value_text
+from flexhinf.validation import (
+    checked_array,
+    checked_positive,
+    read_only,
+    real_array,
+    value_text,
+)
 
 #: Largest step times fastest mode in the estimator's model, of Runge–Kutta steps with so many stages. A mode errs by at
 #: most 0.25⁴/120 = 3.3e-5 of its phase, or 1.25⁸/9! = 1.6e-5, far inside the regions of stability (2.78 and 3.39).
@@ -183,13 +189,8 @@ class RecursiveFilter(Estimator):
                 f"expected a Plant, got {type(plant).__name__}",
                 "robot.plant()",
             )
-        self.plant, self.period = plant, real_number(period)
-        if not (np.isfinite(self.period) and self.period > 0.0):
-            raise InvalidInput(
-                "The sampling period is not positive.",
-                f"expected seconds > 0, got {value_text(period)}",
-                "1e-3 for 1 kHz",
-            )
+        self.plant = plant
+        self.period = checked_positive("The sampling period", period, "seconds", "1e-3 for 1 kHz")
         self.process_noise = read_only(covariance_matrix(process_noise, plant.n, "process noise R^v"))
         self.measurement_noise = read_only(
             covariance_matrix(measurement_noise, len(plant.outputs), "measurement noise R^n", definite=True)
@@ -364,14 +365,13 @@ class RecursiveFilter(Estimator):
         self.log_likelihood = float("nan")
 
     def _vector(self, value: Any, names: Sequence[str], what: str, hint: str = "") -> np.ndarray:
-        array = np.atleast_1d(real_array(value))
-        if array.shape != (len(names),) or not np.all(np.isfinite(array)):
-            raise InvalidInput(
-                f"The {what} given to the estimator does not fit its plant.",
-                f"expected {len(names)} finite numbers for {list(names)}, got {value_text(value)}",
-                f"one number per name {hint}".rstrip(),
-            )
-        return array
+        return checked_array(
+            f"The {what} given to the estimator does not fit its plant.",
+            value,
+            (len(names),),
+            f"{len(names)} finite numbers for {list(names)}",
+            f"one number per name {hint}".rstrip(),
+        )
 
     def _accept(self, belief: Any) -> None:
         """Take over a belief that is finite and whose covariance has a Cholesky factor: every update begins with it."""

@@ -18,7 +18,7 @@ from flexhinf.notebook import Summarised, names_text
 from flexhinf.polynomial import basis
 from flexhinf.polynomial.algebra import evaluate, monomials
 from flexhinf.polynomial.basis import from_kronecker
-from flexhinf.validation import distinct, read_only, real_array, value_text
+from flexhinf.validation import checked_array, distinct, read_only, real_array, value_text
 
 _HIGHEST = 200  # degree of a monomial, as for the synthesis
 _MOST = 200_000_000  # coefficients of one part, zeros included: 1.6 GB
@@ -50,14 +50,9 @@ def checked_names(kind: str, given: Sequence[str] | None, letter: str, count: in
 
 def checked_point(kind: str, given: Any, count: int) -> np.ndarray:
     """Finite coordinates (count,); the origin by default."""
-    point = np.zeros(count) if given is None else real_array(given)
-    if point.shape != (count,) or not np.isfinite(point).all():
-        raise InvalidInput(
-            f"The operating point does not fit the plant's {kind}s.",
-            f"expected {count} finite numbers, got {value_text(given)}",
-            "leave it out for the origin",
-        )
-    return point
+    what, expected = f"The operating point does not fit the plant's {kind}s.", f"{count} finite numbers"
+    point = np.zeros(count) if given is None else given
+    return checked_array(what, point, (count,), expected, "leave it out for the origin")
 
 
 def checked_r2(r2: Any) -> np.ndarray:

@@ -26,7 +26,7 @@ from flexhinf.errors import InvalidInput
 from flexhinf.robot.dynamics import Placement, lumped, matrix_of, six_of
 from flexhinf.robot.elastic import DRIVES, torque_per_input
 from flexhinf.robot.parameters import INERTIA, VECTOR, Parameter, per_joint, unit_of
-from flexhinf.validation import real_array, value_text, within_proportion
+from flexhinf.validation import checked_array, value_text, within_proportion
 
 #: Shapes of uniform bodies and the numbers that state them, m; a cylinder's axis is z.
 SHAPES = {
@@ -322,11 +322,7 @@ def weigh_payload(robot: Any, pose: Any, effort: Any, unloaded: Any = None) -> W
 
 def _efforts(robot: Any, values: Any, name: str) -> np.ndarray:
     """One finite number for each motor."""
-    n, found = len(robot.joint_names), np.atleast_1d(real_array(values))
-    if found.shape != (n,) or not np.isfinite(found).all():
-        raise InvalidInput(
-            f"The {name} does not fit the joints of the robot {robot.name!r}.",
-            f"expected {n} finite numbers ({DRIVES[robot.drive]}), got {value_text(values)}",
-            "one mean of each motor's input at rest",
-        )
-    return found
+    n = len(robot.joint_names)
+    what = f"The {name} does not fit the joints of the robot {robot.name!r}."
+    expected = f"{n} finite numbers ({DRIVES[robot.drive]})"
+    return checked_array(what, values, (n,), expected, "one mean of each motor's input at rest")

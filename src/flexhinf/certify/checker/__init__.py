@@ -167,7 +167,7 @@ def verify(
                 stopped.set()
                 pool.shutdown(wait=False, cancel_futures=True)
                 raise
-        again = _again(proof, [cell for face in results for cell in face.sample], seed)
+        again = _prove_again(proof, [cell for face in results for cell in face.sample], seed)
     except OverflowError:
         reason = "numbers beyond the doubles appear: another unit, or another T."
         return Verification(False, reason, cpu_s=time.process_time() - began)
@@ -236,7 +236,7 @@ def _face(
         return subdivide_face(Face(proof, face), chosen, tick=tick)
 
 
-def _again(proof: Proof, cells: list[Cell], seed: int) -> int:
+def _prove_again(proof: Proof, cells: list[Cell], seed: int) -> int:
     """Prove a sample of cells again, some of them at −z, each at a random corner of the parameters."""
     rng = np.random.default_rng(seed)
     for cell in cells:

@@ -41,13 +41,13 @@ def check_observer(claim: Claim, observer: Observer, gradient_law: bool) -> None
     sensors = matrix_of(observer.measured)
     drift = _error_drift(claim, estimated, sensors)
     noise = _disturbance(claim, estimated)
-    shown = fmpq_mat([[sensors[p, j] for j in estimated] for p in range(sensors.nrows())])
+    measured = fmpq_mat([[sensors[p, j] for j in estimated] for p in range(sensors.nrows())])
     gain, weight, storage = map(matrix_of, (observer.gain, observer.weight, observer.storage))
     if weight != weight.transpose() or storage != storage.transpose():
         raise Refusal("the observer's matrices M and X are not symmetric")
     if not positive_definite(storage):
         raise Refusal("the observer's X is not positive definite")
-    closed = drift - gain * shown
+    closed = drift - gain * measured
     rate = closed.transpose() * storage + storage * closed + weight
     if any(entry != 0 for entry in noise.entries()):
         if observer.gain_error == 0:

@@ -314,7 +314,7 @@ def choose(
                 if s.damping is not None or not refused.reached or turn == YIELDS:
                     raise
                 begun, tried = None, replace(s, damping=refused.reached)
-    return _without_channels(robot, goal, s, preset, *_stated(robot, goal, s))
+    return _without_channels(robot, goal, s, preset, _stated(robot, goal, s))
 
 
 def measured_problem(robot: Robot, goal: np.ndarray, s: Specification) -> GeneralisedPlant:
@@ -326,15 +326,18 @@ def measured_problem(robot: Robot, goal: np.ndarray, s: Specification) -> Genera
 
 
 def _without_channels(
-    robot: Robot, goal: np.ndarray, s: Specification, preset: str, penalty: Penalty, *sources: Any
+    robot: Robot,
+    goal: np.ndarray,
+    s: Specification,
+    preset: str,
+    stated: tuple[Penalty, str, str],
+    target: TargetBehaviour | None = None,
+    result: SearchResult | None = None,
 ) -> DesignProblem:
-    """The problem of a penalty; `sources` are of the weights and of R2, then target and search."""
-    problem = nominal_problem(robot, goal, s, penalty)
+    """The problem of a penalty, with the sources of its weights and of R2."""
+    problem = nominal_problem(robot, goal, s, stated[0])
     star = smallest_gamma(problem)
-    source, priced, *searched = sources
-    return DesignProblem(
-        preset, penalty, source, priced, problem, problem, star, s.gamma_ratio * star, *searched
-    )
+    return DesignProblem(preset, *stated, problem, problem, star, s.gamma_ratio * star, target, result)
 
 
 def _stated(robot: Robot, goal: np.ndarray, s: Specification) -> tuple[Penalty, str, str]:
@@ -381,7 +384,7 @@ def _searched(
     source, chosen = f"found for {target.text}", result.chosen
     if preset == "damped":
         penalty = scales.penalty(chosen.target_frequency, chosen.damping_weights)
-        return _without_channels(robot, goal, s, preset, penalty, source, "ours", target, result)
+        return _without_channels(robot, goal, s, preset, (penalty, source, "ours"), target, result)
 
     tolerances = tolerance_channels(robot, [goal, start])
     linear = nominal(chosen.target_frequency, chosen.damping_weights)

@@ -285,7 +285,7 @@ class _Trial:
         setup: LoopSetup, problem: GeneralisedPlant, choice: DegreeChoice, length: float | None = None
     ) -> _Trial:
         """The step run with a degree, for `length` seconds; by default as stated, or by the slowest mode."""
-        setup = replace(setup, law=choice.solution, law_at_goal=None)
+        setup = replace(setup, law=choice.solution)
         length = setup.specification.duration if length is None else length
         if length is None:
             rates = np.linalg.eigvals(closed_loop(problem, choice.solution.gain)).real

@@ -71,7 +71,7 @@ class NoiseCandidate:
     noises : (m,)
         RMS of each input, V or N·m.
     missed : mapping of str to float
-        ln(figure/limit) of each of `LIMITS` that is missed by more than a requirement allows.
+        ln(metric/limit) of each of `LIMITS` that is missed by more than a requirement allows.
     avoidable : mapping of str to float
         The same beyond what the law fed the true state misses, and every candidate of the families.
     unstable : int or None
@@ -142,11 +142,11 @@ class NoiseSearch:
 
 def trade_off_of(tried: list[NoiseCandidate]) -> tuple[NoiseCandidate, ...]:
     """The candidates that no other one betters in noise, damping and compliance at once, the quietest first."""
-    figures = np.array([[one.input_noise, -one.damping, one.compliance] for one in tried])
+    metrics = np.array([[each.input_noise, -each.damping, each.compliance] for each in tried])
     kept = []
-    for k, own in enumerate(figures):
-        better = np.all(figures <= own, axis=1) & np.any(figures < own, axis=1)
-        if not better.any() and not any(np.array_equal(own, figures[j]) for j in kept):
+    for k, own in enumerate(metrics):
+        better = np.all(metrics <= own, axis=1) & np.any(metrics < own, axis=1)
+        if not better.any() and not any(np.array_equal(own, metrics[j]) for j in kept):
             kept.append(k)
     return tuple(sorted((tried[k] for k in kept), key=lambda one: one.input_noise))
 
@@ -193,7 +193,7 @@ NEAR = 0.1
 #: Candidates whose corners are looked at where no levels make all of them stable.
 LOOKED = 24
 
-#: A gain margin, and the inverse of a figure, that stand for none.
+#: A gain margin, and the inverse of a metric, that stand for none.
 NOTHING = 1e-9
 
 
@@ -253,7 +253,7 @@ class _Search:
         self.top = COMPLIANT_BAND * self.bandwidth
         self.filtered = FilteredLoop(self.loop, self.bandwidth)
         robot = setup.robot
-        self.carrying = [
+        self.loaded = [
             FilteredLoop(
                 setup.equilibrium_loop(values=robot.plant_parameters({**robot.nominal, **masses})),
                 self.bandwidth,
@@ -364,7 +364,7 @@ class _Search:
         assert self.setup.noise is not None
         compliance, noises = loop.compliance(self.top) / self.stiff, loop.input_noise(self.setup.noise)
         missed = self.excess(
-            loop.peak_sensitivity, loop.gain_margin, min(loop.damping, self.damping_carrying(process)),
+            loop.peak_sensitivity, loop.gain_margin, min(loop.damping, self.damping_loaded(process)),
             compliance / COMPLIANCE, float((noises / self.authority).max()) / MOST_NOISE,
         )  # fmt: skip
         counts = LIMITED_COUNTS if np.isfinite(self.setup.limits.effort).any() else NOISE_COUNTS
@@ -375,15 +375,15 @@ class _Search:
         self.tried.append(candidate)
         return candidate
 
-    def damping_carrying(self, process: np.ndarray) -> float:
+    def damping_loaded(self, process: np.ndarray) -> float:
         """The smallest damping ratio with the payloads at the ends of their ranges, times what is required over
         `RINGS`: it must not ring."""
-        margins = [loop.margins(process) for loop in self.carrying]
+        margins = [loop.margins(process) for loop in self.loaded]
         least = min((each.damping if each.stable else 0.0 for each in margins), default=np.inf)
         return least * max(1.0, (self.damping or 0.0) / RINGS)
 
     def exact(self, candidate: NoiseCandidate) -> NoiseCandidate:
-        """The candidate with figures of a dense sweep: those that the evaluation of the design has."""
+        """The candidate with metrics of a dense sweep: those that the evaluation of the design has."""
         found = Margins(self.filtered.margins(candidate.levels.covariance(self.setup.model.states)).linear)
         return replace(
             candidate,
@@ -395,7 +395,7 @@ class _Search:
     def excess(
         self, sensitivity: float, gain_margin: float, damping: float, *others: float
     ) -> dict[str, float]:
-        """ln(figure/limit) of each limit that is missed; of the others, compliance and noise, the ratios."""
+        """ln(metric/limit) of each limit that is missed; of the others, compliance and noise, the ratios."""
         s = self.setup.specification
         ratios = (
             sensitivity / s.peak_sensitivity_limit,

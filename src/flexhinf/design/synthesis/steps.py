@@ -108,8 +108,7 @@ class Synthesis:
 
     def setup(self, robot: Robot, s: Specification) -> LoopSetup:
         """The loop that the law runs in."""
-        levels = None if self.noise_search is None else self.noise_search.chosen.levels
-        return LoopSetup(robot, s, self.law, self.goal, self.start, self.solution, levels)
+        return Task(robot, s, self.goal, self.start).setup(self.law, _levels(self.noise_search))
 
 
 def synthesise(robot: Robot, s: Specification, progress: Progress) -> Synthesis:

@@ -1,9 +1,9 @@
 """The preset `robust`: weights and noise levels for the tolerances, searched on the whole loop with its estimator.
 
 The channels of the tolerances see the law alone: with the true state fed back they bound its gain, and with the
-estimator in the loop they may make it worse. So the last word has the loop that runs. From the weights of the preset
-`damped` with its noise levels, and from those whose channels cover all tolerances, factors are searched (the
-scalings of a μ-synthesis, with the fraction of the tolerances that the channels stand for) on
+estimator in the loop they may make it worse. so the final decision uses the closed loop with its estimator. From the
+weights of the preset `damped` with its noise levels, and from those whose channels cover all tolerances, factors are
+searched (the scalings of a μ-synthesis, with the fraction of the tolerances that the channels stand for) on
 
     ω and ζ of all joints, the noise levels of links and of motors, the fraction of the tolerances in the channels
 
@@ -15,8 +15,6 @@ criterion the outcome cannot be worse.
 
 A candidate is looked at on few corners: those that are nearest to instability or overshoot most. One that would be the
 best is looked at on all, and those that it fails on join them.
-
-The preset `robust`: the weights and noise levels that `flexhinf.design.synthesis.whole_loop` finds, as a problem.
 """
 
 from __future__ import annotations
@@ -209,7 +207,7 @@ class Search:
         from scipy.optimize import minimize
 
         self.begin()
-        starts = [np.array([0.0, 0.0, 0.0, 0.0, LEAST_FRACTION]), self.covering_start()]
+        starts = [np.array([0.0, 0.0, 0.0, 0.0, LEAST_FRACTION]), self.channelled_start()]
         free = np.array([True, True, *(2 * [self.levels is not None]), True])
         costs = [self.cost(x) for x in starts]
         x = starts[int(np.argmin(costs))].copy()
@@ -245,7 +243,7 @@ class Search:
             (0.0, made, self.own, np.zeros(5))
         ]
 
-    def covering_start(self) -> np.ndarray:
+    def channelled_start(self) -> np.ndarray:
         """x of the weights whose channels cover the tolerances."""
         frequency = np.log(self.covered.target_frequency / self.first.target_frequency).mean()
         ratio = np.maximum(self.covered.damping_weights, 1e-3) / np.maximum(self.first.damping_weights, 1e-3)
@@ -282,7 +280,7 @@ class Search:
         return float(gained + MISSED * missed)
 
     def missed(self, found: Margins) -> float:
-        """Sum of ln(figure/limit) of the linear conditions that are missed, and missed by more than with `damped`."""
+        """Sum of ln(metric/limit) of the linear conditions that are missed, and missed by more than with `damped`."""
         own, s = self.own.margins, self.task.s
         damping = required_damping(s, self.target)
         noises = self.noises(found) / (NOISE * np.maximum(self.own.noises, 1e-300))

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf.errors import InvalidInput
-from flexhinf.validation import HUGE, checked_name, real_array, value_text
+from flexhinf.validation import HUGE, checked_array, checked_name, real_array, value_text
 
 #: Three elements.
 Vector = Sequence[Any]
@@ -342,14 +342,8 @@ class Tree:
 
 
 def _three(name: str, value: Sequence[float]) -> np.ndarray:
-    vector = real_array(value)
-    if vector.shape != (3,) or not np.all(np.abs(vector) <= HUGE):
-        raise InvalidInput(
-            f"The {name} is no vector.",
-            f"expected three numbers of at most {HUGE:g}, got {value_text(value)}",
-            "[0, 0, 1]",
-        )
-    return vector
+    numbers = f"three numbers of at most {HUGE:g}"
+    return checked_array(f"The {name} is no vector.", value, (3,), numbers, "[0, 0, 1]", HUGE)
 
 
 def _snap(value: float) -> float:

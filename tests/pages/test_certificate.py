@@ -13,7 +13,7 @@ from flexhinf.certify.starts import path_start, proved_steps
 from flexhinf.design.certification import CertifiedDegree, Evidence
 from flexhinf.design.specification import Specification
 from flexhinf.design.synthesis.degrees import DegreeChoice
-from flexhinf.pages.certificate_page import certificate_page
+from flexhinf.pages.certificate import certificate_page
 
 ASKED = Specification(pose=(np.pi,))
 WEIGHTS, CHECKED = (75.0, 27.0, 90.0, 27.0, 330.0), np.array([60.0, 0.0, 0.0, 0.0, 300.0])
