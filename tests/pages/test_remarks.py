@@ -49,7 +49,7 @@ def test_margins_are_judged(report_design: Make, changes: dict[str, Any], what: 
     vars(found).update({**vars(design.evaluation.margins), **changes})
     if delay is not None:
         vars(found)["_delay"] = (delay, 1.0)
-    assert (what in about(with_evaluation(design, margins=found))) is there
+    assert (what in about(with_evaluation(design, _margins=found))) is there
 
 
 def test_a_law_that_rings_and_corners_that_are_unstable_are_named(report_design: Make) -> None:
