@@ -10,7 +10,7 @@ import pytest
 import flexhinf as fh
 from flexhinf.analysis import margins
 from flexhinf.design import Specification
-from flexhinf.design.along_move import AlongMove, Least, margins_along, scheduled
+from flexhinf.design.along_move import AlongMove, MarginLimits, margins_along, scheduled
 from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.requirements import margins_requirements
 from flexhinf.loop import Schedule, Waypoints
@@ -18,7 +18,7 @@ from flexhinf.plant import Law
 
 Benches = Callable[..., LoopSetup]
 START, GOAL = (0.0, -2.2), (0.4, -0.3)
-LEAST = Least(2.5, 1.8, 0.05)
+LEAST = MarginLimits(2.5, 1.8, 0.05)
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -77,7 +77,7 @@ def test_laws_are_added_at_the_worst_poses_only_where_they_help(
     kept = scheduled(setup, plan, LEAST, another)
     assert (kept[0], asked) == (setup.law, []) if along.share <= 1.0 else asked
     peaks = [one.peak_sensitivity for one in along.margins]
-    strict = Least(0.5 * (peaks[-1] + max(peaks)), 1.01)
+    strict = MarginLimits(0.5 * (peaks[-1] + max(peaks)), 1.01)
     law, better = scheduled(setup, plan, strict, another)
     assert isinstance(law, Schedule)
     assert better.share < margins_along(setup, plan, strict).share

@@ -30,7 +30,7 @@ INSTANTS = 400
 
 
 @dataclass(frozen=True)
-class Least:
+class MarginLimits:
     """What the running loop is to have at every pose.
 
     Attributes
@@ -72,7 +72,7 @@ class AlongMove:
         Which law of a schedule acts at each pose; 0 is the goal's.
     margins : tuple of Margins
         Of the running loop, linearised at each pose.
-    least : Least
+    least : MarginLimits
         What they are to be.
     count : int
         How many laws there are.
@@ -84,7 +84,7 @@ class AlongMove:
     poses: np.ndarray
     laws: tuple[int, ...]
     margins: tuple[Margins, ...]
-    least: Least
+    least: MarginLimits
     count: int = 1
     added: int = 0
 
@@ -104,7 +104,7 @@ class AlongMove:
         return int(np.argmax([max(self.least.shares(one).values()) for one in self.margins]))
 
 
-def margins_along(setup: LoopSetup, plan: Plan, least: Least) -> AlongMove:
+def margins_along(setup: LoopSetup, plan: Plan, least: MarginLimits) -> AlongMove:
     """Margins of the running loop at poses that are evenly apart on the way of a move.
 
     Raises
@@ -124,7 +124,7 @@ def margins_along(setup: LoopSetup, plan: Plan, least: Least) -> AlongMove:
 def scheduled(
     setup: LoopSetup,
     plan: Plan,
-    least: Least,
+    least: MarginLimits,
     another: Callable[[np.ndarray], Law] | None,
     most: int = MOST_LAWS,
 ) -> tuple[Law, AlongMove]:

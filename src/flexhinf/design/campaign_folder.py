@@ -14,8 +14,8 @@ from flexhinf.design.campaign_setup import CampaignOptions, DesignCampaign, fiel
 from flexhinf.design.design_file import DESIGN_FILE, load_design, read_request
 from flexhinf.design.design_file_text import request_document
 from flexhinf.design.evaluation import LawEvaluation
-from flexhinf.design.hunting import brought_to_rest
 from flexhinf.design.laws import DESIGN
+from flexhinf.design.limit_cycle import end_limit_cycle
 from flexhinf.design.pipeline import step_duration
 from flexhinf.design.synthesis import synthesise
 from flexhinf.errors import InvalidInput
@@ -129,7 +129,7 @@ def designed_controller(
             return load_controller(path.parent / CONTROLLER), length
     robot, s = asked.request.robot, asked.specification
     synthesis = synthesise(robot, s, progress)
-    setup = brought_to_rest(synthesis.setup(robot, s))[0]
+    setup = end_limit_cycle(synthesis.setup(robot, s))[0]
     length = step_duration(LawEvaluation(DESIGN, setup), synthesis)
     if plan is None:
         return setup.bumpless_controller, length

@@ -96,7 +96,7 @@ class GainRow:
 
 
 @dataclass(frozen=True)
-class FoundGains:
+class GainResults:
     """Everything that was searched of one design.
 
     Attributes
@@ -226,7 +226,7 @@ class GainSearch:
         return replace(problem, penalty=Penalty(matrix, np.array(certificate.r2))), certificate.level
 
     # Searches -------------------------------------------------------------------------------------------
-    def found(self, progress: Callable[[str], None]) -> FoundGains:
+    def found(self, progress: Callable[[str], None]) -> GainResults:
         """Every search, in turn."""
         gamma, made = self.law.gamma, self.made
         found = self._rows_of(
@@ -242,7 +242,7 @@ class GainSearch:
             claims = ("proved", "proved" if covered else "")
             found += self._rows_of(*proved, "proof", certificate.gamma, claims, progress)
         bent = "" if proved is not None else "z of the proof is not linear in the state"
-        return FoundGains(tuple(found), self.proof.reason or bent)
+        return GainResults(tuple(found), self.proof.reason or bent)
 
     def _rows_of(
         self,
@@ -326,7 +326,7 @@ class GainSearch:
 # Kept in the campaign's folder ------------------------------------------------------------------------------
 def search_gain(
     asked: DesignCampaign, journal: Journal, progress: Callable[[str], None] = lambda text: None
-) -> FoundGains:
+) -> GainResults:
     """The rows of `GainSearch`, kept in the campaign's folder: taken from there where they were found already.
 
     The file is written whole when all searches are done, so an interrupted one leaves nothing behind.
@@ -355,15 +355,15 @@ def search_gain(
     return found
 
 
-def stored_gains(journal: Journal) -> FoundGains:
+def stored_gains(journal: Journal) -> GainResults:
     """What a campaign's folder has; no rows where nothing was searched, or the file is damaged."""
     try:
         content = read_sealed(journal.folder / FILE, _MOST_FILE)
         if content["campaign"] != journal.manifest["digest"]:
-            return FoundGains()
-        return FoundGains(tuple(_row(one) for one in content["rows"]), str(content["unproved"]))
+            return GainResults()
+        return GainResults(tuple(_row(one) for one in content["rows"]), str(content["unproved"]))
     except UNREADABLE:
-        return FoundGains()
+        return GainResults()
 
 
 def _row(one: Mapping[str, Any]) -> GainRow:

@@ -9,25 +9,25 @@ from typing import NamedTuple
 import numpy as np
 
 from flexhinf.design.attenuation import attenuation, searches_disturbance
-from flexhinf.design.carrying import Carried, carried_payloads
 from flexhinf.design.certification import prove_design, with_tolerances
 from flexhinf.design.criterion import MODES, criterion_for, stated_limits, yardstick
 from flexhinf.design.degrees import rays_of, synthesis_stages
 from flexhinf.design.evaluation import LawEvaluation
-from flexhinf.design.hunting import RestRun, brought_to_rest
 from flexhinf.design.joint_limits import joint_limits
 from flexhinf.design.laws import DESIGN, LawFactory, LawKind, law_kind, law_names
+from flexhinf.design.limit_cycle import LimitCycleCheck, end_limit_cycle
 from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.modes import closed_loop, modes_of
+from flexhinf.design.payload import PayloadEvaluation, evaluate_payloads
 from flexhinf.design.plans import plan_move, stated_move
 from flexhinf.design.requirements import (
     Requirement,
     behaviour_requirements,
-    carrying_requirements,
     corner_requirement,
-    hunting_requirement,
+    limit_cycle_requirement,
     margin_requirements,
     move_requirements,
+    payload_requirements,
     ring_down_requirement,
     sample_requirements,
     step_requirements,
@@ -77,7 +77,7 @@ def design(robot: Robot, specification: Specification, progress: Progress = lamb
         check_expressed(s.extras)
     progress("equilibrium, and weights")
     synthesis = synthesise(robot, s, progress)
-    setup, rest = brought_to_rest(synthesis.setup(robot, s))
+    setup, rest = end_limit_cycle(synthesis.setup(robot, s))
     progress("margins of the running loop")
     linear = LawEvaluation(DESIGN, setup)
     modes = _law_modes(linear, synthesis)
@@ -96,7 +96,7 @@ def design(robot: Robot, specification: Specification, progress: Progress = lamb
         progress("load, move and sampled robots")
         rigid = rigid.result()
     progress("what the robot carries")
-    loads = carried_payloads(evaluation)
+    loads = evaluate_payloads(evaluation)
     lines = tuple(_requirements(evaluation, synthesis, mujoco, rest, loads))
     start = _start_value(setup, synthesis)
     inside = start <= synthesis.chosen.level if synthesis.sampled else None
@@ -104,7 +104,7 @@ def design(robot: Robot, specification: Specification, progress: Progress = lamb
     proof = with_tolerances(robot, s, synthesis, prove_design(robot, s, synthesis, start, worth))
     return Design(
         robot=robot, specification=s, synthesis=synthesis, evaluation=evaluation, attenuation=worth, inside=inside,
-        proof=proof, mujoco=mujoco, rigid=rigid, rest=rest, carried=loads, law_modes=modes, requirements=lines,
+        proof=proof, mujoco=mujoco, rigid=rigid, rest=rest, payloads=loads, law_modes=modes, requirements=lines,
         status=status_of(lines, evaluation, synthesis.chosen, worth, inside, proof),
     )  # fmt: skip
 
@@ -200,8 +200,8 @@ def _requirements(
     evaluation: LawEvaluation,
     synthesis: Synthesis,
     mujoco: Response | None,
-    rest: RestRun | None,
-    loads: tuple[Carried, ...],
+    rest: LimitCycleCheck | None,
+    loads: tuple[PayloadEvaluation, ...],
 ) -> list[Requirement]:
     """The specification line by line: the running loop first, then runs, then tolerances."""
     s, target = evaluation.setup.specification, synthesis.design_problem.target
@@ -219,9 +219,9 @@ def _requirements(
         lines += step_requirements(s, limits, mujoco, "the step on MuJoCo's plant")
     lines += move_requirements(s, limits, evaluation.move, synthesis.along)
     if rest is not None:
-        lines.append(hunting_requirement(rest, limits.position_units))
+        lines.append(limit_cycle_requirement(rest, limits.position_units))
     for load in loads:
-        lines += carrying_requirements(s, limits, load, damping)
+        lines += payload_requirements(s, limits, load, damping)
     return lines + judged.robots
 
 
@@ -311,7 +311,7 @@ def compare(
         )
     progress("equilibrium, and weights")
     synthesis = synthesise(robot, s, progress)
-    setup, _ = brought_to_rest(synthesis.setup(robot, s))
+    setup, _ = end_limit_cycle(synthesis.setup(robot, s))
     progress("what all laws share: load, move, criterion")
     linear = LawEvaluation(DESIGN, setup, other_noise=False)
     scenario, step = _scenario(linear, synthesis, step_duration(linear, synthesis), _compared_samples)

@@ -16,11 +16,11 @@ import numpy as np
 
 from flexhinf.analysis import Margins, ToleranceCorners
 from flexhinf.design.along_move import AlongMove
-from flexhinf.design.carrying import Carried
-from flexhinf.design.hunting import RestRun
 from flexhinf.design.impulse import ImpulseRuns
 from flexhinf.design.joint_limits import ROBOT, JointLimits, LimitUse
+from flexhinf.design.limit_cycle import LimitCycleCheck
 from flexhinf.design.monte_carlo import MonteCarlo
+from flexhinf.design.payload import PayloadEvaluation
 from flexhinf.design.responses import Move, Response
 from flexhinf.design.specification import FIELDS, RINGS, TOLERANCE, Specification, SpecificationError
 from flexhinf.loop.simulation.metrics import SETTLING_BAND
@@ -279,7 +279,7 @@ def corner_requirement(corners: ToleranceCorners) -> Requirement:
     )  # fmt: skip
 
 
-def hunting_requirement(run: RestRun, units: Sequence[str]) -> Requirement:
+def limit_cycle_requirement(run: LimitCycleCheck, units: Sequence[str]) -> Requirement:
     """That dry friction and integral action keep no joint moving; `units` are those of the link positions."""
     joints, worst = run.response.joints, run.worst
     where = "long run at rest, nominal robot with dry friction, no noise"
@@ -290,35 +290,35 @@ def hunting_requirement(run: RestRun, units: Sequence[str]) -> Requirement:
     )  # fmt: skip
 
 
-def carrying_requirements(
-    s: Specification, limits: JointLimits, carried: Carried, damping: float | None
+def payload_requirements(
+    s: Specification, limits: JointLimits, load: PayloadEvaluation, damping: float | None
 ) -> list[Requirement]:
     """With a payload that the model does not know: the step, gripping it at the goal, and whether the loop rings.
 
     `damping` is what is required of every oscillation with the model's payload; with others the loop must not ring.
     """
-    what = f"with {carried.mass:.3g} kg of payload"
-    lines = step_requirements(s, limits, carried.step, f"the step {what}")
+    what = f"with {load.mass:.3g} kg of payload"
+    lines = step_requirements(s, limits, load.step, f"the step {what}")
     if damping is not None:
         lines.append(
             Requirement(
-                "damping of oscillations", min(RINGS, damping), carried.margins.damping, "", False,
+                "damping of oscillations", min(RINGS, damping), load.margins.damping, "", False,
                 f"running loop at the goal {what}", "smallest damping ratio; below 0.1 a loop rings",
             )
         )  # fmt: skip
-    if carried.gripped is None:
+    if load.load_step is None:
         return lines
-    where, remaining = f"gripping {carried.mass:.3g} kg at the goal", carried.remaining
+    where, remaining = f"gripping {load.mass:.3g} kg at the goal", load.remaining
     joint = limits.joints.index(remaining.joint) if remaining.joint else 0
     lines.append(
         Requirement(
-            "remaining sag", SETTLING_BAND * float(carried.gripped.reference_step[joint]), remaining.value,
+            "remaining sag", SETTLING_BAND * float(load.load_step.reference_step[joint]), remaining.value,
             limits.position_units[joint], True, where,
             "largest deviation of a link in the last tenth; the limit is 2 % of its step",
             joint=_named(limits, remaining.joint),
         )
     )  # fmt: skip
-    return lines + limit_requirements(limits, carried.gripped.response, where, always=False)
+    return lines + limit_requirements(limits, load.load_step.response, where, always=False)
 
 
 def sample_requirements(s: Specification, limits: JointLimits, samples: MonteCarlo) -> list[Requirement]:

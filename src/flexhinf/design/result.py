@@ -15,13 +15,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from flexhinf.design.attenuation import Attenuation
-from flexhinf.design.carrying import Carried
 from flexhinf.design.certification import DesignProof, StepProof, step_proof
 from flexhinf.design.degrees import DegreeChoice, shrinking
 from flexhinf.design.evaluation import LawEvaluation
-from flexhinf.design.hunting import RestRun
+from flexhinf.design.limit_cycle import LimitCycleCheck
 from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.modes import Mode
+from flexhinf.design.payload import PayloadEvaluation
 from flexhinf.design.requirements import RINGS, Requirement, all_met
 from flexhinf.design.responses import Response, Scenario
 from flexhinf.design.rigid import RigidComparison
@@ -202,9 +202,9 @@ class Design(Summarised):
         The step on MuJoCo's plant, if asked for.
     rigid : RigidComparison or None
         The rigid design on the same robot, fed the true state.
-    rest : RestRun or None
+    rest : LimitCycleCheck or None
         The long run at rest with dry friction; None for a robot that states none.
-    carried : tuple of Carried
+    payloads : tuple of PayloadEvaluation
         The runs with payloads at the ends of their ranges; none for a robot without such a range.
     law_modes : tuple of Mode
         Of the law alone: continuous, with the true state fed back.
@@ -219,8 +219,8 @@ class Design(Summarised):
     proof: DesignProof
     mujoco: Response | None
     rigid: RigidComparison | None
-    rest: RestRun | None
-    carried: tuple[Carried, ...] = ()
+    rest: LimitCycleCheck | None
+    payloads: tuple[PayloadEvaluation, ...] = ()
     law_modes: tuple[Mode, ...]
     requirements: tuple[Requirement, ...]
     status: Status

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.design.along_move import AlongMove, Least, scheduled
+from flexhinf.design.along_move import AlongMove, MarginLimits, scheduled
 from flexhinf.design.degrees import (
     DegreeChoice,
     choose_degree,
@@ -217,7 +217,7 @@ class _Steps:
         target, solution = made.design_problem.target, made.solution
         damping = None if target is None else required_damping(self.s, target)
         most = 1.0 + TOLERANCE
-        least = Least(
+        least = MarginLimits(
             most * self.s.peak_sensitivity_limit, self.s.gain_margin_limit / most, damping and damping / most
         )
 

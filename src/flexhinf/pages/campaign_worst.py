@@ -17,7 +17,7 @@ import numpy as np
 
 from flexhinf.campaign import CampaignJudgement, FoundPlant, Replayed, Requirement, WorstCase
 from flexhinf.campaign.metrics import COMPLETED, DIVERGED, NOT_RUN, UNSTABLE
-from flexhinf.design.campaign_gain import FoundGains, GainRow
+from flexhinf.design.campaign_gain import GainResults, GainRow
 from flexhinf.loop import Trajectory
 from flexhinf.pages.drawing import figure_block
 from flexhinf.report import (
@@ -420,7 +420,7 @@ def _changes(row: GainRow, nominal: Mapping[str, float]) -> str:
     return ", ".join(text for text in found if text) or "nominal numbers"
 
 
-def gain_statuses(found: FoundGains) -> list[Status]:
+def gain_statuses(found: GainResults) -> list[Status]:
     """Rows that no theorem allows: a proof or this program is wrong."""
     return [
         Status("not proved", "A disturbance attains more than the proved γ: the proof or the loop is wrong.")
@@ -429,7 +429,7 @@ def gain_statuses(found: FoundGains) -> list[Status]:
     ]
 
 
-def gain_section(judged: CampaignJudgement, found: FoundGains) -> Section:
+def gain_section(judged: CampaignJudgement, found: GainResults) -> Section:
     """What each search attained, against the level that belongs to it."""
     rows = found.rows
     if not rows:

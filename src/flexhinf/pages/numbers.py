@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 
 from flexhinf.analysis import FrequencyResponse, Margins
-from flexhinf.design.carrying import Carried
 from flexhinf.design.estimators import noise_variances
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.joint_limits import ROBOT
 from flexhinf.design.modes import Mode
+from flexhinf.design.payload import PayloadEvaluation
 from flexhinf.design.ranking import TradeOff, best_rival, trade_offs
 from flexhinf.design.requirements import Requirement
 from flexhinf.design.responses import Response
@@ -237,7 +237,7 @@ def _runs(design: Design) -> dict[str, Any]:
         },
         "load": {"at_s": load.at, **_run(load.response, load.metrics)},
         "move": {"duration_s": move.plan.duration, **_run(move.response, move.metrics)},
-        "payload": [_carried(one) for one in design.carried],
+        "payload": [_carried(one) for one in design.payloads],
         "rest": _rest(design),
         "along_move": along_rows(design.synthesis.along),
         "rigid": [
@@ -251,12 +251,12 @@ def _runs(design: Design) -> dict[str, Any]:
     }
 
 
-def _carried(one: Carried) -> dict[str, Any]:
+def _carried(one: PayloadEvaluation) -> dict[str, Any]:
     """With masses in the true robot that the model does not know."""
     return {
         "masses_kg": dict(one.masses),
         "step": _run(one.step, one.step.metrics),
-        "gripped": None if one.gripped is None else _run(one.gripped.response, one.gripped.metrics),
+        "gripped": None if one.load_step is None else _run(one.load_step.response, one.load_step.metrics),
         "margins": _margins(one.margins),
         "weighed_kg": None if one.weighed is None else one.weighed.masses,
         "hidden_by_friction_kg": None if one.weighed is None else one.weighed.hidden,
@@ -269,7 +269,7 @@ def _rest(design: Design) -> dict[str, Any] | None:
     if run is None:
         return None
     return {
-        "extras": list(run.extras), "limit": run.limit, "hunts": run.hunts, "dead_zone": run.dead_zone,
+        "extras": list(run.extras), "limit": run.limit, "hunts": run.oscillates, "dead_zone": run.dead_zone,
         "amplitudes_without_dead_zone": None if run.without is None else run.without.amplitudes,
         "duration_s": float(run.response.run.time[-1]), "diverged_at_s": run.response.diverged_at,
         "joints": [

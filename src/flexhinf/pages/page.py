@@ -197,7 +197,7 @@ def _headline(design: Design) -> str:
         )
     if samples is not None and len(samples):
         parts.append(_sampled(design, units))
-    if design.carried:
+    if design.payloads:
         parts.append(payload.carrying_text(design))
     parts.append(proof_text(design))
     return " ".join(parts)

@@ -108,7 +108,7 @@ def design_tables(design: Design) -> list[Table]:
     found = [requirement_table(design), _inputs(design)]
     if e.step_samples is not None and len(e.step_samples):
         found.append(_samples(design))
-    if design.rest is not None and design.rest.hunts and design.rest.cycles:
+    if design.rest is not None and design.rest.oscillates and design.rest.cycles:
         found.append(_rest(design))
     found += [_margins(design), _modes(design)]
     if e.corners is not None:

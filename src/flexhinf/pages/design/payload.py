@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from flexhinf.analysis import Margins
-from flexhinf.design.carrying import Carried
-from flexhinf.design.requirements import RINGS, carrying_requirements
+from flexhinf.design.payload import PayloadEvaluation
+from flexhinf.design.requirements import RINGS, payload_requirements
 from flexhinf.design.responses import Response
 from flexhinf.design.result import Design
 from flexhinf.pages.design.load_and_move import load_figure
@@ -19,25 +19,25 @@ from flexhinf.report import Column, Figure, Paragraph, Table, number
 
 def blocks(design: Design) -> list[Any]:
     """What the robot carries, the heaviest payload as it is gripped, and a table; none without a range of masses."""
-    if not design.carried:
+    if not design.payloads:
         return []
     found: list[Any] = [Paragraph(_what(design))]
-    heaviest = design.carried[-1]
-    if heaviest.gripped is not None:
+    heaviest = design.payloads[-1]
+    if heaviest.load_step is not None:
         found.append(_figure(design, heaviest))
     return [*found, _table(design)]
 
 
 def carrying_text(design: Design) -> str:
     """The heaviest payload in one sentence."""
-    one, (unit, scale) = design.carried[-1], units_of(design.evaluation).small
+    one, (unit, scale) = design.payloads[-1], units_of(design.evaluation).small
     if one.step.diverged_at is not None:
         return f"With {number(one.mass, 3)} kg of payload, which the model does not know, the step diverges."
     text = (
         f"With {number(one.mass, 3)} kg of payload, which the model does not know, the step overshoots by "
         f"{number(one.step.overshoot.value, 2)} %"
     )
-    if one.gripped is None:
+    if one.load_step is None:
         return f"{text}."
     back = (
         f"and is back within 2 % of its step after {number(one.recovery.value, 2)} s"
@@ -45,16 +45,16 @@ def carrying_text(design: Design) -> str:
         else "and is not back within 2 % of its step in the run"
     )
     gap = "" if unit == "°" else " "
-    where = f" ({one.sag.joint})" if len(design.robot.joint_names) > 1 else ""
-    return (
-        f"{text}; gripping it the robot sags by {number(scale * one.sag.value, 2)}{gap}{unit}{where} {back}."
-    )
+    where = f" ({one.deflection.joint})" if len(design.robot.joint_names) > 1 else ""
+    return f"{text}; gripping it the robot sags by {number(scale * one.deflection.value, 2)}{gap}{unit}{where} {back}."
 
 
 def remarks(design: Design) -> Iterator[str]:
     """A payload that is not carried, or not as required."""
-    for one in design.carried:
-        if one.step.diverged_at is not None or (one.gripped and one.gripped.response.diverged_at is not None):
+    for one in design.payloads:
+        if one.step.diverged_at is not None or (
+            one.load_step and one.load_step.response.diverged_at is not None
+        ):
             yield (
                 f"The loop diverges with {number(one.mass, 3)} kg of payload. Try a nominal mass nearer to it, "
                 "LOWER..NOMINAL..UPPER, or a lower `--bandwidth`."
@@ -72,7 +72,7 @@ def remarks(design: Design) -> Iterator[str]:
 def _places(design: Design) -> set[str]:
     """Where requirements with a payload are judged."""
     limits, s = design.setup.limits, design.specification
-    return {line.where for one in design.carried for line in carrying_requirements(s, limits, one, RINGS)}
+    return {line.where for one in design.payloads for line in payload_requirements(s, limits, one, RINGS)}
 
 
 def _what(design: Design) -> str:
@@ -87,7 +87,7 @@ def _what(design: Design) -> str:
         f"Payload on {ranges}. Law and estimator know the model's mass alone; what is heavier is carried by the "
         "integrals of the position errors."
     )
-    weighed = design.carried[-1].weighed
+    weighed = design.payloads[-1].weighed
     if weighed is None:
         return text
     said = ", ".join(f"{number(mass, 3)} kg" for mass in weighed.masses.values())
@@ -99,12 +99,12 @@ def _what(design: Design) -> str:
     )
 
 
-def _figure(design: Design, one: Carried) -> Figure:
+def _figure(design: Design, one: PayloadEvaluation) -> Figure:
     """Deviations of the links and inputs while the heaviest payload is gripped."""
-    assert one.gripped is not None
+    assert one.load_step is not None
     return load_figure(
-        design.evaluation, one.gripped, "payload",
-        f"At rest at the goal the robot grips {number(one.mass, 3)} kg at {one.gripped.at:g} s (dotted): the weight "
+        design.evaluation, one.load_step, "payload",
+        f"At rest at the goal the robot grips {number(one.mass, 3)} kg at {one.load_step.at:g} s (dotted): the weight "
         "beyond what the model carries acts on all links at once. Neither law nor estimator knows of it.",
         "Gripping the heaviest payload",
     )  # fmt: skip
@@ -124,10 +124,10 @@ def _table(design: Design) -> Table:
             *_margins(e.margins),
         )
     ]
-    for one in design.carried:
+    for one in design.payloads:
         sags: tuple[float | None, ...] = (None, None, None)
-        if one.gripped is not None:
-            sags = scale * one.sag.value, finite(one.recovery.value), scale * one.remaining.value
+        if one.load_step is not None:
+            sags = scale * one.deflection.value, finite(one.recovery.value), scale * one.remaining.value
         name = f"{number(one.mass, 3)} kg"
         rows.append((name, *_step(design, one.step), *sags, *_margins(one.margins)))
     columns = (

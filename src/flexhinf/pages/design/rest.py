@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.design.hunting import WIDEST, RestRun
+from flexhinf.design.limit_cycle import WIDEST, LimitCycleCheck
 from flexhinf.design.result import Design
 from flexhinf.design.weights.choose import preset_of
 from flexhinf.loop.simulation.metrics import REST_TAIL, tail_of
@@ -48,12 +48,12 @@ def remarks(design: Design) -> Iterator[str]:
             f"So errors up to {_zone(design, run)} are not integrated; they may remain. `--dead-zone` states another "
             "zone, 0 none."
         )
-    if run is None or not run.hunts:
+    if run is None or not run.oscillates:
         return
     if not run.cycles:
         yield "The long run at rest with the robot's dry friction diverges."
         return
-    joints = [_motion(design, run, k) for k in run.hunting]
+    joints = [_motion(design, run, k) for k in run.oscillating]
     dry = [name for name in run.extras if name in DRY]
     extras = ",".join(dict.fromkeys((*s.extras, *dry)))
     both = all(
@@ -79,13 +79,13 @@ def remarks(design: Design) -> Iterator[str]:
     )
 
 
-def _motion(design: Design, run: RestRun, joint: int) -> str:
+def _motion(design: Design, run: LimitCycleCheck, joint: int) -> str:
     """How far and how often a joint moves."""
     cycle = run.cycles[joint]
     return f"{run.response.joints[joint]} by ±{_length(design, cycle.amplitude, 3)} ({frequency_text(cycle.frequency)})"
 
 
-def _zone(design: Design, run: RestRun) -> str:
+def _zone(design: Design, run: LimitCycleCheck) -> str:
     """The dead zone of the integrals of a run, of the joints that have one."""
     joints = run.response.joints
     sizes = [] if run.dead_zone is None else run.dead_zone.tolist()
@@ -110,7 +110,7 @@ def frequency_text(frequency: float | None) -> str:
     return f"{number(frequency, 3)} Hz{slow}"
 
 
-def _figure(design: Design, run: RestRun) -> Figure:
+def _figure(design: Design, run: LimitCycleCheck) -> Figure:
     response, units = run.response, units_of(design.evaluation)
     unit, scale = units.small
     time, positions, inputs = (
@@ -147,7 +147,7 @@ def _extremes(time: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndar
     return np.array(times), np.array(rows)
 
 
-def _table(design: Design, run: RestRun) -> Any:
+def _table(design: Design, run: LimitCycleCheck) -> Any:
     unit, scale = units_of(design.evaluation).small
     rows = [
         (joint, scale * cycle.amplitude, frequency_text(cycle.frequency) if cycle.amplitude > SEEN * run.limit else "–",

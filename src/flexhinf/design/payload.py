@@ -25,7 +25,7 @@ from flexhinf.robot.payload import payload_ends
 
 
 @dataclass(frozen=True, eq=False)
-class Carried:
+class PayloadEvaluation:
     """One evaluation with other masses in the true robot than in the model.
 
     Attributes
@@ -36,7 +36,7 @@ class Carried:
         Of each payload, kg, by the robot's parameters.
     step : Response
         From start to goal, with the payload.
-    gripped : LoadResponse or None
+    load_step : LoadResponse or None
         The weight beyond the model's as constant torques; None where the model carries as much or more.
     margins : Margins
         Of the running loop about the goal, with the payload.
@@ -45,7 +45,7 @@ class Carried:
     robot: Robot
     masses: Mapping[str, float]
     step: Response
-    gripped: LoadResponse | None
+    load_step: LoadResponse | None
     margins: Margins
 
     @property
@@ -54,22 +54,22 @@ class Carried:
         return float(sum(self.masses.values()))
 
     @property
-    def sag(self) -> Worst:
+    def deflection(self) -> Worst:
         """Largest deviation of a link after gripping, rad or m; zero where nothing is gripped."""
-        return self._gripped("peak_deviation")
+        return self._load_metric("peak_deviation")
 
     @property
     def recovery(self) -> Worst:
         """Until all links are back within 2 % of their step, s; infinite where one is not within the run."""
-        return self._gripped("recovery_time_s")
+        return self._load_metric("recovery_time_s")
 
     @property
     def remaining(self) -> Worst:
         """Largest deviation in the last tenth of the run, rad or m."""
-        return self._gripped("remaining_error")
+        return self._load_metric("remaining_error")
 
-    def _gripped(self, key: str) -> Worst:
-        return Worst(0.0, "") if self.gripped is None else worst_of(self.gripped.metrics, key)
+    def _load_metric(self, key: str) -> Worst:
+        return Worst(0.0, "") if self.load_step is None else worst_of(self.load_step.metrics, key)
 
     @cached_property
     def weighed(self) -> Weighing | None:
@@ -82,16 +82,16 @@ class Carried:
             return None
 
 
-def carried_payloads(evaluation: LawEvaluation) -> tuple[Carried, ...]:
+def evaluate_payloads(evaluation: LawEvaluation) -> tuple[PayloadEvaluation, ...]:
     """With all payloads at the upper ends of their ranges, and at the lower ones where the model carries more.
 
     Empty for a robot whose payloads have no range.
     """
     robot = evaluation.setup.robot
-    return tuple(carried(evaluation, masses) for masses in payload_ends(robot.uncertain))
+    return tuple(evaluate_payload(evaluation, masses) for masses in payload_ends(robot.uncertain))
 
 
-def carried(evaluation: LawEvaluation, masses: Mapping[str, float]) -> Carried:
+def evaluate_payload(evaluation: LawEvaluation, masses: Mapping[str, float]) -> PayloadEvaluation:
     """The runs of an evaluation with these masses (kg, by the robot's parameters) in the true robot."""
     setup, runs = evaluation.setup, evaluation.scenario
     assert runs is not None, "an evaluation without a scenario has no runs"
@@ -105,7 +105,7 @@ def carried(evaluation: LawEvaluation, masses: Mapping[str, float]) -> Carried:
         ]
         weight = np.asarray(held[1], dtype=float) - np.asarray(held[0], dtype=float)
         gripped = setup.load_response(-weight, runs.load_duration, runs.sub_steps)
-    return Carried(
+    return PayloadEvaluation(
         robot,
         masses,
         step,

@@ -39,7 +39,7 @@ WIDEST, WIDENED = 0.01, 2
 
 
 @dataclass(frozen=True, eq=False)
-class RestRun:
+class LimitCycleCheck:
     """The step, followed for long without measurement noise, on a true plant whose dry friction holds.
 
     Attributes
@@ -52,9 +52,9 @@ class RestRun:
         Whether dry friction holds what rests; smoothed, as with rigid joints, it creeps, and may hide hunting.
     dead_zone : (n,) or None
         Of the integrals in this run, rad or m.
-    without : RestRun or None
+    without : LimitCycleCheck or None
         The run without the dead zone, where that was chosen against hunting.
-    tried : RestRun or None
+    tried : LimitCycleCheck or None
         The run with the widest dead zone that was tried and did not end the hunting.
     """
 
@@ -63,8 +63,8 @@ class RestRun:
     limit: float
     sharp: bool = True
     dead_zone: np.ndarray | None = None
-    without: RestRun | None = None
-    tried: RestRun | None = None
+    without: LimitCycleCheck | None = None
+    tried: LimitCycleCheck | None = None
 
     @cached_property
     def cycles(self) -> tuple[LimitCycle, ...]:
@@ -93,25 +93,25 @@ class RestRun:
         return int(np.argmax(self.amplitudes))
 
     @property
-    def hunts(self) -> bool:
+    def oscillates(self) -> bool:
         """Whether any joint does, or the run diverged."""
-        return bool(self.hunting)
+        return bool(self.oscillating)
 
     @property
-    def hunting(self) -> tuple[int, ...]:
+    def oscillating(self) -> tuple[int, ...]:
         """Joints that move by more than the limit."""
         return tuple(np.flatnonzero(self.amplitudes > self.limit).tolist())
 
 
-def brought_to_rest(setup: LoopSetup) -> tuple[LoopSetup, RestRun | None]:
+def end_limit_cycle(setup: LoopSetup) -> tuple[LoopSetup, LimitCycleCheck | None]:
     """The loop with a dead zone of its integrals where it hunts without, and its run at rest.
 
     The zone is as wide as the hunting of the joint, then twice that, and at most `WIDEST` of the step. One that does
     not end the hunting is not kept.
     """
-    first = rest_run(setup)
+    first = check_limit_cycle(setup)
     stated = setup.specification.integral_dead_zone is not None
-    if first is None or stated or not (first.hunts and first.cycles and has_integrals(setup.law)):
+    if first is None or stated or not (first.oscillates and first.cycles and has_integrals(setup.law)):
         return setup, first
     step = np.abs(setup.goal - setup.start)
     most = WIDEST * np.where(step > 0.0, step, step.max())
@@ -120,15 +120,15 @@ def brought_to_rest(setup: LoopSetup) -> tuple[LoopSetup, RestRun | None]:
         wanted = np.where(run.amplitudes > run.limit, np.maximum(run.amplitudes, 2.0 * zone), zone)
         zone = np.array([float(f"{size:.1e}") for size in np.minimum(wanted, most)])
         changed = replace(setup, chosen_zone=zone)
-        run = rest_run(changed)
+        run = check_limit_cycle(changed)
         if run is None or not run.cycles:
             break
-        if not run.hunts:
+        if not run.oscillates:
             return changed, replace(run, without=first)
     return setup, replace(first, tried=run)
 
 
-def rest_run(setup: LoopSetup) -> RestRun | None:
+def check_limit_cycle(setup: LoopSetup) -> LimitCycleCheck | None:
     """The run; None for a robot without dry friction, or with none above zero."""
     s = setup.specification
     dry = stated_friction(setup.robot.plant_parameters())
@@ -144,4 +144,6 @@ def rest_run(setup: LoopSetup) -> RestRun | None:
     quiet = setup.without_noise  # noise is a dither that may hide what sticks
     response = quiet.step(min(LENGTH, samples * s.period), plant=plant, sub_steps=parts)
     zone = setup.dead_zone if has_integrals(setup.law) else None
-    return RestRun(response, extras, setup.position_resolution(DEVIATIONS), plant.arrest is not None, zone)
+    return LimitCycleCheck(
+        response, extras, setup.position_resolution(DEVIATIONS), plant.arrest is not None, zone
+    )
