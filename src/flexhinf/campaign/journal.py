@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import errno
 import hashlib
+import math
 import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -19,13 +20,13 @@ from dataclasses import dataclass
 from functools import cached_property
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
 from flexhinf.campaign.batches import Campaign, Column, Rows
 from flexhinf.campaign.draws import Tolerances
-from flexhinf.campaign.manifest import made_manifest, read_manifest, sealed
+from flexhinf.campaign.manifest import MOST_BYTES, made_manifest, read_manifest, read_sealed, sealed
 from flexhinf.campaign.row_checks import numpy_column, wrong_rows
 from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.file_bytes import file_digest
@@ -35,6 +36,8 @@ from flexhinf.untrusted import checked_path
 if TYPE_CHECKING:
     import pyarrow as pa
     import xarray as xr
+
+Stored = TypeVar("Stored")
 
 #: Columns of a file that are held in memory at once: what one figure or table compares.
 HELD = 6
@@ -505,6 +508,28 @@ class Journal:
                 }
         return {}
 
+    # Results of the whole campaign -------------------------------------------------------------------------
+    def store(self, name: Path, content: Mapping[str, Any]) -> None:
+        """Write a sealed JSON file beside the rows, whole or not at all; numbers that JSON does not have as text.
+
+        Raises
+        ------
+        InvalidInput
+            If another driver is at work.
+        FlexhinfError
+            If the disk is full.
+        """
+        path = self.folder / name
+        with self.driven(), disk_refusals(self.folder):
+            path.parent.mkdir(exist_ok=True)
+            write_whole(path, sealed(_plain(content)))
+
+    def stored(self, name: Path, kind: type[Stored], most: int = MOST_BYTES) -> Stored:
+        """A dataclass from a file of at most so many bytes that `store` wrote; one of `UNREADABLE` where it is none."""
+        from pydantic import TypeAdapter
+
+        return TypeAdapter(kind).validate_python(read_sealed(self.folder / name, most))
+
     # The whole ---------------------------------------------------------------------------------------------
     def take(self, other: Journal) -> int:
         """Copy the shards of another folder of the same campaign that are missing here; returns how many.
@@ -564,6 +589,14 @@ class Journal:
                         group = []
             publish_whole(name, path)
         return path
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, float) and not math.isfinite(value):
+        return str(value)
+    if isinstance(value, Mapping):
+        return {name: _plain(one) for name, one in value.items()}
+    return [_plain(one) for one in value] if isinstance(value, (list, tuple)) else value
 
 
 def _held(path: Path) -> bool:

@@ -30,7 +30,7 @@ UNREADABLE = (
 _WHAT, _SEAL = "flexhinf campaign", "sha256"
 
 #: Bytes of the largest file, of text, that is read.
-_MOST_BYTES = 10_000_000
+MOST_BYTES = 10_000_000
 
 _KINDS = ("own", "parameter", "metric", PART, "trace")
 
@@ -41,7 +41,7 @@ def sealed(content: Mapping[str, Any]) -> bytes:
     return (json.dumps({**plain, _SEAL: _digest(plain)}, indent=1) + "\n").encode()
 
 
-def read_sealed(path: Path, most: int = _MOST_BYTES) -> dict[str, Any]:
+def read_sealed(path: Path, most: int = MOST_BYTES) -> dict[str, Any]:
     """The entries of a file of at most so many bytes that `sealed` made.
 
     Raises
@@ -87,7 +87,7 @@ def read_manifest(path: Path) -> dict[str, Any]:
     try:
         stated = read_sealed(path)
     except ValueError:
-        _check_kind(json.loads(read_bytes(path, _MOST_BYTES)))  # a file of another version says so
+        _check_kind(json.loads(read_bytes(path, MOST_BYTES)))  # a file of another version says so
         raise
     _check_kind(stated)
     try:
