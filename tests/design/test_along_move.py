@@ -10,9 +10,8 @@ import pytest
 import flexhinf as fh
 from flexhinf.analysis import margins
 from flexhinf.design import Specification
-from flexhinf.design.along_move import AlongMove, MarginLimits, margins_along, scheduled
+from flexhinf.design.along_move import AlongMove, MarginLimits, along_requirements, margins_along, scheduled
 from flexhinf.design.loop_setup import LoopSetup
-from flexhinf.design.requirements import margins_requirements
 from flexhinf.loop import Schedule, Waypoints
 from flexhinf.plant import Law
 
@@ -57,7 +56,7 @@ def test_at_the_goal_the_margins_are_those_of_the_loop_there(setup: LoopSetup, a
 
 def test_the_requirement_is_that_of_the_worst_pose(along: AlongMove) -> None:
     peaks = [one.peak_sensitivity for one in along.margins]
-    lines = {line.what: line for line in margins_requirements(Specification(peak_sensitivity=1.01), along)}
+    lines = {line.what: line for line in along_requirements(Specification(peak_sensitivity=1.01), along)}
     line = lines["peak sensitivity"]
     assert (line.found, line.at) == (max(peaks), along.times[int(np.argmax(peaks))])
     assert (line.met, line.stated_by) == (False, "--peak-sensitivity")

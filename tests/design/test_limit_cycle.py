@@ -10,7 +10,6 @@ import pytest
 from flexhinf.design import Design, Specification
 from flexhinf.design.limit_cycle import check_limit_cycle, end_limit_cycle
 from flexhinf.design.loop_setup import LoopSetup
-from flexhinf.design.requirements import limit_cycle_requirement
 from flexhinf.design.synthesis import synthesise
 from flexhinf.errors import InvalidInput
 from flexhinf.loop import JerkLimited
@@ -41,7 +40,7 @@ def test_hunting_is_found_with_its_joint_amplitude_and_period(setup):
     assert (
         15.0 < 1.0 / run.cycles[0].frequency < 60.0
     )  # it leaves an unstable equilibrium: the time is ill-conditioned
-    line = limit_cycle_requirement(run, ("rad", "rad"))
+    line = run.requirement(("rad", "rad"))
     assert not line.met
     assert (line.joint, line.limit) == ("shoulder", pytest.approx(3e-4))
 

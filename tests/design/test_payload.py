@@ -15,8 +15,7 @@ from flexhinf.analysis import margins
 from flexhinf.design import Design, Specification
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.loop_setup import LoopSetup
-from flexhinf.design.payload import evaluate_payload, evaluate_payloads
-from flexhinf.design.requirements import payload_requirements
+from flexhinf.design.payload import evaluate_payload, evaluate_payloads, payload_requirements
 from flexhinf.design.responses import Scenario
 from flexhinf.design.weights.choose import choose
 from flexhinf.design.weights.estimator_noise import search_noise

@@ -15,7 +15,12 @@ import numpy as np
 
 from flexhinf.design.loop_setup import LoopPlants
 from flexhinf.design.plans import has_integrals, move_reference, stated_move, step_command
-from flexhinf.design.requirements import Requirement, move_requirements, step_requirements
+from flexhinf.design.requirements import (
+    REQUIREMENTS,
+    Requirement,
+    move_requirements,
+    step_requirements,
+)
 from flexhinf.design.responses import Move, Plan, Response, plan_ends, start_and_goal
 from flexhinf.design.specification import Specification
 from flexhinf.errors import InvalidInput
@@ -119,10 +124,7 @@ class DeployedRun:
             lines = [replace(line, where=WHERE) for line in lines]
         if not run.timing.real_time:
             return lines
-        missed = Requirement(
-            "missed deadlines", 0.0, 100.0 * float(np.mean(run.timing.missed)), "%", True, WHERE,
-            "samples whose input was not there before the next sample was due",
-        )  # fmt: skip
+        missed = REQUIREMENTS["deadlines"].judge(None, 0.0, 100.0 * np.mean(run.timing.missed), WHERE)
         return [missed, *lines]
 
 

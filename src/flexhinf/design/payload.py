@@ -1,9 +1,9 @@
-"""What a robot carries: its step with a payload, and the moment in which it grips it.
+"""Payload evaluation: the step with a payload, and the load step when the robot grips it.
 
 A law and its estimator know the payload's nominal mass. Here the true robot has the masses at the ends of their ranges:
 it makes the step in equilibrium with them, and, at rest at the goal, grips what is heavier than the model carries,
 whose weight then acts on all links at once (as constant torques; the inertia is in the step). No estimator has a
-payload among its states: the integrals of the position errors carry what is untold.
+payload among its states: integral action compensates the unmodelled weight.
 """
 
 from __future__ import annotations
@@ -16,9 +16,18 @@ import numpy as np
 
 from flexhinf.analysis import Margins, margins
 from flexhinf.design.evaluation import LawEvaluation
+from flexhinf.design.joint_limits import JointLimits
+from flexhinf.design.requirements import (
+    REQUIREMENTS,
+    Requirement,
+    limit_requirements,
+    of_several,
+    step_requirements,
+)
 from flexhinf.design.responses import LoadResponse, Response, Worst, worst_of
+from flexhinf.design.specification import RINGS, Specification
 from flexhinf.errors import InvalidInput
-from flexhinf.loop.simulation.metrics import tail_of
+from flexhinf.loop.simulation.metrics import SETTLING_BAND, tail_of
 from flexhinf.plant import Parameters
 from flexhinf.robot import Robot, Weighing, weigh_payload
 from flexhinf.robot.payload import payload_ends
@@ -73,7 +82,7 @@ class PayloadEvaluation:
 
     @cached_property
     def weighed(self) -> Weighing | None:
-        """What the motors say of the masses at the end of the step; None where the pose does not show them."""
+        """Masses by the motors' torques at the end of the step; None where the pose does not show them."""
         if self.step.diverged_at is not None:
             return None
         try:
@@ -83,12 +92,9 @@ class PayloadEvaluation:
 
 
 def evaluate_payloads(evaluation: LawEvaluation) -> tuple[PayloadEvaluation, ...]:
-    """With all payloads at the upper ends of their ranges, and at the lower ones where the model carries more.
-
-    Empty for a robot whose payloads have no range.
-    """
-    robot = evaluation.setup.robot
-    return tuple(evaluate_payload(evaluation, masses) for masses in payload_ends(robot.uncertain))
+    """With all payloads at the ends of their ranges, the lower one where the model carries more; empty without any."""
+    ends = payload_ends(evaluation.setup.robot.uncertain)
+    return tuple(evaluate_payload(evaluation, masses) for masses in ends)
 
 
 def evaluate_payload(evaluation: LawEvaluation, masses: Mapping[str, float]) -> PayloadEvaluation:
@@ -112,3 +118,32 @@ def evaluate_payload(evaluation: LawEvaluation, masses: Mapping[str, float]) -> 
         gripped,
         margins(setup.equilibrium_loop(evaluation.loop.filter is not None, true)),
     )
+
+
+def payload_requirements(
+    s: Specification, limits: JointLimits, load: PayloadEvaluation, damping: float | None
+) -> list[Requirement]:
+    """With a payload that the model does not know: the step, gripping it at the goal, and whether the loop rings.
+
+    `damping` is what is required of every oscillation with the model's payload; with others the loop must not ring.
+    """
+    name = f"with {load.mass:.3g} kg of payload"
+    lines = step_requirements(s, limits, load.step, f"the step {name}")
+    if damping is not None:
+        lines.append(
+            REQUIREMENTS["damping"].judge(
+                None, min(RINGS, damping), load.margins.damping, f"running loop at the goal {name}",
+                criterion="smallest damping ratio; below 0.1 a loop rings",
+            )
+        )  # fmt: skip
+    if load.load_step is None:
+        return lines
+    where, remaining = f"gripping {load.mass:.3g} kg at the goal", load.remaining
+    joint = limits.joints.index(remaining.joint) if remaining.joint else 0
+    lines.append(
+        REQUIREMENTS["load_step"].judge(
+            None, SETTLING_BAND * float(load.load_step.reference_step[joint]), remaining.value, where,
+            unit=limits.position_units[joint], joint=of_several(limits.joints, remaining.joint),
+        )
+    )  # fmt: skip
+    return lines + limit_requirements(limits, load.load_step.response, where, always=False)

@@ -22,10 +22,10 @@ from flexhinf.design.limit_cycle import LimitCycleCheck
 from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.modes import Mode
 from flexhinf.design.payload import PayloadEvaluation
-from flexhinf.design.requirements import RINGS, Requirement, all_met
+from flexhinf.design.requirements import Requirement, all_met
 from flexhinf.design.responses import Response, Scenario
 from flexhinf.design.rigid import RigidComparison
-from flexhinf.design.specification import TOLERANCE, Specification
+from flexhinf.design.specification import RINGS, TOLERANCE, Specification
 from flexhinf.design.synthesis import Synthesis
 from flexhinf.design.weights.choose import DesignProblem
 from flexhinf.design.weights.estimator_noise import NoiseSearch

@@ -232,7 +232,7 @@ def _runs(design: Design) -> dict[str, Any]:
         "ring_down": {
             "damping": e.ring_down.damping,
             "diverged": e.ring_down.diverged,
-            "fit_error": e.ring_down.found and e.ring_down.found.error,
+            "fit_error": e.ring_down.ring_down and e.ring_down.ring_down.error,
             "joints": ring_down_rows(e.ring_down),
         },
         "load": {"at_s": load.at, **_run(load.response, load.metrics)},

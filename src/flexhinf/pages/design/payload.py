@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from flexhinf.analysis import Margins
-from flexhinf.design.payload import PayloadEvaluation
-from flexhinf.design.requirements import RINGS, payload_requirements
+from flexhinf.design.payload import PayloadEvaluation, payload_requirements
 from flexhinf.design.responses import Response
 from flexhinf.design.result import Design
+from flexhinf.design.specification import RINGS
 from flexhinf.pages.design.load_and_move import load_figure
 from flexhinf.pages.drawing import finite, listed, units_of
 from flexhinf.report import Column, Figure, Paragraph, Table, number

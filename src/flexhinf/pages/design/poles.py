@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from flexhinf.design.modes import Mode
-from flexhinf.design.requirements import RINGS
 from flexhinf.design.result import Design
+from flexhinf.design.specification import RINGS
 from flexhinf.loop.simulation.metrics import damping_ratio
 from flexhinf.pages.drawing import (
     figure_block,

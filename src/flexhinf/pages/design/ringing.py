@@ -27,16 +27,16 @@ SHOWN = 8.0
 def blocks(design: Design) -> list[Any]:
     """Figure and table; nothing where a run diverged."""
     runs = design.evaluation.ring_down
-    return [] if runs.found is None else [_figure(runs), _table(design, runs)]
+    return [] if runs.ring_down is None else [_figure(runs), _table(design, runs)]
 
 
 def remarks(design: Design) -> Iterator[str]:
     """A run that diverges, or that is no decaying oscillation."""
     runs = design.evaluation.ring_down
-    if runs.found is None:
+    if runs.ring_down is None:
         yield f"After a blow on {runs.responses[runs.worst].joints[runs.worst]} at the goal the loop diverges."
     elif not runs.exponential:
-        left = "comes to rest" if runs.found.rests else "does not come to rest"
+        left = "comes to rest" if runs.ring_down.rests else "does not come to rest"
         yield (
             "After a blow the loop does not decay as a linear one does (dry friction, backlash or limits), and "
             f"{left}; the damping ratios are those of the nearest decaying oscillations."
@@ -53,10 +53,10 @@ def ring_down_rows(runs: ImpulseRuns) -> list[dict[str, Any]]:
             {
                 "joint": response.joints[k],
                 "impulse": float(runs.impulses[k]),
-                "peak_deviation": None if runs.found is None else float(deviation),
-                "damping": None if runs.found is None else runs.found.damping_of(k),
+                "peak_deviation": None if runs.ring_down is None else float(deviation),
+                "damping": None if runs.ring_down is None else runs.ring_down.damping_of(k),
                 "frequency_Hz": None if least is None else least.frequency,
-                "left": None if runs.found is None else runs.left(k),
+                "left": None if runs.ring_down is None else runs.left(k),
             }
         )
     return rows
@@ -104,7 +104,7 @@ def _table(design: Design, runs: ImpulseRuns) -> Any:
         Column("least damping ratio", "", 3), Column("its frequency", "Hz", 3),
         Column(f"left after {AFTER:g} periods", "%", 2),
     )  # fmt: skip
-    error = 0.0 if runs.found is None else runs.found.error
+    error = 0.0 if runs.ring_down is None else runs.ring_down.error
     caption = (
         "An impulse on the link, the loop at rest at the goal. Damping ratio: the least of the oscillations that make "
         f"up {100.0 * VISIBLE:g} % of the joint's own velocity or input, fitted to all samples of all runs; fit and "
