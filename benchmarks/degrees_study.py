@@ -19,10 +19,11 @@ from rich.progress import track
 
 import flexhinf as fh
 from flexhinf.design import Specification
-from flexhinf.design.degrees import choose_degree, solve_degrees, step_cost, tried_degrees
 from flexhinf.design.estimators import EstimatorNoise
 from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.monte_carlo import sampled_runs
+from flexhinf.design.problem.modes import JointScales
+from flexhinf.design.problem.presets import DesignProblem, choose, required_damping
 from flexhinf.design.responses import (
     LOAD_FRACTION,
     Response,
@@ -31,9 +32,8 @@ from flexhinf.design.responses import (
     sample_robots,
     worst_of,
 )
-from flexhinf.design.weights.choose import DesignProblem, choose, required_damping
-from flexhinf.design.weights.design_problem import JointScales
-from flexhinf.design.weights.estimator_noise import search_noise
+from flexhinf.design.synthesis.degrees import choose_degree, solve_degrees, step_cost, tried_degrees
+from flexhinf.design.synthesis.noise import search_noise
 from flexhinf.plant import GeneralisedPlant, Law, Plant
 from flexhinf.robot import Parameter, Robot
 from flexhinf.robot.signals import signal_names

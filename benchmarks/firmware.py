@@ -36,7 +36,7 @@ CLOCK, RATE = 168e6, 1e3
 
 #: The command whose controller is exported, by the number of links. The page names it below the table.
 DESIGNS = {
-    1: "flexhinf design paper --goal 90deg --from-pose 0 --preset damped --degrees 4 --draws 0",
+    1: "flexhinf design paper --pose 90deg --start 0 --preset damped --degrees 4 --draws 0",
     2: "flexhinf design planar-two-link --degrees 4 --draws 0",
     7: "flexhinf design seven-link --degrees 2 --draws 0",
 }

@@ -53,9 +53,9 @@ def options() -> str:
                 "|---|---|---|---|---|",
             ]
         default = about.default or ("none" if field.default in (None, ()) else f"`{_text(field.default)}`")
-        names = ", ".join(f"`{option.partition('/')[0]}`" for option in field.options)
+        option = field.option.partition("/")[0]
         unit = f" ({about.unit})" if about.unit else ""
-        row = (names, f"`{name}`", about.help, f"{field.allowed}{unit}", default)
+        row = (f"`{option}`", f"`{name}`", about.help, f"{field.allowed}{unit}", default)
         lines.append("| " + " | ".join(cell.replace("|", r"\|") for cell in row) + " |")
     return "\n".join(lines).strip()
 
@@ -191,7 +191,7 @@ def step() -> str:
 
 def refusal() -> str:
     """What the command line prints of a peak input that cannot be kept."""
-    command = "flexhinf design paper --goal 90deg --from-pose 0 --bandwidth 4 --damping 0.3 --peak-voltage 15"
+    command = "flexhinf design paper --pose 90deg --start 0 --bandwidth 4 --damping 0.3 --peak-voltage 15"
     return f"```text\n$ {command}\n{_printed(command)}\n```"
 
 

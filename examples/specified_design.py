@@ -3,7 +3,7 @@
 Asks for a bandwidth, a damping of the vibration and a peak voltage; prints each requirement with what was achieved. The
 same on the command line, with a page of figures:
 
-    flexhinf design paper --goal 90deg --from-pose 0 --preset robust --bandwidth 3 --damping 0.2 --peak-voltage 60
+    flexhinf design paper --pose 90deg --start 0 --preset robust --bandwidth 3 --damping 0.2 --peak-voltage 60
 """
 
 from __future__ import annotations

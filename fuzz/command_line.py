@@ -145,15 +145,16 @@ def _options(rng: np.random.Generator, count: int) -> list[str]:
             "--laws",
             "--tune",
             "--payload",
-            "--goal-xyz",
+            "--pose-xyz",
+            "--goal",
             "--tool",
             "--gamma-ratio",
             "--unknown",
             "--peak-voltage",
             "-x",
         )
-        option = field.options[0].split("/")[0] if rng.random() < 0.93 else others[rng.integers(len(others))]
-        if "/" in field.options[0] and option in field.options[0]:
+        option = field.option.split("/")[0] if rng.random() < 0.93 else others[rng.integers(len(others))]
+        if "/" in field.option and option in field.option:
             found.append(option)
             continue
         value = field.about.example if rng.random() < 0.7 else VALUES[rng.integers(len(VALUES))]

@@ -240,15 +240,12 @@ def against_filterpy(rng: np.random.Generator, estimator: Any) -> str:
     apart = np.abs(estimator.mean - peer.x[:, 0]) / (size + np.abs(peer.x[:, 0]))
     if apart.max() > 1e-6:
         return f"{type(estimator).__name__}: {apart.max():.3g} deviations from filterpy's mean"
-    rounding = (
-        1e-13 * (1.0 + np.abs(peer.x).max())
-    ) ** 2  # of sigma points about a mean that is known exactly
-    difference = np.abs(estimator.covariance - peer.P).max() / (np.abs(peer.P).max() + rounding)
-    return (
-        f"{type(estimator).__name__}: covariance {difference:.3g} from filterpy's"
-        if difference > 1e-6
-        else ""
-    )
+    difference, size = np.abs(estimator.covariance - peer.P).max(), np.abs(peer.P).max()
+    largest = 1.0 + np.abs(peer.x).max()
+    rounding = (1e-14 * largest) ** 2  # of sigma points about a mean that is known exactly
+    if difference > 1e-6 * size + rounding:
+        return f"{type(estimator).__name__}: covariance {difference:.3g} from filterpy's of {size:.3g}"
+    return ""
 
 
 # The compiled controller ----------------------------------------------------------------------------

@@ -259,7 +259,7 @@ def _file(folder: Path) -> Path:
 
 # Goals in space -------------------------------------------------------------------------------------
 def _goal(drawn: Drawn, folder: Path) -> str:
-    """``--goal-xyz`` and ``--tool``: the point is where it is to be, the joints are within their ranges."""
+    """``--pose-xyz`` and ``--tool``: the point is where it is to be, the joints are within their ranges."""
     robot = load_robot("planar-two-link") if drawn.rng.random() < 0.7 else _cart()
     parts = [(drawn.one(USUAL), drawn.unit(["m"])) for _ in range(3)]
     if drawn.rng.random() < 0.8:  # mostly within reach

@@ -22,8 +22,8 @@ from flexhinf import files, report
 from flexhinf.campaign import Journal, drive
 from flexhinf.codegen import compiler as cache
 from flexhinf.errors import FlexhinfError, InvalidInput
-from flexhinf.file_bytes import file_digest, read_bytes
 from flexhinf.files import read_arrays, write_arrays
+from flexhinf.validation import file_digest, read_bytes
 
 pytest.importorskip("pyarrow")
 
@@ -39,7 +39,7 @@ from flexhinf.certify import load_certificate
 from flexhinf.codegen import compiler as cache
 from flexhinf.design.waypoint_table import waypoints
 from flexhinf.report import unchanged
-from flexhinf.untrusted import read_xml
+from flexhinf.validation import read_xml
 
 folder = Path(sys.argv[1])
 

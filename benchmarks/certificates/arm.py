@@ -36,8 +36,8 @@ from flexhinf.certify.common_value import common_value
 from flexhinf.certify.proof import certify_tolerances, parameter_ranges, tolerance_statement
 from flexhinf.certify.reading import terms_of
 from flexhinf.certify.theorem import statement_of
+from flexhinf.design.problem.presets import choose
 from flexhinf.design.specification import Specification
-from flexhinf.design.weights.choose import choose
 from flexhinf.hinf.sampled import equilibrium_state, step_amplitude, step_roles
 
 __all__ = ["COMMON", "claim_at", "given_storage", "ours", "solution_of"]

@@ -90,9 +90,9 @@ def _linear(robot: Any, s: Specification, limits: np.ndarray) -> dict[str, Any]:
     """Weights for the default behaviour, before limits of effort lower it, and the noise levels for them."""
     from flexhinf.design.evaluation import LawEvaluation
     from flexhinf.design.loop_setup import LoopSetup
+    from flexhinf.design.problem.presets import choose, required_damping
     from flexhinf.design.responses import default_start
-    from flexhinf.design.weights.choose import choose, required_damping
-    from flexhinf.design.weights.estimator_noise import search_noise
+    from flexhinf.design.synthesis.noise import search_noise
 
     goal = np.array(robot.home)
     start = default_start(robot, goal)
@@ -112,7 +112,7 @@ def _reach(found: Any) -> dict[str, Any]:
     search = found.noise_search
     if search is None or not hasattr(search.chosen, "missed"):
         return {}
-    from flexhinf.design.weights.design_problem import JointScales
+    from flexhinf.design.problem.modes import JointScales
 
     scales = JointScales.of(found.setup.model, found.setup.goal_equilibrium)
     part = scales.link_inertia / (scales.link_inertia + scales.motor_inertia)

@@ -30,8 +30,7 @@ from typing import Any, Literal
 import numpy as np
 
 from flexhinf.errors import InvalidInput
-from flexhinf.file_bytes import array_of, read_bytes
-from flexhinf.untrusted import checked_path
+from flexhinf.validation import array_of, checked_path, read_bytes
 
 try:
     import fcntl

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from flexhinf.design.degrees import GAIN
+from flexhinf.design.synthesis.degrees import GAIN
 
 NUMBER = re.compile(r"\d+(?:\.\d+)?")
 

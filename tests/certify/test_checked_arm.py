@@ -11,8 +11,8 @@ import pytest
 import flexhinf as fh
 from flexhinf.certify import Certificate
 from flexhinf.certify.proof import certify_tolerances, parameter_ranges
+from flexhinf.design.problem.presets import choose
 from flexhinf.design.specification import Specification
-from flexhinf.design.weights.choose import choose
 
 
 @pytest.mark.slow

@@ -14,8 +14,8 @@ import flexhinf as fh
 from flexhinf.certify.box import BoxExcess, parameter_groups
 from flexhinf.certify.proof import NotProved, certify_tolerances, parameter_ranges, tolerance_statement
 from flexhinf.certify.starts import UNCHANGED_INPUT, path_states
+from flexhinf.design.problem.presets import choose
 from flexhinf.design.specification import Specification
-from flexhinf.design.weights.choose import choose
 from flexhinf.errors import InvalidInput
 
 ARM = fh.paper_arm()

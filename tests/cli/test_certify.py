@@ -141,16 +141,16 @@ def test_a_certificate_is_proved_again(folder: Path, capsys: pytest.CaptureFixtu
     [
         (["certify"], "a robot, a design file, or --check FILE"),
         (["certify", "--check", "certificate.json", "--tolerances"], "got --tolerances"),
-        (["certify", "--check", "certificate.json", "--goal", "0"], "got --pose"),
+        (["certify", "--check", "certificate.json", "--pose", "0"], "got --pose"),
         (["certify", "paper", "--out", "."], "a folder below it"),
         (["certify", "paper", "--out", "arm.toml"], "arm.toml"),
         (
-            ["certify", "paper", "--goal", "0", "--from-pose", "0.1", "--decay", "nan"],
+            ["certify", "paper", "--pose", "0", "--start", "0.1", "--decay", "nan"],
             "decay >= 0 in 1/s, got nan",
         ),
         (["certify", "paper", "--check", "certificate.json"], "without a robot"),
         pytest.param(
-            ["certify", "paper", "--goal", "90deg", "--degrees", "2"],
+            ["certify", "paper", "--pose", "90deg", "--degrees", "2"],
             "no margin in some direction",
             marks=pytest.mark.slow,
         ),
@@ -162,12 +162,12 @@ def test_a_certificate_is_proved_again(folder: Path, capsys: pytest.CaptureFixtu
         (["certify", "paper", "--tolerances", "--decay", "0.1"], "--tolerances and --decay contradict"),
         (["certify", "arm.toml", "--tolerances"], "states no tolerances"),
         pytest.param(
-            ["certify", "paper", "--goal", "180deg", "--degrees", "2", "--tolerances"],
+            ["certify", "paper", "--pose", "180deg", "--degrees", "2", "--tolerances"],
             "at some corner of the tolerances the inequality holds with no γ",
             marks=pytest.mark.slow,
         ),
         pytest.param(
-            ["certify", "paper", "--goal", "90deg", "--degrees", "4", "--tolerances"],
+            ["certify", "paper", "--pose", "90deg", "--degrees", "4", "--tolerances"],
             "try: --preset proved, or --degrees 2",
             marks=pytest.mark.slow,
         ),
@@ -188,9 +188,9 @@ def test_a_step_is_proved_for_all_tolerances_and_checked(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     words = [
-        "--goal",
+        "--pose",
         "90deg",
-        "--from-pose",
+        "--start",
         "80deg",
         "--preset",
         "damped",

@@ -34,7 +34,7 @@ def test_the_advice_names_the_file_that_was_typed_and_keeps_what_was_asked_for(
     file = Path(fh.__file__).parent / "robot" / "catalogue" / "planar-two-link.toml"
     text = file.read_text(encoding="utf-8").replace('"planar-two-link"', '"vertarm"', 1)
     Path("my arm.toml").write_text(text, encoding="utf-8")
-    asked = ["my arm.toml", "--goal", "45,30", "--measured", "link_position,motor_position"]
+    asked = ["my arm.toml", "--pose", "45,30", "--measured", "link_position,motor_position"]
     assert main(["certify", *asked, "--decay", "0.1", "--threads", "1", "--damping", "0.2"]) == 2
     asked[1] = "--pose"
     assert advised(capsys) == [

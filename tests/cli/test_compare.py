@@ -13,7 +13,7 @@ from flexhinf.design import tuning
 from flexhinf.report import is_report
 
 WORDS = [
-    "compare", "vertical-rig", "--goal", "0.8", "--from-pose", "0.3", "--degrees", "2", "--rays", "0",
+    "compare", "vertical-rig", "--pose", "0.8", "--start", "0.3", "--degrees", "2", "--rays", "0",
     "--estimator", "ekf", "--draws", "2", "--duration", "4",
 ]  # fmt: skip
 
@@ -55,7 +55,7 @@ def test_a_design_file_is_what_the_others_are_compared_with(
     folder: Path, arm: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (folder / "arm.toml").write_text(arm, encoding="utf-8")
-    design = ["design", "arm.toml", "--goal", "0.3", "--degrees", "2", "--rays", "0", "--bandwidth", "4"]
+    design = ["design", "arm.toml", "--pose", "0.3", "--degrees", "2", "--rays", "0", "--bandwidth", "4"]
     assert main([*design, "--no-compare-rigid", "--duration", "1"]) in (0, 1)
     assert (
         main(["compare", "flexhinf-design/design.toml", "--laws", "pd", "--tune", "none", "--out", "against"])

@@ -18,7 +18,7 @@ def text_of(folder: Path, file: str = "index.html") -> str:
 
 @pytest.mark.slow
 def test_a_design_is_told_and_written(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    words = ["--degrees", "2,4", "--goal", "180deg", "--rays", "200", "--no-compare-rigid", "--draws", "0"]
+    words = ["--degrees", "2,4", "--pose", "180deg", "--rays", "200", "--no-compare-rigid", "--draws", "0"]
     assert main(["design", "paper", *words]) in (0, 1)
     shown = capsys.readouterr()
     for text in ("linear *", "cubic", "not proved", "vibration", "index.html", "overshoot", "≤ 5 %*"):
@@ -82,7 +82,7 @@ def test_the_observer_can_be_asked_for(folder: Path) -> None:
 def test_what_cannot_be_met_is_refused_with_the_best_found(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    words = ["--bandwidth", "6", "--pose", "20deg", "--from-pose", "-20deg", "--peak-voltage", "5"]
+    words = ["--bandwidth", "6", "--pose", "20deg", "--start", "-20deg", "--peak-voltage", "5"]
     assert main(["design", "paper", *words, *QUICK]) == 2
     told = capsys.readouterr().err
     assert "the peak of the input binds" in told

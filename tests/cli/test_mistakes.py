@@ -46,7 +46,7 @@ def test_what_is_wrong_with_a_robot_is_told(
     ("words", "what"),
     [
         (["--pose", "2.0"], "outside the limits"),
-        (["--from-pose", "2.0"], "outside the limits"),
+        (["--start", "2.0"], "outside the limits"),
         (["--via", "0.1", "--via", "2.0"], "outside the limits"),
         (["--via", "0.1,0.2"], "does not fit"),
         (["--via", "there"], "via cannot be used"),
@@ -94,7 +94,7 @@ def test_what_is_wrong_with_a_robot_is_told(
             ["--penalty", "link_position=-60,link_position_integral=300"],
             "'link_position' in the penalty is negative",
         ),
-        (["--goal", "90", "deg"], "write 90deg or '90 deg'"),
+        (["--pose", "90", "deg"], "write 90deg or '90 deg'"),
         (["--delay", "5", "ms"], "write 5ms or '5 ms'"),
         (["--penalty", "link_position=a"], "weights by name"),
         (["--gamma-ratio", "0.5"], "gamma ratio"),
@@ -110,6 +110,12 @@ def test_what_is_wrong_with_a_robot_is_told(
         (["--period", "0"], "period"),
         (["--elastic", "arm.toml"], "elastic"),
         (["--colour", "red"], "--colour"),
+        (["--goal", "0.1"], "try:   --pose in the place of --goal"),
+        (["--goal-xyz=0.1,0,0"], "--pose-xyz in the place of"),
+        (["--from-pose", "-0.1"], "--start in the place of"),
+        (["--friction"], "--friction-model in the place of"),
+        (["--no-friction"], "--no-friction-model in the place of"),
+        (["--dead-zone", "0"], "--integral-dead-zone in the place of"),
     ],
     ids=lambda words: " ".join(words) if isinstance(words, list) else "",
 )
@@ -121,7 +127,7 @@ def test_what_is_wrong_with_an_option_is_told(
 
 
 def test_degrees_without_their_unit_are_asked_about(folder: Path, refused: Callable[..., str]) -> None:
-    assert "90deg" in refused(["design", "paper", "--goal", "90"], "were degrees meant?", folder)
+    assert "90deg" in refused(["design", "paper", "--pose", "90"], "were degrees meant?", folder)
 
 
 @pytest.mark.parametrize(
@@ -137,13 +143,13 @@ def test_advice_on_a_pose_follows_its_unit_and_the_limits(
 ) -> None:
     """Old code asked whether degrees were meant where they were given, and for limits that the file states."""
     (folder / "arm.toml").write_text(arm)
-    told = refused(["design", "arm.toml", "--goal", goal], what, folder)
+    told = refused(["design", "arm.toml", "--pose", goal], what, folder)
     assert expected in told
     assert "degrees meant" not in told
-    told = refused(["design", "arm.toml", "--goal", "50"], what, folder)
+    told = refused(["design", "arm.toml", "--pose", "50"], what, folder)
     assert "were degrees meant?" in told
     assert "a pose within the limits" in told
-    told = refused(["design", "paper", "--goal", "500deg"], "more than once around", folder)
+    told = refused(["design", "paper", "--pose", "500deg"], "more than once around", folder)
     assert "expected -360 to 360 deg, got 500deg" in told
     assert "degrees meant" not in told
 
@@ -209,7 +215,7 @@ def test_torques_do_not_fit_motors_that_are_driven_by_volts(
 
 
 @pytest.mark.parametrize(
-    "words", [["--pose", "90deg"], ["--from-pose", "-90deg"], ["--via", "20deg", "--via", "90deg"]]
+    "words", [["--pose", "90deg"], ["--start", "-90deg"], ["--via", "20deg", "--via", "90deg"]]
 )
 def test_a_pose_that_the_motor_cannot_hold_is_told(
     words: list[str], folder: Path, refused: Callable[..., str]
@@ -254,7 +260,7 @@ def test_a_folder_that_is_no_report_is_left_alone(tmp_path: Path, capsys: pytest
 
 
 @pytest.mark.parametrize(
-    "words", [["design", "paper", "--goal", "\udcff"], ["design", "\udcff"], ["paper", "--out", "\udcff"]]
+    "words", [["design", "paper", "--pose", "\udcff"], ["design", "\udcff"], ["paper", "--out", "\udcff"]]
 )
 def test_words_that_are_no_text_are_refused(
     words: list[str], folder: Path, refused: Callable[..., str]

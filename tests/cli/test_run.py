@@ -55,7 +55,7 @@ def test_a_run_with_its_log(design: str, folder: Path, capsys: pytest.CaptureFix
 
 def test_options_change_the_run(design: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     words = ["run", f"{design}/design.toml", "--mujoco", "--no-realtime", "--no-noise", "--duration", "50ms"]
-    assert main([*words, "--load", "0.2", "--load-at", "20ms", "--goal", "5deg", "--log", "run.csv"]) in (
+    assert main([*words, "--load", "0.2", "--load-at", "20ms", "--pose", "5deg", "--log", "run.csv"]) in (
         0,
         1,
     )
@@ -122,7 +122,7 @@ def test_control_c_keeps_a_whole_log(
         (["DESIGN", "--mujoco", "--load", "1m"], "load"),
         (["DESIGN", "--mujoco", "--priority", "0"], "real-time priority"),
         (["DESIGN", "--mujoco", "--extras", "inductance"], "MuJoCo does not express"),
-        (["DESIGN", "--mujoco", "--goal", "400deg"], "turn"),
+        (["DESIGN", "--mujoco", "--pose", "400deg"], "turn"),
         (["DESIGN", "--mujoco", "--duration", "0.1ms"], "shorter than one period"),
     ],
 )

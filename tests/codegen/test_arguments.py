@@ -3,8 +3,9 @@
 import casadi
 import numpy as np
 import pytest
+from tests.interpreter import interpret
 
-from flexhinf.codegen import Buffer, Call, Program, Repeat, Slice, compile_program, interpret
+from flexhinf.codegen import Buffer, Call, Program, Repeat, Slice, compile_program
 from flexhinf.errors import InvalidInput
 
 X, Y = casadi.SX.sym("x", 2), casadi.SX.sym("y", 2)

@@ -3,8 +3,9 @@
 import casadi
 import numpy as np
 import pytest
+from tests.interpreter import interpret
 
-from flexhinf.codegen import DIRECT, Block, Buffer, Call, Composer, Program, Slice, compile_program, interpret
+from flexhinf.codegen import DIRECT, Block, Buffer, Call, Composer, Program, Slice, compile_program
 from flexhinf.errors import InvalidInput
 
 rng = np.random.default_rng(3)

@@ -6,8 +6,9 @@ import math
 import numpy as np
 import pytest
 from scipy import stats
+from tests.interpreter import interpret
 
-from flexhinf.codegen import Buffer, Normal, Program, Repeat, Slice, compile_program, interpret, machine
+from flexhinf.codegen import Buffer, Normal, Program, Repeat, Slice, compile_program, machine
 from flexhinf.codegen.emit.normal import _philox
 from flexhinf.codegen.emit.text import Lanes, ModuleText, Writer
 from flexhinf.codegen.noise import normal_numbers, philox, seed_key

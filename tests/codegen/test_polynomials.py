@@ -9,8 +9,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.interpreter import interpret
 
-from flexhinf.codegen import Buffer, Polynomial, Program, Slice, compile_program, interpret
+from flexhinf.codegen import Buffer, Polynomial, Program, Slice, compile_program
 from flexhinf.codegen.c import Real, Translator
 from flexhinf.codegen.machine import host
 from flexhinf.errors import InvalidInput

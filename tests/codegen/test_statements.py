@@ -7,6 +7,7 @@ import subprocess
 import casadi
 import numpy as np
 import pytest
+from tests.interpreter import interpret
 
 from flexhinf.codegen import (
     Buffer,
@@ -22,7 +23,6 @@ from flexhinf.codegen import (
     Slice,
     Sweep,
     compile_program,
-    interpret,
 )
 from flexhinf.codegen.c import Real, Translator
 from flexhinf.codegen.machine import host

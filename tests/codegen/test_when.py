@@ -3,6 +3,7 @@
 import casadi
 import numpy as np
 import pytest
+from tests.interpreter import interpret
 
 from flexhinf.codegen import (
     DIRECT,
@@ -16,7 +17,6 @@ from flexhinf.codegen import (
     Slice,
     When,
     compile_program,
-    interpret,
 )
 
 X = casadi.SX.sym("x", 2)

@@ -12,7 +12,7 @@ import pytest
 import flexhinf as fh
 from flexhinf.design import Specification
 from flexhinf.design.loop_setup import LoopSetup
-from flexhinf.design.weights.choose import DesignProblem, choose
+from flexhinf.design.problem.presets import DesignProblem, choose
 
 #: A cart on a soft belt carries an arm: one joint slides, one turns, and their inputs are a force and a torque.
 CART = """

@@ -227,7 +227,7 @@ def test_no_seed_has_a_part_in_the_criterion(made: Callable[..., Comparison]) ->
     for a, b in zip(one.compared, two.compared, strict=True):
         assert a.tuned is not None
         assert b.tuned is not None
-        assert a.tuned.figures == b.tuned.figures
+        assert a.tuned.metrics == b.tuned.metrics
         assert dict(a.tuned.parameters) == dict(b.tuned.parameters)
     assert one.scenario.robots != two.scenario.robots
 

@@ -8,19 +8,19 @@ from typing import Any
 
 import pytest
 
-from flexhinf.design.criterion import Criterion, Figures, criterion_for, pareto_front
+from flexhinf.design.criterion import Criterion, LawMetrics, criterion_for, pareto_front
 from flexhinf.errors import InvalidInput
 
-OWN = Figures(1.8, 2.6, 0.2, 0.03, 3.0, 264.0, 1.5, 0.04, 0.009, 0.001)
+OWN = LawMetrics(1.8, 2.6, 0.2, 0.03, 3.0, 264.0, 1.5, 0.04, 0.009, 0.001)
 LIMITS: dict[str, Any] = {"peak_sensitivity": (2.0, "default"), "gain_margin": (2.0, "default")}
 
 
-def made(mode: str = "peak", own: Figures = OWN, **limits: Any) -> Criterion:
+def made(mode: str = "peak", own: LawMetrics = OWN, **limits: Any) -> Criterion:
     return criterion_for(mode, own, 7.5, {**LIMITS, **limits}, "V")
 
 
 def value(criterion: Criterion, figure: str) -> float:
-    return next(limit.value for limit in criterion.limits if limit.figure == figure)
+    return next(limit.value for limit in criterion.limits if limit.metric == figure)
 
 
 def test_the_design_itself_has_one_and_keeps_its_own_limits() -> None:
@@ -76,8 +76,8 @@ def test_a_limit_is_the_wider_of_the_stated_one_and_the_design_s_own() -> None:
 
 
 def test_the_mode_says_what_is_shared() -> None:
-    assert [limit.figure for limit in made("peak").shared] == ["peak_input"]
-    assert [limit.figure for limit in made("bandwidth", bandwidth=(2.0, "--bandwidth")).shared] == [
+    assert [limit.metric for limit in made("peak").shared] == ["peak_input"]
+    assert [limit.metric for limit in made("bandwidth", bandwidth=(2.0, "--bandwidth")).shared] == [
         "bandwidth"
     ]
     assert value(made("bandwidth"), "bandwidth") == 3.0
@@ -88,7 +88,7 @@ def test_the_mode_says_what_is_shared() -> None:
 
 def test_a_design_that_diverges_gives_nothing_to_share() -> None:
     lost = replace(OWN, peak_input=math.inf)
-    with pytest.raises(InvalidInput, match="--from-pose"):
+    with pytest.raises(InvalidInput, match="--start"):
         made(own=lost)
     assert value(made(own=lost, peak_input=(60.0, "--peak-voltage")), "peak_input") == 60.0
 
@@ -130,7 +130,7 @@ def test_only_what_is_far_beyond_a_limit_is_not_run_further() -> None:
     assert criterion.is_far(replace(OWN, peak_input=math.inf))
     assert made("bandwidth").is_far(replace(OWN, bandwidth=math.nan))
     assert made("bandwidth").is_far(replace(OWN, bandwidth=6.1))
-    linear = Figures(9.0, 1.1, 0.2, 0.02, 3.0)
+    linear = LawMetrics(9.0, 1.1, 0.2, 0.02, 3.0)
     assert criterion.judge(linear).excess > 0.0
     assert math.isfinite(criterion.judge(linear).excess)
 
@@ -142,11 +142,15 @@ def test_what_does_not_settle_costs_more_than_what_does() -> None:
 
 
 def test_a_front_has_what_no_other_beats_within_the_linear_limits() -> None:
-    def at(volts: float, sag: float, **changed: float) -> Figures:
+    def at(volts: float, sag: float, **changed: float) -> LawMetrics:
         return replace(OWN, peak_input=volts, load_deviation=sag, **changed)
 
     kept = [at(100.0, 0.05), at(300.0, 0.03), at(200.0, 0.06), at(50.0, 0.08)]
-    beyond = [at(90.0, 0.01, peak_sensitivity=9.0), at(math.inf, math.inf), Figures(1.5, 3.0, 0.3, 0.01, 3.0)]
+    beyond = [
+        at(90.0, 0.01, peak_sensitivity=9.0),
+        at(math.inf, math.inf),
+        LawMetrics(1.5, 3.0, 0.3, 0.01, 3.0),
+    ]
     front = pareto_front([*kept, *beyond], made())
     assert [(f.peak_input, f.load_deviation) for f in front] == [(50.0, 0.08), (100.0, 0.05), (300.0, 0.03)]
 

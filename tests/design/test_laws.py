@@ -26,8 +26,8 @@ from flexhinf.design.laws import (
     law_names,
     weighted,
 )
-from flexhinf.design.synthesis import synthesise
-from flexhinf.design.weights.robust import sized_channels
+from flexhinf.design.problem.channels import sized_channels
+from flexhinf.design.synthesis.steps import synthesise
 from flexhinf.errors import InvalidInput
 from flexhinf.hinf import solve_hji
 

@@ -10,7 +10,7 @@ import pytest
 from flexhinf.design import Design, Specification
 from flexhinf.design.limit_cycle import check_limit_cycle, end_limit_cycle
 from flexhinf.design.loop_setup import LoopSetup
-from flexhinf.design.synthesis import synthesise
+from flexhinf.design.synthesis.steps import synthesise
 from flexhinf.errors import InvalidInput
 from flexhinf.loop import JerkLimited
 from flexhinf.pages.design import rest
@@ -126,12 +126,12 @@ def test_every_report_says_who_hunts(setup):
     )
     (note,) = rest.remarks(cast(Design, design))
     assert "shoulder by ±1.2" in note
-    assert "`--extras coulomb_friction --friction`" in note
+    assert "`--extras coulomb_friction --friction-model`" in note
     assert "sensors on both sides of the springs" in note
     design.specification = replace(setup.specification, measured=("link_position", "motor_position"))
     (other,) = rest.remarks(cast(Design, design))
     assert "sensors on both sides" not in other  # old code advised what is there already
-    assert "another `--dead-zone`" in other
+    assert "another `--integral-dead-zone`" in other
     figure, table = rest.blocks(cast(Design, design))
     assert "hunts" in table.html()
     assert "below the limit" in table.html()

@@ -9,7 +9,7 @@ import flexhinf as fh
 from flexhinf.analysis import corner_population
 from flexhinf.design import Specification
 from flexhinf.design.loop_setup import LoopSetup
-from flexhinf.design.weights.choose import choose
+from flexhinf.design.problem.presets import choose
 from flexhinf.hinf import solve_hji
 
 ARM = fh.paper_arm()

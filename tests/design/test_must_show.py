@@ -16,7 +16,7 @@ from flexhinf.design.monte_carlo import MonteCarlo, sampled_runs
 from flexhinf.design.requirements import all_met
 from flexhinf.design.responses import Response, sample_robots
 from flexhinf.design.specification import GAIN_MARGIN, PEAK_SENSITIVITY, TOLERANCE
-from flexhinf.design.synthesis import synthesise
+from flexhinf.design.synthesis.steps import synthesise
 
 Named = Callable[[str], Any]
 COIL = ("inductance",)

@@ -16,9 +16,9 @@ from flexhinf.design import Design, Specification
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.payload import evaluate_payload, evaluate_payloads, payload_requirements
+from flexhinf.design.problem.presets import choose
 from flexhinf.design.responses import Scenario
-from flexhinf.design.weights.choose import choose
-from flexhinf.design.weights.estimator_noise import search_noise
+from flexhinf.design.synthesis.noise import search_noise
 from flexhinf.pages.design import payload
 
 NAME = "payload_mass"

@@ -17,7 +17,7 @@ import flexhinf as fh
 from flexhinf.design import Design, Specification, design, stages, tuning
 from flexhinf.design.estimators import EstimatorNoise
 from flexhinf.design.evaluation import LawEvaluation
-from flexhinf.design.modes import closed_loop
+from flexhinf.design.problem.modes import closed_loop
 from flexhinf.errors import NotDetectable
 from flexhinf.pages import design_files, notes, verdict
 

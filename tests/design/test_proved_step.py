@@ -13,7 +13,7 @@ from flexhinf.certify.starts import path_start, robot_start
 from flexhinf.design import proved_step
 from flexhinf.design.proved_step import search_proved_step
 from flexhinf.design.specification import Specification
-from flexhinf.design.synthesis import synthesise
+from flexhinf.design.synthesis.steps import synthesise
 from flexhinf.errors import InvalidInput
 
 ARM = fh.paper_arm()

@@ -10,7 +10,7 @@ import pytest
 from scipy.linalg import expm
 
 from flexhinf.design.loop_setup import LoopSetup
-from flexhinf.design.modes import closed_loop
+from flexhinf.design.problem.modes import closed_loop
 from flexhinf.design.responses import LoadResponse, Response, Worst, worst_of
 from flexhinf.hinf import HJISolution
 

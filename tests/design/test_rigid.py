@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import flexhinf as fh
-from flexhinf.design.modes import closed_loop, modes_of, stiffness_and_inertia
+from flexhinf.design.problem.modes import closed_loop, modes_of, stiffness_and_inertia
 from flexhinf.design.rigid import SIDES, RigidLaw, rigid_problem, rigid_solution
 from flexhinf.robot.arm import Arm
 

@@ -9,8 +9,7 @@ import pytest
 
 import flexhinf as fh
 from flexhinf.design.estimators import EstimatorNoise, noise_variances
-from flexhinf.design.modes import modes_of, stiffness_and_inertia
-from flexhinf.design.weights.design_problem import JointScales
+from flexhinf.design.problem.modes import JointScales, modes_of, stiffness_and_inertia
 from flexhinf.plant import Penalty
 from flexhinf.robot import Robot, load_robot
 

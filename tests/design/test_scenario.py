@@ -11,6 +11,7 @@ import pytest
 
 from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.plans import EFFORT_FRACTION, plan_move
+from flexhinf.design.problem.modes import JointScales
 from flexhinf.design.responses import (
     LONGEST,
     SHORTEST,
@@ -22,7 +23,6 @@ from flexhinf.design.responses import (
     default_start,
     run_length,
 )
-from flexhinf.design.weights.design_problem import JointScales
 from flexhinf.errors import InvalidInput
 
 Benches = Callable[..., LoopSetup]

@@ -27,8 +27,9 @@ def options(command: str) -> dict[str, Any]:
 def test_every_field_has_its_option() -> None:
     design = options("design")
     for name, field in FIELDS.items():
-        names = {part for text in field.options for part in text.split("/")}
-        assert {*design[name].opts, *design[name].secondary_opts} == names
+        option = f"--{name.replace('_', '-')}"
+        negative = {f"--no-{option[2:]}"} if isinstance(field.default, bool) else set()
+        assert ({*design[name].opts}, {*design[name].secondary_opts}) == ({option}, negative)
         assert field.about.help.replace("[", r"\[") in design[name].help
     assert {"overshoot", "tracking_error", "compare_rigid", "mujoco"} == set(FIELDS) - set(options("compare"))
 
@@ -66,7 +67,7 @@ def test_words_have_any_case() -> None:
         ({"period": 2}, "1e-5 to 0.1 s, got 2", "period='2ms'", "--period 2ms"),
         ({"duration": 5000}, "5000000 samples", "duration='5000ms'", "--duration 5000ms"),
         ({"preset": "smooth"}, "paper, damped, robust, proved, got 'smooth'", "preset='damped'", "--preset damped"),
-        ({"pose": "90grad"}, "deg", "pose=(0.3, -0.5)", "--goal 0.3,-0.5"),
+        ({"pose": "90grad"}, "deg", "pose=(0.3, -0.5)", "--pose 0.3,-0.5"),
         ({"mujoco": 1}, "true or false, got 1", "mujoco=True", "--mujoco"),
         ({"peak_sensitivity": 1.0}, "> 1, got 1.0", "peak_sensitivity=2.0", "--peak-sensitivity 2"),
         ({"gain_margin": 0.5}, "> 1, got 0.5", "gain_margin=2.0", "--gain-margin 2"),
@@ -98,7 +99,7 @@ def test_a_specification_cannot_be_changed_but_replaced() -> None:
     ("python", "option"),
     [
         ("preset='damped'", "--preset damped"),
-        ("a larger `peak_effort`, or start=(0.1, 0.2)", "a larger --peak-effort, or --from-pose 0.1,0.2"),
+        ("a larger `peak_effort`, or start=(0.1, 0.2)", "a larger --peak-effort, or --start 0.1,0.2"),
         ("measured=('motor_position',)", "--measured motor_position"),
         ("compare_rigid=False", "--no-compare-rigid"),
         ("robot.seed=3 stays", "robot.seed=3 stays"),

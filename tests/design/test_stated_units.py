@@ -25,13 +25,13 @@ Named = Callable[[str], Any]
 @pytest.mark.parametrize(
     ("fields", "found", "advice"),
     [
-        ({"pose": "0.1,30mm"}, "expected rad (or text with deg), got '30mm'", "--goal 0.1,30deg"),
-        ({"pose": "30deg,30°"}, "expected m (or text with mm), got '30deg'", "--goal 30mm,30°"),
-        ({"pose": ["5mm", "0.3 m"]}, "expected rad (or text with deg), got '0.3m'", "--goal 5mm,0.3rad"),
-        ({"start": "0.1rad,0.1"}, "expected m (or text with mm), got '0.1rad'", "--from-pose 0.1m,0.1"),
+        ({"pose": "0.1,30mm"}, "expected rad (or text with deg), got '30mm'", "--pose 0.1,30deg"),
+        ({"pose": "30deg,30°"}, "expected m (or text with mm), got '30deg'", "--pose 30mm,30°"),
+        ({"pose": ["5mm", "0.3 m"]}, "expected rad (or text with deg), got '0.3m'", "--pose 5mm,0.3rad"),
+        ({"start": "0.1rad,0.1"}, "expected m (or text with mm), got '0.1rad'", "--start 0.1m,0.1"),
         ({"via": ["1mm,2deg", "1mm,2mm"]}, "got '2mm'", "--via 1mm,2deg"),
         ({"tracking_error": "1deg"}, "expected m (or text with mm), got '1deg'", "--tracking-error 1mm,1deg"),
-        ({"integral_dead_zone": "0.5mm"}, "got '0.5mm'", "--dead-zone 0.5mm,0.5deg"),
+        ({"integral_dead_zone": "0.5mm"}, "got '0.5mm'", "--integral-dead-zone 0.5mm,0.5deg"),
         ({"peak_speed": "2,0.5m/s"}, "expected rad/s (or text with deg/s)", "--peak-speed 2,0.5rad/s"),
         ({"peak_speed": "100rpm,100rpm"}, "expected m/s (or text with mm/s)", "--peak-speed 100mm/s,100rpm"),
         ({"quantisation": "0.1mm"}, "got '0.1mm'", "--quantisation 0.1mm,0.1deg"),

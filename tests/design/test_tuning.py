@@ -15,15 +15,14 @@ import flexhinf as fh
 from flexhinf.analysis import margins
 from flexhinf.design import criterion as measured
 from flexhinf.design import tuning
-from flexhinf.design.criterion import RUNS, criterion_for, figures_of, own_figures, yardstick
+from flexhinf.design.criterion import RUNS, criterion_for, metrics_of, own_metrics, reference_metrics
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.laws import DESIGN, ESTIMATOR_NOISE, MOTOR_NOISE, NL_HINF, LawFactory, law_kind
 from flexhinf.design.plans import plan_move
-from flexhinf.design.ranking import best_rival, ranked, trade_offs
 from flexhinf.design.responses import Scenario
 from flexhinf.design.specification import Specification
-from flexhinf.design.synthesis import synthesise
-from flexhinf.design.tuning import Tuner
+from flexhinf.design.synthesis.steps import synthesise
+from flexhinf.design.tuning import Tuner, best_rival, ranked, trade_offs
 from flexhinf.errors import FlexhinfError, InvalidInput, NumericalFailure
 from flexhinf.loop import Controller, Loop
 
@@ -37,7 +36,7 @@ def tuner() -> Callable[..., Tuner]:
 
     def make(mode: str = "peak", same_sensors: bool = False, estimator: str = "ekf") -> Tuner:
         evaluation, synthesis = made(estimator)
-        criterion = criterion_for(mode, own_figures(evaluation), 3.0, LIMITS, "V")
+        criterion = criterion_for(mode, own_metrics(evaluation), 3.0, LIMITS, "V")
         return Tuner(LawFactory(synthesis, 5.0), evaluation, criterion, same_sensors)
 
     return make
@@ -83,18 +82,18 @@ def test_a_tuned_law_keeps_every_limit_in_a_loop_of_our_own(rig: Tuner, pd: Any)
     opened = setup.equilibrium_loop().linear().opened(s.delay)
     grid = opened.frequencies(4000)
     sensitivity = 1.0 / np.abs(1.0 - opened.response(grid)[:, 0, 0])
-    most = {limit.figure: limit.value for limit in rig.criterion.limits}
+    most = {limit.metric: limit.value for limit in rig.criterion.limits}
     assert sensitivity.max() <= most["peak_sensitivity"]
-    assert sensitivity.max() == pytest.approx(pd.figures.peak_sensitivity, rel=1e-3)
+    assert sensitivity.max() == pytest.approx(pd.metrics.peak_sensitivity, rel=1e-3)
     estimator = setup.estimator(setup.start)
     (x, u), law = setup.equilibrium(setup.start), setup.law
     run = Loop(setup.true_plant, Controller(law, estimator, s.period, start="bumpless"), 4).run(
         duration=3.0, initial_state=x, initial_input=u
     )  # fmt: skip
     peak = float(np.abs(run.signals["input"]).max())
-    assert peak == pytest.approx(pd.figures.peak_input, rel=1e-9)
+    assert peak == pytest.approx(pd.metrics.peak_input, rel=1e-9)
     assert peak <= most["peak_input"]
-    assert pd.figures.input_noise <= most["input_noise"]
+    assert pd.metrics.input_noise <= most["input_noise"]
 
 
 def test_all_parameters_are_searched_and_the_result_is_better_than_the_start(rig: Tuner, pd: Any) -> None:
@@ -102,7 +101,7 @@ def test_all_parameters_are_searched_and_the_result_is_better_than_the_start(rig
     start = rig.factory.start(kind)
     assert set(pd.parameters) == {"bandwidth", "damping", ESTIMATOR_NOISE, MOTOR_NOISE}
     assert all(pd.parameters[name] != pytest.approx(start[name], rel=1e-3) for name in start)
-    begun = rig.criterion.judge(figures_of(rig.evaluation(kind, ("motor_position",), start)))
+    begun = rig.criterion.judge(metrics_of(rig.evaluation(kind, ("motor_position",), start)))
     assert pd.cost < begun.cost or begun.excess > 0.0
     assert pd.candidates == len(pd.search.candidates) >= len(pd.tried) > 10
 
@@ -119,7 +118,7 @@ def test_the_encoder_of_the_motor_spares_a_pd_the_sag_of_a_filter_on_the_link(ri
     kind = law_kind("pd")
     values = {**rig.factory.start(kind), ESTIMATOR_NOISE: 100.0}
     sag = {
-        sensors: figures_of(rig.evaluation(kind, (sensors,), values)).load_deviation
+        sensors: metrics_of(rig.evaluation(kind, (sensors,), values)).load_deviation
         for sensors in ("motor_position", "link_position")
     }
     law: Any = rig.factory.make(kind, values)
@@ -153,7 +152,7 @@ def test_a_law_that_contains_another_one_is_not_tuned_worse(
     kind = replace(law_kind("torque"), sensors=contained.kind.sensors)
     found = rig.again(rig.tune(kind), [rig.tune(law_kind(DESIGN)), contained])
     alike = {**rig.factory.start(kind), **contained.parameters, "rotor_inertia": 1.0}
-    same = rig.criterion.judge(figures_of(rig.evaluation(kind, ("motor_position",), alike)))
+    same = rig.criterion.judge(metrics_of(rig.evaluation(kind, ("motor_position",), alike)))
     assert same.cost == pytest.approx(contained.cost, rel=1e-9)
     assert found.feasible
     assert found.cost <= contained.cost
@@ -177,7 +176,7 @@ def test_nonlinear_h_infinity_does_not_end_behind_the_nonlinear_lqr_that_it_cont
     """Old code kept the channels of the tolerances in nl-hinf: on the paper's arm it ended at 0.90, nlqr at 0.78."""
     monkeypatch.setattr(tuning, "BUDGET", ((10_000, 2, 0, 0),))
     evaluation, synthesis = evaluation_of(preset="robust", estimator="ekf", torque_noise=1e-7)
-    criterion = criterion_for("peak", own_figures(evaluation), 3.0, LIMITS, "V")
+    criterion = criterion_for("peak", own_metrics(evaluation), 3.0, LIMITS, "V")
     rig = Tuner(LawFactory(synthesis, 5.0), evaluation, criterion)
     found: dict[str, Any] = rig.tune_all([law_kind(name) for name in (NL_HINF, "nlqr", "lqr", "hinf")])
     for wider, contained in ((NL_HINF, "nlqr"), (NL_HINF, "hinf"), ("nlqr", "lqr"), ("hinf", "lqr")):
@@ -202,7 +201,7 @@ def test_a_loop_that_cannot_be_linearised_is_not_feasible(
     assert found.parameters["bandwidth"] >= 4.0
     low = {**rig.factory.start(law_kind("flatness")), "bandwidth": 2.0}
     with pytest.raises(NumericalFailure, match="does not rest"):
-        figures_of(rig.evaluation(law_kind("flatness"), ("link_position",), low))
+        metrics_of(rig.evaluation(law_kind("flatness"), ("link_position",), low))
 
 
 def test_an_unstable_loop_has_no_figures_in_its_favour(rig: Tuner) -> None:
@@ -210,11 +209,11 @@ def test_an_unstable_loop_has_no_figures_in_its_favour(rig: Tuner) -> None:
     fast = rig.evaluation(kind, ("link_position",), {**rig.factory.start(kind), "bandwidth": 400.0})
     assert not margins(fast.loop).stable
     with pytest.raises(NumericalFailure, match="unstable"):
-        figures_of(fast)
-    own = own_figures(LawEvaluation(DESIGN, fast.setup, rig.own.scenario))
+        metrics_of(fast)
+    own = own_metrics(LawEvaluation(DESIGN, fast.setup, rig.own.scenario))
     assert (own.gain_margin, own.peak_sensitivity) == (1.0, np.inf)
     with pytest.raises(InvalidInput, match="linear loop is unstable at the goal"):
-        yardstick(LawEvaluation(DESIGN, fast.setup, rig.own.scenario))
+        reference_metrics(LawEvaluation(DESIGN, fast.setup, rig.own.scenario))
 
 
 @pytest.mark.parametrize("figure", ["peak_input", "load_deviation", "move_error"])
@@ -222,17 +221,17 @@ def test_a_design_with_a_run_that_diverges_measures_no_law(
     rig: Tuner, figure: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Old code divided the others' deviations by 1 rad and ranked them."""
-    figures = own_figures(rig.own)
-    assert yardstick(rig.own) == figures
-    monkeypatch.setattr(measured, "own_figures", lambda evaluation: replace(figures, **{figure: np.inf}))
+    figures = own_metrics(rig.own)
+    assert reference_metrics(rig.own) == figures
+    monkeypatch.setattr(measured, "own_metrics", lambda evaluation: replace(figures, **{figure: np.inf}))
     with pytest.raises(InvalidInput, match=f"got: {RUNS[figure]} diverges"):
-        yardstick(rig.own)
+        reference_metrics(rig.own)
 
 
 def test_a_law_that_keeps_no_limit_is_told_with_what_it_exceeds(rig: Tuner, short: None) -> None:
     """A `pid` once was driven to a damping of 0.026 for a peak that it could not reach."""
     tight = replace(
-        rig.criterion, linear=tuple(replace(x, value=1.001) if x.figure == "peak_sensitivity" else x
+        rig.criterion, linear=tuple(replace(x, value=1.001) if x.metric == "peak_sensitivity" else x
         for x in rig.criterion.linear),
     )  # fmt: skip
     found = replace(rig, criterion=tight).tune(law_kind("pid"))
@@ -258,8 +257,8 @@ def test_every_law_has_the_same_scenario(rig: Tuner, pd: Any, short: None) -> No
 def test_by_bandwidth_and_by_nothing(tuner: Callable[..., Tuner], short: None) -> None:
     by = tuner("bandwidth")
     found = by.tune(law_kind("pd"))
-    assert not found.feasible or found.figures.bandwidth <= by.criterion.own.bandwidth
-    assert all(limit.figure != "peak_input" for limit in by.criterion.limits)
+    assert not found.feasible or found.metrics.bandwidth <= by.criterion.own.bandwidth
+    assert all(limit.metric != "peak_input" for limit in by.criterion.limits)
     assert tuner("none").criterion.shared == ()
 
 
@@ -270,8 +269,8 @@ def test_many_states_are_searched_by_the_linear_part_and_judged_by_the_law_itsel
     found = rig.tune(law_kind("nlqr"))
     law: Any = found.setup.law
     assert law.degree == 4
-    again = figures_of(LawEvaluation("again", found.setup, rig.own.scenario))
-    assert found.figures == again
+    again = metrics_of(LawEvaluation("again", found.setup, rig.own.scenario))
+    assert found.metrics == again
 
 
 def test_a_law_of_which_no_candidate_can_be_judged_is_an_error(
@@ -338,12 +337,12 @@ def test_the_best_rival_is_the_cheapest_that_keeps_all_limits_and_is_as_robust()
 def test_trade_offs_have_the_law_as_tuned_and_a_curve_of_what_was_tried(rig: Tuner, pd: Any) -> None:
     own, other = trade_offs([rig.tune(law_kind(DESIGN)), pd], rig.criterion)
     assert own.curve == (own.point,) == (rig.criterion.own,)
-    assert other.point == pd.figures
+    assert other.point == pd.metrics
     volts, sag = (np.array([getattr(f, n) for f in other.curve]) for n in ("peak_input", "load_deviation"))
     assert len(volts) > 3
     assert np.all(np.diff(volts) > 0.0)
     assert np.all(np.diff(sag) < 0.0)
-    assert volts.max() > rig.criterion.own.peak_input or sag.min() <= pd.figures.load_deviation
+    assert volts.max() > rig.criterion.own.peak_input or sag.min() <= pd.metrics.load_deviation
 
 
 @pytest.mark.parametrize("name", [NL_HINF, "nl-hinf-4"])
@@ -358,7 +357,7 @@ def test_nonlinear_h_infinity_does_not_end_behind_the_design_that_it_contains(
     assert found.cost <= 1.0
     sensors = tuple(rig.own.setup.specification.measured)
     own = rig.evaluation(kind, sensors, rig.factory.own(kind) or {})
-    assert figures_of(own) == rig.criterion.own
+    assert metrics_of(own) == rig.criterion.own
     again = rig.again(found, [found, rig.tune(law_kind("nlqr"))], exchange=True)
     assert again.cost <= found.cost
 

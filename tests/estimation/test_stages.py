@@ -28,7 +28,6 @@ def composed_step(estimator):
     roles = {name: "state" if name in ("mean", "covariance") else "in" for name in shapes}
     buffers = [Buffer(name, blocks[name].size, roles[name]) for name in shapes]
     kernel = compile_program(Program("filter", (*buffers, *run.buffers), tuple(run.body)))
-    assert kernel.compiled
     fixed = {"p": plant.parameters.vector(), "q": estimator.process_noise, "r": estimator.measurement_noise}
 
     def step(mean, covariance, y, u):

@@ -11,8 +11,8 @@ import flexhinf as fh
 from flexhinf.certify.pictures import limit_slice, start_surface, worst_step
 from flexhinf.certify.sampled_gain import proved_steps, start_at
 from flexhinf.design.certification import CertifiedDegree, Evidence
-from flexhinf.design.degrees import DegreeChoice
 from flexhinf.design.specification import Specification
+from flexhinf.design.synthesis.degrees import DegreeChoice
 from flexhinf.pages.certificate_page import certificate_page
 
 ASKED = Specification(pose=(np.pi,))

@@ -10,7 +10,7 @@ import pytest
 import flexhinf as fh
 from flexhinf.errors import InvalidInput
 from flexhinf.robot import Parameter
-from flexhinf.robot.extras import EXTRAS
+from flexhinf.robot.elastic import EXTRAS
 
 ARM = fh.paper_arm().with_parameters(
     Parameter("damping", 0.7),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+
 import numpy as np
 import pytest
 
@@ -9,7 +11,7 @@ from flexhinf.errors import InvalidInput
 from flexhinf.robot import load_robot
 from flexhinf.robot.dynamics import Tree, bodies_of, inverse_dynamics, mass_matrix
 from flexhinf.robot.mjcf import read_mjcf
-from flexhinf.untrusted import read_xml
+from flexhinf.validation import read_xml
 
 ARM = """
 <mujoco model="own">
@@ -139,33 +141,33 @@ def test_motors_limits_and_gravity_are_those_of_the_file(write):
     [
         ("<option", "<include file='x.xml'/><option", "<include> is not read"),
         ('type="slide" axis="1 0 0"', 'type="ball"', "of type 'ball'"),
-        ('type="slide" axis="1 0 0"', 'type="slide" axis="1 x 0"', 'try:   axis="1 0 0"'),
+        ('type="slide" axis="1 0 0"', 'type="slide" axis="1 x 0"', "bad format in attribute 'axis'"),
         ('name="elbow"', 'name="elbow" stiffness="3"', "has stiffness"),
-        ('name="elbow"', 'name="elbow" axs="0 0 1"', "unknown attribute 'axs'"),
+        ('name="elbow"', 'name="elbow" axs="0 0 1"', "unrecognized attribute: 'axs'"),
         ('name="elbow"', "", "no usable name"),
-        ('name="elbow"', 'name="shoulder"', "is there 2 times|stands there 2 times"),
-        ('class="slow"', 'class="slw"', "no default class 'slow'"),
+        ('name="elbow"', 'name="shoulder"', "repeated name 'shoulder'"),
+        ('class="slow"', 'class="slw"', "unknown default class name 'slow'"),
         ('name="left"', 'name="left" gravcomp="1"', "has gravcomp"),
         ("<actuator>", "<equality><joint joint1='finger' joint2='other'/></equality><actuator>", "couples"),
         ("<actuator>", "<tendon><fixed stiffness='3'><joint joint='elbow' coef='1'/></fixed></tendon><actuator>",
          "a tendon has stiffness"),
         ('diaginertia="0.02 0.004 0.021"', "", "is incomplete"),
-        ('diaginertia="0.02 0.004 0.021"', 'diaginertia="0.02 0.004 0.9"', "triangle"),
-        ('pos="0 0 0.4" axisangle="1 0 1 70"', 'pos="0 0 x"', "cannot be read"),
-        ('axisangle="1 0 1 70"', 'axisangle="1 0 1 70" euler="0 0 0"', "turned twice"),
+        ('diaginertia="0.02 0.004 0.021"', 'diaginertia="0.02 0.004 0.9"', "must satisfy"),
+        ('pos="0 0 0.4" axisangle="1 0 1 70"', 'pos="0 0 x"', "bad format in attribute 'pos'"),
+        ('axisangle="1 0 1 70"', 'axisangle="1 0 1 70" euler="0 0 0"', "multiple orientation"),
         ('eulerseq="XYz"', 'eulerseq="XYz" settotalmass="3"', "settotalmass"),
         ('gravity="0.5 0 -9.7"', 'density="1000"', "medium"),
         ('<inertial pos="0 0.1 0" mass="1.5" diaginertia="0.02 0.004 0.021"/>', '<geom type="mesh" mesh="m"/>',
          "would have to come from its shape"),
         ('<joint name="elbow" class="slow" range="-90 45"/>',
          '<joint name="elbow"/><joint name="twist" axis="1 0 0"/>', "has 2 joints"),
-        ('class="drawn"', 'class="slow"', "'slow' stands there twice"),
-        ('name="fore"', 'name="upper"', "the body 'upper' stands there 2 times"),
+        ('class="drawn"', 'class="slow"', "repeated default class"),
+        ('name="fore"', 'name="upper"', "repeated name 'upper'"),
         ('name="fore"', 'name="&#x202e;"', "A body .* has no usable name"),
-        ("<worldbody>", '<worldbody><joint name="base"/>', "<worldbody> has a joint"),
+        ("<worldbody>", '<worldbody><joint name="base"/>', "World body cannot have joints"),
         ('range="-90 45"', 'range="45 -90"', "range of the joint 'elbow' is none"),
-        ('range="-90 45"', 'range="-90 45" limited="perhaps"', "limited of the joint 'elbow' cannot be read"),
-        ('axis="0.1 1 0"', 'axis="0.1 1 0" actuatorfrcrange="3 1"', "actuatorfrcrange"),
+        ('range="-90 45"', 'range="-90 45" limited="perhaps"', "invalid keyword: 'perhaps'"),
+        ('axis="0.1 1 0"', 'axis="0.1 1 0" actuatorfrcrange="3 1"', "actfrcrange of the joint 'shoulder' is none"),
         ('forcerange="-12 12"', 'forcerange="12 -12"', "forcerange of the actuator of 'elbow' is none"),
     ],
 )  # fmt: skip
@@ -198,3 +200,22 @@ def test_wrong_names_and_missing_elastic_data_are_refused(write):
         load_robot(write("<sdf/>"), elastic=write(JOINTS, "joints.toml"))
     with pytest.raises(InvalidInput, match="no robot file"):
         load_robot(path, elastic=path.with_name("none.toml"))
+
+
+def test_without_mujoco_an_error_names_the_extra(write, monkeypatch):
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+    with pytest.raises(InvalidInput, match=r"flexhinf\[mujoco\]"):
+        rigid(write(ARM))
+
+
+def test_no_other_file_is_opened_and_none_is_written(write, monkeypatch, tmp_path):
+    pytest.importorskip("mujoco")
+    monkeypatch.chdir(tmp_path)
+    asset = (
+        '<asset><mesh name="upper" file="none.stl"/><texture file="none.png" type="2d"/></asset><worldbody>'
+    )
+    assert len(rigid(write(ARM.replace("<worldbody>", asset))).joints) == 4
+    for word in ("nan", "-inf"):
+        with pytest.raises(InvalidInput, match="axis of <joint> cannot be read"):
+            rigid(write(ARM.replace('axis="1 0 0"', f'axis="{word} 0 0"')))
+    assert [path.name for path in tmp_path.iterdir()] == ["arm.xml"]

@@ -8,7 +8,7 @@ import pytest
 import flexhinf as fh
 from flexhinf.errors import InvalidInput
 from flexhinf.plant import Penalty
-from flexhinf.robot.penalised import robot_penalty
+from flexhinf.robot.signals import robot_penalty
 
 
 def _h(problem: fh.GeneralisedPlant, x: np.ndarray) -> np.ndarray:

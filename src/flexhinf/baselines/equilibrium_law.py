@@ -26,7 +26,7 @@ import numpy as np
 from flexhinf.errors import InvalidInput
 from flexhinf.plant import GeneralisedPlant, Law, Plant
 from flexhinf.scalars import apply, digest, jacobian, trace
-from flexhinf.untrusted import read_only, real_array
+from flexhinf.validation import read_only, real_array
 
 STATES = ("link_position", "link_velocity", "motor_position", "motor_velocity")
 TORQUES = ("link_torque", "motor_torque")

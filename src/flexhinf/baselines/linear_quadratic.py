@@ -25,7 +25,7 @@ from flexhinf.baselines.equilibrium_law import (
 )
 from flexhinf.errors import InvalidInput, NumericalFailure
 from flexhinf.plant import GeneralisedPlant
-from flexhinf.untrusted import read_only, real_array
+from flexhinf.validation import read_only, real_array
 
 #: Pole of the integral, in bandwidths: slow beside the pair that it stands with.
 INTEGRAL_RATE = 0.2

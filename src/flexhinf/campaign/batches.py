@@ -40,7 +40,7 @@ from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.loop import Ensemble, EnsembleResult, Loop, Trajectory
 from flexhinf.loop.simulation.compiled_runs import sample_count, starting_state
 from flexhinf.plant import Plant
-from flexhinf.untrusted import value_text
+from flexhinf.validation import value_text
 
 #: Most samples: words of 32 bits count them, and a Sobol sequence has so many.
 MOST_SAMPLES = 1 << 29

@@ -33,7 +33,7 @@ import numpy as np
 from flexhinf.codegen.noise import philox, seed_key
 from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.plant import BlackBox, Plant
-from flexhinf.untrusted import checked_text, distinct, is_real, value_text
+from flexhinf.validation import checked_text, distinct, is_real, value_text
 
 #: Digits of computed numbers that count, as of a short run, and of those that a function reads: their last bits may
 #: differ from machine to machine.

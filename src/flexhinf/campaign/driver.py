@@ -27,7 +27,7 @@ from flexhinf.campaign.batches import BATCH, TRACED, Campaign, Rows, checked_int
 from flexhinf.campaign.journal import Journal, disk_refusals, labelled
 from flexhinf.campaign.results import MergedTable, merged
 from flexhinf.errors import FlexhinfError, InvalidInput
-from flexhinf.untrusted import value_text
+from flexhinf.validation import value_text
 
 if TYPE_CHECKING:
     import xarray as xr

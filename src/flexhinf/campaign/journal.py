@@ -29,9 +29,8 @@ from flexhinf.campaign.draws import Tolerances
 from flexhinf.campaign.manifest import MOST_BYTES, made_manifest, read_manifest, read_sealed, sealed
 from flexhinf.campaign.row_checks import numpy_column, wrong_rows
 from flexhinf.errors import FlexhinfError, InvalidInput
-from flexhinf.file_bytes import file_digest
 from flexhinf.files import locked, note_written, part_file
-from flexhinf.untrusted import checked_path
+from flexhinf.validation import checked_path, file_digest
 
 if TYPE_CHECKING:
     import pyarrow as pa

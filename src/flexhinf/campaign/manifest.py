@@ -16,8 +16,7 @@ from typing import Any
 from flexhinf.campaign.batches import INSTANTS, OWN, PART, Campaign, check_counts
 from flexhinf.campaign.draws import campaign_digest
 from flexhinf.errors import FlexhinfError, InvalidInput
-from flexhinf.file_bytes import read_bytes
-from flexhinf.untrusted import value_text
+from flexhinf.validation import read_bytes, value_text
 
 #: Of the files: 2 binds columns, instants and everything else that a manifest says, and the batch of each part.
 VERSION = 2

@@ -33,7 +33,7 @@ from flexhinf.loop.signals.sampling import sample_disturbance
 from flexhinf.loop.simulation.ensemble import tracked_place
 from flexhinf.loop.simulation.metrics import ROUNDING, SETTLING_BAND, TAIL, Command, Place
 from flexhinf.scalars import maximum, minimum, where
-from flexhinf.untrusted import value_text
+from flexhinf.validation import value_text
 
 #: Values of a row's status.
 COMPLETED, UNSTABLE, DIVERGED, NOT_RUN = "completed", "unstable", "diverged", "not run"

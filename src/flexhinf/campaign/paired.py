@@ -19,7 +19,7 @@ from flexhinf.campaign.metrics import COMPLETED, NOT_RUN, Requirement
 from flexhinf.campaign.results import MergedTable, main_metric, violations
 from flexhinf.campaign.statistics import Interval, success_interval
 from flexhinf.errors import InvalidInput
-from flexhinf.untrusted import value_text
+from flexhinf.validation import value_text
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -11,7 +11,7 @@ import numpy as np
 from flexhinf.campaign.batches import PART
 from flexhinf.campaign.draws import sample_seeds
 from flexhinf.campaign.metrics import COMPLETED, DIVERGED, NOT_RUN, UNSTABLE
-from flexhinf.untrusted import value_text
+from flexhinf.validation import value_text
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -27,7 +27,7 @@ from flexhinf.certify.terms import Start
 from flexhinf.errors import InvalidInput
 from flexhinf.files import write_file
 from flexhinf.notebook import Summarised, number_text
-from flexhinf.untrusted import checked_path, read_text, value_text
+from flexhinf.validation import checked_path, read_text, value_text
 
 _FORMAT, _VERSION = "flexhinf certificate", 1
 _LARGEST = 8_000_000  # bytes: degree 8 in five states takes 200 kB

@@ -40,7 +40,7 @@ from flexhinf.certify.terms import (
     check_slopes,
     require,
 )
-from flexhinf.untrusted import distinct, value_text
+from flexhinf.validation import distinct, value_text
 
 
 @dataclass(frozen=True, repr=False)

@@ -39,7 +39,7 @@ from flexhinf.hinf.sampled import sample_region
 from flexhinf.hinf.value_function import ValueFunction
 from flexhinf.plant.plant import GeneralisedPlant
 from flexhinf.robot import Robot
-from flexhinf.untrusted import HUGE
+from flexhinf.validation import HUGE
 
 _DIRECTIONS = 20_000  # rays that are followed to see how far the region extends
 _BELOW = (0.999, 0.995, 0.98, 0.95, 0.9, 0.8)  # shares of the level that failed, tried in turn

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 from pydantic import BeforeValidator, ConfigDict, Field, PlainSerializer, Strict
 
 from flexhinf.errors import InvalidInput
-from flexhinf.untrusted import HUGE, LONGEST_NAME, checked_name, checked_text, distinct, value_text
+from flexhinf.validation import HUGE, LONGEST_NAME, checked_name, checked_text, distinct, value_text
 
 #: Elementary functions that may stand in a vector field; the checker has a bound on the derivatives of each.
 FUNCTIONS = ("sin", "cos", "exp", "tanh", "arctan", "log")

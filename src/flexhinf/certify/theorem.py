@@ -23,7 +23,7 @@ from flexhinf.plant.plant import GeneralisedPlant
 from flexhinf.plant.polynomial_plant import Problem
 from flexhinf.polynomial import basis
 from flexhinf.polynomial.algebra import product
-from flexhinf.untrusted import HUGE
+from flexhinf.validation import HUGE
 
 _BITS = 20  # of the entries of T
 _LEFT_OVER = 1e-13

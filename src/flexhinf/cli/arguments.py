@@ -41,10 +41,10 @@ Payload = Annotated[
     ),
 ]
 
-GoalXyz = Annotated[
+PoseXyz = Annotated[
     str,
     typer.Option(
-        "--goal-xyz",
+        "--pose-xyz",
         help="Goal of a point of the robot in the world, instead of --pose: 0.4,0,0.3 (m) or 400mm,0,300mm. The joints "
         "are found for it; out of reach is refused, a pose near a singular one told.",
         metavar="<x,y,z>",
@@ -53,7 +53,7 @@ GoalXyz = Annotated[
 Tool = Annotated[
     str,
     typer.Option(
-        help="The point that --goal-xyz, and waypoints with columns x, y, z, are for: LINK:x,y,z, by the name of the "
+        help="The point that --pose-xyz, and waypoints with columns x, y, z, are for: LINK:x,y,z, by the name of the "
         "link's joint, in the link's frame (m). Default: the origin of the last link.",
         metavar="<link:x,y,z>",
     ),
@@ -98,7 +98,7 @@ def _parameters(field: FieldInfo) -> list[inspect.Parameter]:
     texts.append(f"Default: {about.default}." if about.default else "")
     kind: Any = bool if isinstance(default, bool) else list[str] if field.name == "via" else str
     option = typer.Option(
-        *field.options,
+        field.option,
         help=" ".join(text for text in texts if text),
         rich_help_panel=about.group,
         metavar=None if kind is bool else f"<{about.unit or 'value'}>",

@@ -10,9 +10,9 @@ import typer
 
 from flexhinf.cli.arguments import (
     Elastic,
-    GoalXyz,
     Out,
     Payload,
+    PoseXyz,
     Tool,
     reproduce_command,
     request_of,
@@ -81,7 +81,7 @@ def certify(
     threads: Annotated[int, typer.Option(help="The certificate does not depend on it.", min=1, max=64)] = 2,
     elastic: Elastic = "",
     payload: Payload = "",
-    goal_xyz: GoalXyz = "",
+    pose_xyz: PoseXyz = "",
     tool: Tool = "",
     **options: Any,
 ) -> None:
@@ -130,13 +130,13 @@ def certify(
         )
     from rich.console import Console
 
-    from flexhinf import pages as report
+    from flexhinf import pages
     from flexhinf.certify.theorem import theorem_text
     from flexhinf.design.certification import SeveralJoints, certify_design, evidence, proved
     from flexhinf.report import check as check_folder
     from flexhinf.report import write
 
-    request = request_of(context, robot, elastic, payload, goal_xyz, tool).request
+    request = request_of(context, robot, elastic, payload, pose_xyz, tool).request
     folder = check_folder(out)
     with ProofProgress() as bar:
         try:
@@ -155,12 +155,12 @@ def certify(
         one = proved(found, degree, tolerances or found[0].box is not None)
         bar.step("pictures, and the worst disturbance")
         shown = evidence(request.robot, request.specification, one)
-        html = report.certificate_page(
+        html = pages.certificate_page(
             found, one, shown, request.specification, reproduce_command(context)
         ).html()
-    for table in report.certification_tables(found):
+    for table in pages.certification_tables(found):
         Console().print(table)
-    for text in report.certification_notes(found):
+    for text in pages.certification_notes(found):
         note(text)
     write(folder, {"index.html": html, CERTIFICATE: shown.certificate.text()})
     typer.echo(theorem_text(shown.certificate, shown.certificate.stated))

@@ -29,7 +29,7 @@ from flexhinf.cli.paper import paper
 from flexhinf.cli.run import run_design
 from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.files import recorded
-from flexhinf.untrusted import checked_path, value_text
+from flexhinf.validation import checked_path, value_text
 
 
 def robots() -> None:
@@ -57,20 +57,20 @@ COMMANDS = {
     paper: ("flexhinf paper", "flexhinf paper --gamma-ratio 1.5 --seed 1 --out second"),
     robots: ("flexhinf robots",),
     design: (
-        "flexhinf design paper --goal 90deg",
-        "flexhinf design planar-two-link --goal 35deg,20deg --measured motor_position --bandwidth 3 --damping 0.3",
+        "flexhinf design paper --pose 90deg",
+        "flexhinf design planar-two-link --pose 35deg,20deg --measured motor_position --bandwidth 3 --damping 0.3",
         "flexhinf design paper --preset robust --peak-voltage 24 --delay 2ms --out robust",
         "flexhinf design flexhinf-design/design.toml --seed 1",
     ),
     compare: (
-        "flexhinf compare paper --goal 90deg",
-        "flexhinf compare planar-two-link --goal 35deg,20deg --laws pd,pid,flatness-i --measured motor_position",
+        "flexhinf compare paper --pose 90deg",
+        "flexhinf compare planar-two-link --pose 35deg,20deg --laws pd,pid,flatness-i --measured motor_position",
         "flexhinf compare flexhinf-design/design.toml --tune bandwidth",
     ),
     certify: (
         "flexhinf certify design.toml --out proof",
-        "flexhinf certify paper --goal 180deg --preset robust --degree 6",
-        "flexhinf certify paper --goal 180deg --from-pose 0 --preset damped --degrees 2 --tolerances",
+        "flexhinf certify paper --pose 180deg --preset robust --degree 6",
+        "flexhinf certify paper --pose 180deg --start 0 --preset damped --degrees 2 --tolerances",
         "flexhinf certify --check flexhinf-certificate/certificate.json",
     ),
     compile_design: ("flexhinf compile flexhinf-design --out arm.so",),

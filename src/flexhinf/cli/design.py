@@ -9,9 +9,9 @@ import typer
 
 from flexhinf.cli.arguments import (
     Elastic,
-    GoalXyz,
     Out,
     Payload,
+    PoseXyz,
     Robot,
     Tool,
     reproduce_command,
@@ -28,7 +28,7 @@ def design(
     out: Out = Path("flexhinf-design"),
     elastic: Elastic = "",
     payload: Payload = "",
-    goal_xyz: GoalXyz = "",
+    pose_xyz: PoseXyz = "",
     tool: Tool = "",
     **options: Any,
 ) -> None:
@@ -44,24 +44,25 @@ def design(
     """
     from rich.console import Console
 
+    from flexhinf import pages
     from flexhinf.design import design as make_design
-    from flexhinf.design import design_text, report, stages
+    from flexhinf.design import design_text, stages
     from flexhinf.report import check, write
 
-    read = request_of(context, robot, elastic, payload, goal_xyz, tool)
+    read = request_of(context, robot, elastic, payload, pose_xyz, tool)
     request = read.request
     folder = check(out)
     with Progress(stages(request.robot, request.specification) + 1) as progress:
         result = make_design(request.robot, request.specification, progress)
         progress("report")
-        files = report.design_files(result, reproduce_command(context), read.warnings, ("design.toml",))
+        files = pages.design_files(result, reproduce_command(context), read.warnings, ("design.toml",))
         files["design.toml"] = design_text(result, request.source, request.elastic, folder, request.payload)
     write(folder, files)
-    for table in report.design_tables(result):
+    for table in pages.design_tables(result):
         Console().print(table)
-    for text in report.notes(result):
+    for text in pages.notes(result):
         note(text)
-    typer.echo(report.verdict(result))
+    typer.echo(pages.verdict(result))
     typer.echo(f"report: {folder / 'index.html'}")
     if not result.met:
         raise typer.Exit(NOT_MET)
@@ -106,7 +107,7 @@ def compare(
     out: Out = Path("flexhinf-compare"),
     elastic: Elastic = "",
     payload: Payload = "",
-    goal_xyz: GoalXyz = "",
+    pose_xyz: PoseXyz = "",
     tool: Tool = "",
     laws: Laws = "",
     tune: Tune = "peak",
@@ -125,11 +126,12 @@ def compare(
     """
     from rich.console import Console
 
+    from flexhinf import pages
     from flexhinf.design import compare as make_comparison
-    from flexhinf.design import comparison_stages, law_names, report
+    from flexhinf.design import comparison_stages, law_names
     from flexhinf.report import check, write
 
-    read = request_of(context, robot, elastic, payload, goal_xyz, tool)
+    read = request_of(context, robot, elastic, payload, pose_xyz, tool)
     request = read.request
     chosen = tuple(name.strip() for name in laws.split(",") if name.strip()) or None
     folder = check(out)
@@ -137,13 +139,13 @@ def compare(
     with Progress(count + 1) as progress:
         result = make_comparison(request.robot, request.specification, chosen, tune, progress, same_sensors)
         progress("report")
-        files = report.comparison_files(result, reproduce_command(context), read.warnings)
+        files = pages.comparison_files(result, reproduce_command(context), read.warnings)
     write(folder, files)
     console = Console()
     typer.echo(f"Criterion: {result.criterion.text}")
-    for table in report.comparison_tables(result, console.width):
+    for table in pages.comparison_tables(result, console.width):
         console.print(table)
-    for text in report.comparison_notes(result):
+    for text in pages.comparison_notes(result):
         note(text)
-    typer.echo(report.comparison_verdict(result))
+    typer.echo(pages.comparison_verdict(result))
     typer.echo(f"report: {folder / 'index.html'}")

@@ -10,7 +10,7 @@ import typer
 
 from flexhinf.cli.messages import Progress, note
 from flexhinf.errors import InvalidInput
-from flexhinf.untrusted import checked_path, value_text
+from flexhinf.validation import checked_path, value_text
 
 if TYPE_CHECKING:
     from flexhinf.loop import Controller
@@ -208,10 +208,11 @@ def _robot_name(path: Path) -> str:
 
 
 def _designed(path: Path) -> tuple[Controller, str]:
-    from flexhinf.design import design, load_design, report, stages
+    from flexhinf.design import design, load_design, stages
+    from flexhinf.pages import verdict
 
     robot, specification = load_design(path)
     with Progress(stages(robot, specification)) as progress:
         result: Any = design(robot, specification, progress)
-    note(report.verdict(result))
+    note(verdict(result))
     return result.controller(), robot.name

@@ -20,6 +20,12 @@ NOT_MET, USER_ERROR, INTERRUPTED = 1, 2, 130
 #: Names of ``--peak-effort`` for a drive.
 PEAKS = ("--peak-voltage", "--peak-current", "--peak-torque")
 
+#: Options of earlier versions, and what they are called now: an option has the name of its field.
+RENAMED = {
+    "--goal": "--pose", "--goal-xyz": "--pose-xyz", "--from-pose": "--start", "--friction": "--friction-model",
+    "--no-friction": "--no-friction-model", "--dead-zone": "--integral-dead-zone",
+}  # fmt: skip
+
 #: Python's way to write a field: ``name=value``, or its name in backticks. A value is quoted text, a tuple, a list or
 #: one word.
 _OTHERS = {"laws": "--laws", "tune": "--tune"}
@@ -55,7 +61,7 @@ def _name(name: str) -> str:
 
 
 def _name_pair(name: str) -> tuple[str, str, str]:
-    option = _OTHERS.get(name) or FIELDS[name].options[-1]
+    option = _OTHERS.get(name) or FIELDS[name].option
     return option.partition("/")
 
 
@@ -123,6 +129,15 @@ def parser_error(error: TyperException, arguments: Sequence[str]) -> str:
     known = getattr(error, "possibilities", None)
     what, _, meant = error.format_message().split(" (Possible")[0].partition(" Did you mean ")
     what = what.rstrip(".")
+    old = getattr(error, "option_name", "")
+    if old in RENAMED:
+        return str(
+            FlexhinfError(
+                f"{old} is called {RENAMED[old]}, as its field is.",
+                f"expected {RENAMED[old]}, got: {' '.join(arguments)}",
+                f"{RENAMED[old]} in the place of {old}",
+            )
+        )
     advice = (
         ", ".join(known) if known else meant.rstrip("?").strip("'") or _joined(arguments) or f"{path} --help"
     )

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from flexhinf.cli.arguments import GoalXyz, Payload, Tool, request_of, with_specification
+from flexhinf.cli.arguments import Payload, PoseXyz, Tool, request_of, with_specification
 from flexhinf.cli.export import controller_of, file_of
 from flexhinf.cli.messages import NOT_MET, Progress, note
 from flexhinf.design.specification import FIELDS
@@ -93,7 +93,7 @@ def run_design(
         str,
         typer.Option(rich_help_panel=ROBOT, help="Seed of the noise.", metavar="<value>", show_default=False),
     ] = "0",
-    goal_xyz: GoalXyz = "",
+    pose_xyz: PoseXyz = "",
     tool: Tool = "",
     duration: Annotated[
         str,
@@ -174,7 +174,7 @@ def run_design(
     if view:
         check_display()
     compiled = None if library is None else load_compiled(library)
-    prepared = _prepared(context, source, payload, goal_xyz, tool, perturb, load, load_at, noise)
+    prepared = _prepared(context, source, payload, pose_xyz, tool, perturb, load, load_at, noise)
     with _view(prepared) if view else nullcontext() as watch:
         run = prepared.make(compiled, realtime, priority, core, watch)
     try:
@@ -221,7 +221,7 @@ def _prepared(
     context: typer.Context,
     source: str,
     payload: str,
-    goal_xyz: str,
+    pose_xyz: str,
     tool: str,
     perturb: list[str],
     load: str,
@@ -242,7 +242,7 @@ def _prepared(
             f"expected design.toml or a report's folder, got {source!r}",
             "flexhinf design ROBOT --out DIR, then flexhinf run DIR --mujoco",
         )
-    request = request_of(context, str(path), "", payload, goal_xyz, tool).request
+    request = request_of(context, str(path), "", payload, pose_xyz, tool).request
     check_expressed(request.specification.extras)
     robot = perturbed(request.robot, perturb)
     with warnings.catch_warnings():

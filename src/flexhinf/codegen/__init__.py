@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from flexhinf.codegen.compiler import compile_program
 from flexhinf.codegen.compose import DIRECT, Composer, Direct
-from flexhinf.codegen.interpreter import interpret
 from flexhinf.codegen.kernel import BoundKernel, Kernel, Status
 from flexhinf.codegen.memory import Block, Buffer, Columns, Slice, aligned
 from flexhinf.codegen.program import (
@@ -47,5 +46,4 @@ __all__ = [
     "When",
     "aligned",
     "compile_program",
-    "interpret",
 ]

@@ -1,4 +1,4 @@
-"""Program → kernel: machine code where possible, CasADi's evaluator where not, and that said once.
+"""Program → kernel: machine code of this processor.
 
 Object code kept on disk, by the hash of what it was made from; only a file that is exactly right is used.
 
@@ -27,8 +27,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from flexhinf.codegen.interpreter import interpret
-from flexhinf.codegen.kernel import Kernel, Status
+from flexhinf.codegen.kernel import Kernel, Status, check_lanes
 from flexhinf.codegen.memory import aligned
 from flexhinf.codegen.program import ENTRY, Call, Map, Program, Repeat, Step, Sweep, Unsupported, When
 from flexhinf.files import part_file
@@ -168,8 +167,6 @@ def _has_magic(path: Path) -> bool:
         return file.read(len(_MAGIC)) == _MAGIC
 
 
-_LOGGER = logging.getLogger("flexhinf.codegen")
-
 #: Held while something is compiled or loaded, and while this process is forked: LLVM has global state, which a child
 #: that was forked in the middle of it would find locked for ever.
 _LOCK = threading.RLock()
@@ -208,29 +205,29 @@ def compile_program(program: Program, lanes: int = 1) -> Kernel:
     Returns
     -------
     Kernel
-        ``kernel.compiled`` tells whether it is machine code. An operation without machine code, or a machine
-        on which LLVM does not work, gives an interpreted kernel, and a notice through `logging`, once per
-        reason.
 
     Raises
     ------
     InvalidInput
         Lanes that are not a positive integer.
+    Unsupported
+        An operation without machine code, or a machine on which LLVM does not work.
 
     Notes
     -----
     The bits of a result depend neither on W nor on the optimisation: products are fused into sums by our own
     rule, no operation may be reordered, and sin and cos are the same sequence of operations for any W.
     """
-    fallback = interpret(program, lanes)
+    check_lanes(program, lanes)
     try:
         with _LOCK:
             return _compile(program, lanes)
-    except Unsupported as reason:
-        _notice(f"{reason.what} {reason.found}")
     except (ImportError, OSError, RuntimeError) as reason:
-        _notice(f"llvmlite does not work here ({reason})")
-    return fallback
+        raise Unsupported(
+            f"Program '{program.name}' cannot be compiled.",
+            f"llvmlite does not work here ({reason})",
+            "python -m pip install --force-reinstall llvmlite",
+        ) from reason
 
 
 def _compile(program: Program, lanes: int) -> Kernel:
@@ -256,11 +253,6 @@ def _compile(program: Program, lanes: int) -> Kernel:
     return cached((fingerprint(program), str(lanes), *made_by), make, load)
 
 
-@cache
-def _notice(reason: str) -> None:
-    _LOGGER.warning("%s; it runs on CasADi's evaluator instead, which is slower.", reason)
-
-
 #: The entry called without and with the interpreter's lock.
 _ENTRY = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_void_p)
 _SHORT_ENTRY = ctypes.PYFUNCTYPE(ctypes.c_int64, ctypes.c_void_p)
@@ -274,8 +266,6 @@ class NativeKernel(Kernel):
     code : Code
         Made from this program for these lanes.
     """
-
-    compiled = True
 
     def __init__(self, program: Program, lanes: int, code: Code) -> None:
         super().__init__(program, lanes)

@@ -1,4 +1,4 @@
-"""What a program becomes: something to run on arrays, compiled or interpreted.
+"""What a program becomes: something to run on arrays.
 
 Arrays and counts, checked once against a program before a kernel touches memory.
 """
@@ -16,6 +16,16 @@ import numpy as np
 from flexhinf.codegen.memory import Buffer
 from flexhinf.codegen.program import Program, Repeat, slices
 from flexhinf.errors import InvalidInput
+
+
+def check_lanes(program: Program, lanes: int) -> None:
+    """Refuse a number of lanes that is no positive integer."""
+    if isinstance(lanes, bool) or not isinstance(lanes, int) or lanes < 1:
+        raise InvalidInput(
+            f"Program '{program.name}' cannot run on these lanes.",
+            f"expected an integer ≥ 1, got {lanes!r}",
+            "1 for a single run, 8 for many",
+        )
 
 
 def check_arrays(program: Program, arrays: Mapping[str, np.ndarray], lanes: int) -> dict[str, np.ndarray]:
@@ -202,8 +212,6 @@ class Kernel(ABC):
     ----------
     lanes : int
         W; with W > 1 every buffer that is not shared has the lane as its last (fastest) axis.
-    compiled : bool
-        Machine code, or CasADi's evaluator.
 
     Notes
     -----
@@ -212,15 +220,7 @@ class Kernel(ABC):
     failed.
     """
 
-    compiled: bool
-
     def __init__(self, program: Program, lanes: int) -> None:
-        if isinstance(lanes, bool) or not isinstance(lanes, int) or lanes < 1:
-            raise InvalidInput(
-                f"Program '{program.name}' cannot run on these lanes.",
-                f"expected an integer ≥ 1, got {lanes!r}",
-                "1 for a single run, 8 for many",
-            )
         self.program = program
         self.lanes = lanes
 

@@ -1,7 +1,7 @@
 """What a kernel runs: steps over named flat arrays, validated as a whole.
 
-A program is data. It says nothing about machine code, lanes or threads, so that the compiler and the
-interpreter read the very same text.
+A program is data. It says nothing about machine code, lanes or threads, so that the compiler, the
+exported C and the tests' interpreter read the very same text.
 
 What a kernel does: traced functions, linear algebra, copies and guards over slices, inside loops.
 """
@@ -430,5 +430,7 @@ class Program:
 class Unsupported(FlexhinfError):
     """A traced function needs something for which no machine code can be made."""
 
-    def __init__(self, what: str, found: str) -> None:
-        super().__init__(what, found, "flexhinf.codegen.interpret runs the program on CasADi's evaluator")
+    def __init__(
+        self, what: str, found: str, hint: str = "operations of NumPy and `flexhinf.scalars`"
+    ) -> None:
+        super().__init__(what, found, hint)

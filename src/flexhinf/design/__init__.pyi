@@ -7,9 +7,6 @@ from .campaign_pair import DesignPair as DesignPair
 from .campaign_pair import PairResult as PairResult
 from .campaign_setup import CampaignOptions as CampaignOptions
 from .campaign_setup import DesignCampaign as DesignCampaign
-from .degrees import DegreeChoice as DegreeChoice
-from .degrees import shrinking as shrinking
-from .degrees import try_degrees as try_degrees
 from .design_file import DesignRequest as DesignRequest
 from .design_file import design_schema as design_schema
 from .design_file import load_design as load_design
@@ -32,3 +29,6 @@ from .result import Comparison as Comparison
 from .result import Design as Design
 from .result import Status as Status
 from .specification import Specification as Specification
+from .synthesis.degrees import DegreeChoice as DegreeChoice
+from .synthesis.degrees import shrinking as shrinking
+from .synthesis.degrees import try_degrees as try_degrees

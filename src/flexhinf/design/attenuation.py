@@ -14,7 +14,7 @@ import numpy as np
 
 from flexhinf.analysis import Attained, BudgetTerm, budget_terms, worst_disturbance
 from flexhinf.design.loop_setup import LoopSetup
-from flexhinf.design.synthesis import Synthesis
+from flexhinf.design.synthesis.steps import Synthesis
 from flexhinf.errors import FlexhinfError, NumericalFailure
 
 #: With more states no disturbance is searched for: one ascent takes minutes.

@@ -17,12 +17,12 @@ from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.laws import DESIGN
 from flexhinf.design.limit_cycle import end_limit_cycle
 from flexhinf.design.pipeline import step_duration
-from flexhinf.design.synthesis import synthesise
+from flexhinf.design.synthesis.steps import synthesise
 from flexhinf.errors import InvalidInput
 from flexhinf.files import locked, write_file
 from flexhinf.loop import Controller, load_controller
 from flexhinf.report import unchanged
-from flexhinf.untrusted import checked_path, read_toml
+from flexhinf.validation import checked_path, read_toml
 
 #: Folder of the design file and the controller inside a campaign's, and their names.
 SETUP, CONTROLLER = "setup", "controller"

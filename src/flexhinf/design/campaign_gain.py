@@ -26,7 +26,7 @@ from flexhinf.certify.sampled_gain import linear_part
 from flexhinf.design.attenuation import LONGEST, MOST_STATES, STEPS, Attenuation
 from flexhinf.design.campaign_setup import DesignCampaign
 from flexhinf.design.certification import DesignProof, prove_design
-from flexhinf.design.synthesis import Synthesis, synthesise
+from flexhinf.design.synthesis.steps import Synthesis, synthesise
 from flexhinf.errors import InvalidInput
 from flexhinf.hinf import HJISolution
 from flexhinf.plant import Estimator, GeneralisedPlant, Penalty

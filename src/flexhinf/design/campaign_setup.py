@@ -39,9 +39,9 @@ from flexhinf.loop import Controller, EnsembleResult, Loop, Reduction, Step, Tra
 from flexhinf.loop.simulation.compiled_runs import sample_count
 from flexhinf.loop.simulation.metrics import steady_state_error
 from flexhinf.robot import Parameter, Robot, load_robot
-from flexhinf.robot.extras import inactive_parameters
+from flexhinf.robot.elastic import inactive_parameters
 from flexhinf.robot.signals import UNITS, signal_names
-from flexhinf.untrusted import value_text
+from flexhinf.validation import value_text
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from flexhinf.design.waypoint_table import WaypointError, WaypointTable
 from flexhinf.errors import InvalidInput
 from flexhinf.robot import Robot
 from flexhinf.robot.kinematics import Reached, pose_at
-from flexhinf.untrusted import value_text, within_proportion
+from flexhinf.validation import value_text, within_proportion
 
 AXES = ("x", "y", "z")
 
@@ -69,13 +69,13 @@ def with_joints(request: DesignRequest, goal: str = "", tool: str = "") -> Desig
     if tool and not goal and move is None:
         raise InvalidInput(
             "A tool is stated, and nothing that it is to reach.",
-            f"expected --goal-xyz, or waypoints with columns x, y, z, got --tool {value_text(tool, 60)} alone",
-            "--goal-xyz 0.4,0,0.3, or leave out --tool",
+            f"expected --pose-xyz, or waypoints with columns x, y, z, got --tool {value_text(tool, 60)} alone",
+            "--pose-xyz 0.4,0,0.3, or leave out --tool",
         )
     if goal:
         if s.pose is not None:
             raise InvalidInput(
-                "The goal is stated twice.", f"expected --goal-xyz or --pose, got {value_text(goal, 60)} and {s.pose}",
+                "The goal is stated twice.", f"expected --pose-xyz or --pose, got {value_text(goal, 60)} and {s.pose}",
                 "leave out one of them (--pose \"\" takes back that of a design file)",
             )  # fmt: skip
         found = pose_at(robot, _point("goal-xyz", goal), point.link, point.offset, s.start)

@@ -41,10 +41,10 @@ from flexhinf.design.box_proof import (
     reason_of,
     sampled_box,
 )
-from flexhinf.design.degrees import DegreeChoice
+from flexhinf.design.problem.presets import measured_problem
 from flexhinf.design.specification import Specification
-from flexhinf.design.synthesis import Synthesis, checked_penalty, synthesise
-from flexhinf.design.weights.choose import measured_problem
+from flexhinf.design.synthesis.degrees import DegreeChoice
+from flexhinf.design.synthesis.steps import Synthesis, checked_penalty, synthesise
 from flexhinf.errors import FlexhinfError, InvalidInput, NumericalFailure
 from flexhinf.plant import GeneralisedPlant, Penalty
 from flexhinf.robot import Robot

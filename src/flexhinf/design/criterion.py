@@ -44,7 +44,7 @@ def unstable_corners(evaluation: LawEvaluation) -> int:
     return 0 if evaluation.corners is None else int(evaluation.corners.unstable)
 
 
-def figures_of(evaluation: LawEvaluation, criterion: Criterion | None = None) -> Figures:
+def metrics_of(evaluation: LawEvaluation, criterion: Criterion | None = None) -> LawMetrics:
     """What a law is tuned by.
 
     Parameters
@@ -64,7 +64,7 @@ def figures_of(evaluation: LawEvaluation, criterion: Criterion | None = None) ->
             "expected all eigenvalues inside the unit circle",
             "other parameters",
         )
-    linear = Figures(
+    linear = LawMetrics(
         found.peak_sensitivity,
         found.gain_margin,
         found.damping,
@@ -76,23 +76,23 @@ def figures_of(evaluation: LawEvaluation, criterion: Criterion | None = None) ->
     )
 
 
-def own_figures(evaluation: LawEvaluation) -> Figures:
+def own_metrics(evaluation: LawEvaluation) -> LawMetrics:
     """Those of the design's own law; of an unstable loop, or one without an equilibrium, with no margins at all."""
     try:
-        return figures_of(evaluation)
+        return metrics_of(evaluation)
     except FlexhinfError:
-        return _run(Figures(math.inf, 1.0, 0.0, math.inf, math.nan), evaluation)
+        return _run(LawMetrics(math.inf, 1.0, 0.0, math.inf, math.nan), evaluation)
 
 
-def yardstick(evaluation: LawEvaluation) -> Figures:
-    """Figures of the design's own law, by which those of all laws are divided.
+def reference_metrics(evaluation: LawEvaluation) -> LawMetrics:
+    """LawMetrics of the design's own law, by which those of all laws are divided.
 
     Raises
     ------
     InvalidInput
         If there is nothing to divide by: its linear loop is unstable at the goal, or one of its runs diverges.
     """
-    found = own_figures(evaluation)
+    found = own_metrics(evaluation)
     lost = [f"{run} diverges" for figure, run in RUNS.items() if math.isinf(getattr(found, figure))]
     if not evaluation.linear_failure and not evaluation.margins.stable:
         lost.insert(0, "its linear loop is unstable at the goal")
@@ -106,7 +106,7 @@ def yardstick(evaluation: LawEvaluation) -> Figures:
     return found
 
 
-def _run(linear: Figures, evaluation: LawEvaluation, criterion: Criterion | None = None) -> Figures:
+def _run(linear: LawMetrics, evaluation: LawEvaluation, criterion: Criterion | None = None) -> LawMetrics:
     quiet = evaluation.quiet
     peak = evaluation.setup.limits.equivalent_peak(quiet.demanded_step)
     found = replace(linear, peak_input=peak, settling=quiet.step.settling.value)
@@ -122,7 +122,7 @@ def _run(linear: Figures, evaluation: LawEvaluation, criterion: Criterion | None
     )
 
 
-#: Of what the criterion takes ratios: attributes of `Figures`, and what they are called.
+#: Of what the criterion takes ratios: attributes of `LawMetrics`, and what they are called.
 RATIOS = {
     "load_deviation": "load deviation", "settling": "settling time", "move_error": "move error",
     "remaining_error": "remaining error",
@@ -142,7 +142,7 @@ UNSETTLED = 2.0
 
 
 @dataclass(frozen=True)
-class Figures:
+class LawMetrics:
     """What a law is tuned by: the largest of all joints; infinite where a run diverged, or did not settle.
 
     Attributes
@@ -184,24 +184,24 @@ class Limit:
 
     Attributes
     ----------
-    figure : str
-        Attribute of `Figures`.
+    metric : str
+        Attribute of `LawMetrics`.
     least : bool
         Whether the figure is to be at least the value instead of at most.
     origin : str
         Where the value comes from.
     """
 
-    figure: str
+    metric: str
     label: str
     unit: str
     value: float
     origin: str
     least: bool = False
 
-    def excess(self, figures: Figures) -> float:
+    def excess(self, metrics: LawMetrics) -> float:
         """ln of the factor by which it is exceeded; 0 where it is kept."""
-        value = getattr(figures, self.figure)
+        value = getattr(metrics, self.metric)
         if not self.least:
             return excess(value, self.value)
         if math.isnan(value):
@@ -224,7 +224,7 @@ class Criterion:
     Attributes
     ----------
     mode : {"peak", "bandwidth", "none"}
-    own : Figures
+    own : LawMetrics
         Of the design's own law, by which deviation, settling time and errors are divided.
     linear, shared : tuple of Limit
         Of the linearised loop; and the one that the user chose, of the runs or of the loop.
@@ -235,7 +235,7 @@ class Criterion:
     """
 
     mode: str
-    own: Figures
+    own: LawMetrics
     linear: tuple[Limit, ...]
     shared: tuple[Limit, ...]
     length: float
@@ -270,11 +270,11 @@ class Criterion:
             f"{least}"
         )
 
-    def ratios(self, figures: Figures) -> dict[str, float]:
+    def ratios(self, metrics: LawMetrics) -> dict[str, float]:
         """Load deviation, settling time, and the two errors over those of the design, by name."""
         own, found = self.own, {}
         for name in RATIOS:
-            mine, theirs = getattr(own, name), getattr(figures, name)
+            mine, theirs = getattr(own, name), getattr(metrics, name)
             if name == "settling" and math.isinf(theirs):
                 theirs = UNSETTLED * self.length
             if name != "settling":
@@ -284,34 +284,34 @@ class Criterion:
             found[name] = theirs / mine if mine > 0.0 else math.inf
         return found
 
-    def cost(self, figures: Figures) -> float:
+    def cost(self, metrics: LawMetrics) -> float:
         """Geometric mean of the ratios; infinite where a run diverged."""
-        cost = math.prod(self.ratios(figures).values()) ** (1.0 / len(RATIOS))
+        cost = math.prod(self.ratios(metrics).values()) ** (1.0 / len(RATIOS))
         return cost if math.isfinite(cost) else math.inf
 
-    def is_far(self, figures: Figures) -> bool:
+    def is_far(self, metrics: LawMetrics) -> bool:
         """Whether what is known exceeds a limit by more than `FAR`: further runs would change nothing."""
-        known = (x for x in self.limits if x.figure != "peak_input" or not math.isnan(figures.peak_input))
-        return any(limit.excess(figures) > math.log(FAR) for limit in known)
+        known = (x for x in self.limits if x.metric != "peak_input" or not math.isnan(metrics.peak_input))
+        return any(limit.excess(metrics) > math.log(FAR) for limit in known)
 
-    def judge(self, figures: Figures) -> Judgement:
+    def judge(self, metrics: LawMetrics) -> Judgement:
         """Cost, and by how much which limits are exceeded."""
-        known = (limit for limit in self.limits if not math.isnan(getattr(figures, limit.figure)))
+        known = (limit for limit in self.limits if not math.isnan(getattr(metrics, limit.metric)))
         beyond = {
-            f"{limit.text}, found {getattr(figures, limit.figure):.3g}": limit.excess(figures)
+            f"{limit.text}, found {getattr(metrics, limit.metric):.3g}": limit.excess(metrics)
             for limit in known
         }
-        if math.isinf(figures.settling):
+        if math.isinf(metrics.settling):
             beyond[f"the step settles within {self.length:g} s"] = 1.0
-        if math.isinf(figures.peak_input) or math.isinf(figures.load_deviation):
+        if math.isinf(metrics.peak_input) or math.isinf(metrics.load_deviation):
             beyond["no run diverges"] = math.inf
         reason = "; ".join(f"not kept: {text}" for text, value in beyond.items() if value > 0.0)
-        return Judgement(self.cost(figures), sum(beyond.values()), reason, figures)
+        return Judgement(self.cost(metrics), sum(beyond.values()), reason, metrics)
 
 
 def criterion_for(
     mode: str,
-    own: Figures,
+    own: LawMetrics,
     length: float,
     limits: Mapping[str, tuple[float, str] | None],
     unit: str,
@@ -322,7 +322,7 @@ def criterion_for(
     Parameters
     ----------
     mode : {"peak", "bandwidth", "none"}
-    own : Figures
+    own : LawMetrics
         Of the design.
     length : float
         Of the step, s.
@@ -371,7 +371,7 @@ def criterion_for(
         raise InvalidInput(
             f"There is no {mode} that the laws could share.",
             "expected one in the specification, or a design whose step does not diverge and whose loop is stable",
-            "--tune none, a start nearer to the goal (--from-pose), or another design",
+            "--tune none, a start nearer to the goal (--start), or another design",
         )
     return Criterion(
         mode, own, tuple(limit for limit in linear if limit), (shared,) if shared else (), length, resolution
@@ -400,29 +400,29 @@ def stated_limits(setup: LoopSetup, unit: str) -> dict[str, tuple[float, str] | 
 
 
 def pareto_front(
-    figures: Sequence[Figures],
+    metrics: Sequence[LawMetrics],
     criterion: Criterion,
     cost: str = "peak_input",
     benefit: str = "load_deviation",
-) -> tuple[Figures, ...]:
+) -> tuple[LawMetrics, ...]:
     """Of all candidates of a law that keep the limits of the linear loop, those that no other one beats in both.
 
     Parameters
     ----------
     cost, benefit : str
-        Attributes of `Figures`, both to be small.
+        Attributes of `LawMetrics`, both to be small.
 
     Returns
     -------
-    tuple of Figures
+    tuple of LawMetrics
         By rising cost: the trade-off curve of the law.
     """
     open_ended = replace(criterion, shared=())
     kept = [
-        f for f in figures
+        f for f in metrics
         if math.isfinite(getattr(f, cost)) and math.isfinite(getattr(f, benefit)) and open_ended.judge(f).excess == 0.0
     ]  # fmt: skip
-    front: list[Figures] = []
+    front: list[LawMetrics] = []
     for one in sorted(kept, key=lambda f: (getattr(f, cost), getattr(f, benefit))):
         if not front or getattr(one, benefit) < getattr(front[-1], benefit):
             front.append(one)

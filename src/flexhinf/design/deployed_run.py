@@ -30,7 +30,7 @@ from flexhinf.loop import Controller, Loop, Step
 from flexhinf.robot import MuJoCoPlant, Robot
 from flexhinf.robot.parameters import per_joint
 from flexhinf.robot.signals import signal_names
-from flexhinf.untrusted import value_text
+from flexhinf.validation import value_text
 
 #: Length of a run that states none, s: of a step, and of a move in parts of its own time.
 STEP_TIME, MOVE_TIMES = 5.0, 1.5
@@ -124,7 +124,7 @@ class DeployedRun:
             lines = [replace(line, where=WHERE) for line in lines]
         if not run.timing.real_time:
             return lines
-        missed = REQUIREMENTS["deadlines"].judge(None, 0.0, 100.0 * np.mean(run.timing.missed), WHERE)
+        missed = REQUIREMENTS["deadlines"].judge(None, 0.0, 100.0 * float(np.mean(run.timing.missed)), WHERE)
         return [missed, *lines]
 
 

@@ -27,7 +27,7 @@ from flexhinf.errors import InvalidInput
 from flexhinf.plant import Penalty
 from flexhinf.robot import Robot, catalogue, load_robot
 from flexhinf.robot.signals import SENSORS, expanded, signal_names, units_of
-from flexhinf.untrusted import checked_path, read_toml, value_text
+from flexhinf.validation import checked_path, read_toml, value_text
 
 #: Fields with one number, or one per joint, and the signal that each is a value of.
 SIGNALS = {
@@ -247,7 +247,7 @@ def _without_none(fields: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _rivals(name: str, value: Any, fields: Mapping[str, Any]) -> tuple[str, ...]:
-    """Fields that contradict this one, see `flexhinf.design.weights.choose.preset_of`."""
+    """Fields that contradict this one, see `flexhinf.design.problem.presets.preset_of`."""
     stated = fields.get("preset") == "paper"
     if name == "penalty":
         return ("bandwidth", "damping", "preset")
@@ -321,10 +321,10 @@ def _no_design(file: str, keys: list[str]) -> InvalidInput:
     )
 
 
-#: What options are called that a design file calls otherwise.
+#: Other names that a field had or has: those of earlier versions, and --peak-effort by the kind of drive.
 OPTIONS = {
-    "goal": "pose", "from_pose": "start", "peak_voltage": "peak_effort", "peak_current": "peak_effort",
-    "peak_torque": "peak_effort",
+    "goal": "pose", "from_pose": "start", "friction": "friction_model", "dead_zone": "integral_dead_zone",
+    "peak_voltage": "peak_effort", "peak_current": "peak_effort", "peak_torque": "peak_effort",
 }  # fmt: skip
 
 

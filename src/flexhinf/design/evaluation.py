@@ -28,8 +28,14 @@ from flexhinf.analysis import (
 from flexhinf.analysis.batch import LawRows
 from flexhinf.design.impulse import ImpulseRuns, impulse_runs, impulse_sizes
 from flexhinf.design.loop_setup import LoopSetup
-from flexhinf.design.modes import Mode, estimator_modes, modes_of, running_modes, stiffness_and_inertia
 from flexhinf.design.monte_carlo import MonteCarlo, move_errors, sampled_runs
+from flexhinf.design.problem.modes import (
+    Mode,
+    estimator_modes,
+    modes_of,
+    running_modes,
+    stiffness_and_inertia,
+)
 from flexhinf.design.responses import LoadResponse, Move, Response, Scenario, Worst, worst_of
 from flexhinf.errors import FlexhinfError
 from flexhinf.plant import Law

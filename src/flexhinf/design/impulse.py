@@ -12,10 +12,10 @@ from functools import cached_property
 import numpy as np
 
 from flexhinf.design.loop_setup import LoopSetup
+from flexhinf.design.problem.modes import JointScales
 from flexhinf.design.requirements import REQUIREMENTS, Requirement, of_several
 from flexhinf.design.responses import Response, default_load
 from flexhinf.design.specification import Specification
-from flexhinf.design.weights.design_problem import JointScales
 from flexhinf.loop.simulation.ring_down import FITS, Oscillation, RingDown
 from flexhinf.loop.simulation.ring_down import ring_down as fit_ring_down
 

@@ -11,8 +11,8 @@ import numpy as np
 from flexhinf.design.responses import Response
 from flexhinf.design.specification import FIELDS, Specification, SpecificationError
 from flexhinf.robot import Robot
-from flexhinf.robot.extras import DRIVES
-from flexhinf.robot.limits import position_ranges
+from flexhinf.robot.elastic import DRIVES
+from flexhinf.robot.kinematics import position_ranges
 from flexhinf.robot.signals import UNITS
 
 #: Who states a limit that no option does.
@@ -172,7 +172,7 @@ def joint_limits(robot: Robot, s: Specification) -> JointLimits:
         value = getattr(s, name)
         if value is None:
             return np.array(own, dtype=float), ROBOT
-        return _per_joint(robot, name, value), FIELDS[name].options[0]
+        return _per_joint(robot, name, value), FIELDS[name].option
 
     peak, peak_source = stated("peak_effort", robot.effort_limits)
     saturation, saturation_source = stated("saturation", robot.effort_limits)

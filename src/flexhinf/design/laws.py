@@ -13,8 +13,8 @@ import numpy as np
 
 from flexhinf.baselines import FeedbackLinearisation, GravityCompensatedLQR, MotorPD, TorqueFeedback, lqr
 from flexhinf.baselines.linear_quadratic import INTEGRAL_RATE
-from flexhinf.design.synthesis import Synthesis
-from flexhinf.design.weights.robust import sized_channels
+from flexhinf.design.problem.channels import sized_channels
+from flexhinf.design.synthesis.steps import Synthesis
 from flexhinf.errors import InvalidInput
 from flexhinf.hinf import smallest_gamma, solve_hji
 from flexhinf.plant import GeneralisedPlant, Law, Penalty

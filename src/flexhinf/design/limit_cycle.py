@@ -19,7 +19,7 @@ from flexhinf.design.requirements import REQUIREMENTS, Requirement, of_several
 from flexhinf.design.responses import Response
 from flexhinf.loop.simulation.metrics import LimitCycle, limit_cycle, steady_state_error
 from flexhinf.plant import sub_steps
-from flexhinf.robot.extras import stated_friction
+from flexhinf.robot.elastic import stated_friction
 
 #: Length of the run, s, and in samples at most. A joint is held for as long as the integral needs to grow by twice the
 #: friction, which may be tens of seconds.

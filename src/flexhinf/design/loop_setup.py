@@ -28,7 +28,7 @@ from flexhinf.design.specification import Specification
 from flexhinf.loop import Controller, EnsembleResult, Loop, Step
 from flexhinf.plant import Law, Plant, linear_plant, sub_steps
 from flexhinf.robot import MuJoCoPlant, Robot
-from flexhinf.robot.extras import DRY
+from flexhinf.robot.elastic import DRY
 from flexhinf.robot.signals import signal_names
 
 #: Largest step of MuJoCo's Runge–Kutta method times the fastest mode, rad.

@@ -10,16 +10,16 @@ import numpy as np
 from flexhinf.design.along_move import along_requirements
 from flexhinf.design.attenuation import attenuation, searches_disturbance
 from flexhinf.design.certification import prove_design, with_tolerances
-from flexhinf.design.criterion import MODES, criterion_for, stated_limits, yardstick
-from flexhinf.design.degrees import rays_of, synthesis_stages
+from flexhinf.design.criterion import MODES, criterion_for, reference_metrics, stated_limits
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.joint_limits import joint_limits
 from flexhinf.design.laws import DESIGN, LawFactory, LawKind, law_kind, law_names
 from flexhinf.design.limit_cycle import LimitCycleCheck, end_limit_cycle
 from flexhinf.design.loop_setup import LoopSetup
-from flexhinf.design.modes import closed_loop, modes_of
 from flexhinf.design.payload import PayloadEvaluation, evaluate_payloads, payload_requirements
 from flexhinf.design.plans import plan_move, stated_move
+from flexhinf.design.problem.modes import JointScales, closed_loop, modes_of
+from flexhinf.design.problem.presets import preset_of, required_damping
 from flexhinf.design.requirements import (
     Requirement,
     behaviour_requirements,
@@ -42,10 +42,9 @@ from flexhinf.design.responses import (
 from flexhinf.design.result import ComparedLaw, Comparison, Design, status_of
 from flexhinf.design.rigid import RigidComparison, compare_rigid
 from flexhinf.design.specification import Specification
-from flexhinf.design.synthesis import Synthesis, synthesise
+from flexhinf.design.synthesis.degrees import rays_of, synthesis_stages
+from flexhinf.design.synthesis.steps import Synthesis, synthesise
 from flexhinf.design.tuning import TunedLaw, Tuner
-from flexhinf.design.weights.choose import preset_of, required_damping
-from flexhinf.design.weights.design_problem import JointScales
 from flexhinf.errors import InvalidInput
 from flexhinf.robot import Robot
 from flexhinf.robot.mujoco import check_expressed
@@ -310,7 +309,7 @@ def compare(
     unit = synthesis.problem.plant.unit(synthesis.problem.input_names[0])
     criterion = criterion_for(
         tune,
-        yardstick(own),
+        reference_metrics(own),
         scenario.step_duration,
         stated_limits(setup, unit),
         unit,

@@ -10,16 +10,16 @@ from typing import cast
 import numpy as np
 
 from flexhinf.design.joint_limits import JointLimits, joint_limits
+from flexhinf.design.problem.modes import JointScales
+from flexhinf.design.problem.presets import BANDWIDTH_FRACTION
 from flexhinf.design.responses import Plan
 from flexhinf.design.specification import RUN_SAMPLES, Specification
 from flexhinf.design.waypoint_table import WaypointError, WaypointTable
-from flexhinf.design.weights.choose import BANDWIDTH_FRACTION
-from flexhinf.design.weights.design_problem import JointScales
 from flexhinf.errors import InvalidInput
 from flexhinf.loop import JerkLimited, Moving, Waypoints
 from flexhinf.plant import Law
 from flexhinf.robot import Robot, check_reference
-from flexhinf.robot.limits import position_ranges
+from flexhinf.robot.kinematics import position_ranges
 
 #: Time of a quintic times the bandwidth: then it keeps the limits below.
 QUINTIC_TIME = 4.7

@@ -27,8 +27,8 @@ from flexhinf.design.box_proof import (
     step_start,
 )
 from flexhinf.design.joint_limits import joint_limits
+from flexhinf.design.problem.presets import DesignProblem, choose, measured_problem
 from flexhinf.design.specification import Specification
-from flexhinf.design.weights.choose import DesignProblem, choose, measured_problem
 from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.hinf import HJISolution, solve_hji
 from flexhinf.plant import GeneralisedPlant

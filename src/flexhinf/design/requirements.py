@@ -177,7 +177,7 @@ def all_met(lines: Sequence[Requirement]) -> bool:
 def stating_option(s: Specification, name: str) -> str:
     """The option that states a field, or "default" where it has its default."""
     field = FIELDS[name]
-    return "default" if getattr(s, name) == field.default else field.options[0]
+    return "default" if getattr(s, name) == field.default else field.option
 
 
 def peak_option(unit: str, source: str = "") -> str:

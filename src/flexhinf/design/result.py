@@ -16,19 +16,19 @@ import numpy as np
 
 from flexhinf.design.attenuation import Attenuation
 from flexhinf.design.certification import DesignProof, StepProof, step_proof
-from flexhinf.design.degrees import DegreeChoice, shrinking
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.limit_cycle import LimitCycleCheck
 from flexhinf.design.loop_setup import LoopSetup
-from flexhinf.design.modes import Mode
 from flexhinf.design.payload import PayloadEvaluation
+from flexhinf.design.problem.modes import Mode
+from flexhinf.design.problem.presets import DesignProblem
 from flexhinf.design.requirements import Requirement, all_met
 from flexhinf.design.responses import Response, Scenario
 from flexhinf.design.rigid import RigidComparison
 from flexhinf.design.specification import RINGS, TOLERANCE, Specification
-from flexhinf.design.synthesis import Synthesis
-from flexhinf.design.weights.choose import DesignProblem
-from flexhinf.design.weights.estimator_noise import NoiseSearch
+from flexhinf.design.synthesis.degrees import DegreeChoice, shrinking
+from flexhinf.design.synthesis.noise import NoiseSearch
+from flexhinf.design.synthesis.steps import Synthesis
 from flexhinf.hinf import HJISolution
 from flexhinf.loop import Controller
 from flexhinf.notebook import Summarised

@@ -47,7 +47,7 @@ from flexhinf.design.units import (
 )
 from flexhinf.design.waypoint_table import Move, WaypointError
 from flexhinf.errors import InvalidInput
-from flexhinf.untrusted import value_text
+from flexhinf.validation import value_text
 
 
 @dataclasses.dataclass(frozen=True)
@@ -60,8 +60,6 @@ class About:
         Heading of its option in the help.
     example : str
         As on the command line; the same text is understood in Python and in a design file.
-    options : tuple of str
-        Names of its option; by default the field's name with hyphens.
     zero : str
         What 0 stands for at the command line, where it is not a number of the range.
     default : str
@@ -72,7 +70,6 @@ class About:
     help: str
     example: str
     unit: str = ""
-    options: tuple[str, ...] = ()
     zero: str = ""
     default: str = ""
 
@@ -85,22 +82,23 @@ class FieldInfo:
     ----------
     allowed : str
         Its range in words.
-    options : tuple of str
-        Names of its option; for a flag one text with both.
+    option : str
+        Its option, which has its name; of a flag both, ``--mujoco/--no-mujoco``.
     """
 
     name: str
     about: About
     allowed: str
     default: Any
-    options: tuple[str, ...]
+    option: str
 
 
 def info_of(field: dataclasses.Field, annotation: Any) -> FieldInfo:
     """What is declared in the annotation of a field: its `About`, and the first range in words of its type."""
     about = next(part for part in annotation.__metadata__ if isinstance(part, About))
-    options = about.options or (f"--{field.name.replace('_', '-')}",)
-    return FieldInfo(field.name, about, _allowed(annotation), field.default, options)
+    option = f"--{field.name.replace('_', '-')}"
+    option += f"/--no-{option[2:]}" if isinstance(field.default, bool) else ""
+    return FieldInfo(field.name, about, _allowed(annotation), field.default, option)
 
 
 def _allowed(annotation: Any) -> str:
@@ -186,9 +184,9 @@ class Specification:
     # fmt: off
     pose: Annotated[Pose | None, About(BEHAVIOUR,
         "Goal, one position per joint: 0.3,-0.5 (rad, m), 30deg,-10deg or 30°,-10°.", "0.3,-0.5", "rad, m",
-        ("--pose", "--goal"), default="the robot's home")] = None
+        default="the robot's home")] = None
     start: Annotated[Pose | None, About(BEHAVIOUR, "Position from which the step to the goal starts.",
-        "0.2,-0.4", "rad, m", ("--from-pose",), default="0.1 rad (10 mm) from the goal")] = None
+        "0.2,-0.4", "rad, m", default="0.1 rad (10 mm) from the goal")] = None
     via: Annotated[Poses, About(BEHAVIOUR,
         "A pose between start and goal at which a law is designed too; repeat the option for several. The "
         "controller takes the law whose pose is nearest to the command.", "0.1,0.2", "rad, m")] = ()
@@ -251,11 +249,10 @@ class Specification:
         "Torques that are disturbances of the synthesis: link_torque,motor_torque.", "link_torque",
         default="the command instead, as in the paper")] = None
     command: Annotated[Flag, About(SYNTHESIS,
-        "Whether the command is a disturbance too, beside --disturbances.", "",
-        options=("--command/--no-command",))] = False
+        "Whether the command is a disturbance too, beside --disturbances.", "")] = False
     friction_model: Annotated[Flag, About(SYNTHESIS,
         "Whether the estimator's model (ukf, ekf) has the dry friction of --extras, smoothed; the feedforward of the "
-        "planned move has it anyway.", "", options=("--friction/--no-friction",))] = False
+        "planned move has it anyway.", "")] = False
     measured: Annotated[Names, About(LOOP,
         "link_position, motor_position, joint_torque, link_velocity, motor_velocity; NAME_JOINT for single ones.",
         "motor_position")] = ("link_position",)
@@ -284,7 +281,7 @@ class Specification:
         "0.01deg,0.1Nm; the estimator does not know of it.", "1e-4", "rad, m, …")] = 0.0
     integral_dead_zone: Annotated[Distances | None, About(LOOP,
         "Errors up to this size are not integrated, against hunting: 1e-3 (rad, m), 0.05deg, or one per joint; "
-        "0: none.", "1e-3", "rad, m", ("--dead-zone",),
+        "0: none.", "1e-3", "rad, m",
         default="none, or the amplitude of the hunting that dry friction causes")] = None
     load: Annotated[Number | None, About(REPORT, "Torque on every link in the load response.", "1", "N·m or N",
         default="a tenth of what the motors give at the peak input of the step")] = None
@@ -301,11 +298,9 @@ class Specification:
         zero="the default", default="by the slowest mode")] = None
     seed: Annotated[Seed, About(REPORT, "Seed of directions, noise and sampled robots.", "0")] = 0
     compare_rigid: Annotated[Flag, About(REPORT,
-        "Whether the same is designed on the rigid model too, and run on the elastic robot.", "",
-        options=("--compare-rigid/--no-compare-rigid",))] = True
+        "Whether the same is designed on the rigid model too, and run on the elastic robot.", "")] = True
     mujoco: Annotated[Flag, About(REPORT,
-        "Whether the step is run on MuJoCo's plant too (needs flexhinf[mujoco]).", "",
-        options=("--mujoco/--no-mujoco",))] = False
+        "Whether the step is run on MuJoCo's plant too (needs flexhinf[mujoco]).", "")] = False
     # fmt: on
 
     def __post_init__(self) -> None:

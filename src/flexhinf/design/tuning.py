@@ -7,6 +7,8 @@ another one (nonlinear H∞ the nonlinear LQR, torque feedback a PD) does not en
 ended with is among its candidates, as the design's own law is among those of nonlinear H∞; and weights that one search
 came upon serve every law that has such weights. Without the last round the order of the best laws was that of luck:
 costs settle into several local minima.
+
+Which of the tuned laws are ranked, the best rival of nonlinear H∞, and where each law is in its trade-off.
 """
 
 from __future__ import annotations
@@ -16,10 +18,19 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from flexhinf.baselines import Candidate, Judgement, Tuning, tune
-from flexhinf.design.criterion import Criterion, Figures, figures_of, unstable_corners
+from flexhinf.design.criterion import Criterion, LawMetrics, metrics_of, pareto_front, unstable_corners
 from flexhinf.design.estimators import other_sensors
 from flexhinf.design.evaluation import LawEvaluation
-from flexhinf.design.laws import CONTAINED, DEGREE, DESIGN, ESTIMATOR_NOISE, MOTOR_NOISE, LawFactory, LawKind
+from flexhinf.design.laws import (
+    CONTAINED,
+    DEGREE,
+    DESIGN,
+    ESTIMATOR_NOISE,
+    MOTOR_NOISE,
+    NL_HINF,
+    LawFactory,
+    LawKind,
+)
 from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.errors import FlexhinfError, InvalidInput, NumericalFailure
 
@@ -53,7 +64,7 @@ class TunedLaw:
         Whether every limit is kept.
     reason : str
         Which limits are not kept.
-    tried : tuple of Figures
+    tried : tuple of LawMetrics
         Of all candidates that were run.
     search : Tuning or None
         All candidates, those without a run included; None for the design's own law.
@@ -61,11 +72,11 @@ class TunedLaw:
 
     kind: LawKind
     evaluation: LawEvaluation
-    figures: Figures
+    metrics: LawMetrics
     cost: float
     feasible: bool
     reason: str = ""
-    tried: tuple[Figures, ...] = ()
+    tried: tuple[LawMetrics, ...] = ()
     search: Tuning | None = None
 
     @property
@@ -177,8 +188,8 @@ class Tuner:
             If no law of this kind can be made and judged at all.
         """
         if kind.name == DESIGN:
-            figures = self.criterion.own
-            return TunedLaw(kind, self.own, figures, self.criterion.cost(figures), True)
+            metrics = self.criterion.own
+            return TunedLaw(kind, self.own, metrics, self.criterion.cost(metrics), True)
         s = self.own.setup.specification
         choices = () if self.same_sensors or s.estimator == "none" else kind.sensors
         samples = self._budget[0]
@@ -235,7 +246,7 @@ class Tuner:
             best = self._judged_in_full(kind, sensors, best)
         best = min((best, *self._own_candidate(kind)), key=lambda candidate: candidate.order)
         judgement = best.judgement
-        if not isinstance(judgement.result, Figures):
+        if not isinstance(judgement.result, LawMetrics):
             raise NumericalFailure(
                 f"No law {kind.name!r} could be judged.",
                 f"tried {len(found.candidates)} sets of parameters; the first: "
@@ -250,17 +261,17 @@ class Tuner:
             judgement.cost,
             best.feasible,
             judgement.reason,
-            tuple(f for f in tried if isinstance(f, Figures) and not math.isnan(f.load_deviation)),
+            tuple(f for f in tried if isinstance(f, LawMetrics) and not math.isnan(f.load_deviation)),
             found,
         )
 
     def _judged_in_full(self, kind: LawKind, sensors: tuple[str, ...], best: Candidate) -> Candidate:
         """A candidate by the law itself with all its runs; as it was judged where that fails."""
         try:
-            figures = figures_of(self.evaluation(kind, sensors, best.parameters))
+            metrics = metrics_of(self.evaluation(kind, sensors, best.parameters))
         except FlexhinfError:
             return best
-        return Candidate(best.parameters, self.criterion.judge(figures))
+        return Candidate(best.parameters, self.criterion.judge(metrics))
 
     def _robust_best(self, kind: LawKind, sensors: tuple[str, ...], found: Tuning) -> Candidate:
         """The cheapest candidate that keeps every limit with no more unstable corners than the design: a law is not
@@ -343,7 +354,7 @@ class Tuner:
         self, kind: LawKind, sensors: tuple[str, ...], values: Mapping[str, float], degree: int | None
     ) -> Judgement:
         return self.criterion.judge(
-            figures_of(self.evaluation(kind, sensors, values, degree), self.criterion)
+            metrics_of(self.evaluation(kind, sensors, values, degree), self.criterion)
         )
 
     def evaluation(
@@ -379,3 +390,47 @@ class Tuner:
             linear_model=kind.name == "lqg",
         )
         return LawEvaluation(kind.name, setup, self.own.scenario, values, other_noise=False)
+
+
+def is_hinf(name: str) -> bool:
+    """Whether a law is the design's own, or nonlinear H∞ tuned; linear H∞ (hinf) is a rival of it."""
+    return name in (DESIGN, NL_HINF) or name.startswith(f"{NL_HINF}-")
+
+
+def ranked(laws: Sequence[TunedLaw]) -> list[TunedLaw]:
+    """Laws with no more unstable corners of the tolerances than the design, by the criterion; the design itself is no
+    side of the comparison."""
+    design = next((law for law in laws if law.name == DESIGN), None)
+    allowed = 0 if design is None else unstable_corners(design.evaluation)
+    found = (law for law in laws if law.name != DESIGN and law.feasible)
+    return sorted((x for x in found if unstable_corners(x.evaluation) <= allowed), key=lambda law: law.cost)
+
+
+def best_rival(laws: Sequence[TunedLaw]) -> TunedLaw | None:
+    """The first of `ranked` that is not nonlinear H∞; None if there is none."""
+    return next((law for law in ranked(laws) if not is_hinf(law.name)), None)
+
+
+@dataclass(frozen=True)
+class TradeOff:
+    """Where a law is between what it costs and what it holds.
+
+    Attributes
+    ----------
+    point : LawMetrics
+        Of the law as it was tuned.
+    curve : tuple of LawMetrics
+        Load deviation against peak input, by rising peak input: the best of all candidates that were tried and keep the
+        limits of the linear loop. Of the design's own law only its point.
+    """
+
+    name: str
+    point: LawMetrics
+    curve: tuple[LawMetrics, ...]
+
+
+def trade_offs(laws: Sequence[TunedLaw], criterion: Criterion) -> tuple[TradeOff, ...]:
+    """Peak input against load deviation of every law, as a point and as a curve."""
+    return tuple(
+        TradeOff(law.name, law.metrics, pareto_front((*law.tried, law.metrics), criterion)) for law in laws
+    )

@@ -18,7 +18,7 @@ from pydantic import BeforeValidator, Field, ValidatorFunctionWrapHandler, WithJ
 
 from flexhinf.plant import Penalty
 from flexhinf.robot.units import SECONDS, SLIDING, TURNING, Stated, lettered, respelled, split
-from flexhinf.untrusted import real_number, value_text
+from flexhinf.validation import real_number, value_text
 
 #: Units of each kind of number, and what one is in the SI unit that stands first.
 _TURN_RATES = {"rad/s": 1.0, "deg/s": math.pi / 180.0, "°/s": math.pi / 180.0, "rpm": math.pi / 30.0}

@@ -23,7 +23,7 @@ from pydantic import BeforeValidator, WithJsonSchema
 
 from flexhinf.design.units import SECONDS, SLIDING, TURNING, Allowed
 from flexhinf.errors import InvalidInput
-from flexhinf.untrusted import HUGE, read_text, real_array, value_text
+from flexhinf.validation import HUGE, read_text, real_array, value_text
 
 #: Largest file, bytes, and most rows: 100 s at 1 kHz.
 LARGEST, MOST_ROWS = 20_000_000, 100_000

@@ -19,7 +19,7 @@ from flexhinf.errors import InvalidInput, NotDetectable, NumericalFailure
 from flexhinf.estimation.filter import RecursiveFilter
 from flexhinf.plant import Estimator
 from flexhinf.scalars import jacobian
-from flexhinf.untrusted import real_array, value_text
+from flexhinf.validation import real_array, value_text
 
 if TYPE_CHECKING:
     from flexhinf.estimation.filter import RecursiveFilter

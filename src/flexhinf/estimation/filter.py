@@ -15,7 +15,7 @@ from flexhinf.plant import Estimator, Gaussian, Plant, eight_stages, rk4_stages,
 from flexhinf.plant.protocols import use_default_form
 from flexhinf.scalars import cholesky, jacobian, solve_lower, solve_lower_transposed
 from flexhinf.scalars.dependence import elementary
-from flexhinf.untrusted import read_only, real_array, real_number, value_text
+from flexhinf.validation import read_only, real_array, real_number, value_text
 
 #: Largest step times fastest mode in the estimator's model, of Runge–Kutta steps with so many stages. A mode errs by at
 #: most 0.25⁴/120 = 3.3e-5 of its phase, or 1.25⁸/9! = 1.6e-5, far inside the regions of stability (2.78 and 3.39).

@@ -28,7 +28,7 @@ from flexhinf.estimation.filter import RecursiveFilter, correction, gained, root
 from flexhinf.plant import Gaussian, Plant
 from flexhinf.scalars import apply, cholesky, clip, trace
 from flexhinf.scalars.dependence import linear
-from flexhinf.untrusted import read_only, real_array, real_number, value_text
+from flexhinf.validation import read_only, real_array, real_number, value_text
 
 
 @dataclass(frozen=True)

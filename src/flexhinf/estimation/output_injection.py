@@ -38,7 +38,7 @@ from flexhinf.estimation.filter import RecursiveFilter, covariance_matrix
 from flexhinf.estimation.output_form import output_form
 from flexhinf.plant import Plant
 from flexhinf.scalars import jacobian
-from flexhinf.untrusted import read_only
+from flexhinf.validation import read_only
 
 #: Doublings of a sum over samples at most; the slowest error that is allowed takes 46.
 DOUBLINGS = 64

@@ -22,7 +22,7 @@ from flexhinf import __version__
 from flexhinf.errors import ControllerInUse, InvalidInput
 from flexhinf.export.processor import MARK, check_instructions, compiler_flags, named_instructions
 from flexhinf.files import write_file
-from flexhinf.untrusted import checked_path, read_bytes, real_array, value_text
+from flexhinf.validation import checked_path, read_bytes, real_array, value_text
 
 if TYPE_CHECKING:  # both load CasADi
     from flexhinf.export.controller_c import ControllerCode

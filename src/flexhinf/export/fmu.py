@@ -38,7 +38,7 @@ from flexhinf.files import write_file
 from flexhinf.loop import Controller
 from flexhinf.loop.controller.options import checked_period
 from flexhinf.plant import Plant, sub_steps
-from flexhinf.untrusted import checked_path, real_array, value_text
+from flexhinf.validation import checked_path, real_array, value_text
 
 DOUBLE = Real("double")
 

@@ -23,7 +23,7 @@ from flexhinf.export.controller_c import MISSING_LIMIT, ControllerCode, code_of,
 from flexhinf.export.run_log import Recording, record
 from flexhinf.files import write_file
 from flexhinf.loop import Controller
-from flexhinf.untrusted import checked_path, value_text
+from flexhinf.validation import checked_path, value_text
 
 #: Largest error of the test vector relative to an input's largest value. In double it is zero where the processor has a
 #: fused multiply-add, and what other roundings leave of ill-conditioned covariances where it has none (1e-10 was seen).

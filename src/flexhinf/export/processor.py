@@ -8,7 +8,7 @@ from functools import cache
 from pathlib import Path
 
 from flexhinf.errors import InvalidInput
-from flexhinf.untrusted import value_text
+from flexhinf.validation import value_text
 
 #: What the manifest of a library begins with; a line of instruction sets, one of JSON and a zero byte follow.
 MARK = b"flexhinf library 2: instructions, then what it is\n"

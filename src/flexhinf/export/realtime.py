@@ -29,7 +29,7 @@ from flexhinf.export.controller_c import code_of
 from flexhinf.loop import Loop, Trajectory
 from flexhinf.loop.simulation.black_box import AT_ONCE, Pacing
 from flexhinf.loop.simulation.compiled_runs import sample_count
-from flexhinf.untrusted import value_text
+from flexhinf.validation import value_text
 
 #: Percentiles by which jitter is told; the last one is the largest value.
 PERCENTILES = {"p50": 50.0, "p99": 99.0, "p99.9": 99.9, "p99.99": 99.99, "max": 100.0}

@@ -24,7 +24,7 @@ from flexhinf.errors import InvalidInput, NumericalFailure
 from flexhinf.export.realtime import RealTimeRun
 from flexhinf.files import write_file
 from flexhinf.loop import Controller, Loop, Samples
-from flexhinf.untrusted import checked_path
+from flexhinf.validation import checked_path
 
 #: Endings of logs, and the packages that each needs.
 ENDINGS: dict[str, tuple[str, ...]] = {".csv": (), ".parquet": ("pyarrow",), ".mcap": ("mcap", "zstandard")}

@@ -96,7 +96,7 @@ from flexhinf.plant.polynomial_plant import PolynomialPlant, Problem
 from flexhinf.polynomial import basis
 from flexhinf.polynomial.algebra import monomials
 from flexhinf.polynomial.basis import count
-from flexhinf.untrusted import real_number, value_text
+from flexhinf.validation import real_number, value_text
 
 _RATE = 4e8  # estimated operations a second, within a factor of three from a second on: 2e8 (5 states) to 1.3e9 (127)
 _LONG = _RATE  # estimated operations below which no progress bar appears

@@ -27,7 +27,7 @@ from flexhinf.errors import InvalidInput
 from flexhinf.hinf.value_function import ValueFunction
 from flexhinf.notebook import Summarised, number_text
 from flexhinf.plant.penalty import Penalty
-from flexhinf.untrusted import real_array
+from flexhinf.validation import real_array
 
 GAMMA_MARGIN = 1.1  # default: checked gamma over designed gamma
 PENALTY_MARGIN = 0.9  # default: checked penalty over designed penalty

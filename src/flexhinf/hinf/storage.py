@@ -17,7 +17,7 @@ from flexhinf.hinf.recursion import DegreeRecord
 from flexhinf.hinf.value_function import ValueFunction
 from flexhinf.plant.polynomial_plant import PolynomialPlant, Problem
 from flexhinf.polynomial.basis import count
-from flexhinf.untrusted import checked_path
+from flexhinf.validation import checked_path
 
 _FORMAT, _VERSION = "flexhinf solution", 1
 _FIELDS = ("f", "g1", "g2", "h")

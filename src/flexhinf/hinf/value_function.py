@@ -16,7 +16,7 @@ from flexhinf.plant.polynomial_plant import PolynomialPlant, Problem
 from flexhinf.polynomial import basis
 from flexhinf.polynomial.algebra import gradient, monomials
 from flexhinf.polynomial.basis import to_kronecker
-from flexhinf.untrusted import read_only, real_array, value_text
+from flexhinf.validation import read_only, real_array, value_text
 
 _CHUNK = 2_000_000  # monomials evaluated at a time
 

@@ -9,9 +9,8 @@ import numpy as np
 
 from flexhinf.design.criterion import RATIOS
 from flexhinf.design.laws import DEFAULT_LAWS, DESIGN, NL_HINF
-from flexhinf.design.ranking import ranked, trade_offs
 from flexhinf.design.result import ComparedLaw, Comparison
-from flexhinf.design.tuning import TunedLaw
+from flexhinf.design.tuning import TunedLaw, ranked, trade_offs
 from flexhinf.pages.design.frequency import Loop, frequency_figures
 from flexhinf.pages.design.law_figures import FIGURES, FigureTable, LawFigure, cell, unit_of
 from flexhinf.pages.design.law_responses import responses_figure, trade_off_figure
@@ -180,7 +179,7 @@ def _ranking(comparison: Comparison) -> Table:
     first = {law.name for law in ranked(laws)} | {DESIGN}
     rows = []
     for law in sorted(laws, key=lambda law: (law.name not in first, law.cost)):
-        ratios, corners = comparison.criterion.ratios(law.figures), law.evaluation.corners
+        ratios, corners = comparison.criterion.ratios(law.metrics), law.evaluation.corners
         rows.append(
             (
                 _whole(f"{law.name}, as it is" if law.name == DESIGN else law.name),

@@ -29,7 +29,7 @@ from flexhinf.report import (
     number,
 )
 from flexhinf.robot import Robot
-from flexhinf.robot.extras import inactive_parameters
+from flexhinf.robot.elastic import inactive_parameters
 from flexhinf.robot.parameters import PlantValues
 from flexhinf.robot.signals import signal_names
 

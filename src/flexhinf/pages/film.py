@@ -16,7 +16,7 @@ from flexhinf.export.realtime import RealTimeRun
 from flexhinf.export.run_log import check_place
 from flexhinf.files import write_file
 from flexhinf.pages.arm_picture import ArmFilm, frames
-from flexhinf.untrusted import checked_path
+from flexhinf.validation import checked_path
 
 #: By ending: frames per second and pixels of an inch, of a picture of 12.8 by 7.2 inches.
 FORMATS = {".mp4": (30, 100), ".gif": (20, 75)}

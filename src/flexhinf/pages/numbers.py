@@ -11,13 +11,13 @@ from flexhinf.analysis import FrequencyResponse, Margins
 from flexhinf.design.estimators import noise_variances
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.joint_limits import ROBOT
-from flexhinf.design.modes import Mode
 from flexhinf.design.payload import PayloadEvaluation
-from flexhinf.design.ranking import TradeOff, best_rival, trade_offs
+from flexhinf.design.problem.modes import Mode
 from flexhinf.design.requirements import Requirement
 from flexhinf.design.responses import Response
 from flexhinf.design.result import ComparedLaw, Comparison, Design
-from flexhinf.design.weights.estimator_noise import NoiseCandidate, NoiseSearch
+from flexhinf.design.synthesis.noise import NoiseCandidate, NoiseSearch
+from flexhinf.design.tuning import TradeOff, best_rival, trade_offs
 from flexhinf.pages.design.along_move import along_rows
 from flexhinf.pages.design.corners import corner_rows
 from flexhinf.pages.design.estimator_noise import is_used

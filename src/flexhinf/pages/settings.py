@@ -13,7 +13,7 @@ from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.joint_limits import ROBOT
 from flexhinf.design.result import Comparison, Design
 from flexhinf.design.specification import Specification
-from flexhinf.design.synthesis import Synthesis
+from flexhinf.design.synthesis.steps import Synthesis
 from flexhinf.estimation import MODEL_STEP
 from flexhinf.pages.design.weights import effort_unit, state_weights
 from flexhinf.pages.drawing import limit_text, units_of
@@ -193,7 +193,7 @@ def _simulation(e: LawEvaluation) -> list[Setting]:
     steps, seed = "Runge–Kutta steps per period", f"uniform within the tolerances, seed ({s.seed}, 7)"
     rows = [
         ("start pose", e.setup.start, _units(e),
-         "ours: 0.1 rad (10 mm) from the goal" if s.start is None else "option --from-pose"),
+         "ours: 0.1 rad (10 mm) from the goal" if s.start is None else "option --start"),
         ("command", "the goal, from the first sample on" if e.setup.command is None else e.setup.command.name, "",
          _option(s, "shaping")),
         ("move", runs.plan.name, "", "ours: the way of the step" if s.move is None else "option --move"),
@@ -205,7 +205,7 @@ def _simulation(e: LawEvaluation) -> list[Setting]:
         ("quantisation of the measurements", quanta[0] if len(set(quanta)) == 1 else quanta, "",
          _option(s, "quantisation")),
         ("dead zone of the integrals", "none" if e.setup.dead_zone is None else e.setup.dead_zone, _units(e),
-         "ours: against hunting" if s.integral_dead_zone is None else "option --dead-zone"),
+         "ours: against hunting" if s.integral_dead_zone is None else "option --integral-dead-zone"),
         ("limits of the inputs", inputs, units_of(e).effort if limits.saturated is not None else "",
          _stated(limits.saturation_source)),
         ("limits of the speeds", speeds, units_of(e).speed if limits.limits_speed else "",

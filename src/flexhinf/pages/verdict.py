@@ -6,9 +6,8 @@ from collections.abc import Sequence
 
 from flexhinf.design.criterion import RATIOS, unstable_corners
 from flexhinf.design.laws import DESIGN
-from flexhinf.design.ranking import best_rival, is_ours, ranked
 from flexhinf.design.result import Comparison
-from flexhinf.design.tuning import TunedLaw
+from flexhinf.design.tuning import TunedLaw, best_rival, is_hinf, ranked
 from flexhinf.report import number
 
 #: Differences of the criterion smaller than this fraction say nothing: two searches of one law end so far apart.
@@ -31,7 +30,7 @@ def ours_of(comparison: Comparison) -> TunedLaw:
     design = comparison.own.tuned
     assert design is not None
     return min(
-        [*(law for law in ranked(tuned_laws(comparison)) if is_ours(law.name)), design],
+        [*(law for law in ranked(tuned_laws(comparison)) if is_hinf(law.name)), design],
         key=lambda law: law.cost,
     )
 
@@ -39,10 +38,10 @@ def ours_of(comparison: Comparison) -> TunedLaw:
 def comparison_verdict(comparison: Comparison) -> str:
     """The best rival against nonlinear H∞, both tuned alike; where ours loses, the first sentence says so."""
     rival, ours = rival_of(comparison), ours_of(comparison)
-    if all(is_ours(row.name) for row in comparison.rows):
+    if all(is_hinf(row.name) for row in comparison.rows):
         return f"No other law could be compared with {called(ours)}."
     if rival is None:
-        others = [law for law in tuned_laws(comparison) if not is_ours(law.name)]
+        others = [law for law in tuned_laws(comparison) if not is_hinf(law.name)]
         return (
             "No other law keeps every limit with at most as many unstable corners as the design, so none is ranked "
             f"against {called(ours)}.{_closest(comparison, others)}"
@@ -86,7 +85,7 @@ def _outcome(rival: TunedLaw, ours: TunedLaw) -> str:
 def _ratios_text(comparison: Comparison, rival: TunedLaw, ours: TunedLaw) -> str:
     """The parts of the criterion of the best rival."""
     ratios = comparison.criterion.ratios
-    theirs, mine = ratios(rival.figures), ratios(ours.figures)
+    theirs, mine = ratios(rival.metrics), ratios(ours.metrics)
     parts = [f"{number(theirs[name] / mine[name], 3)} times the {text}" for name, text in RATIOS.items()]
     return f"Relative to {called(ours)}, {rival.name} has {', '.join(parts[:-1])} and {parts[-1]}."
 
@@ -95,7 +94,7 @@ def _second(comparison: Comparison, rival: TunedLaw, ours: TunedLaw) -> str:
     """Other laws that keep every limit and beat nonlinear H∞."""
     better = [
         law for law in ranked(tuned_laws(comparison))
-        if law is not rival and not is_ours(law.name) and law.cost < ours.cost * (1.0 - EQUAL)
+        if law is not rival and not is_hinf(law.name) and law.cost < ours.cost * (1.0 - EQUAL)
     ]  # fmt: skip
     if not better:
         return ""

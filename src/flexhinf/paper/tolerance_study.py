@@ -133,7 +133,7 @@ def unstable_of(rates: GrowthRates, kind: str) -> int:
 
 
 # Another design of the same weights -----------------------------------------------------------------------
-#: γ/γ*, q of the velocities, R^n and the goal (rad) that ``flexhinf design paper --goal 90deg`` had by default.
+#: γ/γ*, q of the velocities, R^n and the goal (rad) that ``flexhinf design paper --pose 90deg`` had by default.
 OTHER_RATIO, OTHER_NOISE, OTHER_MEASUREMENT, OTHER_GOAL = 1.5, 1e-7, 1e-8, math.pi / 2
 
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from flexhinf.errors import InvalidInput, NumericalFailure
 from flexhinf.plant.model import Model
-from flexhinf.untrusted import real_array, value_text
+from flexhinf.validation import real_array, value_text
 
 ITERATIONS = 50
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from flexhinf.errors import InvalidInput
 from flexhinf.plant.parameters import ParameterTable
-from flexhinf.untrusted import real_array
+from flexhinf.validation import real_array
 
 #: Largest step times fastest mode for simulation: RK4 then errs by (hλ)⁴/120 < 1e-10 per radian of a mode's phase,
 #: so that a vibration with little damping is right to 1e-9 for some periods.

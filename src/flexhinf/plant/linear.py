@@ -17,7 +17,7 @@ from flexhinf.errors import InvalidInput
 from flexhinf.plant.model import python_control
 from flexhinf.plant.plant import Plant
 from flexhinf.scalars import jacobian
-from flexhinf.untrusted import real_array
+from flexhinf.validation import real_array
 
 #: Largest rate, relative to the plant's own rates, that still counts as an equilibrium.
 EQUILIBRIUM_TOLERANCE = 1e-9

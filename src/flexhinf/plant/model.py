@@ -33,7 +33,7 @@ from flexhinf.scalars import (
     symbols,
     trace,
 )
-from flexhinf.untrusted import (
+from flexhinf.validation import (
     LONGEST_NAME,
     checked_name,
     checked_names,

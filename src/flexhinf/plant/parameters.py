@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf.errors import InvalidInput
-from flexhinf.untrusted import read_only, real_array, value_text
+from flexhinf.validation import read_only, real_array, value_text
 
 
 class Parameters:

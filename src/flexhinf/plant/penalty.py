@@ -12,7 +12,7 @@ import numpy as np
 
 from flexhinf.errors import InvalidInput
 from flexhinf.plant.model import has_a_name
-from flexhinf.untrusted import checked_names, real_array, value_text
+from flexhinf.validation import checked_names, real_array, value_text
 
 
 @dataclass(frozen=True)

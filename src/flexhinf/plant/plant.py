@@ -21,7 +21,7 @@ from flexhinf.plant.model import Model, StoredCode, TracedCode, signals
 from flexhinf.plant.penalty import Penalty
 from flexhinf.plant.polynomial_plant import PolynomialPlant
 from flexhinf.scalars import apply, digest, pack, symbols, trace
-from flexhinf.untrusted import read_only, real_array
+from flexhinf.validation import read_only, real_array
 
 #: Largest rate at the operating point, relative to the plant's own rates, that still counts as an equilibrium.
 EQUILIBRIUM_TOLERANCE = 1e-9

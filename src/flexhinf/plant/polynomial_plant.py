@@ -18,7 +18,7 @@ from flexhinf.notebook import Summarised, names_text
 from flexhinf.polynomial import basis
 from flexhinf.polynomial.algebra import evaluate, monomials
 from flexhinf.polynomial.basis import from_kronecker
-from flexhinf.untrusted import distinct, read_only, real_array, value_text
+from flexhinf.validation import distinct, read_only, real_array, value_text
 
 _HIGHEST = 200  # degree of a monomial, as for the synthesis
 _MOST = 200_000_000  # coefficients of one part, zeros included: 1.6 GB

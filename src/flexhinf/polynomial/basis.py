@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf.errors import InvalidInput
-from flexhinf.untrusted import real_array
+from flexhinf.validation import real_array
 
 _CACHED = 256
 

@@ -10,7 +10,7 @@ import numpy as np
 from flexhinf.errors import InvalidInput
 from flexhinf.polynomial import basis
 from flexhinf.polynomial.algebra import monomials
-from flexhinf.untrusted import read_only
+from flexhinf.validation import read_only
 
 #: Parts of a sum of objects, as many as the latency of an addition asks for.
 PARTS = 8

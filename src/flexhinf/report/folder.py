@@ -19,10 +19,9 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from flexhinf.errors import InvalidInput
-from flexhinf.file_bytes import file_digest, read_bytes
 from flexhinf.files import ABANDONED_AFTER_S, exchange, locked, publish
 from flexhinf.report.blocks import to_json
-from flexhinf.untrusted import checked_path
+from flexhinf.validation import checked_path, file_digest, read_bytes
 
 MARKER = "flexhinf-report.json"
 

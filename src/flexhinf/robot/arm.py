@@ -23,7 +23,7 @@ from flexhinf.robot.dynamics import (
 )
 from flexhinf.robot.parameters import INERTIA, VECTOR, per_joint
 from flexhinf.robot.payload import carried
-from flexhinf.untrusted import HUGE, real_array, value_text
+from flexhinf.validation import HUGE, real_array, value_text
 
 
 @dataclass(frozen=True)

@@ -1,15 +1,285 @@
-"""Spong's model (Eq. 2) of n elastic joints: links, springs and motors as one ẋ."""
+"""Spong's model (Eq. 2) of n elastic joints: links, springs and motors as one ẋ.
+
+What a real joint adds to Spong's model: one switch each, for the true plant.
+
+========================  ===============================================================================
+switch                    adds
+========================  ===============================================================================
+``inductance``            the motor coil: L di/dt = V − R i − k_b q̇2; one more state per joint
+``joint_damping``         the spring's own damping D (q̇2 − q̇1)
+``spring_hardening``      a cubic part of the spring: K δ + K₃ δ³, δ = q2 − q1
+``backlash``              a dead zone of the spring of this total width
+``coulomb_friction``      dry friction on the motor side, F_c tanh(q̇2 / v₀)
+``stribeck_friction``     the same, larger at low speed: F_c + (F_s − F_c) exp(−(q̇2 / v_s)²)
+========================  ===============================================================================
+
+Dry friction is smoothed over the velocity v₀ (`friction_smoothing`), so a stuck joint creeps by less than v₀
+as long as the torque is below F_c. `Sticking` is the sharp one, which holds: it is no part of a flow, and acts at the
+end of each step of a simulation. Backlash is not smooth: a synthesis refuses it by name.
+
+Motors, gears and springs: the numbers of each joint, reflected to the link side.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
 
+from flexhinf.errors import InvalidInput
 from flexhinf.robot.dynamics import Tree
-from flexhinf.robot.extras import friction_torque, spring_torque, torque_per_input
+from flexhinf.robot.parameters import per_joint
+from flexhinf.scalars import clip
+
+#: The parameter that each switch needs.
+EXTRAS = {
+    "inductance": "inductance",
+    "joint_damping": "damping",
+    "spring_hardening": "spring_hardening",
+    "backlash": "backlash",
+    "coulomb_friction": "coulomb_friction",
+    "stribeck_friction": "static_friction",
+}
+
+#: Switches of dry friction.
+DRY = ("coulomb_friction", "stribeck_friction")
+
+#: Values of what a joint does not state: nothing is added, and the velocities of the friction models (rad/s).
+DEFAULTS = {
+    "damping": 0.0, "spring_hardening": 0.0, "backlash": 0.0, "coulomb_friction": 0.0, "static_friction": 0.0,
+    "stribeck_velocity": 0.1, "friction_smoothing": 0.01,
+}  # fmt: skip
+
+
+def checked_extras(extras: Any, inductance: bool, given: Collection[str], robot: str) -> tuple[str, ...]:
+    """The switches that are on, in a fixed order.
+
+    Raises
+    ------
+    InvalidInput
+        For an unknown switch, or one whose number the robot does not state.
+    """
+    requested: Iterable[str] = (extras,) if isinstance(extras, str) else extras
+    requested = {*requested, "inductance"} if inductance else set(requested)
+    for name in sorted(requested):
+        if name not in EXTRAS:
+            raise InvalidInput(
+                f"Nothing that a real joint adds is called {name!r}.",
+                f"expected names out of {list(EXTRAS)}",
+                "extras=('joint_damping', 'coulomb_friction')",
+            )
+        if EXTRAS[name] not in given:
+            raise InvalidInput(
+                f"The robot {robot!r} does not state {EXTRAS[name]!r}, which {name!r} needs.",
+                f"expected it beside {sorted(given)}",
+                f"robot.with_parameters(Parameter({EXTRAS[name]!r}, ...)), or the key in the robot's file",
+            )
+    return tuple(name for name in EXTRAS if name in requested)
+
+
+def inactive_parameters(extras: Collection[str], joints: Sequence[str]) -> set[str]:
+    """A robot's parameters that do not act in a plant with these extras, by name."""
+    on = {EXTRAS[name] for name in extras}
+    if "stribeck_friction" in extras:
+        on.add(EXTRAS["coulomb_friction"])
+    off = set(EXTRAS.values()) - on
+    return {per_joint(name, joint, len(joints)) for name in off for joint in joints}
+
+
+def spring_torque(twist: Any, rate: Any, p: Any, extras: Collection[str]) -> Any:
+    """Torque of the spring on the link, of the twist δ = q2 − q1 and its rate."""
+    if "backlash" in extras:
+        half = 0.5 * p.backlash
+        twist = twist - clip(twist, -half, half)
+    torque = p.stiffness * twist
+    if "spring_hardening" in extras:
+        torque = torque + p.spring_hardening * (twist * twist * twist)
+    if "joint_damping" in extras:
+        torque = torque + p.damping * rate
+    return torque
+
+
+@dataclass(frozen=True)
+class Engaged:
+    """A state with every spring beyond its backlash: what `Model.engaged` wants of a robot.
+
+    Parameters
+    ----------
+    layout : Layout
+        Of the state.
+    """
+
+    layout: Any
+
+    def __call__(self, x: Any, p: Any) -> Any:
+        """The motors turned on by the whole width: out of the dead zone from anywhere inside."""
+        moved = np.array(x, dtype=float)
+        motors = self.layout.split(moved)[2]
+        motors += np.asarray(p.backlash, dtype=float)  # a view of the copy
+        return moved
+
+
+@dataclass(frozen=True)
+class Sticking:
+    """Coulomb's friction as it is, |τ_F| ≤ F at rest and F sgn q̇2 in motion: what `Model.arrest` wants of a robot.
+
+    Moreau's time stepping: a step of h takes up to F h / J from each motor's velocity, and never turns it round. The
+    velocity is taken as lost evenly within the step, so the motor is behind by half of that times h: what sticks does
+    not creep.
+
+    Parameters
+    ----------
+    extras : sequence of str
+        With "stribeck_friction" F is that of the velocity before.
+    """
+
+    joints: int
+    extras: tuple[str, ...]
+
+    def __call__(self, x: Any, step: Any, p: Any) -> Any:
+        """The state after friction, on any element."""
+        n = self.joints
+        velocity = x[3 * n : 4 * n]
+        most = (step / p.motor_inertia) * dry_level(velocity, p, self.extras)
+        most = np.broadcast_to(most, velocity.shape)
+        lost = np.array([clip(one, -limit, limit) for one, limit in zip(velocity, most)])
+        return np.concatenate(
+            [x[: 2 * n], x[2 * n : 3 * n] - (0.5 * step) * lost, velocity - lost, x[4 * n :]]
+        )
+
+
+def stated_friction(parameters: Any) -> tuple[str, ...]:
+    """The switches of dry friction whose number a robot states above zero, of its plant's parameters by name."""
+    return tuple(name for name in DRY if np.any(np.asarray(parameters.get(EXTRAS[name], 0.0)) > 0.0))
+
+
+def dry_level(velocity: Any, p: Any, extras: Collection[str]) -> Any:
+    """F: F_c, or with stribeck_friction F_c + (F_s − F_c) exp(−(q̇2 / v_s)²)."""
+    level = p.coulomb_friction
+    if "stribeck_friction" in extras:
+        ratio = velocity / p.stribeck_velocity
+        level = level + (p.static_friction - level) * np.exp(-(ratio * ratio))
+    return level
+
+
+def friction_torque(velocity: Any, p: Any, extras: Collection[str]) -> Any:
+    """Dry friction against the motor's velocity (viscous friction is not in it); 0.0 without a switch."""
+    if not set(DRY) & set(extras):
+        return 0.0
+    return dry_level(velocity, p, extras) * np.tanh(velocity / p.friction_smoothing)
+
+
+#: What the input is: the motor's voltage (V), its current (A), or its torque on the link side (N·m).
+DRIVES = {"voltage": "motor_voltage", "current": "motor_current", "torque": "drive_torque"}
+
+#: The motor's constants, which say what drives it: all three, the torque constant alone, or none.
+CONSTANTS = {
+    "voltage": ("resistance", "torque_constant", "back_emf_constant"),
+    "current": ("torque_constant",),
+    "torque": (),
+}
+
+#: What belongs to the spring, of which a rigid joint has none.
+SPRING = ("stiffness", "damping", "spring_hardening", "backlash")
+
+#: What a joint may state beyond its model; a joint that does not has the value of `DEFAULTS`.
+OPTIONAL = ("inductance", *DEFAULTS)
+
+
+def required_of_drive(
+    drive: str, names: Sequence[str], joints: Sequence[str], rigid: Sequence[str] = ()
+) -> list[str]:
+    """Names of the parameters that the joints must have; a motor's inertia comes in one of two ways.
+
+    Raises
+    ------
+    InvalidInput
+        For an unknown drive.
+    """
+    if drive not in DRIVES:
+        raise InvalidInput(
+            "The motors are driven in an unknown way.",
+            f"expected one of {list(DRIVES)}, got {drive!r}",
+            "'voltage'",
+        )
+    required = []
+    for joint in joints:
+
+        def own(quantity: str, joint: str = joint) -> str:
+            return per_joint(quantity, joint, len(joints))
+
+        inertia = ("rotor_inertia", "gear_ratio") if own("rotor_inertia") in names else ("motor_inertia",)
+        spring = () if joint in rigid else ("stiffness",)
+        required += [own(quantity) for quantity in (*spring, *inertia, "friction", *CONSTANTS[drive])]
+    return required
+
+
+def reflected(
+    values: Mapping[str, float], drive: str, joints: Sequence[str], rigid: Sequence[str] = ()
+) -> dict[str, list[float]]:
+    """What the plant's equations need, one number per joint, all seen from the link.
+
+    J = N² J_rotor + J_hub; with a gear τ = η_g η_m N k_t (V − N k_b q̇2) / R, so the constants of the reflected
+    motor are η_g η_m N k_t and N k_b. Stiffness, friction and what the joint adds are stated on the link side.
+
+    Parameters
+    ----------
+    values : mapping of str to float
+        The robot's parameters by name.
+    drive : {"voltage", "current", "torque"}
+    rigid : sequence of str
+        Joints without a spring: the numbers of springs are those of the others.
+    """
+
+    def of(quantity: str, joint: str, default: Any = None) -> float:
+        name = per_joint(quantity, joint, len(joints))
+        return values[name] if default is None else values.get(name, default)
+
+    dry = _dry(values)
+    packed: dict[str, list[float]] = {"stiffness": [], "motor_inertia": [], "friction": []}
+    packed |= {quantity: [] for quantity in CONSTANTS[drive]}
+    packed |= {
+        quantity: []
+        for quantity in OPTIONAL
+        if any(per_joint(quantity, joint, len(joints)) in values for joint in joints)
+        or (quantity in ("friction_smoothing", "stribeck_velocity", "coulomb_friction") and dry)
+    }
+    for joint in joints:
+        ratio = of("gear_ratio", joint, 1.0)
+        factor = {
+            "torque_constant": ratio * of("gear_efficiency", joint, 1.0) * of("motor_efficiency", joint, 1.0),
+            "back_emf_constant": ratio,
+        }
+        for quantity, column in packed.items():
+            if quantity in SPRING and joint in rigid:
+                continue
+            if quantity == "motor_inertia" and per_joint("rotor_inertia", joint, len(joints)) in values:
+                column.append(ratio * ratio * of("rotor_inertia", joint) + of("hub_inertia", joint, 0.0))
+            elif quantity in OPTIONAL and quantity != "inductance":
+                column.append(of(quantity, joint, DEFAULTS[quantity]))
+            else:
+                column.append(factor.get(quantity, 1.0) * of(quantity, joint))
+    return packed
+
+
+def torque_per_input(drive: str, p: Any) -> Any:
+    """Torque of a motor at rest per unit of its input, on the link side: k_t / R for volts, k_t for amperes, or one.
+
+    Parameters
+    ----------
+    drive : {"voltage", "current", "torque"}
+    p : object
+        With the plant's parameters as attributes, see `reflected`.
+    """
+    if drive == "torque":
+        return 1.0
+    return p.torque_constant / p.resistance if drive == "voltage" else p.torque_constant
+
+
+def _dry(values: Mapping[str, float]) -> bool:
+    return any(name.startswith(("coulomb_friction", "static_friction")) for name in values)
 
 
 class Links(Protocol):
@@ -131,7 +401,7 @@ class ElasticFlow:
     ----------
     drive : {"voltage", "current", "torque"}
     extras : sequence of str
-        See `flexhinf.robot.extras`.
+        See `flexhinf.robot.elastic`.
     rigid : tuple of int
         Joints without a spring.
     """

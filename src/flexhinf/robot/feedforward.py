@@ -21,11 +21,10 @@ import numpy as np
 
 from flexhinf.errors import InvalidInput
 from flexhinf.plant.parameters import ParameterTable
-from flexhinf.robot.elastic import Layout, Links
-from flexhinf.robot.extras import friction_torque
+from flexhinf.robot.elastic import Layout, Links, friction_torque
 from flexhinf.robot.units import TURNING, Stated
 from flexhinf.scalars import derivative, series, trace
-from flexhinf.untrusted import real_array, value_text
+from flexhinf.validation import real_array, value_text
 
 #: A torque (force) of less than this times the robot's weight, at a metre, is rounding.
 ROUNDING = 1e-12

@@ -26,7 +26,7 @@ from flexhinf.robot.schema import (
     VectorTable,
     check_tolerance,
 )
-from flexhinf.untrusted import distinct, value_text
+from flexhinf.validation import distinct, value_text
 
 #: Numbers whose tolerance in a table [tolerances] has another name.
 KEYS = {"rotor_inertia": "motor_inertia", "axis_inertia": "inertia", "length": "centre_of_mass"}

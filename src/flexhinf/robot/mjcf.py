@@ -1,32 +1,25 @@
 """MJCF: the rigid part of a robot that is described for MuJoCo, and its motors' inertia and friction where it has them.
 
-What is read: <compiler>, <default> classes, <option gravity>, bodies, frames, hinge and slide joints, <inertial> and
-the mass of simple shapes, and the largest forces of actuators. An actuator's own control is not part of the robot.
-What would change the dynamics and is not read is refused by name.
+MuJoCo itself reads the file and compiles it, without shapes of bodies that state an inertia; what is read of its model
+are bodies, hinge and slide joints, gravity, and the largest forces of actuators. An actuator's own control is not part
+of the robot. What would change the dynamics and is not read is refused by name, and no other file is opened.
 """
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 from typing import Any
+from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
 import numpy as np
 
 from flexhinf.errors import InvalidInput
 from flexhinf.robot.dynamics import Joint, Placement
-from flexhinf.robot.mjcf_file import (
-    MjcfFile,
-    check_attributes,
-    geom_body,
-    inertial_body,
-    numbers,
-    place_of,
-    real_text,
-)
 from flexhinf.robot.urdf import (
     MOST_JOINTS,
+    MOST_LINKS,
     RigidArm,
     check_lock,
     check_selection,
@@ -34,9 +27,9 @@ from flexhinf.robot.urdf import (
     merged,
     moved,
 )
-from flexhinf.untrusted import value_text
+from flexhinf.validation import HUGE, checked_name, value_text
 
-KINDS = {"hinge": "revolute", "slide": "prismatic"}
+KINDS = {"mjJNT_HINGE": "revolute", "mjJNT_SLIDE": "prismatic"}
 
 #: Elements that add bodies or forces which are not read, and what to do instead.
 REFUSED = {
@@ -49,23 +42,33 @@ REFUSED = {
     "plugin": "the robot without it",
 }
 
-#: Attributes of bodies and joints that act on the dynamics, and what stands there when they do not.
+#: What is handed to MuJoCo of a file: the elements below <mujoco>, and those of bodies and default classes.
+READ = {"compiler", "option", "default", "worldbody", "actuator"}
+INSIDE = {"body", "frame", "joint", "inertial", "geom", "default", "flag"}
+
+#: Shapes whose mass needs no other file.
+SOLID = ("sphere", "capsule", "cylinder", "ellipsoid", "box")
+
+#: A spring or a compensation that acts on bodies or joints, and what it would be.
+SPRING = "a spring that pulls the link to a place; that behind the motor stands in the elastic file"
 ACTING = {
-    "stiffness": "a spring that pulls the link to a place; that behind the motor stands in the elastic file",
-    "springdamper": "a spring that pulls the link to a place; that behind the motor stands in the elastic file",
+    "stiffness": SPRING,
+    "springdamper": SPRING,
     "gravcomp": "a weight that is carried by something else",
 }
+
+_NOT_FINITE = re.compile(r"(^|\s)[+-]?(nan|inf)", re.IGNORECASE)
 
 
 def read_mjcf(
     root: Element, file: str, joints: Sequence[str] | None = None, locked: Mapping[str, float] | None = None
 ) -> RigidArm:
-    """The moving joints of an MJCF file and their links.
+    """The moving joints of an MJCF file and their links. Needs the extra ``mujoco``.
 
     Parameters
     ----------
     root : Element
-        <mujoco>, from `flexhinf.untrusted.read_xml`.
+        <mujoco>, from `flexhinf.validation.read_xml`.
     file : str
         Name of the file, for messages.
     joints, locked
@@ -77,221 +80,319 @@ def read_mjcf(
         For joint names that are not in it, and what is not read and would change the dynamics.
     """
     check_selection(joints, locked)
-    for element in root.iter():
-        if element.tag in REFUSED:
-            raise InvalidInput(
-                f"{file}: <{element.tag}> is not read.",
-                "expected bodies, joints and inertials in this file",
-                REFUSED[element.tag],
-            )
-    found = MjcfFile(file, root)
-    movable = tuple(found.joint_names())
-    walk = _Walk(found, locked_joints(file, movable, joints, locked))
-    for world in root.findall("worldbody"):
-        walk.children(world, _Place(None, Placement(), found.childclass(world, None)))
-    if not walk.joints or len(walk.joints) > MOST_JOINTS:
+    spec = _specification(root, file)
+    movable = tuple(joint.name for joint in spec.joints)
+    still = locked_joints(file, movable, joints, locked)
+    moving = [name for name in movable if name not in still]
+    if not 0 < len(moving) <= MOST_JOINTS:
         raise InvalidInput(
             f"{file}: nothing moves, or too much.",
-            f"expected 1 to {MOST_JOINTS} joints, got {len(walk.joints)}",
+            f"expected 1 to {MOST_JOINTS} joints, got {len(moving)}",
             "joints=[...]: the others are locked",
         )
-    found.check_couplings({joint.name for joint in walk.joints})
-    gravity, down = found.gravity()
-    return RigidArm(
-        joints=tuple(walk.joints),
-        links=tuple(
-            merged(bodies, joint.name, file, "an <inertial>")
-            for joint, bodies in zip(walk.joints, walk.bodies)
-        ),
-        movable=movable,
-        frames=walk.frames,
-        tips=tuple(walk.tips),
-        efforts=tuple(min(walk.efforts[j.name], found.effort(j.name)) for j in walk.joints),
-        speeds=(np.inf,) * len(walk.joints),
-        motors=walk.motors,
-        gravity=gravity,
-        down=down,
+    _check_couplings(root, file, set(moving))
+    _use_shapes(spec, file)
+    try:
+        model = spec.compile()
+    except Exception as error:  # whatever MuJoCo's compiler refuses
+        raise _unread(file, error) from error
+    return _arm(model, file, movable, still)
+
+
+def _unread(file: str, error: Exception) -> InvalidInput:
+    text = " ".join(str(error).split())
+    return InvalidInput(
+        f"{file}: MuJoCo does not read this file.", f"got: {text}", "a file that MuJoCo's own viewer opens"
     )
 
 
-@dataclass(frozen=True)
-class _Place:
-    """Where the walk is: the joint that carries (None: the world), the place in its link's frame, the class."""
-
-    carrier: int | None
-    placement: Placement
-    childclass: str | None
+def _refusal(file: str, what: str, found: str, advice: str) -> InvalidInput:
+    return InvalidInput(f"{file}: {what}.", found, advice)
 
 
-@dataclass
-class _Walk:
-    """From the world outwards: the moving joints, and the bodies that each carries, in its frame."""
-
-    file: MjcfFile
-    locked: Mapping[str, float]
-    joints: list[Joint] = field(default_factory=list)
-    bodies: list[list[Any]] = field(default_factory=list)
-    frames: dict[str, tuple[str, Placement]] = field(default_factory=dict)
-    tips: list[str] = field(default_factory=list)
-    efforts: dict[str, float] = field(default_factory=dict)
-    motors: dict[str, dict[str, float]] = field(default_factory=dict)
-
-    def children(self, element: Element, at: _Place) -> bool:
-        """The bodies in an element, through frames; whether there are any. Depth is limited where XML is read."""
-        any_found = False
-        for child in element:
-            if child.tag == "body":
-                any_found = True
-                self.body(child, at)
-            elif child.tag == "frame":
-                any_found |= self.children(child, self.inside(child, "frame", at))
-        return any_found
-
-    def inside(self, element: Element, tag: str, at: _Place) -> _Place:
-        """The place of a body or a frame."""
-        where = f"<{tag}> {value_text(element.get('name', ''), 60)}"
-        check_attributes(self.file.name, where, tag, element.attrib)
-        for key in ("gravcomp",):
-            self.check_acting(where, key, element.attrib)
-        place = at.placement.then(place_of(self.file.name, where, element.attrib, self.file.compiler))
-        return _Place(at.carrier, place, self.file.childclass(element, at.childclass))
-
-    def check_acting(self, where: str, key: str, values: Mapping[str, str]) -> None:
-        """Refuse a spring or a compensation that acts."""
-        if any(real_text(word) != 0.0 for word in values.get(key, "0").split()):
-            raise InvalidInput(
-                f"{self.file.name}: {where} has {key}.",
-                f"expected none, got {key} = {value_text(values[key], 40)}: {ACTING[key]}",
-                f"leave out {key}",
+# Before MuJoCo reads it ---------------------------------------------------------------------------
+def _specification(root: Element, file: str) -> Any:
+    """MuJoCo's own description of the bodies, joints, shapes and actuators, checked and not yet compiled."""
+    try:
+        import mujoco
+    except ImportError as error:
+        raise InvalidInput(
+            f"{file}: MJCF is read by MuJoCo, which is not installed.",
+            "expected the package 'mujoco'",
+            "pip install 'flexhinf[mujoco]'; or a URDF",
+        ) from error
+    for element in root.iter():
+        if element.tag in REFUSED:
+            raise _refusal(
+                file,
+                f"<{element.tag}> is not read",
+                "expected bodies, joints and inertials in this file",
+                REFUSED[element.tag],
             )
+    bodies = sum(1 for _ in root.iter("body"))
+    if bodies > MOST_LINKS:
+        raise _refusal(
+            file, "there are too many bodies", f"expected at most {MOST_LINKS}, got {bodies}", "one robot"
+        )
+    kept = _kept(root, file)
+    try:
+        spec = mujoco.MjSpec.from_string(ElementTree.tostring(kept, encoding="unicode"))
+    except Exception as error:  # whatever MuJoCo's parser refuses
+        raise _unread(file, error) from error
+    _check(spec, file)
+    spec.compiler.fusestatic = spec.compiler.discardvisual = False
+    spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)  # shapes may overlap
+    return spec
 
-    def body(self, element: Element, at: _Place) -> None:
-        """A body with its joint, its mass, and the bodies behind it."""
-        here = self.inside(element, "body", at)
-        found = [(joint, here) for joint in element.findall("joint")]
-        for frame in element.findall("frame"):
-            found += [(joint, self.inside(frame, "frame", here)) for joint in frame.findall("joint")]
-        name = element.get("name", "")
-        if len(found) > 1:
-            raise InvalidInput(
-                f"{self.file.name}: the body {value_text(name, 60)} has {len(found)} joints.",
+
+def _kept(root: Element, file: str) -> Element:
+    """What is handed to MuJoCo: without other files, and without what does not act on a joint."""
+    kept = Element("mujoco")
+    for group in root:
+        if group.tag in READ:
+            copied = Element(group.tag, group.attrib)
+            actuators = group.tag == "actuator"
+            copied.extend(
+                child if actuators else _pruned(child)
+                for child in group
+                if (child.get("joint") is not None if actuators else child.tag in INSIDE)
+            )
+            kept.append(copied)
+    for element in kept.iter():
+        inertias = [key for key in ("diaginertia", "fullinertia") if key in element.attrib]
+        if element.tag == "inertial" and not (len(inertias) == 1 and {"pos", "mass"} <= set(element.attrib)):
+            raise _refusal(
+                file,
+                "an <inertial> is incomplete",
+                f"expected pos, mass, and diaginertia or fullinertia, got {value_text(sorted(element.attrib), 120)}",
+                '<inertial pos="0 0 0" mass="1" diaginertia="0.01 0.01 0.01"/>',
+            )
+        for key, text in element.attrib.items():
+            if key not in ("name", "class", "childclass", "joint") and _NOT_FINITE.search(text):
+                raise _refusal(
+                    file,
+                    f"{key} of <{element.tag}> cannot be read",
+                    f"expected finite numbers, got {value_text(text, 60)}",
+                    "correct the value",
+                )
+    return kept
+
+
+def _pruned(element: Element) -> Element:
+    """An element of a body or a default class without materials, sites, lights and the like."""
+    kept = Element(element.tag, {key: text for key, text in element.attrib.items() if key != "material"})
+    kept.extend(_pruned(child) for child in element if child.tag in INSIDE)
+    return kept
+
+
+def _check(spec: Any, file: str) -> None:
+    """Refuse names that cannot be shown, and what changes masses or acts on links."""
+    compiler = spec.compiler
+    changed = {
+        "boundmass": compiler.boundmass > 0.0, "boundinertia": compiler.boundinertia > 0.0,
+        "settotalmass": compiler.settotalmass > 0.0, "balanceinertia": bool(compiler.balanceinertia),
+    }  # fmt: skip
+    for key in (key for key, acts in changed.items() if acts):
+        raise _refusal(file, f"<compiler {key}> is not read", "it changes masses", "inertials as they are")
+    if spec.option.density != 0.0 or spec.option.viscosity != 0.0:
+        raise _refusal(file, "<option> has a medium", "expected density and viscosity 0", "a robot in air")
+    for kind, named in (("joint", spec.joints), ("body", [body for body in spec.bodies[1:] if body.name])):
+        for part in named:
+            checked_name(f"a {kind} of {file}", part.name, spaces=True)
+    for body in spec.bodies[1:]:
+        if len(body.joints) > 1:
+            raise _refusal(
+                file,
+                f"the body {value_text(body.name, 60)} has {len(body.joints)} joints",
                 "expected at most one joint for each body: a link between two joints has a mass",
                 "a body for each joint, with what moves there",
             )
-        for joint, place in found:
-            here = self.cross(joint, place, here)
-        if here.carrier is not None:
-            self.bodies[here.carrier] += self.masses(element, here)
-        more = self.children(element, here)
-        if here.carrier is not None and name:
-            self.frames[name] = self.joints[here.carrier].name, here.placement
-            if not more:
-                self.tips.append(name)
-
-    def cross(self, element: Element, at: _Place, body: _Place) -> _Place:
-        """The place of a body behind its joint, whose anchor and axis stand in the frame `at` of the body."""
-        file, name = self.file.name, element.get("name", "")
-        where, values = f"the joint {name!r}", self.file.values(element, at.childclass)
-        check_attributes(file, where, "joint", values)
-        kind = values.get("type", "hinge")
-        if kind not in KINDS:
-            raise InvalidInput(
-                f"{file}: {where} is of type {value_text(kind, 40)}.",
-                f"expected one of {list(KINDS)}",
+    parts = [(f"the joint {joint.name!r}", joint) for joint in spec.joints]
+    for where, part in [*parts, *((f"<body> {value_text(body.name, 60)}", body) for body in spec.bodies)]:
+        for key, what in ACTING.items():
+            if np.any(np.asarray(getattr(part, key, 0.0)) != 0.0):
+                found = f"expected none, got {key} = {value_text(getattr(part, key), 40)}: {what}"
+                raise _refusal(file, f"{where} has {key}", found, f"leave out {key}")
+    actuators = [(f"the actuator of {actuator.target!r}", actuator) for actuator in spec.actuators]
+    for where, part in [*parts, *actuators]:
+        for key in ("", "actfrc", "force", "ctrl"):
+            low, high = getattr(part, f"{key}range", (0.0, 0.0))
+            switch = getattr(part, f"{key}limited", 0)
+            acts = switch == 1 or (switch == 2 and compiler.autolimits and (low or high))
+            if acts and not low < high:
+                found = f"expected two ends in order, got {low:g} to {high:g}"
+                raise _refusal(file, f"the {key}range of {where} is none", found, f'{key}range="-1 1"')
+    for where, joint in parts:
+        if joint.type.name not in KINDS:
+            raise _refusal(
+                file,
+                f"{where} is of type {joint.type.name.removeprefix('mjJNT_').lower()!r}",
+                "expected hinge or slide",
                 "a robot on a fixed base with joints of one degree of freedom",
             )
-        for key in ("stiffness", "springdamper"):
-            self.check_acting(where, key, values)
-        axis = numbers(file, where, values, "axis", (3,))
-        anchor = numbers(file, where, values, "pos", (3,))
-        turns = kind == "hinge"
 
-        def angle(value: float) -> float:
-            return self.file.compiler.angle(value) if turns else value
 
-        zero = numbers(file, where, values, "ref", (1,))
-        if axis is not None and not np.linalg.norm(axis) > 1e-10:
-            raise InvalidInput(
-                f"{file}: the axis of {where} has no direction.",
-                f"expected a vector that is not zero, got {axis.tolist()}",
-                'axis="0 0 1"',
+def _check_couplings(root: Element, file: str, moving: set[str]) -> None:
+    """Refuse constraints and elastic tendons of joints that move."""
+    for element in (element for group in root.findall("equality") for element in group):
+        names = {element.get("joint1"), element.get("joint2")}
+        locked = element.tag == "joint" and not names & moving
+        if not locked and element.get("active", "true") != "false":
+            raise _refusal(
+                file,
+                f"<equality> {element.tag} {value_text(element.get('name', ''), 60)} couples what moves",
+                "expected a tree of independent joints",
+                "lock the joints that it couples: locked={'finger': 0.0}",
             )
-        direction = (0.0, 0.0, 1.0) if axis is None else tuple(axis.tolist())
-        shift = np.zeros(3) if anchor is None else anchor
-        there = at.placement.then(Placement(translation=tuple(shift.tolist())))  # type: ignore[arg-type]
-        own = self.relative(there, body.placement)
-        back = moved(KINDS[kind], direction, 0.0 if zero is None else -angle(float(zero[0])))
-        limits = self.limits(where, values, angle)
-        if name in self.locked:
-            check_lock(file, name, limits, float(self.locked[name]))
-            place = there.then(back).then(moved(KINDS[kind], direction, float(self.locked[name])))
-            return _Place(at.carrier, place.then(own), body.childclass)
-        above = "world" if at.carrier is None else self.joints[at.carrier].name
-        unlimited = "continuous" if turns else "prismatic"
-        shown = KINDS[kind] if limits is not None else unlimited
-        self.joints.append(Joint(name, shown, direction, there.then(back), limits, above))
-        self.bodies.append([])
-        self.efforts[name] = self.effort(where, values)
-        self.motors[name] = self.motor(where, values)
-        self.frames[name] = name, Placement()
-        return _Place(len(self.joints) - 1, own, body.childclass)
+    tendons = [element for group in root.findall("tendon") for element in group]
+    for element in tendons + ([part for part in root.iter("tendon") if len(part) == 0] if tendons else []):
+        acting = [
+            key
+            for key in ("stiffness", "damping", "frictionloss", "armature")
+            if any(_number(word) != 0.0 for word in element.get(key, "").split())
+        ]
+        coupled = {part.get("joint") for part in element}
+        if acting and (element.tag != "fixed" or coupled & moving):
+            raise _refusal(
+                file, f"a tendon has {acting[0]}", "expected joints that are coupled by links alone",
+                "the robot without it",
+            )  # fmt: skip
 
-    @staticmethod
-    def relative(frame: Placement, other: Placement) -> Placement:
-        """Where `other` is in `frame`, both in one frame."""
-        turn = np.array(frame.rotation).T
-        rows = turn @ np.array(other.rotation)
-        place = turn @ (np.array(other.translation) - np.array(frame.translation))
-        entries = tuple(tuple(float(x) for x in row) for row in rows)
-        return Placement(translation=tuple(place.tolist())).then(Placement(entries))  # type: ignore[arg-type]
 
-    def limits(self, where: str, values: Mapping[str, str], angle: Any) -> tuple[float, float] | None:
-        """Range of a joint, rad or m."""
-        ends = self.file.range(where, values, "range", "limited")
-        return None if ends is None else (angle(float(ends[0])), angle(float(ends[1])))
+def _number(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        return float("nan")
 
-    def effort(self, where: str, values: Mapping[str, str]) -> float:
-        """Largest force of all actuators on the joint."""
-        ends = self.file.range(where, values, "actuatorfrcrange", "actuatorfrclimited")
-        return np.inf if ends is None else float(np.abs(ends).max())
 
-    def motor(self, where: str, values: Mapping[str, str]) -> dict[str, float]:
-        """Armature, damping and friction loss as numbers of the motor, seen from the link; what is zero is left out."""
-        names = {"armature": "motor_inertia", "damping": "friction", "frictionloss": "coulomb_friction"}
-        stated = {own: numbers(self.file.name, where, values, key, (1,)) for key, own in names.items()}
-        return {own: float(found[0]) for own, found in stated.items() if found is not None and found[0]}
-
-    def masses(self, element: Element, here: _Place) -> list[Any]:
-        """The body's mass, stated or of its shapes, in the carrier's frame."""
-        file, mode, name = self.file.name, self.file.compiler.inertia_from_geom, element.get("name", "")
-        stated = element.findall("inertial")
-        if len(stated) > 1:
-            raise InvalidInput(
-                f"{file}: <inertial> stands {len(stated)} times in the body {name!r}.",
-                f"expected one, got {len(stated)}",
-                "delete the others",
+def _use_shapes(spec: Any, file: str) -> None:
+    """Leave out shapes without mass, and those of bodies whose inertia is stated; refuse a mesh that has a mass."""
+    for geom in spec.geoms:
+        body, kind = geom.parent, geom.type.name.removeprefix("mjGEOM_").lower()
+        stated = body.explicitinertial and spec.compiler.inertiafromgeom.name != "mjINERTIAFROMGEOM_TRUE"
+        light = geom.mass == 0.0 or (not geom.mass > 0.0 and geom.density == 0.0)
+        solid = kind in SOLID and not geom.meshname
+        if stated or light or kind == "plane" or not (solid or _carrier(body)):
+            geom.type, geom.meshname, geom.hfieldname = type(geom.type).mjGEOM_SPHERE, "", ""
+            geom.mass, geom.density, geom.size = 0.0, 0.0, (1.0, 0.0, 0.0)
+            geom.fromto = (np.nan,) * 6
+        elif not solid:
+            raise _refusal(
+                file,
+                f"the mass of the geom {value_text(geom.name, 60)} of {body.name!r} would have to come from its shape",
+                f"expected <inertial> in its body, or a solid {', '.join(SOLID)}, got type {kind!r}",
+                'an <inertial> with mass and inertia; mass="0" for a shape that is only drawn',
             )
-        found: list[Any] = []
-        if stated and mode != "true":
-            where = f"<inertial> of the body {name!r}"
-            found.append((here.placement, inertial_body(file, where, stated[0].attrib, self.file.compiler)))
-        elif mode != "false":
-            found += self.shapes(element, here)
-        bodies = []
-        for place, (mass, centre, about) in found:
-            turn = np.array(place.rotation)
-            bodies.append((name, mass, np.array(place.translation) + turn @ centre, turn @ about @ turn.T))
-        return bodies
 
-    def shapes(self, element: Element, here: _Place) -> list[Any]:
-        """Bodies of the geoms in an element and in its frames, with the place of what holds them."""
-        found = []
-        for child in element:
-            if child.tag == "geom":
-                values = self.file.values(child, here.childclass)
-                where = f"the geom {value_text(child.get('name', ''), 60)} of {element.get('name', '')!r}"
-                if (body := geom_body(self.file.name, where, values, self.file.compiler)) is not None:
-                    found.append((here.placement, body))
-            elif child.tag == "frame":
-                found += self.shapes(child, self.inside(child, "frame", here))
-        return found
+
+def _carrier(body: Any) -> bool:
+    """Whether a joint carries a body."""
+    while body is not None and not len(body.joints):
+        body = body.parent
+    return body is not None
+
+
+# From MuJoCo's model ------------------------------------------------------------------------------
+def _arm(model: Any, file: str, movable: tuple[str, ...], locked: Mapping[str, float]) -> RigidArm:
+    """The moving joints and the bodies that each carries, from the world outwards."""
+    joints: list[Joint] = []
+    bodies: list[list[Any]] = []
+    frames: dict[str, tuple[str, Placement]] = {}
+    efforts, motors = [], {}
+    places: list[tuple[int | None, Placement]] = [(None, Placement())]
+    for k in range(1, model.nbody):
+        name = model.body(k).name
+        carrier, above = places[model.body_parentid[k]]
+        place = above.then(_placement(file, model.body_pos[k], model.body_quat[k]))
+        if model.body_jntnum[k]:
+            j = model.body_jntadr[k]
+            joint, axis = model.joint(j).name, tuple(model.jnt_axis[j].tolist())
+            kind = "revolute" if model.jnt_type[j] == 3 else "prismatic"
+            limits: Any = tuple(model.jnt_range[j].tolist()) if model.jnt_limited[j] else None
+            anchor = model.jnt_pos[j].tolist()
+            place = place.then(Placement(translation=tuple(anchor)))
+            place = place.then(moved(kind, axis, -float(model.qpos0[j])))
+            if joint in locked:
+                check_lock(file, joint, limits, float(locked[joint]))
+                place = place.then(moved(kind, axis, float(locked[joint])))
+            else:
+                unlimited = "continuous" if kind == "revolute" and limits is None else kind
+                parent = "world" if carrier is None else joints[carrier].name
+                joints.append(Joint(joint, unlimited, axis, place, limits, parent))
+                bodies.append([])
+                efforts.append(_effort(model, j))
+                motors[joint] = {
+                    quantity: float(column[j])
+                    for quantity, column in (
+                        ("motor_inertia", model.dof_armature),
+                        ("friction", model.dof_damping),
+                        ("coulomb_friction", model.dof_frictionloss),
+                    )
+                    if column[j]
+                }
+                frames[joint] = joint, Placement()
+                carrier, place = len(joints) - 1, Placement()
+            place = place.then(Placement(translation=tuple(-x for x in anchor)))  # type: ignore[arg-type]
+        places.append((carrier, place))
+        if carrier is None:
+            continue
+        if name:
+            frames[name] = joints[carrier].name, place
+        centre = place.then(_placement(file, model.body_ipos[k], model.body_iquat[k]))
+        turn = np.array(centre.rotation)
+        about = turn @ np.diag(model.body_inertia[k]) @ turn.T
+        bodies[carrier].append((name, float(model.body_mass[k]), np.array(centre.translation), about))
+    gravity = np.array(model.opt.gravity) * (not model.opt.disableflags & _NO_GRAVITY)
+    size = float(np.linalg.norm(gravity))
+    x, y, z = (gravity / size if size else np.array([0.0, 0.0, -1.0])).tolist()
+    carrying = set(model.body_parentid[1:].tolist())
+    ends = [model.body(k).name for k in range(1, model.nbody) if k not in carrying]
+    return RigidArm(
+        joints=tuple(joints),
+        links=tuple(merged(own, joint.name, file, "an <inertial>") for joint, own in zip(joints, bodies)),
+        movable=movable,
+        frames=frames,
+        tips=tuple(name for name in ends if name in frames),
+        efforts=tuple(efforts),
+        speeds=(np.inf,) * len(joints),
+        motors=motors,
+        gravity=size,
+        down=(x, y, z),
+    )
+
+
+_NO_GRAVITY = 1 << 7  # mjDSBL_GRAVITY
+
+
+def _placement(file: str, position: np.ndarray, quaternion: np.ndarray) -> Placement:
+    """A place from MuJoCo's position and unit quaternion (w, x, y, z)."""
+    if not np.all(np.abs(position) <= HUGE):
+        raise _refusal(
+            file,
+            "a body is out of all proportion",
+            f"expected at most {HUGE:g} m, got {position.tolist()}",
+            "metres",
+        )
+    w, *axis = quaternion.tolist()
+    place = Placement(translation=tuple(position.tolist()))
+    angle = 2.0 * float(np.arctan2(np.linalg.norm(axis), w))
+    return place if angle == 0.0 else place.then(moved("revolute", (axis[0], axis[1], axis[2]), angle))
+
+
+def _effort(model: Any, joint: int) -> float:
+    """Largest torque or force of the actuators of a joint; infinite where one of them has no limit, or none."""
+    total = 0.0
+    for k in range(model.nu):
+        if model.actuator_trnid[k, 0] != joint:
+            continue
+        gear = abs(float(model.actuator_gear[k, 0]))
+        if model.actuator_forcelimited[k]:
+            total += gear * float(np.abs(model.actuator_forcerange[k]).max())
+        elif model.actuator_ctrllimited[k] and not (model.actuator_gaintype[k] or model.actuator_biastype[k]):
+            gain = abs(float(model.actuator_gainprm[k, 0]))
+            total += gear * gain * float(np.abs(model.actuator_ctrlrange[k]).max())
+        else:
+            total = np.inf
+    own = float(np.abs(model.jnt_actfrcrange[joint]).max()) if model.jnt_actfrclimited[joint] else np.inf
+    return min(total or np.inf, own)

@@ -27,11 +27,11 @@ import numpy as np
 from flexhinf.errors import InvalidInput
 from flexhinf.plant import BlackBox, Parameters
 from flexhinf.robot.dynamics import Tree
-from flexhinf.robot.extras import checked_extras, torque_per_input
+from flexhinf.robot.elastic import checked_extras, torque_per_input
 from flexhinf.robot.kinematics import skeleton
 from flexhinf.robot.robot import Robot
 from flexhinf.robot.signals import MECHANICAL, SENSORS, Sensors, signal_names, units_of
-from flexhinf.untrusted import real_array
+from flexhinf.validation import real_array
 
 #: Wind-ups of the springs are drawn so many times larger.
 LARGER = 10.0

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from flexhinf.errors import InvalidInput
-from flexhinf.untrusted import HUGE, checked_text, is_real, real_array, value_text, within_proportion
+from flexhinf.validation import HUGE, checked_text, is_real, real_array, value_text, within_proportion
 
 
 class Quantity(NamedTuple):

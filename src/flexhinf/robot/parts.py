@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf.errors import InvalidInput
-from flexhinf.robot.extras import CONSTANTS, SPRING
+from flexhinf.robot.elastic import CONSTANTS, SPRING
 from flexhinf.robot.parameters import Parameter
 
 #: A plain number, or one with tolerance and source.
@@ -113,7 +113,7 @@ class ElasticJoint:
     inductance : number, optional
         H.
     damping, spring_hardening, backlash, coulomb_friction, static_friction, stribeck_velocity, friction_smoothing
-        What a real joint adds, see `flexhinf.robot.extras`.
+        What a real joint adds, see `flexhinf.robot.elastic`.
 
     Raises
     ------

@@ -13,8 +13,18 @@ from flexhinf.errors import InvalidInput
 from flexhinf.notebook import Summarised, names_text
 from flexhinf.plant import GeneralisedPlant, Parameters, Penalty, Plant
 from flexhinf.robot.arm import Pendulum
-from flexhinf.robot.elastic import ElasticFlow, Layout, Links
-from flexhinf.robot.extras import DRIVES, DRY, Engaged, Sticking, checked_extras, reflected, required_of_drive
+from flexhinf.robot.elastic import (
+    DRIVES,
+    DRY,
+    ElasticFlow,
+    Engaged,
+    Layout,
+    Links,
+    Sticking,
+    checked_extras,
+    reflected,
+    required_of_drive,
+)
 from flexhinf.robot.feedforward import (
     InverseFlow,
     checked_pose,
@@ -31,7 +41,6 @@ from flexhinf.robot.parameters import (
     checked_rigid,
     checked_signs,
 )
-from flexhinf.robot.penalised import robot_penalty
 from flexhinf.robot.signals import (
     MECHANICAL,
     SENSORS,
@@ -39,10 +48,11 @@ from flexhinf.robot.signals import (
     expanded,
     groups_of,
     names_of,
+    robot_penalty,
     signal_names,
     units_of,
 )
-from flexhinf.untrusted import checked_name, checked_text, real_number
+from flexhinf.validation import checked_name, checked_text, real_number
 
 
 @dataclass(frozen=True, repr=False)
@@ -192,7 +202,7 @@ class Robot(Summarised):
         inductance : bool
             With the motor coils' inductance: the same as ``extras=("inductance",)``.
         extras : sequence of str
-            See `flexhinf.robot.extras`: inductance, joint_damping, spring_hardening, backlash, coulomb_friction,
+            See `flexhinf.robot.elastic`: inductance, joint_damping, spring_hardening, backlash, coulomb_friction,
             stribeck_friction.
         sticking : bool
             Whether dry friction is sharp instead of smoothed: it holds a joint at rest, and only `flexhinf.Loop` has

@@ -24,7 +24,7 @@ from flexhinf.robot.robot import Robot
 from flexhinf.robot.schema import JointTable, RobotTable, check_nesting, file_error, nesting_advice
 from flexhinf.robot.units import check_units, read_units
 from flexhinf.robot.urdf import MOST_JOINTS, RigidArm, check_selection, read_urdf
-from flexhinf.untrusted import checked_path, distinct, read_toml, read_xml, value_text
+from flexhinf.validation import checked_path, distinct, read_toml, read_xml, value_text
 
 GRAVITY = 9.81
 

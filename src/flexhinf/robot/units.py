@@ -20,11 +20,11 @@ from functools import lru_cache
 from typing import Any, NamedTuple
 
 from flexhinf.errors import InvalidInput
-from flexhinf.robot.extras import DRIVES
+from flexhinf.robot.elastic import DRIVES
 from flexhinf.robot.parameters import INERTIA, QUANTITIES
 from flexhinf.robot.schema import place_text
 from flexhinf.robot.signals import UNITS
-from flexhinf.untrusted import value_text
+from flexhinf.validation import value_text
 
 #: Units of times, angles and lengths, and what one is in the SI unit that stands first.
 SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "μs": 1e-6}

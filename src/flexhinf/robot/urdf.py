@@ -21,7 +21,7 @@ from flexhinf.errors import InvalidInput
 from flexhinf.robot.dynamics import Joint, Placement, lumped, six_of
 from flexhinf.robot.dynamics.tree import KINDS
 from flexhinf.robot.parts import Link
-from flexhinf.untrusted import HUGE, checked_name, distinct, read_xml, real_number, value_text
+from flexhinf.validation import HUGE, checked_name, distinct, read_xml, real_number, value_text
 
 #: What may stand in an element, and only once, with what else a URDF has there.
 ONCE = {

@@ -16,7 +16,7 @@ import numpy as np
 
 from flexhinf.errors import InvalidInput
 from flexhinf.scalars.symbol import Symbol
-from flexhinf.untrusted import is_real, value_text
+from flexhinf.validation import is_real, value_text
 
 #: CasADi's operations by number and by name; files hold the names.
 NAMES = {getattr(ca, name): name for name in dir(ca) if name.startswith("OP_")}

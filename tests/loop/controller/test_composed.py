@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
+from tests.interpreter import interpret
 
-from flexhinf.codegen import Program, compile_program, interpret
+from flexhinf.codegen import Program, compile_program
 from flexhinf.estimation import ExtendedKalmanFilter, UnscentedKalmanFilter
 from flexhinf.loop import Controller, Loop, Step
 from flexhinf.loop.controller import controller

@@ -4,8 +4,8 @@ import importlib
 
 import numpy as np
 import pytest
+from tests.interpreter import interpret
 
-from flexhinf.codegen import interpret
 from flexhinf.errors import InvalidInput
 from flexhinf.loop import BlackBox, Controller, Loop, Step
 from flexhinf.loop.simulation.program import LONGEST, Channel, check_delay, measure_function

@@ -31,7 +31,7 @@ from flexhinf.loop.shared import share
 from flexhinf.notebook import names_text, number_text
 from flexhinf.plant import Estimator, Law
 from flexhinf.scalars import drop_empty, trace
-from flexhinf.untrusted import value_text
+from flexhinf.validation import value_text
 
 #: Operations up to which a step is one trace: common subexpressions are then shared between all of its parts.
 #: Above, it is composed of pieces in loops.

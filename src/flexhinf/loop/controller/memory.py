@@ -32,7 +32,7 @@ from flexhinf.loop.controller.options import Limits, Mode
 from flexhinf.loop.controller.schedule import inverse_slope
 from flexhinf.loop.controller.step import LawCode
 from flexhinf.plant import Estimator
-from flexhinf.untrusted import real_array, value_text
+from flexhinf.validation import real_array, value_text
 
 Shape = tuple[int, ...]
 

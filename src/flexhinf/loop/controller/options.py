@@ -10,7 +10,7 @@ import numpy as np
 
 from flexhinf.errors import InvalidInput
 from flexhinf.plant import INTEGRAL, Estimator, Law
-from flexhinf.untrusted import real_array, real_number, value_text
+from flexhinf.validation import real_array, real_number, value_text
 
 
 class Source(NamedTuple):

@@ -19,7 +19,7 @@ from flexhinf.loop.controller.memory import BAD_RESULT, Layout, Remembered, fill
 from flexhinf.loop.shared import share
 from flexhinf.notebook import Summarised
 from flexhinf.plant import Estimator, Law, python_control
-from flexhinf.untrusted import value_text
+from flexhinf.validation import value_text
 
 #: A compiled step on arrays: run it, fill y, fill r, and copy u.
 Bound = tuple[

@@ -24,7 +24,7 @@ from flexhinf.plant import Law
 from flexhinf.polynomial import basis
 from flexhinf.polynomial.law import PolynomialLaw
 from flexhinf.scalars import absolute, where
-from flexhinf.untrusted import real_number, value_text
+from flexhinf.validation import real_number, value_text
 
 #: Time constant of the bias that fades, s.
 FADE = 0.5

@@ -38,7 +38,7 @@ from flexhinf.loop.controller.step import LawCode
 from flexhinf.loop.shared import share
 from flexhinf.plant import Estimator, Law, Plant, ProblemLaw
 from flexhinf.scalars import drop_empty
-from flexhinf.untrusted import real_array, value_text
+from flexhinf.validation import real_array, value_text
 
 #: Travel of a tracked state without a range, in its unit: half a turn, or m.
 TRAVEL = np.pi

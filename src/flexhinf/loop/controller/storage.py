@@ -27,7 +27,7 @@ from flexhinf.loop.controller.start import Windup
 from flexhinf.plant import Estimator, Law, ParameterTable, Plant, StoredCode
 from flexhinf.polynomial.law import PolynomialLaw
 from flexhinf.scalars import apply, function_arrays, function_from_arrays, trace
-from flexhinf.untrusted import checked_name, checked_path, distinct, value_text
+from flexhinf.validation import checked_name, checked_path, distinct, value_text
 
 FORMAT, VERSION = "flexhinf controller", 1
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from flexhinf.errors import InvalidInput
 from flexhinf.loop.signals.references import checked_order
-from flexhinf.untrusted import real_array
+from flexhinf.validation import real_array
 
 LIMITS = ("velocity", "acceleration", "jerk")
 

@@ -21,7 +21,7 @@ import numpy as np
 from flexhinf.errors import InvalidInput
 from flexhinf.plant.equilibrium import motion_of
 from flexhinf.scalars import clip, where
-from flexhinf.untrusted import real_array, real_number, value_text
+from flexhinf.validation import real_array, real_number, value_text
 
 #: Shortest part of a motion with derivatives, s: those of fourth order grow with its fourth power, and stay finite.
 SHORTEST = 1e-9

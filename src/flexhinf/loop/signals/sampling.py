@@ -16,7 +16,7 @@ from flexhinf.loop.signals.jerk_limited import JerkLimited
 from flexhinf.loop.signals.references import Constant, Moving, Quintic, Samples, Sine, Step
 from flexhinf.loop.signals.waypoints import Spline
 from flexhinf.plant import BlackBox, Plant
-from flexhinf.untrusted import real_array, value_text
+from flexhinf.validation import real_array, value_text
 
 VECTORISED = (Constant, JerkLimited, Moving, Quintic, Samples, Sine, Spline, Step)
 

@@ -14,7 +14,7 @@ import numpy as np
 from flexhinf.errors import InvalidInput
 from flexhinf.loop.signals.jerk_limited import JerkLimited
 from flexhinf.loop.signals.references import Quintic, checked_order, checked_samples
-from flexhinf.untrusted import HUGE, value_text
+from flexhinf.validation import HUGE, value_text
 
 #: Degree: interpolation takes one number per sample, rest at both ends four more each.
 DEGREE = 9

@@ -38,7 +38,7 @@ from flexhinf.loop.simulation.program import Channel
 from flexhinf.loop.simulation.trajectory import Trajectory
 from flexhinf.notebook import Summarised, names_text
 from flexhinf.plant import BlackBox, Plant, python_control, rk4_step, sub_steps
-from flexhinf.untrusted import value_text
+from flexhinf.validation import value_text
 
 if TYPE_CHECKING:
     import control

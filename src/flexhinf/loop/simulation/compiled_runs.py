@@ -22,7 +22,7 @@ from flexhinf.loop.signals.references import Constant, Quintic, Sine, Step
 from flexhinf.loop.simulation.program import Channel, LoopSizes, loop_program
 from flexhinf.loop.simulation.trajectory import STARTED, Trajectory
 from flexhinf.plant import BlackBox, Plant
-from flexhinf.untrusted import real_array, real_number, value_text
+from flexhinf.validation import real_array, real_number, value_text
 
 #: Longest run, in samples.
 MOST_SAMPLES = 20_000_000

@@ -41,7 +41,7 @@ from flexhinf.loop.simulation.metrics import (
 from flexhinf.loop.simulation.program import Channel, EnsembleOptions, ensemble_program, reduction_program
 from flexhinf.loop.simulation.trajectory import Trajectory
 from flexhinf.plant import Plant
-from flexhinf.untrusted import value_text
+from flexhinf.validation import value_text
 
 #: Runs side by side in one kernel. Eight numbers are one register of AVX-512 and two of AVX2.
 LANES = 8

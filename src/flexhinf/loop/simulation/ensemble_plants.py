@@ -21,7 +21,7 @@ from flexhinf.loop.signals.sampling import check_seed
 from flexhinf.loop.simulation.compiled_runs import operating_state
 from flexhinf.loop.simulation.metrics import Command, Reduction
 from flexhinf.plant import Plant, fastest_modes, sub_steps
-from flexhinf.untrusted import real_array, value_text
+from flexhinf.validation import real_array, value_text
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,7 +20,7 @@ import numpy as np
 
 from flexhinf.errors import InvalidInput
 from flexhinf.scalars import maximum, minimum, where
-from flexhinf.untrusted import value_text
+from flexhinf.validation import value_text
 
 #: Half width of the settling band, as a fraction of the step: ±2 %.
 SETTLING_BAND = 0.02

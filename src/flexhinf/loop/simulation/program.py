@@ -19,7 +19,7 @@ from flexhinf.loop.controller.controller import Controller
 from flexhinf.loop.simulation.metrics import Instant, Reduction, update_all
 from flexhinf.plant import Plant, rk4_step
 from flexhinf.scalars import drop_empty, trace
-from flexhinf.untrusted import real_array, real_number, value_text
+from flexhinf.validation import real_array, real_number, value_text
 
 #: Longest delay of a run, samples. The inputs that wait are rows of the run's own record: a delay compiles nothing and
 #: costs little, but a longer one is most likely a wrong unit. In a linear loop every input that waits is a state.

@@ -16,7 +16,7 @@ from flexhinf.loop.simulation.metrics import steady_state_error, step_metrics, s
 from flexhinf.loop.simulation.program import CONTROL_FAILED
 from flexhinf.notebook import Summarised, number_text, table_html
 from flexhinf.plant import BlackBox, Plant
-from flexhinf.untrusted import checked_path
+from flexhinf.validation import checked_path
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
+from flexhinf.design.problem.modes import JointScales
+from flexhinf.design.problem.presets import required_damping
 from flexhinf.design.result import Design
-from flexhinf.design.weights.choose import required_damping
-from flexhinf.design.weights.design_problem import JointScales
-from flexhinf.design.weights.estimator_noise import MOST_NOISE, NoiseCandidate, NoiseSearch
+from flexhinf.design.synthesis.noise import MOST_NOISE, NoiseCandidate, NoiseSearch
 from flexhinf.pages.drawing import figure_block, frequency_axis, line_style, panels, range_text
 from flexhinf.report import INK, Column, Figure, Paragraph, Table, house_style, label, number
 

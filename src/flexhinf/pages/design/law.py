@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.design.modes import Mode
+from flexhinf.design.problem.modes import Mode
 from flexhinf.design.responses import Response
 from flexhinf.design.result import Design
 from flexhinf.design.rigid import RigidLoop

@@ -11,8 +11,8 @@ import numpy as np
 
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.laws import NL_HINF
-from flexhinf.design.ranking import TradeOff
 from flexhinf.design.result import ComparedLaw, Comparison
+from flexhinf.design.tuning import TradeOff
 from flexhinf.pages.drawing import figure_block, line_style, panels, reference_line, thin, units_of
 from flexhinf.report import Figure, house_style, label
 

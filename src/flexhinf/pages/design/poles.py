@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from flexhinf.design.modes import Mode
+from flexhinf.design.problem.modes import Mode
 from flexhinf.design.result import Design
 from flexhinf.design.specification import RINGS
 from flexhinf.loop.simulation.metrics import damping_ratio

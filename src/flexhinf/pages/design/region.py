@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from flexhinf.analysis import BudgetTerm
-from flexhinf.design.degrees import ACTING, GAIN, DegreeChoice
 from flexhinf.design.result import Design
+from flexhinf.design.synthesis.degrees import ACTING, GAIN, DegreeChoice
 from flexhinf.hinf import smallest_gamma
 from flexhinf.pages.drawing import (
     DASHED,

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from flexhinf.design.limit_cycle import WIDEST, LimitCycleCheck
+from flexhinf.design.problem.presets import preset_of
 from flexhinf.design.result import Design
-from flexhinf.design.weights.choose import preset_of
 from flexhinf.loop.simulation.metrics import REST_TAIL, tail_of
 from flexhinf.pages.drawing import (
     figure_block,
@@ -21,7 +21,7 @@ from flexhinf.pages.drawing import (
     units_of,
 )
 from flexhinf.report import Column, Figure, label, legend, new_figure, number
-from flexhinf.robot.extras import DRY
+from flexhinf.robot.elastic import DRY
 
 #: Pieces of the run in the figure: of each the extremes are drawn, so that no vibration is lost.
 PIECES = 400
@@ -45,8 +45,8 @@ def remarks(design: Design) -> Iterator[str]:
         before, worst = run.without, run.without.worst
         yield (
             f"Dry friction and integral action would keep the robot moving: {_motion(design, before, worst)}. "
-            f"So errors up to {_zone(design, run)} are not integrated; they may remain. `--dead-zone` states another "
-            "zone, 0 none."
+            f"So errors up to {_zone(design, run)} are not integrated; they may remain. "
+            "`--integral-dead-zone` states another zone, 0 none."
         )
     if run is None or not run.oscillates:
         return
@@ -61,8 +61,8 @@ def remarks(design: Design) -> Iterator[str]:
     )
     own = preset_of(design.evaluation.setup.robot, s) == "paper"
     advice = [
-        *([] if s.friction_model else [f"`--extras {extras} --friction`"]),
-        "another `--dead-zone`",
+        *([] if s.friction_model else [f"`--extras {extras} --friction-model`"]),
+        "another `--integral-dead-zone`",
         *([] if both else ["sensors on both sides of the springs"]),
         *(["weights that damp the vibration (`--preset damped`)"] if own else []),
     ]

@@ -7,9 +7,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from flexhinf.design.problem.presets import Robustness
 from flexhinf.design.result import Design
-from flexhinf.design.weights.design_problem import Robustness
-from flexhinf.design.weights.whole_loop import NOISE, WholeLoopSearch
+from flexhinf.design.synthesis.whole_loop import NOISE, WholeLoopSearch
 from flexhinf.pages.drawing import (
     DASHED,
     count_text,

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf.errors import InvalidInput
-from flexhinf.untrusted import HUGE, checked_name, real_array, value_text
+from flexhinf.validation import HUGE, checked_name, real_array, value_text
 
 #: Three elements.
 Vector = Sequence[Any]

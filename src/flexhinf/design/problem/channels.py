@@ -1,0 +1,457 @@
+"""The preset `robust`: a gain that holds for every robot within its tolerances, with constant scalings.
+
+Channel i of the tolerances enters with g_i/s_i and is seen through s_i z_i. If
+
+    V_x f + ½ |h|² + ½ Σ s_i² |z_i|² + ½ V_x (g1 g1ᵀ/γ² + Σ g_i g_iᵀ/s_i² − g2 R2⁻¹ g2ᵀ) V_xᵀ = 0
+
+has a solution, then V̇ ≤ ½ γ²|d|² − ½|z|² for every |Δ_i| ≤ 1, as w_i = Δ_i z_i costs no more than it is seen
+[shen1995]. The Δ-channels do not scale with γ: in a problem of one level γ they enter with γ g_i/s_i. The s_i are found
+on the linear part, one for each channel: what enters is balanced with what is seen, first in the nominal loop, then a
+few times in the loop that came of it; a simplex search over one factor for each quantity (all stiffnesses share one)
+ends it. Where no γ does for the whole tolerances, the largest fraction of them is searched for and reported.
+
+What a tolerance does to a robot, as a disturbance: each uncertain parameter a channel (Shen & Tamura 1995).
+
+A parameter p in p0 ± δ changes the accelerations; seen as torques at links and motors the change is, on the linear
+part,
+
+    w = Δ (T_x x + T_u u),   |Δ| ≤ 1,
+
+with T taken between the ends of the interval, the robot at its own equilibrium at each of them. Split into rank-one
+parts, each is a torque t w' driven by a signal z_Δ = c x or z_Δ = e u that is seen through the unknown Δ: for the
+stiffness t = δ^½ (−1, 1), z_Δ = δ^½ (q1 − q2). Where the change bends, as with 1/R, a part is as long as towards the
+end where more changes, so that |Δ| ≤ 1 holds at both. What is constant, such as the weight that is carried, is left
+to the integral.
+
+A channel covers its tolerance alone. At a corner of the tolerances products of them act, such as m·g·l and k_t/R, and a
+robot there changes by a little more than the sum of its channels. So the linear part of the dissipation inequality is
+checked at the corners themselves, and the tolerances of the channels are enlarged step by step until it holds there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, TypeVar
+
+import numpy as np
+
+from flexhinf.analysis import DissipationCorners, LinearCorners
+from flexhinf.design.problem.weights import ROUGH, LinearDesign, LinearProblem
+from flexhinf.errors import FlexhinfError, NoFeasibleGamma, NumericalFailure
+from flexhinf.hinf import linear_law
+from flexhinf.hinf.linear_part import is_feasible
+from flexhinf.plant import GeneralisedPlant, Penalty, Plant
+from flexhinf.robot import Robot
+
+#: Rank-one parts smaller than this fraction of a parameter's largest are left out.
+SMALL = 1e-3
+
+#: A change smaller than this, relative to the robot's own torques, is rounding.
+ROUNDING = 1e-10
+
+#: Factors by which the tolerances are enlarged, one after the other, until the inequality holds at the corners.
+ENLARGED = (1.0, 1.05, 1.1, 1.15, 1.2, 1.3)
+
+Made = TypeVar("Made")
+
+
+@dataclass(frozen=True, eq=False)
+class Channel:
+    """A rank-one part of what a tolerance does.
+
+    Attributes
+    ----------
+    quantity : str
+        The parameter without its joint; channels of one quantity and kind share a scaling.
+    torque : (2 joints,)
+        t, at links and motors.
+    by_state : (n,)
+        c, on the plant's states; zero for a channel of the input.
+    by_input : (m,)
+        e; zero for a channel of the state.
+    """
+
+    quantity: str
+    torque: np.ndarray
+    by_state: np.ndarray
+    by_input: np.ndarray
+
+    @property
+    def group(self) -> tuple[str, str]:
+        """Quantity, and what drives it."""
+        return self.quantity, "input" if np.any(self.by_input) else "state"
+
+
+def channels(robot: Robot, poses: Sequence[np.ndarray]) -> tuple[Channel, ...]:
+    """Of all uncertain parameters, each at that of the poses where it does most."""
+    plant = robot.plant()
+    plant.traced_jacobians  # noqa: B018  traced once, shared by all corners
+    found: list[Channel] = []
+    for parameter in robot.uncertain:
+        changes = [_changes(robot, plant, parameter.name, pose) for pose in poses]
+        largest = max(changes, key=lambda ends: float(np.abs(ends).max()))
+        found += _rank_one(_quantity(parameter.name, robot.joint_names), largest, plant.n)
+    return tuple(found)
+
+
+def _changes(robot: Robot, plant: Any, name: str, pose: np.ndarray) -> np.ndarray:
+    """[T_x T_u] from the nominal robot to each end of the interval, (2, 2 joints, n + m), each at its own
+    equilibrium."""
+    a, b, torques, _ = plant.linearise(*robot.operating_point(pose))
+    nominal = np.hstack([a, b])
+    size = np.abs(np.linalg.lstsq(torques, nominal, rcond=None)[0]).max()
+    ends = []
+    for sign in (1.0, -1.0):
+        known = plant.parameters.known(robot.corner({name: sign}))
+        equilibrium = robot.operating_point(pose, parameters=known)
+        there = np.hstack(plant.with_parameters(**known).linearise(*equilibrium)[:2])
+        change = np.linalg.lstsq(torques, there - nominal, rcond=None)[0]
+        ends.append(np.where(np.abs(change) > ROUNDING * size, change, 0.0))
+    return np.array(ends)
+
+
+def _quantity(name: str, joints: Sequence[str]) -> str:
+    return next((name.removesuffix(f"_{joint}") for joint in joints if name.endswith(f"_{joint}")), name)
+
+
+def _rank_one(quantity: str, ends: np.ndarray, n: int) -> list[Channel]:
+    """Singular parts of half the difference between the ends, each made as long as the end that it reaches less."""
+    found, inputs = [], ends.shape[2] - n
+    for by_state in (True, False):
+        up, down = ends[:, :, :n] if by_state else ends[:, :, n:]
+        left, sizes, right = np.linalg.svd(0.5 * (up - down), full_matrices=False)
+        for size, t, c in zip(sizes, left.T, right):
+            if size > max(SMALL * sizes[0], 0.0):
+                root = np.sqrt(max(size, abs(t @ up @ c), abs(t @ down @ c)))
+                state = root * c if by_state else np.zeros(n)
+                found.append(Channel(quantity, root * t, state, np.zeros(inputs) if by_state else root * c))
+    return found
+
+
+# Products of tolerances ---------------------------------------------------------------------------------
+def acting_corners(robot: Robot, goal: np.ndarray, problem: GeneralisedPlant) -> LinearCorners:
+    """The problem's plant at the corners of those tolerances that change it, each at its own equilibrium at the goal.
+
+    Parameters
+    ----------
+    goal : (n,)
+        Link positions, rad or m.
+    problem : GeneralisedPlant
+        Without channels of the tolerances.
+    """
+    plant = problem.plant
+    plant.traced_jacobians  # noqa: B018  traced once, shared by all corners
+
+    def linearised(signs: dict[str, float]) -> np.ndarray:
+        known = plant.parameters.known(robot.corner(signs))
+        equilibrium = robot.operating_point(goal, parameters=known)
+        return np.hstack(plant.with_parameters(**known).linearise(*equilibrium)[:2])
+
+    nominal = linearised({})
+
+    def acts(name: str) -> bool:
+        return not np.allclose(linearised({name: 1.0}), nominal, rtol=1e-12, atol=0.0)
+
+    names = [parameter.name for parameter in robot.uncertain if acts(parameter.name)]
+    return LinearCorners.of(
+        problem,
+        lambda signs: robot.corner(dict(zip(names, signs, strict=True))),
+        len(names),
+        lambda values: robot.operating_point(goal, parameters=values),
+    )
+
+
+def dissipation_of(
+    corners: LinearCorners, nominal: GeneralisedPlant, problem: GeneralisedPlant, gamma: float
+) -> DissipationCorners:
+    """The inequality with d and z of the nominal problem, for the linear law of the robust one, at the corners."""
+    law = linear_law(problem, gamma)
+    return replace(corners, problem=nominal).dissipation(law.P, law.gain, gamma)
+
+
+def covering_products(first: Made, covering: Callable[[float], Made], failing: Callable[[Made], int]) -> Made:
+    """The design with the least enlarged tolerances that no corner breaks; the first one where there is none.
+
+    Parameters
+    ----------
+    first : design
+        Of the tolerances as they are.
+    covering : callable
+        Factor of the tolerances → design; it may raise where the larger tolerances are out of reach.
+    failing : callable
+        Design → corners that break the inequality.
+    """
+    if not failing(first):
+        return first
+    for factor in ENLARGED[1:]:
+        try:
+            found = covering(factor)
+        except FlexhinfError:  # out of reach: the page says how many corners the first design leaves
+            return first
+        if not failing(found):
+            return found
+    return first
+
+
+#: Largest level that is tried, relative to that of the nominal problem.
+LARGEST = 1e4
+
+#: Shares of the tolerances are found to this width; less than the smallest is none.
+FRACTION_WIDTH, LEAST_FRACTION = 0.02, 0.02
+
+#: Balances after the first; evaluations of the simplex search for each factor, and the most states it is made with.
+BALANCES, EVALUATIONS, MOST_STATES = 6, 20, 15
+
+
+@dataclass(frozen=True, eq=False)
+class Scalings:
+    """log s of each channel, and the fraction of the tolerances that is covered."""
+
+    log: np.ndarray
+    fraction: float = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class RobustProblem:
+    """A nominal problem with the channels of the tolerances.
+
+    Attributes
+    ----------
+    torques : (n, 2 joints)
+        Where torques enter.
+    """
+
+    nominal: LinearProblem
+    torques: np.ndarray
+    channels: tuple[Channel, ...]
+
+    def parts(self, scalings: Scalings) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """(L, F, E): torques L w (2 joints, k), rows F x (l, n) and price uᵀ E u of all channels together.
+
+        L Lᵀ = Σ t tᵀ/s², FᵀF = Σ s² c cᵀ, E = Σ s² e eᵀ, each times the fraction.
+        """
+        n, m, two = len(self.nominal.a), self.nominal.b2.shape[1], self.torques.shape[1]
+        enter, seen, price = np.zeros((two, two)), np.zeros((n, n)), np.zeros((m, m))
+        for channel, log in zip(self.channels, scalings.log):
+            s2 = float(np.exp(2.0 * log))
+            padded = np.concatenate([channel.by_state, np.zeros(n - len(channel.by_state))])
+            enter += scalings.fraction * np.outer(channel.torque, channel.torque) / s2
+            seen += scalings.fraction * s2 * np.outer(padded, padded)
+            price += scalings.fraction * s2 * np.outer(channel.by_input, channel.by_input)
+        return _root(enter), _root(seen).T, price
+
+    def scaled(self, gamma: float, scalings: Scalings) -> LinearProblem:
+        """The problem of one level γ, its Δ-channels entering with γ L."""
+        return self._scaled(gamma, self.parts(scalings))
+
+    def _scaled(self, gamma: float, parts: tuple[np.ndarray, np.ndarray, np.ndarray]) -> LinearProblem:
+        enter, seen, price = parts
+        g = self.nominal
+        disturbed = np.hstack([g.b1, gamma * self.torques @ enter])
+        return LinearProblem(g.a, disturbed, g.b2, np.vstack([g.c, seen]), g.r2 + price)
+
+    def feasible(self, gamma: float, scalings: Scalings) -> bool:
+        """Whether the problem of this level has a solution."""
+        return is_feasible(self.scaled(gamma, scalings).linear_part(), gamma)
+
+    def gamma_star(self, scalings: Scalings, relative: float = ROUGH) -> float:
+        """Smallest γ for every robot within the fraction of the tolerances.
+
+        Raises
+        ------
+        NoFeasibleGamma
+            If there is none.
+        """
+        low, parts = self.nominal.gamma_star(), self.parts(scalings)
+        high = LARGEST * low
+        if not is_feasible(self._scaled(high, parts).linear_part(), high):
+            raise NoFeasibleGamma(
+                "No attenuation level holds for the whole tolerances.",
+                f"no solution even at gamma = {high:.3g}, with {100 * scalings.fraction:.3g} % of the tolerances",
+                "tighter tolerances in the robot's file, or the preset damped",
+            )
+        while high > (1.0 + relative) * low:
+            middle = float(np.sqrt(low * high))
+            fits = is_feasible(self._scaled(middle, parts).linear_part(), middle)
+            low, high = (low, middle) if fits else (middle, high)
+        return high
+
+    def design(self, ratio: float, scalings: Scalings) -> LinearDesign:
+        """The gain at `ratio` times the smallest level."""
+        star = self.gamma_star(scalings)
+        return self.scaled(ratio * star, scalings).design(ratio * star, star)
+
+    def fraction(self, scalings: Scalings) -> float:
+        """The largest fraction of the tolerances for which some level has a solution, within `FRACTION_WIDTH`."""
+        level = LARGEST * self.nominal.gamma_star()
+        if self.feasible(level, replace(scalings, fraction=1.0)):
+            return 1.0
+        low, high = 0.0, 1.0
+        while high - low > FRACTION_WIDTH:
+            middle = 0.5 * (low + high)
+            fits = self.feasible(level, replace(scalings, fraction=middle))
+            low, high = (middle, high) if fits else (low, middle)
+        return low
+
+
+def _root(matrix: np.ndarray) -> np.ndarray:
+    """X (n, k) of full rank with X Xᵀ = matrix."""
+    values, vectors = np.linalg.eigh(matrix)
+    kept = values > 1e-12 * max(values[-1], 1e-300)
+    return vectors[:, kept] * np.sqrt(values[kept])
+
+
+def find_scalings(problem: RobustProblem, ratio: float) -> Scalings:
+    """Scalings for a problem, found as the head of this file says.
+
+    Parameters
+    ----------
+    ratio : float
+        γ/γ* of the designs in whose loops channels are balanced.
+
+    Raises
+    ------
+    NoFeasibleGamma
+        If not even `LEAST_FRACTION` of the tolerances can be covered.
+    """
+    nominal = problem.nominal.gamma_star()
+    best = _balanced(problem, problem.nominal.design(ratio * nominal, nominal))
+    best = replace(best, fraction=problem.fraction(best))
+    for _ in range(BALANCES):
+        if best.fraction < LEAST_FRACTION:
+            break
+        within = replace(best, fraction=best.fraction * (0.9 if best.fraction < 1.0 else 1.0))
+        again = _balanced(problem, problem.design(ratio, within))
+        again = replace(again, fraction=problem.fraction(again))
+        if not _better(problem, again, best):
+            break
+        best = again
+    best = _polished(problem, best)
+    if best.fraction < LEAST_FRACTION:
+        raise NoFeasibleGamma(
+            "No attenuation level holds for these tolerances, nor for a part of them.",
+            f"no solution even with {100 * LEAST_FRACTION:g} % of the tolerances",
+            "the preset damped, or another bandwidth or damping",
+        )
+    return best if best.fraction == 1.0 else replace(best, fraction=0.9 * best.fraction)
+
+
+def _better(problem: RobustProblem, one: Scalings, other: Scalings) -> bool:
+    if one.fraction < 1.0 or other.fraction < 1.0:
+        return one.fraction > other.fraction
+    return problem.gamma_star(one) < problem.gamma_star(other)
+
+
+def _balanced(problem: RobustProblem, design: LinearDesign) -> Scalings:
+    """s⁴ = gᵀPXPg / zXzᵀ of each channel, X the motions of the loop under disturbances of equal cost."""
+    from scipy.linalg import solve_continuous_lyapunov
+
+    a, b2, p = problem.nominal.a, problem.nominal.b2, design.p
+    n = len(a)
+    x = solve_continuous_lyapunov(a + b2 @ design.gain, -np.diag(1.0 / np.abs(np.diag(p))))
+    log = np.zeros(len(problem.channels))
+    for k, channel in enumerate(problem.channels):
+        g = p @ (problem.torques @ channel.torque)
+        z = channel.by_input @ design.gain
+        z = z + np.concatenate([channel.by_state, np.zeros(n - len(channel.by_state))])
+        log[k] = 0.25 * np.log((g @ x @ g) / (z @ x @ z))
+    return Scalings(log)
+
+
+def _polished(problem: RobustProblem, start: Scalings) -> Scalings:
+    """The best of a simplex search over one factor for each quantity; none with many states."""
+    from scipy.optimize import minimize
+
+    groups = list(dict.fromkeys(channel.group for channel in problem.channels))
+    places = np.array([groups.index(channel.group) for channel in problem.channels])
+    if len(problem.nominal.a) > MOST_STATES:
+        return start
+
+    def moved(factors: np.ndarray) -> Scalings:
+        return replace(start, log=start.log + factors[places])
+
+    def cost(factors: np.ndarray) -> float:
+        found = moved(factors)
+        if start.fraction == 1.0:
+            try:
+                return float(np.log(problem.gamma_star(found)))
+            except (NoFeasibleGamma, NumericalFailure):
+                return np.inf
+        return -problem.fraction(found)
+
+    options = {"maxfev": EVALUATIONS * (1 + len(groups)), "xatol": 0.02, "fatol": 1e-3}
+    best = minimize(cost, np.zeros(len(groups)), method="Nelder-Mead", options=options)
+    found = moved(best.x)
+    found = replace(found, fraction=problem.fraction(found))
+    return found if _better(problem, found, start) else start
+
+
+#: Names of the disturbances that stand for tolerances, numbered from 1.
+PREFIX = "tolerance"
+
+
+@dataclass(frozen=True)
+class UncertainFlow:
+    """ẋ with torques L w at links and motors, beside the robot's own disturbances; L is a parameter.
+
+    Parameters
+    ----------
+    flow : callable
+        The robot's.
+    torques : int
+        Number of the robot's own disturbances: torques at links and motors.
+    """
+
+    flow: Any
+    torques: int
+
+    def __call__(self, x: Any, u: Any, d: Any, p: Any) -> Any:
+        """The rates of all states, of any element."""
+        own, tolerances = d[: self.torques], d[self.torques :]
+        return self.flow(x, u, own + np.asarray(p.tolerance_channels) @ tolerances, p)
+
+
+def with_channels(plant: Plant, enter: np.ndarray) -> Plant:
+    """The robot's plant with disturbances w that enter as torques L w.
+
+    Parameters
+    ----------
+    enter : (2 joints, k)
+        L.
+    """
+    names = tuple(f"{PREFIX}_{k + 1}" for k in range(enter.shape[1]))
+    return Plant(
+        UncertainFlow(plant.flow, len(plant.disturbances)),
+        plant.output,
+        states=plant.states,
+        inputs=plant.inputs,
+        disturbances=(*plant.disturbances, *names),
+        parameters={**plant.parameters.values, "tolerance_channels": enter},
+        outputs=plant.outputs,
+        units=plant.units,
+        groups=plant.groups,
+        limits=plant.limits,
+    )
+
+
+def sized_channels(problem: GeneralisedPlant, nominal: GeneralisedPlant, size: float) -> GeneralisedPlant:
+    """A problem whose channels stand for a fraction of the tolerances, as `RobustProblem.parts` has it.
+
+    Parameters
+    ----------
+    problem : GeneralisedPlant
+        With the channels of the whole tolerances.
+    nominal : GeneralisedPlant
+        Without any: what this is for size 0.
+    size : float
+        From 0 to 1: L Lᵀ, the rows that are seen and the price of the inputs are multiplied by it.
+    """
+    if size <= 0.0 or size >= 1.0:
+        return nominal if size <= 0.0 else problem
+    known = problem.plant.parameters.values["tolerance_channels"]
+    plant = problem.plant.with_parameters(tolerance_channels=np.sqrt(size) * np.asarray(known))
+    without, whole = (np.array(p.expand(1).h_parts[1], dtype=float) for p in (nominal, problem))
+    rows = np.vstack([np.sqrt(1.0 - size) * without, np.sqrt(size) * whole])  # hᵀh is linear in the size
+    effort = (1.0 - size) * nominal.r2 + size * problem.r2
+    return replace(problem, plant=plant, penalty=Penalty(rows, effort))

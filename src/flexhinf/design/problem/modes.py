@@ -1,0 +1,329 @@
+"""Modes of a linearisation, named as an engineer names them, and weights scaled by what each motor moves.
+
+Weights from a target frequency per joint and a damping weight, scaled by what each motor moves.
+
+For a motor that moves the inertia M + J against a damping d, uᵀu costs as much as (w q)² at the angular frequency ω if
+w = |(M + J) ω² − i d ω| per unit of input. So R2 = 1, and each joint has
+
+    w_position = ω √((M + J)² ω² + d²) / k,   w_velocity = w_position / 2ω,   w_integral = w_position ω / 2
+
+with k the torque per unit of input, all at the goal pose. The vibration has a weight of its own, on the rate of the
+spring's torque: a spring between M and J alone, its motor paid with uᵀu, gets the damping ratio ζ from a weight
+2 ζ ω_v J/k on the rate of its twist, ω_v² = K (1/M + 1/J); on the rate of its torque that is
+
+    w_torque_rate = 2 ζ ω_v J / (k K).
+
+It hardly touches the slow motion. A rigid joint has M + J in one, no vibration, and the weights of both velocities on
+its link's. The search is over the target frequency ω of each joint and one damping weight ζ.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from flexhinf.analysis import LinearLoop
+from flexhinf.estimation import stationary_gain
+from flexhinf.loop.simulation.metrics import damping_ratio
+from flexhinf.plant import Penalty
+from flexhinf.robot.elastic import Layout
+
+#: An oscillation is a vibration of the springs if they hold this fraction or more of the energy of springs and moving
+#: links: one half where the motors stand still, more where they move against the links, next to nothing where links
+#: and motors swing together.
+SPRING_FRACTION = 0.25
+
+#: A sampled mode whose multiplier is smaller than this is gone after one sample and has no rate.
+DEADBEAT = 1e-12
+
+#: A mode slower than this, relative to the fastest one, is at rest: a double zero eigenvalue is found only to the
+#: square root of the rounding.
+STANDS_STILL = 1e-7
+
+
+@dataclass(frozen=True)
+class Mode:
+    """An eigenvalue λ with Im λ ≥ 0, standing for itself and its conjugate.
+
+    Attributes
+    ----------
+    eigenvalue : complex
+        1/s.
+    vibration : bool
+        Whether it is a vibration of the springs; otherwise links and motors move together.
+    joint : str
+        Where most of it is.
+    """
+
+    eigenvalue: complex
+    vibration: bool
+    joint: str
+
+    @property
+    def frequency(self) -> float:
+        """|λ| / 2π, Hz."""
+        return abs(self.eigenvalue) / (2.0 * np.pi)
+
+    @property
+    def damping(self) -> float:
+        """−Re λ / |λ|: 1 for a mode that decays without oscillating, 0 at rest and for one that swings on, negative
+        for one that grows; see `damping_ratio`."""
+        return float(damping_ratio(np.array(self.eigenvalue)))
+
+    @property
+    def stable(self) -> bool:
+        """Whether it decays."""
+        return self.damping > 0.0
+
+    @property
+    def name(self) -> str:
+        """In words."""
+        if self.eigenvalue == 0.0:
+            return "free motion"
+        if self.vibration:
+            return "vibration"
+        return "swing" if self.eigenvalue.imag else ("motion" if self.stable else "fall")
+
+    @property
+    def time_constant(self) -> float | None:
+        """1 / |Re λ|, s: to decay, or to grow, by the factor e; None for a mode that does neither."""
+        return 1.0 / abs(self.eigenvalue.real) if self.damping else None
+
+
+def modes_of(
+    a: np.ndarray, joints: Sequence[str], stiffness: np.ndarray, inertia: np.ndarray
+) -> tuple[Mode, ...]:
+    """Modes of ẋ = A x, slowest first; see `named_modes`."""
+    return named_modes(*np.linalg.eig(a), joints, stiffness, inertia)
+
+
+def named_modes(
+    values: np.ndarray, vectors: np.ndarray, joints: Sequence[str], stiffness: np.ndarray, inertia: np.ndarray
+) -> tuple[Mode, ...]:
+    """Modes by name, slowest first.
+
+    Parameters
+    ----------
+    values, vectors : (N,), (N, N)
+        Eigenvalues, 1/s, and eigenvectors in columns, of a state that begins with link positions, link
+        velocities, motor positions, motor velocities.
+    stiffness, inertia : (n,), (2n, 2n)
+        Of the springs, and of links and motors; for the fractions of energy. Infinite and zero for a rigid joint and
+        its motor, which counts as its link.
+    """
+    fastest = np.abs(values).max(initial=0.0)
+    n, found = len(joints), []
+    weight, layout = np.diag(inertia), Layout(n, tuple(np.flatnonzero(np.isinf(stiffness)).tolist()))
+    springs = np.where(np.isinf(stiffness), 0.0, stiffness)
+    for value, vector in zip(values, vectors.T):
+        if value.imag < 0.0:
+            continue
+        q, dq, theta, _ = np.split(layout.whole(vector), 4)
+        spring = springs * np.abs(theta - q) ** 2
+        kinetic = float(np.real(dq.conj() @ inertia[:n, :n] @ dq))
+        fraction = float(spring.sum()) / max(float(spring.sum()) + kinetic, 1e-300)
+        vibration = bool(value.imag > 0.0 and fraction >= SPRING_FRACTION)
+        moving = weight[:n] * np.abs(q) ** 2 + weight[n:] * np.abs(theta) ** 2
+        where = spring if vibration else moving
+        still = abs(value) <= STANDS_STILL * fastest
+        found.append(Mode(0j if still else complex(value), vibration, joints[int(np.argmax(where))]))
+    return tuple(sorted(found, key=lambda mode: (abs(mode.eigenvalue), mode.joint)))
+
+
+def running_modes(
+    linear: LinearLoop, joints: Sequence[str], stiffness: np.ndarray, inertia: np.ndarray
+) -> tuple[Mode, ...]:
+    """Modes of the running loop with their continuous equivalents log(z)/T, slowest first; see `named_modes`.
+
+    Parameters
+    ----------
+    linear : LinearLoop
+        Sampled, with estimator and delay.
+    joints, stiffness, inertia
+        As of `named_modes`.
+    """
+    return _sampled_modes(*linear.running.modes(), linear.period, joints, stiffness, inertia)
+
+
+def estimator_modes(
+    estimator: Any,
+    equilibrium: tuple[np.ndarray, np.ndarray],
+    joints: Sequence[str],
+    stiffness: np.ndarray,
+    inertia: np.ndarray,
+) -> tuple[Mode, ...]:
+    """Modes of the estimation error in equilibrium, with the stationary gain of the linearised filter, slowest first.
+
+    e(k + 1) = A (1 − L C) e(k) for the sampled A, with L from the stationary Riccati equation of R^v and R^n. With the
+    nominal plant the linearised loop has these modes beside those of the law.
+    """
+    from scipy.linalg import expm
+
+    a, _, _, c = estimator.plant.linearise(*equilibrium)
+    sampled = expm(a * estimator.period)
+    gain = stationary_gain((sampled, c), estimator.process_noise, estimator.measurement_noise)
+    error = sampled @ (np.eye(len(a)) - gain @ c)
+    return _sampled_modes(*np.linalg.eig(error), estimator.period, joints, stiffness, inertia)
+
+
+def _sampled_modes(values: np.ndarray, vectors: np.ndarray, period: float, *names: Any) -> tuple[Mode, ...]:
+    kept = np.abs(values) > DEADBEAT
+    rates = np.log(values[kept].astype(complex)) / period
+    return named_modes(rates, vectors[:, kept], *names)
+
+
+def closed_loop(problem: Any, gain: np.ndarray) -> np.ndarray:
+    """A + B2 K (N, N) for the law u = K x (m, N), with the exact linearisation of the problem."""
+    expansion = problem.expand(1)
+    return expansion.f_parts[1] + expansion.g2_parts[0][:, :, 0] @ gain
+
+
+def stiffness_and_inertia(
+    plant: Any, equilibrium: tuple[np.ndarray, np.ndarray]
+) -> tuple[np.ndarray, np.ndarray]:
+    """K (n,) and the inertia of links and motors (2n, 2n), from the plant's own linearisation in equilibrium.
+
+    Of a rigid joint K is infinite, and its motor's inertia is part of the link's.
+    """
+    p, layout = plant.parameters.named(plant.parameters.vector()), Layout.of(plant.states)
+    n, elastic = layout.n, layout.elastic
+    stiffness, motors = np.full(n, np.inf), np.zeros(n)
+    stiffness[elastic] = np.atleast_1d(p.stiffness)
+    motors[elastic] = np.atleast_1d(p.motor_inertia)[elastic]
+    a, _, torques, _ = plant.linearise(*equilibrium)
+    if layout.rigid:
+        links = np.linalg.inv(torques[n : 2 * n, :n])  # ∂q̈1/∂d_link = M⁻¹
+    else:
+        links = np.linalg.solve(a[n : 2 * n, 2 * n : 3 * n].T, np.diag(stiffness)).T  # M, as ∂q̈1/∂q2 = M⁻¹ K
+    inertia = np.zeros((2 * n, 2 * n))
+    inertia[:n, :n], inertia[n:, n:] = (links + links.T) / 2.0, np.diag(motors)
+    return stiffness, inertia
+
+
+# Weights ------------------------------------------------------------------------------------------------
+#: Weight of the integral over that of the position times ω; weight of the velocities over that of the position per ω.
+INTEGRAL_WEIGHT, VELOCITY_WEIGHT = 0.5, 0.5
+
+
+#: All joints have a spring, however many there are.
+EVERY = Layout(0)
+
+
+@dataclass(frozen=True, eq=False)
+class JointScales:
+    """What weights are scaled by, at a pose.
+
+    Attributes
+    ----------
+    stiffness, link_inertia, motor_inertia : (n,)
+        K, M, J of each joint; M is the diagonal of the links' inertia at the pose.
+    damping : (n,)
+        Of each motor, back-EMF included, N·m·s/rad.
+    per_input : (n,)
+        Torque per unit of input.
+    held : float
+        Lowest frequency at which the links vibrate while the motors are held, rad/s.
+    layout : Layout, optional
+        Which joints have a spring, all by default; of the others K is infinite, J zero and part of M.
+    """
+
+    stiffness: np.ndarray
+    link_inertia: np.ndarray
+    motor_inertia: np.ndarray
+    damping: np.ndarray
+    per_input: np.ndarray
+    held: float
+    layout: Layout = EVERY
+
+    def __post_init__(self) -> None:
+        if self.layout is EVERY:
+            object.__setattr__(self, "layout", Layout(len(self.stiffness)))
+
+    @staticmethod
+    def of(plant: Any, equilibrium: tuple[np.ndarray, np.ndarray]) -> JointScales:
+        """Of a robot's plant at equilibrium."""
+        stiffness, inertia = stiffness_and_inertia(plant, equilibrium)
+        layout = Layout.of(plant.states)
+        n, elastic = layout.n, layout.elastic
+        a, b, _, _ = plant.linearise(*equilibrium)
+        motors, links = np.diag(inertia)[n:], inertia[:n, :n]
+        free = links[np.ix_(elastic, elastic)]
+        held = np.linalg.eigvals(np.linalg.solve(free, np.diag(stiffness[elastic]))).real.min()
+        rows = slice(2 * n + len(elastic), layout.mechanical)
+        damping, per_input = (
+            layout.motors(np.diag(links @ of_links), np.diag(of_motors) * motors[elastic])
+            for of_links, of_motors in (
+                (-a[n : 2 * n, n : 2 * n], -a[rows, rows]),
+                (b[n : 2 * n], b[rows][:, elastic]),
+            )
+        )
+        return JointScales(
+            stiffness, np.diag(links), motors, damping, np.abs(per_input), float(np.sqrt(held)), layout
+        )
+
+    @property
+    def vibration(self) -> np.ndarray:
+        """ω_v (n,), rad/s; of a rigid joint, which does not vibrate, the slowest of the others."""
+        elastic, found = self.layout.elastic, np.zeros(self.layout.n)
+        links, motors = self.link_inertia[elastic], self.motor_inertia[elastic]
+        found[elastic] = np.sqrt(self.stiffness[elastic] * (1.0 / links + 1.0 / motors))
+        return np.where(found > 0.0, found, found[elastic].min())
+
+    @property
+    def sides(self) -> tuple[np.ndarray, np.ndarray]:
+        """Inertia before and behind each spring (n,); of a rigid joint half of its own each."""
+        both = self.link_inertia, self.motor_inertia
+        rigid = self.motor_inertia == 0.0
+        return tuple(np.where(rigid, 0.5 * (both[0] + both[1]), side) for side in both)  # type: ignore[return-value]
+
+    def weights(self, target_frequency: np.ndarray, damping: float | np.ndarray) -> dict[str, np.ndarray]:
+        """Weight by name, (n,), or (e,) of what elastic joints have.
+
+        Parameters
+        ----------
+        target_frequency : (n,)
+            ω of each joint, rad/s.
+        damping : float or (n,)
+            ζ, of all joints or of each; 0 leaves the rates of the springs' torques free.
+        """
+        total = self.link_inertia + self.motor_inertia
+        position = target_frequency * np.hypot(total * target_frequency, self.damping) / self.per_input
+        velocity = VELOCITY_WEIGHT * position / target_frequency
+        elastic, both = self.layout.elastic, np.ones(len(velocity))
+        both[list(self.layout.rigid)] = np.sqrt(2.0)
+        motors, per_input = self.motor_inertia[elastic], self.per_input[elastic]
+        ratio = np.broadcast_to(damping, len(velocity))[elastic]
+        twist_rate = 2.0 * ratio * self.vibration[elastic] * motors / per_input
+        return {
+            "link_position": position,
+            "link_velocity": both * velocity,
+            "motor_velocity": velocity[elastic],
+            "joint_torque_rate": twist_rate / self.stiffness[elastic],
+            "link_position_integral": INTEGRAL_WEIGHT * position * target_frequency,
+        }
+
+    def rows(self, target_frequency: np.ndarray, damping: float | np.ndarray) -> np.ndarray:
+        """h(x) = C x of the same weights, for (q1, q̇1, q2, q̇2, ∫); without rows of zeros."""
+        n, e, w = self.layout.n, len(self.layout.elastic), self.weights(target_frequency, damping)
+        ends = np.cumsum([0, n, n, e, e, n])
+        own = [slice(*ends[k : k + 2]) for k in range(5)]
+        rows = np.zeros((ends[-1], ends[-1]))
+        names = "link_position", "link_velocity", "", "motor_velocity", "link_position_integral"
+        for place, name in zip(own, names):
+            if name:
+                np.fill_diagonal(rows[place, place], w[name])
+        rate = np.diag(w["joint_torque_rate"] * self.stiffness[self.layout.elastic])
+        rows[own[2], n + np.array(self.layout.elastic)], rows[own[2], own[3]] = -rate, rate
+        return rows[np.any(rows != 0.0, axis=1)]
+
+    def penalty(self, target_frequency: np.ndarray, damping: float | np.ndarray) -> Penalty:
+        """The same as a penalty of the robot with R2 = 1."""
+        named = {
+            name: weight.tolist() if len(weight) > 1 else float(weight[0])
+            for name, weight in self.weights(np.asarray(target_frequency, dtype=float), damping).items()
+            if np.any(weight)
+        }
+        return Penalty(named, 1.0)

@@ -1,0 +1,593 @@
+"""The linear part of a design at its goal: the nominal robot and its H∞ gain, and robots within the tolerances.
+
+A search asks for many gains. What does not change with the gain is computed once here: ẋ = A x + B u + G d of every
+member, the integrals of the tracking errors appended, deviations from each member's own equilibrium.
+
+Weights for a behaviour: two nested searches over the linear part; every candidate is kept for the report.
+
+Inside, for a given damping weight ζ, each joint's target frequency ω is multiplied by the ratio of the required to the
+found bandwidth until all bandwidths fit. Outside, ζ grows from 0 by a constant factor until the oscillations are damped
+as required, and is then bisected to the smallest value that does. One ζ damps most vibrations more than is asked, the
+light links' above all, and the motors that do it amplify the estimator's noise; so at the end the ζ of each joint is
+lowered to what its own vibration needs. All members of the family count: the nominal robot and corners of its
+tolerances.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import scipy.linalg
+
+from flexhinf.design.problem.modes import Mode, modes_of, named_modes, stiffness_and_inertia
+from flexhinf.errors import FlexhinfError, InvalidInput
+from flexhinf.hinf import linear_law
+from flexhinf.hinf.linear_part import LinearPart, linear_smallest_gamma
+from flexhinf.plant import PolynomialPlant
+from flexhinf.robot import Robot
+
+#: Corners of the tolerances that a search looks at, beside the nominal robot.
+MEMBERS = 32
+
+#: Corners among which the worst for the first weights are looked for, to be members of the second search.
+MANY = 400
+
+#: Relative width at which the bisection for γ* ends during a search.
+ROUGH = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class LinearFamily:
+    """Linearisations of N members, the nominal one first.
+
+    Attributes
+    ----------
+    a, b : (N, n, n), (N, n, m)
+        With one integral per joint as last states.
+    torques : (n, 2 joints)
+        Where torques at links and motors enter, nominal.
+    energy : (stiffness, inertia)
+        Of the nominal robot, to tell vibrations from other modes.
+    period : float
+        s, of the samples at which the law of the nominal robot acts; 0: always.
+    """
+
+    a: np.ndarray
+    b: np.ndarray
+    torques: np.ndarray
+    joints: tuple[str, ...]
+    energy: tuple[np.ndarray, np.ndarray]
+    period: float = 0.0
+
+    @cached_property
+    def sampled(self) -> tuple[np.ndarray, np.ndarray]:
+        """(Φ, Γ) of the nominal robot over one period with a constant input."""
+        n, m = self.nominal[1].shape
+        both = np.zeros((n + m, n + m))
+        both[:n] = np.hstack(self.nominal)
+        held = scipy.linalg.expm(both * self.period)
+        return held[:n, :n], held[:n, n:]
+
+    @property
+    def nominal(self) -> tuple[np.ndarray, np.ndarray]:
+        """(A, B) of the nominal robot."""
+        return self.a[0], self.b[0]
+
+    def with_members(self, other: LinearFamily, places: Any) -> LinearFamily:
+        """The same family with some members of another one."""
+        chosen = sorted(set(places))
+        a, b = np.concatenate([self.a, other.a[chosen]]), np.concatenate([self.b, other.b[chosen]])
+        return replace(self, a=a, b=b)
+
+    @staticmethod
+    def of(
+        robot: Robot, goal: np.ndarray, members: int = MEMBERS, seed: int = 0, period: float = 0.0
+    ) -> LinearFamily:
+        """Of a robot, corners sampled with a fixed seed.
+
+        Parameters
+        ----------
+        goal : (n,)
+            Link positions, rad or m.
+        members : int
+            Corners; none for a robot without tolerances.
+        seed : int
+            Of the corners.
+        period : float
+            s, see the class.
+        """
+        plant, equilibrium = robot.plant(), robot.operating_point(goal)
+        plant.traced_jacobians  # noqa: B018  traced once, shared by all members
+        joints, n = len(robot.joint_names), plant.n
+        corners = [plant.parameters.known(values) for values in _corners(robot, members, seed)]
+        matrices = [plant.linearise(*equilibrium)]
+        for values in corners:
+            changed = plant.with_parameters(**values)
+            matrices.append(changed.linearise(*robot.operating_point(goal, parameters=values)))
+        a = np.zeros((len(matrices), n + joints, n + joints))
+        b = np.zeros((len(matrices), n + joints, len(plant.inputs)))
+        for k, (state, inputs, _, _) in enumerate(matrices):
+            a[k, :n, :n], b[k, :n] = state, inputs
+        a[:, n:, :joints] = np.eye(joints)
+        torques = np.zeros((n + joints, 2 * joints))
+        torques[:n] = matrices[0][2]
+        return LinearFamily(
+            a, b, torques, robot.joint_names, stiffness_and_inertia(plant, equilibrium), period
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Families:
+    """Linearisations of one robot about one goal, made when they are first asked for, for any number of searches.
+
+    Parameters
+    ----------
+    goal : (n,)
+        Link positions, rad or m.
+    period : float
+        s, at which the law of the nominal robot acts.
+    """
+
+    robot: Any
+    goal: np.ndarray
+    period: float
+
+    @cached_property
+    def few(self) -> LinearFamily:
+        """Those that a search begins with."""
+        return LinearFamily.of(self.robot, self.goal, period=self.period)
+
+    @cached_property
+    def many(self) -> LinearFamily:
+        """Those among which the worst for the first weights are looked for."""
+        return LinearFamily.of(self.robot, self.goal, MANY, seed=1)
+
+
+def _corners(robot: Robot, count: int, seed: int = 0) -> list[dict[str, Any]]:
+    """All corners where there are no more than `count`; otherwise so many at random, whatever the parameters' order."""
+    names = sorted(parameter.name for parameter in robot.uncertain)
+    if not names or not count:
+        return []
+    if 2 ** len(names) <= count:
+        signs = 1.0 - 2.0 * ((np.arange(2 ** len(names))[:, None] >> np.arange(len(names))) & 1)
+    else:
+        signs = np.random.default_rng(seed).choice([-1.0, 1.0], (count, len(names)))
+    return [robot.corner(dict(zip(names, row.tolist()))) for row in signs]
+
+
+#: Frequencies looked at, over the fastest and slowest mode of the loop, per decade.
+PER_DECADE = 60
+
+
+@dataclass(frozen=True, eq=False)
+class Behaviour:
+    """The worst over the members of a family.
+
+    Attributes
+    ----------
+    bandwidth : (n,)
+        Of each joint, rad/s: the smallest.
+    damping : float
+        Smallest damping ratio of an oscillation; infinite where nothing oscillates, −∞ for a loop that is unstable.
+    nominal_damping : float
+        Of the nominal robot.
+    joint_damping : (n,)
+        Smallest of the vibrations that are mainly in the spring of each joint; infinite where there is none.
+    """
+
+    bandwidth: np.ndarray
+    damping: float
+    nominal_damping: float
+    joint_damping: np.ndarray
+
+
+def behaviour_of(family: LinearFamily, gain: np.ndarray) -> Behaviour:
+    """Of u = u* + K x, K (m, n)."""
+    loops = family.a + family.b @ gain
+    modes = [_modes(family, loop) for loop in loops]
+    if family.period:
+        modes[0] = _sampled_modes(family, gain)
+    damping = [_damping(each) for each in modes]
+    stable = min(damping) > -np.inf
+    joints = len(family.joints)
+    bandwidths = _bandwidths(loops, joints).min(axis=0) if stable else np.zeros(joints)
+    vibrations = [mode for each in modes for mode in each if mode.vibration]
+    own = [min((m.damping for m in vibrations if m.joint == name), default=np.inf) for name in family.joints]
+    return Behaviour(bandwidths, min(damping), damping[0], np.array(own))
+
+
+def worst_members(family: LinearFamily, gain: np.ndarray) -> list[int]:
+    """The members with the smallest bandwidth of each joint, and with the smallest damping."""
+    loops = family.a + family.b @ gain
+    damping = [_damping(_modes(family, loop)) for loop in loops]
+    worst = [int(np.argmin(damping))]
+    if min(damping) > -np.inf:
+        worst += [int(k) for k in np.argmin(_bandwidths(loops, len(family.joints)), axis=0)]
+    return worst
+
+
+def _modes(family: LinearFamily, loop: np.ndarray) -> tuple[Mode, ...]:
+    return modes_of(loop, family.joints, *family.energy)
+
+
+def _sampled_modes(family: LinearFamily, gain: np.ndarray) -> tuple[Mode, ...]:
+    """Of the nominal robot, the law acting at samples; those gone within two samples do not oscillate."""
+    phi, held = family.sampled
+    values, vectors = np.linalg.eig(phi + held @ gain)
+    rates = np.log(np.where(np.abs(values) > 1e-12, values, 1e-12).astype(complex)) / family.period
+    lasting = rates.real > -0.5 / family.period
+    return named_modes(rates[lasting], vectors[:, lasting], family.joints, *family.energy)
+
+
+def _damping(modes: Sequence[Mode]) -> float:
+    if not all(mode.stable for mode in modes):
+        return -np.inf
+    return min((mode.damping for mode in modes if mode.eigenvalue.imag > 0.0), default=np.inf)
+
+
+def _bandwidths(loops: np.ndarray, joints: int) -> np.ndarray:
+    """Of each member and joint, (N, joints): where |q_j / command_j| first falls below 1/√2, from above zero."""
+    values, vectors = np.linalg.eig(loops)
+    n = loops.shape[1]
+    command = np.zeros((n, joints))
+    command[n - joints :] = -np.eye(joints)
+    right = np.linalg.solve(vectors, np.broadcast_to(command, (len(loops), n, joints)))
+    residues = vectors[:, :joints].transpose(0, 2, 1) * right  # (members, mode, joint)
+    sizes = np.abs(values)
+    low, high = 0.02 * sizes.min(), 5.0 * sizes.max()
+    frequencies = np.geomspace(low, high, max(2, int(PER_DECADE * np.log10(high / low))))
+    response = np.empty((len(loops), len(frequencies), joints))
+    for k, member in enumerate(residues):
+        response[k] = np.abs((1.0 / (1j * frequencies[:, None] - values[k])) @ member)
+    return np.column_stack([_crossing(frequencies, response[:, :, j]) for j in range(joints)])
+
+
+def _crossing(frequencies: np.ndarray, response: np.ndarray) -> np.ndarray:
+    """Where each row falls below 1/√2, interpolated in log scales; 0 for one that begins below."""
+    limit, found = np.sqrt(0.5), []
+    logs = np.log(frequencies)
+    for row in response:
+        below = np.flatnonzero(row < limit)
+        if not len(below) or below[0] == 0:
+            found.append(0.0 if len(below) else frequencies[-1])
+            continue
+        k = below[0]
+        fraction = np.log(row[k - 1] / limit) / np.log(row[k - 1] / row[k])
+        found.append(float(np.exp(logs[k - 1] + fraction * (logs[k] - logs[k - 1]))))
+    return np.array(found)
+
+
+# The H∞ gain of the nominal robot -----------------------------------------------------------------------
+@dataclass(frozen=True, eq=False)
+class LinearDesign:
+    """A gain and its levels.
+
+    Attributes
+    ----------
+    gain : (m, n)
+        u − u* = K x.
+    p : (n, n)
+        V = ½ xᵀ P x.
+    gamma, gamma_star : float
+        Of the design, and the smallest feasible one (to `ROUGH`).
+    """
+
+    gain: np.ndarray
+    p: np.ndarray
+    gamma: float
+    gamma_star: float
+
+
+@dataclass(frozen=True, eq=False)
+class LinearProblem:
+    """The linear problem of the nominal robot: ẋ = A x + B1 d + B2 u, z = (C x, R2^½ u)."""
+
+    a: np.ndarray
+    b1: np.ndarray
+    b2: np.ndarray
+    c: np.ndarray
+    r2: np.ndarray
+
+    @staticmethod
+    def of(
+        family: LinearFamily, rows: np.ndarray, command: bool, torques: np.ndarray | None = None
+    ) -> LinearProblem:
+        """With h(x) = C x, R2 = I, and disturbances by the command and by torques.
+
+        Parameters
+        ----------
+        rows : (s, n)
+            C.
+        command : bool
+            Whether the command is a disturbance, through ė = q − d.
+        torques : (2 joints, k) or None
+            Which torques at links and motors disturb.
+        """
+        a, b2 = family.nominal
+        n, joints = len(a), len(family.joints)
+        enter = np.zeros((n, joints))
+        enter[n - joints :] = -np.eye(joints)
+        parts = ([enter] if command else []) + ([] if torques is None else [family.torques @ torques])
+        return LinearProblem(a, np.hstack(parts), b2, rows, np.eye(b2.shape[1]))
+
+    def linear_part(self) -> LinearPart:
+        """As the synthesis has it, the input in units of its price."""
+        root = np.linalg.cholesky(self.r2)
+        names = tuple(f"x{k + 1}" for k in range(len(self.a)))
+        return LinearPart(self.a, self.b1, np.linalg.solve(root, self.b2.T).T, self.c, names)
+
+    def gamma_star(self) -> float:
+        """Smallest feasible level, to `ROUGH`."""
+        return linear_smallest_gamma(self.linear_part(), ROUGH)
+
+    def design(self, gamma: float, gamma_star: float) -> LinearDesign:
+        """The gain −R2⁻¹ B2ᵀ P at a level."""
+        third = {0: self.b1[:, :, None]}
+        plant = PolynomialPlant.from_parts(
+            len(self.a), {1: self.a}, third, {0: self.b2[:, :, None]}, {1: self.c}, self.r2
+        )
+        p = linear_law(plant, gamma).P
+        return LinearDesign(-np.linalg.solve(self.r2, self.b2.T @ p), p, gamma, gamma_star)
+
+    def attained(self, gain: np.ndarray) -> float:
+        """H∞ norm from d to z of the loop of a stabilising gain: the level that it attains, to `ROUGH`."""
+        closed = np.vstack([self.c, np.linalg.cholesky(self.r2).T @ gain])
+        nothing = np.zeros((len(self.a), 1))
+        part = self.linear_part()
+        return linear_smallest_gamma(
+            LinearPart(self.a + self.b2 @ gain, self.b1, nothing, closed, part.state_names), ROUGH
+        )
+
+
+#: The damping weight ζ: its first value beyond 0, its growth, and the largest that is tried.
+SMALLEST, GROWTH, LARGEST = 0.02, 1.7, 30.0
+
+#: Relative width of a bandwidth that fits; turns of the inner search, and of the bisection.
+FITS, TURNS, HALVINGS = 0.01, 30, 6
+
+#: Rounds in which the ζ of single joints are lowered, by this factor at most at once, and by no less than the second;
+#: the powers of the ratio of the required to the found damping that are tried.
+ROUNDS, MOST_LOWERED, WORTH, POWERS = 2, 2.0, 0.9, (0.95, 0.5)
+
+#: Factors on the ζ of another behaviour that are tried one after the other.
+PROPORTIONS = (1.0, 1.1, 1.25, 1.5, 2.0)
+
+#: A target frequency is multiplied by this power of the ratio: with 1, coupled joints would swing about the fit.
+CAUTION = 0.6
+
+#: Largest target frequency that is tried, over the lowest vibration with held motors.
+FASTEST = 30.0
+
+
+class DampingOutOfReach(InvalidInput):
+    """No weights damp every oscillation as required.
+
+    Attributes
+    ----------
+    reached : float
+        A damping ratio that weights are found for, a little below the best.
+    """
+
+    reached = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class TargetBehaviour:
+    """The behaviour that weights are searched for.
+
+    Attributes
+    ----------
+    bandwidth : (n,)
+        Of each joint at least, rad/s.
+    damping : float
+        Of every oscillation at least.
+    """
+
+    bandwidth: np.ndarray
+    damping: float
+
+    @property
+    def words(self) -> str:
+        """As text."""
+        low, high = self.bandwidth.min(), self.bandwidth.max()
+        band = f"{low:.3g}" if low == high else f"{low:.3g} to {high:.3g}"
+        return f"{band} rad/s and a damping ratio of {self.damping:.3g}"
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """Weights that were tried, and what they came to.
+
+    Attributes
+    ----------
+    target_frequency : (n,)
+        ω of each joint, rad/s.
+    damping_weights : (n,)
+        ζ of each joint.
+    """
+
+    target_frequency: np.ndarray
+    damping_weights: np.ndarray
+    design: LinearDesign
+    behaviour: Behaviour
+
+    @property
+    def damping_weight(self) -> float:
+        """The largest ζ."""
+        return float(self.damping_weights.max())
+
+
+@dataclass(frozen=True, eq=False)
+class SearchResult:
+    """The outcome, and the way to it.
+
+    Attributes
+    ----------
+    candidates : tuple of Candidate
+        One per ζ, in the order of the search.
+    """
+
+    chosen: Candidate
+    candidates: tuple[Candidate, ...]
+
+
+Synthesis = Callable[[np.ndarray, np.ndarray], LinearDesign]
+
+
+def search(
+    target: TargetBehaviour,
+    family: LinearFamily,
+    synthesis: Synthesis,
+    held: float,
+    each: bool = True,
+    near: Candidate | None = None,
+) -> SearchResult:
+    """The weights with which the linear part behaves as required.
+
+    Parameters
+    ----------
+    synthesis : callable
+        (ω (n,), ζ (n,)) → LinearDesign.
+    held : float
+        Lowest vibration with held motors, rad/s.
+    each : bool
+        Whether the ζ of single joints are lowered at the end.
+    near : Candidate, optional
+        For another bandwidth or damping; the search begins at its ω and ζ in proportion, which saves most of it.
+
+    Raises
+    ------
+    InvalidInput
+        If it cannot be met: which limit binds, and the best that was found.
+    """
+    inside = _Inside(family, synthesis, held)
+    chosen = None if near is None else _from(near, target, inside)
+    if chosen is None:
+        chosen = _damped(target, inside)
+    if each and len(target.bandwidth) > 1 and chosen.damping_weight:
+        chosen = _each(target, inside, chosen)
+    return SearchResult(chosen, tuple(inside.candidates))
+
+
+class _Inside:
+    """The inner search: target frequencies that give each joint its bandwidth, for one ζ."""
+
+    def __init__(self, family: LinearFamily, synthesis: Synthesis, held: float) -> None:
+        self.family, self.synthesis, self.held = family, synthesis, held
+        self.candidates: list[Candidate] = []
+        self.start: np.ndarray | None = None
+        # Largest fraction of the required bandwidths that any stable loop had, in all joints at once.
+        self.reached = 0.0
+
+    def fit(self, bandwidth: np.ndarray, damping_weight: float | np.ndarray) -> Candidate | None:
+        """The candidate, or None if no target frequencies give the bandwidth."""
+        weights = np.broadcast_to(np.asarray(damping_weight, dtype=float), len(bandwidth))
+        start = 1.5 * bandwidth if self.start is None else self.start
+        target_frequency = np.minimum(start, FASTEST * self.held)
+        if self.candidates:
+            target_frequency = self.candidates[-1].target_frequency
+        for _ in range(TURNS):
+            try:
+                design = self.synthesis(target_frequency, weights)
+            except FlexhinfError:
+                return None
+            found = behaviour_of(self.family, design.gain)
+            if found.damping == -np.inf:
+                return None
+            self.reached = max(self.reached, float((found.bandwidth / bandwidth).min()))
+            ratio = bandwidth / np.maximum(found.bandwidth, 1e-3 * bandwidth)
+            if np.all(np.abs(ratio - 1.0) <= FITS):
+                break
+            target_frequency = target_frequency * np.clip(ratio, 0.4, 2.5) ** CAUTION
+            if np.any(target_frequency > FASTEST * self.held):
+                return None
+        else:
+            return None
+        self.candidates.append(Candidate(target_frequency, weights, design, found))
+        return self.candidates[-1]
+
+
+def _from(near: Candidate, target: TargetBehaviour, inside: _Inside) -> Candidate | None:
+    """The ω and ζ of another behaviour, in proportion; None where they do not damp every oscillation as required."""
+    inside.start = near.target_frequency * target.bandwidth / near.behaviour.bandwidth
+    weights = near.damping_weights * target.damping / near.behaviour.damping
+    for more in PROPORTIONS:
+        tried = inside.fit(target.bandwidth, more * weights)
+        if tried is not None and tried.behaviour.damping >= target.damping:
+            return tried
+    return None
+
+
+def _damped(target: TargetBehaviour, inside: _Inside) -> Candidate:
+    """The smallest ζ with which every oscillation is damped as required."""
+    damping_weight, below = 0.0, 0.0
+    best: Candidate | None = None
+    while damping_weight <= LARGEST:
+        tried = inside.fit(target.bandwidth, damping_weight)
+        if tried is not None:
+            best = tried if best is None or tried.behaviour.damping > best.behaviour.damping else best
+            if tried.behaviour.damping >= target.damping:
+                return tried if damping_weight == 0.0 else _least(target, inside, below, tried)
+            below = damping_weight
+        damping_weight = max(SMALLEST, damping_weight * GROWTH)
+    raise _out_of_reach(target, best, inside.reached)
+
+
+def _least(target: TargetBehaviour, inside: _Inside, below: float, above: Candidate) -> Candidate:
+    for _ in range(HALVINGS):
+        tried = inside.fit(target.bandwidth, 0.5 * (below + above.damping_weight))
+        if tried is not None and tried.behaviour.damping >= target.damping:
+            above = tried
+        else:
+            below = 0.5 * (below + above.damping_weight)
+    return above
+
+
+def _each(target: TargetBehaviour, inside: _Inside, best: Candidate) -> Candidate:
+    """The ζ of each joint lowered to what its vibration needs, one after the other, the most damped one first.
+
+    A ζ that other joints need is kept: every oscillation stays damped as required.
+    """
+    for _ in range(ROUNDS):
+        before = best
+        for joint in np.argsort(-best.behaviour.joint_damping):
+            ratio = target.damping / min(best.behaviour.joint_damping[joint], MOST_LOWERED * target.damping)
+            for power in POWERS if ratio < WORTH else ():
+                weights = best.damping_weights.copy()
+                weights[joint] *= ratio**power
+                tried = inside.fit(target.bandwidth, weights)
+                if tried is not None and tried.behaviour.damping >= target.damping:
+                    best = tried
+                    break
+        if best is before:
+            break
+    return best
+
+
+def _text(values: np.ndarray) -> str:
+    low, high = float(np.min(values)), float(np.max(values))
+    return f"{low:.3g}" if high - low <= 2.0 * FITS * high else f"{low:.3g} to {high:.3g}"
+
+
+def _out_of_reach(target: TargetBehaviour, best: Candidate | None, reached: float) -> InvalidInput:
+    required = f"a bandwidth of {_text(target.bandwidth)} rad/s with a damping ratio of {target.damping:g}"
+    if best is None:
+        return InvalidInput(
+            "The specification cannot be met: the bandwidth binds.",
+            f"expected {required}; the best found that is stable within the tolerances is "
+            f"{_text(reached * target.bandwidth)} rad/s",
+            "a smaller `bandwidth`; the springs' own frequency is about the most that a joint follows",
+        )
+    reached = max(0.0, 0.95 * best.behaviour.damping)
+    refused = DampingOutOfReach(
+        "The specification cannot be met: the damping of the oscillations binds.",
+        f"expected {required} for the robot and its tolerances; the best found at this bandwidth is "
+        f"{best.behaviour.damping:.3g} ({best.behaviour.nominal_damping:.3g} for the nominal robot)",
+        f"damping={reached:.2g}, or another `bandwidth`",
+    )
+    refused.reached = reached
+    return refused

@@ -1,0 +1,360 @@
+"""The degree of V: several are solved, regions are sampled, and time and residuals are measured.
+
+Which one a design uses is decided in `flexhinf.design.synthesis.degrees`.
+
+Which degree a design uses: the lowest one whose step no higher one makes clearly cheaper.
+
+All degrees of a problem have the same linear part, and so the same bandwidth, margins and noise at the motors. They
+differ in a step that is so long that the plant is another one at its start. So the step of the design itself decides,
+as it is deployed:
+
+1. It is run with the lowest degree. If the higher terms of the law would hardly change the input along it, the lowest
+   degree is used.
+2. Otherwise it is run with each degree. A higher one takes the place of a lower one if its step costs less, and keeps
+   the limits of the specification that the lower one keeps, also on a few robots within their tolerances.
+
+The study behind it is `benchmarks/degrees.py`; docs/degrees.md shows what it found.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+
+from flexhinf.design.loop_setup import LoopSetup
+from flexhinf.design.monte_carlo import sampled_runs
+from flexhinf.design.problem.modes import closed_loop
+from flexhinf.design.requirements import sample_requirements, step_requirements
+from flexhinf.design.responses import Response, run_length, sample_robots
+from flexhinf.design.specification import Specification
+from flexhinf.hinf import HJISolution, smallest_gamma, solve_hji
+from flexhinf.plant import GeneralisedPlant
+
+#: Up to so many states, so many rays; no region is sampled beyond.
+RAYS = ((10, 500), (20, 200))
+
+
+@dataclass(frozen=True)
+class DegreeChoice:
+    """What a degree gives.
+
+    Attributes
+    ----------
+    degree : int
+        Of V; the law has one less.
+    level : float
+        Largest level set {V ≤ level} on which nothing against the dissipation inequality was found (sampled); nan where
+        there is no region, or none was looked for.
+    step_amplitude : float
+        Largest step between equilibria whose start lies in it, in the unit of the tracked states; nan likewise.
+    limit : str
+        What bounds the level set, or why there is none.
+    residual : float
+        Largest relative residual of Eq. (8) in any degree, as measured.
+    solve_seconds, check_seconds : float
+        Wall time.
+    looked : bool
+        Whether the region was sampled; level and step are nan otherwise.
+    acting : float
+        How much this law would change the input along the step of the lowest degree, over its largest value there (both
+        deviations from the goal's); nan where that was not asked, see `flexhinf.design.synthesis.degrees`.
+    cost : float
+        ∫|z|² of the step without the integrals; infinite if it diverges, nan if it was not run.
+    missed : tuple of str
+        Requirements of the step that a lower degree keeps and this one does not; only of a cheaper step.
+    """
+
+    degree: int
+    solution: HJISolution
+    level: float
+    step_amplitude: float
+    limit: str
+    residual: float
+    solve_seconds: float
+    check_seconds: float
+    looked: bool = True
+    acting: float = float("nan")
+    cost: float = float("nan")
+    missed: tuple[str, ...] = ()
+
+
+def tried_degrees(states: int, s: Specification) -> tuple[int, ...]:
+    """Degrees of V that are solved: as stated, or fewer for more states."""
+    return tuple(s.degrees) if s.degrees is not None else ((2, 4, 6) if states <= 10 else (2, 4))
+
+
+def rays_of(states: int, s: Specification) -> int:
+    """Rays in which a region is sampled: as stated, or fewer for more states."""
+    return next((count for most, count in RAYS if states <= most), 0) if s.rays is None else s.rays
+
+
+def synthesis_stages(states: int, s: Specification) -> int:
+    """How many steps of work the degrees are, for a progress bar: solutions, the choice, and sampled regions."""
+    count = len(tried_degrees(states, s))
+    regions = (count if s.degrees is not None else 1) if rays_of(states, s) else 0
+    return count + (count > 1) + regions
+
+
+# Solutions and regions -----------------------------------------------------------------------------------
+def solve_degrees(
+    problem: GeneralisedPlant,
+    degrees: Sequence[int],
+    gamma: float,
+    progress: Callable[[str], None] = lambda text: None,
+) -> Iterator[DegreeChoice]:
+    """Solve to each degree; no region is sampled.
+
+    Parameters
+    ----------
+    problem : GeneralisedPlant
+        About the goal pose: a step to the goal starts at a deviation from it.
+    progress : callable
+        Called with what comes next, once per degree.
+
+    Raises
+    ------
+    InfeasibleGamma, InvalidInput
+        As `solve_hji`.
+    """
+    nothing = float("nan")
+    for degree in degrees:
+        progress(f"degree {degree}: solve")
+        start = time.perf_counter()
+        solution = solve_hji(problem, gamma=gamma, degree=degree)
+        seconds = time.perf_counter() - start
+        residual = max((record.residual for record in solution.records), default=nothing)
+        yield DegreeChoice(
+            degree, solution, nothing, nothing, "not sampled", residual, seconds, 0.0, looked=False
+        )
+
+
+def with_region(
+    choice: DegreeChoice, gamma: float, penalty: object = None, rays: int = 500, seed: int = 0
+) -> DegreeChoice:
+    """The same with its region sampled.
+
+    Parameters
+    ----------
+    gamma : float
+        Of the inequality that is checked; it must be weaker than the designed one, see `HJISolution.sampled_region`.
+    penalty : optional
+        Of the inequality that is checked; 0.9 times the designed one by default.
+
+    Raises
+    ------
+    InvalidInput
+        As `HJISolution.sampled_region`.
+    """
+    start, solution = time.perf_counter(), choice.solution
+    check = solution.sampled_region(gamma=gamma, penalty=penalty, rays=rays, seed=seed)  # type: ignore[arg-type]
+    if check is None:
+        margin = solution.checked_margin(gamma, penalty)  # type: ignore[arg-type]
+        level = amplitude = float("nan")
+        limit = f"no region: {margin.reason()}"
+    else:
+        level, amplitude, limit = check.level, check.step_amplitude(), check.limit
+    return replace(
+        choice, level=level, step_amplitude=amplitude, limit=limit, check_seconds=time.perf_counter() - start,
+        looked=True,
+    )  # fmt: skip
+
+
+def try_degrees(
+    problem: GeneralisedPlant,
+    degrees: Sequence[int],
+    gamma_ratio: float = 1.5,
+    checked_gamma_ratio: float = 1.6,
+    checked_penalty: object = None,
+    rays: int = 500,
+    seed: int = 0,
+    progress: Callable[[str], None] = lambda text: None,
+    gamma_star: float | None = None,
+) -> Iterator[DegreeChoice]:
+    """Solve to each degree and sample the region where the solution holds.
+
+    Parameters
+    ----------
+    problem, degrees, progress
+        As of `solve_degrees`.
+    gamma_ratio, checked_gamma_ratio : float
+        γ/γ* of the design, and of the inequality that is checked.
+    checked_penalty, rays, seed
+        As of `with_region`; without rays no region is sampled.
+    gamma_star : float, optional
+        Of which the ratios are, where it is not the problem's own: that of a robust problem, for all robots within the
+        tolerances.
+
+    Yields
+    ------
+    DegreeChoice
+
+    Raises
+    ------
+    InfeasibleGamma, InvalidInput
+        As `solve_hji` and `HJISolution.sampled_region`.
+    """
+    gamma_star = smallest_gamma(problem) if gamma_star is None else gamma_star
+    for choice in solve_degrees(problem, degrees, gamma_ratio * gamma_star, progress):
+        if rays:
+            progress(f"degree {choice.degree}: sample the region")
+            choice = with_region(choice, checked_gamma_ratio * gamma_star, checked_penalty, rays, seed)
+        yield choice
+
+
+def shrinking(choices: Sequence[DegreeChoice]) -> list[tuple[int, int]]:
+    """Pairs (lower, higher) of neighbouring degrees where the higher one allows a smaller step."""
+    ordered = sorted(choices, key=lambda choice: choice.degree)
+    return [(a.degree, b.degree) for a, b in pairwise(ordered) if b.step_amplitude < a.step_amplitude]
+
+
+#: Higher terms of a law act where they change the input along the lowest degree's step by at least this fraction of its
+#: largest value there. Below, no step of the study became cheaper by more than 3 %.
+ACTING = 0.5
+
+#: A higher degree has to make the step cheaper by more than this fraction. Wherever one does in the study, the step
+#: settles earlier by 18 to 44 %; with 3 % there are steps among them that settle later.
+GAIN = 0.05
+
+#: Robots within their tolerances with which a higher degree must keep the limits that the lower one keeps.
+SAMPLES = 12
+
+#: Instants of a run at which its cost is summed.
+INSTANTS = 2000
+
+
+def choose_degree(
+    setup: LoopSetup, problem: GeneralisedPlant, choices: Sequence[DegreeChoice]
+) -> tuple[DegreeChoice, tuple[DegreeChoice, ...]]:
+    """The degree that is used, and all of them by rising degree, with what their steps cost.
+
+    Parameters
+    ----------
+    setup : LoopSetup
+        The loop of the design, whatever its law.
+    problem : GeneralisedPlant
+        The nominal problem about the goal, whose penalty is the cost.
+    """
+    lowest, *higher = sorted(choices, key=lambda choice: choice.degree)
+    if (
+        not higher or setup.specification.via
+    ):  # with laws at several poses the robot is never far from the nearest one
+        return lowest, (lowest, *higher)
+    first = _Trial.of(setup, problem, lowest)
+    higher = [replace(choice, acting=first.acting(choice)) for choice in higher]
+    if all(choice.acting < ACTING for choice in higher):
+        return first.choice, (first.choice, *higher)
+    used, judged = first, [first.choice]
+    for choice in higher:
+        trial = _Trial.of(setup, problem, choice, first.length)
+        if trial.choice.cost < (1.0 - GAIN) * used.choice.cost:
+            trial = replace(
+                trial, choice=replace(trial.choice, missed=tuple(sorted(trial.missed - used.missed)))
+            )
+            used = used if trial.choice.missed else trial
+        judged.append(trial.choice)
+    return used.choice, tuple(judged)
+
+
+def step_cost(
+    problem: GeneralisedPlant, response: Response, at: tuple[np.ndarray, np.ndarray] | None = None
+) -> float:
+    """∫|z|² dt of a run, z of deviations from an equilibrium, without what weights the integrals of the error.
+
+    Each law chooses its own integrals at the start of a step, such that the input does not jump. They are no part of
+    what the robot does, and count as zero.
+
+    Parameters
+    ----------
+    problem : GeneralisedPlant
+        Its penalty and R2.
+    at : (x, u), optional
+        State (as the run has it) and input of the equilibrium; the problem's by default.
+
+    Returns
+    -------
+    float
+        Infinite where the run diverged.
+    """
+    if response.diverged_at is not None:
+        return float("inf")
+    run, (end, held) = response.run, (problem.operating_point, problem.operating_input) if at is None else at
+    few = slice(None, None, max(1, len(run.time) // INSTANTS))
+    x, names = run.signals["state"][few], problem.plant.states
+    moved = np.zeros((len(x), len(problem.state_names)))
+    for column, name in enumerate(names):
+        place = run.names["state"].index(name)
+        moved[:, column] = x[:, place] - end[column if at is None else place]
+    u, h = response.inputs[few] - held, problem.fields(moved)[3]
+    square = np.einsum("ki,ki->k", h, h) + np.einsum("ki,ij,kj->k", u, problem.r2, u)
+    return float(np.trapezoid(square, run.time[few]))
+
+
+@dataclass(frozen=True, eq=False)
+class _Trial:
+    """The step of one degree."""
+
+    choice: DegreeChoice
+    setup: LoopSetup
+    problem: GeneralisedPlant
+    step: Response
+    length: float
+
+    @staticmethod
+    def of(
+        setup: LoopSetup, problem: GeneralisedPlant, choice: DegreeChoice, length: float | None = None
+    ) -> _Trial:
+        """The step run with a degree, for `length` seconds; by default as stated, or by the slowest mode."""
+        setup = replace(setup, law=choice.solution, law_at_goal=None)
+        length = setup.specification.duration if length is None else length
+        if length is None:
+            rates = np.linalg.eigvals(closed_loop(problem, choice.solution.gain)).real
+            length = run_length(float(-rates.max())) + setup.command_time
+        step = setup.step(length)
+        return _Trial(replace(choice, cost=step_cost(problem, step)), setup, problem, step, length)
+
+    def acting(self, other: DegreeChoice) -> float:
+        """How much the law of another degree would change the input along this step, over the largest input of this
+        law there; both are deviations from the goal's, weighted by R2."""
+        moved, r2 = self._deviations, self.problem.r2
+        if self.step.diverged_at is not None:
+            return float("inf")
+        own = self.choice.solution.inputs(moved)
+        with np.errstate(all="ignore"):
+            more = other.solution.inputs(moved) - own
+        sizes = [float(np.einsum("ki,ij,kj->k", u, r2, u).max()) for u in (more, own)]
+        return float(np.sqrt(sizes[0] / sizes[1])) if sizes[1] > 0.0 else 0.0
+
+    @cached_property
+    def _deviations(self) -> np.ndarray:
+        """From the goal's equilibrium, with the integrals of the error, (N, n)."""
+        run, law, setup = self.step.run, self.choice.solution, self.setup
+        period, few = (
+            setup.specification.period,
+            slice(None, None, max(1, len(self.step.run.time) // INSTANTS)),
+        )
+        wanted = (
+            setup.goal if setup.command is None else np.reshape(setup.command(run.time), (len(run.time), -1))
+        )
+        grown = period * np.cumsum(self.step.positions - wanted, axis=0)
+        columns = [run.names["state"].index(name) for name in self.problem.plant.states]
+        moved = run.signals["state"][:, columns] - law.operating_point[: len(columns)]
+        return np.hstack([moved, setup.departure(law)[len(columns) :] + grown])[few]
+
+    @cached_property
+    def missed(self) -> frozenset[str]:
+        """Requirements of the step that are not met: by the nominal robot, or by a few within their tolerances."""
+        s, limits, setup = self.setup.specification, self.setup.limits, self.setup
+        if limits.saturated is not None and limits.limits_peak:
+            setup = replace(setup, specification=replace(s, saturation=np.inf))
+        step = self.step if setup is self.setup else setup.step(self.length)
+        lines = step_requirements(s, limits, step, "the step")
+        if setup.robot.uncertain and s.draws != 0:
+            robots = sample_robots(setup.robot, SAMPLES, s.seed)
+            taken = step.run.settings["sub_steps"]
+            lines += sample_requirements(s, limits, sampled_runs(setup, robots, self.length, taken))
+        return frozenset(line.what for line in lines if not line.met)

@@ -1,0 +1,270 @@
+"""A problem whose step keeps the limits of inputs and speeds, joint by joint: bandwidths are lowered until the
+nonlinear loop keeps them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from flexhinf.design.estimators import EstimatorNoise
+from flexhinf.design.joint_limits import ROBOT, JointLimits, joint_limits
+from flexhinf.design.loop_setup import LoopSetup
+from flexhinf.design.monte_carlo import sampled_runs
+from flexhinf.design.problem.presets import DesignProblem, choose
+from flexhinf.design.responses import Response, run_length, sample_robots
+from flexhinf.design.specification import TOLERANCE, Specification
+from flexhinf.design.synthesis.degrees import tried_degrees
+from flexhinf.errors import FlexhinfError, InvalidInput
+from flexhinf.hinf import solve_hji
+from flexhinf.robot import Robot
+
+#: The bandwidths of joints beyond a limit are lowered by the first factor, to at least the second of what they were;
+#: then all are raised together until the third, relative, is left between kept and not kept.
+COARSE, LEAST, WIDTH = 0.7, 0.05, 0.04
+
+#: A joint whose share of a limit falls by less than this factor when its bandwidth is lowered is moved by the others:
+#: then all are lowered.
+HELPS = 0.97
+
+#: Robots sampled within their tolerances whose peak counts, beside the nominal one's.
+SAMPLES = 12
+
+#: The step is run for the time constants of this fraction of the bandwidth.
+SLOWEST = 0.4
+
+
+def problem_within_effort(
+    robot: Robot,
+    goal: np.ndarray,
+    start: np.ndarray,
+    s: Specification,
+    problem: DesignProblem,
+    levels: EstimatorNoise | None,
+    progress: Callable[[str], None],
+) -> DesignProblem:
+    """The same problem, or with limits of inputs or speeds that its step exceeds, one of lower bandwidths.
+
+    Default bandwidths are lowered until every joint keeps its limits. Those that the specification states are not:
+    beyond a limit that it states too it is refused, beyond one of the robot the loop is judged as it is.
+
+    Parameters
+    ----------
+    levels : EstimatorNoise or None
+        R^v of the estimator in these runs; by default what the specification states.
+
+    Raises
+    ------
+    InvalidInput
+        If a limit is not kept: with the best bandwidth found within it.
+    """
+    limits = joint_limits(robot, s)
+    if not (limits.limits_peak or limits.limits_speed) or problem.target is None:
+        return problem
+    progress("the peak input of the step")
+    search = _Search(robot, goal, start, s, levels, limits, problem)
+    peaks = search.peaks(problem)
+    if not peaks.exceeds(1.0 + TOLERANCE).any():
+        return problem
+    if s.bandwidth is not None and not peaks.exceeds(1.0 + TOLERANCE, *_stated(limits)).any():
+        return problem
+    bandwidth = problem.target.bandwidth
+    best, fractions = search.confirmed(*search.slower(bandwidth, peaks), bandwidth)
+    if best is not None and s.bandwidth is None:
+        return best
+    raise _limit_exceeded(limits, problem.target.bandwidth, peaks, best, fractions * bandwidth)
+
+
+def _stated(limits: JointLimits) -> tuple[bool, bool]:
+    """Whether the specification itself limits inputs, and speeds."""
+    return limits.peak_source != ROBOT, limits.speed_source != ROBOT
+
+
+@dataclass(frozen=True, eq=False)
+class _Peaks:
+    """Largest inputs (V, N·m or N) and speeds (rad/s or m/s) of a step, (n,); infinite where it diverged."""
+
+    inputs: np.ndarray
+    speeds: np.ndarray
+    limits: JointLimits
+
+    def shares(self, inputs: bool = True, speeds: bool = True) -> np.ndarray:
+        """Largest share (n,) of the limits of each joint; of the inputs alone, or the speeds alone, on request."""
+        found = [
+            np.where(np.isfinite(limit), peak / limit, 0.0)
+            for peak, limit, counts in (
+                (self.inputs, self.limits.peak, inputs),
+                (self.speeds, self.limits.speed, speeds),
+            )
+            if counts
+        ]
+        return np.max(found, axis=0) if found else np.zeros(len(self.inputs))
+
+    def plus(self, more: tuple[np.ndarray, np.ndarray]) -> _Peaks:
+        """With more of the inputs and of the speeds."""
+        return replace(self, inputs=self.inputs + more[0], speeds=self.speeds + more[1])
+
+    def exceeds(self, share: float, inputs: bool = True, speeds: bool = True) -> np.ndarray:
+        """Which joints (n,) use more than this share of a limit."""
+        return self.shares(inputs, speeds) > share
+
+
+class _Search:
+    """Bandwidths whose step keeps the limits.
+
+    While bandwidths are tried only the nominal robot is run. What sampled ones took more than it in the last step that
+    was run on all of them is added, and the bandwidth that is found is confirmed by another such step.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        goal: np.ndarray,
+        start: np.ndarray,
+        s: Specification,
+        levels: EstimatorNoise | None,
+        limits: JointLimits,
+        first: DesignProblem,
+    ) -> None:
+        self.robot, self.goal, self.start, self.s, self.levels = robot, goal, start, s, levels
+        self.limits, self.first = limits, first
+        self.more: tuple[np.ndarray, np.ndarray] = (np.zeros(len(goal)), np.zeros(len(goal)))
+
+    def slower(self, bandwidth: np.ndarray, peaks: _Peaks) -> tuple[DesignProblem | None, np.ndarray]:
+        """The problem of large fractions (n,) of the bandwidths (n,) that keeps the limits, and the fractions.
+
+        `peaks` are those of the bandwidths themselves. Where every joint is beyond its limit, or a joint is moved by
+        the others, the fractions are the same; otherwise joints within their limits keep their bandwidth.
+        """
+        high = low = np.ones(len(bandwidth))
+        best, before = None, np.full(len(bandwidth), np.inf)
+        if self.needs_too_much():
+            return None, low
+        while best is None and low.min() > LEAST:
+            shares = peaks.shares()
+            lowered = (shares > 1.0) | ~np.isfinite(shares)
+            if np.any(lowered & np.isfinite(before) & (shares > HELPS * before)) or not lowered.any():
+                lowered[:] = True
+            high, low = low, np.where(lowered, COARSE * low, low)
+            before = np.where(lowered, shares, np.inf)
+            best, peaks = self.tried(low * bandwidth)
+        while best is not None and float(np.max(high / low)) > 1.0 / (1.0 - WIDTH):
+            middle = np.sqrt(low * high)
+            better, _ = self.tried(middle * bandwidth)
+            low, high = (middle, high) if better is not None else (low, middle)
+            best = best if better is None else better
+        return best, low
+
+    def confirmed(
+        self, best: DesignProblem | None, fractions: np.ndarray, bandwidth: np.ndarray
+    ) -> tuple[DesignProblem | None, np.ndarray]:
+        """The same, or a little slower until the step of all sampled robots keeps the limits."""
+        while best is not None and self.peaks(best).exceeds(1.0).any():
+            best = None
+            while best is None and fractions.min() > LEAST:
+                fractions = (1.0 - WIDTH) * fractions
+                best, _ = self.tried(fractions * bandwidth)
+        return best, fractions
+
+    def needs_too_much(self) -> bool:
+        """Whether holding a sampled robot at the goal takes more than a limit: then no bandwidth helps."""
+        return bool(np.any(np.abs(self.held) > self.limits.peak))
+
+    @cached_property
+    def held(self) -> np.ndarray:
+        """Inputs (1 + N, n) that hold the nominal and the sampled robots at the goal."""
+        extras = self.s.extras
+        points = [self.robot.operating_point(self.goal, extras, values) for values in (None, *self.sampled)]
+        return np.array([u for _, u in points])
+
+    @cached_property
+    def sampled(self) -> tuple[Mapping[str, Any], ...]:
+        """Parameters of a few robots within the tolerances; none where none are to be looked at."""
+        if not self.robot.uncertain or self.s.draws == 0:
+            return ()
+        return sample_robots(self.robot, SAMPLES, self.s.seed)
+
+    def tried(self, bandwidth: np.ndarray) -> tuple[DesignProblem | None, _Peaks]:
+        """The problem of bandwidths (n,), None if its step exceeds a limit or there is none; and the expected peaks."""
+        try:
+            assert self.first.target is not None
+            lower = replace(self.s, bandwidth=bandwidth.tolist(), damping=self.first.target.damping)
+            problem = choose(self.robot, self.goal, self.start, lower, near=self.first)
+            peaks = self.nominal_step(problem)[0].plus(self.more)
+        except FlexhinfError:
+            nothing = np.full(len(bandwidth), np.inf)
+            return None, _Peaks(nothing, nothing, self.limits)
+        return (None if peaks.exceeds(1.0).any() else problem), peaks
+
+    def peaks(self, problem: DesignProblem) -> _Peaks:
+        """Largest inputs and speeds of the step, of the nominal robot and of a few sampled ones.
+
+        What holds each of them at the goal counts too: a slow step may end before it is there.
+        """
+        nominal, setup, response = self.nominal_step(problem)
+        if response.diverged_at is not None or not self.sampled:
+            return nominal
+        length = self.length(setup, problem)
+        samples = sampled_runs(setup, self.sampled, length, response.run.settings["sub_steps"])
+        inputs = np.maximum(nominal.inputs, samples.inputs.max(axis=0))
+        speeds = np.maximum(nominal.speeds, samples.speeds.max(axis=0))
+        self.more = inputs - nominal.inputs, speeds - nominal.speeds
+        return _Peaks(inputs, speeds, self.limits)
+
+    def nominal_step(self, problem: DesignProblem) -> tuple[_Peaks, LoopSetup, Response]:
+        """Peaks of the nominal robot, what holds all robots at the goal among them, and the loop and its step."""
+        s = self.s
+        degree = min(tried_degrees(len(problem.problem.state_names), s))
+        law = solve_hji(problem.problem, problem.gamma, degree)
+        free = replace(s, saturation=np.inf)
+        setup = LoopSetup(self.robot, free, law, self.goal, self.start, estimator_noise=self.levels)
+        response = setup.step(self.length(setup, problem))
+        if response.diverged_at is not None:
+            nothing = np.full(len(self.goal), np.inf)
+            return _Peaks(nothing, nothing, self.limits), setup, response
+        inputs = np.abs(np.concatenate([response.inputs, self.held])).max(axis=0)
+        return _Peaks(inputs, np.abs(response.velocities).max(axis=0), self.limits), setup, response
+
+    def length(self, setup: LoopSetup, problem: DesignProblem) -> float:
+        """How long the step is run, s."""
+        if self.s.duration is not None:
+            return self.s.duration
+        assert problem.target is not None
+        return run_length(SLOWEST * float(np.min(problem.target.bandwidth))) + setup.command_time
+
+
+def _limit_exceeded(
+    limits: JointLimits,
+    bandwidth: np.ndarray,
+    peaks: _Peaks,
+    best: DesignProblem | None,
+    slower: np.ndarray,
+) -> InvalidInput:
+    by_input, by_speed = peaks.shares(speeds=False), peaks.shares(inputs=False)
+    at_speed = bool(by_speed.max() > by_input.max())
+    joint = int(np.argmax(by_speed if at_speed else by_input))
+    what, name = ("speed of a link", "peak_speed") if at_speed else ("peak of the input", "peak_effort")
+    limit, peak = (limits.speed, peaks.speeds) if at_speed else (limits.peak, peaks.inputs)
+    unit = (limits.speed_units if at_speed else limits.effort_units)[joint]
+    several = len(limits.joints) > 1
+    found = f"no loop down to {LEAST:g} of it keeps the limit either"
+    advice = f"a larger `{name}`, or a shorter step (`start`)"
+    if best is not None:
+        same = np.ptp(slower) < 1e-9 * slower.max()
+        listed = [float(f"{each:.3g}") for each in (slower[:1] if same else slower)]
+        text = f"{listed[0]:.3g}" if same else ", ".join(f"{each:.3g}" for each in listed)
+        found = f"the best found within the limit is a bandwidth of {text} rad/s"
+        advice = f"bandwidth={text if same else f'({text})'}, or {advice}"
+    demands = "diverges" if np.isinf(peak[joint]) else f"takes {peak[joint]:.4g}"
+    where = f" {unit} in {limits.joints[joint]}" if several and np.isfinite(peak[joint]) else ""
+    of = f" {unit} of {limits.joints[joint]}" if several else ""
+    return InvalidInput(
+        f"The specification cannot be met: the {what} binds.",
+        f"expected at most {limit[joint]:g}{of}; with a bandwidth of {float(np.max(bandwidth)):.3g} rad/s the step of "
+        f"the nonlinear loop {demands}{where}, within the tolerances; {found}",
+        advice,
+    )

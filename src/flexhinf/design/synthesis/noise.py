@@ -1,0 +1,493 @@
+"""Noise levels of the estimator, searched for on the running loop.
+
+The running loop has the poles of the law and those of the estimation error, and the least damped of both rings. With
+the true state fed back the law has wide margins and the damping that its weights were searched for; how much of both is
+left depends on R^v alone (R^n is the sensors'). A filter that takes the link's and the motor's motion for undisturbed
+hardly corrects a vibration, and its error rings as the spring itself does. For a joint of inertias M and J, whose
+vibration has the frequency ω_v and is seen by a position with variance R, noise of variance q per sample on a velocity
+gives the error's vibration the damping
+
+    ζ = sin(½ atan(ρ/ω_v²)),   ρ = a √(q/R) / T,
+
+a = J/(M + J) for the link's position, M/(M + J) for the motor's, 1 for the torque between them. So levels are counted
+in units of the q with which ρ = ω_v², joint by joint: one level for all joints that damps the lightest link's vibration
+would make the heaviest joint's estimator needlessly fast, and one that suits the heavy joint leaves the light one
+ringing. Noise where the input acts gives margins back too (loop transfer recovery, [doyle1981]), which takes an
+estimator that is fast beside the bandwidth, at any joint. So two families are looked at first: the same speed relative
+to each joint's vibration, and the same speed of all joints; each with several ratios of the links' to the motors'
+levels. From the best of them the levels of single joints are moved one after the other.
+
+What is searched for is the least noise at the motors (the geometric mean, since motors differ in size) for which every
+limit is kept: peak sensitivity, gain margin, damping where one is required, a load compliance of at most `COMPLIANCE`
+times that of the law fed the true state, a noise of at most `MOST_NOISE` of what each motor gives, and no unstable
+corner of the tolerances. The default levels are kept where they keep all of it. Where the limits cannot be kept
+together, those levels are taken that miss them least. A limit that the law itself misses with the true state, or that
+all levels of the families miss, counts only as far as a little short of the best of them, and a damping that is far out
+of reach only as far as `RINGS`, so that no noise is paid for it in vain. The candidates that no other one betters in
+noise, damping and compliance at once are the trade-off that the report shows.
+
+Noise levels that were tried: what each costs, which limits it misses, and the trade-off between all.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from flexhinf.analysis import (
+    EquilibriumLoop,
+    FilteredLoop,
+    Margins,
+    corner_plants,
+    margins,
+)
+from flexhinf.design.estimators import EstimatorNoise
+from flexhinf.design.loop_setup import LoopSetup
+from flexhinf.design.problem.modes import JointScales
+from flexhinf.design.specification import RINGS, TOLERANCE
+from flexhinf.errors import FlexhinfError, NumericalFailure
+from flexhinf.robot.payload import payload_ends
+
+#: What may limit the choice, beside unstable corners.
+LIMITS = ("peak sensitivity", "gain margin", "damping", "compliance", "noise")
+
+#: What a limit that is missed by the factor e counts, in decades of noise.
+MISSED_WEIGHT = 20.0
+
+#: How much of that the limit of the noise counts: a loop that rings or has no margin is worse than a loud one. Where
+#: the motors' effort is limited it counts more than all others: noise takes the effort that the step needs.
+NOISE_COUNTS, LIMITED_COUNTS = 0.25, 4.0
+
+
+@dataclass(frozen=True, eq=False)
+class NoiseCandidate:
+    """Levels that were tried, and the running loop with them.
+
+    Attributes
+    ----------
+    compliance : float
+        Peak of |load torque → link position| over that of the law fed the true state.
+    noises : (m,)
+        RMS of each input, V or N·m.
+    missed : mapping of str to float
+        ln(figure/limit) of each of `LIMITS` that is missed by more than a requirement allows.
+    avoidable : mapping of str to float
+        The same beyond what the law fed the true state misses, and every candidate of the families.
+    unstable : int or None
+        Corners of the tolerances; None without tolerances, and where they were not looked at.
+    noise_counts : float
+        What the limit of the noise counts beside the others.
+    """
+
+    levels: EstimatorNoise
+    peak_sensitivity: float
+    gain_margin: float
+    damping: float
+    compliance: float
+    noises: np.ndarray
+    missed: Mapping[str, float]
+    avoidable: Mapping[str, float]
+    unstable: int | None = None
+    noise_counts: float = NOISE_COUNTS
+
+    @property
+    def input_noise(self) -> float:
+        """RMS of the noisiest input, V or N·m."""
+        return float(self.noises.max())
+
+    @property
+    def score(self) -> float:
+        """What is minimised: decades of noise, and mainly what is missed of what can be kept."""
+        return self._cost(self.avoidable)
+
+    @property
+    def whole_score(self) -> float:
+        """The same with all that is missed: of different laws, for which different limits are out of reach."""
+        return self._cost(self.missed)
+
+    def _cost(self, missed: Mapping[str, float]) -> float:
+        counted = sum(
+            excess * (self.noise_counts if limit == "noise" else 1.0) for limit, excess in missed.items()
+        )
+        return MISSED_WEIGHT * counted + float(np.log10(np.maximum(self.noises, 1e-300)).mean())
+
+    @property
+    def feasible(self) -> bool:
+        """Whether every limit that can be kept is kept, with no unstable corner."""
+        return not self.avoidable and not self.unstable
+
+
+@dataclass(frozen=True, eq=False)
+class NoiseSearch:
+    """The outcome, and the trade-off round it.
+
+    Attributes
+    ----------
+    default : NoiseCandidate or None
+        The default levels; None where the loop is unstable with them.
+    trade_off : tuple of NoiseCandidate
+        Those that no other one betters in noise, damping and compliance at once, the quietest first.
+    count : int
+        Candidates with a stable loop.
+    unreachable : tuple of str
+        Those of `LIMITS` that the law misses with the true state fed back too, or every choice of levels.
+    """
+
+    chosen: NoiseCandidate
+    default: NoiseCandidate | None
+    trade_off: tuple[NoiseCandidate, ...]
+    count: int
+    unreachable: tuple[str, ...]
+
+
+def trade_off_of(tried: list[NoiseCandidate]) -> tuple[NoiseCandidate, ...]:
+    """The candidates that no other one betters in noise, damping and compliance at once, the quietest first."""
+    figures = np.array([[one.input_noise, -one.damping, one.compliance] for one in tried])
+    kept = []
+    for k, own in enumerate(figures):
+        better = np.all(figures <= own, axis=1) & np.any(figures < own, axis=1)
+        if not better.any() and not any(np.array_equal(own, figures[j]) for j in kept):
+            kept.append(k)
+    return tuple(sorted((tried[k] for k in kept), key=lambda one: one.input_noise))
+
+
+#: Speeds of the estimator in the first family: ρ/ω_v² of every joint. In the second: √ρ over the slowest vibration, at
+#: least so much of the joint's own.
+SPEEDS = (0.1, 0.3, 1.0, 3.0, 10.0, 100.0)
+RATES, FLOORS = (1.0, 2.0, 4.0, 8.0), (0.2, 0.5)
+
+#: Levels of the side that is not measured over those of the other, tried in both families.
+FRACTIONS = (1.0, 0.1, 0.01)
+
+#: The same for up to so many joints, whose candidates cost a few milliseconds; and how many of them single levels are
+#: moved from.
+FEW, STARTS, MORE_FRACTIONS = 2, 4, (1.0, 0.3, 0.1, 0.03, 0.01, 1e-3, 1e-4)
+
+#: Smallest level on a motor's velocity, as a multiple of R^n per s². A slower estimator takes dry friction for a slow
+#: motion.
+SLOWEST = 10.0
+
+#: Range of ρ/ω_v² of a single level.
+LEAST, MOST = 1e-4, 1e4
+
+#: Single levels are moved by so many decades first, and until the steps are smaller than the second; most turns.
+FIRST_STEP, LAST_STEP, TURNS = 0.4, 0.05, 12
+
+#: Factors on all chosen levels that are looked at for the trade-off.
+SCALED = tuple(10.0 ** (k / 4.0) for k in range(-8, 7))
+
+#: Largest peak of |load torque → link position|, over that of the law fed the true state; both up to so many times the
+#: law's bandwidth, below the vibrations.
+COMPLIANCE, COMPLIANT_BAND = 1.3, 5.0
+
+#: Largest noise of a motor, rms, over what it gives: its limit of effort, or what the step asks of the law at once.
+MOST_NOISE = 0.1
+
+#: A limit out of reach counts as far as the best of the families times e to the first power; a damping that is missed
+#: by more than e to the second only as far as `RINGS`.
+SHORT_OF_BEST, FAR = 0.05, 0.2
+
+#: What the families miss by less than e to this power may be reached by single levels.
+NEAR = 0.1
+
+#: Candidates whose corners are looked at where no levels make all of them stable.
+LOOKED = 24
+
+#: A gain margin, and the inverse of a figure, that stand for none.
+NOTHING = 1e-9
+
+
+def is_free(setup: LoopSetup) -> bool:
+    """Whether the noise levels are free to choose: no option states them, and a Kalman filter uses them."""
+    s = setup.specification
+    return s.estimator in ("ukf", "ekf") and s.process_noise is None and s.torque_noise is None
+
+
+def search_noise(
+    setup: LoopSetup,
+    damping: float | None = None,
+    progress: Callable[[str], None] = lambda text: None,
+    levels: EstimatorNoise | None = None,
+) -> NoiseSearch | None:
+    """The levels with the least noise at the motors that keep every limit, or those that miss the limits least.
+
+    Parameters
+    ----------
+    setup : LoopSetup
+        Its law about the goal; the linear part is all that matters.
+    damping : float, optional
+        Required of every oscillation of the running loop.
+    levels : EstimatorNoise, optional
+        Found elsewhere: they are taken, and shown beside those of the search.
+
+    Returns
+    -------
+    NoiseSearch or None
+        None where the levels are not free, the loop has no equilibrium at the goal, or no levels make it stable.
+    """
+    if not is_free(setup):
+        return None
+    try:
+        search = _Search(setup, damping)
+        found, own = search.run(), None if levels is None else search.candidate(levels)
+    except FlexhinfError:
+        return None
+    if found is not None and own is not None:
+        found = replace(found, chosen=search.with_corners(own))
+    if found is not None:
+        progress(f"noise levels of the estimator: {found.count} tried")
+    return found
+
+
+class _Search:
+    """Candidates of one loop; levels are x = log10(ρ/ω_v²), links before motors, (2 joints,)."""
+
+    def __init__(self, setup: LoopSetup, damping: float | None) -> None:
+        self.setup, self.damping = setup, damping
+        self.loop: EquilibriumLoop = setup.equilibrium_loop()
+        law = margins(setup.equilibrium_loop(estimated=False))
+        followed = law.bandwidth[np.isfinite(law.bandwidth)]
+        if not law.stable or not len(followed):
+            raise NumericalFailure(
+                "The loop that is fed back the true state follows no command.",
+                f"expected a stable loop with a bandwidth, got {law.bandwidth.tolist()} rad/s",
+                "another period, or other weights",
+            )
+        self.bandwidth = float(followed.max())
+        self.top = COMPLIANT_BAND * self.bandwidth
+        self.filtered = FilteredLoop(self.loop, self.bandwidth)
+        self.carrying = [FilteredLoop(loop, self.bandwidth) for loop in self.loaded()]
+        self.stiff = law.compliance(self.top)
+        self.scales = JointScales.of(setup.model, setup.goal_equilibrium)
+        self.unavoidable = self.excess(law.peak_sensitivity, law.gain_margin, law.damping)
+        self.tried: list[NoiseCandidate] = []
+        self.equilibria: np.ndarray | None = None
+
+    def run(self) -> NoiseSearch | None:
+        """The default levels, the families, then single levels, and what all candidates trade off."""
+        default = self.candidate(EstimatorNoise.stated(self.setup.specification))
+        begun = [(found, x) for x in self.families() if (found := self.at(x)) is not None]
+        if not begun:
+            return None
+        self.leave_out()
+        default = None if default is None else self.counted(default)
+        if default is not None and not default.avoidable and self.with_corners(default).feasible:
+            chosen = self.with_corners(default)
+            start = self.place(default.levels)
+        else:
+            begun.sort(key=lambda one: self.counted(one[0]).score)
+            several = STARTS if len(self.unit) <= FEW else 1
+            chosen, start = min(
+                (self.descend(x) for _, x in begun[:several]),
+                key=lambda one: (one[0].unstable or 0, one[0].score),
+            )
+        if chosen.unstable:
+            chosen = self.fewest_unstable(chosen)
+        for factor in SCALED:
+            self.at(start + np.log10(factor))
+        return NoiseSearch(
+            self.exact(chosen), default, trade_off_of(self.tried), len(self.tried), tuple(self.unavoidable)
+        )
+
+    def leave_out(self) -> None:
+        """What every candidate so far misses, or the law, is counted only in part; see the head of this file."""
+        for limit in LIMITS:
+            best = min(one.missed.get(limit, 0.0) for one in self.tried)
+            least = max(best, self.unavoidable.get(limit, 0.0))
+            if least > NEAR:
+                far = limit == "damping" and least > FAR
+                ringing = float(np.log((self.damping or 0.0) / RINGS)) if far else 0.0
+                self.unavoidable[limit] = max(least + SHORT_OF_BEST, ringing)
+
+    def counted(self, candidate: NoiseCandidate) -> NoiseCandidate:
+        """The candidate with what it misses beyond what is not counted."""
+        missed = candidate.missed.items()
+        left = {limit: excess - self.unavoidable.get(limit, 0.0) for limit, excess in missed}
+        kept = {limit: excess for limit, excess in left.items() if excess > np.log1p(0.5 * TOLERANCE)}
+        return replace(candidate, avoidable=kept)
+
+    # Levels ---------------------------------------------------------------------------------------------
+    @cached_property
+    def unit(self) -> np.ndarray:
+        """q (n,) with which ρ = ω_v² for a position that sees the whole vibration, (rad/s)² or (m/s)² per sample."""
+        s = self.setup.specification
+        return s.measurement_noise * (s.period * self.scales.vibration**2) ** 2
+
+    def levels(self, x: np.ndarray) -> EstimatorNoise:
+        """R^v of x (2 joints,)."""
+        n, s = len(self.unit), self.setup.specification
+        links, motors = self.unit * 100.0 ** x[:n], self.unit * 100.0 ** x[n:]
+        motors = np.maximum(motors, SLOWEST * s.measurement_noise)
+        link, motor = (float(each[0]) if n == 1 else tuple(each.tolist()) for each in (links, motors))
+        return EstimatorNoise(0.0, link, motor, "searched on the running loop")
+
+    def place(self, levels: EstimatorNoise) -> np.ndarray:
+        """x (2 joints,) of levels on the velocities."""
+        n = len(self.unit)
+        sides = levels.link_velocities, levels.motor_velocities
+        both = np.concatenate([np.broadcast_to(each, n) for each in sides])
+        return 0.5 * np.log10(np.maximum(both, 1e-300) / np.tile(self.unit, 2))
+
+    def families(self) -> Iterator[np.ndarray]:
+        """x of both families, see the head of this file."""
+        slowest, vibration = self.scales.vibration.min(), self.scales.vibration
+        every = [np.full(len(vibration), speed) for speed in SPEEDS]
+        every += [np.maximum((rate * slowest / vibration) ** 2, floor) for rate in RATES for floor in FLOORS]
+        link, motor = self.scales.sides
+        measured = " ".join(self.setup.model.outputs)
+        seen = link if "link" not in measured and "joint_torque" not in measured else motor
+        share = np.ones(len(link)) if "joint_torque" in measured else seen / (link + motor)
+        # The side that is not measured disturbs the other less than its own torque would.
+        less = np.minimum(1.0, seen / (link + motor - seen))
+        for speed in every:
+            for fraction in MORE_FRACTIONS if len(link) <= FEW else FRACTIONS:
+                here, there = np.log10(speed / share), np.log10(speed / share * less * np.sqrt(fraction))
+                yield np.concatenate([here, there] if seen is link else [there, here])
+
+    # Candidates -----------------------------------------------------------------------------------------
+    def at(self, x: np.ndarray) -> NoiseCandidate | None:
+        """The candidate of x (2 joints,); None for an unstable loop."""
+        return self.candidate(self.levels(np.clip(x, np.log10(LEAST), np.log10(MOST))))
+
+    def candidate(self, levels: EstimatorNoise) -> NoiseCandidate | None:
+        """The running loop with these levels; None for an unstable one."""
+        try:
+            found = self.filtered.margins(levels.covariance(self.setup.model.states))
+        except FlexhinfError:
+            return None
+        if not found.stable:
+            return None
+        assert self.setup.noise is not None
+        compliance, noises = found.compliance(self.top) / self.stiff, found.input_noise(self.setup.noise)
+        noise = float((noises / self.authority).max()) / MOST_NOISE
+        damping = min(found.damping, self.damping_carrying(levels))
+        missed = self.excess(
+            found.peak_sensitivity, found.gain_margin, damping, compliance / COMPLIANCE, noise
+        )
+        candidate = NoiseCandidate(
+            levels, found.peak_sensitivity, found.gain_margin, found.damping, compliance, noises, missed,
+            missed, noise_counts=LIMITED_COUNTS if np.isfinite(self.setup.limits.effort).any() else NOISE_COUNTS,
+        )  # fmt: skip
+        candidate = self.counted(candidate)
+        self.tried.append(candidate)
+        return candidate
+
+    def loaded(self) -> Iterator[EquilibriumLoop]:
+        """The running loop with the payloads at the ends of their ranges, where a damping is required."""
+        robot = self.setup.robot
+        for masses in payload_ends(robot.uncertain) if self.damping else ():
+            yield self.setup.equilibrium_loop(values=robot.plant_parameters({**robot.nominal, **masses}))
+
+    def damping_carrying(self, levels: EstimatorNoise) -> float:
+        """The smallest damping ratio with these payloads, times what is required over `RINGS`: it must not ring."""
+        process, required = levels.covariance(self.setup.model.states), self.damping or 0.0
+        found = [loop.margins(process) for loop in self.carrying]
+        least = min((one.damping if one.stable else 0.0 for one in found), default=np.inf)
+        return least * max(1.0, required / RINGS)
+
+    def exact(self, candidate: NoiseCandidate) -> NoiseCandidate:
+        """The candidate with figures of a dense sweep: those that the evaluation of the design has."""
+        found = Margins(self.filtered.margins(candidate.levels.covariance(self.setup.model.states)).linear)
+        return replace(
+            candidate,
+            peak_sensitivity=found.peak_sensitivity,
+            gain_margin=found.gain_margin,
+            compliance=found.compliance(self.top) / self.stiff,
+        )
+
+    def excess(
+        self, sensitivity: float, gain_margin: float, damping: float, *others: float
+    ) -> dict[str, float]:
+        """ln(figure/limit) of each limit that is missed; of the others, compliance and noise, the ratios."""
+        s = self.setup.specification
+        ratios = (
+            sensitivity / s.peak_sensitivity_limit,
+            s.gain_margin_limit / max(gain_margin, NOTHING),
+            (1.0 + 0.5 * TOLERANCE)
+            * (self.damping or 0.0)
+            / max(damping, NOTHING),  # aimed at without allowance
+            *others,
+        )
+        return {limit: float(np.log(r)) for limit, r in zip(LIMITS, ratios) if r > 1.0 + 0.5 * TOLERANCE}
+
+    @cached_property
+    def authority(self) -> np.ndarray:
+        """What each motor gives (m,), V or N·m: its limit of effort; at most what holding the robot and the step, taken
+        within the law's bandwidth, ask of the strongest motor."""
+        setup, scales, rate = self.setup, self.scales, self.bandwidth
+        poses = setup.start, setup.goal
+        held = np.max([np.abs(setup.robot.operating_point(at)[1]) for at in poses], axis=0)
+        inertia = scales.link_inertia + scales.motor_inertia
+        per_way = rate * np.hypot(inertia * rate, scales.damping) / scales.per_input
+        moved = per_way * np.abs(setup.goal - setup.start)
+        limits = setup.limits.effort
+        return np.minimum(float((held + moved).max()), limits)
+
+    # Single levels --------------------------------------------------------------------------------------
+    def descend(self, x: np.ndarray) -> tuple[NoiseCandidate, np.ndarray]:
+        """The best candidate found from x by moving all links', all motors' and then single levels, and its x.
+
+        Of the way there, the last place without unstable corners, where there is one.
+        """
+        n = len(self.unit)
+        moves = [np.repeat([1.0, 0.0], n), np.repeat([0.0, 1.0], n), *(np.eye(2 * n) if n > 1 else ())]
+        steps = np.full(len(moves), FIRST_STEP)
+        best = self.at(x)
+        assert best is not None
+        way = [(best, x)]
+        for _ in range(TURNS):
+            for k, move in enumerate(moves):
+                found = self.at(x + steps[k] * move)
+                if found is not None and found.score < best.score - 1e-4:
+                    best, x = found, x + steps[k] * move
+                    way.append((best, x))
+                    steps[k] *= 1.5
+                else:
+                    steps[k] *= -0.5
+            if np.abs(steps).max() < LAST_STEP:
+                break
+        return self.standing(way)
+
+    def standing(self, way: list[tuple[NoiseCandidate, np.ndarray]]) -> tuple[NoiseCandidate, np.ndarray]:
+        """The last place on the way without unstable corners, found by bisection; else that with the fewest."""
+        last = self.with_corners(way[-1][0])
+        if not last.unstable:
+            return last, way[-1][1]
+        low, high = 0, len(way) - 1
+        looked = [(last.unstable, -high, last, way[-1][1])]
+        while high - low > 0:
+            middle = (low + high) // 2
+            found = self.with_corners(way[middle][0])
+            looked.append((found.unstable or 0, -middle, found, way[middle][1]))
+            low, high = (low, middle) if found.unstable else (middle + 1, high)
+        return min(looked, key=lambda one: one[:2])[2:]
+
+    def fewest_unstable(self, chosen: NoiseCandidate) -> NoiseCandidate:
+        """Where no levels make every corner stable, the best of some candidates: a share of unstable corners counts as
+        a limit that is missed by e to its power."""
+        ordered = sorted((self.counted(one) for one in self.tried), key=lambda one: one.score)
+        spread = ordered[:: max(1, len(ordered) // LOOKED)]
+        looked = [chosen, *(self.with_corners(one) for one in spread)]
+        return min(
+            looked,
+            key=lambda one: one.score + MISSED_WEIGHT * (one.unstable or 0) / max(1, len(self.corners)),
+        )
+
+    def with_corners(self, candidate: NoiseCandidate) -> NoiseCandidate:
+        """The candidate with its unstable corners of the tolerances."""
+        if not self.setup.robot.uncertain:
+            return candidate
+        process = candidate.levels.covariance(self.setup.model.states)
+        modes = self.loop.modes(self.corners, process, self.equilibria)
+        self.equilibria = modes.equilibrium
+        return replace(candidate, unstable=int((modes.rate >= 0.0).sum()))
+
+    @cached_property
+    def corners(self) -> np.ndarray:
+        """Parameter vectors (N, q) of the corners of the tolerances: those of `tolerance_corners`."""
+        robot, table = self.setup.robot, self.loop.plant.parameters
+        found, _ = corner_plants(self.loop, robot.corner, robot.uncertain)
+        return self.loop.vectors([table.known(values) for values in found.values[:-1]])

@@ -1,0 +1,446 @@
+"""The preset `robust`: weights and noise levels for the tolerances, searched on the whole loop with its estimator.
+
+The channels of the tolerances see the law alone: with the true state fed back they bound its gain, and with the
+estimator in the loop they may make it worse. So the last word has the loop that runs. From the weights of the preset
+`damped` with its noise levels, and from those whose channels cover all tolerances, factors are searched (the
+scalings of a μ-synthesis, with the fraction of the tolerances that the channels stand for) on
+
+    ω and ζ of all joints, the noise levels of links and of motors, the fraction of the tolerances in the channels
+
+for the largest factor of all tolerances up to which no corner of them is unstable, under these conditions: the worst
+overshoot of the corners is at most that with `damped`, and clearly less where a candidate has that too; peak
+sensitivity, gain margin, damping, bandwidth, and the joints' limits in the step are kept, or missed by no more than
+with `damped`; and each motor has at most `NOISE` times its noise. `damped` itself is the first candidate, so by this
+criterion the outcome cannot be worse.
+
+A candidate is looked at on few corners: those that are nearest to instability or overshoot most. One that would be the
+best is looked at on all, and those that it fails on join them.
+
+The preset `robust`: the weights and noise levels that `flexhinf.design.synthesis.whole_loop` finds, as a problem.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+
+from flexhinf.analysis import EquilibriumLoop, Margins, ToleranceBox, margins
+from flexhinf.design.estimators import EstimatorNoise
+from flexhinf.design.loop_setup import LoopSetup
+from flexhinf.design.monte_carlo import sampled_runs
+from flexhinf.design.problem.presets import (
+    ChannelledProblem,
+    DesignProblem,
+    ToleranceChannels,
+    required_damping,
+)
+from flexhinf.design.problem.weights import Candidate, LinearDesign, SearchResult, behaviour_of
+from flexhinf.design.responses import run_length
+from flexhinf.design.specification import Specification
+from flexhinf.errors import FlexhinfError
+from flexhinf.hinf import solve_hji
+from flexhinf.plant import GeneralisedPlant
+from flexhinf.robot import Robot
+
+#: Most noise of a motor, over that with the preset damped.
+NOISE = 3.0
+
+#: Largest factor of the tolerances that is looked for, and to what it is found.
+MOST, WIDTH = 16.0, 0.01
+
+#: Candidates, and corners that step in each, for up to so many states: a step of many joints takes its time.
+CANDIDATES = ((10, 45, 12), (15, 60, 12), (10_000, 25, 4))
+
+#: Corners nearest to instability that are looked at from the beginning; corners that join at once.
+NEAREST, JOIN = 12, 4
+
+#: Corners at which the outcome steps, at most: as many of the preset damped, for the comparison.
+STEPPED = 200
+
+#: First moves of ln ω, ln ζ, ln of both noise levels, and of the fraction of the tolerances in the channels.
+MOVES = (-0.1, 0.4, 1.0, 1.0, 0.3)
+
+#: Worst overshoot that is preferred, over that of `damped`: corners that are not stepped differ by a few per cent; and
+#: how many of the best candidates step at all corners.
+LESS, CONFIRMED = 0.95, 5
+
+#: What a condition that is missed by e to this power costs, in powers of e of the factor; allowance for rounding.
+MISSED, ALLOWED = 20.0, 2e-3
+
+#: The fraction of the tolerances in the channels is at least this: less does nothing.
+LEAST_FRACTION = 0.01
+
+#: The length of a step is that for this fraction of the bandwidth as its slowest rate.
+SLOWEST = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class LoopJudgement:
+    """A law with its estimator in the loop, as the search judges it.
+
+    Attributes
+    ----------
+    scale : float
+        Factor of all tolerances at which the first corner is unstable, at most `MOST`.
+    corner : int
+        That corner, of the corners of `tolerance_corners`; −1 for none.
+    overshoot : float
+        Largest of all joints and of the corners that were looked at, per cent.
+    noises : (m,)
+        RMS of each input that the measurement noise causes, V or N·m; zeros with the true state fed back.
+    used : float
+        Largest share of a limit of input or speed that a step used; 0 without limits.
+    """
+
+    scale: float
+    corner: int
+    overshoot: float
+    margins: Margins
+    noises: np.ndarray
+    used: float
+
+
+@dataclass(frozen=True, eq=False)
+class Made:
+    """A candidate: what is solved, its noise levels, and where in the search it is."""
+
+    problem: GeneralisedPlant
+    gamma: float
+    levels: EstimatorNoise | None
+    channelled: ChannelledProblem | None = None
+    frequency: np.ndarray = field(default_factory=lambda: np.ones(1))
+    damping: np.ndarray = field(default_factory=lambda: np.ones(1))
+
+
+class Search:
+    """Candidates by x = (ln ω, ln ζ, ln of links' and motors' levels, over those of damped; fraction).
+
+    Parameters
+    ----------
+    damped : DesignProblem
+        Of the preset damped.
+    covered : DesignProblem
+        Whose channels cover the tolerances with the true state fed back.
+    levels : EstimatorNoise or None
+        Of `damped`; None where they are not free.
+    degree : int
+        Of V of the law that steps at the corners.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        goal: np.ndarray,
+        start: np.ndarray,
+        s: Specification,
+        damped: DesignProblem,
+        covered: DesignProblem,
+        levels: EstimatorNoise | None,
+        degree: int,
+    ) -> None:
+        self.robot, self.goal, self.start, self.s, self.damped = robot, goal, start, s, damped
+        assert damped.search is not None
+        assert damped.target is not None
+        assert covered.covering is not None
+        assert covered.search is not None
+        self.covering: ToleranceChannels = covered.covering
+        self.target, self.first = damped.target, damped.search.chosen
+        self.covered, self.levels = covered.search.chosen, levels
+        states = len(damped.problem.state_names)
+        self.degree = degree
+        self.most, self.stepping = next((count, few) for most, count, few in CANDIDATES if states <= most)
+        self.duration = run_length(SLOWEST * float(np.min(self.target.bandwidth)))
+        self.count = 0
+
+    @cached_property
+    def box(self) -> ToleranceBox:
+        """The corners of the tolerances."""
+        loop = self.loop(Made(self.damped.problem, self.damped.gamma, self.levels))
+        return ToleranceBox.of(loop, self.robot.corner, self.robot.uncertain)
+
+    def edge(self, loop: EquilibriumLoop, which: np.ndarray | None = None) -> tuple[float, int]:
+        """Factor of the tolerances at which one of some corners (all by default) is unstable, and which."""
+        scale, corner = self.box.edge(loop, which, most=MOST, width=WIDTH)
+        return min(scale, MOST), corner
+
+    def named(self, corner: int) -> str:
+        """A corner by its changes; "" for none."""
+        return "" if corner < 0 else self.box.population.describe(corner)
+
+    # Candidates -----------------------------------------------------------------------------------------
+    def made(self, x: np.ndarray) -> Made:
+        """The candidate of x (5,)."""
+        frequency = self.first.target_frequency * np.exp(x[0])
+        damping = self.first.damping_weights * np.exp(x[1])
+        problem = self.covering.problem(frequency, damping, self.fraction(x), 1e-4)
+        levels = self.levels
+        if levels is not None:
+            links, motors = np.exp(x[2:4]).tolist()
+            levels = replace(
+                levels.scaled(links).motors_scaled(motors / links), source="searched on the running loop"
+            )
+        return Made(problem.problem, problem.gamma, levels, problem, frequency, damping)
+
+    def fraction(self, x: np.ndarray) -> float:
+        """Of what the channels can cover, of x (5,)."""
+        return float(np.clip(x[4], LEAST_FRACTION, 1.0))
+
+    def setup(self, made: Made, degree: int) -> LoopSetup:
+        """The loop of a candidate's law."""
+        law = solve_hji(made.problem, made.gamma, degree)
+        return LoopSetup(self.robot, self.s, law, self.goal, self.start, estimator_noise=made.levels)
+
+    def loop(self, made: Made) -> EquilibriumLoop:
+        """The linear loop at the goal."""
+        return self.setup(made, 2).equilibrium_loop(estimated=self.s.estimator != "none")
+
+    def stepped(self, made: Made, which: np.ndarray) -> tuple[np.ndarray, float]:
+        """Overshoot (N,) of the step at corners, and the largest share of a limit that a step used."""
+        setup, population = self.setup(made, self.degree), self.box.population
+        duration = self.duration + setup.command_time
+        limits = setup.limits
+        nominal = setup.step(duration)
+        if nominal.diverged_at is not None:
+            return np.full(len(which), np.inf), np.inf
+        parts = nominal.run.settings["sub_steps"]
+        runs = sampled_runs(setup, [population.values[k] for k in which], duration, parts)
+        shares = [runs.inputs / limits.peak, runs.speeds / limits.speed]
+        return runs.overshoot, float(
+            np.max([np.where(np.isfinite(share), share, 0.0).max() for share in shares])
+        )
+
+    def noises(self, found: Margins) -> np.ndarray:
+        """RMS of each input (m,)."""
+        noise = self.own_setup.noise
+        if noise is None:
+            return np.zeros(len(found.noise_to_input))
+        return np.linalg.norm(found.noise_to_input * noise, axis=1)
+
+    @cached_property
+    def own_setup(self) -> LoopSetup:
+        """The loop of `damped`."""
+        return self.setup(Made(self.damped.problem, self.damped.gamma, self.levels), 2)
+
+    # The search -----------------------------------------------------------------------------------------
+    def run(self) -> tuple[Made, LoopJudgement, np.ndarray]:
+        """The best candidate that keeps all conditions, what it comes to, and its x."""
+        from scipy.optimize import minimize
+
+        self.begin()
+        starts = [np.array([0.0, 0.0, 0.0, 0.0, LEAST_FRACTION]), self.covering_start()]
+        free = np.array([True, True, *(2 * [self.levels is not None]), True])
+        costs = [self.cost(x) for x in starts]
+        x = starts[int(np.argmin(costs))].copy()
+        moves = np.array(MOVES) * (1.0, 1.0, 1.0, 1.0, -1.0 if x[4] > 0.5 else 1.0)
+
+        def moved(part: np.ndarray) -> float:
+            whole = x.copy()
+            whole[free] = part
+            return self.cost(whole)
+
+        simplex = np.vstack([x[free], x[free] + np.diag(moves[free])])
+        minimize(
+            moved, x[free], method="Nelder-Mead",
+            options={"maxfev": self.most, "initial_simplex": simplex, "xatol": 1e-3, "fatol": 1e-3},
+        )  # fmt: skip
+        return self.confirmed()
+
+    def begin(self) -> None:
+        """What `damped` comes to, and the corners that are looked at."""
+        made = Made(self.damped.problem, self.damped.gamma, self.levels)
+        loop, every = self.loop(made), np.arange(len(self.box))
+        scale, corner = self.edge(loop)
+        nearest = self.box.unstable(loop, 1.1 * scale)[:NEAREST] if corner >= 0 else every[:0]
+        places = every if len(every) <= STEPPED else np.linspace(0, len(every) - 1, STEPPED).astype(int)
+        self.compared = np.unique(np.concatenate([places, nearest]))
+        overshoots, used = self.stepped(made, self.compared)
+        worst = self.compared[np.argsort(-overshoots, kind="stable")]
+        self.stepping_at = worst[: self.stepping]
+        self.active = np.unique(np.concatenate([nearest, worst[:JOIN]]))
+        found = margins(loop)
+        self.own = LoopJudgement(scale, corner, float(overshoots.max()), found, self.noises(found), used)
+        self.kept: list[tuple[float, Made, LoopJudgement, np.ndarray]] = [
+            (0.0, made, self.own, np.array([0.0, 0.0, 0.0, 0.0, 0.0]))
+        ]
+
+    def covering_start(self) -> np.ndarray:
+        """x of the weights whose channels cover the tolerances."""
+        frequency = np.log(self.covered.target_frequency / self.first.target_frequency).mean()
+        ratio = np.maximum(self.covered.damping_weights, 1e-3) / np.maximum(self.first.damping_weights, 1e-3)
+        return np.array([frequency, float(np.clip(np.log(ratio).mean(), -1.0, 1.0)), 0.0, 0.0, 1.0])
+
+    def cost(self, x: np.ndarray) -> float:
+        """ln of the factor of `damped` over the candidate's, and what it misses of the conditions."""
+        self.count += 1
+        nothing = 10.0
+        try:
+            made = self.made(x)
+            loop = self.loop(made)
+            scale, corner = self.edge(loop, self.active)
+            if scale <= 0.0:
+                return nothing
+            gained, best = -np.log(scale / self.own.scale), self.kept[-1][0]
+            if gained > best + 0.2:  # conditions can only add to it
+                return gained
+            found = margins(loop)
+            missed = self.missed(found)
+            if MISSED * missed + gained < best + 0.1:
+                overshoots, used = self.stepped(made, self.stepping_at)
+                judged = LoopJudgement(
+                    scale, corner, float(overshoots.max()), found, self.noises(found), used
+                )
+                missed += self.missed_in_steps(judged)
+                if MISSED * missed + gained < best and missed <= ALLOWED:
+                    judged = self.on_all(loop, judged)
+                    gained = -np.log(judged.scale / self.own.scale)
+                    if gained < best:
+                        self.kept.append((gained, made, judged, x.copy()))
+        except FlexhinfError:
+            return nothing
+        return float(gained + MISSED * missed)
+
+    def missed(self, found: Margins) -> float:
+        """Sum of ln(figure/limit) of the linear conditions that are missed, and missed by more than with `damped`."""
+        own, s = self.own.margins, self.s
+        damping = required_damping(s, self.target)
+        noises = self.noises(found) / (NOISE * np.maximum(self.own.noises, 1e-300))
+        bandwidth = np.minimum(self.target.bandwidth, np.nan_to_num(own.bandwidth))
+        ratios = [
+            found.peak_sensitivity / max(s.peak_sensitivity_limit, own.peak_sensitivity),
+            min(s.gain_margin_limit, own.gain_margin) / found.gain_margin,
+            min(damping, own.damping) / max(found.damping, 1e-9),
+            float(np.max(bandwidth / np.maximum(np.nan_to_num(found.bandwidth), 1e-9))),
+            float(noises.max()) if self.own.noises.any() else 0.0,
+        ]
+        return float(sum(np.log(ratio) for ratio in ratios if ratio > 1.0))
+
+    def missed_in_steps(self, judged: LoopJudgement) -> float:
+        """The same of overshoot and joints' limits."""
+        over = max(0.0, judged.overshoot - self.own.overshoot) / max(self.own.overshoot, 0.5)
+        limit = max(1.0, self.own.used)
+        return min(over, 1.0) + max(0.0, float(np.log(max(judged.used, 1e-9) / limit)))
+
+    def on_all(self, loop: EquilibriumLoop, judged: LoopJudgement) -> LoopJudgement:
+        """The same with the factor of all corners; those that were missing are looked at from now on."""
+        beyond = self.box.unstable(loop, (1.0 - WIDTH) * judged.scale)
+        if not len(beyond):
+            return judged
+        self.active = np.union1d(self.active, beyond[:JOIN])
+        scale, corner = self.edge(loop, beyond)
+        return replace(judged, scale=scale, corner=corner)
+
+    def confirmed(self) -> tuple[Made, LoopJudgement, np.ndarray]:
+        """The best candidate that overshoots clearly less than `damped` at all corners at which that stepped; else the
+        best that does not overshoot more; else `damped`."""
+        second = None
+        for _, made, judged, x in reversed(
+            self.kept[-CONFIRMED:] if len(self.kept) > CONFIRMED else self.kept[1:]
+        ):
+            overshoots, used = self.stepped(made, self.compared)
+            judged = replace(judged, overshoot=float(overshoots.max()), used=used)
+            if self.missed_in_steps(judged) > ALLOWED:
+                continue
+            if judged.overshoot <= LESS * self.own.overshoot:
+                return made, judged, x
+            second = second or (made, judged, x)
+        return second or self.kept[0][1:]
+
+
+@dataclass(frozen=True, eq=False)
+class WholeLoopSearch:
+    """What was found, beside the preset `damped` that it began with.
+
+    Attributes
+    ----------
+    damped, found : LoopJudgement
+        The same where nothing better was found.
+    frequency, damping : float
+        Factors of ω and ζ of all joints, over those of `damped`.
+    links, motors : float
+        Factors of the noise levels.
+    fraction : float
+        Of what the channels can cover.
+    count : int
+        Candidates.
+    corner : str
+        The corner at which the loop becomes unstable first, by its changes.
+    """
+
+    damped: LoopJudgement
+    found: LoopJudgement
+    frequency: float
+    damping: float
+    links: float
+    motors: float
+    fraction: float
+    count: int
+    corner: str
+
+    @property
+    def better(self) -> bool:
+        """Whether any candidate was better than `damped`."""
+        return self.found is not self.damped
+
+
+def search_whole_loop(
+    found: Search, progress: Callable[[str], None] = lambda text: None
+) -> tuple[DesignProblem, EstimatorNoise | None, WholeLoopSearch]:
+    """The problem of the preset robust, its noise levels, and how they were found: runs a search."""
+    damped, levels = found.damped, found.levels
+    best, judged, point = found.run()
+    progress(f"weights and noise levels for the tolerances: {found.count} loops tried")
+    assert damped.target is not None
+    factors = dict(zip(("frequency", "damping", "links", "motors"), np.exp(point[:4]).tolist()))
+    outcome = WholeLoopSearch(
+        found.own, judged, **factors, fraction=found.fraction(point), count=found.count,
+        corner=found.named(judged.corner),
+    )  # fmt: skip
+    if best.channelled is None:
+        return replace(damped, preset="robust"), levels, outcome
+    return (
+        best.channelled.checked(damped.target, _chosen(damped, best), _source(outcome)),
+        best.levels,
+        outcome,
+    )
+
+
+def at_pose(
+    covered: DesignProblem, damped: DesignProblem, found: WholeLoopSearch
+) -> tuple[GeneralisedPlant, float]:
+    """The problem, and its level, of the same factors at another pose.
+
+    Parameters
+    ----------
+    covered, damped : DesignProblem
+        There, as of `search_whole_loop`.
+    """
+    if not found.better:
+        return damped.problem, damped.gamma
+    assert covered.covering is not None
+    assert damped.search is not None
+    first = damped.search.chosen
+    made = covered.covering.problem(
+        found.frequency * first.target_frequency, found.damping * first.damping_weights, found.fraction
+    )
+    return made.problem, made.gamma
+
+
+def _chosen(damped: DesignProblem, best: Made) -> SearchResult:
+    """The candidates of `damped`, and the one that the search on the whole loop took."""
+    found, made = damped.search, best.channelled
+    assert found is not None
+    assert made is not None
+    p = made.linear.scaled(made.gamma, made.scalings).design(made.gamma, made.gamma_star).p
+    design = LinearDesign(made.gain, p, made.gamma, made.gamma_star)
+    one = Candidate(best.frequency, best.damping, design, behaviour_of(made.covering.family, made.gain))
+    return SearchResult(one, (*found.candidates, one))
+
+
+def _source(outcome: WholeLoopSearch) -> str:
+    return (
+        f"searched on the running loop: its corners are stable up to {outcome.found.scale:.3g} times the tolerances, "
+        f"{outcome.damped.scale:.3g} with the preset damped"
+    )

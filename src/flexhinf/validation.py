@@ -1,0 +1,428 @@
+"""What comes from outside - numbers, names, texts and files - is checked before work is done with it."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import os
+import re
+import stat
+import tomllib
+import unicodedata
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from io import BufferedReader
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+
+from flexhinf.errors import InvalidInput, readable
+
+#: Longest name of a joint, a robot or a signal, and longest description or source, in characters.
+LONGEST_NAME, LONGEST_TEXT = 100, 10_000
+
+#: Largest text file, bytes: a robot of 30 joints takes 30 kB; a megabyte is read and refused within a second.
+LARGEST_TOML, LARGEST_XML = 1_000_000, 10_000_000
+
+#: Deepest nesting of tables and lists (elements of XML), and most parts of a dotted key: a robot file has four.
+DEEPEST = 30
+
+#: Most elements of an XML document.
+MOST_ELEMENTS = 100_000
+
+#: Largest magnitude of a physical number in SI units, and the inverse of the smallest positive one: products of
+#: several such numbers, and their quotients, are still finite.
+HUGE = 1e30
+
+#: The tokens of TOML that matter for its depth. A string that is not closed reaches to the end of its line or file, so
+#: that no text is looked at twice.
+_TOKEN = re.compile(
+    r'"""(?:[^"\\]|\\.|"(?!""))*+(?:""")?'
+    r"|'''(?:[^']|'(?!''))*+(?:''')?"
+    r'|"(?:\\.|[^"\\\n])*+"?'
+    r"|'[^'\n]*+'?"
+    r"|#[^\n]*|[\[\]{}.,=\n]",
+    re.DOTALL,
+)
+
+
+# Numbers --------------------------------------------------------------------------------------------
+def real_array(value: Any, strict: bool = False) -> np.ndarray:
+    """A new float64 array of real numbers; NaN where something else stands, so that one test of finiteness finds it.
+
+    Missing entries (masked ones, None) become NaN. Text, bytes, complex numbers, dates, integers beyond 1.8e308, rows
+    of different lengths and other objects give a single NaN of shape (), or a ValueError if `strict`.
+
+    Examples
+    --------
+    >>> real_array([1, 2.5]), real_array("1.0"), real_array([0.5, np.ma.masked])
+    (array([1. , 2.5]), array(nan), array([0.5, nan]))
+    """
+    if type(value) is np.ndarray and value.dtype == np.float64:
+        return value.copy()
+    try:
+        if isinstance(value, (list, tuple)):
+            value = _unmasked(value)
+        if isinstance(value, np.ma.MaskedArray):
+            value = np.ma.filled(np.ma.asarray(value).astype(float), np.nan)
+        array = np.asarray(value)
+        if array.dtype.kind in "fiub" or all(entry is None or is_real(entry) for entry in array.flat):
+            return np.array(array, dtype=float)
+    except (
+        Exception
+    ):  # whatever a foreign object does when it is asked for numbers; lists that hold themselves
+        pass
+    if strict:
+        raise ValueError("no real numbers")
+    return np.array(np.nan)
+
+
+def read_only(value: Any) -> Any:
+    """The same with arrays that cannot be written, in tuples and mappings too: what copies may share."""
+    if isinstance(value, np.ndarray):
+        view = value.view()
+        view.setflags(write=False)
+        return view
+    if isinstance(value, dict):
+        return {key: read_only(entry) for key, entry in value.items()}
+    if isinstance(value, tuple):
+        entries = [read_only(entry) for entry in value]
+        return type(value)(*entries) if hasattr(value, "_fields") else tuple(entries)
+    return value
+
+
+def real_number(value: Any) -> float:
+    """One real number as a float; NaN for anything else, arrays of one number with axes included."""
+    if type(value) is float:
+        return value
+    array = real_array(value)
+    return float(array) if array.ndim == 0 else float("nan")
+
+
+def is_real(value: Any) -> bool:
+    """Whether this is one real number, of Python, NumPy or another library, and neither text, masked nor complex."""
+    if isinstance(value, (float, int)):
+        return True
+    return (
+        not isinstance(value, (str, bytes, complex, np.complexfloating, np.datetime64, np.timedelta64))
+        and value is not np.ma.masked
+        and getattr(value, "shape", ()) == ()
+        and hasattr(value, "__float__")
+    )
+
+
+def _unmasked(values: Sequence[Any]) -> Any:
+    """The same rows with NaN where an entry is masked, and rows that are masked arrays filled."""
+    if all(type(value) is float for value in values):
+        return values
+    return [
+        np.nan
+        if value is np.ma.masked
+        else np.ma.filled(value.astype(float), np.nan)
+        if isinstance(value, np.ma.MaskedArray)
+        else _unmasked(value)
+        if isinstance(value, (list, tuple))
+        else value
+        for value in values
+    ]
+
+
+def within_proportion(value: float, positive: bool = False) -> bool:
+    """Whether a physical number in SI units is at most `HUGE`, and, where it must be positive, not below 1/`HUGE`."""
+    return abs(value) <= HUGE and not (positive and 0.0 < value < 1.0 / HUGE)
+
+
+def value_text(value: Any, most: int = 200) -> str:
+    """A value as Python writes it, cut to `most` characters; whatever its ``__repr__`` does, this returns."""
+    try:
+        return readable(repr(value), most)
+    except (
+        Exception
+    ) as error:  # an integer of more than 4300 digits, lists nested too deeply, foreign objects
+        return f"a {type(value).__name__} that cannot be printed ({readable(str(error), 80)})"
+
+
+# Names ----------------------------------------------------------------------------------------------
+def checked_name(
+    what: str, name: Any, spaces: bool = False, without: str = "", longest: int = LONGEST_NAME
+) -> str:
+    """A name that can stand in a table, a figure, a file and a terminal.
+
+    Parameters
+    ----------
+    what : str
+        For the message: "a joint", "a state".
+    spaces : bool
+        Whether single spaces may stand between its words.
+    without : str
+        Characters that it may not have, because they separate names elsewhere.
+    longest : int
+        Most characters.
+
+    Raises
+    ------
+    InvalidInput
+        For what is no text, empty or too long, begins with a mark for the letter before it, or has spaces, control
+        characters or characters that change the direction of writing.
+    """
+    if not _is_name(name, spaces, without) or len(name) > longest:
+        allowed = "single spaces" if spaces else " ".join(["no spaces", *(f"{mark!r}" for mark in without)])
+        raise InvalidInput(
+            f"{what[0].upper()}{what[1:]} has no usable name.",
+            f"expected 1 to {longest} printable characters with {allowed}, got {value_text(name, 60)}"
+            + (f" ({len(name)} characters)" if isinstance(name, str) and len(name) > longest else ""),
+            "letters, digits, hyphens and underscores: 'shoulder'",
+        )
+    return name
+
+
+def _is_name(name: Any, spaces: bool, without: str) -> bool:
+    if not isinstance(name, str) or not name.strip() or unicodedata.combining(name[0]):
+        return False
+    words = name.split(" ") if spaces else [name]
+    return all(word and word.isprintable() and not set(word) & set(without + " ") for word in words)
+
+
+def checked_names(what: str, names: Any) -> tuple[str, ...]:
+    """One name or several, as a tuple; `what` begins the message: "The sensors".
+
+    Raises
+    ------
+    InvalidInput
+        For what is neither text nor a sequence of texts.
+    """
+    given = (names,) if isinstance(names, str) else names
+    scalar = isinstance(given, np.ndarray) and given.ndim == 0
+    several = tuple(given) if isinstance(given, Iterable) and not scalar else None
+    if several is None or not all(isinstance(name, str) for name in several):
+        raise InvalidInput(
+            f"{what} are not named.",
+            f"expected a name or a sequence of distinct names, got {value_text(names)}",
+            "('one', 'another')",
+        )
+    return several
+
+
+def checked_text(what: str, text: Any) -> str:
+    """A description, a unit or a source: printable characters, tabs and line breaks, `LONGEST_TEXT` at most.
+
+    Raises
+    ------
+    InvalidInput
+        For anything else.
+    """
+    printable = isinstance(text, str) and text.replace("\n", "").replace("\t", "").isprintable()
+    if not printable or len(text) > LONGEST_TEXT:
+        raise InvalidInput(
+            f"{what[0].upper()}{what[1:]} cannot be printed.",
+            f"expected at most {LONGEST_TEXT} characters, none of them a control character, got {value_text(text, 60)}",
+            "plain text",
+        )
+    return text
+
+
+def distinct(what: str, names: Sequence[str]) -> None:
+    """Refuse a name that stands twice.
+
+    Raises
+    ------
+    InvalidInput
+        With the name and how often it stands there.
+    """
+    if len(set(names)) < len(names):
+        counted: dict[str, int] = {}
+        for name in names:
+            counted[name] = counted.get(name, 0) + 1
+        twice = next(name for name, count in counted.items() if count > 1)
+        raise InvalidInput(
+            f"{what} {value_text(twice, 60)} {'is' if len(names) == 2 else 'stands'} there {counted[twice]} times.",
+            f"expected distinct names, got {len(names)} of which {len(counted)} are distinct",
+            "another name for each",
+        )
+
+
+# Files ----------------------------------------------------------------------------------------------
+def checked_path(what: str, path: Any) -> Path:
+    """A path as a `Path`; `what` begins the message: "The controller's file".
+
+    Raises
+    ------
+    InvalidInput
+        For what is no text and no path object (None, numbers, bytes) or is empty.
+    """
+    text = os.fspath(path) if isinstance(path, os.PathLike) else path
+    if not isinstance(text, str) or not text:
+        raise InvalidInput(
+            f"{what} has no usable path.",
+            f"expected text or a pathlib.Path, got {value_text(path, 60)}",
+            "for example 'folder/name'",
+        )
+    return Path(text)
+
+
+def read_text(path: Path, largest: int, kind: str, what: str = "file") -> str:
+    """The text of a file of at most `largest` bytes in UTF-8; `kind` and `what` are for the message.
+
+    Raises
+    ------
+    InvalidInput
+        For a file that is larger, no text, or cannot be read.
+    """
+    try:
+        content = read_bytes(path, largest + 1)
+    except (OSError, ValueError) as error:
+        raise InvalidInput(
+            f"There is no {what} {value_text(str(path), 120)} that can be read.",
+            f"expected {kind}, got: {getattr(error, 'strerror', None) or error}",
+            "the path of a file that you may read",
+        ) from error
+    if len(content) > largest:
+        raise InvalidInput(
+            f"{path.name}: this file is too large for {kind}.",
+            f"expected at most {largest / 1e6:g} MB, got more",
+            "a file without meshes and tables of data",
+        )
+    try:
+        return content.decode("utf-8").replace("\r\n", "\n")
+    except UnicodeDecodeError as error:
+        raise InvalidInput(
+            f"{path.name}: this is no {kind}.",
+            f"expected text in UTF-8, got byte {error.object[error.start]:#04x} at position {error.start}",
+            f"save it as {kind} in UTF-8",
+        ) from None
+
+
+def read_toml(path: Path, what: str = "robot file") -> dict[str, Any]:
+    """The tables of a TOML file.
+
+    Raises
+    ------
+    InvalidInput
+        For what `read_text` refuses, nesting or keys of more than `DEEPEST` parts, and what is no TOML.
+    """
+    text = read_text(path, LARGEST_TOML, "TOML", what)
+    _check_depth(path.name, *_toml_depth(text))
+    try:
+        return tomllib.loads(text)
+    except ValueError as error:  # also of integers with more than 4300 digits
+        raise InvalidInput(
+            f"{path.name}: this is no TOML.", f"expected key = value, got: {error}", "correct that line"
+        ) from None
+
+
+def _toml_depth(text: str) -> tuple[int, int]:
+    """Deepest nesting of brackets, and most dots of one key, both outside of strings and comments."""
+    depth = deepest = dots = most = 0
+    for token in _TOKEN.finditer(text):
+        mark = token[0]
+        if mark == ".":
+            dots += 1
+            most = max(most, dots)
+        elif mark[0] in "[]{},=\n":
+            dots = 0
+            depth += (mark in ("[", "{")) - (mark in ("]", "}"))
+            deepest = max(deepest, depth)
+    return deepest, most
+
+
+def _check_depth(file: str, nesting: int, parts: int = 0) -> None:
+    if max(nesting, parts) > DEEPEST:
+        what = "nested too deeply" if nesting > DEEPEST else "a key of too many parts"
+        raise InvalidInput(
+            f"{file}: {'this file is' if nesting > DEEPEST else 'this file has'} {what}.",
+            f"expected at most {DEEPEST}, got {nesting if nesting > DEEPEST else parts + 1}",
+            "tables inside tables as the examples have them",
+        )
+
+
+def read_xml(path: Path) -> ElementTree.Element:
+    """The root element of an XML file without a document type, `DEEPEST` elements deep at most.
+
+    Raises
+    ------
+    InvalidInput
+        For what `read_text` refuses, entities, nesting, too many elements, and what is no XML.
+    """
+    text = read_text(path, LARGEST_XML, "XML", "URDF or MJCF file")
+    if "<!DOCTYPE" in text or "<!ENTITY" in text:
+        raise InvalidInput(
+            f"{path.name}: this file has a document type.",
+            "expected plain elements, got <!DOCTYPE or <!ENTITY",
+            "leave it out: nothing of it is read",
+        )
+    parser = ElementTree.XMLPullParser(("start", "end"))
+    root, depth, count = None, 0, 0
+    try:
+        for start in range(0, len(text), 65536):
+            parser.feed(text[start : start + 65536])
+            events: Any = parser.read_events()
+            for event, element in events:
+                root = element if root is None else root
+                depth += 1 if event == "start" else -1
+                count += event == "start"
+                _check_depth(path.name, depth)
+            if count > MOST_ELEMENTS:
+                raise InvalidInput(
+                    f"{path.name}: this file has too many elements.",
+                    f"expected at most {MOST_ELEMENTS}, got more",
+                    "one robot, without meshes written out as text",
+                )
+        parser.close()
+    except ElementTree.ParseError as error:
+        raise InvalidInput(
+            f"{path.name}: this is no XML.", f"expected elements, got: {error}", "a URDF file, as text"
+        ) from None
+    if root is None:
+        raise InvalidInput(f"{path.name}: this is no XML.", "expected elements, got none", "a URDF file")
+    return root
+
+
+def read_bytes(path: Path, most: int) -> bytes:
+    """The first `most` bytes of a regular file, all for −1, in no more memory than they take; nobody is kept waiting
+    by a FIFO or a device.
+
+    Raises
+    ------
+    OSError, ValueError
+        There is no such file, it cannot be read, or it is not a regular one.
+    """
+    with _regular(path) as file:
+        step = max(os.fstat(file.fileno()).st_size, 1 << 16)  # what the kernel makes up says that it is empty
+        parts, left = [], most
+        while left and (part := file.read(min(step, left) if left > 0 else step)):
+            parts.append(part)
+            left -= len(part) if left > 0 else 0
+    return parts[0] if len(parts) == 1 else b"".join(parts)
+
+
+def file_digest(path: Path) -> str:
+    """SHA-256 of a regular file, in hexadecimal, in little memory; raises as `read_bytes`."""
+    with _regular(path) as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+@contextmanager
+def _regular(path: Path) -> Iterator[BufferedReader]:
+    """An open file; OSError for a folder, a pipe or a device."""
+    with open(path, "rb", opener=_without_waiting) as file:
+        if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+            raise OSError("not a file, but a folder, a pipe or a device")
+        yield file
+
+
+def _without_waiting(path: str, flags: int) -> int:
+    return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
+
+
+def array_of(content: bytes) -> np.ndarray:
+    """An array from its file in an archive; what its head promises beyond the file's own bytes takes no memory."""
+    file = io.BytesIO(content)
+    version = np.lib.format.read_magic(file)
+    header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+    shape, by_columns, kind = header(file)
+    if kind.hasobject or min(shape, default=0) < 0:
+        raise ValueError("no array of numbers or texts")
+    order = "F" if by_columns else "C"
+    return np.ndarray(shape, kind, content, file.tell(), order=order).copy(order)

@@ -1,0 +1,59 @@
+"""Products of tolerances: enlarged until the inequality holds at the corners themselves."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+import flexhinf as fh
+from flexhinf.analysis import dissipation_corners
+from flexhinf.design import Specification
+from flexhinf.design.problem.channels import ENLARGED, acting_corners, covering_products
+from flexhinf.design.problem.presets import choose
+from flexhinf.errors import NoFeasibleGamma
+
+ARM = fh.paper_arm()
+
+
+@pytest.mark.slow
+def test_the_robust_preset_covers_products_at_180_degrees() -> None:
+    """The inequality failed at 108 of 1024 corners, where m·g·l and k_t/R act."""
+    made = choose(
+        ARM, np.array([math.pi]), np.zeros(1), Specification(preset="robust", extras=("inductance",))
+    )
+    r = made.robustness
+    assert r is not None
+    assert (r.corners, r.failing_corners, r.all_corners) == (1024, 0, True)
+    assert r.enlarged in ENLARGED[1:]
+    assert r.fraction == 1.0
+    assert r.gamma_star < 1.2 * r.nominal_gamma_star
+    # Again with the law that is used, by the corners of all eleven tolerances: the coil's changes nothing.
+    law = fh.solve_hji(made.problem, made.gamma, 4)
+    again = dissipation_corners(
+        law, made.nominal, ARM.corner, ARM.uncertain,
+        lambda values: ARM.operating_point([math.pi], parameters=values),
+    )  # fmt: skip
+    assert (again.count, again.failing) == (2048, 0)
+
+
+def test_tolerances_that_change_nothing_at_the_goal_make_no_corners() -> None:
+    problem = ARM.problem(pose=[math.pi / 2])
+    corners = acting_corners(ARM, np.array([math.pi / 2]), problem)
+    assert len(corners.population) == 2**7 + 1  # the weight does not change with the position there; no coil
+
+
+@pytest.mark.parametrize(("failing", "expected"), [
+    ((0,), 1.0), ((3, 0), ENLARGED[1]), ((3, 2, 0), ENLARGED[2]), ((3,) * len(ENLARGED), 1.0),
+])  # fmt: skip
+def test_the_least_enlargement_is_taken(failing: tuple[int, ...], expected: float) -> None:
+    left = dict(zip(ENLARGED, failing))
+    assert covering_products(1.0, lambda factor: factor, lambda made: left[made]) == expected
+
+
+def test_larger_tolerances_out_of_reach_leave_the_first_design() -> None:
+    def covering(factor: float) -> float:
+        raise NoFeasibleGamma("No level.", f"at {factor}", "less")
+
+    assert covering_products(1.0, covering, lambda made: 5) == 1.0
