@@ -363,7 +363,7 @@ class Campaign:
     @property
     def _own_metrics(self) -> dict[str, str]:
         """What tells the code of a user's metrics from another's."""
-        own = [one for one in self.metrics if not is_ours(one.function)]
+        own = [one for one in self.metrics if one.function is not None and not is_ours(one.function)]
         return {f"metric {', '.join(one.units)}": fingerprint(one.function) for one in own}
 
     @cached_property

@@ -9,8 +9,7 @@ import numpy as np
 import tomlkit
 
 from flexhinf.campaign import Campaign, Journal
-from flexhinf.design.campaign_pair import SIDES, DesignPair
-from flexhinf.design.campaign_setup import CampaignOptions, DesignCampaign, fields_text
+from flexhinf.design.campaign_setup import SIDES, CampaignOptions, DesignCampaign, DesignPair, fields_text
 from flexhinf.design.design_file import DESIGN_FILE, load_design, read_request
 from flexhinf.design.design_file_text import request_document
 from flexhinf.design.evaluation import LawEvaluation

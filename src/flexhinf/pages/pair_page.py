@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf.campaign import Interval, PairedMetric
-from flexhinf.design.campaign_pair import SIDES, PairResult
+from flexhinf.design.campaign_setup import SIDES, PairResult
 from flexhinf.files import write_file
 from flexhinf.pages.campaign_worst import (
     SPREAD,
