@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from flexhinf.campaign.batches import PART, Column
+from flexhinf.campaign.journal import differing, listed
 from flexhinf.campaign.metrics import COMPLETED, NOT_RUN, Requirement
 from flexhinf.campaign.results import MergedTable, main_metric, violations
 from flexhinf.campaign.statistics import Interval, success_interval
@@ -33,19 +34,9 @@ SAME = 1e-4
 
 #: Settings in which two campaigns on the same samples may differ: those of the law, and of the bookkeeping. A law
 #: without an integral takes no reference, its goal is its operating point.
-_FREE = frozenset(
-    {
-        "version",
-        "batch",
-        "metrics",
-        "signals",
-        "controller",
-        "sub-steps",
-        "short run",
-        "reference",
-        "multi_turn",
-    }
-)
+_FREE = {
+    "version", "batch", "metrics", "signals", "controller", "sub-steps", "short run", "reference", "multi_turn",
+}  # fmt: skip
 _FREE_PREFIX = "design "
 
 #: Differences that a refusal lists.
@@ -322,13 +313,9 @@ def compare(
 
 def _check_pairs(a: _Side, b: _Side) -> None:
     """Refuse campaigns whose samples are not the same ones."""
-    names = dict.fromkeys((*a.settings, *b.settings))
+    names = [*a.settings, *b.settings]
     bound = [name for name in names if name not in _FREE and not name.startswith(_FREE_PREFIX)]
-    found = [
-        f"{name}: {a.settings.get(name, 'not stated')} ↔ {b.settings.get(name, 'not stated')}"
-        for name in bound
-        if a.settings.get(name) != b.settings.get(name)
-    ]
+    found = differing(a.settings, b.settings, bound, "↔")
     columns = [("sample", "seed", *side.named("parameter")) for side in (a, b)]
     if columns[0] != columns[1]:
         found.append(f"numbers: {list(columns[0][2:])} ↔ {list(columns[1][2:])}")
@@ -341,8 +328,6 @@ def _check_pairs(a: _Side, b: _Side) -> None:
     if found:
         raise InvalidInput(
             "The campaigns are not on the same samples; their differences would not be those of the controllers.",
-            "; ".join(
-                [*found[:_LISTED], *([f"{len(found) - _LISTED} more"] if len(found) > _LISTED else [])]
-            ),
+            listed(found, _LISTED),
             "the same draw, samples, seed, plant, noise and duration for both, and another controller",
         )

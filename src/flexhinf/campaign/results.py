@@ -11,7 +11,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from flexhinf.campaign.batches import TRACED, Campaign, run_samples
-from flexhinf.campaign.journal import TABLE, Journal, StoredColumns, labelled, numpy_column, read_columns
+from flexhinf.campaign.journal import (
+    TABLE,
+    Journal,
+    StoredColumns,
+    labelled,
+    numpy_column,
+    plain_number,
+    read_columns,
+)
 from flexhinf.campaign.metrics import COMPLETED, Requirement
 from flexhinf.campaign.statistics import MOST_ROWS, Interval, Sensitivity, sensitivity, success_interval
 from flexhinf.loop import Trajectory
@@ -233,6 +241,5 @@ def replayed(campaign: Campaign, journal: Journal, sample: int) -> Replayed:
     """
     run = campaign.replay(sample)
     rows = run_samples(campaign, range(sample, sample + 1))
-    again = {name: column[0] for name, column in rows.columns.items() if column.ndim == 1}
-    plain = {name: value.item() if hasattr(value, "item") else value for name, value in again.items()}
-    return Replayed(sample, run, journal.row(sample), plain)
+    again = {name: plain_number(column[0]) for name, column in rows.columns.items() if column.ndim == 1}
+    return Replayed(sample, run, journal.row(sample), again)

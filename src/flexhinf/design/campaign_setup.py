@@ -23,6 +23,7 @@ from flexhinf.campaign import (
     check_counts,
     one_of,
 )
+from flexhinf.campaign.journal import listed
 from flexhinf.design.design_file import DesignRequest, plain
 from flexhinf.design.joint_limits import joint_limits
 from flexhinf.design.loop_setup import LoopPlants
@@ -313,11 +314,10 @@ class DesignPair:
         if not found and not _same_plant(self.a, self.b):
             found = ["the equations of the robots, which have the same parameters"]
         if found:
-            more = [f"{len(found) - _LISTED} more"] if len(found) > _LISTED else []
             raise InvalidInput(
                 "The designs are not for the same robot, sensors, motors and step; their runs cannot be compared "
                 "sample by sample.",
-                "; ".join([*found[:_LISTED], *more]),
+                listed(found, _LISTED),
                 "designs that differ in preset, weights, degrees, γ or estimator only",
             )
 
