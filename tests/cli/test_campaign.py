@@ -20,6 +20,7 @@ import flexhinf as fh
 import flexhinf.campaign
 from flexhinf import report
 from flexhinf.campaign import METHODS, Journal, run_batch
+from flexhinf.campaign.batches import ALONE
 from flexhinf.campaign.driver import in_this_process
 from flexhinf.campaign.journal import read_columns
 from flexhinf.campaign.manifest import read_sealed, sealed
@@ -174,7 +175,7 @@ def test_fractions_are_told_from_none_and_all() -> None:
 def test_lanes_say_what_the_signals_of_each_run_say(judged: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert main([*WORDS, "--initial-error", "0.01"]) in (0, 1)
     campaign, _ = stored_campaign(judged / "runs")
-    assert campaign.laned(campaign.drawn(0))
+    assert ALONE not in campaign.modes([campaign.sample(0)])
     slow = replace(campaign, metrics=[replace(one, reduced=None) for one in campaign.metrics])
     travelled = pickle.loads(pickle.dumps(campaign))
     monkeypatch.setattr(importlib.import_module("flexhinf.loop.simulation.ensemble"), "WORTH", 0)
