@@ -176,7 +176,7 @@ def run_design(
     compiled = None if library is None else load_compiled(library)
     prepared = _prepared(context, source, payload, pose_xyz, tool, perturb, load, load_at, noise)
     with _view(prepared) if view else nullcontext() as watch:
-        run = prepared.make(compiled, realtime, priority, core, watch)
+        run = prepared.make(library=compiled, real_time=realtime, priority=priority, core=core, watch=watch)
     try:
         for path in logs:
             write_log(run, path)
