@@ -11,13 +11,13 @@ import io
 import math
 import os
 import tempfile
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 from unittest import mock
 
 import numpy as np
 
-import flexhinf.design
 import flexhinf.paper
 from flexhinf.cli import main
 from flexhinf.design.specification import FIELDS
@@ -79,7 +79,8 @@ QUICK = (
 
 
 #: What is replaced by a stop.
-WORK = ((flexhinf.design, "design"), (flexhinf.design, "compare"), (flexhinf.paper, "reproduce"))
+DESIGN = import_module("flexhinf.design")
+WORK = ((DESIGN, "design"), (DESIGN, "compare"), (flexhinf.paper, "reproduce"))
 
 
 class _ReachedError(FlexhinfError):
@@ -168,11 +169,7 @@ def _outcome(words: list[str], whole: bool) -> tuple[int | None, str, str]:
     stops = contextlib.ExitStack()
     with stops, contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
         if not whole:
-            for module, name in (
-                (flexhinf.design, "design"),
-                (flexhinf.design, "compare"),
-                (flexhinf.paper, "reproduce"),
-            ):
+            for module, name in WORK:
                 stops.enter_context(mock.patch.object(module, name, _stop))
         try:
             code = main(words)

@@ -22,7 +22,6 @@ import flexhinf as fh
 from flexhinf import report
 from flexhinf.loop.simulation import trajectory
 from flexhinf.pages import design_tables
-from flexhinf.pages.text import LiteralTable
 from flexhinf.robot.dynamics import Joint
 from flexhinf.robot.parameters import Parameter
 from fuzz.tally import Tally
@@ -136,8 +135,7 @@ def _parameter(name: str, folder: Path) -> str:
 def _table(name: str, folder: Path) -> str:
     """A table of the terminal."""
     Joint(name)
-    table = LiteralTable(name, name)
-    table.add_row(name, name)
+    table = report.Table((name, name), [(name, name)]).terminal()
     console = Console(width=2000, record=True, file=io.StringIO(), color_system=None)
     console.print(table)
     return "" if console.export_text().count(name) >= 3 else "a name that changed"

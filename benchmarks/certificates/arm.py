@@ -32,10 +32,10 @@ from benchmarks.certificates.model import (
 from benchmarks.certificates.slopes import global_gain
 from benchmarks.certificates.sums import FreeStorage, proved_inside
 from flexhinf.certify import Certificate, prove
-from flexhinf.certify.common_value import common_value
-from flexhinf.certify.proof import certify_tolerances, parameter_ranges, tolerance_statement
-from flexhinf.certify.reading import terms_of
-from flexhinf.certify.theorem import statement_of
+from flexhinf.certify.box import parameter_ranges, tolerance_statement
+from flexhinf.certify.box_gain import common_value
+from flexhinf.certify.problem_to_claim import statement_of, terms_of
+from flexhinf.certify.proof import certify_tolerances
 from flexhinf.design.problem.presets import choose
 from flexhinf.design.specification import Specification
 from flexhinf.hinf.sampled import equilibrium_state, step_amplitude, step_roles

@@ -22,7 +22,7 @@ import numpy as np
 from flint import arb, ctx, fmpq, fmpq_mpoly
 from scipy.spatial import ConvexHull
 
-from flexhinf.certify.reading import nearest_double, rational, terms_of
+from flexhinf.certify.problem_to_claim import nearest_double, rational, terms_of
 
 __all__ = ["PEERS", "Identity", "Program", "Solver", "Square", "monomials", "newton_basis", "proved"]
 

@@ -18,10 +18,9 @@ import numpy as np
 from flint import fmpq, fmpq_mpoly, fmpq_mpoly_ctx
 
 from flexhinf.certify import Certificate, Function, Term
-from flexhinf.certify.reading import nearest_double, rational, terms_of
-from flexhinf.certify.sampled_gain import quadratic_part
-from flexhinf.certify.terms import Polynomial
-from flexhinf.certify.theorem import few_bits
+from flexhinf.certify.box_gain import quadratic_part
+from flexhinf.certify.claim import Polynomial
+from flexhinf.certify.problem_to_claim import few_bits, nearest_double, rational, terms_of
 
 __all__ = ["Model", "evaluated", "even", "model_of", "quotient_bounds", "with_value"]
 

@@ -21,7 +21,7 @@ from benchmarks.certificates.identities import Solver
 from benchmarks.certificates.model import model_of, quotient_bounds, with_value
 from benchmarks.certificates.sums import FreeStorage
 from flexhinf.certify import Certificate, prove
-from flexhinf.certify.theorem import statement_of
+from flexhinf.certify.problem_to_claim import statement_of
 from flexhinf.errors import FlexhinfError
 
 __all__ = ["GAMMA", "PUBLISHED", "claim_of", "ours", "plant", "rival"]

@@ -28,7 +28,7 @@ from benchmarks.certificates.identities import (
     proved,
 )
 from benchmarks.certificates.model import Model
-from flexhinf.certify.reading import rational
+from flexhinf.certify.problem_to_claim import rational
 
 __all__ = ["FreeStorage", "closing", "inside", "proved_inside"]
 

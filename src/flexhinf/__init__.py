@@ -6,15 +6,14 @@
 from __future__ import annotations
 
 from importlib import import_module
-from typing import Any
 
 import lazy_loader
 
 __version__ = "0.2.0"
 
-_getattr, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+# Python makes a subpackage an attribute of its package when it first loads it. `flexhinf.design` is also the name of a
+# function, so that is done here, once, and undone: ``fh.design`` is the function, however rooms are imported.
+import_module(f"{__name__}.design")
+del globals()["design"]
 
-
-def __getattr__(name: str) -> Any:
-    """A public name. The room ``flexhinf.design`` is itself callable, whichever of its files was imported before."""
-    return import_module("flexhinf.design") if name == "design" else _getattr(name)
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 #: Most characters and most lines of each part of a message: a person reads it.
@@ -71,6 +73,15 @@ def _restored(
 
 class InvalidInput(FlexhinfError, ValueError):
     """A value, shape, name or file that cannot be used."""
+
+
+@contextmanager
+def located(where: str) -> Iterator[None]:
+    """Say in an error of the block where it is: "arm.toml: joint 'elbow'"."""
+    try:
+        yield
+    except InvalidInput as error:
+        raise InvalidInput(f"{where}: {error.what}", error.found, error.advice) from error
 
 
 class NotStabilisable(FlexhinfError):

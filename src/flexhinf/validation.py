@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import hashlib
 import io
 import os
@@ -183,6 +184,12 @@ def _is_name(name: Any, spaces: bool, without: str) -> bool:
         return False
     words = name.split(" ") if spaces else [name]
     return all(word and word.isprintable() and not set(word) & set(without + " ") for word in words)
+
+
+def nearest(name: Any, known: Iterable[Any], otherwise: str = "one of these") -> str:
+    """The known name that is most like a wrong one, as an advice."""
+    close = difflib.get_close_matches(str(name)[:200], list(known), n=1)
+    return repr(close[0]) if close else otherwise
 
 
 def checked_names(what: str, names: Any) -> tuple[str, ...]:

@@ -23,7 +23,7 @@ from benchmarks.certificates.model import evaluated, even, model_of, quotient_bo
 from flint import fmpq_mpoly_ctx
 
 from flexhinf.certify import prove
-from flexhinf.certify.theorem import statement_of
+from flexhinf.certify.problem_to_claim import statement_of
 
 
 def answer(matrix: np.ndarray) -> Answer:

@@ -12,13 +12,13 @@ import numpy as np
 import pytest
 from flint import arb, arb_poly, arb_series, ctx, fmpq
 
-from flexhinf.certify import Function, quotients
+from flexhinf.certify import Function
+from flexhinf.certify import inequality as quotients
 from flexhinf.certify.checker import quadratic
+from flexhinf.certify.checker.bounds import GRID, ORDER, Quotient
 from flexhinf.certify.checker.quadratic import quotient_range
-from flexhinf.certify.checker.quotient import GRID, ORDER, Quotient, offset_of, series_of
-from flexhinf.certify.checker.residual import as_rational
-from flexhinf.certify.enclosures import MeanForms
-from flexhinf.certify.quotients import QuotientTable, quotient_table
+from flexhinf.certify.checker.residual import as_rational, offset_of, series_of
+from flexhinf.certify.inequality import MeanForms, QuotientTable, quotient_table
 
 pytestmark = pytest.mark.oracle
 

@@ -10,7 +10,8 @@ import pytest
 
 import flexhinf as fh
 from flexhinf.certify import Certificate
-from flexhinf.certify.proof import certify_tolerances, parameter_ranges
+from flexhinf.certify.box import parameter_ranges
+from flexhinf.certify.proof import certify_tolerances
 from flexhinf.design.problem.presets import choose
 from flexhinf.design.specification import Specification
 

@@ -13,8 +13,8 @@ from flexhinf.certify import Certificate, Function, Parameter, Signal, Term
 from flexhinf.certify import checker as checker_file
 from flexhinf.certify.checker import _again, _check_matrices, _check_sizes, verify
 from flexhinf.certify.checker.bounds import BITS, Proof
+from flexhinf.certify.checker.residual import Refusal
 from flexhinf.certify.checker.second_route import Cell
-from flexhinf.certify.checker.steering import Refusal
 
 from .a_cubic import CUBIC
 from .test_checker import LEVEL, uncertain, upright
@@ -89,13 +89,13 @@ def test_matrices_are_what_the_theorem_asks_for() -> None:
 
 def test_what_is_reported_adds_up(monkeypatch: pytest.MonkeyPatch) -> None:
     ticks: list[int] = []
-    real, seen = checker_file.march_face, []
+    real, seen = checker_file.subdivide_face, []
 
     def spied(*given: Any, **more: Any) -> Any:
         seen.append(real(*given, **more))
         return seen[-1]
 
-    monkeypatch.setattr(checker_file, "march_face", spied)
+    monkeypatch.setattr(checker_file, "subdivide_face", spied)
     found = verify(upright(level=0.98 * LEVEL), threads=1, sample=3, tick=ticks.append)
     assert found.proved
     assert found.reason == ""

@@ -7,9 +7,8 @@ import pytest
 
 import flexhinf as fh
 from flexhinf.certify import Certificate, Parameter, Signal, Term
-from flexhinf.certify.common_value import common_value
-from flexhinf.certify.proof import parameter_ranges, tolerance_statement
-from flexhinf.certify.sampled_gain import sampled_gain
+from flexhinf.certify.box import parameter_ranges, tolerance_statement
+from flexhinf.certify.box_gain import common_value, sampled_gain
 from flexhinf.hinf import HJISolution
 
 ARM = fh.paper_arm()

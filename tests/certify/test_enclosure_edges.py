@@ -11,10 +11,9 @@ import pytest
 from flint import fmpq
 
 from flexhinf.certify.cells import Cells, _following
-from flexhinf.certify.checker import march
-from flexhinf.certify.checker.bounds import _interval
-from flexhinf.certify.checker.taylor import UNIT, concave_bound
-from flexhinf.certify.enclosures import MeanForms
+from flexhinf.certify.checker import subdivision
+from flexhinf.certify.checker.bounds import UNIT, _interval, concave_bound
+from flexhinf.certify.inequality import MeanForms
 from flexhinf.certify.theorem import _down, _up
 
 pytestmark = pytest.mark.property
@@ -98,11 +97,11 @@ def test_cuts_cover_their_cells_and_intervals_adjoin_bit_for_bit() -> None:
     begin = rng.integers(0, 2**10, 60) / 2.0**11
     end = begin + 2.0 ** -rng.integers(1, 9, 60).astype(float)
     cells, axis = np.vstack([t, h, begin, end]), rng.integers(0, n, 60)
-    inner, first, second = march._cut(cells, axis)
+    inner, first, second = subdivision._cut(cells, axis)
     along, across = cells[:, axis == 0], cells[:, axis > 0]
     assert (inner[:-1] == along[:-1]).all()
     assert (inner[-1] - inner[-2] == (along[-1] - along[-2]) / 2).all()
-    further = march._further(inner)
+    further = subdivision._further(inner)
     assert (further[-2] == inner[-1]).all()
     assert (further[-1] >= np.minimum(1.0, along[-1])).all()
     assert (further[:-2] == inner[:-2]).all()

@@ -23,17 +23,18 @@ from tests.certify.test_checker import V_2, V_4, uncertain, upright
 
 from flexhinf.certify import Certificate, Function, Term
 from flexhinf.certify.checker.bounds import (
+    ORDER,
     Bounds,
+    CentredForm,
     Face,
     Proof,
+    TaylorTable,
     _interval,
     _is_odd,
     _nearly_even,
     _roundings,
 )
-from flexhinf.certify.checker.quotient import ORDER
 from flexhinf.certify.checker.residual import as_rational
-from flexhinf.certify.checker.taylor import CentredForm, TaylorTable
 
 pytestmark = pytest.mark.oracle
 

@@ -11,10 +11,11 @@ import pytest
 
 import flexhinf.certify.checker as checker
 from flexhinf.certify import Certificate, Signal, Term
-from flexhinf.certify.checker import march as march_file
+from flexhinf.certify.checker import subdivision
 from flexhinf.certify.checker.bounds import Face, Proof
-from flexhinf.certify.checker.march import Marched, _cut, _further, march_face
-from flexhinf.certify.checker.steering import Refusal, axis_to_cut
+from flexhinf.certify.checker.guidance import axis_to_cut
+from flexhinf.certify.checker.residual import Refusal
+from flexhinf.certify.checker.subdivision import FaceResult, _cut, _further, subdivide_face
 
 from .a_cubic import CUBIC
 from .test_checker import LEVEL, upright
@@ -55,9 +56,9 @@ class Watched:
         self.finished.append(cells[:, finished])
 
 
-def marched(claim: Certificate, face: tuple[int, int]) -> tuple[Watched, Marched]:
+def marched(claim: Certificate, face: tuple[int, int]) -> tuple[Watched, FaceResult]:
     watched = Watched()
-    return watched, march_face(Face(Proof(claim), face), watched)  # type: ignore[arg-type]
+    return watched, subdivide_face(Face(Proof(claim), face), watched)  # type: ignore[arg-type]
 
 
 def check_covered(watched: Watched, n: int, seed: int = 0) -> None:
@@ -122,15 +123,15 @@ def test_whatever_is_cut_all_is_covered_or_refused(seed: int, monkeypatch: pytes
         wise = axis_to_cut(table, form, cells)
         return np.where(rng.uniform(size=wise.shape) < 0.3, rng.integers(-4, 6, wise.shape), wise)
 
-    monkeypatch.setattr(march_file, "axis_to_cut", any_axis)
-    monkeypatch.setattr(march_file, "refuse", lambda *given: None)
+    monkeypatch.setattr(subdivision, "axis_to_cut", any_axis)
+    monkeypatch.setattr(subdivision, "refuse", lambda *given: None)
     for name in ("two states", "three states"):
         claim, face = CASES[name]
         watched, _ = marched(claim, face)
         check_covered(watched, len(claim.states), seed)
     for wrong in (upright(level=LEVEL * 1.01), replace(CASES["three states"][0], level=1.2, reach=1.2)):
         with pytest.raises(Refusal):
-            march_face(Face(Proof(wrong), (0, 1)), Watched(), tick=at_most(30_000))  # type: ignore[arg-type]
+            subdivide_face(Face(Proof(wrong), (0, 1)), Watched(), tick=at_most(30_000))  # type: ignore[arg-type]
 
 
 def at_most(cells: int) -> Callable[[int], None]:

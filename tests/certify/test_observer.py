@@ -13,8 +13,8 @@ import pytest
 import flexhinf as fh
 from flexhinf.certify import Certificate, Term, Verification, load_certificate
 from flexhinf.certify.checker import observer as checked
+from flexhinf.certify.claim import Observer
 from flexhinf.certify.observer import error_axes
-from flexhinf.certify.terms import Observer
 from flexhinf.certify.theorem import theorem_text
 from flexhinf.errors import InvalidInput
 

@@ -15,7 +15,7 @@ from flint import arb, arb_series, ctx, fmpq
 from flexhinf.certify import Certificate, Function, Term
 from flexhinf.certify.checker import second_route
 from flexhinf.certify.checker.bounds import Face, Proof
-from flexhinf.certify.checker.quotient import offset_of, series_of
+from flexhinf.certify.checker.residual import Refusal, offset_of, series_of
 from flexhinf.certify.checker.second_route import (
     Cell,
     EveryCell,
@@ -25,7 +25,6 @@ from flexhinf.certify.checker.second_route import (
     cell_of,
     confirm,
 )
-from flexhinf.certify.checker.steering import Refusal
 
 from .a_cubic import CUBIC
 from .test_checker import V_4, uncertain, upright

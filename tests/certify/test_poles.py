@@ -10,14 +10,13 @@ import pytest
 from flint import arb, arb_series, ctx, fmpq
 from tests.certify.test_checker import V_4, upright
 
-from flexhinf.certify.checker import quotient as quotient_file
+from flexhinf.certify.checker import bounds as quotient_file
 from flexhinf.certify.checker import second_route
-from flexhinf.certify.checker.bounds import Proof
+from flexhinf.certify.checker.bounds import ORDER, Proof, Quotient
 from flexhinf.certify.checker.quadratic import quotient_range
-from flexhinf.certify.checker.quotient import ORDER, Quotient
 from flexhinf.certify.checker.second_route import Cell, cell_holds
-from flexhinf.certify.quotients import quotient_table
-from flexhinf.certify.terms import Function
+from flexhinf.certify.claim import Function
+from flexhinf.certify.inequality import quotient_table
 
 LOG = Function("log", (1.0,), 1.0)  # log(1 + s): its pole is at s = −1
 SERIES = quotient_file.series_of

@@ -14,10 +14,11 @@ from flint import arb, fmpq
 
 import flexhinf as fh
 from flexhinf.certify import Certificate, Function, Term
+from flexhinf.certify.box import parameter_ranges, tolerance_statement
+from flexhinf.certify.box_gain import common_value
 from flexhinf.certify.checker import quadratic
 from flexhinf.certify.checker.quadratic import quotient_range
-from flexhinf.certify.common_value import common_value
-from flexhinf.certify.proof import certify_tolerances, parameter_ranges, tolerance_statement
+from flexhinf.certify.proof import certify_tolerances
 
 from .test_checker import GRAVITY, LEVEL, V_2, uncertain, upright
 

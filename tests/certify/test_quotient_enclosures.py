@@ -15,11 +15,11 @@ import pytest
 from flint import arb, arb_series, ctx, fmpq
 
 from flexhinf.certify.checker import second_route
+from flexhinf.certify.checker.bounds import ORDER, Quotient
 from flexhinf.certify.checker.quadratic import quotient_range
-from flexhinf.certify.checker.quotient import ORDER, Quotient, series_of
-from flexhinf.certify.checker.residual import as_rational
-from flexhinf.certify.quotients import QuotientTable, quotient_table
-from flexhinf.certify.terms import Function
+from flexhinf.certify.checker.residual import as_rational, series_of
+from flexhinf.certify.claim import Function
+from flexhinf.certify.inequality import QuotientTable, quotient_table
 
 REACH = 3.0
 PHI = {"sin": mpmath.sin, "cos": mpmath.cos, "exp": mpmath.exp, "tanh": mpmath.tanh, "arctan": mpmath.atan}

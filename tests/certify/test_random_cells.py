@@ -18,13 +18,11 @@ from tests.certify.definition import in_balls, in_doubles
 
 import flexhinf as fh
 from flexhinf.certify import Certificate
-from flexhinf.certify.box import BoxExcess
+from flexhinf.certify.box import BoxExcess, parameter_ranges, tolerance_statement
 from flexhinf.certify.cells import CellBounds, Cells
 from flexhinf.certify.checker.bounds import Face, Proof
 from flexhinf.certify.inequality import inequality_of
-from flexhinf.certify.proof import parameter_ranges, tolerance_statement
-from flexhinf.certify.reading import nearest_double
-from flexhinf.certify.theorem import statement_of
+from flexhinf.certify.problem_to_claim import nearest_double, statement_of
 
 ARM = fh.paper_arm()
 CHECKED = fh.Penalty((60.0, 0.0, 0.0, 0.0, 300.0), effort=10.0)

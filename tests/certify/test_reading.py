@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import flexhinf as fh
-from flexhinf.certify.theorem import statement_of
+from flexhinf.certify.problem_to_claim import statement_of
 
 from .definition import Definition
 

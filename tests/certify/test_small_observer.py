@@ -13,8 +13,8 @@ from flint import fmpq_mat
 from flexhinf.certify import Certificate, Function, Parameter, Signal, Term
 from flexhinf.certify.checker import Verification
 from flexhinf.certify.checker import observer as checked
-from flexhinf.certify.checker.steering import Refusal
-from flexhinf.certify.terms import Observer
+from flexhinf.certify.checker.residual import Refusal
+from flexhinf.certify.claim import Observer
 from flexhinf.certify.theorem import theorem_text
 from flexhinf.errors import InvalidInput
 
@@ -91,13 +91,13 @@ def reason(claim: Certificate, gradient_law: bool = True) -> str:
 # The matrices -------------------------------------------------------------------------------------------------------
 def test_the_error_s_drift_and_disturbance_are_the_plant_s() -> None:
     claim = plant()
-    sensors = checked._matrix(observer().measured)
+    sensors = checked.matrix_of(observer().measured)
     np.testing.assert_array_equal(numbers(checked._error_drift(claim, [0, 1], sensors)), A)
     np.testing.assert_array_equal(numbers(checked._disturbance(claim, [0, 1])), G)
 
 
 def test_what_is_linear_in_the_states_adds_up_and_the_rest_has_to_be_known() -> None:
-    claim, sensors = plant(), checked._matrix(observer().measured)
+    claim, sensors = plant(), checked.matrix_of(observer().measured)
 
     def drift(i: int, *terms: Term) -> Certificate:
         rows = list(claim.drift)
@@ -122,7 +122,7 @@ def test_what_is_linear_in_the_states_adds_up_and_the_rest_has_to_be_known() -> 
         checked._error_drift(unseen, [0, 1], sensors)
     with pytest.raises(Refusal, match="i is not computed from what is measured"):
         checked._error_drift(drift(2, term(1.0, 0, 1, 0)), [0, 1], sensors)
-    both = checked._matrix(((1.0, 1.0, 0.0),))  # then a function of x alone is not known
+    both = checked.matrix_of(((1.0, 1.0, 0.0),))  # then a function of x alone is not known
     with pytest.raises(Refusal):
         checked._error_drift(claim, [0, 1], both)
 
@@ -149,7 +149,8 @@ def test_slopes_of_the_law_are_those_of_the_gradient() -> None:
 def test_the_hull_is_the_reach_and_the_largest_error() -> None:
     claim, stated = plant(), observer()
     found = [
-        float(v.p) / float(v.q) for v in checked._hull(claim, stated, [0, 1], checked._matrix(stated.storage))
+        float(v.p) / float(v.q)
+        for v in checked._hull(claim, stated, [0, 1], checked.matrix_of(stated.storage))
     ]
     backwards = np.linalg.inv(np.array(T))[:, :2]
     within = np.linalg.inv(np.array(stated.storage))
@@ -183,7 +184,8 @@ def largest_slopes(energy: float) -> float:
     """The largest eigenvalue of JᵀR2J over the hull's box of slopes, found by corners."""
     claim, stated = plant(), observer(energy=energy)
     hull = [
-        float(v.p) / float(v.q) for v in checked._hull(claim, stated, [0, 1], checked._matrix(stated.storage))
+        float(v.p) / float(v.q)
+        for v in checked._hull(claim, stated, [0, 1], checked.matrix_of(stated.storage))
     ]
     bend = 0.6 * (0.5 * hull[1] + 0.5 * hull[2]) ** 2  # of V's second derivative in x2
     onto = -np.linalg.inv(R2) @ G2.T
@@ -199,9 +201,9 @@ def largest_slopes(energy: float) -> float:
 @pytest.mark.parametrize("energy", [0.125, 0.5])
 def test_m_bounds_the_slopes_to_within_a_millionth(energy: float) -> None:
     stated, worst = observer(energy=energy), largest_slopes(energy)
-    storage = checked._matrix(stated.storage)
+    storage = checked.matrix_of(stated.storage)
     for share, holds in ((1 + 1e-6, True), (1 - 1e-6, False)):
-        weight = checked._matrix(((share * worst, 0.0), (0.0, share * worst)))
+        weight = checked.matrix_of(((share * worst, 0.0), (0.0, share * worst)))
         if holds:
             checked._check_slopes(plant(), stated, [0, 1], weight, storage)
         else:
@@ -214,11 +216,11 @@ def test_slopes_without_a_constant_lie_about_0() -> None:
     stated = observer()
     g2 = (((), ()), ((), (term(1.0, 0, 0, 0),)), ((), ()))
     claim = plant(value=(((2, 0, 0), 0.5), ((0, 4, 0), 0.05)), g2=g2, r2=((1.0, 0.0), (0.0, 1.0)))
-    storage = checked._matrix(stated.storage)
+    storage = checked.matrix_of(stated.storage)
     hull = [float(v.p) / float(v.q) for v in checked._hull(claim, stated, [0, 1], storage)]
     worst = (0.6 * (0.5 * hull[1] + 0.5 * hull[2]) ** 2) ** 2
     for share, holds in ((1 + 1e-6, True), (1 - 1e-6, False)):
-        weight = checked._matrix(((1e-9, 0.0), (0.0, share * worst)))
+        weight = checked.matrix_of(((1e-9, 0.0), (0.0, share * worst)))
         if holds:
             checked._check_slopes(claim, stated, [0, 1], weight, storage)
         else:
@@ -256,7 +258,7 @@ def test_too_many_slopes_are_refused_and_not_looked_at_in_part(monkeypatch: pyte
     monkeypatch.setattr(checked, "_MOST_CORNERS", 1)
     with pytest.raises(Refusal, match="too many slopes"):
         checked._check_slopes(
-            plant(), stated, [0, 1], *(checked._matrix(m) for m in (stated.weight, stated.storage))
+            plant(), stated, [0, 1], *(checked.matrix_of(m) for m in (stated.weight, stated.storage))
         )
     monkeypatch.setattr(checked, "_MOST_CORNERS", 2)
     assert reason(plant()) == ""

@@ -14,9 +14,8 @@ import flexhinf as fh
 from flexhinf.certify import Certificate, Signal, Term
 from flexhinf.certify.cells import CellBounds, Cells, search
 from flexhinf.certify.inequality import Inequality, inequality_of
+from flexhinf.certify.problem_to_claim import nearest_double, rational, statement_of
 from flexhinf.certify.proof import prove
-from flexhinf.certify.reading import nearest_double, rational
-from flexhinf.certify.theorem import statement_of
 from flexhinf.errors import InvalidInput, NumericalFailure
 
 PENALTY = (60.0, 0.0, 0.0, 0.0, 300.0)

@@ -11,8 +11,8 @@ import pytest
 from flint import arb
 
 import flexhinf as fh
-from flexhinf.certify.box import BoxExcess, parameter_groups
-from flexhinf.certify.proof import NotProved, certify_tolerances, parameter_ranges, tolerance_statement
+from flexhinf.certify.box import BoxExcess, parameter_groups, parameter_ranges, tolerance_statement
+from flexhinf.certify.proof import NotProved, certify_tolerances
 from flexhinf.certify.starts import UNCHANGED_INPUT, path_states
 from flexhinf.design.problem.presets import choose
 from flexhinf.design.specification import Specification

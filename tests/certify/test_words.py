@@ -234,6 +234,24 @@ def test_the_quotient_of_a_sine_is_known_however_far_a_box_reaches(farthest: int
     assert float(exp[1].p) / float(exp[1].q) >= (np.exp(65.0) - 1.0) / 65.0
 
 
+def test_the_largest_level_of_a_weak_spring_is_a_number_whose_digits_are_printed() -> None:
+    """x' = -10 x + 0.1 sin x: definite for all quotients of the sine, up to where the checker encloses them."""
+    from flexhinf.certify import Function
+    from flexhinf.certify.proof import _largest
+
+    entry = ((Term(1.0, (0,)),),)
+    weak = Certificate(
+        "a weak spring", (Signal("x"),), (Signal("u"),), (Signal("d"),),
+        drift=((Term(-10.0, (1,)), Term(0.1, (0,), (), 0)),), g1=(entry,), g2=(entry,), penalty=(),
+        r2=((1.0,),), value=(((2,), 0.5),), law=((((1,), -1.0),),), gamma=10.0, level=1.0,
+        coordinates=((1.0,),), reach=2.0, functions=(Function("sin", (1.0,)),),
+    )  # fmt: skip
+    found = _largest(weak)
+    assert found.level > 1000.0
+    assert type(found.level) is float
+    assert "np." not in theorem_text(found, found.stated)
+
+
 @pytest.mark.parametrize("share", [0.01, 0.25])
 def test_the_largest_level_is_stated_whatever_level_was_asked_for(share: float) -> None:
     from flexhinf.certify.proof import _largest
@@ -299,7 +317,7 @@ def test_no_name_and_no_unit_can_be_read_as_a_part_of_the_theorem(tmp_path: Path
 
 
 def test_rounding_of_the_penalty_is_no_part_of_a_claim() -> None:
-    from flexhinf.certify.theorem import _without_rounding
+    from flexhinf.certify.problem_to_claim import _without_rounding
 
     row = (((1, 0), 2.0), ((0, 1), -1.3e-16), ((0, 2), 1e-3))
     assert _without_rounding(row) == (row[0], row[2])

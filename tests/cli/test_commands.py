@@ -103,10 +103,9 @@ def test_interrupted_right_after_a_report_got_its_name_it_says_so(
 
 
 def test_names_in_tables_are_no_markup() -> None:
-    from flexhinf.pages.text import LiteralTable
+    from flexhinf.report import Table
 
-    table = LiteralTable("[/red]")
-    table.add_row("[red]:cat:[/blue]")
+    table = Table(["[/red]"], [["[red]:cat:[/blue]"]]).terminal()
     console = Console(width=80, record=True, file=io.StringIO())
     console.print(table)
     assert "[red]:cat:[/blue]" in console.export_text(clear=False)

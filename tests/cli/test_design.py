@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tomllib
+from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -100,7 +101,7 @@ def test_an_interrupted_design_leaves_what_was_there(
     def stop(*arguments: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("flexhinf.design.design_text", stop)
+    monkeypatch.setattr(import_module("flexhinf.design"), "design_text", stop)
     assert main(["design", "vertical-rig", *QUICK, "--seed", "1"]) == 130
     assert "Interrupted" in capsys.readouterr().err
     assert {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()} == before

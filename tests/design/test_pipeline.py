@@ -331,14 +331,22 @@ def test_design_and_compare_show_the_same_margins_with_friction_and_delay(
         assert one.linear_metrics[key] == pytest.approx(two.linear_metrics[key], rel=1e-9), key
 
 
-def test_the_room_is_called_as_its_function_in_either_order() -> None:
-    """``fh.design(…)`` after ``from flexhinf.design import …``: a file of the room must not hide the function."""
+def test_design_and_compare_are_functions_however_the_room_was_imported() -> None:
+    """Python would make the module ``flexhinf.design`` an attribute of the package when a file of it is imported."""
+    check = "assert all(inspect.isfunction(one) and one.__doc__ for one in (fh.design, fh.compare)); "
+    check += (
+        "assert list(inspect.signature(fh.design).parameters) == ['robot', 'specification', 'progress']; "
+    )
     for text in (
-        "import flexhinf as fh; assert callable(fh.design); from flexhinf.design import Specification, design",
-        "from flexhinf.design import Specification, design; import flexhinf as fh; assert callable(fh.design)",
-        "import flexhinf.design.pipeline; import flexhinf as fh; assert callable(fh.design); fh.design.Specification",
+        "import flexhinf as fh; {} from flexhinf.design import Specification, design; assert design is fh.design",
+        "from flexhinf.design import Specification, design; import flexhinf as fh; {} assert design is fh.design",
+        "import flexhinf.design.pipeline; import flexhinf as fh; {}",
+        "import flexhinf.design; import flexhinf as fh; {} import flexhinf.design.units; {}",
+        "from flexhinf import design; import flexhinf.design.units; import flexhinf as fh; {}",
     ):
-        subprocess.run([sys.executable, "-W", "error", "-c", text], check=True)
+        subprocess.run(
+            [sys.executable, "-W", "error", "-c", f"import inspect; {text.replace('{}', check)}"], check=True
+        )
     with pytest.raises(fh.InvalidInput, match="pose"):
         fh.design(fh.paper_arm(), Specification(pose=(1.0, 2.0)))
 

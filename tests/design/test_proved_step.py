@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import flexhinf as fh
-from flexhinf.certify.proof import tolerance_statement
+from flexhinf.certify.box import tolerance_statement
 from flexhinf.certify.starts import path_start, robot_start
 from flexhinf.design import proved_step
 from flexhinf.design.proved_step import search_proved_step

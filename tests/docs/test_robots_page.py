@@ -8,15 +8,7 @@ from pathlib import Path
 import pytest
 
 from flexhinf.robot.parameters import QUANTITIES
-from flexhinf.robot.schema import (
-    JointTable,
-    LinkTable,
-    MotorTable,
-    PayloadTable,
-    RobotTable,
-    SpringTable,
-    TolerancesTable,
-)
+from flexhinf.robot.schema import TABLES
 
 
 @pytest.fixture
@@ -27,19 +19,8 @@ def page(repository: Path) -> str:
 def test_the_page_lists_every_key_with_its_unit(page: str) -> None:
     rows = [line for line in page.splitlines() if line.startswith("| `")]
     listed = {name: row for row in rows for name in re.findall(r"`([a-z_]+)`", row.split("|")[1])}
-    keys = {
-        key
-        for table in (
-            RobotTable,
-            JointTable,
-            LinkTable,
-            SpringTable,
-            MotorTable,
-            PayloadTable,
-            TolerancesTable,
-        )
-        for key in table.model_fields
-    }
+    pages = ("", "joint", "link", "spring", "motor", "payload", "tolerances")
+    keys = {key for table in pages for key in TABLES[table]}
     tables = {"joint", "link", "spring", "motor", "penalty", "payload", "tolerances"}
     assert sorted(keys - tables - set(listed)) == []
     units = {key: QUANTITIES[key] for key in listed if key in QUANTITIES}

@@ -9,7 +9,7 @@ import pytest
 
 import flexhinf as fh
 from flexhinf.certify.pictures import limit_slice, start_surface, worst_step
-from flexhinf.certify.sampled_gain import proved_steps, start_at
+from flexhinf.certify.starts import path_start, proved_steps
 from flexhinf.design.certification import CertifiedDegree, Evidence
 from flexhinf.design.specification import Specification
 from flexhinf.design.synthesis.degrees import DegreeChoice
@@ -41,7 +41,7 @@ def test_the_proved_starts_lie_where_v_is_below_the_level(one: CertifiedDegree) 
     assert (surface.residual[inside & (surface.value > 0.0)] < 0.0).all()
     for path, start in zip(surface.paths, given.starts):
         assert path[-1, 0] == start.amplitude
-        assert solution.value(start_at(given, start, start.amplitude)) <= given.level
+        assert solution.value(path_start(given, start, start.amplitude)) <= given.level
 
 
 @pytest.fixture(scope="module")

@@ -13,7 +13,7 @@ import pytest
 from flexhinf.design import Comparison
 from flexhinf.design.result import ComparedLaw
 from flexhinf.pages import comparison_notes, comparison_page, comparison_verdict
-from flexhinf.pages.design.law_figures import FIGURES, FigureTable, best_of, cell, table_lines
+from flexhinf.pages.design.laws import FIGURES, best_of, cell, metric_table
 from flexhinf.pages.numbers import comparison_numbers
 from flexhinf.pages.verdict import rival_of
 from flexhinf.report import to_json
@@ -79,7 +79,7 @@ def test_a_law_without_a_tuning_within_the_limits_is_named_and_has_no_numbers(
     found = dataclasses.replace(report_comparison, rows=rows)
     assert comparison_verdict(found).startswith("No other law keeps every limit")
     assert "pid was not compared: no tuning; not kept: noise." in comparison_notes(found)
-    assert FigureTable(found).html().count('<th scope="col" class="number">') == 1
+    assert metric_table(found, found.compared).html().count('<th scope="col" class="number">') == 1
     for law in comparison_numbers(found)["laws"][1:]:
         assert (law["compared"], law["tuned"], law["figures"]) == (False, None, {})
 
@@ -125,11 +125,12 @@ def test_cells_and_the_best_of_a_row(report_comparison: Comparison) -> None:
     assert best_of(deviation, [1.0, 2.0, None]) == (True, False, False)
     assert best_of(by_key["delay_margin_s"], [1.0, 2.0, 2.001]) == (False, True, True)
     assert best_of(deviation, [1.0, 1.0]) == (False, False)
-    html = FigureTable(report_comparison).html()
+    table = metric_table(report_comparison, report_comparison.compared)
+    html = table.html()
     assert "★" not in html
     assert '</strong><br><span class="unit">best</span>' in html
-    lines = table_lines(report_comparison, report_comparison.compared)
-    assert {len(line.cells) for line in lines} == {0, len(report_comparison.compared)}
+    assert all(set(record) == set(table.records()[0]) for record in table.records())
+    assert len(table.records()[0]) == 1 + len(report_comparison.compared)
 
 
 @pytest.mark.slow

@@ -10,9 +10,8 @@ import pytest
 
 import flexhinf as fh
 from flexhinf.design import Design
-from flexhinf.pages.design.arm_figure import arm_figure, instants
-from flexhinf.pages.design.frequency import Loop, frequency_figures
-from flexhinf.pages.design.poles import PoleGroup, poles_figure
+from flexhinf.pages.design.frequency import Loop, PoleGroup, frequency_figures, poles_figure
+from flexhinf.pages.design.step import arm_figure, instants
 from flexhinf.pages.drawing import framed, thin, widened
 
 Make = Callable[[str], Design]

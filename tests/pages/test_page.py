@@ -19,17 +19,17 @@ from flexhinf.design.requirements import Requirement
 from flexhinf.design.responses import Response
 from flexhinf.design.result import Status
 from flexhinf.pages import design_page
-from flexhinf.pages.design import poles, region
-from flexhinf.pages.design.corners import corner_cells, corner_rows, corners_text
-from flexhinf.pages.design.margins import margin_rows
-from flexhinf.pages.design.monte_carlo import histogram_bins, spread_rows
-from flexhinf.pages.design.region import level_rows, widest_step
+from flexhinf.pages.design import region
+from flexhinf.pages.design.frequency import mode_table
+from flexhinf.pages.design.margins import corner_rows, corner_table, corners_text, margin_table
+from flexhinf.pages.design.monte_carlo import histogram_bins, spread_table
+from flexhinf.pages.design.region import level_table, widest_step
 from flexhinf.pages.design.requirements import found_text, limit_text, requirement_table
-from flexhinf.pages.design.weights import candidate_rows, robust_rows, selected_candidates
-from flexhinf.pages.drawing import joint_table, units_of
+from flexhinf.pages.design.weights import candidate_table, robust_table
+from flexhinf.pages.drawing import joint_table
 from flexhinf.pages.page import remarks, title_of
 from flexhinf.pages.settings import design_settings
-from flexhinf.report import Column
+from flexhinf.report import Cell, Column, Table, number
 
 Make = Callable[[str], Design]
 ORDER = [
@@ -99,10 +99,10 @@ def test_the_page_says_which_step_the_region_allows(report_design: Make) -> None
 
 def test_one_joint_is_not_named(report_design: Make) -> None:
     design = report_design("met")
-    assert "mainly" not in "".join(block.html() for block in poles.blocks(design))
-    single = joint_table(("joint", Column("way", "°"), "ends"), [("joint", 5.73, None)], "", "a")
+    assert "mainly" not in mode_table(design).html()
+    single = joint_table(Table(("joint", Column("way", "°"), "ends"), [("joint", 5.73, None)]))
     assert single.rows == [("way", "5.73°"), ("ends", "–")]
-    assert joint_table(("joint", Column("way", "°")), [("a", 1.0), ("b", 2.0)], "", "a").stacks
+    assert joint_table(Table(("joint", Column("way", "°")), [("a", 1.0), ("b", 2.0)])).stacks
     settings = {row.name: row.unit for row in design_settings(design)["Synthesis"]}
     assert settings["pose"] == "rad"
 
@@ -120,17 +120,11 @@ def test_bins_of_a_histogram_hold_equally_many_sampling_instants() -> None:
 def test_requirements_that_are_not_met_stand_first_with_criterion_and_joint() -> None:
     kept = Requirement("overshoot", 5.0, 4.0, "%", True, "the step", "of the step", "--overshoot")
     missed = Requirement("bandwidth", 4.0, 3.0, "rad/s", False, "running loop", "at −3 dB", joint="elbow")
-    first, second = requirement_table((kept, missed)).rows
-    assert first == (
-        "bandwidth",
-        "≥ 4 rad/s",
-        "3 rad/s (elbow)",
-        "NO",
-        "running loop",
-        "at −3 dB",
-        "our default",
-    )
-    assert second[3:] == ("yes", "the step", "of the step", "`--overshoot`")
+    where, first, other, second = requirement_table((kept, missed)).rows
+    assert (where, other) == ("running loop", "the step")
+    judged = Cell("NOT MET", "red")
+    assert first == ("bandwidth", "≥ 4 rad/s*", "3 rad/s (elbow)", judged, "at −3 dB", "our default")
+    assert second[3:] == (Cell("met", "green"), "of the step", "`--overshoot`")
     gone = dataclasses.replace(kept, found=np.inf)
     assert (limit_text(gone), found_text(gone)) == ("≤ 5 %", "diverges")
 
@@ -161,26 +155,27 @@ def test_what_does_not_apply_has_no_section(report_design: Make) -> None:
 
 def test_the_search_is_shown_with_the_candidate_that_is_used(report_design: Make) -> None:
     design = report_design("met")
-    rows, search = candidate_rows(design), design.design_problem.search
+    rows, search = candidate_table(design).rows, design.design_problem.search
     assert search is not None
-    assert [row[0] for row in rows] == sorted(c.damping_weight for c in search.candidates)
+    weights, shown = sorted(c.damping_weight for c in search.candidates), [row[0] for row in rows]
+    assert shown == sorted(shown)
+    assert set(shown) <= set(weights)
+    assert (shown[0], shown[-1]) == (weights[0], weights[-1])
     (used,) = [row for row in rows if row[-1]]
-    assert used[0] == search.chosen.damping_weight
-    shown = selected_candidates(rows)
-    assert used in shown
-    assert (shown[0], shown[-1]) == (rows[0], rows[-1])
-    assert f"evaluated {len(rows)} candidates" in text_of(design, "weights")
+    assert (used[0], used[5]) == (search.chosen.damping_weight, search.chosen.design.gamma_star)
+    assert f"evaluated {len(weights)} candidates" in text_of(design, "weights")
 
 
 def test_the_robust_preset_says_what_its_tolerances_cost(report_design: Make) -> None:
     design = report_design("robust")
     r = design.design_problem.robustness
     assert r is not None
-    (_, plain, robust), (_, gain, robust_gain) = robust_rows(design)
+    (_, plain, robust, cost), (_, gain, robust_gain, _) = robust_table(design).rows
     assert (plain, robust) == (r.nominal_gamma_star, r.gamma_star)
     assert (gain, robust_gain) == (r.nominal_gain, r.robust_gain)
     text = text_of(design, "weights")
-    assert f"{100 * (robust / plain - 1):.1f}" in text
+    assert cost == 100.0 * (r.gamma_star / r.nominal_gamma_star - 1.0)
+    assert f"{cost:.1f}" in text
     assert f"{r.channels} channels" in text
     assert "linear in each tolerance" in text  # products of tolerances are not claimed
     assert "γ* of this problem, with the channels of the tolerances" in text
@@ -196,13 +191,11 @@ def test_the_spread_is_that_of_the_samples(report_design: Make) -> None:
     design = report_design("met")
     samples = design.evaluation.step_samples
     assert samples is not None
-    rows = spread_rows(design.evaluation, units_of(design.evaluation))
-    for (name, *_, median, high, worst, joint), values in zip(
-        rows, (samples.overshoot, samples.settling, samples.peak)
-    ):
-        ordered = np.sort(values)
-        assert (median, high, worst) == (ordered[8], ordered[15], ordered[-1]), name
-        assert joint == ""
+    rows = spread_table(design.evaluation).records()
+    for row, values in zip(rows, (samples.overshoot, samples.settling, samples.peak)):
+        ordered = [number(value, 3) for value in np.sort(values)]
+        assert [row["median"], row["95 % are below"], row["worst"]] == [ordered[k] for k in (8, 15, -1)]
+        assert "worst joint" not in row
     text = text_of(design, "draws")
     assert f"robot {samples.worst + 1} (" in text
     assert f"robot {samples.slowest + 1} (" in text
@@ -231,15 +224,15 @@ def test_runs_that_diverge_are_counted_and_never_drawn(report_design: Make) -> N
 def test_margins_stand_beside_those_of_the_true_state(report_design: Make) -> None:
     design = report_design("met")
     e = design.evaluation
-    rows = {what: (ours, state) for what, ours, state in margin_rows(e)}
+    rows = {what: (ours, state) for what, ours, state in margin_table(e).rows}
     assert rows["peak sensitivity"] == (
         f"{e.margins.peak_sensitivity:.3g}", f"{e.state_margins.peak_sensitivity:.3g}",
     )  # fmt: skip
     assert rows["delay margin, ms"][0] == f"{1e3 * e.margins.delay_margin_s:.3g}"
     unstable = with_evaluation(design, margins=Margins(e.margins.linear))
     vars(unstable.evaluation.margins)["stable"] = False
-    assert {ours for _, ours, _ in margin_rows(unstable.evaluation)} == {"unstable"}
-    alone = margin_rows(report_design("true state").evaluation)
+    assert {ours for _, ours, _ in margin_table(unstable.evaluation).rows} == {"unstable"}
+    alone = margin_table(report_design("true state").evaluation).rows
     assert {len(row) for row in alone} == {2}
 
 
@@ -250,11 +243,11 @@ def test_the_corners_are_named_with_their_form_of_process_noise(report_design: M
     text = corners_text(e)
     assert text.startswith("Measured: link position. ")
     assert f"{e.corners.unstable} of 8 corners" in text or "None of the 8 corners" in text
-    cells, rows = corner_cells(e.corners), corner_rows(e)
+    cells, rows = corner_table(e).rows, corner_rows(e)
     assert {len(row) for row in cells} == {1 + 2 * len(e.corners.forms)}
-    assert {row.form for row in rows} >= {"as designed", "true state", *e.corners.forms}
+    assert {row["form"] for row in rows} >= {"as designed", "true state", *e.corners.forms}
     for row in rows:
-        assert row.percent == pytest.approx(100.0 * row.unstable / 8)
+        assert row["percent"] == pytest.approx(100.0 * row["unstable"] / 8)
     section = text_of(report_design("rings"), "corners")
     for form in e.corners.forms:
         assert form in section
@@ -263,7 +256,7 @@ def test_the_corners_are_named_with_their_form_of_process_noise(report_design: M
 
 def test_levels_from_below_and_from_above(report_design: Make) -> None:
     design = report_design("met")
-    rows = dict(level_rows(design))
+    rows = dict(level_table(design).rows)  # type: ignore[call-overload]
     assert rows["γ of the law"] == pytest.approx(1.5 * rows["γ* of the problem, linear part"])
     assert rows["γ of the inequality checked in the region"] == pytest.approx(1.6 * design.gamma_star)
     if design.attenuation.attained is not None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from flexhinf.paper.disturbance_gain import GainRuns
+from flexhinf.paper.disturbances import GainRuns
 from flexhinf.paper.loop_setup import PaperSettings, PaperSetup
 
 
@@ -29,7 +29,7 @@ def test_small_disturbances_attain_the_norm_of_the_linear_loop(runs: GainRuns) -
     norm = max(
         np.linalg.norm(z @ np.linalg.solve(1j * w * np.eye(5) - closed, b1)) for w in np.logspace(-3, 3, 2001)
     )
-    d = runs.worst(wave(runs.times), 1e-4, 60)
+    d = runs.worst(wave(runs.search.search_runs.times), 1e-4, 60)
     assert d is not None
     attained = runs.attained(runs.held(d))
     assert attained.energy == pytest.approx(1e-4, rel=1e-9)
@@ -37,7 +37,7 @@ def test_small_disturbances_attain_the_norm_of_the_linear_loop(runs: GainRuns) -
 
 
 def test_the_search_beats_its_start(runs: GainRuns) -> None:
-    start = runs.search.scaled(wave(runs.times)[:, None], 3.0)[:, 0]
+    start = runs.search.scaled(wave(runs.search.search_runs.times)[:, None], 3.0)[:, 0]
     d = runs.worst(start, 3.0, 10)
     assert d is not None
     assert runs.attained(runs.held(d)).gain > 1.01 * runs.attained(runs.held(start)).gain

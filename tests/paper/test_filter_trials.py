@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from flexhinf.paper.filter_trials import Trial, run_trial
+from flexhinf.paper.estimators import Trial, run_trial
 from flexhinf.paper.loop_setup import PaperSettings, PaperSetup
 
 RUNS = 60

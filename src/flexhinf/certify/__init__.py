@@ -2,8 +2,8 @@
 
 from flexhinf.certify.certificate import Certificate, load_certificate
 from flexhinf.certify.checker import Verification
+from flexhinf.certify.claim import FUNCTIONS, Function, Parameter, Signal, Start, Term
 from flexhinf.certify.proof import NotProved, prove
-from flexhinf.certify.terms import FUNCTIONS, Function, Parameter, Signal, Start, Term
 
 __all__ = [
     "FUNCTIONS",

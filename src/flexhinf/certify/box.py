@@ -1,4 +1,10 @@
-"""What a box of parameters adds to the dissipation inequality on cells.
+"""A box of parameters: the claim for every robot within its tolerances, and what the box adds to r on cells.
+
+The law is the nominal one, and so is V, of the deviation from each robot's own equilibrium at the goal. Two things of a
+robot are its own: its rates, for which the search takes the whole box, and its equilibrium. Where that moves, to δ from
+the nominal one, the input in deviations x from it is u = k(x + δ) − k(δ); for a linear law this is k(x) again, whatever
+δ is, and where the plant is linear in what moves, its rates are the same too. So with V of degree two the box needs
+nothing else at any goal; for a nonlinear law the goal must be one whose equilibrium stays, such as upright.
 
 r is a sum of monomials of the parameters times functions of the state. In each parameter by itself (or in its inverse,
 whichever occurs) it is convex: f and g2 are affine in it, |g1ᵀV_xᵀ|² is a square. A function that is convex in each
@@ -14,26 +20,184 @@ every vertex by its own value and slopes: the middles are exact, so nothing is l
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, replace
 from math import comb, prod
+from typing import Any
 
 import numpy as np
 from flint import fmpq, fmpq_mpoly, fmpq_mpoly_ctx
 
 from flexhinf.certify.certificate import Certificate
-from flexhinf.certify.enclosures import MeanForms
-from flexhinf.certify.inequality import Rational
-from flexhinf.certify.quotients import quotient_table
-from flexhinf.certify.reading import nearest_double, rational, terms_of
-from flexhinf.certify.terms import Term
+from flexhinf.certify.claim import Polynomial, Term
+from flexhinf.certify.inequality import MeanForms, Rational, quotient_table
+from flexhinf.certify.problem_to_claim import (
+    claim_of,
+    few_bits,
+    flat_names,
+    law_polynomials,
+    matrix_rows,
+    nearest_double,
+    plant_terms,
+    rational,
+    terms_of,
+    value_polynomial,
+)
 from flexhinf.errors import InvalidInput
+from flexhinf.hinf.value_function import ValueFunction
+from flexhinf.plant.plant import GeneralisedPlant
+from flexhinf.robot import Robot
 
+Ranges = Mapping[str, tuple[float, float]]
+
+_MOVED = 1e-12  # rates at the nominal equilibrium above this, relative to the parameters: it moves
 #: Relative allowance for the rounding of the last sums: a few hundred operations in doubles.
 _ROUNDING = 1e-12
 
 _ORDER = 3  # of the polynomials that stand for quotients of elementary functions
 _MOST_VERTICES = 4096
+
+
+def parameter_ranges(robot: Robot, plant: Any, scale: float = 1.0) -> dict[str, tuple[float, float]]:
+    """Ranges of a plant's parameters over the robot's tolerances, rounded outwards.
+
+    Parameters
+    ----------
+    robot : Robot
+        Each parameter of its plant is monotone in each of its own, so the ends are those of its corners.
+    plant : Plant or GeneralisedPlant
+        Of the robot.
+    scale : float
+        Of all tolerances.
+    """
+    table = plant.parameters
+    names = [parameter.name for parameter in robot.uncertain]
+    rows = [
+        table.replaced(table.known(robot.corner(dict(zip(names, signs))))).vector()
+        for signs in itertools.product((-scale, scale), repeat=len(names))
+    ]
+    low, high = np.min(rows, axis=0), np.max(rows, axis=0)
+    varies = low < high
+    low, high = (
+        np.where(varies, np.nextafter(low, -np.inf), low),
+        np.where(varies, np.nextafter(high, np.inf), high),
+    )
+    return dict(zip(flat_names(table), zip(low.tolist(), high.tolist())))
+
+
+def tolerance_statement(
+    solution: ValueFunction,
+    problem: GeneralisedPlant,
+    ranges: Ranges,
+    gamma: float,
+    *,
+    scale: float = 1.0,
+    p: np.ndarray | None = None,
+    about: str = "",
+) -> Certificate:
+    """The certificate to be proved, at level 1; arguments as `certify_tolerances`."""
+    terms = plant_terms(problem)
+    fixed = [name for name in terms.inside if name in ranges and ranges[name][0] < ranges[name][1]]
+    if fixed:
+        raise InvalidInput(
+            "A parameter stands inside a function of the state.",
+            f"expected parameters that multiply terms, got {', '.join(sorted(fixed))}",
+            "its nominal value, or sampled_region",
+        )
+    box = {q.name: (q.low, q.high) for q in terms.parameters} | dict(ranges)
+    ranged = tuple(replace(q, low=box[q.name][0], high=box[q.name][1]) for q in terms.parameters)
+    root = np.linalg.inv(np.linalg.cholesky(scale * solution.P if p is None else p)).T
+    law = law_polynomials(solution, terms)
+    statement = claim_of(
+        solution,
+        problem,
+        replace(terms, parameters=ranged),
+        about=about or "a state feedback, for all parameters in the box",
+        r2=matrix_rows(problem.r2),
+        value=value_polynomial(solution, scale) if p is None else _quadratic(p),
+        law=law,
+        gamma=float(gamma),
+        level=1.0,
+        coordinates=matrix_rows(few_bits(root @ _axes(law, problem, root, gamma))),
+        reach=1.0,
+    )
+    _refuse_moved(statement, problem)
+    return statement
+
+
+def _quadratic(p: np.ndarray) -> Polynomial:
+    """½ xᵀPx."""
+    n = len(p)
+    return tuple(
+        (tuple(int(k == i) + int(k == j) for k in range(n)), float(p[i, j] / (2.0 if i == j else 1.0)))
+        for i in range(n)
+        for j in range(i, n)
+        if p[i, j]
+    )
+
+
+def _axes(
+    law: tuple[Polynomial, ...], problem: GeneralisedPlant, root: np.ndarray, gamma: float
+) -> np.ndarray:
+    """Rotation (n, n) after which r_2 of the nominal plant is diagonal; P⁻¹ = root rootᵀ."""
+    plant, p = problem.expand(1), np.linalg.inv(root @ root.T)
+    units = [tuple(row) for row in np.eye(len(p), dtype=int).tolist()]
+    gain = np.array([[dict(row).get(unit, 0.0) for unit in units] for row in law])
+    a = plant.f_parts[1] + plant.g2_parts[0][:, :, 0] @ gain
+    h, b1 = plant.h_parts[1], plant.g1_parts[0][:, :, 0]
+    quadratic = p @ a + a.T @ p + h.T @ h + gain.T @ problem.r2 @ gain + p @ b1 @ b1.T @ p / gamma**2
+    return np.linalg.eigh(-root.T @ quadratic @ root)[1]
+
+
+def _refuse_moved(statement: Certificate, problem: GeneralisedPlant) -> None:
+    """Refuse an equilibrium at the goal that moves with the parameters, but for a linear law and in states in which
+    the plant is linear: those of functions and products must be held at the goal by an integrator."""
+    if not _moves(statement, problem):
+        return
+    linear = all(sum(powers) == 1 for law in statement.law for powers, _ in law)
+    bent = {i for f in statement.functions for i, slope in enumerate(f.slope) if slope}
+    nonlinear = [
+        term.powers
+        for row in statement.drift
+        for term in row
+        if sum(term.powers) + (term.function is not None) > 1
+    ]
+    channels = (terms for row in (*statement.g1, *statement.g2) for terms in row)
+    nonlinear += [term.powers for terms in channels for term in terms]
+    nonlinear += [powers for row in statement.penalty for powers, _ in row if sum(powers) > 1]
+    bent |= {i for powers in nonlinear for i, power in enumerate(powers) if power}
+    held = {
+        row[0].powers.index(1)
+        for row, inputs in zip(statement.drift, statement.g2)
+        if len(row) == 1 and row[0].function is None and sum(row[0].powers) == 1 and not any(inputs)
+    }
+    if not linear or bent - held:
+        raise InvalidInput(
+            "The equilibrium at the goal moves with the parameters, and the law is not linear, or the plant is not "
+            "linear in what moves.",
+            f"expected no moving equilibrium, or a law of degree 1 and integrators that hold {sorted(bent)}, got "
+            f"a law of degree {max(sum(powers) for law in statement.law for powers, _ in law)}",
+            "degree=2, whose law is linear, or a goal at which no torque is held",
+        )
+
+
+def _moves(statement: Certificate, problem: GeneralisedPlant) -> bool:
+    """Whether some parameters give rates at the nominal equilibrium."""
+    table = problem.plant.parameters
+    flat, nominal = flat_names(table), table.vector()
+    point, u = np.asarray(problem.operating_point), np.asarray(problem.operating_input)
+    rng, d = np.random.default_rng(0), np.zeros(len(problem.disturbance_names))
+    varying = [p for p in statement.parameters if p.low < p.high]
+    corners = [{p.name: end} for p in varying for end in (p.low, p.high)]
+    corners += [{p.name: (p.low, p.high)[rng.integers(2)] for p in varying} for _ in range(16)]
+    for corner in corners:
+        there = nominal.copy()
+        for name, value in corner.items():
+            there[flat.index(name)] = value
+        rates = np.asarray(problem.flow(point, u, d, table.named(there)), dtype=float)
+        if np.abs(rates).max() > _MOVED * max(1.0, float(np.abs(nominal).max())):
+            return True
+    return False
 
 
 def parameter_groups(certificate: Certificate) -> list[dict[str, int]]:

@@ -36,20 +36,23 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import Self
 
 import numpy as np
 
 from flexhinf.certify.box import BoxExcess
 from flexhinf.certify.inequality import (
     Inequality,
+    QuotientTable,
     Rational,
     by_parity,
     is_symmetric,
     parity,
+    quotient_table,
     times_powers,
 )
 from flexhinf.certify.kernel import kernel_text
-from flexhinf.certify.kernel_code import (
+from flexhinf.certify.layouts import (
     LANES,
     LOW,
     POINTERS,
@@ -64,8 +67,7 @@ from flexhinf.certify.kernel_code import (
     sums_by_degree,
     sums_on_faces,
 )
-from flexhinf.certify.quotients import QuotientTable, quotient_table
-from flexhinf.certify.reading import nearest_double
+from flexhinf.certify.problem_to_claim import nearest_double
 from flexhinf.codegen import machine
 from flexhinf.codegen.compiler import cached
 from flexhinf.errors import NumericalFailure
@@ -79,8 +81,24 @@ _ORDER = 4  # least degree M of the polynomial in ℓ that stands for a quotient
 _ENTRY = "flexhinf_cells"
 
 
+class _PerCell:
+    """A dataclass whose fields are arrays with a row for each of N cells."""
+
+    def __len__(self) -> int:
+        return len(next(iter(vars(self).values())))
+
+    def chosen(self, places: np.ndarray) -> Self:
+        """Some of them, as copies."""
+        return type(self)(*(rows[places] for rows in vars(self).values()))
+
+    @classmethod
+    def joined(cls, parts: Sequence[Self]) -> Self:
+        """All cells of several lists."""
+        return cls(*map(np.concatenate, zip(*(vars(part).values() for part in parts))))
+
+
 @dataclass
-class Cells:
+class Cells(_PerCell):
     """N cells.
 
     Attributes
@@ -98,23 +116,10 @@ class Cells:
     inner: np.ndarray
     outer: np.ndarray
 
-    def __len__(self) -> int:
-        return len(self.face)
-
-    def chosen(self, places: np.ndarray) -> Cells:
-        """Some of them, as copies."""
-        return Cells(*(getattr(self, name)[places] for name in self.__dataclass_fields__))
-
-    @staticmethod
-    def joined(parts: Sequence[Cells]) -> Cells:
-        """All cells of several lists."""
-        names = Cells.__dataclass_fields__
-        return Cells(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
-
 
 @dataclass
-class Bounds:
-    """What the kernel found; each of shape (N,) unless said.
+class Bounds(_PerCell):
+    """Results of the kernel; each of shape (N,) unless said.
 
     Attributes
     ----------
@@ -269,15 +274,34 @@ class CellBounds:
         longest = max((shape.whole, shape.value), key=lambda layout: layout.degrees[-1])
         self._signs = monomial_links(longest.monomials, shape.directions)
 
-    def _context(self, faces: np.ndarray, inputs: np.ndarray, outputs: np.ndarray, level: float) -> _Call:
-        work = aligned(self.shape.work_places()["count"] * LANES)
+    def _run(
+        self,
+        faces: np.ndarray,
+        inputs: np.ndarray,
+        outputs: np.ndarray,
+        level: float,
+        pool: ThreadPoolExecutor | None,
+    ) -> None:
+        """The kernel on all groups of cells, the face of each given."""
         arrays = {
-            "faces": faces, "inputs": inputs, "outputs": outputs, "work": work, "level": np.array([level]),
-            "value_table": self.value_table, "quotient_table": self.quotient_table, "table": self.table,
-            "segments": self._segments, "lines": self._lines, "signs": self._signs,
+            "faces": np.ascontiguousarray(faces, dtype=np.int64), "inputs": inputs, "outputs": outputs,
+            "level": np.array([level]), "value_table": self.value_table, "quotient_table": self.quotient_table,
+            "table": self.table, "segments": self._segments, "lines": self._lines, "signs": self._signs,
         }  # fmt: skip
-        words = [0, len(faces), *(arrays[name].ctypes.data for name in POINTERS[2:])]
-        return _Call(np.array(words, dtype=np.int64), arrays)
+
+        def run(first: int, last: int) -> None:
+            whole = arrays | {"work": aligned(self.shape.work_places()["count"] * LANES)}
+            words = np.array(
+                [first, last, *(whole[name].ctypes.data for name in POINTERS[2:])], dtype=np.int64
+            )
+            self._entry(words.ctypes.data)
+
+        if pool is None:
+            run(0, len(faces))
+            return
+        edges = np.linspace(0, len(faces), _PARTS + 1).astype(np.int64)
+        for future in [pool.submit(run, a, b) for a, b in pairwise(edges.tolist()) if b > a]:
+            future.result()
 
     # Cells --------------------------------------------------------------------------------------
     def bound(self, cells: Cells, level: float, pool: ThreadPoolExecutor | None = None) -> Bounds:
@@ -306,20 +330,10 @@ class CellBounds:
         inputs[:] = rows[filled].reshape(total, LANES, -1).transpose(0, 2, 1)
         size = names["count"]
         outputs = aligned(total * size * LANES).reshape(total, size, LANES)
-        call = self._context(np.ascontiguousarray(faces, dtype=np.int64), inputs, outputs, level)
-        self._run(call, total, pool)
+        self._run(faces, inputs, outputs, level, pool)
         found = outputs.transpose(0, 2, 1).reshape(total * LANES, size)[slot]
         single = {name: found[:, names[name]] for name in list(names)[:-2]}
         return Bounds(**single, score=found[:, names["score"] :] + score.T)
-
-    def _run(self, call: _Call, total: int, pool: ThreadPoolExecutor | None) -> None:
-        if pool is None:
-            self._entry(call.words.ctypes.data)
-            return
-        edges = np.linspace(0, total, _PARTS + 1).astype(np.int64)
-        calls = [call.part(a, b) for a, b in pairwise(edges.tolist()) if b > a]
-        for future in [pool.submit(self._entry, part.words.ctypes.data) for part in calls]:
-            future.result()
 
     def point(self, cells: Cells, place: int) -> np.ndarray:
         """The middle of one cell, z (n,)."""
@@ -392,22 +406,6 @@ class CellBounds:
         pad = 1e-13 * np.abs(form).sum() * outer + 1e-300
         low, high = at - wide, at + wide
         return np.minimum(low * inner, low * outer) - pad, np.maximum(high * inner, high * outer) + pad
-
-
-@dataclass
-class _Call:
-    """The kernel's argument, and the arrays that it points to."""
-
-    words: np.ndarray
-    arrays: dict[str, np.ndarray]
-
-    def part(self, first: int, last: int) -> _Call:
-        """The same for some of the groups, with its own work buffer."""
-        work = aligned(len(self.arrays["work"]))
-        words = self.words.copy()
-        words[:2] = first, last
-        words[POINTERS.index("work")] = work.ctypes.data
-        return _Call(words, {**self.arrays, "work": work})
 
 
 #: Called now and then with the number of cells done and the estimated share of the whole.
@@ -493,8 +491,7 @@ def search(
             share += float((width * np.where(accepted, cells.outer - cells.inner, 0)).sum())
             if failed.any():
                 chosen = np.flatnonzero(failed)
-                part = Bounds(*(getattr(found, name)[chosen] for name in Bounds.__dataclass_fields__))
-                rest = cells.chosen(chosen)
+                part, rest = found.chosen(chosen), cells.chosen(chosen)
                 end = _disproved(bounds, rest, part, level)
                 if end is None:
                     end, halves = _halves(bounds, rest, part, level)
@@ -528,6 +525,12 @@ def _following(cells: Cells) -> Cells:
     return replace(cells, inner=cells.outer, outer=np.minimum(cells.outer + _GROWTH * length, 1.0))
 
 
+def _outcome(bounds: CellBounds, cells: Cells, found: Bounds, place: int, reason: str) -> Outcome:
+    """A search that ended at the middle of a cell."""
+    point = bounds.point(cells, place)
+    return Outcome(False, reason, point, float(found.value[place]), float(found.centre[place]), 0)
+
+
 def _disproved(bounds: CellBounds, cells: Cells, found: Bounds, level: float) -> Outcome | None:
     """A point of the region at which r > 0 or V decreases along the ray, if the middle of a cell is one."""
     broken = (found.centre > found.allowance) & np.isfinite(found.allowance)
@@ -538,7 +541,7 @@ def _disproved(bounds: CellBounds, cells: Cells, found: Bounds, level: float) ->
         values = bounds.values(point[None] * np.linspace(0.0, 1.0, _ALONG + 1)[1:, None])
         if (values < level).all():
             reason = "r > 0" if broken[place] else "V stops increasing"
-            return Outcome(False, reason, point, float(found.value[place]), float(found.centre[place]), 0)
+            return _outcome(bounds, cells, found, int(place), reason)
     return None
 
 
@@ -563,15 +566,7 @@ def _halves(bounds: CellBounds, cells: Cells, found: Bounds, level: float) -> tu
     if small.any():
         place = int(np.flatnonzero(small)[0])
         reason = "not closed" if cells.inner[place] >= 1 else "undecided"
-        end = Outcome(
-            False,
-            reason,
-            bounds.point(cells, place),
-            float(found.value[place]),
-            float(found.centre[place]),
-            0,
-        )
-        return end, cells
+        return _outcome(bounds, cells, found, place, reason), cells
     along = cells.chosen(np.flatnonzero(chosen == 0))
     along.outer = (along.inner + along.outer) / 2
     places = np.flatnonzero(chosen > 0)

@@ -17,13 +17,10 @@ from pydantic import TypeAdapter, ValidationError
 
 from flexhinf.certify.checker import Verification, verify
 from flexhinf.certify.checker.observer import check_observer
-from flexhinf.certify.checker.peak import proved_peaks
 from flexhinf.certify.checker.quadratic import definite_corners
-from flexhinf.certify.checker.residual import residual
-from flexhinf.certify.checker.starts import check_start
-from flexhinf.certify.checker.steering import Refusal
-from flexhinf.certify.claim import Claim
-from flexhinf.certify.terms import Start
+from flexhinf.certify.checker.residual import Refusal, residual
+from flexhinf.certify.checker.starts import check_start, proved_peaks
+from flexhinf.certify.claim import Claim, Start
 from flexhinf.errors import InvalidInput
 from flexhinf.files import write_file
 from flexhinf.notebook import Summarised, number_text

@@ -4,19 +4,41 @@
 
 All numbers of the certificate are rational, and so are these polynomials. A function enters by its quotient
 S_j = (φ(o + ℓ) − φ(o))/ℓ with Q_j = B_j ℓ_j where B_j is its factor in r: so r/|z|² needs nothing special at 0.
+
+Elementary functions inside cells: polynomials with a proved bound on what they leave out.
+
+A function Φ of a linear form ℓ enters r through its quotient S(ℓ) = (Φ(ℓ) − Φ(0))/ℓ = ∫₀¹ Φ'(uℓ) du. Near a node a,
+
+    S(ℓ) = Σ_{m ≤ M} s_m ℓᵐ + e,    |e| ≤ C |ℓ − a|^(M+1),    C = max |Φ^(M+2)|/(M+2)! between 0 and ℓ,
+
+because S⁽ᵐ⁾/m! is the mean of uᵐ Φ⁽ᵐ⁺¹⁾(uℓ)/m! over 0 ≤ u ≤ 1, at most max |Φ⁽ᵐ⁺¹⁾|/(m+1)!. The s_m are the Taylor
+polynomial about a in powers of ℓ, and C comes from power series over intervals (`arb`), which bound the derivatives of
+any elementary function: sin, exp and tanh alike.
+
+Many small polynomials are enclosed together on cells, divided by the radius (`MeanForms`).
+
+On the face z_f = ±ρ of the cube max|z_i| ≤ ρ, with z_i = ρ t_i for the others, a polynomial q without a constant is
+q/ρ = Q(w), a polynomial in w = (ρ, t). On the cell |w_i − m_i| ≤ h_i, by Taylor's formula,
+
+    |Q(w) − Q(m)|  ≤  Σ_i |∂_i Q(m)| h_i + ½ Σ_ij H_ij h_i h_j,    H_ij = Σ |coefficients of ∂_ij Q| (|m| + h)^powers.
+
+All values and derivatives of all polynomials at all centres are one product of matrices.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from math import prod
+from itertools import product
+from math import comb, prod
 
-from flint import fmpq, fmpq_mpoly, fmpq_mpoly_ctx
+import flint
+import numpy as np
+from flint import arb, arb_series, fmpq, fmpq_mpoly, fmpq_mpoly_ctx
 
 from flexhinf.certify.certificate import Certificate
-from flexhinf.certify.reading import nearest_double, rational, terms_of
-from flexhinf.certify.terms import Function, Polynomial, Term
+from flexhinf.certify.claim import Function, Polynomial, Term
+from flexhinf.certify.problem_to_claim import nearest_double, rational, terms_of
 
 #: Largest share of the terms of the wrong parity for opposite faces to be treated together.
 _ASYMMETRY = 1e-9
@@ -187,3 +209,248 @@ def times_powers(factor: Rational, form: Sequence[fmpq], order: int) -> list[Rat
         result.append(terms_of(product))
         product = product * line
     return result
+
+
+Series = Callable[[arb_series], arb_series]
+
+
+def _undefined(s: arb_series) -> arb_series:
+    return arb_series([arb("nan")] * s.prec, prec=s.prec)
+
+
+#: The functions of certificates on power series over intervals, which bound their own derivatives.
+SERIES: dict[str, Series] = {
+    "sin": lambda s: s.sin(),
+    "cos": lambda s: s.cos(),
+    "exp": lambda s: s.exp(),
+    "tanh": lambda s: 1 - 2 / below if (below := (2 * s).exp() + 1)[0] > 0 else _undefined(s),
+    "arctan": lambda s: s.atan(),
+    "log": lambda s: s.log(),
+}
+
+#: Radius of a ball that counts as its middle: the allowance for rounding is larger, see `flexhinf.certify.cells`.
+NARROW = 2.0**-160
+
+_SPACING = 2.0**-6  # of the nodes
+_FARTHEST = 100.0  # |ℓ| beyond which a function is not enclosed, so that nothing is proved there
+_PIECE = 2.0**-3  # length of the intervals on which derivatives are bounded
+_BITS = 320  # of the arithmetic on balls
+
+
+@dataclass(frozen=True)
+class QuotientTable:
+    """Nodes with their polynomials, and bounds of the derivatives by distance from 0.
+
+    Attributes
+    ----------
+    first : int
+        Number of the first node, in spacings from 0.
+    rows : ndarray, shape (nodes, M + 1)
+        s_m; nan where the function is not defined.
+    above, below : ndarray
+        C on [0, (i + 1) pieces] and on [−(i + 1) pieces, 0].
+    largest : float
+        Bound of |S| in the whole table.
+    """
+
+    first: int
+    rows: np.ndarray
+    above: np.ndarray
+    below: np.ndarray
+    largest: float
+
+    @property
+    def order(self) -> int:
+        """M."""
+        return self.rows.shape[1] - 1
+
+    def enclose(self, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Polynomials (N, M + 1) for intervals of ℓ, and bounds (N,) of what they leave out: inf beyond the table."""
+        node = np.rint((low + high) / (2 * _SPACING))
+        place = node.astype(np.int64) - self.first
+        known = (place >= 0) & (place < len(self.rows))
+        rows = self.rows[np.where(known, place, 0)]
+        distance = np.maximum(high - node * _SPACING, node * _SPACING - low)
+        constant = np.maximum(_beyond(self.above, high), _beyond(self.below, -low))
+        error = constant * distance ** (self.order + 1) * (1 + 1e-12)
+        bad = ~known | ~np.isfinite(error) | ~np.isfinite(rows).all(axis=1)
+        return np.where(bad[:, None], 0.0, rows), np.where(bad, np.inf, error)
+
+
+def _beyond(table: np.ndarray, reach: np.ndarray) -> np.ndarray:
+    """The bound out to `reach` on one side; the first piece for a reach of the other sign."""
+    place = np.maximum(np.ceil(reach / _PIECE).astype(np.int64) - 1, 0)
+    return np.where(place < len(table), table[np.minimum(place, len(table) - 1)], np.inf)
+
+
+def quotient_table(function: Function, reach: float, order: int) -> QuotientTable:
+    """The table of S for Φ(ℓ) = φ(o + ℓ) and |ℓ| ≤ `reach`, with M = `order`."""
+    series = _shifted(function)
+    reach = min(reach, _FARTHEST)
+    count = int(np.ceil(reach / _SPACING)) + 1
+    pieces = int(np.ceil(reach / _PIECE)) + 2
+    cap, bits = flint.ctx.cap, flint.ctx.prec
+    try:
+        flint.ctx.cap, flint.ctx.prec = order + 3, _BITS
+        rows = [_row(series, node, order) for node in range(-count, count + 1)]
+        flint.ctx.prec = 64
+        sides = []
+        for sign in (1, -1):
+            bounds = [_derivative(series, sign * (i + 0.5) * _PIECE, order + 2) for i in range(pieces)]
+            sides.append(np.maximum.accumulate(bounds))
+        ends = [_derivative(series, (i + 0.5) * _PIECE, 1) for i in range(-pieces, pieces)]
+    finally:
+        flint.ctx.cap, flint.ctx.prec = cap, bits
+    return QuotientTable(-count, np.array(rows), sides[0], sides[1], max(ends))
+
+
+def _shifted(function: Function) -> Series:
+    """Φ on power series over intervals."""
+    elementary, offset, halves = SERIES[function.name], function.offset, function.pi_halves
+    return lambda s: elementary(s + (arb(offset) + arb.pi() * halves / 2))
+
+
+def _row(function: Series, node: int, order: int) -> list[float]:
+    """The Taylor polynomial of the quotient about a node, in powers of ℓ, rounded to doubles."""
+    a = arb(node) * _SPACING
+    series = function(arb_series([a, 1], prec=order + 3))
+    taken = [series[k] for k in range(order + 3)]
+    if node == 0:
+        taylor = taken[1 : order + 2]
+    else:  # S_0 = (Φ(a) − Φ(0))/a, S_m = (Φ_m − S_{m−1})/a
+        taylor = [(taken[0] - function(arb_series([0, 1], prec=1))[0]) / a]
+        for m in range(1, order + 1):
+            taylor.append((taken[m] - taylor[-1]) / a)
+    result = []
+    for m in range(order + 1):
+        total = arb(0)
+        for k in range(m, order + 1):
+            total += taylor[k] * comb(k, m) * (-a) ** (k - m)
+        middle = float(total.mid())
+        narrow = total.is_finite() and total.rad() <= max(abs(middle) * 2.0**-60, NARROW)
+        result.append(middle if narrow else float("nan"))
+    return result
+
+
+def _derivative(function: Series, centre: float, order: int) -> float:
+    """An upper bound of |Φ^(order)|/order! on the piece about `centre`."""
+    ball = arb(centre, _PIECE * 0.5)
+    bound = function(arb_series([ball, 1], prec=order + 1))[order].abs_upper()
+    return float(bound) * (1 + 1e-12) if bound.is_finite() else float("inf")
+
+
+_SUM_ROUNDING = 1e-12  # relative to the sum of all terms' magnitudes: some hundred operations in doubles
+
+
+class MeanForms:
+    """Polynomials in z without constants, on the 2n faces.
+
+    Parameters
+    ----------
+    n : int
+        States.
+    polynomials : sequence of dict of exponents to fmpq
+        Enclosed as value + Σ slope_i s_i ± rest, |s_i| ≤ 1.
+    """
+
+    def __init__(self, n: int, polynomials: Sequence[dict[tuple[int, ...], fmpq]]) -> None:
+        self.n, self.count = n, len(polynomials)
+        degree = max((sum(powers) for q in polynomials for powers in q), default=1)
+        self.rows = np.array(
+            sorted(
+                (
+                    (p, *b)
+                    for p in range(degree)
+                    for b in product(range(degree + 1), repeat=n - 1)
+                    if sum(b) <= min(degree, p + 3)
+                ),
+                key=sum,
+            )
+        )
+        self._index = {tuple(row): i for i, row in enumerate(self.rows.tolist())}
+        self._levels = self._parents()
+        self._pairs = [(i, j) for i in range(n) for j in range(i, n)]
+        self._tables = [self._face(polynomials, f, s) for f in range(n) for s in (1, -1)]
+
+    def _parents(self) -> list[tuple[slice, np.ndarray, np.ndarray]]:
+        """Of all monomials of each degree after the first: one of a degree less, and the variable between them."""
+        total = self.rows.sum(1)
+        levels = []
+        for degree in range(1, int(total.max()) + 1):
+            places = np.flatnonzero(total == degree)
+            parents, axes = [], []
+            for row in self.rows[places].tolist():
+                for axis in range(self.n - 1, -1, -1):
+                    less = tuple(e - (i == axis) for i, e in enumerate(row))
+                    if less in self._index:
+                        parents.append(self._index[less])
+                        axes.append(axis)
+                        break
+            levels.append((slice(int(places[0]), int(places[-1]) + 1), np.array(parents), np.array(axes)))
+        return levels
+
+    def _face(
+        self, polynomials: Sequence[dict[tuple[int, ...], fmpq]], face: int, sign: int
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Rows for values and gradients, and for magnitudes of values and second derivatives."""
+        values = [self._column(q, face, sign) for q in polynomials]
+        gradients = [self._derivative(c, i) for c in values for i in range(self.n)]
+        seconds = []
+        for c in values:
+            for i, j in self._pairs:
+                weight = 0.5 if i == j else 1.0
+                seconds.append(weight * np.abs(self._derivative(self._derivative(c, i), j)))
+        return (
+            np.array([*values, *gradients]).reshape(-1, len(self.rows)),
+            np.array([*np.abs(values), *seconds]).reshape(-1, len(self.rows)),
+        )
+
+    def _column(self, polynomial: dict[tuple[int, ...], fmpq], face: int, sign: int) -> np.ndarray:
+        column = np.zeros(len(self.rows))
+        for powers, value in polynomial.items():
+            row = (sum(powers) - 1, *powers[:face], *powers[face + 1 :])
+            column[self._index[row]] += nearest_double(value) * sign ** powers[face]
+        return column
+
+    def _derivative(self, column: np.ndarray, axis: int) -> np.ndarray:
+        result = np.zeros(len(column))
+        for i in np.flatnonzero(column):
+            row = self.rows[i].copy()
+            if row[axis]:
+                row[axis] -= 1
+                result[self._index[tuple(row.tolist())]] += (row[axis] + 1) * column[i]
+        return result
+
+    def _monomials(self, w: np.ndarray) -> np.ndarray:
+        values = np.ones((len(self.rows), w.shape[1]))
+        for places, parents, axes in self._levels:
+            np.multiply(values[parents], w[axes], out=values[places])
+        return values
+
+    def enclose(
+        self, face: np.ndarray, middle: np.ndarray, half: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The value in the middle (polynomials, N), slopes h_i ∂_i Q (polynomials, n, N), and a bound of what is left.
+
+        Parameters
+        ----------
+        face : ndarray of int, shape (N,)
+            2 f for z_f = ρ, 2 f + 1 for z_f = −ρ.
+        middle, half : ndarray, shape (n, N)
+            Of the cell in (ρ, t).
+        """
+        at, beyond = self._monomials(middle), self._monomials(np.abs(middle) + half)
+        k, pairs, size = self.count, len(self._pairs), len(face)
+        spread = np.array([half[i] * half[j] for i, j in self._pairs])
+        value_at, rest = np.zeros((k, size)), np.zeros((k, size))
+        slopes = np.zeros((k, self.n, size))
+        for number in np.unique(face):
+            cells = np.flatnonzero(face == number)
+            table, magnitudes = self._tables[number]
+            value, size_of = table @ at[:, cells], magnitudes @ beyond[:, cells]
+            second = size_of[k:].reshape(k, pairs, -1)
+            value_at[:, cells] = value[:k]
+            slopes[:, :, cells] = value[k:].reshape(k, self.n, -1) * half[:, cells]
+            rest[:, cells] = np.einsum("kic,ic->kc", second, spread[:, cells]) + _SUM_ROUNDING * size_of[:k]
+        rest += _SUM_ROUNDING * (np.abs(slopes).sum(axis=1) + rest)
+        return value_at, slopes, rest

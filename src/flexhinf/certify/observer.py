@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 
 from flexhinf.certify.certificate import Certificate
+from flexhinf.certify.claim import Observer, Terms
 from flexhinf.certify.inequality import Rational, law_slopes
-from flexhinf.certify.reading import nearest_double
+from flexhinf.certify.problem_to_claim import matrix_rows, nearest_double
 from flexhinf.certify.starts import starts_of
-from flexhinf.certify.terms import Observer, Terms
 from flexhinf.errors import InvalidInput, NumericalFailure
 from flexhinf.hinf.value_function import ValueFunction
 from flexhinf.plant.plant import GeneralisedPlant
@@ -78,9 +78,8 @@ def observed(
     closed = linear - gain @ shown
     energy = share * certificate.level
     weight, storage, gain_error = _paid(certificate, closed, noise, energy)
-    observer = Observer(
-        _rows(sensors), names[size:], _rows(gain), _rows(weight), _rows(storage), gain_error, energy
-    )
+    measured, gains, weights, storages = map(matrix_rows, (sensors, gain, weight, storage))
+    observer = Observer(measured, names[size:], gains, weights, storages, gain_error, energy)
     claimed = replace(certificate, feedback="output injection observer", observer=observer)
     if reason := claimed.why_no_observer():
         raise _not_found(reason)
@@ -218,7 +217,3 @@ def _value(terms: Terms, numbers: dict[str, float]) -> float:
     return float(
         sum(t.coefficient * np.prod([numbers[name] ** float(e) for name, e in t.parameters]) for t in terms)
     )
-
-
-def _rows(matrix: np.ndarray) -> tuple[tuple[float, ...], ...]:
-    return tuple(map(tuple, np.asarray(matrix, dtype=float).tolist()))

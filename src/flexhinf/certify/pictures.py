@@ -9,10 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flexhinf.certify.claim import Claim
-from flexhinf.certify.sampled_gain import longest_run, start_at
-from flexhinf.certify.starts import path_states
-from flexhinf.certify.terms import Start
+from flexhinf.certify.claim import Claim, Start
+from flexhinf.certify.starts import longest_run, path_start, path_states
 from flexhinf.hinf.margin import CheckedPenalty, checked_pair
 from flexhinf.hinf.rays import Inequality
 from flexhinf.hinf.sampled import sample_region
@@ -161,7 +159,7 @@ def limit_slice(
 def _beside(solution: ValueFunction, certificate: Claim, point: np.ndarray) -> tuple[np.ndarray, int | None]:
     """A second point of the plane, and the place of the state that it moves."""
     choices: list[tuple[np.ndarray, int | None]] = [
-        (start_at(certificate, start, start.amplitude), None) for start in certificate.starts
+        (path_start(certificate, start, start.amplitude), None) for start in certificate.starts
     ]
     choices = sorted(choices, key=lambda pair: -float(solution.value(pair[0])))[:1]
     least = np.linalg.inv(solution.P)
@@ -207,7 +205,7 @@ def worst_step(solution: ValueFunction, certificate: Claim, start: Start) -> Wor
     beginning and ends where V(x0) + ½γ²∫|d|² reaches the proved level.
     """
     amplitude = SHARE * start.amplitude
-    x = start_at(certificate, start, amplitude)
+    x = path_start(certificate, start, amplitude)
     duration = longest_run(solution) / 8.0
     h, gamma, level = duration / SAMPLES, certificate.gamma, certificate.level
     first = float(solution.value(x))

@@ -1,15 +1,13 @@
-"""Rest-to-rest steps inside a proved region: where they start, and the largest one.
+"""Rest-to-rest steps inside a proved region: where they start, the largest one, and its run.
 
 A step of the moved state by a starts at the equilibrium at −a, seen from the goal. The equilibrium follows from the
 plant's own terms: a rate without input that holds one unknown state linearly gives that state. The start of the
 integrators is the controller's choice: where V is smallest, or where the input does not jump. The path of starts over
 a begins at 0, and V ≤ level along it, so its starts lie in the proved component and not in another one.
 
-Steps without a jump of the input for a box of robots: where each starts, and how far all starts stay inside.
-
-A robot's step by a starts at its own equilibrium at −a, and with the integrator at which its input is the one that held
-it. For a linear law both are terms in a and in the robot's parameters. For another law the integrator is tabled over a,
-where the input of the nominal robot does not jump.
+In a box of robots, a robot's step by a starts at its own equilibrium at −a, and with the integrator at which its input
+is the one that held it. For a linear law both are terms in a and in the robot's parameters. For another law the
+integrator is tabled over a, where the input of the nominal robot does not jump.
 """
 
 from __future__ import annotations
@@ -17,37 +15,44 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from flexhinf.certify.certificate import Certificate
-from flexhinf.certify.terms import Function, Start, Term
-from flexhinf.errors import FlexhinfError
+from flexhinf.certify.claim import Claim, Function, Start, Term
+from flexhinf.errors import FlexhinfError, NumericalFailure
 from flexhinf.hinf.sampled import settled, step_roles
 from flexhinf.hinf.value_function import ValueFunction
 
 SMALLEST_VALUE = "each integrator starts where V is smallest"
 UNCHANGED_INPUT = "each integrator starts where the input does not jump"
+NOMINAL_INPUT = "the integrator starts where the input of the nominal robot does not jump, whatever the robot"
 
 _STEPS = 30  # of the amplitude that the quadratic part of V predicts
 _LONGEST = 20  # give up at this many times that amplitude
 _BELOW = 1 - 1e-4  # V stays below this share of the level, so that the check of a path is quick
 
+_POINTS = 400  # of a path at which V is looked at, to see how far it stays inside
+_KNOTS = 200  # of a table
+_INSIDE = 1 - 1e-3  # V on a path stays below this share of the level, so that the check is quick
+_FURTHEST = 3  # how far a path is followed, over the amplitude that its beginning predicts
+_ROUNDING = 1e-14  # terms below this, relative to the largest, are what rounding left of a sum that cancels
+
 Terms = tuple[Term, ...]
+
+
+class _NoForm(Exception):
+    """A state that is no sum of terms in a and the parameters."""
 
 
 def starts_of(solution: ValueFunction, statement: Certificate) -> tuple[Start, ...]:
     """The path of starts for either rule, as far as V stays below the certificate's level."""
-    try:
-        shares, free = step_roles(solution.state_names, None, None)
-    except FlexhinfError:  # no integrator: nothing is commanded
-        return ()
-    rest = rest_path(statement, shares, free)
+    rest = rest_path(statement)
     if rest is None:
         return ()
-    path, functions = rest
+    path, functions, free = rest
     found = []
     numbers = {parameter.name: parameter.middle for parameter in statement.parameters}
 
@@ -65,31 +70,36 @@ def starts_of(solution: ValueFunction, statement: Certificate) -> tuple[Start, .
 
 # The equilibrium ----------------------------------------------------------------------------------
 def rest_path(
-    statement: Certificate, shares: np.ndarray, free: np.ndarray
-) -> tuple[tuple[Terms, ...], tuple[Function, ...]] | None:
-    """The states of the equilibrium at −a as terms in a; None where the rates do not give them one by one."""
-    n = len(shares)
-    path: dict[int, Terms] = {i: (Term(-float(s), (1,)),) for i, s in enumerate(shares) if s}
-    path |= {i: () for i in range(n) if free[i]}
+    statement: Certificate, side: float = -1.0
+) -> tuple[tuple[Terms, ...], tuple[Function, ...], np.ndarray] | None:
+    """The equilibrium at −a, or with `side` 1 at +a: its states as terms in a, their functions, and which states are
+    integrators; None without integrators, and where the rates do not give the states one by one."""
+    try:
+        shares, free = step_roles(tuple(signal.name for signal in statement.states), None, None)
+    except FlexhinfError:  # no integrator: nothing is commanded
+        return None
+    path: dict[int, Terms] = {i: (Term(side * float(s), (1,)),) for i, s in enumerate(shares) if s}
+    path |= dict.fromkeys(np.flatnonzero(free).tolist(), ())
     functions: list[Function] = []
-    rates = [i for i in range(n) if not free[i] and not any(statement.g2[i])]
+    rates = [i for i in range(len(shares)) if not free[i] and not any(statement.g2[i])]
     while rates:
         for i in rates:
-            solved = _solved(statement, i, path, functions)
-            if solved is not None:
-                break
+            try:
+                path |= _solved(statement, i, path, functions)
+            except _NoForm:
+                continue
+            rates.remove(i)
+            break
         else:
             return None
-        rates.remove(i)
-        path |= solved
-    if len(path) < n:
+    if len(path) < len(shares):
         return None
-    return tuple(path[i] for i in range(n)), tuple(functions)
+    return tuple(path[i] for i in range(len(shares))), tuple(functions), free
 
 
 def _solved(
     statement: Certificate, rate: int, path: dict[int, Terms], functions: list[Function]
-) -> dict[int, Terms] | None:
+) -> dict[int, Terms]:
     """The one unknown state of a rate, where the others are known; {} where none is unknown."""
     known: list[Term] = []
     unknown: list[tuple[int, Term]] = []
@@ -102,24 +112,20 @@ def _solved(
         elif term.function is None and len(states) == 1 and sum(term.powers) == 1:
             unknown.append((missing[0], term))
         else:
-            return None
-    if not unknown:
-        return {}
+            raise _NoForm
     if len(unknown) > 1:
-        return None
-    state, divisor = unknown[0]
-    result: list[Term] = []
-    for term in known:
-        moved = term_along(term, path, statement, functions)
-        if moved is None:
-            return None
-        result += [divided(part, divisor) for part in moved]
-    return {state: tuple(result)}
+        raise _NoForm
+    return {
+        state: tuple(
+            divided(part, divisor) for term in known for part in term_along(term, path, statement, functions)
+        )
+        for state, divisor in unknown
+    }
 
 
 def term_along(
-    term: Term, path: dict[int, Terms], statement: Certificate, functions: list[Function]
-) -> list[Term] | None:
+    term: Term, path: Mapping[int, Terms], statement: Certificate, functions: list[Function]
+) -> list[Term]:
     """A term of the drift on the path: only states that are multiples of a, or zero, may stand in it."""
     factor, power = term.coefficient, 0
     for i, times in enumerate(term.powers):
@@ -128,19 +134,20 @@ def term_along(
             if multiple is None:
                 if term.function is None and sum(term.powers) == 1:
                     return [multiplied(part, term.coefficient, term.parameters) for part in path[i]]
-                return None
+                raise _NoForm
             factor *= multiple**times
             power += times
     if factor == 0.0:
         return []
     if term.function is None:
         return [Term(factor, (power,), term.parameters)]
-    given = statement.functions[term.function]
-    slopes = [_multiple(path[i]) if s else 0.0 for i, s in enumerate(given.slope)]
-    if any(s is None for s in slopes):
-        return None
-    slope = float(sum(s * v for s, v in zip(given.slope, slopes) if v))  # type: ignore[operator]
-    along = Function(given.name, (slope,), given.offset, given.pi_halves)
+    given, slope = statement.functions[term.function], 0.0
+    for i, s in enumerate(given.slope):
+        multiple = _multiple(path[i]) if s else 0.0
+        if multiple is None:
+            raise _NoForm
+        slope += s * multiple
+    along = replace(given, slope=(slope,))
     if along not in functions:
         functions.append(along)
     return [Term(factor, (power,), term.parameters, functions.index(along))]
@@ -259,31 +266,20 @@ def unchanged_input(solution: ValueFunction, x: np.ndarray, free: np.ndarray) ->
     return None
 
 
-NOMINAL_INPUT = "the integrator starts where the input of the nominal robot does not jump, whatever the robot"
-
-_POINTS = 400  # of a path at which V is looked at, to see how far it stays inside
-_KNOTS = 200  # of a table
-_INSIDE = 1 - 1e-3  # V on a path stays below this share of the level, so that the check is quick
-_FURTHEST = 3  # how far a path is followed, over the amplitude that its beginning predicts
-_ROUNDING = 1e-14  # terms below this, relative to the largest, are what rounding left of a sum that cancels
-
-
+# Boxes of robots ----------------------------------------------------------------------------------
 def robot_start(statement: Certificate, side: float = -1.0) -> Start | None:
     """The path of starts without a jump of the input, for each robot its own; None where it has no such form.
 
     Steps of an amplitude a start at −a, seen from the goal, or with `side` 1 at +a.
     """
-    free = np.array([name.endswith("_integral") for name in (signal.name for signal in statement.states)])
     linear = all(sum(powers) == 1 for law in statement.law for powers, _ in law)
-    if free.sum() != 1 or len(statement.law) != 1 or not linear:
+    rest = rest_path(statement, side)
+    if rest is None or rest[2].sum() != 1 or len(statement.law) != 1 or not linear:
         return None
-    shares, free = step_roles(tuple(signal.name for signal in statement.states), None, None)
-    rest = rest_path(statement, -side * shares, free)
-    if rest is None:
-        return None
-    path, functions = rest[0], list(rest[1])
-    held = _held_input(statement, path, functions)
-    if held is None:
+    path, functions, free = rest[0], list(rest[1]), rest[2]
+    try:
+        held = _held_input(statement, path, functions)
+    except _NoForm:
         return None
     place = int(np.flatnonzero(free)[0])
     gains = {powers.index(1): value for powers, value in statement.law[0]}
@@ -299,14 +295,10 @@ def tabled_start(
     solution: ValueFunction, statement: Certificate, step: float, side: float = -1.0
 ) -> Start | None:
     """The path of starts to a step, the integrator where the nominal robot's input does not jump; None without one."""
-    try:
-        shares, free = step_roles(solution.state_names, None, None)
-    except FlexhinfError:  # no integrator: nothing is commanded
-        return None
-    rest = rest_path(statement, -side * shares, free)
+    rest = rest_path(statement, side)
     if rest is None:
         return None
-    path, functions = rest
+    path, functions, free = rest
     middle = {p.name: p.middle for p in statement.parameters}
     amplitudes = np.linspace(0.0, step, _KNOTS + 1)
     states = path_states(path, functions, middle, amplitudes)
@@ -321,20 +313,17 @@ def tabled_start(
 
 
 def _held_input(
-    statement: Certificate, path: tuple[tuple[Term, ...], ...], functions: list[Function]
-) -> tuple[Term, ...] | None:
+    statement: Certificate, path: tuple[Terms, ...], functions: list[Function]
+) -> tuple[Term, ...]:
     """The input that holds the robot at −a, in deviation from that at the goal: −f_i/g2_i of the driven rate."""
     driven = [i for i, row in enumerate(statement.g2) if row[0]]
     if len(driven) != 1 or len(statement.g2[driven[0]][0]) != 1:
-        return None
+        raise _NoForm
     (divisor,) = statement.g2[driven[0]][0]
-    found: list[Term] = []
-    for term in statement.drift[driven[0]]:
-        moved = term_along(term, dict(enumerate(path)), statement, functions)
-        if moved is None:
-            return None
-        found += [divided(part, divisor) for part in moved]
-    return _gathered(found)
+    moved = [
+        term_along(term, dict(enumerate(path)), statement, functions) for term in statement.drift[driven[0]]
+    ]
+    return _gathered(divided(part, divisor) for parts in moved for part in parts)
 
 
 def _gathered(terms: Iterable[Term]) -> tuple[Term, ...]:
@@ -351,7 +340,7 @@ def _gathered(terms: Iterable[Term]) -> tuple[Term, ...]:
     )
 
 
-def path_start(statement: Certificate, start: Start, amplitude: float) -> np.ndarray:
+def path_start(statement: Claim, start: Start, amplitude: float) -> np.ndarray:
     """The start (n,) of one amplitude, every parameter in the middle of its range, in doubles."""
     return _states(start, {p.name: p.middle for p in statement.parameters}, np.array([amplitude]))[0]
 
@@ -391,3 +380,90 @@ def start_inside(statement: Certificate, start: Start, step: float | None) -> tu
     beyond = np.flatnonzero(largest_values(statement, start, grid) >= _INSIDE * statement.level)
     last = float(grid[max(beyond[0] - 1, 0)]) if len(beyond) else float(grid[-1])
     return (replace(start, amplitude=last),) if last > 0.0 else ()
+
+
+# Runs from the largest starts --------------------------------------------------------------------------
+_SETTLED = 1e-6  # the run ends where V is below this share of its first value
+_RUN_STEPS = 20_000  # of a run at least, if it took all that time
+_TIME_CONSTANTS = 100.0  # time constants of the slowest mode of the linear loop
+
+
+@dataclass(frozen=True, eq=False)
+class ProvedStep:
+    """The rest-to-rest step of the largest proved amplitude, for one rule of the integrators' start.
+
+    Attributes
+    ----------
+    amplitude : float
+        In the unit of the moved state.
+    overshoot_percent : float
+        Of the step, in its direction.
+    first_input, peak_input : ndarray, shape (m,)
+        The input at the start and its largest magnitude, absolute values in the unit of the input.
+    time, state : ndarray, shapes (N,) and (N, n)
+        Deviations from the goal.
+    """
+
+    rule: str
+    amplitude: float
+    overshoot_percent: float
+    first_input: np.ndarray
+    peak_input: np.ndarray
+    time: np.ndarray
+    state: np.ndarray
+
+
+def proved_steps(solution: ValueFunction, certificate: Claim) -> tuple[ProvedStep, ...]:
+    """A run from the last start of each path of a certificate.
+
+    Raises
+    ------
+    NumericalFailure
+        A run that does not settle.
+    """
+    longest = longest_run(solution)
+    return tuple(_step(solution, certificate, start, longest) for start in certificate.starts)
+
+
+def longest_run(solution: ValueFunction) -> float:
+    """s: so many time constants of the slowest mode of the linear loop that a run has settled long before."""
+    plant = solution.expansion
+    b = plant.g2_parts[0][:, :, 0]
+    closed = plant.f_parts[1] - b @ np.linalg.solve(plant.r2, b.T @ solution.P)
+    return _TIME_CONSTANTS / float(-np.linalg.eigvals(closed).real.max())
+
+
+def _step(solution: ValueFunction, certificate: Claim, start: Start, longest: float) -> ProvedStep:
+    from scipy.integrate import solve_ivp
+
+    def rates(_: float, x: np.ndarray) -> np.ndarray:
+        f, _g1, g2, _h = solution.exact_fields(x[None])
+        return f[0] + g2[0] @ solution.inputs(x[None])[0]
+
+    def settled(_: float, x: np.ndarray) -> float:
+        return float(solution.value(x)) - end
+
+    settled.terminal = True  # type: ignore[attr-defined]
+    first = path_start(certificate, start, start.amplitude)
+    end = _SETTLED * float(solution.value(first))
+    fine: dict[str, Any] = {"rtol": 1e-8, "atol": 1e-10, "max_step": longest / _RUN_STEPS}
+    run = solve_ivp(rates, (0.0, longest), first, "LSODA", events=settled, **fine)
+    if run.status != 1:
+        raise NumericalFailure(
+            "The run from the largest proved start does not settle.",
+            f"V is {float(solution.value(run.y[:, -1])):.3g} after {run.t[-1]:.3g} s",
+            "a smaller level",
+        )
+    state = run.y.T
+    inputs = solution.operating_input + solution.inputs(state)
+    moved = [i for i, value in enumerate(first) if abs(value) == start.amplitude]
+    beyond = float(np.max(-state[:, moved] / first[moved], initial=0.0))
+    return ProvedStep(
+        start.rule,
+        start.amplitude,
+        100.0 * max(beyond, 0.0),
+        inputs[0],
+        np.abs(inputs).max(axis=0),
+        run.t,
+        state,
+    )

@@ -1,7 +1,7 @@
 """The proof of one law for every robot within its tolerances, on a region that holds a step.
 
 The gain is from the disturbances to the z of `measured_problem`, which is the same for all laws of a robot. For a
-linear law the storage function is a common quadratic V, see `flexhinf.certify.common_value`; for others it is a
+linear law the storage function is a common quadratic V, see `flexhinf.certify.box_gain`; for others it is a
 multiple of the law's own. Its level holds the step of every robot without a jump of its input.
 """
 
@@ -15,12 +15,12 @@ from typing import Any, TypeVar
 import numpy as np
 
 from flexhinf.certify import Certificate
+from flexhinf.certify.box import tolerance_statement
+from flexhinf.certify.box_gain import CommonValue, common_value, sampled_gain
 from flexhinf.certify.cells import OutOfTime, Progress, time_limit
-from flexhinf.certify.common_value import CommonValue, common_value
-from flexhinf.certify.proof import NotProved, certify_tolerances, tolerance_statement
-from flexhinf.certify.sampled_gain import sampled_gain
+from flexhinf.certify.claim import Start
+from flexhinf.certify.proof import NotProved, certify_tolerances
 from flexhinf.certify.starts import largest_values, robot_start, tabled_start
-from flexhinf.certify.terms import Start
 from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.hinf import HJISolution
 from flexhinf.plant import GeneralisedPlant

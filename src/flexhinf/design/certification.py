@@ -14,8 +14,10 @@ from typing import NamedTuple
 import numpy as np
 
 from flexhinf.analysis import Attained, BudgetTerm, worst_disturbance
+from flexhinf.certify.box import parameter_ranges
 from flexhinf.certify.cells import OutOfTime, time_limit
 from flexhinf.certify.certificate import Certificate
+from flexhinf.certify.claim import MOST_STATES
 from flexhinf.certify.pictures import (
     LimitSlice,
     StartSurface,
@@ -24,9 +26,8 @@ from flexhinf.certify.pictures import (
     start_surface,
     worst_step,
 )
-from flexhinf.certify.proof import certify, check_decay, parameter_ranges
-from flexhinf.certify.sampled_gain import ProvedStep, longest_run, proved_steps
-from flexhinf.certify.terms import MOST_STATES
+from flexhinf.certify.proof import certify, check_decay
+from flexhinf.certify.starts import ProvedStep, longest_run, proved_steps
 from flexhinf.design.attenuation import Attenuation, within_level
 from flexhinf.design.box_proof import (
     BoxProof,

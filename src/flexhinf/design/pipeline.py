@@ -56,20 +56,43 @@ RIGID_STATES = 15
 
 
 # Design -------------------------------------------------------------------------------------------------
-def design(robot: Robot, specification: Specification, progress: Progress = lambda text: None) -> Design:
-    """Everything from the robot to its judged loop; nothing is written.
+def _silent(text: str) -> None:
+    """Progress that nobody wants to see."""
+
+
+def design(robot: Robot, specification: Specification, progress: Progress | None = None) -> Design:
+    """Design a controller for a robot, and judge the loop in which it runs; nothing is written.
 
     Parameters
     ----------
+    robot : Robot
+        From `load_robot`.
+    specification : Specification
+        What the loop must do; a field that is not stated is chosen by the rule that its help states.
     progress : callable, optional
         Called with what comes next, about `stages` times in all.
+
+    Returns
+    -------
+    Design
+        Law, estimator, runs and requirements; `Design.save` writes the report, `Design.controller` is what runs.
 
     Raises
     ------
     InvalidInput, InfeasibleGamma, NotStabilisable, NotDetectable, NumericalFailure
         With what to change.
+
+    Examples
+    --------
+    >>> import flexhinf as fh
+    >>> quick = dict(degrees="2", draws=0, rays=0, proof_seconds=0, compare_rigid=False)
+    >>> arm = fh.design(fh.load_robot("paper"), fh.Specification(pose="10deg", start="0", estimator="none", **quick))
+    >>> arm.gamma > arm.gamma_star
+    True
+    >>> arm.controller().period
+    0.001
     """
-    s = specification
+    s, progress = specification, progress or _silent
     if s.mujoco:
         check_expressed(s.extras)
     progress("equilibrium, and weights")
@@ -267,13 +290,15 @@ def compare(
     specification: Specification,
     laws: Sequence[str] | None = None,
     tune: str = "peak",
-    progress: Progress = lambda text: None,
+    progress: Progress | None = None,
     same_sensors: bool = False,
 ) -> Comparison:
-    """The same evaluation for several laws, each tuned for one criterion; nothing is written.
+    """Compare laws on one robot, each tuned for the same criterion and evaluated in the same runs; nothing is written.
 
     Parameters
     ----------
+    robot : Robot
+        From `load_robot`.
     specification : Specification
         Of the design that the others are compared with, and of the loop.
     laws : sequence of str, optional
@@ -286,6 +311,11 @@ def compare(
     same_sensors : bool
         Every law measures what the design measures, instead of what its proponents would choose.
 
+    Returns
+    -------
+    Comparison
+        The laws with their runs and costs; `Comparison.save` writes the report.
+
     Raises
     ------
     InvalidInput
@@ -293,8 +323,17 @@ def compare(
         was asked for and does not fit the robot.
     FlexhinfError
         As `design`.
+
+    Examples
+    --------
+    >>> import flexhinf as fh
+    >>> spec = fh.Specification(pose="10deg", start="0", degrees="2", draws=0, rays=0, estimator="none")
+    >>> comparison = fh.compare(fh.load_robot("paper"), spec, laws=("pd",), tune="none")
+    >>> [row.name for row in comparison.rows]
+    ['design', 'nl-hinf', 'pd']
     """
     s, kinds = specification, [law_kind(name) for name in law_names(laws)]
+    progress = progress or _silent
     if tune not in MODES:
         raise InvalidInput(
             "There is no such way to tune.", f"expected {', '.join(MODES)}, got {tune!r}", "tune='peak'"

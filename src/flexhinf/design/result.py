@@ -108,10 +108,18 @@ def status_of(
     ]
     if evaluation.corners is None:
         scope.append("no tolerance stated: only the nominal robot was judged")
-    unproved = step_proof(proof, chosen, inside).missing
-    if proof.certificate is None and proof.box is None and not worth.lasts:
-        unproved = (*unproved, "the dissipation budget of the step does not last")
+    unproved = _not_proved(chosen, worth, inside, proof)
     return Status(tuple(missed), unproved, tuple(_risks(lines, evaluation)), "; ".join(scope))
+
+
+def _not_proved(
+    chosen: DegreeChoice, worth: Attenuation, inside: bool | None, proof: DesignProof
+) -> tuple[str, ...]:
+    """Failures of a proof, or of the sampled check."""
+    missing = step_proof(proof, chosen, inside).missing
+    if proof.certificate is None and proof.box is None and not worth.lasts:
+        missing = (*missing, "the dissipation budget of the step does not last")
+    return missing
 
 
 def _missed(line: Requirement, places: bool) -> str:

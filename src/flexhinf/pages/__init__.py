@@ -15,6 +15,7 @@ from flexhinf.pages.campaign_worst import (
 from flexhinf.pages.certificate_page import certificate_page
 from flexhinf.pages.comparison import comparison_notes, comparison_page
 from flexhinf.pages.deployed_run import run_met, run_notes, run_tables, run_verdict
+from flexhinf.pages.design.laws import comparison_tables
 from flexhinf.pages.files import comparison_files, design_files, write_comparison, write_design
 from flexhinf.pages.film import check_film, write_film
 from flexhinf.pages.page import design_page, notes, verdict
@@ -22,9 +23,7 @@ from flexhinf.pages.pair_page import pair_page, pair_table, pair_verdict, write_
 from flexhinf.pages.text import (
     certification_notes,
     certification_tables,
-    comparison_tables,
     design_tables,
-    requirement_table,
     robots_table,
 )
 from flexhinf.pages.verdict import comparison_verdict
@@ -34,7 +33,7 @@ __all__ = [
     "check_film", "comparison_files", "comparison_notes", "comparison_page", "comparison_tables",
     "comparison_verdict", "design_files", "design_page", "design_tables", "gain_replay_table", "gain_text",
     "metric_text", "missed_by", "notes", "pair_page", "pair_table", "pair_verdict", "replay_command",
-    "replay_table", "requirement_table", "robots_table", "run_met", "run_notes", "run_tables", "run_verdict",
+    "replay_table", "robots_table", "run_met", "run_notes", "run_tables", "run_verdict",
     "verdict", "worst_table", "worst_text", "write_campaign", "write_comparison", "write_design", "write_film",
     "write_pair",
 ]  # fmt: skip

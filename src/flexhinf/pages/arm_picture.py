@@ -15,7 +15,7 @@ import numpy as np
 from flexhinf.design.deployed_run import DeployedRun
 from flexhinf.errors import InvalidInput
 from flexhinf.export.realtime import RealTimeRun
-from flexhinf.pages.design.arm_figure import viewing_plane
+from flexhinf.pages.design.step import viewing_plane
 from flexhinf.pages.drawing import framed, line_style
 from flexhinf.report import GRID, INK, MUTED, SERIES, house_style, number
 from flexhinf.robot import Robot

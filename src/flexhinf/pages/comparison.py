@@ -12,8 +12,15 @@ from flexhinf.design.laws import DEFAULT_LAWS, DESIGN, NL_HINF
 from flexhinf.design.result import ComparedLaw, Comparison
 from flexhinf.design.tuning import TunedLaw, ranked, trade_offs
 from flexhinf.pages.design.frequency import Loop, frequency_figures
-from flexhinf.pages.design.law_figures import FIGURES, FigureTable, LawFigure, cell, unit_of
-from flexhinf.pages.design.law_responses import responses_figure, trade_off_figure
+from flexhinf.pages.design.laws import (
+    FIGURES,
+    LawFigure,
+    cell,
+    metric_table,
+    responses_figure,
+    trade_off_figure,
+    unit_of,
+)
 from flexhinf.pages.design.requirements import requirement_text
 from flexhinf.pages.drawing import (
     ESTIMATORS,
@@ -79,7 +86,7 @@ def comparison_page(
             "criterion",
         ),
         _trade_off(comparison),
-        Section("Figures of every law", (FigureTable(comparison),), "figures"),
+        Section("Figures of every law", (metric_table(comparison, comparison.compared),), "figures"),
         Section("Step, load and move", (responses_figure(comparison),), "responses"),
         _frequency(comparison),
         Section("The laws and how they were tuned", tuple(_laws(comparison)), "laws"),

@@ -5,15 +5,14 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from rich.table import Table
 
 from flexhinf.design.deployed_run import DeployedRun
 from flexhinf.design.requirements import all_met
 from flexhinf.design.responses import Move, worst_of
 from flexhinf.export.realtime import PERCENTILES, RealTimeRun, Timing, percentiles
+from flexhinf.pages.design.requirements import requirement_table
 from flexhinf.pages.drawing import Units, rounded, settling_text
-from flexhinf.pages.text import lines_table, plain_table
-from flexhinf.report import number
+from flexhinf.report import Column, Table, number
 
 #: Places of missed deadlines that are listed, the latest first.
 LISTED = 5
@@ -33,14 +32,18 @@ def run_met(prepared: DeployedRun, run: RealTimeRun) -> bool:
     return not run.trajectory.message and all_met(prepared.requirements(run))
 
 
-def run_tables(prepared: DeployedRun, run: RealTimeRun) -> list[Table]:
+def run_tables(prepared: DeployedRun, run: RealTimeRun) -> list[Any]:
     """Requirements; figures of each joint; times of the samples."""
     if run.trajectory.message or not len(run.trajectory.time):
         return [_times(run.timing)] if len(run.timing.time) else []
     units = _units(prepared)
     title = f"{prepared.robot.name}: what is required of this run (* our default)"
-    tables = [lines_table(title, prepared.requirements(run), units.degrees)] if run.stopped is None else []
-    return [*tables, _joints(prepared, run, units), _times(run.timing)]
+    tables = (
+        []
+        if run.stopped is not None
+        else [requirement_table(prepared.requirements(run), units.degrees, title)]
+    )
+    return [table.terminal() for table in (*tables, _joints(prepared, run, units), _times(run.timing))]
 
 
 def _units(prepared: DeployedRun) -> Units:
@@ -50,36 +53,38 @@ def _units(prepared: DeployedRun) -> Units:
 def _joints(prepared: DeployedRun, run: RealTimeRun, units: Units) -> Table:
     small, factor = units.small
     response = prepared.response(run)
+    peak = Column("peak", units.effort, digits=3, key="peak_input")
     if prepared.plan is None:
-        table = plain_table(
-            "Joints", "joint", "settled after", "overshoot", f"end error, {small}", f"peak, {units.effort}"
-        )  # fmt: skip
-        for row in response.metrics:
-            table.add_row(
-                row["joint"],
-                settling_text(row["settling_time_s"]) if "settling_time_s" in row else "–",
-                f"{number(row['overshoot_percent'], 3)} %" if "overshoot_percent" in row else "–",
-                number(factor * row["steady_state_error"], 3),
-                number(row["peak_input"], 3),
-            )
-        return table
-    table = plain_table(
-        f"Joints: distance from the move, {small}", "joint", "largest", "rms", "at the end", f"peak, {units.effort}"
-    )  # fmt: skip
-    for row in Move.along(prepared.plan, response).metrics:
-        errors = (factor * row[key] for key in ("largest_error", "rms_error", "final_error"))
-        table.add_row(row["joint"], *(number(value, 3) for value in (*errors, row["peak_input"])))
-    return table
+        rows = [
+            {**row, "settled": settling_text(row["settling_time_s"]) if "settling_time_s" in row else None}
+            for row in response.metrics
+        ]
+        columns = (
+            Column("joint", key="joint"),
+            Column("settled after", key="settled", right=True),
+            Column("overshoot", "%", digits=3, key="overshoot_percent"),
+            Column("end error", small, digits=3, key="steady_state_error", scale=factor),
+            peak,
+        )
+        return Table.of(columns, rows, "Joints")
+    errors = {"largest": "largest_error", "rms": "rms_error", "at the end": "final_error"}
+    columns = (
+        Column("joint", key="joint"),
+        *(Column(name, digits=3, key=key, scale=factor) for name, key in errors.items()),
+        peak,
+    )
+    metrics = Move.along(prepared.plan, response).metrics
+    return Table.of(columns, metrics, f"Joints: distance from the move, {small}")
 
 
 def _times(timing: Timing) -> Table:
     what = f"Times in µs; the period has {number(1e6 * timing.period)} µs"
-    table = plain_table(what, "", *PERCENTILES)
     rows = ROWS if timing.real_time else {"step of the controller": "computed", "whole sample": "over"}
-    for name, field in rows.items():
-        values = percentiles(getattr(timing, field))
-        table.add_row(name, *(number(1e6 * value, decimals=1) for value in values.values()))
-    return table
+    cells = [
+        (name, *(1e6 * value for value in percentiles(getattr(timing, field)).values()))
+        for name, field in rows.items()
+    ]
+    return Table(("", *(Column(name, decimals=1) for name in PERCENTILES)), cells, what)
 
 
 # Sentences ------------------------------------------------------------------------------------------

@@ -8,7 +8,8 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,12 +21,14 @@ from flexhinf.report import (
     MUTED,
     SERIES,
     WIDTH,
-    Column,
     Figure,
     Note,
     Table,
     figure_to_svg,
     house_style,
+    label,
+    legend,
+    new_figure,
     number,
 )
 from flexhinf.robot import Robot
@@ -73,59 +76,109 @@ def widened(low: float, high: float, least: float) -> tuple[float, float]:
     return middle - half, middle + half
 
 
+@house_style()
 def joint_lines(
     axes: Axes, time: np.ndarray, values: np.ndarray, joints: Sequence[str], **style: Any
 ) -> None:
     """Signals (N, n) of all joints over time (N,), with fewer points."""
     few = thin(time)
-    with house_style():
-        for joint, name in enumerate(joints):
-            axes.plot(time[few], values[few, joint], label=name, **{**line_style(joint), **style})
+    for joint, name in enumerate(joints):
+        axes.plot(time[few], values[few, joint], label=name, **{**line_style(joint), **style})
 
 
-def plan_lines(axes: Axes, time: np.ndarray, values: np.ndarray, name: str) -> None:
-    """Planned signals (N, n) over time (N,), dotted."""
-    few = thin(time)
-    with house_style():
-        for joint, column in enumerate(values[few].T):
-            style: dict[str, Any] = {"color": MUTED, "linewidth": 1.2, "linestyle": DOTTED}
-            axes.plot(time[few], column, label=None if joint else name, **style)
-
-
+@house_style()
 def reference_line(axes: Axes, value: float = 0.0) -> None:
     """A dotted horizontal line behind the others."""
-    with house_style():
-        axes.axhline(value, color=MUTED, linewidth=1.0, linestyle=DOTTED, zorder=0.5)
+    axes.axhline(value, color=MUTED, linewidth=1.0, linestyle=DOTTED, zorder=0.5)
 
 
-def vertical_line(axes: Axes, value: float, name: str | None = None) -> None:
+@house_style()
+def vertical_line(axes: Axes, value: float) -> None:
     """A dotted vertical line behind the others."""
-    with house_style():
-        axes.axvline(value, color=MUTED, linewidth=1.0, linestyle=DOTTED, zorder=0.5, label=name)
+    axes.axvline(value, color=MUTED, linewidth=1.0, linestyle=DOTTED, zorder=0.5)
 
 
-def limit_lines(axes: Axes, limits: np.ndarray | None, values: np.ndarray, name: str) -> bool:
-    """± limits (n,) of signals (N, n), dashed, on the sides where a signal comes near its own; returns whether any was
-    drawn. Limits that differ have the colours of their joints.
+@dataclass(frozen=True, eq=False)
+class Panel:
+    """Signals (N, n) of all joints, for `time_figure`.
 
-    A limit that is far away would leave the values flat.
+    Attributes
+    ----------
+    quantity, unit : str
+        Of the vertical axis.
+    zero : bool
+        Whether there is a dotted line at zero.
+    plan : (N, n), optional
+        Planned signals, dotted, with `plan_name` in the legend.
+    limits : (n,), optional
+        ± limits, dashed, on the sides where a signal comes near its own, with `limit_name` in a legend; limits that
+        differ have the colours of their joints. A limit that is far away would leave the values flat.
+    least : float
+        The vertical axis shows at least so much.
     """
-    low, high = framed(values)
-    if limits is None:
-        return False
-    same, sides = len(set(limits.tolist())) == 1, {}
-    for joint in np.flatnonzero(np.isfinite(limits)).tolist():
-        limit, (least, most) = float(limits[joint]), framed(values[:, joint])
-        for side, size in ((limit, most), (-limit, -least)):
-            if size > NEAR * limit:
-                sides.setdefault(side, INK if same else line_style(joint)["color"])
-    with house_style():
-        for k, (side, color) in enumerate(sides.items()):
-            axes.axhline(side, color=color, linewidth=1.0, dashes=DASHED, label=None if k else name)
-    axes.set_ylim(*framed(np.array([low, high, *sides])))
-    return bool(sides)
+
+    quantity: str
+    unit: str
+    values: np.ndarray
+    zero: bool = False
+    plan: np.ndarray | None = None
+    plan_name: str = "plan"
+    limits: np.ndarray | None = None
+    limit_name: str = ""
+    least: float | None = None
+
+    @cached_property
+    def limit_sides(self) -> dict[float, str]:
+        """Limits that are drawn, with their colours."""
+        if self.limits is None:
+            return {}
+        same, sides = len(set(self.limits.tolist())) == 1, {}
+        for joint in np.flatnonzero(np.isfinite(self.limits)).tolist():
+            limit, (low, high) = float(self.limits[joint]), framed(self.values[:, joint])
+            for side, size in ((limit, high), (-limit, -low)):
+                if size > NEAR * limit:
+                    sides.setdefault(side, INK if same else line_style(joint)["color"])
+        return sides
+
+    def draw(self, axes: Axes, time: np.ndarray, joints: Sequence[str], **style: Any) -> None:
+        """Draw the panel."""
+        few = thin(time)
+        joint_lines(axes, time, self.values, joints, **style)
+        for joint, column in enumerate([] if self.plan is None else self.plan[few].T):
+            name = None if joint else self.plan_name
+            axes.plot(time[few], column, label=name, color=MUTED, linewidth=1.2, linestyle=DOTTED)
+        if self.zero:
+            reference_line(axes)
+        for k, (side, color) in enumerate(self.limit_sides.items()):
+            name = None if k else self.limit_name
+            axes.axhline(side, color=color, linewidth=1.0, dashes=DASHED, label=name)
+        if self.limits is not None:
+            axes.set_ylim(*framed(np.array([*framed(self.values), *self.limit_sides])))
+        if self.least is not None:
+            axes.set_ylim(*widened(*framed(self.values[few]), self.least))
+        label(axes, self.quantity, self.unit)
 
 
+@house_style()
+def time_figure(
+    time: np.ndarray,
+    joints: Sequence[str],
+    panels: Sequence[Panel],
+    height: float | None = None,
+    **style: Any,
+) -> tuple[Canvas, list[Axes]]:
+    """Panels over one axis of time, with a legend where there is more than one line."""
+    figure, axes = new_figure(len(panels), height=height)
+    planned = any(panel.plan is not None for panel in panels)
+    names = joints if len(joints) > 1 or not planned else ["link"]
+    for axis, panel in zip(axes, panels):
+        panel.draw(axis, time, names, **style)
+    if len(joints) > 1 or planned:
+        legend(axes[0])
+    return figure, axes
+
+
+@house_style()
 def frequency_axis(axes: Axes) -> None:
     """A logarithmic horizontal axis: powers of ten as plain numbers, marks at 2 and 5.
 
@@ -133,23 +186,28 @@ def frequency_axis(axes: Axes) -> None:
     """
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-    with house_style():
-        axes.set_xscale("log")
-        axes.xaxis.set_major_locator(LogLocator(subs=(1.0,), numticks=12))
-        axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-        axes.xaxis.set_minor_locator(LogLocator(subs=(2.0, 5.0), numticks=12))
-        axes.xaxis.set_minor_formatter(NullFormatter())
+    axes.set_xscale("log")
+    axes.xaxis.set_major_locator(LogLocator(subs=(1.0,), numticks=12))
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axes.xaxis.set_minor_locator(LogLocator(subs=(2.0, 5.0), numticks=12))
+    axes.xaxis.set_minor_formatter(NullFormatter())
 
 
+@house_style()
 def panels(
     rows: int, columns: int, height: float, width: float = WIDTH, **options: Any
 ) -> tuple[Canvas, list[list[Axes]]]:
     """A grid of panels, each with an axis of its own unless the options of Matplotlib's ``subplots`` say otherwise."""
     from matplotlib.figure import Figure as Canvas
 
-    with house_style():
-        figure = Canvas(figsize=(width, height), layout="constrained")
-        return figure, [list(row) for row in figure.subplots(rows, columns, squeeze=False, **options)]
+    figure = Canvas(figsize=(width, height), layout="constrained")
+    return figure, [list(row) for row in figure.subplots(rows, columns, squeeze=False, **options)]
+
+
+def legend_above(figure: Canvas, axes: Axes, columns: int, **options: Any) -> None:
+    """The legend of one panel above all of them."""
+    handles = axes.get_legend_handles_labels()
+    figure.legend(*handles, loc="outside upper left", ncols=columns, frameon=False, **options)
 
 
 def figure_block(name: str, figure: Canvas, sentences: str | Iterable[str], title: str) -> Figure:
@@ -362,22 +420,18 @@ def finite(value: Any) -> Any:
 _OPTION = re.compile(r"`[^`]*`|--[a-z]+(?:-[a-z]+)*")
 
 
-def joint_table(
-    columns: Sequence[Column | str], rows: Sequence[Sequence[Any]], caption: str, anchor: str
-) -> Table:
-    """A table with a row for each joint, its name first; of a single joint a row for each figure, without the name."""
-    if len(rows) != 1:
-        return Table(columns, rows, caption, anchor, stacks=True)
-    named = [Column(column) if isinstance(column, str) else column for column in columns[1:]]
-    cells = [(column.name, _with_unit(value, column.unit)) for column, value in zip(named, rows[0][1:])]
-    return Table(("", "value"), cells, caption, anchor)
+def joint_table(table: Table) -> Table:
+    """A table with a row for each joint, its name first; of a single joint a row for each column, without the name."""
+    if len(table.rows) != 1:
+        return replace(table, stacks=True)
+    cells = list(zip(table.heads, table.rows[0]))[1:]
+    rows = [(column.name, _with_unit(value, column.unit)) for column, value in cells]
+    return replace(table, columns=("", "value"), rows=rows)
 
 
 def _with_unit(value: Any, unit: str) -> str:
-    if value is None:
-        return "–"
-    if isinstance(value, str):
-        return value
+    if value is None or isinstance(value, str):
+        return value or "–"
     return f"{number(float(value))}{'' if unit == '°' else ' '}{unit}".strip()
 
 

@@ -18,13 +18,12 @@ from flexhinf.design.responses import Response
 from flexhinf.design.result import ComparedLaw, Comparison, Design
 from flexhinf.design.synthesis.noise import NoiseCandidate, NoiseSearch
 from flexhinf.design.tuning import TradeOff, best_rival, trade_offs
-from flexhinf.pages.design.along_move import along_rows
-from flexhinf.pages.design.corners import corner_rows
-from flexhinf.pages.design.estimator_noise import is_used
+from flexhinf.pages.design.margins import corner_rows
+from flexhinf.pages.design.moves import along_rows
 from flexhinf.pages.design.region import budget_rows
 from flexhinf.pages.design.requirements import input_rows
-from flexhinf.pages.design.ringing import ring_down_rows
-from flexhinf.pages.design.weights import state_weights, whole_loop_rows
+from flexhinf.pages.design.rest import rest_rows, ring_down_rows
+from flexhinf.pages.design.weights import is_used, state_weights, whole_loop_rows
 from flexhinf.pages.drawing import finite
 from flexhinf.pages.page import notes, verdict
 from flexhinf.pages.proof import proof_numbers
@@ -48,8 +47,8 @@ def design_numbers(design: Design) -> dict[str, Any]:
         "states": list(design.problem.state_names),
         "operating_point": design.problem.operating_point,
         "operating_input": design.problem.operating_input,
-        "inputs": {row.what: row.value for row in input_rows(design)},
-        "input_joints": {row.what: row.joint for row in input_rows(design)},
+        "inputs": {row["what"]: row["value"] for row in input_rows(design)},
+        "input_joints": {row["what"]: row["joint"] for row in input_rows(design)},
         "weights": _weights(design),
         "estimator_noise": _estimator_noise(design),
         "open_modes": [_mode(m) for m in e.open_modes],
@@ -59,7 +58,7 @@ def design_numbers(design: Design) -> dict[str, Any]:
         "state_margins": _margins(e.state_margins),
         "frequency_response": _frequency_response(e.frequency_response),
         "noise_at_the_inputs": e.input_noises,
-        "corners": None if e.corners is None else [row._asdict() for row in corner_rows(e)],
+        "corners": None if e.corners is None else corner_rows(e),
         "attained": attained and _picked(attained, "gain", "energy", "largest_value"),
         "budget": budget_rows(design),
         "degrees": [
@@ -93,7 +92,7 @@ def comparison_numbers(comparison: Comparison) -> dict[str, Any]:
             "mode": criterion.mode,
             "criterion": criterion.text,
             "limits": [
-                {**_picked(x, "figure", "value"), "at_least": x.least, "from": x.origin}
+                {**_picked(x, "value", figure="metric"), "at_least": x.least, "from": x.origin}
                 for x in criterion.limits
             ],
         },
@@ -120,17 +119,8 @@ def _picked(value: Any, *names: str, **renamed: str) -> dict[str, Any]:
 
 def _requirement(line: Requirement) -> dict[str, Any]:
     names = (
-        "what",
-        "found",
-        "unit",
-        "at_most",
-        "where",
-        "criterion",
-        "stated_by",
-        "joint",
-        "met",
-        "within_tolerance",
-    )
+        "what", "found", "unit", "at_most", "where", "criterion", "stated_by", "joint", "met", "within_tolerance"
+    )  # fmt: skip
     stated = line.stated_by not in ("default", ROBOT)
     return {**_picked(line, *names, asked="limit", at_s="at"), "asked_for": stated}
 
@@ -272,10 +262,7 @@ def _rest(design: Design) -> dict[str, Any] | None:
         "extras": list(run.extras), "limit": run.limit, "hunts": run.oscillates, "dead_zone": run.dead_zone,
         "amplitudes_without_dead_zone": None if run.without is None else run.without.amplitudes,
         "duration_s": float(run.response.run.time[-1]), "diverged_at_s": run.response.diverged_at,
-        "joints": [
-            {"joint": joint, "amplitude": cycle.amplitude, "frequency_Hz": cycle.frequency, "remaining_error": error}
-            for joint, cycle, error in zip(run.response.joints, run.cycles, run.errors)
-        ],
+        "joints": rest_rows(run),
     }  # fmt: skip
 
 
@@ -303,8 +290,7 @@ def _initial_variance(design: Design) -> list[float] | None:
 
 
 def _law(row: ComparedLaw) -> dict[str, Any]:
-    e, tuned = row.evaluation, row.tuned
-    figures = row.metrics
+    e, tuned, metrics = row.evaluation, row.tuned, row.metrics
     return {
         "name": row.name,
         "what": row.kind.description,
@@ -316,22 +302,13 @@ def _law(row: ComparedLaw) -> dict[str, Any]:
             "parameters": dict(tuned.parameters),
             "sensors": list(tuned.sensors),
         },
-        "figures": dict(figures),
+        "figures": dict(metrics),
         "figure_joints": {} if e is None else {key: worst.joint for key, worst in e.worst.items()},
-        "infinite": [key for key, value in figures.items() if value is not None and np.isinf(value)],
+        "infinite": [key for key, value in metrics.items() if value is not None and np.isinf(value)],
         "needs": [] if e is None else list(e.needed_states),
         "specification": [_requirement(line) for line in row.requirements],
         "corners": None if e is None or e.corners is None else e.corners.count,
-        "joints": None if e is None else _joints(e),
-    }
-
-
-def _joints(e: LawEvaluation) -> dict[str, Sequence[Mapping[str, Any]]]:
-    """Figures of each joint."""
-    return {
-        "step": e.step.metrics,
-        "load": e.load_response.metrics,
-        "move": e.move.metrics,
+        "joints": e and {"step": e.step.metrics, "load": e.load_response.metrics, "move": e.move.metrics},
     }
 
 

@@ -12,24 +12,18 @@ from flexhinf.design.requirements import Requirement
 from flexhinf.design.result import Design
 from flexhinf.design.result import Status as Judged
 from flexhinf.pages.design import (
-    along_move,
-    corners,
-    estimator_noise,
-    load_and_move,
+    frequency,
+    law,
     margins,
     monte_carlo,
-    payload,
-    poles,
+    moves,
     region,
     requirements,
     rest,
-    ringing,
     step,
     weights,
 )
-from flexhinf.pages.design import law as law_section
 from flexhinf.pages.drawing import (
-    Units,
     joint_count,
     law_name,
     notes_of,
@@ -57,20 +51,20 @@ PARTS = (
     Part("specification", "Requirements", requirements.blocks),
     Part("step", "Step response", step.blocks, step.remarks),
     Part("draws", "Step response of robots within their tolerances", monte_carlo.blocks, monte_carlo.remarks),
-    Part("load", "Load response", load_and_move.load_blocks, load_and_move.load_remarks),
-    Part("payload", "Payload", payload.blocks, payload.remarks),
-    Part("ring-down", "Ring-down after a blow", ringing.blocks, ringing.remarks),
-    Part("move", "Planned move with feedforward", load_and_move.move_blocks, load_and_move.move_remarks),
+    Part("load", "Load response", moves.load_blocks, moves.load_remarks),
+    Part("payload", "Payload", moves.payload_blocks, moves.payload_remarks),
+    Part("ring-down", "Ring-down after an impulse", rest.ring_down_blocks, rest.ring_down_remarks),
+    Part("move", "Planned move with feedforward", moves.move_blocks, moves.move_remarks),
     Part("rest", "Long run at rest with dry friction", rest.blocks, rest.remarks),
-    Part("along", "Margins along the move", along_move.blocks, along_move.remarks),
+    Part("along", "Margins along the move", moves.along_blocks, moves.along_remarks),
     Part("margins", "Margins of the running loop", margins.blocks, margins.remarks),
-    Part("modes", "Poles", poles.blocks, poles.remarks),
-    Part("corners", "Corners of the tolerances", corners.blocks, corners.remarks),
+    Part("modes", "Poles", frequency.pole_blocks, frequency.pole_remarks),
+    Part("corners", "Corners of the tolerances", margins.corner_blocks, margins.corner_remarks),
     Part("weights", "Weights", weights.blocks),
-    Part("noise", "Noise levels of the estimator", estimator_noise.blocks),
+    Part("noise", "Noise levels of the estimator", weights.noise_blocks),
     Part("region", "Region: what is proved, what is sampled, and dissipation", region.blocks, region.remarks),
-    Part("rigid", "Rigid design on the same robot", law_section.rigid_blocks),
-    Part("law", "The law", law_section.law_blocks, law_section.law_remarks),
+    Part("rigid", "Rigid design on the same robot", law.rigid_blocks),
+    Part("law", "The law", law.law_blocks, law.law_remarks),
 )
 
 
@@ -118,16 +112,14 @@ def status_lines(status: Judged, lines: Sequence[Requirement]) -> list[Status]:
     if not any(line.what.startswith("damping") for line in lines):
         met.append("neither bandwidth nor damping is required")
     met += [status.scope] if status.scope else []
-    found = (
-        [Status("not met", _sentence(status.not_met))] if status.not_met else [Status("met", _sentence(met))]
-    )
-    found += [Status("risky", _sentence(status.risky))] if status.risky else []
-    return found + ([Status("not proved", _sentence(status.not_proved))] if status.not_proved else [])
-
-
-def _sentence(parts: Sequence[str]) -> str:
-    text = "; ".join(part.rstrip(".") for part in parts)
-    return f"{text[:1].upper()}{text[1:]}."
+    kinds = {
+        "met": [] if status.not_met else met,
+        "not met": status.not_met,
+        "risky": status.risky,
+        "not proved": status.not_proved,
+    }
+    texts = {kind: "; ".join(part.rstrip(".") for part in parts) for kind, parts in kinds.items()}
+    return [Status(kind, f"{text[:1].upper()}{text[1:]}.") for kind, text in texts.items() if text]
 
 
 def remarks(design: Design) -> dict[str, list[str]]:
@@ -150,10 +142,7 @@ def verdict(design: Design) -> str:
     if design.mujoco is not None:
         parts.append(f"On MuJoCo's plant: {step.difference_text(design, units_of(design.evaluation))}.")
     if design.rigid is not None:
-        sides = (
-            f"fed from the {loop.side} side it is {law_section.loop_text(loop)}"
-            for loop in design.rigid.loops
-        )
+        sides = (f"fed from the {loop.side} side it is {law.loop_text(loop)}" for loop in design.rigid.loops)
         parts.append(f"The rigid design on the same robot: {'; '.join(sides)}.")
     return " ".join(parts)
 
@@ -161,10 +150,10 @@ def verdict(design: Design) -> str:
 def title_of(design: Design) -> str:
     """What was designed, and for which robot."""
     degree, name = design.chosen.degree, law_name(design.chosen.degree)
-    law = "A linear H∞ law" if degree == 2 else f"A {name} nonlinear H∞ law"
+    kind = "A linear H∞ law" if degree == 2 else f"A {name} nonlinear H∞ law"
     if name.startswith("degree"):
-        law = f"A nonlinear H∞ law of {name}"
-    return f"{law} for the robot “{design.robot.name}”"
+        kind = f"A nonlinear H∞ law of {name}"
+    return f"{kind} for the robot “{design.robot.name}”"
 
 
 def _intro(design: Design) -> str:
@@ -184,104 +173,85 @@ def _intro(design: Design) -> str:
 def _headline(design: Design) -> str:
     """What the nominal loop and the sampled robots do, and what is proved."""
     e = design.evaluation
-    units, samples = units_of(e), e.step_samples
-    parts = [step.step_text(e.step, units)]
+    parts = [step.step_text(e.step, units_of(e))]
     if not e.margins.stable:
         parts.append("The sampled loop is unstable at the goal.")
-    before, after = (poles.vibration_damping(modes) for modes in (e.open_modes, design.law_modes))
+    before, after = (frequency.vibration_damping(modes) for modes in (e.open_modes, design.law_modes))
     least = f" ({e.least_damped_joint})" if len(e.setup.joints) > 1 and e.least_damped_joint else ""
     if after:
         parts.append(
             f"Damping ratio of the vibrations: {range_text(before, 2)} without control, {range_text(after, 2)} with "
             f"the law; smallest of the running loop, estimator included: {number(e.margins.damping, 2)}{least}."
         )
-    if samples is not None and len(samples):
-        parts.append(_sampled(design, units))
-    if design.payloads:
-        parts.append(payload.carrying_text(design))
-    parts.append(proof_text(design))
-    return " ".join(parts)
-
-
-def _sampled(design: Design, units: Units) -> str:
-    samples = design.evaluation.step_samples
-    assert samples is not None
-    count, several = len(samples), len(design.robot.joint_names) > 1
-    if samples.unsettled:
+    samples = e.step_samples
+    if samples is not None and samples.unsettled:
         gone = f", {samples.diverged} of them diverge" if samples.diverged else ""
-        return f"Of {count} robots sampled within their tolerances {samples.unsettled} do not settle{gone}."
+        parts.append(
+            f"Of {len(samples)} robots sampled within their tolerances {samples.unsettled} do not settle{gone}."
+        )
+    elif samples is not None and len(samples):
+        parts.append(
+            f"All of {len(samples)} robots sampled within their tolerances settle, the slowest in "
+            f"{_worst(design, 'settling', 's')}; the largest overshoot is {_worst(design, 'overshoot', '%', 2)}, the "
+            f"largest input {_worst(design, 'peak', units_of(e).effort)}."
+        )
+    if design.payloads:
+        parts.append(moves.payload_text(design))
+    return " ".join([*parts, proof_text(design)])
 
-    def at(joints: tuple[str, ...], values: np.ndarray) -> str:
-        return f" ({joints[int(np.argmax(values))]})" if several else ""
 
-    return (
-        f"All of {count} robots sampled within their tolerances settle, the slowest in "
-        f"{number(float(samples.settling.max()), 3)} s{at(samples.settling_joints, samples.settling)}; the largest "
-        f"overshoot is {number(float(samples.overshoot.max()), 2)} "
-        f"%{at(samples.overshoot_joints, samples.overshoot)}, the "
-        f"largest input {number(float(samples.peak.max()), 3)} {units.effort}{at(samples.peak_joints, samples.peak)}."
-    )
+def _worst(design: Design, metric: str, unit: str, digits: int = 3) -> str:
+    """The largest value among the samples, with its joint where there are several."""
+    samples = design.evaluation.step_samples
+    values = getattr(samples, metric)
+    joint = getattr(samples, f"{metric}_joints")[int(np.argmax(values))]
+    where = f" ({joint})" if len(design.robot.joint_names) > 1 and joint else ""
+    return f"{number(float(np.max(values)), digits)} {unit}{where}"
 
 
 def _key_numbers(design: Design) -> list[KeyNumber]:
     """The few numbers at the top."""
-    e = design.evaluation
-    response, m, samples, units = e.step, e.margins, e.step_samples, units_of(e)
-    period, settling = design.specification.period, rounded(response.settling.value)
-
-    several = len(e.setup.joints) > 1
+    e, period = design.evaluation, design.specification.period
+    response, m, samples, effort = e.step, e.margins, e.step_samples, units_of(e).effort
+    several, settling = len(e.setup.joints) > 1, rounded(response.settling.value)
 
     def of(joint: str) -> str:
         return f" ({joint})" if several and joint else ""
 
-    def worst(figure: str, unit: str, joint: str) -> str:
+    def worst(metric: str, unit: str, joint: str) -> str:
         nominal = f"nominal robot{of(joint)}"
         if samples is None or not len(samples):
             return nominal
-        return f"{nominal}; {sampled(figure, unit)}" if several else sampled(figure, unit)
-
-    def sampled(figure: str, unit: str) -> str:
-        assert samples is not None
-        values = getattr(samples, figure)
+        values = getattr(samples, metric)
+        text = f"worst of {len(values)} sampled robots: {_worst(design, metric, unit)}"
         if not np.isfinite(values).all():
-            bad = "do not settle" if figure == "settling" else "diverge"
-            return f"{int(np.isinf(values).sum())} of {len(values)} sampled robots {bad}"
-        joint = of(getattr(samples, f"{figure}_joints")[int(np.argmax(values))])
-        return f"worst of {len(values)} sampled robots: {number(float(np.max(values)), 3)} {unit}{joint}"
+            bad = "do not settle" if metric == "settling" else "diverge"
+            text = f"{int(np.isinf(values).sum())} of {len(values)} sampled robots {bad}"
+        return f"{nominal}; {text}" if several else text
 
+    overshoot, settles, peak = (
+        worst("overshoot", "%", response.overshoot.joint),
+        worst("settling", "s", response.settling.joint),
+        worst("peak", effort, response.peak.joint),
+    )
     found = [
         KeyNumber(
-            "settling time",
-            "not settled" if settling is None else settling,
-            "s" if settling else "",
-            worst("settling", "s", response.settling.joint),
+            "settling time", "not settled" if settling is None else settling, "s" if settling else "", settles
         ),
-        KeyNumber(
-            "overshoot",
-            rounded(response.overshoot.value, 2),
-            "%",
-            worst("overshoot", "%", response.overshoot.joint),
-        ),
-        KeyNumber(
-            "peak input",
-            rounded(response.peak_input),
-            units.effort,
-            worst("peak", units.effort, response.peak.joint),
-        ),
+        KeyNumber("overshoot", rounded(response.overshoot.value, 2), "%", overshoot),
+        KeyNumber("peak input", rounded(response.peak_input), effort, peak),
     ]
     if not m.stable:
         return [*found, KeyNumber("margins", "none", note="the sampled loop at the goal is unstable")]
     low, high = m.disk_gain_margins
     delay = f"{number(m.delay_margin_s / period, 3)} periods of {number(1e3 * period, 3)} ms"
+    one = f"one input{of(e.setup.joints[m.weakest_input])}"
+    together = f"all at once × {number(low, 2)} to × {number(high, 3)}"
     found += [
         KeyNumber("peak sensitivity", rounded(m.peak_sensitivity), note="running loop, with the estimator"),
-        KeyNumber(
-            "gain margin", f"× {number(m.gain_margin, 3)}",
-            note=f"one input{of(e.setup.joints[m.weakest_input])}; "
-            f"all at once × {number(low, 2)} to × {number(high, 3)}",
-        ),
+        KeyNumber("gain margin", f"× {number(m.gain_margin, 3)}", note=f"{one}; {together}"),
         KeyNumber("delay margin", rounded(1e3 * m.delay_margin_s), "ms", delay),
-    ]  # fmt: skip
+    ]
     if e.corners is not None:
         which = "corners of the tolerances" if e.corners.complete else "sampled corners"
         found.append(KeyNumber("unstable", e.corners.unstable, f"of {e.corners.count}", which))

@@ -1,8 +1,9 @@
-"""The runs behind Figs. 3–12, each made once, and the numbers that are read off them."""
+"""The runs behind Figs. 3–12, each made once, and the numbers read off them, as in metrics.json."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -93,7 +94,7 @@ class Experiments:
         for goal in GOALS:
             for about, pose in (("the hanging rest", 0.0), ("the goal", goal)):
                 for name, degree in (("nonlinear", setup.settings.degree), ("linear", 2)):
-                    law = setup.law_about(pose, degree)
+                    law = setup.law(degree=degree, pose=pose)
                     found[goal, about, name] = setup.deployed_step(law, goal, STEP_DURATION)
         return found
 
@@ -181,3 +182,58 @@ def load_numbers(run: Trajectory) -> dict[str, Any]:
     goal = float(run.signals["reference"][-1, 0])
     m = load_metrics(run.time, run.tracked("link_position"), command=goal, step=goal, start=LOAD_FROM)
     return {"peak_deviation_rad": m["peak_deviation"], "recovery_time_s": m["recovery_time_s"]}
+
+
+def peak_numbers(run: Trajectory) -> dict[str, Any]:
+    """Largest voltage."""
+    return {"peak_control_V": run.metrics()["peak_input"]}
+
+
+def tolerance_numbers(runs: Sequence[ToleranceRun]) -> dict[str, Any]:
+    """[smallest, median, largest] over the plants, and how many did not settle (or diverged)."""
+    metrics = [run.metrics for run in runs]
+    return {
+        "plants": len(runs),
+        "overshoot_percent": _spread(m["overshoot_percent"] for m in metrics),
+        "settling_time_s": _spread(m["settling_time_s"] for m in metrics),
+        "steady_state_error_rad": _spread(m["steady_state_error"] for m in metrics),
+        "unsettled": sum(m["settling_time_s"] is None for m in metrics),
+        "diverged": sum(run.diverged_at is not None for run in runs),
+    }
+
+
+def estimation_numbers(runs: Sequence[ToleranceRun]) -> dict[str, Any]:
+    """The same, with the RMS error of each estimated state."""
+    errors = [run.metrics["estimation_rmse"] for run in runs if run.diverged_at is None]
+    return {
+        **tolerance_numbers(runs),
+        "estimation_rmse": [_spread(state) for state in zip(*errors, strict=True)],
+    }
+
+
+def _spread(values: Iterable[float | None]) -> list[float | None]:
+    """[smallest, median, largest] of the numbers among the values."""
+    numbers = [float(value) for value in values if value is not None]
+    return [min(numbers), float(np.median(numbers)), max(numbers)] if numbers else [None, None, None]
+
+
+def _each(
+    numbers: Callable[[Trajectory], dict[str, Any]], runs: Mapping[str, Trajectory]
+) -> dict[str, dict[str, Any]]:
+    names = {"link_torque": "nonlinear", "motor_torque": "nonlinear, torque at the motor"}
+    return {names.get(name, name): numbers(run) for name, run in runs.items()}
+
+
+#: By the figure's number in the paper, from the runs.
+FIGURE_NUMBERS: dict[str, Callable[[Experiments], dict[str, Any]]] = {
+    "03": lambda e: _each(step_numbers, e.step_180),
+    "04": lambda e: _each(peak_numbers, e.step_180),
+    "05": lambda e: _each(step_numbers, e.step_90),
+    "06": lambda e: _each(peak_numbers, e.step_90),
+    "07": lambda e: _each(tracking_numbers, e.tracking),
+    "08": lambda e: _each(peak_numbers, e.tracking),
+    "09": lambda e: {"nonlinear": tolerance_numbers(e.sampled_plants)},
+    "10": lambda e: {"nonlinear": estimation_numbers(e.sampled_plants)},
+    "11": lambda e: _each(load_numbers, e.step_disturbance),
+    "12": lambda e: _each(load_numbers, e.sine_disturbance),
+}

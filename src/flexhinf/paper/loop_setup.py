@@ -15,13 +15,11 @@ from typing import Any, TypeVar
 import numpy as np
 
 from flexhinf.analysis import Population, corner_population
-from flexhinf.baselines import GravityCompensatedLQR
 from flexhinf.errors import InfeasibleGamma, InvalidInput
 from flexhinf.estimation import ExtendedKalmanFilter, UnscentedKalmanFilter
 from flexhinf.hinf import HJISolution, smallest_gamma, solve_hji
 from flexhinf.loop import Controller, Ensemble, Loop, Step, Trajectory
 from flexhinf.plant import GeneralisedPlant, Law, Penalty, Plant
-from flexhinf.report import Table
 from flexhinf.robot import Robot, paper_arm
 
 ESTIMATORS = ("ukf", "ekf", "none")
@@ -64,97 +62,24 @@ class PaperSettings:
     measurement_noise: float = 1e-6
 
     def __post_init__(self) -> None:
-        _require(
-            "γ/γ*",
-            self.gamma_ratio,
-            0.0 < self.gamma_ratio <= 1e6,
-            "a number above 1, up to 1e6",
-            "--gamma-ratio 2",
+        degree, seed = (value if type(value) is int else -1 for value in (self.degree, self.seed))
+        allowed = (
+            ("γ/γ*", "gamma_ratio", 0.0 < self.gamma_ratio <= 1e6, "a number above 1, up to 1e6"),
+            ("degree of V", "degree", 2 <= degree <= 12, "an integer from 2 to 12"),
+            ("sampling period", "period", 1e-4 <= self.period <= 0.05, PERIODS),
+            ("seed", "seed", 0 <= seed < 2**53, "an integer from 0"),
+            ("estimator", "estimator", self.estimator in ESTIMATORS, ", ".join(ESTIMATORS)),
+            ("process noise", "process_noise", self.process_noise >= 0.0, "a variance >= 0"),
+            ("measurement noise", "measurement_noise", self.measurement_noise > 0.0, "a variance > 0, rad²"),
         )
-        whole = isinstance(self.degree, int) and not isinstance(self.degree, bool)
-        _require(
-            "degree of V",
-            self.degree,
-            whole and 2 <= self.degree <= 12,
-            "an integer from 2 to 12",
-            "--degree 4",
-        )
-        _require("sampling period", self.period, 1e-4 <= self.period <= 0.05, PERIODS, "--period 1e-3")
-        known = isinstance(self.seed, int) and not isinstance(self.seed, bool)
-        _require("seed", self.seed, known and 0 <= self.seed < 2**53, "an integer from 0", "--seed 0")
-        _require(
-            "estimator",
-            self.estimator,
-            self.estimator in ESTIMATORS,
-            ", ".join(ESTIMATORS),
-            "--estimator ukf",
-        )
-        _require(
-            "process noise",
-            self.process_noise,
-            self.process_noise >= 0.0,
-            "a variance >= 0",
-            "--process-noise 1e-6",
-        )
-        _require(
-            "measurement noise", self.measurement_noise, self.measurement_noise > 0.0,
-            "a variance > 0, rad²", "--measurement-noise 1e-6",
-        )  # fmt: skip
-
-
-def _require(what: str, value: Any, holds: bool, expected: str, advice: str) -> None:
-    finite = not isinstance(value, float) or math.isfinite(value)
-    if not (holds and finite):
-        raise InvalidInput(f"The {what} cannot be used.", f"expected {expected}, got {value!r}", advice)
-
-
-MISPRINTS = (
-    ("Algorithm 1, step 5", "second block X̂ + γ√P again", "X̂ − γ√P"),
-    (
-        "Algorithm 1 and Eq. (10)",
-        "γ is the sigma-point spread",
-        "called spread here; γ is the attenuation level",
-    ),
-    ("Sec. 5, ẋ4", "+B x4 and −K(x1 − x3)", "−B x4 and +K(x1 − x3), as in Eq. (2) and Sec. 6"),
-    ("Eq. (7)", "[pᵀg1 − pᵀg2], [d − u], assumption (6)", "[pᵀg1, pᵀg2], [dᵀ, uᵀ], assumption (4)"),
-    ("Sec. 5, h", "Q x5 only", "with 60 x1, as in Eq. (11)"),
-    ("Sec. 4", "1e-4 < α < 1", "α = 1 (Table 3) is allowed"),
-    ("Sec. 6, g1 and g2", "six rows", "g1 = (0, 0, 0, 0, −1)ᵀ and g2 = (0, 0, 0, 0.9, 0)ᵀ"),
-    ("Eq. (8)", "g2 R2⁻¹ g2", "g2 R2⁻¹ g2ᵀ"),
-    ("Eq. (10) with Table 3", "five sigma points", "2n + 1 = 9 for n = 4; λ = 0, W0ᵐ = 0, W0ᶜ = 2, Wᵢ = 1/8"),
-    ("Sec. 2", "gravity inside C, and G", "gravity once"),
-    ("Sec. 3", "asymptotically stable at u = 0", "with u = k(x): x5 is an integrator"),
-    (
-        "Figs. 7, 9, 10, 12",
-        "captions lost in the scan",
-        "tracking; tolerances measured, estimated; sinusoidal disturbance",
-    ),
-)
-
-OPEN = (
-    ("γ", "a multiple of the smallest feasible γ* (option --gamma-ratio)"),
-    ("sampling", "estimator and law at one period, the input held between samples (option --period)"),
-    ("F of Eq. (9)", "the nominal plant over one period by the classical Runge–Kutta method"),
-    ("Rᵛ, Rⁿ, P0, X̂0", "q I and R^n (options), 1e-4 I, and rest; the tolerance claim is swept over q"),
-    ("x5", "the integral of the measured error, trapezoidal, the command held"),
-    ("true plant", "nominal without coil in Figs. 3–8, 11, 12; perturbed with coil in Figs. 9 and 10"),
-    ("disturbances", "a torque at the link or at the motor; size and frequency are in the captions"),
-    ("saturation", "none, as in the paper"),
-    ("“bounded” UKF", "undefined; judged as: the estimation error stays bounded. bounds= on states is ours"),
-    ("60 x1", "penalises the angle from hanging, not the error, as printed"),
-)
-
-
-def misprint_table() -> Table:
-    """Misprints of the text."""
-    return Table(
-        ("where", "printed", "taken"), MISPRINTS, "Misprints of the paper.", "table-misprints", stacks=True
-    )
-
-
-def open_table() -> Table:
-    """What is not given."""
-    return Table(("not given", "chosen"), OPEN, "What the paper does not give.", "table-open", stacks=True)
+        for what, name, holds, expected in allowed:
+            value = getattr(self, name)
+            if not holds or (isinstance(value, float) and not math.isfinite(value)):
+                raise InvalidInput(
+                    f"The {what} cannot be used.",
+                    f"expected {expected}, got {value!r}",
+                    f"--{name.replace('_', '-')} {getattr(PaperSettings, name)}",
+                )
 
 
 #: R2 of Eq. (11).
@@ -204,32 +129,28 @@ class PaperSetup:
         """L-H∞: the same problem, degree 2."""
         return solve_hji(self.problem, gamma=self.gamma, degree=2)
 
-    @cached_property
-    def nonlinear_lqr(self) -> HJISolution:
-        """γ = ∞, of the same degree: the law without H∞."""
-        return solve_hji(self.problem, gamma=math.inf, degree=self.settings.degree)
+    def law(
+        self,
+        weights: Mapping[str, float] | None = None,
+        *,
+        degree: int | None = None,
+        pose: float | None = None,
+    ) -> HJISolution:
+        """NL-H∞ at the settings' ratio of its own γ*; solved once each.
 
-    @cached_property
-    def gravity_lqr(self) -> GravityCompensatedLQR:
-        """LQR of the arm without gravity, with gravity compensation: what a practitioner would try first."""
-        return GravityCompensatedLQR.design(self.problem)
-
-    def law(self, weights: Mapping[str, float], *, degree: int | None = None) -> HJISolution:
-        """NL-H∞ for another penalty (weights by state, R2 kept) at the same ratio of its own γ*; solved once each."""
+        Parameters
+        ----------
+        weights : mapping of state to float, optional
+            Instead of the paper's; R2 is kept.
+        degree : int, optional
+            Of V; the settings' by default.
+        pose : float, optional
+            Link position to expand about, rad; the hanging rest by default.
+        """
         degree = self.settings.degree if degree is None else degree
-        key = (tuple(sorted(weights.items())), degree)
+        key = (None if weights is None else tuple(sorted(weights.items())), degree, pose)
         if key not in self._laws:
-            problem = self.arm.problem(Penalty(weights, effort=EFFORT))
-            gamma = self.settings.gamma_ratio * smallest_gamma(problem)
-            self._laws[key] = solve_hji(problem, gamma=gamma, degree=degree)
-        return self._laws[key]
-
-    def law_about(self, pose: float, degree: int) -> HJISolution:
-        """The paper's penalty, but expanded about another pose (rad), at the same ratio of its own γ*; solved once
-        each."""
-        key = (pose, degree)
-        if key not in self._laws:
-            problem = self.arm.problem(pose=pose)
+            problem = self.arm.problem(None if weights is None else Penalty(weights, effort=EFFORT), pose)
             gamma = self.settings.gamma_ratio * smallest_gamma(problem)
             self._laws[key] = solve_hji(problem, gamma=gamma, degree=degree)
         return self._laws[key]
@@ -319,7 +240,7 @@ class PaperSetup:
 
     def _loop(self, law: Law, estimator: Any, inductance: bool, noise: bool) -> tuple[Loop, float | None]:
         """With the deviation of the measurement noise; "settings" is the estimator of the settings."""
-        chosen = self.estimator() if isinstance(estimator, str) and estimator == "settings" else estimator
+        chosen = self.estimator() if isinstance(estimator, str) else estimator
         deviation = math.sqrt(self.settings.measurement_noise) if noise and chosen is not None else None
         return self.loop(law, chosen, inductance), deviation
 

@@ -1,37 +1,69 @@
-"""The whole reproduction: figures, claims, and the files of the report."""
+"""The whole reproduction: the numbers of every figure, the verdict of every claim, and the files of the report."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from importlib import import_module
 from typing import Any
 
-from flexhinf.paper.claims import JUDGES, Judged
-from flexhinf.paper.experiments import Experiments
-from flexhinf.paper.figures import FIGURES, PaperFigure
+from flexhinf.paper.claim import Judged
+from flexhinf.paper.disturbances import GAIN, TORQUES
+from flexhinf.paper.estimators import UKF
+from flexhinf.paper.experiments import FIGURE_NUMBERS, Experiments
 from flexhinf.paper.loop_setup import PaperSettings, PaperSetup
-from flexhinf.paper.page import paper_page
-from flexhinf.report import to_json
+from flexhinf.paper.tolerances import COIL, TOLERANCES
+from flexhinf.paper.tracking import ABOUT_THE_GOAL, STEPS_AND_TRACKING
+
+#: Every claim, in the order of the report.
+CLAIMS = (*STEPS_AND_TRACKING, COIL, GAIN, TOLERANCES, *TORQUES, *UKF, ABOUT_THE_GOAL)
 
 #: How many steps of work there are, for a progress bar.
-STAGES = len(FIGURES) + len(JUDGES) + 2
+STAGES = len(FIGURE_NUMBERS) + len(CLAIMS) + 1
+
+#: The pages that show a reproduction; they are loaded when its files are asked for.
+PAGES = "flexhinf.pages.paper"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Reproduction:
-    """What came out.
+    """Results of the reproduction.
 
     Attributes
     ----------
-    files : dict of str to str
-        index.html, figure_03.svg … figure_12.svg, metrics.json.
-    metrics : dict
-        As in ``metrics.json``.
+    figures : dict
+        Numbers of the paper's figures, "03" … "12".
+    command : tuple of str
+        What makes it again.
     """
 
-    files: dict[str, str]
+    experiments: Experiments
+    figures: dict[str, dict[str, Any]]
     judged: tuple[Judged, ...]
-    metrics: dict[str, Any]
+    command: tuple[str, ...]
+
+    @cached_property
+    def files(self) -> dict[str, str]:
+        """index.html, figure_03.svg … figure_12.svg, metrics.json."""
+        return import_module(PAGES).paper_files(self)
+
+    @cached_property
+    def metrics(self) -> dict[str, Any]:
+        """As in ``metrics.json``."""
+        setup = self.experiments.setup
+        settings = {
+            "period_s" if name == "period" else name: value for name, value in vars(setup.settings).items()
+        }
+        return {
+            "version": 1,
+            "gamma_star": setup.gamma_star,
+            "gamma": setup.gamma,
+            **settings,
+            "figures": self.figures,
+            "claims": [judged.as_dict() for judged in self.judged if not judged.ours],
+            "our_questions": [judged.as_dict() for judged in self.judged if judged.ours],
+        }
 
 
 def reproduce(
@@ -56,47 +88,12 @@ def reproduce(
     begin = progress or (lambda text: None)
     begin("synthesis")
     experiments = Experiments(PaperSetup(settings))
-    figures: list[PaperFigure] = []
-    for recipe in FIGURES:
-        begin(f"figure {int(recipe.number)}")
-        figures.append(recipe(experiments))
+    figures: dict[str, dict[str, Any]] = {}
+    for figure, numbers in FIGURE_NUMBERS.items():
+        begin(f"figure {int(figure)}")
+        figures[figure] = numbers(experiments)
     judged: list[Judged] = []
-    for what, judge in JUDGES:
-        begin(f"claim: {what}")
-        found = judge(experiments)
-        judged += found if isinstance(found, list) else [found]
-    begin("report")
-    metrics = _metrics(experiments, figures, judged)
-    files = {
-        "index.html": paper_page(experiments, figures, judged, command).html(),
-        "metrics.json": to_json(metrics),
-    }
-    files |= {f"figure_{d.number}.svg": d.svg for d in figures}
-    return Reproduction(files, tuple(judged), metrics)
-
-
-def _metrics(
-    experiments: Experiments, figures: Sequence[PaperFigure], judged: Sequence[Judged]
-) -> dict[str, Any]:
-    setup = experiments.setup
-    s = setup.settings
-    return {
-        "version": 1,
-        "gamma_star": setup.gamma_star,
-        "gamma": setup.gamma,
-        "gamma_ratio": s.gamma_ratio,
-        "degree": s.degree,
-        "period_s": s.period,
-        "seed": s.seed,
-        "estimator": s.estimator,
-        "process_noise": s.process_noise,
-        "measurement_noise": s.measurement_noise,
-        "figures": {d.number: d.numbers for d in figures},
-        "claims": [_entry(j) for j in judged if not j.ours],
-        "our_questions": [_entry(j) for j in judged if j.ours],
-    }
-
-
-def _entry(judged: Judged) -> dict[str, Any]:
-    """A claim as it stands in ``metrics.json``."""
-    return {**judged.claim.as_dict(), **({"numbers": judged.numbers} if judged.numbers else {})}
+    for claim in CLAIMS:
+        begin(f"claim: {claim.id.replace('-', ' ')}")
+        judged.append(claim.judged(experiments))
+    return Reproduction(experiments, figures, tuple(judged), tuple(command))

@@ -1,6 +1,7 @@
 """Figures, tables, one self-contained HTML page, and the folder they are written to as a whole."""
 
 from flexhinf.report.blocks import (
+    Block,
     Bullets,
     Figure,
     FigureRow,
@@ -35,12 +36,12 @@ from flexhinf.report.figure import (
 )
 from flexhinf.report.folder import check, is_report, unchanged, write
 from flexhinf.report.page import KeyNumber, Page, Section, Status
-from flexhinf.report.table import Column, Table
+from flexhinf.report.table import Cell, Column, Table
 
 __all__ = [
-    "GRID", "INK", "MUTED", "SERIES", "WIDTH", "Bullets", "Claim", "ClaimEvidence", "Claims", "Column", "Figure",
-    "FigureRow", "KeyNumber", "Listing", "Note", "Page", "Paragraph", "Provenance", "Section", "Setting", "Settings",
-    "Status", "Table", "at_least", "at_most", "by_verdict", "check", "figure_to_svg", "house_style", "is_report",
-    "label", "legend", "new_figure", "number", "quantile_band", "reference_line", "settling_band", "summary",
-    "time_response", "to_json", "unchanged", "versions", "write",
+    "GRID", "INK", "MUTED", "SERIES", "WIDTH", "Block", "Bullets", "Cell", "Claim", "ClaimEvidence", "Claims",
+    "Column", "Figure", "FigureRow", "KeyNumber", "Listing", "Note", "Page", "Paragraph", "Provenance", "Section",
+    "Setting", "Settings", "Status", "Table", "at_least", "at_most", "by_verdict", "check", "figure_to_svg",
+    "house_style", "is_report", "label", "legend", "new_figure", "number", "quantile_band", "reference_line",
+    "settling_band", "summary", "time_response", "to_json", "unchanged", "versions", "write",
 ]  # fmt: skip

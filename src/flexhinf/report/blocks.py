@@ -20,7 +20,7 @@ from dataclasses import dataclass, field
 from decimal import ROUND_CEILING, ROUND_FLOOR, ROUND_HALF_EVEN, Context, Decimal
 from importlib import metadata
 from numbers import Integral, Real
-from typing import Protocol
+from typing import ClassVar
 
 from flexhinf.errors import InvalidInput, NumericalFailure
 from flexhinf.report.figure import LIGHT
@@ -49,6 +49,11 @@ def prose(text: str) -> str:
     """
     raised = _RAISED.sub(lambda found: f"R<sup>{found[1] or _LETTERS[found[2]]}</sup>", escape(text))
     return _CODE.sub(r"<code>\1</code>", raised)
+
+
+def unit_html(unit: str) -> str:
+    """A unit after a number or a name; nothing without one."""
+    return f' <span class="unit">{escape(unit)}</span>' if unit else ""
 
 
 def number(value: Real | float, digits: int = 4, decimals: int | None = None) -> str:
@@ -230,16 +235,16 @@ _ROLE = {colour: role for role, colour in LIGHT.items()}
 _ID = re.compile(r"[a-z][a-z0-9-]*\Z")
 
 
-class Block(Protocol):
+class Block:
     """A piece of a section."""
 
     def html(self) -> str:
         """The block as HTML, every text escaped."""
-        ...
+        raise NotImplementedError
 
     def ids(self) -> tuple[str, ...]:
         """The anchors that this block makes on the page."""
-        ...
+        return ()
 
 
 def check_id(name: str) -> None:
@@ -253,52 +258,25 @@ def check_id(name: str) -> None:
 
 
 @dataclass(frozen=True)
-class Paragraph:
+class Paragraph(Block):
     """A paragraph; `` `code` `` between backticks is set as code."""
 
     text: str
+    _frame: ClassVar[str] = "<p>{}</p>"
 
     def html(self) -> str:
-        """The paragraph as HTML."""
-        return f"<p>{prose(self.text)}</p>"
-
-    def ids(self) -> tuple[str, ...]:
-        """No anchors."""
-        return ()
+        """The text in its frame."""
+        return self._frame.format(prose(self.text))
 
 
-@dataclass(frozen=True)
-class Note:
+class Note(Paragraph):
     """A paragraph that stands out: a limit, or a warning the reader must not miss."""
 
-    text: str
-
-    def html(self) -> str:
-        """The note as HTML."""
-        return f'<p class="note"><strong>Note.</strong> {prose(self.text)}</p>'
-
-    def ids(self) -> tuple[str, ...]:
-        """No anchors."""
-        return ()
+    _frame = '<p class="note"><strong>Note.</strong> {}</p>'
 
 
 @dataclass(frozen=True)
-class Bullets:
-    """A list of short texts."""
-
-    items: tuple[str, ...]
-
-    def html(self) -> str:
-        """The list as HTML."""
-        return "<ul>" + "".join(f"<li>{prose(item)}</li>" for item in self.items) + "</ul>"
-
-    def ids(self) -> tuple[str, ...]:
-        """No anchors."""
-        return ()
-
-
-@dataclass(frozen=True)
-class Listing:
+class Listing(Block):
     """Text set as it is: a command, a file, a few lines of code."""
 
     text: str
@@ -307,13 +285,20 @@ class Listing:
         """The listing as HTML."""
         return f"<pre><code>{escape(self.text)}</code></pre>"
 
-    def ids(self) -> tuple[str, ...]:
-        """No anchors."""
-        return ()
+
+@dataclass(frozen=True)
+class Bullets(Block):
+    """A list of short texts."""
+
+    items: tuple[str, ...]
+
+    def html(self) -> str:
+        """The list as HTML."""
+        return f"<ul>{''.join(f'<li>{prose(item)}</li>' for item in self.items)}</ul>"
 
 
 @dataclass(frozen=True)
-class Figure:
+class Figure(Block):
     """A drawing with its caption and an anchor.
 
     Parameters
@@ -352,7 +337,7 @@ class Figure:
 
 
 @dataclass(frozen=True)
-class FigureRow:
+class FigureRow(Block):
     """Figures that belong together, side by side where the page is wide enough."""
 
     figures: tuple[Figure, ...]
@@ -435,7 +420,7 @@ class Setting:
 
 
 @dataclass(frozen=True)
-class Settings:
+class Settings(Block):
     """Settings in named groups, in the order given; folded on the page, open on paper."""
 
     groups: Mapping[str, Sequence[Setting]]
@@ -452,13 +437,9 @@ class Settings:
         )
         return f"<details><summary>Every assumption and setting ({count})</summary>{parts}</details>"
 
-    def ids(self) -> tuple[str, ...]:
-        """No anchors."""
-        return ()
-
 
 @dataclass(frozen=True)
-class Provenance:
+class Provenance(Block):
     """Where a report comes from.
 
     Parameters
@@ -487,10 +468,6 @@ class Provenance:
             again = "<p>Written from Python with the settings above.</p>"
         return f'{again}<p class="versions">Random numbers: {seed}. Versions: {listed}.</p>'
 
-    def ids(self) -> tuple[str, ...]:
-        """No anchors."""
-        return ()
-
 
 def versions(distribution: str = "flexhinf") -> dict[str, str]:
     """Versions of a distribution, of what it requires, of Python, and the kind of machine."""
@@ -504,8 +481,7 @@ def versions(distribution: str = "flexhinf") -> dict[str, str]:
 
 
 def _row(setting: Setting) -> str:
-    unit = f' <span class="unit">{escape(setting.unit)}</span>' if setting.unit else ""
     return (
         f'<tr><th scope="row">{prose(setting.name)}</th>'
-        f"<td>{prose(scalar(setting.value))}{unit}</td><td>{prose(setting.source)}</td></tr>"
+        f"<td>{prose(scalar(setting.value))}{unit_html(setting.unit)}</td><td>{prose(setting.source)}</td></tr>"
     )

@@ -69,7 +69,7 @@ class Claim:
 
 
 @dataclass(frozen=True)
-class Claims:
+class Claims(Block):
     """A table of judged claims, those that fail first; each row leads to the claim's `ClaimEvidence` on the same
     page."""
 
@@ -84,13 +84,9 @@ class Claims:
             f"<tbody>{rows}</tbody></table></div>"
         )
 
-    def ids(self) -> tuple[str, ...]:
-        """No anchors: those are the evidence's."""
-        return ()
-
 
 @dataclass(frozen=True)
-class ClaimEvidence:
+class ClaimEvidence(Block):
     """One claim with its criterion, its verdict, the numbers behind it, and the tables and figures that show it."""
 
     claim: Claim

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from importlib import resources
 
 from flexhinf.errors import InvalidInput
-from flexhinf.report.blocks import Block, Provenance, Settings, check_id, escape, prose, scalar
+from flexhinf.report.blocks import Block, Provenance, Settings, check_id, escape, prose, scalar, unit_html
 from flexhinf.report.claims import ClaimEvidence, Claims
 from flexhinf.report.figure import DARK, LIGHT
 
@@ -70,9 +70,9 @@ class KeyNumber:
 
     def html(self) -> str:
         """The number as an entry of the strip."""
-        unit = f' <span class="unit">{escape(self.unit)}</span>' if self.unit else ""
         note = f'<dd class="small">{prose(self.note)}</dd>' if self.note else ""
-        return f"<div><dt>{prose(self.label)}</dt><dd>{escape(scalar(self.value))}{unit}</dd>{note}</div>"
+        value = f"{escape(scalar(self.value))}{unit_html(self.unit)}"
+        return f"<div><dt>{prose(self.label)}</dt><dd>{value}</dd>{note}</div>"
 
 
 @dataclass(frozen=True)

@@ -1,40 +1,87 @@
-"""Tables: names and units in the header, numbers lined up."""
+"""Tables: built once as data, written as HTML, for a terminal, and as records."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from numbers import Integral, Real
+from typing import TYPE_CHECKING, Any
 
 from flexhinf.errors import InvalidInput
-from flexhinf.report.blocks import check_id, escape, number, prose, scalar
+from flexhinf.report.blocks import Block, check_id, escape, number, prose, scalar, unit_html
+
+if TYPE_CHECKING:
+    from rich.table import Table as Terminal
+
+#: Columns of a terminal.
+WIDTH = 80
 
 
 @dataclass(frozen=True)
 class Column:
-    """A column's name and unit (shown in the header), and its fixed digits after the point, if any."""
+    """How a column is headed and how its numbers are written.
+
+    Parameters
+    ----------
+    name, unit : str
+        Of the header.
+    decimals : int, optional
+        Digits after the point. Without them numbers of comparable size get common decimals.
+    digits : int, optional
+        Significant digits, of each number by itself.
+    key, scale : str, float
+        For `Table.of`: the entry of a record, and the factor that brings it to `unit`.
+    brief : str or None
+        Header in a terminal where it differs; None for a column that is only on pages.
+    right : bool
+        Whether texts are right-aligned too.
+    """
 
     name: str
     unit: str = ""
     decimals: int | None = None
+    digits: int | None = None
+    key: str = ""
+    scale: float = 1.0
+    brief: str | None = ""
+    right: bool = False
+
+    @property
+    def heading(self) -> str:
+        """Header in a terminal."""
+        return self.brief or ", ".join(part for part in (self.name, self.unit) if part)
 
 
 @dataclass(frozen=True)
-class Table:
+class Cell:
+    """A cell that stands out: `mark` is "best" or a colour, which only a terminal shows."""
+
+    value: object
+    mark: str = ""
+
+
+@dataclass(frozen=True)
+class Table(Block):
     """Rows under named columns.
 
-    Columns of numbers are right-aligned with common decimals; None is shown as –.
+    Columns of numbers are right-aligned; None is shown as –.
 
     Parameters
     ----------
-    rows : sequence of sequences
-        Text, numbers, yes/no or None; as many as there are columns.
+    rows : sequence
+        Each a sequence of text, numbers, yes/no, None or `Cell`, as many as there are columns; or one text, the title
+        of the rows below it.
+    caption : str, optional
+        Above the table on a page.
     id : str, optional
         An anchor.
     stacks : bool, optional
         Whether a narrow screen shows each row as a list of its cells, for tables with sentences in them; other tables
         scroll sideways in their frame.
+    title : str, optional
+        In a terminal, instead of the caption.
     """
 
     columns: Sequence[Column | str]
@@ -42,87 +89,144 @@ class Table:
     caption: str = ""
     id: str = ""
     stacks: bool = False
+    title: str = ""
 
     def __post_init__(self) -> None:
         if self.id:
             check_id(self.id)
         for index, row in enumerate(self.rows):
-            if len(row) != len(self.columns):
+            if not isinstance(row, str) and len(row) != len(self.columns):
                 raise InvalidInput(
                     "A row of a table does not fit its columns.",
                     f"expected {len(self.columns)} cells, got {len(row)} in row {index} of {self.caption!r}",
                     "None for a cell that has no value",
                 )
 
+    @classmethod
+    def of(
+        cls, columns: Sequence[Column], records: Iterable[Mapping[str, Any]], *others: Any, **named: Any
+    ) -> Table:
+        """A table of records; columns say by `key` and `scale` what they show of each."""
+
+        def cell(column: Column, value: Any) -> Any:
+            return value if value is None or column.scale == 1.0 else column.scale * value
+
+        rows = [tuple(cell(column, record.get(column.key)) for column in columns) for record in records]
+        return cls(columns, rows, *others, **named)
+
+    def records(self) -> list[dict[str, object]]:
+        """Rows by the names of their columns."""
+        names = [column.name for column in self.heads]
+        return [dict(zip(names, row)) for row in self.rows if not isinstance(row, str)]
+
+    def ids(self) -> tuple[str, ...]:
+        """The table's anchor, if it has one."""
+        return (self.id,) if self.id else ()
+
+    @cached_property
+    def heads(self) -> list[Column]:
+        """The columns."""
+        return [Column(column) if isinstance(column, str) else column for column in self.columns]
+
+    @cached_property
+    def _written(self) -> list[tuple[bool, list[str]]]:
+        """Of each column whether it is right-aligned, and its texts."""
+        found = []
+        for index, column in enumerate(self.heads):
+            cells = [row[index] for row in self.rows if not isinstance(row, str)]
+            values = [cell.value if isinstance(cell, Cell) else cell for cell in cells]
+            known = [value for value in values if value is not None]
+            numeric = bool(known) and all(isinstance(v, Real) and not isinstance(v, bool) for v in known)
+            if numeric and column.digits:
+                texts = ["–" if v is None else number(v, column.digits) for v in values]  # pyright: ignore[reportArgumentType]
+            else:
+                decimals = _decimals(known) if numeric and column.decimals is None else column.decimals
+                texts = [scalar(value, decimals) for value in values]
+            found.append((numeric or column.right, texts))
+        return found
+
+    def _lines(self) -> Iterable[str | list[tuple[str, str]]]:
+        """The title of some rows, or the texts and marks of one."""
+        texts = zip(*(texts for _, texts in self._written))
+        for row in self.rows:
+            if isinstance(row, str):
+                yield row
+            else:
+                yield [(text, getattr(cell, "mark", "")) for text, cell in zip(next(texts), row)]
+
     def html(self) -> str:
         """The table as HTML, in a frame that scrolls sideways on a narrow screen, or with rows that stack."""
-        columns = [Column(column) if isinstance(column, str) else column for column in self.columns]
-        cells = [[row[index] for row in self.rows] for index in range(len(columns))]
-        numeric = [_is_numeric(values) for values in cells]
-        written = [
-            _numbers(values, column.decimals)
-            if right
-            else [scalar(value, column.decimals) for value in values]
-            for column, values, right in zip(columns, cells, numeric, strict=True)
-        ]
-        css = [' class="number"' if right else "" for right in numeric]
+        css = [' class="number"' if numeric else "" for numeric, _ in self._written]
         head = "".join(
-            f'<th scope="col"{mark}>{prose(column.name)}{_unit(column.unit)}</th>'
-            for column, mark in zip(columns, css, strict=True)
+            f'<th scope="col"{mark}>{prose(column.name)}{unit_html(column.unit)}</th>'
+            for column, mark in zip(self.heads, css)
         )
+        labels = [""] * len(css)
+        if self.stacks:  # what a stacked row repeats before each cell but its first
+            names = [f"{column.name} {column.unit}".strip() for column in self.heads[1:]]
+            labels[1:] = [f' data-label="{escape(name)}"' for name in names]
         body = "".join(
-            "<tr>"
-            + "".join(
-                f"<td{mark}{label}>{prose(text)}</td>"
-                for mark, label, text in zip(css, self._labels(columns), row, strict=True)
-            )
-            + "</tr>"
-            for row in zip(*written, strict=True)
+            f'<tr><th scope="rowgroup" colspan="{len(css)}">{prose(line)}</th></tr>'
+            if isinstance(line, str)
+            else f"<tr>{''.join(_cell(mark, label, *cell) for mark, label, cell in zip(css, labels, line))}</tr>"
+            for line in self._lines()
         )
         anchor = f' id="{self.id}"' if self.id else ""
-        kind = "table stacks" if self.stacks else "table"
         caption, named = "", ""
         if self.caption:  # above the table, not in it: a <caption> is no wider than its table
             mark = f' id="{self.id}-caption"' if self.id else ""
             named = f' aria-labelledby="{self.id}-caption"' if self.id else ""
             caption = f'<p class="caption"{mark}>{prose(self.caption)}</p>'
         return (
-            f'<div class="{kind}"{anchor}>{caption}<table{named}><thead><tr>{head}</tr></thead>'
-            f"<tbody>{body}</tbody></table></div>"
+            f'<div class="{"table stacks" if self.stacks else "table"}"{anchor}>{caption}<table{named}>'
+            f"<thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>"
         )
 
-    def _labels(self, columns: Sequence[Column]) -> list[str]:
-        """What a stacked row repeats before each cell but its first."""
-        if not self.stacks:
-            return [""] * len(columns)
-        names = [f"{column.name} {column.unit}".strip() for column in columns]
-        return ["", *(f' data-label="{escape(name)}"' for name in names[1:])]
+    def terminal(self, wide: bool = False) -> Terminal:
+        """The table for a terminal; its texts are taken as they are, so a joint may be called [red] or :cat:.
 
-    def ids(self) -> tuple[str, ...]:
-        """The table's anchor, if it has one."""
-        return (self.id,) if self.id else ()
+        Parameters
+        ----------
+        wide : bool
+            Whether no column may take several lines.
+        """
+        from rich.box import SIMPLE_HEAD
+        from rich.table import Table as Terminal
+        from rich.text import Text
+
+        title = self.title or self.caption
+        table = Terminal(
+            title=Text(title, "table.title"), title_justify="left", box=SIMPLE_HEAD, pad_edge=False, show_edge=not wide,
+            padding=(0, 1, 0, 0), min_width=min(WIDTH, max(map(len, title.split("\n")))),
+        )  # fmt: skip
+        indent = " " if any(isinstance(row, str) for row in self.rows) else ""
+        there = [k for k, column in enumerate(self.heads) if column.brief is not None]
+        for k in there:
+            right = self._written[k][0]
+            heading = Text(self.heads[k].heading)
+            table.add_column(heading, justify="right" if right else "left", no_wrap=wide or right)
+        for line in self._lines():
+            if isinstance(line, str):
+                table.add_row(Text(line, "bold"))
+            else:
+                cells = [line[k] for k in there]
+                cells[0] = (indent + cells[0][0], cells[0][1])
+                table.add_row(*(Text(f"{t}*") if m == "best" else Text(t, m) for t, m in cells))
+        return table
 
 
-def _unit(unit: str) -> str:
-    return f' <span class="unit">{escape(unit)}</span>' if unit else ""
+def _cell(css: str, label: str, text: str, mark: str) -> str:
+    words = (
+        f'<strong>{prose(text)}</strong><br><span class="unit">best</span>' if mark == "best" else prose(text)
+    )
+    return f"<td{css}{label}>{words}</td>"
 
 
-def _is_numeric(values: Sequence[object]) -> bool:
-    given = [value for value in values if value is not None]
-    return bool(given) and all(isinstance(value, Real) and not isinstance(value, bool) for value in given)
-
-
-def _numbers(values: Sequence[object], decimals: int | None) -> list[str]:
-    """A column of numbers; common decimals where their sizes are comparable (4 digits for the largest)."""
-    if decimals is None:
-        sizes = [
-            abs(float(value))
-            for value in values
-            if isinstance(value, Real)
-            and not isinstance(value, Integral)
-            and math.isfinite(value)
-            and value != 0
-        ]
-        if sizes and max(sizes) < 1e4 * min(sizes) and 1e-3 <= max(sizes) < 1e6:
-            decimals = max(0, 3 - math.floor(math.log10(max(sizes))))
-    return ["–" if value is None else number(value, decimals=decimals) for value in values]  # pyright: ignore[reportArgumentType]
+def _decimals(values: Sequence[Any]) -> int | None:
+    """Common decimals, 4 digits for the largest number, where sizes are comparable."""
+    sizes = [
+        abs(float(v)) for v in values if not isinstance(v, Integral) and math.isfinite(v) and v != 0
+    ]  # fmt: skip
+    if sizes and max(sizes) < 1e4 * min(sizes) and 1e-3 <= max(sizes) < 1e6:
+        return max(0, 3 - math.floor(math.log10(max(sizes))))
+    return None

@@ -2,8 +2,6 @@
 
 from .dynamics import Joint as Joint
 from .dynamics import Placement as Placement
-from .file_parts import assembled as assembled
-from .file_parts import single_link_robot as single_link_robot
 from .kinematics import check_holding as check_holding
 from .kinematics import check_reference as check_reference
 from .mujoco import MuJoCoPlant as MuJoCoPlant
@@ -11,6 +9,8 @@ from .parameters import Parameter as Parameter
 from .parts import ElasticJoint as ElasticJoint
 from .parts import Link as Link
 from .parts import SingleLink as SingleLink
+from .parts import assembled as assembled
+from .parts import single_link_robot as single_link_robot
 from .payload import Payload as Payload
 from .payload import Weighing as Weighing
 from .payload import weigh_payload as weigh_payload

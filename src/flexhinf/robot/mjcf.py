@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
+from importlib import import_module
 from typing import Any
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
@@ -114,7 +115,7 @@ def _refusal(file: str, what: str, found: str, advice: str) -> InvalidInput:
 def _specification(root: Element, file: str) -> Any:
     """MuJoCo's own description of the bodies, joints, shapes and actuators, checked and not yet compiled."""
     try:
-        import mujoco
+        mujoco: Any = import_module("mujoco")
     except ImportError as error:
         raise InvalidInput(
             f"{file}: MJCF is read by MuJoCo, which is not installed.",
@@ -159,12 +160,15 @@ def _kept(root: Element, file: str) -> Element:
             )
             kept.append(copied)
     for element in kept.iter():
-        inertias = [key for key in ("diaginertia", "fullinertia") if key in element.attrib]
-        if element.tag == "inertial" and not (len(inertias) == 1 and {"pos", "mass"} <= set(element.attrib)):
+        stated = element.findall("inertial")
+        keys = set(stated[0].attrib) if stated else {"pos", "mass", "diaginertia"}
+        whole = {"pos", "mass"} <= keys and len(keys & {"diaginertia", "fullinertia"}) == 1
+        if len(stated) > 1 or not whole:
             raise _refusal(
                 file,
-                "an <inertial> is incomplete",
-                f"expected pos, mass, and diaginertia or fullinertia, got {value_text(sorted(element.attrib), 120)}",
+                f"the inertia of the body {value_text(element.get('name', ''), 60)} is incomplete, or stands there twice",
+                f"expected one <inertial> with pos, mass, and diaginertia or fullinertia, got {len(stated)} with "
+                f"{value_text(sorted(keys), 120)}",
                 '<inertial pos="0 0 0" mass="1" diaginertia="0.01 0.01 0.01"/>',
             )
         for key, text in element.attrib.items():

@@ -5,31 +5,32 @@ The paper's robot: Tables 1 and 2.
 
 from __future__ import annotations
 
-import difflib
-from collections.abc import Callable, Mapping, Sequence
-from functools import partial
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
-from flexhinf.errors import InvalidInput
+from flexhinf.errors import InvalidInput, located
 from flexhinf.plant import Penalty
-from flexhinf.robot.dynamics import Joint, Placement
-from flexhinf.robot.file_parts import PartsReader, assembled, own_frames, single_link_robot
+from flexhinf.robot.arm import Pendulum
+from flexhinf.robot.dynamics import Joint, Placement, Tree
 from flexhinf.robot.mjcf import read_mjcf
-from flexhinf.robot.parameters import Parameter
-from flexhinf.robot.parts import SingleLink
-from flexhinf.robot.payload import Frame, Payload
+from flexhinf.robot.parameters import INERTIA, Parameter, per_joint, unit_of
+from flexhinf.robot.parts import ElasticJoint, Link, SingleLink, assembled, single_link_robot
+from flexhinf.robot.payload import SHAPES, Frame, Payload, inertia_of_shape, payload_from_text
 from flexhinf.robot.plausibility import check_angles, check_plausible
 from flexhinf.robot.robot import Robot
-from flexhinf.robot.schema import JointTable, RobotTable, check_nesting, file_error, nesting_advice
-from flexhinf.robot.units import check_units, read_units
+from flexhinf.robot.schema import RobotFile, check_tolerance, nesting_advice
 from flexhinf.robot.urdf import MOST_JOINTS, RigidArm, check_selection, read_urdf
-from flexhinf.validation import checked_path, distinct, read_toml, read_xml, value_text
+from flexhinf.validation import checked_path, distinct, nearest, read_toml, read_xml, value_text
 
 GRAVITY = 9.81
 
 #: How names of MJCF files end; a URDF may end so too, its root element decides.
 MJCF = (".xml", ".mjcf")
+
+#: Numbers whose tolerance in a table [tolerances] has another name.
+KEYS = {"rotor_inertia": "motor_inertia", "axis_inertia": "inertia", "length": "centre_of_mass"}
 
 
 def load_robot(
@@ -61,7 +62,7 @@ def load_robot(
         With the file, the key, the value and what is allowed there.
     """
     check_selection(joints, locked)
-    path = _found(source)
+    path = _existing(source)
     if path.suffix.lower() == ".toml":
         if elastic is not None:
             raise InvalidInput(
@@ -69,24 +70,24 @@ def load_robot(
                 f"expected elastic=... beside a URDF, got it beside {path.name!r}",
                 "load_robot('arm.toml'), or urdf = '…' in that file",
             )
-        table, file, check = _read(path)
-        if table.urdf is not None and table.mjcf is not None:
-            raise InvalidInput(f"{file}: two files state the links.", "got urdf and mjcf", "one of them")
-        rigid = table.urdf or table.mjcf
+        parts = PartsReader(path)
+        rigid = parts.table.urdf or parts.table.mjcf
+        if parts.table.urdf is not None and parts.table.mjcf is not None:
+            raise InvalidInput(f"{path.name}: two files state the links.", "got urdf and mjcf", "one of them")
         if rigid is None:
-            return check(_own(table, file, joints, locked, payload))
-        return check(_with_urdf(table, file, _found(path.parent / rigid), joints, locked, payload))
+            return parts.whole_robot(joints, locked, payload)
+        return parts.robot_with(_existing(path.parent / rigid), joints, locked, payload)
     if elastic is None:
         raise InvalidInput(
             f"{path.name}: a URDF or an MJCF file says nothing about elastic joints.",
             "expected elastic='joints.toml', got none",
             "a TOML file with, for each joint: [[joint]] name, [joint.spring] stiffness, [joint.motor] motor_inertia",
         )
-    table, file, check = _read(_found(elastic), path.suffix.lower() in MJCF)
-    return check(_with_urdf(table, file, path, joints, locked, payload))
+    parts = PartsReader(_existing(elastic), path.suffix.lower() in MJCF)
+    return parts.robot_with(path, joints, locked, payload)
 
 
-def _found(source: str | Path) -> Path:
+def _existing(source: str | Path) -> Path:
     shipped, path = catalogue(), checked_path("The robot file", source)
     if str(source) in shipped:
         return shipped[str(source)]
@@ -95,21 +96,20 @@ def _found(source: str | Path) -> Path:
             return path
     except (OSError, ValueError):  # a name that no file can have
         pass
-    close = difflib.get_close_matches(str(source), shipped, n=1)
     raise InvalidInput(
         f"There is no robot file {value_text(str(source), 120)}.",
         f"expected a file, or a name of the catalogue: {list(shipped)}",
-        f"{close[0]!r}"
-        if close
-        else "the path of a file (.toml, .urdf, .xml), or of a report's folder where a design "
-        "is meant, beginning at the working folder or at the root",
+        nearest(
+            source,
+            shipped,
+            "the path of a file (.toml, .urdf, .xml), or of a report's folder where a design is meant, beginning at "
+            "the working folder or at the root",
+        ),
     )
 
 
-def _read(path: Path, with_motors: bool = False) -> tuple[RobotTable, str, Callable[[Robot], Robot]]:
-    """The tables of a file, its name, and a check of stated units; with MJCF motors, [joint.motor] may be left out."""
-    from pydantic import ValidationError
-
+def _read(path: Path, with_motors: bool) -> RobotFile:
+    """The tables of a file; with MJCF motors, [joint.motor] may be left out."""
     try:
         data = read_toml(path)
     except InvalidInput as error:
@@ -117,127 +117,327 @@ def _read(path: Path, with_motors: bool = False) -> tuple[RobotTable, str, Calla
             raise
         advice = f"correct that line; each joint begins with {nesting_advice()}"
         raise InvalidInput(error.what, error.found, advice) from error
-    check_nesting(data, path.name)
     rows = data.get("joint")
-    for row in rows if isinstance(rows, list) and (with_motors or "mjcf" in data) else ():
-        if isinstance(row, dict):
-            row.setdefault("motor", {})
-    if isinstance(rows, list) and len(rows) > MOST_JOINTS:
-        raise InvalidInput(
-            f"{path.name}: there are too many joints.",
-            f"expected at most {MOST_JOINTS}, got {len(rows)}",
-            "one robot",
-        )
-    stated = read_units(data, path.name)
-    try:
-        table = RobotTable.model_validate(data)
-    except ValidationError as error:
-        raise file_error(error, path.name, data) from error
-    if not table.name:
-        table.name = path.stem
-    return table, path.name, partial(check_units, stated, data, path.name)
+    if isinstance(rows, list):
+        if len(rows) > MOST_JOINTS:
+            raise InvalidInput(
+                f"{path.name}: there are too many joints.",
+                f"expected at most {MOST_JOINTS}, got {len(rows)}",
+                "one robot",
+            )
+        for row in rows if with_motors or "mjcf" in data else ():
+            if isinstance(row, dict):
+                row.setdefault("motor", {})
+    return RobotFile(data, path.name)
 
 
-# A robot file on its own --------------------------------------------------------------------------
-def _own(
-    table: RobotTable,
-    file: str,
-    chosen: Sequence[str] | None,
-    locked: Mapping[str, float] | None,
-    payload: Any,
-) -> Robot:
-    if chosen is not None or locked or table.joints is not None or table.locked:
-        raise InvalidInput(
-            f"{file}: joints are chosen or locked in a URDF only.",
-            "expected neither joints nor locked without urdf",
-            "leave the joint out of the file",
-        )
-    parts = PartsReader(table, file)
-    joints = []
-    for row in table.joint:
-        check_angles(f"{file}: joint {row.name!r}", tuple(row.rpy or ()))
-        placement = Placement.of(row.xyz or (0.0, 0.0, 0.0), row.rpy or (0.0, 0.0, 0.0))
-        limits: Any = None if row.limits is None else tuple(row.limits)
-        axis = row.axis or (0.0, 0.0, 1.0)
-        joints.append(Joint(row.name, row.kind or "revolute", axis, placement, limits, row.parent))
-    links: list[Any] = [parts.link(row) for row in table.joint]
-    springs = [parts.elastic(row) for row in table.joint]
-    common = _common(table, parts) | _limits(table.joint)
-    if any(isinstance(link, SingleLink) for link in links):
-        if len(joints) > 1 or table.down is not None:
+class PartsReader:
+    """Makes a robot of one file; a number takes its tolerance from itself, its joint or the whole file, in this order.
+
+    Parameters
+    ----------
+    with_motors : bool
+        Whether another file states the motors, so that [joint.motor] may be left out.
+    """
+
+    def __init__(self, path: Path, with_motors: bool = False) -> None:
+        self._file, self.file = _read(path, with_motors), path.name
+        self.table = self._file.root
+        self.table.name = self.table.name or path.stem
+        self._stated: dict[str | None, dict[str, float]] = {None: self.table.tolerances}
+        self._stated |= {row.name: row.tolerances for row in self.table.joint}
+        self._used: set[tuple[str | None, str]] = set()
+        for joint, stated in self._stated.items():
+            for key, value in stated.items():
+                check_tolerance(self.file, f"{key} in {_table_name(joint)}", value)
+
+    # Robots ---------------------------------------------------------------------------------------
+    def whole_robot(
+        self, chosen: Sequence[str] | None, locked: Mapping[str, float] | None, payload: Any
+    ) -> Robot:
+        """The robot of a file on its own."""
+        table, file = self.table, self.file
+        if chosen is not None or locked or table.joints is not None or table.locked:
+            raise InvalidInput(
+                f"{file}: joints are chosen or locked in a URDF only.",
+                "expected neither joints nor locked without urdf",
+                "leave the joint out of the file",
+            )
+        joints = []
+        for row in table.joint:
+            check_angles(f"{file}: joint {row.name!r}", tuple(row.rpy or ()))
+            placement = Placement.of(row.xyz or (0.0, 0.0, 0.0), row.rpy or (0.0, 0.0, 0.0))
+            limits: Any = None if row.limits is None else tuple(row.limits)
+            axis = row.axis or (0.0, 0.0, 1.0)
+            with located(file):
+                joints.append(Joint(row.name, row.kind or "revolute", axis, placement, limits, row.parent))
+        links = [self._link(row) for row in table.joint]
+        springs = [self._elastic(row) for row in table.joint]
+        settings = self._settings(table.joint)
+        if isinstance(links[0], SingleLink) and len(links) == 1 and table.down is None:
+            robot = single_link_robot(table.name, joints[0], links[0], springs[0], **settings)
+        elif any(isinstance(link, SingleLink) for link in links):
             raise InvalidInput(
                 f"{file}: axis_inertia is for a single link about a horizontal axis.",
                 f"expected one joint and no 'down', got {len(joints)} joints",
                 "mass, centre_of_mass and inertia of each link",
             )
-        robot = single_link_robot(table.name, joints[0], links[0], springs[0], **common)
-    else:
-        down = {} if table.down is None else {"down": table.down}
-        robot = assembled(table.name, joints, links, springs, **down, **common)
-    robot = parts.loaded(robot, *own_frames(joints, links), payload)
-    parts.check_tolerances()
-    return check_plausible(robot, file)
+        else:
+            robot = assembled(table.name, joints, links, springs, **self._down(None), **settings)
+        return self._finished(robot, *_own_frames(joints, links), payload)
 
-
-# With a URDF --------------------------------------------------------------------------------------
-def _with_urdf(
-    table: RobotTable,
-    file: str,
-    urdf: Path,
-    joints: Sequence[str] | None,
-    locked: Mapping[str, float] | None,
-    payload: Any,
-) -> Robot:
-    for row in table.joint:
-        twice = [
-            key for key in ("kind", "axis", "xyz", "rpy", "parent", "link") if getattr(row, key) is not None
-        ]
-        if twice:
+    def robot_with(
+        self, rigid: Path, chosen: Sequence[str] | None, locked: Mapping[str, float] | None, payload: Any
+    ) -> Robot:
+        """The robot whose links another file states."""
+        table, file = self.table, self.file
+        for row in table.joint:
+            twice = [
+                key
+                for key in ("kind", "axis", "xyz", "rpy", "parent", "link")
+                if getattr(row, key) is not None
+            ]
+            if twice:
+                raise InvalidInput(
+                    f"{file}: the joint {row.name!r} states {twice[0]!r}, which the URDF states too.",
+                    f"expected name, spring, motor (and limits) only, got {twice}",
+                    f"leave it out; {rigid.name} decides",
+                )
+        chosen = chosen if chosen is not None else table.joints
+        arm = _rigid(rigid, chosen, {**table.locked, **(locked or {})})
+        distinct(f"{file}: the joint", [row.name for row in table.joint])
+        rows = {row.name: row for row in table.joint}
+        names = [joint.name for joint in arm.joints]
+        unknown = [name for name in rows if name not in arm.movable]
+        if unknown:
             raise InvalidInput(
-                f"{file}: the joint {row.name!r} states {twice[0]!r}, which the URDF states too.",
-                f"expected name, spring, motor (and limits) only, got {twice}",
-                f"leave it out; {urdf.name} decides",
+                f"{file}: there is no joint {unknown[0]!r} in {rigid.name}.",
+                f"expected one of {list(arm.movable)}",
+                nearest(unknown[0], arm.movable),
             )
-    chosen = joints if joints is not None else table.joints
-    arm = _rigid(urdf, chosen, {**table.locked, **(locked or {})})
-    distinct(f"{file}: the joint", [row.name for row in table.joint])
-    rows = {row.name: row for row in table.joint}
-    names = [joint.name for joint in arm.joints]
-    unknown = [name for name in rows if name not in arm.movable]
-    if unknown:
-        close = difflib.get_close_matches(unknown[0], arm.movable, n=1)
-        raise InvalidInput(
-            f"{file}: there is no joint {unknown[0]!r} in {urdf.name}.",
-            f"expected one of {list(arm.movable)}",
-            f"{close[0]!r}" if close else "one of these",
+        missing = [name for name in names if name not in rows]
+        if missing:
+            raise InvalidInput(
+                f"{file}: the joint {missing[0]!r} of {rigid.name} has no stiffness.",
+                f"expected a [[joint]] for each of {names}, missing: {missing}",
+                "add it, or lock the joint: locked = {" + f"{missing[0]} = 0.0" + "}",
+            )
+        kept = [rows[name] for name in names]
+        placed = [
+            Joint(j.name, j.kind, j.axis, j.placement, tuple(r.limits) if r.limits else j.limits, j.parent)  # type: ignore[arg-type]
+            for j, r in zip(arm.joints, kept)
+        ]
+        springs = [self._elastic(row, arm.motors.get(row.name, {}), rigid.name) for row in kept]
+        links = [self._tolerated(link, name, rigid.name) for link, name in zip(arm.links, names)]
+        # <limit effort> is a torque: it says nothing about a motor whose input is a voltage or a current.
+        efforts = arm.efforts if springs[0].drive == "torque" else None
+        settings = self._settings(kept, GRAVITY if arm.gravity is None else arm.gravity, efforts, arm.speeds)
+        robot = assembled(table.name, placed, links, springs, **self._down(arm.down), **settings)
+        frames = {name: Frame(joint, place) for name, (joint, place) in arm.frames.items()}
+        return self._finished(robot, frames, arm.tips, payload)
+
+    def _down(self, otherwise: Any) -> dict[str, Any]:
+        down = otherwise if self.table.down is None else self.table.down
+        return {} if down is None else {"down": down}
+
+    def _settings(
+        self,
+        rows: Sequence[Any],
+        fall: float = GRAVITY,
+        efforts: Sequence[float] | None = None,
+        speeds: Sequence[float] | None = None,
+    ) -> dict[str, Any]:
+        """Arguments of a robot beside its parts; limits that the rows state, over those of another file."""
+        table, nothing = self.table, [None] * len(rows)
+        penalty = (
+            None if table.penalty is None else Penalty(table.penalty.weights, effort=table.penalty.effort)
         )
-    missing = [name for name in names if name not in rows]
-    if missing:
-        raise InvalidInput(
-            f"{file}: the joint {missing[0]!r} of {urdf.name} has no stiffness.",
-            f"expected a [[joint]] for each of {names}, missing: {missing}",
-            "add it, or lock the joint: locked = {" + f"{missing[0]} = 0.0" + "}",
+        return {
+            "gravity": fall if table.gravity is None else self._number(table.gravity, "gravity"),
+            "penalty": penalty,
+            "home": table.home,
+            "description": table.description,
+            "effort_limits": [row.effort_limit or other for row, other in zip(rows, efforts or nothing)],
+            "speed_limits": [row.speed_limit or other for row, other in zip(rows, speeds or nothing)],
+        }
+
+    def _finished(self, robot: Robot, frames: Mapping[str, Frame], tips: Sequence[str], given: Any) -> Robot:
+        """The robot with its payloads: what is `given`, or what the file states; checked.
+
+        Parameters
+        ----------
+        frames : mapping of str to Frame
+            What can carry a payload.
+        tips : sequence of str
+            Those at the ends: the only one is meant where a payload does not say what carries it.
+        """
+        stated = [self._payload(row) for row in self.table.payload] if given is None else _payloads(given)
+        where = [self._frame(payload, frames, tips) for payload in stated]
+        distinct(f"{self.file}: a payload of the link of joint", [frame.joint for frame in where])
+        if isinstance(robot.links, Pendulum):
+            self._check_plane(stated)
+        count = len(robot.joint_names)
+        added = [
+            number for payload, frame in zip(stated, where) for number in payload.parameters(frame, count)
+        ]
+        robot = robot.with_parameters(*self._inertia_scales(robot.joint_names), *added)
+        self._check_tolerances()
+        return self._file.check_units(check_plausible(robot, self.file))
+
+    # Numbers --------------------------------------------------------------------------------------
+    def _tolerance(self, joint: str, quantity: str) -> float:
+        """What the tables [tolerances] say of a number that states none itself, per cent."""
+        key = KEYS.get(quantity, quantity)
+        self._used |= {(None, key), (joint, key)}
+        return self._stated.get(joint, {}).get(key, self._stated[None].get(key, 0.0))
+
+    def _check_tolerances(self) -> None:
+        """Refuse tolerances of numbers that no joint has."""
+        moving = {joint for joint, _ in self._used}
+        for joint, stated in self._stated.items():
+            for key in stated if joint in moving else ():
+                if (joint, key) not in self._used:
+                    raise InvalidInput(
+                        f"{self.file}: {_table_name(joint)} has {key!r}, which "
+                        + ("no joint states." if joint is None else f"the joint {joint!r} does not state."),
+                        f"expected keys out of {sorted(k for one, k in self._used if one == joint)}, got {key!r}",
+                        f"state {key!r} with its value first, or leave out its tolerance",
+                    )
+
+    def _number(self, table: Any, quantity: str, joint: str | None = None) -> Any:
+        """One number with tolerance, or range, and source; three that share them of a vector."""
+        tolerance, ends = table.tolerance, table.range if "range" in vars(table) else None
+        check_tolerance(self.file, quantity if joint is None else f"{joint}, {quantity}", tolerance or 0.0)
+        if tolerance is None:
+            tolerance = 0.0 if ends is not None or joint is None else self._tolerance(joint, quantity)
+        if isinstance(table.value, list):
+            return tuple(Parameter(quantity, x, tolerance, source=table.source) for x in table.value)
+        ends = None if ends is None else (ends[0], ends[1])
+        return Parameter(quantity, table.value, tolerance, source=table.source, range=ends)
+
+    def _inertia_scales(self, joints: Sequence[str]) -> list[Parameter]:
+        """A factor of all moments of a link, of those whose inertia has a tolerance in a table [tolerances]."""
+        links = {row.name: row.link for row in self.table.joint}
+        scales = []
+        for joint in joints:
+            link = links.get(joint)
+            stated = link is not None and link.inertia is not None and link.inertia.tolerance is not None
+            if stated or (link is not None and link.axis_inertia is not None):
+                continue
+            if tolerance := self._tolerance(joint, "inertia"):
+                name, unit = per_joint("inertia_scale", joint, len(joints)), unit_of("inertia_scale")
+                scales.append(Parameter(name, 1.0, tolerance, unit, "tolerance of its inertia"))
+        return scales
+
+    # Parts ----------------------------------------------------------------------------------------
+    def _elastic(self, row: Any, motor: Mapping[str, float] | None = None, source: str = "") -> ElasticJoint:
+        """Spring and motor of a joint, over what another file (`source`) says of the motor."""
+        with located(f"{self.file}: joint {row.name!r}"):
+            if row.rigid == (row.spring is not None):
+                raise InvalidInput(
+                    "It is rigid and has a 'spring'."
+                    if row.rigid
+                    else "It has no 'spring', and is not declared rigid.",
+                    "expected [joint.spring] with stiffness = … (N·m/rad; N/m for a prismatic joint), or rigid = true",
+                    "one of the two",
+                )
+            stated = {**(row.spring or {}), **row.motor}
+            numbers = {key: self._number(value, key, row.name) for key, value in stated.items()}
+            for quantity, value in (motor or {}).items():
+                inertia = quantity == "motor_inertia" and "rotor_inertia" in numbers
+                if quantity not in numbers and not inertia:
+                    tolerance = self._tolerance(row.name, quantity)
+                    numbers[quantity] = Parameter(quantity, value, tolerance, source=source)
+            return ElasticJoint(**numbers)
+
+    def _link(self, row: Any) -> Any:
+        """The link of a joint, stated in this file: a `Link` or a `SingleLink`."""
+        table = row.link
+        if table is None:
+            raise InvalidInput(
+                f"{self.file}: the joint {row.name!r} has no link.",
+                "expected [joint.link], or urdf = '…' at the top of the file",
+                "mass, centre_of_mass and inertia",
+            )
+        stated = {key: value for key, value in vars(table).items() if value is not None}
+        with located(f"{self.file}: joint {row.name!r}"):
+            if "axis_inertia" in stated and not {"inertia", "centre_of_mass"} & set(stated):
+                order = [key for key in ("axis_inertia", "mass", "length") if key in stated]
+                numbers = {key: self._number(stated[key], key, row.name) for key in order}
+                return SingleLink(numbers.pop("axis_inertia"), **numbers)
+            whole = ("mass", "centre_of_mass", "inertia")
+            missing = [key for key in whole if key not in stated]
+            if missing or len(stated) > len(whole):
+                raise InvalidInput(
+                    "A link is stated in part, or twice.",
+                    f"expected {list(whole)}, or axis_inertia with mass and length, got {list(stated)}",
+                    f"add {missing}" if missing else "one of the two ways",
+                )
+            six = table.inertia
+            check_tolerance(self.file, f"{row.name}, link, inertia", six.tolerance or 0.0)
+            moments = [
+                Parameter("inertia", getattr(six, axes), six.tolerance or 0.0, source=six.source)
+                for axes in INERTIA
+            ]
+            mass, centre = (self._number(stated[key], key, row.name) for key in whole[:2])
+            return Link(mass, centre, moments)
+
+    def _tolerated(self, link: Link, joint: str, source: str) -> Link:
+        """A link of another file, with the tolerances that this one states."""
+        mass, centre = (self._tolerance(joint, quantity) for quantity in ("mass", "centre_of_mass"))
+        return Link(
+            Parameter("mass", float(link.mass), mass, source=source),  # type: ignore[arg-type]
+            [Parameter("centre_of_mass", float(x), centre, source=source) for x in link.centre_of_mass],  # type: ignore[arg-type]
+            [Parameter("inertia", float(x), source=source) for x in link.inertia],  # type: ignore[arg-type]
         )
-    kept = [rows[name] for name in names]
-    placed = [
-        Joint(j.name, j.kind, j.axis, j.placement, tuple(r.limits) if r.limits else j.limits, j.parent)  # type: ignore[arg-type]
-        for j, r in zip(arm.joints, kept)
-    ]
-    parts = PartsReader(table, file)
-    springs = [parts.elastic(row, arm.motors.get(row.name, {}), urdf.name) for row in kept]
-    links = [parts.tolerated(link, name, urdf.name) for link, name in zip(arm.links, names)]
-    direction = arm.down if table.down is None else table.down
-    down: dict[str, Any] = {} if direction is None else {"down": direction}
-    # <limit effort> is a torque: it says nothing about a motor whose input is a voltage or a current.
-    torque_driven = springs[0].drive == "torque"
-    stated = _limits(kept, arm.efforts if torque_driven else None, arm.speeds)
-    robot = assembled(
-        table.name, placed, links, springs, **down, **stated, **_common(table, parts, arm.gravity)
-    )
-    frames = {name: Frame(joint, place) for name, (joint, place) in arm.frames.items()}
-    robot = parts.loaded(robot, frames, arm.tips, payload)
-    parts.check_tolerances()
-    return check_plausible(robot, file)
+
+    # Payload --------------------------------------------------------------------------------------
+    def _payload(self, table: Any) -> Payload:
+        shapes = {kind: getattr(table, kind) for kind in ("inertia", *SHAPES)}
+        shapes = {kind: sizes for kind, sizes in shapes.items() if sizes is not None}
+        if len(shapes) > 1:
+            raise InvalidInput(
+                f"{self.file}: a payload has two shapes.",
+                f"expected one of {['inertia', *SHAPES]}, got {list(shapes)}",
+                "one of them",
+            )
+        mass = self._number(table.mass, "mass")
+        centre = (
+            None if table.centre_of_mass is None else self._number(table.centre_of_mass, "centre_of_mass")
+        )
+        per_mass: tuple[float, ...] = (0.0,) * 6
+        for kind, sizes in shapes.items():
+            if isinstance(sizes, SimpleNamespace):
+                largest = max(mass.interval[1], 1e-30)
+                per_mass = tuple(getattr(sizes, axes) / largest for axes in INERTIA)
+            else:
+                per_mass = inertia_of_shape(kind, [sizes] if isinstance(sizes, float) else sizes)
+        with located(f"{self.file}: payload"):
+            return Payload(mass, table.at or "", centre, per_mass)
+
+    def _check_plane(self, payloads: Sequence[Payload]) -> None:
+        """A link that states no frame of its own carries on the line from its axis to its centre of mass."""
+        for payload in payloads:
+            beside = [] if payload.centre_of_mass is None else [x.value for x in payload.centre_of_mass[1:]]
+            if any(beside):
+                raise InvalidInput(
+                    f"{self.file}: the payload is beside a link that states axis_inertia and length only.",
+                    f"expected its centre of mass at [x, 0, 0], x along the link, got y, z = {beside}",
+                    "mass, centre_of_mass and inertia of the link instead of axis_inertia",
+                )
+
+    def _frame(self, payload: Payload, frames: Mapping[str, Frame], tips: Sequence[str]) -> Frame:
+        if not payload.at and len(tips) == 1:
+            return frames[tips[0]]
+        if payload.at not in frames:
+            raise InvalidInput(
+                f"{self.file}: the payload is at {value_text(payload.at, 60)}, which carries nothing."
+                if payload.at
+                else f"{self.file}: the payload does not say what carries it, and there are several ends.",
+                f"expected one of {list(frames)}",
+                f"at = {tips[0]!r}, or --payload 0..3kg@{tips[0]}",
+            )
+        return frames[payload.at]
 
 
 def _rigid(path: Path, joints: Sequence[str] | None, locked: Mapping[str, float]) -> RigidArm:
@@ -249,27 +449,34 @@ def _rigid(path: Path, joints: Sequence[str] | None, locked: Mapping[str, float]
     return read_urdf(path, joints, locked)
 
 
-# Parts --------------------------------------------------------------------------------------------
-def _common(table: RobotTable, parts: PartsReader, fall: float | None = None) -> dict[str, Any]:
-    penalty = None
-    if table.penalty is not None:
-        penalty = Penalty(table.penalty.weights, effort=table.penalty.effort)  # type: ignore[arg-type]
-    usual = GRAVITY if fall is None else fall
-    gravity = usual if table.gravity is None else parts.number(table.gravity, "gravity")
-    return {"gravity": gravity, "penalty": penalty, "home": table.home, "description": table.description}
+def _own_frames(joints: Sequence[Joint], links: Sequence[Any]) -> tuple[dict[str, Frame], list[str]]:
+    """Frames of a robot file's own links by joint, and those at the ends.
+
+    A file states no shapes: a payload without a place of its own is where the link is drawn to end, at twice the
+    distance of the centre of mass.
+    """
+    frames = {}
+    for joint, link in zip(joints, links):
+        centre = (link.length, 0.0, 0.0) if isinstance(link, SingleLink) else link.centre_of_mass
+        x, y, z = (2.0 * (x.value if isinstance(x, Parameter) else float(x)) for x in centre)
+        frames[joint.name] = Frame(joint.name, Placement(), tip=(x, y, z))
+    carriers = set(Tree(tuple(joints)).parents)
+    return frames, [joint.name for i, joint in enumerate(joints) if i not in carriers]
 
 
-def _limits(
-    rows: Sequence[JointTable],
-    efforts: Sequence[float] | None = None,
-    speeds: Sequence[float] | None = None,
-) -> dict[str, Any]:
-    """Limits of efforts and speeds that the rows state, over those of the URDF."""
-    nothing = [None] * len(rows)
-    return {
-        "effort_limits": [row.effort_limit or other for row, other in zip(rows, efforts or nothing)],
-        "speed_limits": [row.speed_limit or other for row, other in zip(rows, speeds or nothing)],
-    }
+def _payloads(given: Any) -> list[Payload]:
+    rows = given if isinstance(given, (list, tuple)) else [given]
+    if not all(isinstance(row, (str, Payload)) for row in rows):
+        raise InvalidInput(
+            "The payload is none.",
+            f"expected text, a Payload or several, got {value_text(given)}",
+            "payload='0..3kg@hand'",
+        )
+    return [row if isinstance(row, Payload) else payload_from_text(row) for row in rows]
+
+
+def _table_name(joint: str | None) -> str:
+    return "[tolerances]" if joint is None else f"[joint.tolerances] of {joint!r}"
 
 
 def catalogue() -> dict[str, Path]:

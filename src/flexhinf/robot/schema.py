@@ -1,22 +1,25 @@
-"""What a robot file may say, key by key.
+"""What a robot file may say, key by key: read, checked and put into SI units in one walk.
 
-What is wrong with a robot file, in three parts: key, value, what is allowed.
+`TABLES` states each key once: what may stand there, its units, and whether it must. Which unit a spring has depends on
+its joint, N·m/rad where it turns and N/m where it slides, and on what the motors are driven by; a file may say that
+only by its URDF or at its end. So both units are read, and compared with the robot that comes of it (`check_units`).
 """
 
 from __future__ import annotations
 
-import difflib
+import json
+import math
 import warnings
-from typing import TYPE_CHECKING, Annotated, Any, Literal
-
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
+from collections.abc import Callable, Mapping
+from types import SimpleNamespace
+from typing import Any, NamedTuple
 
 from flexhinf.errors import InvalidInput
-from flexhinf.robot.parameters import QUANTITIES
-
-if TYPE_CHECKING:
-    from pydantic import ValidationError
-
+from flexhinf.robot.elastic import DRIVES, SPRING
+from flexhinf.robot.parameters import INERTIA, QUANTITIES
+from flexhinf.robot.signals import UNITS
+from flexhinf.robot.units import Stated, measured, respelled
+from flexhinf.validation import nearest, real_number, value_text
 
 #: A tolerance below this many per cent was probably meant as a fraction.
 SMALLEST_TOLERANCE = 0.5
@@ -35,51 +38,331 @@ class RobotFileWarning(UserWarning):
     """A robot file says something that is allowed and probably not meant."""
 
 
-def file_error(error: ValidationError, file: str, data: dict[str, Any]) -> InvalidInput:
-    """The first mistake of a file as an error of ours, with the number of the others."""
-    mistakes = error.errors(include_url=False)
-    first = mistakes[0]
-    location = tuple(part for part in first["loc"] if part != "value" or first["type"] == "extra_forbidden")
-    *before, key = location
-    where, table = place_text(tuple(before), data), _table(tuple(before))
-    others = f" (and {len(mistakes) - 1} more)" if len(mistakes) > 1 else ""
-    if first["type"] == "extra_forbidden":
-        allowed = list(table.model_fields)
-        close = difflib.get_close_matches(str(key), allowed, n=1)
-        return InvalidInput(
-            f"{file}: {where} has an unknown key {key!r}{others}.",
-            f"expected keys out of {allowed}, got {key!r}",
-            f"{close[0]!r}" if close else "one of these keys",
-        )
-    unit = f" ({QUANTITIES[str(key)].unit})" if str(key) in QUANTITIES else ""
-    if first["type"] == "missing":
-        present = list(first["input"]) if isinstance(first["input"], dict) else []
-        unknown = [name for name in present if name not in table.model_fields]
-        meant = difflib.get_close_matches(str(key), unknown, n=1)
-        if meant:
-            return InvalidInput(
-                f"{file}: {where} has an unknown key {meant[0]!r}{others}.",
-                f"expected {key!r}{unit}, got {meant[0]!r}",
-                f"{key!r}",
-            )
-        return InvalidInput(
-            f"{file}: {where} has no {key!r}{others}.",
-            f"expected {key!r}{unit}, got only {_keys(first['input'])}",
-            MISSING.get(str(key), f"{key} = …{unit}"),
-        )
-    return InvalidInput(
-        f"{file}: {where} has a value of {key!r} that cannot be used{others}.",
-        f"expected {_lower(first['msg'])}{unit}, got {first['input']!r}",
-        "4.0, or {value = 4.0, tolerance = 12, source = '…'} (tolerance in per cent)"
-        if unit
-        else "correct the value",
-    )
+class Key(NamedTuple):
+    """What may stand behind a key.
 
+    Attributes
+    ----------
+    read : callable
+        ``read(file, value, key, place)`` → what it is, or ``Unusable``.
+    units : tuple of str
+        SI units of its numbers: for a joint that turns, and one that slides.
+    size : int
+        Of a list, 0 for any.
+    inside : str
+        Name of the table that stands there.
+    default
+        What it is where it is left out.
+    """
+
+    read: Callable[..., Any]
+    units: tuple[str, ...] = ()
+    size: int = 0
+    inside: str = ""
+    required: bool = False
+    default: Any = None
+
+
+class Unusable(ValueError):
+    """A value that cannot stand there; its text is what was expected."""
+
+
+class RobotFile:
+    """The tables of one file.
+
+    Parameters
+    ----------
+    data : dict
+        As TOML has them.
+    name : str
+        Of the file, for messages.
+
+    Attributes
+    ----------
+    root : SimpleNamespace
+        Its tables, with every key of `TABLES`.
+
+    Raises
+    ------
+    InvalidInput
+        The first mistake of the file, with the number of the others.
+    """
+
+    def __init__(self, data: dict[str, Any], name: str) -> None:
+        self.data, self.name = data, name
+        self.stated: list[tuple[tuple[Any, ...], tuple[str, ...], Stated]] = []
+        self._mistakes: list[tuple[str, str, str]] = []
+        check_nesting(data, name)
+        self.root = self.table(data, TABLES[""], ())
+        if self._mistakes:
+            what, found, advice = self._mistakes[0]
+            others = f" (and {len(self._mistakes) - 1} more)" if len(self._mistakes) > 1 else ""
+            raise InvalidInput(f"{name}: {what}{others}.", found, advice)
+
+    def table(self, data: Any, keys: Mapping[str, Key], place: tuple[Any, ...]) -> SimpleNamespace:
+        """The keys of a table, those that are left out with their defaults."""
+        if not isinstance(data, dict):
+            raise Unusable("a table")
+        where, values = place_text(place, self.data), {}
+        unknown = [name for name in data if name not in keys]
+        self._mistakes += [
+            (
+                f"{where} has an unknown key {name!r}",
+                f"expected keys out of {list(keys)}, got {name!r}",
+                nearest(name, keys, "one of these keys"),
+            )
+            for name in unknown
+        ]
+        for name, key in keys.items():
+            values[name] = key.default
+            if name in data:
+                values[name] = self._value(data[name], key, (*place, name))
+            elif key.required and not unknown:
+                unit = f" ({key.units[0]})" if key.units else ""
+                found = f"expected {name!r}{unit}, got only {list(data)}"
+                advice = MISSING.get(name, f"{name} = …{unit}")
+                self._mistakes.append((f"{where} has no {name!r}", found, advice))
+        return SimpleNamespace(**values)
+
+    def _value(self, value: Any, key: Key, place: tuple[Any, ...]) -> Any:
+        *before, name = place if place[-1] != "value" else place[:-1]
+        try:
+            return key.read(self, value, key, place)
+        except Unusable as wrong:
+            where = place_text(tuple(before), self.data)
+            what, expected, advice = f"{where} has a value of {name!r} that cannot be used", str(wrong), ""
+            if expected.startswith("a list of") and isinstance(value, str):
+                what = f"{where} has a value of {name!r} that is no list"
+                text = json.dumps(value[:60], ensure_ascii=False)
+                advice = f"{name} = [{', '.join([text] * (key.size or 1))}]"
+            elif expected.startswith("a valid number in"):
+                what = f"{where} has a value of {name!r} that is no number, or in another unit"
+                advice = unit_advice(str(name), value, key.units)
+            self._mistakes.append(
+                (what, f"expected {expected}, got {value_text(value, 60)}", advice or "correct the value")
+            )
+            return None
+
+    def check_units(self, robot: Any) -> Any:
+        """The robot; refuses units of a joint that turns where it slides, and of another drive.
+
+        Raises
+        ------
+        InvalidInput
+            With the key, its value and the unit that the joint has.
+        """
+        slides = dict(zip(robot.joint_names, robot.links.slides))
+        for place, units, number in self.stated:
+            if place[0] != "home" and (len(place) < 3 or place[0] != "joint"):
+                continue
+            name = self.data["joint"][place[1]].get("name") if place[0] == "joint" else None
+            kinds = {slides[name]} if name in slides else set(slides.values()) if name is None else set()
+            if "effort_limit" in place:
+                fitting = {UNITS[DRIVES[robot.drive]][kind] for kind in kinds}
+            else:
+                fitting = {units[kind if len(units) > 1 else 0] for kind in kinds}
+            if fitting and number.si not in fitting:
+                *before, key = (part for part in place if part not in ("value", "range"))
+                value = number.number + " " + number.unit
+                raise InvalidInput(
+                    f"{self.name}: {place_text(tuple(before), self.data)} has a value of {key!r} in another unit.",
+                    f"expected {number_in(sorted(fitting))}, got {value_text(value, 60)}",
+                    unit_advice(str(key), value, tuple(sorted(fitting))),
+                )
+        return robot
+
+
+# Values -------------------------------------------------------------------------------------------
+def number_in(units: Any) -> str:
+    """What is expected of a number with one of these units."""
+    plain = " or ".join(unit.replace("1", "no unit") for unit in units)
+    return f"a valid number in {plain}, or text of a number with such a unit"
+
+
+def unit_advice(name: str, value: Any, units: tuple[str, ...]) -> str:
+    """How a number of this key is written."""
+    si = ["1" if unit == "%" else unit for unit in units]
+    meant = [repr(text) for text in respelled(value, *si)] if isinstance(value, str) else []
+    example = "0.8" if units[0] == "1" else repr("5 " + units[0])
+    return f"{name} = {' or '.join(meant)}, in the letters of the SI" if meant else f"{name} = {example}"
+
+
+def _number(file: RobotFile, value: Any, key: Key, place: tuple[Any, ...]) -> float:
+    if isinstance(value, str) and key.units:
+        try:
+            number = measured(value, *key.units)
+        except ValueError:
+            raise Unusable(number_in(key.units)) from None
+        file.stated.append((place, key.units, number))
+        return float(number)
+    number = real_number(value) if type(value) in (int, float) else math.nan
+    if not math.isfinite(number):
+        raise Unusable(number_in(key.units) if key.units else "a valid number")
+    return number
+
+
+def _positive(file: RobotFile, value: Any, key: Key, place: tuple[Any, ...]) -> float:
+    number = _number(file, value, key, place)
+    if not number > 0.0:
+        raise Unusable("a number greater than 0")
+    return number
+
+
+def _percent(file: RobotFile, value: Any, key: Key, place: tuple[Any, ...]) -> float:
+    if isinstance(value, str):
+        try:
+            value = 100.0 * float(measured(value if value.rstrip().endswith("%") else "", "1"))
+        except ValueError:
+            raise Unusable(number_in(key.units)) from None
+    number = _number(file, value, key, place)
+    if not 0.0 <= number < 100.0:
+        raise Unusable("a number of at least 0 and less than 100 per cent")
+    return number
+
+
+def _list(file: RobotFile, value: Any, key: Key, place: tuple[Any, ...]) -> list[float]:
+    if not isinstance(value, list) or (key.size and len(value) != key.size):
+        raise Unusable(f"a list of {key.size} numbers" if key.size else "a list of one number for each joint")
+    return [_number(file, entry, key, place) for entry in value]
+
+
+def _quantity(file: RobotFile, value: Any, key: Key, place: tuple[Any, ...]) -> SimpleNamespace:
+    """``4.0`` or ``{value = 4.0, tolerance = 12, source = "data sheet"}``; a vector is ``[x, y, z]`` or the like.
+
+    A range is stated instead of a tolerance where the interval is not symmetric: ``{value = 0.0, range = [0.0, 3.0]}``.
+    """
+    one = Key(_list if key.size else _number, key.units, key.size, required=True)
+    if not isinstance(value, dict):
+        return SimpleNamespace(
+            value=one.read(file, value, key, place), tolerance=None, range=None, source="assumption"
+        )
+    ends = {} if key.size else {"range": Key(_list, key.units, 2)}
+    return file.table(value, {"value": one, **TOLERANCE, **ends}, place)
+
+
+def _text(file: RobotFile, value: Any, key: Key, place: tuple[Any, ...]) -> str:
+    if not isinstance(value, str):
+        raise Unusable("a text")
+    return value
+
+
+def _kind(file: RobotFile, value: Any, key: Key, place: tuple[Any, ...]) -> str:
+    if value not in ("revolute", "continuous", "prismatic"):
+        raise Unusable("'revolute', 'continuous' or 'prismatic'")
+    return value
+
+
+def _flag(file: RobotFile, value: Any, key: Key, place: tuple[Any, ...]) -> bool:
+    if not isinstance(value, bool):
+        raise Unusable("true or false")
+    return value
+
+
+def _texts(file: RobotFile, value: Any, key: Key, place: tuple[Any, ...]) -> list[str]:
+    if not isinstance(value, list) or not all(isinstance(entry, str) for entry in value):
+        raise Unusable("a list of names")
+    return value
+
+
+def _numbers(file: RobotFile, value: Any, key: Key, place: tuple[Any, ...]) -> float | list[float]:
+    one = _list if isinstance(value, list) else _number
+    return one(file, value, key._replace(size=0), place)
+
+
+def _named(file: RobotFile, value: Any, key: Key, place: tuple[Any, ...]) -> dict[str, Any]:
+    """Numbers, or lists of them, by names that a file chooses."""
+    if not isinstance(value, dict):
+        raise Unusable("numbers by name")
+    one = _number if key.units else _numbers
+    return {name: one(file, entry, key, (*place, name)) for name, entry in value.items()}
+
+
+def _table(file: RobotFile, value: Any, key: Key, place: tuple[Any, ...]) -> SimpleNamespace:
+    return file.table(value, TABLES[key.inside], place)
+
+
+def _stated_keys(file: RobotFile, value: Any, key: Key, place: tuple[Any, ...]) -> dict[str, Any]:
+    """A table's keys that are stated, by name."""
+    table = vars(_table(file, value, key, place))
+    return {name: entry for name, entry in table.items() if entry is not None}
+
+
+def _rows(file: RobotFile, value: Any, key: Key, place: tuple[Any, ...]) -> list[SimpleNamespace]:
+    if not isinstance(value, list) or (key.required and not value):
+        raise Unusable(f"[[{key.inside}]] tables, one at least")
+    return [_table(file, row, key, (*place, i)) for i, row in enumerate(value)]
+
+
+# Keys ---------------------------------------------------------------------------------------------
+_POSITION, _METRES = UNITS["link_position"], ("m",)
+_EFFORT = tuple(dict.fromkeys(unit for drive in DRIVES.values() for unit in UNITS[drive]))
+_TEXT, _PERCENT = Key(_text), Key(_percent, ("%",))
+TOLERANCE = {"tolerance": _PERCENT, "source": Key(_text, default="assumption")}
+_MASS, _CENTRE = Key(_quantity, ("kg",)), Key(_quantity, _METRES, 3)
+_THREE = Key(_list, _METRES, 3)
+_INERTIA_TABLE = Key(_table, inside="inertia")
+
+#: Numbers of a motor, its gear and its friction; its constants say what its input is.
+MOTOR = (
+    "motor_inertia", "rotor_inertia", "hub_inertia", "gear_ratio", "gear_efficiency", "motor_efficiency", "friction",
+    "coulomb_friction", "static_friction", "stribeck_velocity", "friction_smoothing", "resistance", "inductance",
+    "torque_constant", "back_emf_constant",
+)  # fmt: skip
+
+
+def _quantities(names: tuple[str, ...], required: tuple[str, ...] = ()) -> dict[str, Key]:
+    return {
+        name: Key(_quantity, tuple(dict.fromkeys(QUANTITIES[name][:2])), required=name in required)
+        for name in names
+    }
+
+
+_SHARED = ("mass", "centre_of_mass", "inertia", *SPRING, *MOTOR)
+_EXACT = ("rotor_inertia", "hub_inertia", "gear_ratio", "friction_smoothing")
+
+#: What may stand in each table. The tolerances, in per cent, are those of numbers that state none themselves: of one
+#: joint and its link, or of all. That of the inertia is one number for all moments of a link, so that what is drawn is
+#: the inertia of a body; that of the motor inertia holds for a rotor inertia too.
+TABLES: dict[str, dict[str, Key]] = {
+    "": {
+        "name": Key(_text, default=""), "description": Key(_text, default=""), "gravity": Key(_quantity, ("m/s²",)),
+        "down": Key(_list, size=3), "home": Key(_list, _POSITION), "urdf": _TEXT, "mjcf": _TEXT, "joints": Key(_texts),
+        "locked": Key(_named, _POSITION, default={}), "penalty": Key(_table, inside="penalty"),
+        "tolerances": Key(_stated_keys, inside="tolerances", default={}),
+        "payload": Key(_rows, inside="payload", default=[]), "joint": Key(_rows, inside="joint", required=True),
+    },
+    "joint": {
+        "name": Key(_text, required=True), "kind": Key(_kind), "axis": Key(_list, size=3), "xyz": _THREE,
+        "rpy": Key(_list, ("rad",), 3), "limits": Key(_list, _POSITION, 2), "parent": _TEXT,
+        "speed_limit": Key(_positive, UNITS["link_velocity"]), "effort_limit": Key(_positive, _EFFORT),
+        "link": Key(_table, inside="link"), "rigid": Key(_flag, default=False),
+        "spring": Key(_stated_keys, inside="spring"),
+        "motor": Key(_stated_keys, inside="motor", required=True),
+        "tolerances": Key(_stated_keys, inside="tolerances", default={}),
+    },
+    "link": {
+        "mass": _MASS, "centre_of_mass": _CENTRE, "inertia": _INERTIA_TABLE,
+        "axis_inertia": Key(_quantity, ("kg·m²",)), "length": Key(_quantity, _METRES),
+    },
+    "inertia": {
+        axes: Key(_number, ("kg·m²",), required=axes[0] == axes[1], default=0.0)
+        for axes in sorted(INERTIA, key=lambda axes: axes[0] != axes[1])
+    } | TOLERANCE,
+    "spring": _quantities(SPRING, required=("stiffness",)),
+    "motor": _quantities(MOTOR),
+    "tolerances": {name: _PERCENT for name in _SHARED if name not in _EXACT},
+    "payload": {
+        "at": _TEXT, "mass": _MASS._replace(required=True), "centre_of_mass": _CENTRE, "inertia": _INERTIA_TABLE,
+        "sphere": Key(_number, _METRES), "box": _THREE, "cylinder": Key(_list, _METRES, 2),
+    },
+    "penalty": {"weights": Key(_named, required=True), "effort": Key(_numbers, default=1.0)},
+}  # fmt: skip
 
 #: Tables of one joint, which stand below its [[joint]].
 OF_JOINT = ("link", "spring", "motor", "tolerances")
 
 
+# Places -------------------------------------------------------------------------------------------
 def nesting_advice(name: str = "") -> str:
     """How the tables of a joint are written."""
     stated = f" with name = {name!r}" if name else ""
@@ -100,11 +383,7 @@ def check_nesting(data: dict[str, Any], file: str) -> None:
     for word in ("joint", "joints"):
         table = data.get(word)
         if isinstance(table, dict):
-            named = [
-                key
-                for key, value in table.items()
-                if key not in JointTable.model_fields and isinstance(value, dict)
-            ]
+            named = [k for k, value in table.items() if k not in TABLES["joint"] and isinstance(value, dict)]
             written = [f"{word}.{key}" for key in named] or [word]
             raise _misplaced(file, written, named[0] if named else str(table.get("name", "")))
         if word == "joints" and isinstance(table, list) and any(isinstance(row, dict) for row in table):
@@ -113,26 +392,24 @@ def check_nesting(data: dict[str, Any], file: str) -> None:
         for key, value in row.items():
             if key in OF_JOINT and isinstance(value, list):
                 raise _misplaced(file, [f"[joint.{key}]"], str(row.get("name", "")))
-            if _of_joint(key, value, names) and key not in JointTable.model_fields:
-                raise _misplaced(file, _below(f"joint.{key}", value), key)
+            if key not in TABLES["joint"] and (parts := _parts_of_joint(key, value, names)):
+                raise _misplaced(file, [f"joint.{part}" for part in parts], key)
     for key, value in data.items():
-        if key in RobotTable.model_fields:
+        if key in TABLES[""]:
             continue
         if key in ("link", "spring", "motor") and isinstance(value, (dict, list)):
             raise _misplaced(file, [key], "")
-        if _of_joint(key, value, names):
-            raise _misplaced(file, _below(key, value), key)
+        if parts := _parts_of_joint(key, value, names):
+            raise _misplaced(file, parts, key)
 
 
-def _of_joint(key: str, value: Any, names: set[str]) -> bool:
-    """Whether a table is that of a joint, by its name or by what is in it."""
+def _parts_of_joint(key: str, value: Any, names: set[str]) -> list[str]:
+    """Tables as written, of one that is a joint's by its name or by what is in it; else none."""
     inside = value[0] if isinstance(value, list) and value else value
-    return isinstance(inside, dict) and (key in names or any(part in OF_JOINT for part in inside))
-
-
-def _below(word: str, value: Any) -> list[str]:
-    inside = value[0] if isinstance(value, list) else value
-    return [f"{word}.{part}" for part in OF_JOINT if part in inside] or [word]
+    if not isinstance(inside, dict):
+        return []
+    parts = [f"{key}.{part}" for part in OF_JOINT if part in inside]
+    return parts or [key] * (key in names)
 
 
 def _misplaced(file: str, written: list[str], name: str) -> InvalidInput:
@@ -170,199 +447,3 @@ def place_text(location: tuple[Any, ...], data: dict[str, Any]) -> str:
         else:
             words.append(str(part))
     return ", ".join(words) if words else "the file"
-
-
-def _table(location: tuple[Any, ...]) -> type[Any]:
-    names = [part for part in location if isinstance(part, str)]
-    return TABLES.get(names[-1] if names else "", NumberTable)
-
-
-def _keys(table: Any) -> str:
-    return str(list(table)) if isinstance(table, dict) else repr(table)
-
-
-def _lower(message: str) -> str:
-    message = message.removeprefix("Input should be ").removeprefix("Value error, ")
-    return message[:1].lower() + message[1:]
-
-
-Two = Annotated[list[float], Field(min_length=2, max_length=2)]
-Three = Annotated[list[float], Field(min_length=3, max_length=3)]
-Percent = Annotated[float, Field(ge=0.0, lt=100.0)]
-
-
-class _Table(BaseModel):
-    """A table whose unknown keys are mistakes, and whose numbers are numbers (not text)."""
-
-    model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
-
-
-class NumberTable(_Table):
-    """``4.0`` or ``{value = 4.0, tolerance = 12, source = "data sheet"}``; the tolerance is in per cent.
-
-    A range is stated instead of a tolerance where the interval is not symmetric: ``{value = 0.0, range = [0.0, 3.0]}``.
-    """
-
-    value: float
-    tolerance: Percent | None = None
-    range: Two | None = None
-    source: str = "assumption"
-
-
-class VectorTable(_Table):
-    """``[x, y, z]`` or ``{value = [x, y, z], tolerance = 3, source = "CAD"}``."""
-
-    value: Three
-    tolerance: Percent | None = None
-    source: str = "assumption"
-
-
-def _spelled_out(value: Any) -> Any:
-    return value if isinstance(value, (dict, BaseModel)) else {"value": value}
-
-
-Number = Annotated[NumberTable, BeforeValidator(_spelled_out)]
-Vector = Annotated[VectorTable, BeforeValidator(_spelled_out)]
-
-
-class InertiaTable(_Table):
-    """Moments about the centre of mass, kg·m²: ``{xx = 1e-3, yy = 1e-3, zz = 5e-4}``; products are zero if left out."""
-
-    xx: float
-    yy: float
-    zz: float
-    xy: float = 0.0
-    xz: float = 0.0
-    yz: float = 0.0
-    tolerance: Percent | None = None
-    source: str = "assumption"
-
-
-class LinkTable(_Table):
-    """mass, centre_of_mass, inertia; or, for a single link, axis_inertia with mass and length."""
-
-    mass: Number | None = None
-    centre_of_mass: Vector | None = None
-    inertia: InertiaTable | None = None
-    axis_inertia: Number | None = None
-    length: Number | None = None
-
-
-class SpringTable(_Table):
-    """The joint's elasticity, seen from the link."""
-
-    stiffness: Number
-    damping: Number | None = None
-    spring_hardening: Number | None = None
-    backlash: Number | None = None
-
-
-class MotorTable(_Table):
-    """The motor, its gear and its friction; its constants say what its input is."""
-
-    motor_inertia: Number | None = None
-    rotor_inertia: Number | None = None
-    hub_inertia: Number | None = None
-    gear_ratio: Number | None = None
-    gear_efficiency: Number | None = None
-    motor_efficiency: Number | None = None
-    friction: Number | None = None
-    coulomb_friction: Number | None = None
-    static_friction: Number | None = None
-    stribeck_velocity: Number | None = None
-    friction_smoothing: Number | None = None
-    resistance: Number | None = None
-    inductance: Number | None = None
-    torque_constant: Number | None = None
-    back_emf_constant: Number | None = None
-
-
-class TolerancesTable(_Table):
-    """Tolerances in per cent of numbers that state none themselves: of one joint and its link, or of all.
-
-    That of the inertia is one number for all moments of a link, so that what is drawn is the inertia of a body; that of
-    the motor inertia holds for a rotor inertia too.
-    """
-
-    mass: Percent | None = None
-    centre_of_mass: Percent | None = None
-    inertia: Percent | None = None
-    stiffness: Percent | None = None
-    damping: Percent | None = None
-    spring_hardening: Percent | None = None
-    backlash: Percent | None = None
-    motor_inertia: Percent | None = None
-    gear_efficiency: Percent | None = None
-    motor_efficiency: Percent | None = None
-    friction: Percent | None = None
-    coulomb_friction: Percent | None = None
-    static_friction: Percent | None = None
-    stribeck_velocity: Percent | None = None
-    resistance: Percent | None = None
-    inductance: Percent | None = None
-    torque_constant: Percent | None = None
-    back_emf_constant: Percent | None = None
-
-
-class JointTable(_Table):
-    """One joint with its link, spring, motor and limits. With a URDF only name, limits, spring, motor, tolerances."""
-
-    name: str
-    kind: Literal["revolute", "continuous", "prismatic"] | None = None
-    axis: Three | None = None
-    xyz: Three | None = None
-    rpy: Three | None = None
-    limits: Two | None = None
-    speed_limit: Annotated[float, Field(gt=0.0)] | None = None
-    effort_limit: Annotated[float, Field(gt=0.0)] | None = None
-    parent: str | None = None
-    link: LinkTable | None = None
-    rigid: bool = False
-    spring: SpringTable | None = None
-    motor: MotorTable
-    tolerances: TolerancesTable = Field(default_factory=TolerancesTable)
-
-
-class PayloadTable(_Table):
-    """What a link carries: mass, where, and its inertia (of its largest mass) or a shape; a point without both."""
-
-    at: str | None = None
-    mass: Number
-    centre_of_mass: Vector | None = None
-    inertia: InertiaTable | None = None
-    sphere: float | None = None
-    box: Three | None = None
-    cylinder: Two | None = None
-
-
-class PenaltyTable(_Table):
-    """``weights = {link_position = 60, link_position_integral = 300}`` and ``effort = 10`` (R2)."""
-
-    weights: dict[str, float | list[float]]
-    effort: float | list[float] = 1.0
-
-
-class RobotTable(_Table):
-    """The whole file."""
-
-    name: str = ""
-    description: str = ""
-    gravity: Number | None = None
-    down: Three | None = None
-    home: list[float] | None = None
-    urdf: str | None = None
-    mjcf: str | None = None
-    joints: list[str] | None = None
-    locked: dict[str, float] = Field(default_factory=dict)
-    penalty: PenaltyTable | None = None
-    tolerances: TolerancesTable = Field(default_factory=TolerancesTable)
-    payload: list[PayloadTable] = Field(default_factory=list)
-    joint: Annotated[list[JointTable], Field(min_length=1)]
-
-
-#: The table behind each key, to name what is allowed there.
-TABLES: dict[str, type[BaseModel]] = {
-    "": RobotTable, "joint": JointTable, "link": LinkTable, "spring": SpringTable, "motor": MotorTable,
-    "tolerances": TolerancesTable, "payload": PayloadTable, "inertia": InertiaTable, "penalty": PenaltyTable,
-    "centre_of_mass": VectorTable,
-}  # fmt: skip

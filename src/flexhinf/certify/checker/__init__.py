@@ -21,16 +21,15 @@ state feedback u = k(x) in continuous time without limits,
 **How, and what to read.** These files decide, in this order; all of them fit on a few screens:
 
 1. `residual`: r = V_x (f + g2 k) + ½hᵀh + ½kᵀR2k + |V_x g1|²/(2γ²) + αV in exact rationals.
-2. `quotient`: elementary functions become Taylor polynomials with remainders from ball arithmetic.
-3. `quadratic`: where r is a quadratic form for each value of 2.'s quotients, definite matrices end the proof here.
-4. `taylor`: polynomials about the centres of cells, and an upper bound of them there.
-5. `bounds`: V, its growth along rays, and r on cells, with an a-priori bound of all rounding.
-6. `march`: cells follow each other along rays from 0 until V exceeds the level.
-7. This file: what else is required (R2 ≻ 0, an invertible T, numbers within the doubles).
+2. `quadratic`: where r is a quadratic form for each value of the functions' quotients, definite matrices end the proof.
+3. `bounds`: elementary functions become Taylor polynomials with remainders from ball arithmetic; V, its growth along
+   rays, and r on cells, with an a-priori bound of all rounding.
+4. `subdivision`: cells follow each other along rays from 0 until V exceeds the level.
+5. This file: what else is required (R2 ≻ 0, an invertible T, numbers within the doubles).
 
-`steering` chooses what is looked at next and refuses; it cannot prove. `second_route` proves a random sample of cells
-again in rationals and balls, without 2., 4. and 5.; or every cell: then 1., 3., 6., 7. and `second_route` are all that
-has to be read. `starts`, `observer` and `peak` prove 6., 7. and 8. of the theorem, where they are claimed.
+`guidance` chooses what is looked at next and refuses; it cannot prove. `second_route` proves a random sample of cells
+again in rationals and balls, without 3.; or every cell: then 1., 2., 4., 5. and `second_route` are all that has to be
+read. `starts` proves 6. and 8. of the theorem, `observer` 7., where they are claimed.
 docs/certificate.md has the proof, of every inequality that is relied on here, and counts the lines.
 
 What checker and search share is the form of a claim (`claim`, `terms`). Nothing here imports the search, which takes no
@@ -46,22 +45,16 @@ from dataclasses import dataclass
 from threading import Event
 
 import numpy as np
-from flint import ctx, fmpq_mat
+from flint import ctx
 
 from flexhinf.certify.checker.bounds import BITS, Face, Proof
-from flexhinf.certify.checker.march import Marched, march_face
+from flexhinf.certify.checker.guidance import refute_at_corners
 from flexhinf.certify.checker.observer import check_observer
-from flexhinf.certify.checker.peak import proved_peaks
-from flexhinf.certify.checker.quadratic import (
-    check_reach,
-    corner_text,
-    look_at_corners,
-)
-from flexhinf.certify.checker.refute import refute_at_corners
-from flexhinf.certify.checker.residual import as_rational, positive_definite, residual
+from flexhinf.certify.checker.quadratic import check_reach, corner_text, look_at_corners
+from flexhinf.certify.checker.residual import Refusal, matrix_of, positive_definite, residual
 from flexhinf.certify.checker.second_route import Cell, EveryCell, Sample, confirm
-from flexhinf.certify.checker.starts import check_start
-from flexhinf.certify.checker.steering import Refusal
+from flexhinf.certify.checker.starts import check_start, proved_peaks
+from flexhinf.certify.checker.subdivision import FaceResult, subdivide_face
 from flexhinf.certify.claim import Claim
 
 __all__ = ["Verification", "verify"]
@@ -169,12 +162,12 @@ def verify(
         with ThreadPoolExecutor(threads) as pool:
             jobs = [pool.submit(_face, proof, face, sample, seed, watch) for face in proof.faces]
             try:
-                marched = [job.result() for job in jobs]
+                results = [job.result() for job in jobs]
             except BaseException:  # the other threads end at their next cells, not at the end of their faces
                 stopped.set()
                 pool.shutdown(wait=False, cancel_futures=True)
                 raise
-        again = _again(proof, [cell for face in marched for cell in face.sample], seed)
+        again = _again(proof, [cell for face in results for cell in face.sample], seed)
     except OverflowError:
         reason = "numbers beyond the doubles appear: another unit, or another T."
         return Verification(False, reason, cpu_s=time.process_time() - began)
@@ -185,16 +178,16 @@ def verify(
         return Verification(False, reason, cpu_s=time.process_time() - began)
     return Verification(
         True,
-        cells=sum(m.cells for m in marched),
-        accepted=sum(m.accepted for m in marched),
-        with_level=sum(m.with_level for m in marched),
-        resampled=again + sum(m.again for m in marched),
+        cells=sum(m.cells for m in results),
+        accepted=sum(m.accepted for m in results),
+        with_level=sum(m.with_level for m in results),
+        resampled=again + sum(m.again for m in results),
         every_cell=sample is None,
-        faces=len(marched),
+        faces=len(results),
         starts=starts,
         gradient_law=proof.exact.gradient_law,
         peaks=peaks,
-        rounding=max(m.rounding for m in marched),
+        rounding=max(m.rounding for m in results),
         cpu_s=time.process_time() - began,
     )
 
@@ -223,12 +216,10 @@ def _check_sizes(claim: Claim) -> None:
 
 def _check_matrices(claim: Claim) -> None:
     """T is invertible and R2 is symmetric and positive definite, in rationals."""
-    t = fmpq_mat([[as_rational(v) for v in row] for row in claim.coordinates])
-    if t.det() == 0:
+    if matrix_of(claim.coordinates).det() == 0:
         raise Refusal("the coordinates T are singular")
-    r2 = [[as_rational(v) for v in row] for row in claim.r2]
-    symmetric = all(r2[i][j] == r2[j][i] for i in range(len(r2)) for j in range(i))
-    if not symmetric or not positive_definite(fmpq_mat(r2)):
+    r2 = matrix_of(claim.r2)
+    if r2 != r2.transpose() or not positive_definite(r2):
         raise Refusal("R2 is not symmetric and positive definite")
     if claim.shift:
         raise Refusal("a moved equilibrium is not yet covered by this checker")
@@ -240,10 +231,10 @@ def _face(
     sample: int | None,
     seed: int,
     tick: Callable[[int], None],
-) -> Marched:
+) -> FaceResult:
     with np.errstate(all="ignore"):  # what is not finite is not accepted
         chosen = EveryCell(proof, face, tick) if sample is None else Sample(face, sample, seed)
-        return march_face(Face(proof, face), chosen, tick=tick)
+        return subdivide_face(Face(proof, face), chosen, tick=tick)
 
 
 def _again(proof: Proof, cells: list[Cell], seed: int) -> int:

@@ -14,10 +14,15 @@ from typing import Any
 
 from flint import Ordering, fmpq, fmpq_mat, fmpq_mpoly_ctx
 
-from flexhinf.certify.checker.residual import as_rational, polynomial_of, positive_definite, rounded
-from flexhinf.certify.checker.steering import Refusal
-from flexhinf.certify.claim import Claim
-from flexhinf.certify.terms import Observer, Term, Terms
+from flexhinf.certify.checker.residual import (
+    Refusal,
+    as_rational,
+    matrix_of,
+    polynomial_of,
+    positive_definite,
+    rounded,
+)
+from flexhinf.certify.claim import Claim, Observer, Term, Terms
 
 _MOST_CORNERS = 12  # binary logarithm of the corners of a box of slopes
 
@@ -33,12 +38,12 @@ def check_observer(claim: Claim, observer: Observer, gradient_law: bool) -> None
         raise Refusal("an observer with exact error dynamics needs parameters that are known")
     names = [s.name for s in claim.states]
     estimated = [i for i, name in enumerate(names) if name not in observer.known]
-    sensors = _matrix(observer.measured)
+    sensors = matrix_of(observer.measured)
     drift = _error_drift(claim, estimated, sensors)
     noise = _disturbance(claim, estimated)
     shown = fmpq_mat([[sensors[p, j] for j in estimated] for p in range(sensors.nrows())])
-    gain, weight, storage = map(_matrix, (observer.gain, observer.weight, observer.storage))
-    if not (_symmetric(weight) and _symmetric(storage)):
+    gain, weight, storage = map(matrix_of, (observer.gain, observer.weight, observer.storage))
+    if weight != weight.transpose() or storage != storage.transpose():
         raise Refusal("the observer's matrices M and X are not symmetric")
     if not positive_definite(storage):
         raise Refusal("the observer's X is not positive definite")
@@ -127,7 +132,7 @@ def _check_slopes(claim: Claim, observer: Observer, estimated: list[int], weight
     uncertain = [i for i, r in enumerate(radius) if r != 0]
     if len(uncertain) > _MOST_CORNERS:
         raise Refusal("the law has too many slopes for an observer's proof")
-    r2, count = _matrix(claim.r2), len(estimated)
+    r2, count = matrix_of(claim.r2), len(estimated)
     for signs in itertools.product((-1, 1), repeat=len(uncertain)):
         at = list(middle)
         for i, sign in zip(uncertain, signs, strict=True):
@@ -143,7 +148,7 @@ def _law_slopes(claim: Claim, estimated: list[int]) -> list[list[Any]]:
     context = fmpq_mpoly_ctx.get([f"z{i + 1}" for i in range(n)], Ordering.degrevlex)
     value = polynomial_of(claim.value, context)
     g2 = fmpq_mat([[_constant(claim, entry, "input") for entry in row] for row in claim.g2])
-    onto = _matrix(claim.r2).inv() * g2.transpose()
+    onto = matrix_of(claim.r2).inv() * g2.transpose()
     x = [
         sum((as_rational(a) * z for a, z in zip(row, context.gens(), strict=True)), context.constant(0))
         for row in claim.coordinates
@@ -158,7 +163,7 @@ def _law_slopes(claim: Claim, estimated: list[int]) -> list[list[Any]]:
 
 def _hull(claim: Claim, observer: Observer, estimated: list[int], storage: Any) -> list[fmpq]:
     """Bounds of |z_i| for x in S plus any error e with ½ eᵀXe ≤ ε: |aᵀe|² ≤ 2ε aᵀX⁻¹a."""
-    backwards, within = _matrix(claim.coordinates).inv(), storage.inv()
+    backwards, within = matrix_of(claim.coordinates).inv(), storage.inv()
     result = []
     for i in range(backwards.nrows()):
         a = fmpq_mat([[backwards[i, j] for j in estimated]])
@@ -168,12 +173,3 @@ def _hull(claim: Claim, observer: Observer, estimated: list[int], storage: Any) 
             raise Refusal("the errors of the estimates have no bound in doubles")
         result.append(as_rational(claim.reach) + size)
     return result
-
-
-# Matrices -----------------------------------------------------------------------------------------------
-def _matrix(rows: Any) -> Any:
-    return fmpq_mat([[as_rational(v) for v in row] for row in rows])
-
-
-def _symmetric(matrix: Any) -> bool:
-    return matrix == matrix.transpose()

@@ -15,19 +15,21 @@ from typing import Any, NamedTuple
 import numpy as np
 from flint import arb, arb_series, fmpq, fmpq_mat
 
-from flexhinf.certify.checker.quotient import offset_of, series_of
 from flexhinf.certify.checker.residual import (
+    Refusal,
     Residual,
     as_rational,
     box_corners,
+    form_of,
     leading_minors,
+    offset_of,
     parameter_corners,
     positive_definite,
     rounded,
+    row_of,
+    series_of,
 )
-from flexhinf.certify.checker.steering import Refusal
-from flexhinf.certify.claim import Claim
-from flexhinf.certify.terms import Function
+from flexhinf.certify.claim import Claim, Function
 
 _MOST_CORNERS = 2**15
 _MOST_FAILED = 64  # corners that are kept
@@ -143,23 +145,3 @@ def quotient_range(function: Function, square: fmpq) -> tuple[fmpq, fmpq] | None
                 return None
             ends += [enclosed.lower().fmpq(), enclosed.upper().fmpq()]
     return min(ends), max(ends)
-
-
-def form_of(polynomial: Any) -> fmpq_mat:
-    """The symmetric matrix of a quadratic form."""
-    n = polynomial.context().nvars()
-    rows = [[fmpq(0)] * n for _ in range(n)]
-    for powers, value in polynomial.to_dict().items():
-        i, j = (k for k, e in enumerate(powers) for _ in range(int(e)))
-        rows[i][j] += value / 2
-        rows[j][i] += value / 2
-    return fmpq_mat(rows)
-
-
-def row_of(linear: Any) -> fmpq_mat:
-    """The coefficients of a linear form."""
-    n = linear.context().nvars()
-    row = [fmpq(0)] * n
-    for powers, value in linear.to_dict().items():
-        row[[*map(int, powers)].index(1)] = value
-    return fmpq_mat([row])

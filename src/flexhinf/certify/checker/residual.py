@@ -5,15 +5,24 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from math import prod
 from typing import Any
 
-from flint import Ordering, fmpq, fmpq_mat, fmpq_mpoly_ctx
+import numpy as np
+from flint import Ordering, arb, arb_series, fmpq, fmpq_mat, fmpq_mpoly_ctx
 
-from flexhinf.certify.claim import Claim
-from flexhinf.certify.terms import Polynomial, Terms
+from flexhinf.certify.claim import Claim, Function, Polynomial, Terms
 
 #: A product of powers of parameters: (name, exponent) pairs.
 Exponents = tuple[tuple[str, int], ...]
+
+
+class Refusal(Exception):
+    """A claim that is not proved, and why; with the place z, and V there, where it is about one."""
+
+    def __init__(self, why: str, z: np.ndarray | None = None, value: float = float("nan")) -> None:
+        super().__init__(why)
+        self.z, self.value = z, value
 
 
 def as_rational(value: float) -> fmpq:
@@ -26,9 +35,50 @@ def rounded(value: fmpq) -> float:
     return int(value.p) / int(value.q)
 
 
+def series_of(name: str, argument: arb_series) -> arb_series:
+    """φ of a power series; nan where the enclosure of what is divided by holds 0."""
+    if name == "tanh":
+        below = (2 * argument).exp() + 1
+        undefined = arb_series([arb("nan")] * argument.prec, prec=argument.prec)
+        return 1 - 2 / below if below[0] > 0 else undefined
+    if name == "arctan":
+        return argument.atan()
+    return {"sin": argument.sin, "cos": argument.cos, "exp": argument.exp, "log": argument.log}[name]()
+
+
+def offset_of(function: Function) -> arb:
+    """Enclosure of o."""
+    return arb(function.offset) + arb.pi() * function.pi_halves / 2
+
+
 def polynomial_of(polynomial: Polynomial, context: Any) -> Any:
     """A claim's polynomial as an exact one."""
     return context.from_dict({powers: as_rational(value) for powers, value in polynomial})
+
+
+def matrix_of(rows: Iterable[Iterable[float]]) -> fmpq_mat:
+    """Rows of doubles as an exact matrix."""
+    return fmpq_mat([[as_rational(value) for value in row] for row in rows])
+
+
+def form_of(polynomial: Any) -> fmpq_mat:
+    """The symmetric matrix of a quadratic form."""
+    n = polynomial.context().nvars()
+    rows = [[fmpq(0)] * n for _ in range(n)]
+    for powers, value in polynomial.to_dict().items():
+        i, j = (k for k, e in enumerate(powers) for _ in range(int(e)))
+        rows[i][j] += value / 2
+        rows[j][i] += value / 2
+    return fmpq_mat(rows)
+
+
+def row_of(linear: Any) -> fmpq_mat:
+    """The coefficients of a linear form."""
+    n = linear.context().nvars()
+    row = [fmpq(0)] * n
+    for powers, value in linear.to_dict().items():
+        row[[*map(int, powers)].index(1)] = value
+    return fmpq_mat([row])
 
 
 def positive_definite(matrix: fmpq_mat) -> bool:
@@ -107,9 +157,9 @@ def residual(claim: Claim) -> Residual:
     s = [linear(function.slope) for function in claim.functions]
     v, k, h = polynomial(claim.value), [*map(polynomial, claim.law)], [*map(polynomial, claim.penalty)]
     v_x = [v.derivative(i) for i in range(n)]
-    f, g1, g2 = [*map(field, claim.drift)], _matrix(claim.g1, field), _matrix(claim.g2, field)
+    f, g1, g2 = [*map(field, claim.drift)], *([[*map(field, row)] for row in g] for g in (claim.g1, claim.g2))
     v_g1, v_g2 = ([total(v_x[i] * g[i][j] for i in range(n)) for j in range(len(g[0]))] for g in (g1, g2))
-    priced = [total(a * one for a, one in zip(row, k, strict=True)) for row in _matrix(claim.r2, as_rational)]
+    priced = [total(a * one for a, one in zip(row, k, strict=True)) for row in matrix_of(claim.r2).tolist()]
     half, gamma = fmpq(1, 2), as_rational(claim.gamma)
     r = total(a * b for a, b in zip(v_x, f, strict=True)) + total(a * b for a, b in zip(v_g2, k, strict=True))
     r += half * total(a * a for a in h) + half * total(a * b for a, b in zip(k, priced, strict=True))
@@ -128,10 +178,6 @@ def residual(claim: Claim) -> Residual:
     gradient = certain and all(_opposite(a, b) for a, b in zip(priced, v_g2, strict=True))
     v, *s = (in_z.from_dict({e[:n]: a for e, a in one.to_dict().items()}) for one in (v, *s))
     return Residual(v, _named(claim, free, parts), plain, factors, s, gradient)
-
-
-def _matrix(rows: Iterable[Iterable[Any]], entry: Any) -> list[list[Any]]:
-    return [[entry(one) for one in row] for row in rows]
 
 
 def _named(claim: Claim, free: list[str], products: Iterable[tuple[int, ...]]) -> list[Exponents]:
@@ -171,13 +217,5 @@ def box_corners(claim: Claim, products: list[Exponents]) -> list[dict[str, fmpq]
 
 def parameter_corners(claim: Claim, products: list[Exponents]) -> list[list[fmpq]]:
     """Each product of parameters (columns) at the corners of the box (rows)."""
-    rows = []
-    for at in box_corners(claim, products):
-        row = []
-        for product in products:
-            weight = fmpq(1)
-            for name, exponent in product:
-                weight *= at[name] ** exponent
-            row.append(weight)
-        rows.append(row)
-    return rows
+    corners = box_corners(claim, products)
+    return [[prod((at[p] ** e for p, e in product), start=fmpq(1)) for product in products] for at in corners]

@@ -1,6 +1,6 @@
 """Single cells proved on another route: exact rational substitution, ball arithmetic, no table and no rounding.
 
-A random sample of the march's cells is proved here again, or every one of them: then nothing of `taylor` and `bounds`
+A random sample of the accepted cells is proved here again, or every one of them: then nothing of the bounds in doubles
 has to be believed. The variables of the polynomials are reused: the first becomes ρ and then s_0, the others t_i and
 then s_i.
 """
@@ -15,10 +15,8 @@ import numpy as np
 from flint import arb, arb_series, fmpq
 
 from flexhinf.certify.checker.bounds import Bounds, Proof
-from flexhinf.certify.checker.quotient import offset_of, series_of
-from flexhinf.certify.checker.residual import as_rational
-from flexhinf.certify.checker.steering import Refusal
-from flexhinf.certify.terms import Function
+from flexhinf.certify.checker.residual import Refusal, as_rational, offset_of, series_of
+from flexhinf.certify.claim import Function
 
 _ORDER = 5  # of the Taylor polynomials of S: not that of the first route
 _PIECES = 32  # in which a bound of a derivative is looked for
@@ -149,7 +147,7 @@ def _upper(polynomial: Any, n: int) -> arb:
     return total
 
 
-# What the march found ---------------------------------------------------------------------------------
+# Cells that are accepted or finished ------------------------------------------------------------------
 def confirm(proof: Proof, cell: Cell, corners: Iterable[int], ended: bool = False) -> None:
     """Raise a `Refusal` unless a cell is proved at these corners of the parameters, or V > c at its inner end."""
     if not (cell_ended(proof, cell) if ended else all(cell_holds(proof, cell, i) for i in corners)):

@@ -1,9 +1,13 @@
-"""Starts along a path x(a) from 0 are inside: V(x(a)) ≤ c for every 0 ≤ a ≤ amplitude, in ball arithmetic.
+"""Paths of starts, in ball arithmetic, and the largest input of the runs that begin there.
 
-The path is continuous, so it stays in the component of {V ≤ c} that contains 0: no ray has to be followed. With
-uncertain parameters there is a path for each of their values. A V of degree two is convex (positive definite, where a
-region is proved), so where x(a) is affine in a power of each parameter, V is largest at a corner of their box.
-Otherwise parameters are balls.
+A path x(a), 0 ≤ a ≤ amplitude, begins at 0. Where V(x(a)) ≤ c for all of its a, it stays in the component of {V ≤ c}
+that contains 0, because it is continuous: no ray has to be followed. With uncertain parameters there is a path for each
+of their values. A V of degree two is convex (positive definite, where a region is proved), so where x(a) is affine in a
+power of each parameter, V is largest at a corner of their box. Otherwise parameters are balls.
+
+V does not grow along a run without disturbances: from a start with V ≤ c₀ it stays so, and with V = xᵀWx, u = Kx,
+
+    |u_i|² = |K_i x|² ≤ (K_i W⁻¹ K_iᵀ) V(x) ≤ (K_i W⁻¹ K_iᵀ) c₀    for every value of the parameters in the box.
 """
 
 from __future__ import annotations
@@ -12,13 +16,19 @@ import itertools
 from itertools import pairwise
 from typing import Any
 
-from flint import arb, arb_series, ctx, fmpq
+from flint import Ordering, arb, arb_series, ctx, fmpq, fmpq_mpoly_ctx
 
-from flexhinf.certify.checker.quotient import offset_of, series_of
-from flexhinf.certify.checker.residual import as_rational
-from flexhinf.certify.checker.steering import Refusal
-from flexhinf.certify.claim import Claim
-from flexhinf.certify.terms import Start
+from flexhinf.certify.checker.residual import (
+    Refusal,
+    as_rational,
+    form_of,
+    offset_of,
+    polynomial_of,
+    positive_definite,
+    row_of,
+    series_of,
+)
+from flexhinf.certify.claim import Claim, Start
 
 BITS = 128
 _HALVINGS = 40  # of the amplitude, before an interval is refused
@@ -29,15 +39,17 @@ def check_start(claim: Claim, start: Start) -> int:
     """Number of intervals of a on which V ≤ c was shown; a `Refusal` where that fails."""
     with ctx.workprec(BITS):
         level = arb(claim.level) - (arb(claim.observer.energy) if claim.observer else 0)
-        knots = [as_rational(a) for a in start.amplitudes] or [fmpq(0), as_rational(start.amplitude)]
-        todo = [
-            (left + (right - left) * i / _FIRST, left + (right - left) * (i + 1) / _FIRST, piece, 0)
-            for piece, (left, right) in enumerate(pairwise(knots))
-            for i in range(_FIRST)
-        ]
-        return sum(
-            _shown(claim, start, level, values, list(todo)) for values in parameter_values(claim, start)
-        )
+        return sum(_shown(claim, start, level, values) for values in parameter_values(claim, start))
+
+
+def _first_pieces(start: Start) -> list[tuple[fmpq, fmpq, int, int]]:
+    """Intervals of a that cover the path: their ends, the piece of the table that they lie in, and 0 halvings."""
+    knots = [as_rational(a) for a in start.amplitudes] or [fmpq(0), as_rational(start.amplitude)]
+    return [
+        (left + (right - left) * i / _FIRST, left + (right - left) * (i + 1) / _FIRST, piece, 0)
+        for piece, (left, right) in enumerate(pairwise(knots))
+        for i in range(_FIRST)
+    ]
 
 
 def parameter_values(claim: Claim, start: Start) -> list[dict[str, arb]]:
@@ -51,9 +63,9 @@ def parameter_values(claim: Claim, start: Start) -> list[dict[str, arb]]:
     return [{p.name: arb(v) for p, v in zip(used, corner, strict=True)} for corner in corners]
 
 
-def _shown(claim: Claim, start: Start, level: arb, values: dict[str, arb], todo: list[Any]) -> int:
+def _shown(claim: Claim, start: Start, level: arb, values: dict[str, arb]) -> int:
     """Number of intervals on which V ≤ c for these parameters, or a `Refusal`."""
-    shown = 0
+    shown, todo = 0, _first_pieces(start)
     while todo:
         left, right, piece, depth = todo.pop()
         middle = (left + right) / 2
@@ -125,3 +137,47 @@ def _value(claim: Claim, x: list[Any]) -> Any:
                 product = table[exponent] * product
         total += product
     return total
+
+
+_CLOSE = 1.002  # the bound of V over a value that V has on the path
+_PEAK_HALVINGS = 30
+
+
+def proved_peaks(claim: Claim) -> tuple[float, ...]:
+    """Bounds of |u_i|, deviations from the input at the goal, along each run without disturbances from a stated start;
+    empty where none is proved: without starts, for a law that is not linear and for a V of another degree than two."""
+    n, quadratic = len(claim.states), all(sum(powers) == 2 for powers, _ in claim.value)
+    linear = all(sum(powers) == 1 for law in claim.law for powers, _ in law)
+    if not (claim.starts and quadratic and linear):
+        return ()
+    ring = fmpq_mpoly_ctx.get([f"x{i}" for i in range(n)], Ordering.degrevlex)
+    w = form_of(polynomial_of(claim.value, ring))
+    if not positive_definite(w):
+        return ()
+    with ctx.workprec(BITS):
+        level = arb(0)
+        for start in claim.starts:
+            level = level.max(_largest_value(claim, start))
+        found = []
+        for law in claim.law:
+            k = row_of(polynomial_of(law, ring))
+            square = (k * w.inv() * k.transpose())[0, 0]
+            found.append(float((arb(square) * level).sqrt().upper()) * (1 + 1e-12))
+    return tuple(found) if all(bound < float("inf") for bound in found) else ()
+
+
+def _largest_value(claim: Claim, start: Start) -> arb:
+    """An upper bound of V on a path of starts, for all parameters in the box."""
+    seen, bound = arb(0), arb(0)
+    for values in parameter_values(claim, start):
+        todo = _first_pieces(start)
+        while todo:
+            left, right, piece, depth = todo.pop()
+            center, whole = enclosed_value(claim, start, piece, left, right, values)
+            seen = seen.max(center.lower())
+            if depth >= _PEAK_HALVINGS or whole <= seen * _CLOSE:
+                bound = bound.max(whole.upper())
+                continue
+            middle = (left + right) / 2
+            todo += [(left, middle, piece, depth + 1), (middle, right, piece, depth + 1)]
+    return bound

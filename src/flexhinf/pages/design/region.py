@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import textwrap
 from collections.abc import Iterator, Sequence
 from typing import Any
 
@@ -22,7 +23,6 @@ from flexhinf.pages.drawing import (
     units_of,
 )
 from flexhinf.pages.proof import BOX_FILE, covers_tolerances, penalty_text
-from flexhinf.plant import GeneralisedPlant
 from flexhinf.report import (
     INK,
     SERIES,
@@ -33,12 +33,12 @@ from flexhinf.report import (
     Table,
     at_least,
     at_most,
-    house_style,
     label,
     legend,
     new_figure,
     number,
 )
+from flexhinf.report.table import WIDTH
 
 PARTS = {
     "sampling": "the input is held between samples",
@@ -55,85 +55,73 @@ def blocks(design: Design) -> list[Any]:
     """Level set and step of every degree; the gain found; the budget."""
     found: list[Any] = [Paragraph(degree_text(design)), *_proof(design)]
     if design.synthesis.proved is None:
-        found += [Paragraph(_region_text(design)), _regions(design)]
+        found += [Paragraph(_region_text(design)), region_table(design)]
     if design.attenuation.attained is not None:
-        found += [Paragraph(_attained_text(design)), _levels(design)]
+        found += [Paragraph(_attained_text(design)), level_table(design)]
     if budget_of(design):
-        found += [Paragraph(_budget_text(design)), _budget(design), *_budget_figure(design)]
+        found += [Paragraph(_budget_text(design)), budget_table(design), *_budget_figure(design)]
     return found
 
 
 def remarks(design: Design) -> Iterator[str]:
-    """What the region does not say."""
-    s = design.specification
+    """What does not follow from the region."""
+    attained, proved = design.attenuation.attained, design.synthesis.proved
     for low, high in design.shrinking:
         yield f"Degree {high} allows a smaller step than degree {low}."
     if design.attenuation.failure:
         yield design.attenuation.failure
-    found = design.attenuation.attained
-    if found is not None and design.synthesis.proved is None and found.gain > design.gamma:
+    if attained is not None and proved is None and attained.gain > design.gamma:
         yield (
-            f"The disturbance found attains {number(found.gain)}, more than γ = {number(design.gamma)}: the law does "
-            "not keep its level there, because the truncated V or the sampling leaves too much out."
+            f"The disturbance found attains {number(attained.gain)}, more than γ = {number(design.gamma)}: the law "
+            "does not keep its level there, because the truncated V or the sampling leaves too much out."
         )
-    if terms := budget_of(design):
-        budget = terms[-1].budget
+    for term in budget_of(design)[-1:]:
+        budget = term.budget
         if np.isfinite(budget.level) and not budget.kept:
             yield (
                 f"The step begins inside the region, but its parts use {number(budget.total, 3)} of the "
                 f"level {number(budget.level - budget.start, 3)} that remains after V(x0). Nothing follows from "
                 "the region for this step. Try a shorter --period, a faster estimator, or a smaller step."
             )
-    if not design.chosen.looked and design.synthesis.proved is None:
-        many = f"with {len(design.problem.state_names)} states it takes minutes. `--rays 50` samples one."
-        yield f"No region was sampled: {many}" if s.rays is None else "No region was sampled (--rays 0)."
+    if not design.chosen.looked and proved is None:
+        why = f"with {len(design.problem.state_names)} states it takes minutes. `--rays 50` samples one."
+        yield f"No region was sampled{' (--rays 0).' if design.specification.rays is not None else f': {why}'}"
 
 
 def _proof(design: Design) -> list[Any]:
-    """The certificate of the law that is used, and how it is proved again."""
-    given = design.proof.certificate
-    if given is None:
-        return _box(design)
-    box, seconds = covers_tolerances(design), number(design.proof.cpu_seconds, 2)
-    if given.sampled_level is None:
+    """The certificates of the law that is used, and how they are proved again; or why there is none."""
+    given, box, found = design.proof.certificate, design.proof.box, []
+    if given is not None:
+        covers = covers_tolerances(design)
         level = f"The level V ≤ {at_least(given.level, 5)} was"
-    else:
-        share = 100.0 * given.level / given.sampled_level
-        level = f"The level V ≤ {at_least(given.level, 5)} is {number(share, 3)} % of the sampled one,"
-    others = "values of the parameters outside the tolerances" if box else "other values of the parameters"
-    budget = "" if box else " beyond the budget below"
-    return [
-        Paragraph(
-            f"{level} proved in {seconds} s of CPU by arithmetic that cannot round the wrong way; "
-            "the theorem with all its hypotheses stands in `certificate.json`, which another program proves again:"
-        ),
-        Listing("flexhinf certify --check certificate.json"),
-        Paragraph(
-            f"Not covered by the proof: {others}; estimator, sampling, hold, delay, limits and noise{budget}. A "
-            "planned move and payloads are judged by runs."
-        ),
-        *_box(design),
-    ]
-
-
-def _box(design: Design) -> list[Any]:
-    """The proof for all tolerances beside the nominal robot's, or why there is none."""
-    proof = design.proof
-    if proof.box is None:
-        reason = proof.box_reason.rstrip(".")
-        return (
-            [Paragraph(f"For all robots within the tolerances nothing is proved: {reason}.")]
-            if reason
-            else []
+        if given.sampled_level is not None:
+            share = number(100.0 * given.level / given.sampled_level, 3)
+            level = f"The level V ≤ {at_least(given.level, 5)} is {share} % of the sampled one,"
+        others = (
+            "values of the parameters outside the tolerances" if covers else "other values of the parameters"
         )
-    return [
-        Paragraph(
-            f"The proof for all robots within the tolerances took {number(proof.box.cpu_seconds, 2)} s of CPU. Its V "
+        found += [
+            Paragraph(
+                f"{level} proved in {number(design.proof.cpu_seconds, 2)} s of CPU with exact (outward rounded) "
+                "arithmetic; the theorem with all its hypotheses stands in `certificate.json`, which another program "
+                "proves again:"
+            ),
+            Listing("flexhinf certify --check certificate.json"),
+            Paragraph(
+                f"Not covered by the proof: {others}; estimator, sampling, hold, delay, limits and noise"
+                f"{'' if covers else ' beyond the budget below'}. A planned move and payloads are judged by runs."
+            ),
+        ]
+    if box is not None:
+        text = (
+            f"The proof for all robots within the tolerances took {number(box.cpu_seconds, 2)} s of CPU. Its V "
             "is another one, found by matrix inequalities for the whole box, so its level and the budget below do not "
             "compare:"
-        ),
-        Listing(f"flexhinf certify --check {BOX_FILE}"),
-    ]
+        )
+        found += [Paragraph(text), Listing(f"flexhinf certify --check {BOX_FILE}")]
+    elif reason := design.proof.box_reason.rstrip("."):
+        found.append(Paragraph(f"For all robots within the tolerances nothing is proved: {reason}."))
+    return found
 
 
 def degree_text(design: Design) -> str:
@@ -150,25 +138,21 @@ def degree_text(design: Design) -> str:
     if all(math.isnan(choice.cost) for choice in higher):
         most = max(choice.acting for choice in higher)
         return (
-            f"{used}: along its step the laws of higher degree would change the input by {_percent(most)} of its "
-            f"largest deviation from the goal's (below {_percent(ACTING)} nothing is gained)."
+            f"{used}: along its step the laws of higher degree would change the input by {100.0 * most:.2g} % of its "
+            f"largest deviation from the goal's (below {100.0 * ACTING:.2g} % nothing is gained)."
         )
-    steps = "; ".join(f"{_cheaper(choice, lowest)}{_missed(choice)}" for choice in higher)
+    steps = "; ".join(
+        f"degree {choice.degree} {_cost(choice, lowest)}"
+        + (f" (but misses: {', '.join(choice.missed)})" if choice.missed else "")
+        for choice in higher
+    )
     return (
         f"{used}. By the cost of the step, ∫|z|² without the integrals, against degree {lowest.degree}: {steps}. A "
-        f"higher degree is used where it saves more than {_percent(GAIN)} and keeps the same limits."
+        f"higher degree is used where it saves more than {100.0 * GAIN:.2g} % and keeps the same limits."
     )
 
 
-def _cheaper(choice: DegreeChoice, lowest: DegreeChoice) -> str:
-    return f"degree {choice.degree} {cost_text(choice, lowest)}"
-
-
-def _missed(choice: DegreeChoice) -> str:
-    return f" (but misses: {', '.join(choice.missed)})" if choice.missed else ""
-
-
-def cost_text(choice: DegreeChoice, lowest: DegreeChoice) -> str:
+def _cost(choice: DegreeChoice, lowest: DegreeChoice) -> str:
     """The cost of a step relative to that of the lowest degree: "−5.9 %"."""
     if math.isnan(choice.cost) or choice is lowest:
         return "–" if math.isnan(choice.cost) else "0 %"
@@ -179,24 +163,20 @@ def cost_text(choice: DegreeChoice, lowest: DegreeChoice) -> str:
     return f"{100.0 * (choice.cost / lowest.cost - 1.0):+.2g} %".replace("-", "−")
 
 
-def _percent(fraction: float) -> str:
-    return f"{100.0 * fraction:.2g} %"
-
-
+# Sampled regions ----------------------------------------------------------------------------------------
 def _region_text(design: Design) -> str:
-    s = design.specification
     return (
         "Of every degree: the largest level set of V in which no violation of the dissipation inequality was found, "
-        f"along random rays and by ascent from many starts: {region_strength(design)}. The checked pair "
-        f"is weaker than the designed one: γ = {s.checked_gamma_ratio:g} γ* and the penalty under Settings. It "
-        "covers the law with the true state, not the estimator. The largest step moves all joints alike and "
-        "starts with the integrals at which V is smallest. "
+        f"along random rays and by ascent from many starts: {_strength(design)}. The checked pair "
+        f"is weaker than the designed one: γ = {design.specification.checked_gamma_ratio:g} γ* and the penalty under "
+        "Settings. It covers the law with the true state, not the estimator. The largest step moves all joints alike "
+        "and starts with the integrals at which V is smallest. "
         "A controller starts with other integrals, those at which the input does not jump, so V is larger there, and a "
         "shorter step may begin outside the level set."
     )
 
 
-def region_strength(design: Design) -> str:
+def _strength(design: Design) -> str:
     """Of the regions of all degrees; of the law that is used, more may be proved."""
     given = design.proof.certificate
     if given is None:
@@ -204,31 +184,25 @@ def region_strength(design: Design) -> str:
     return f"sampled; of the law that is used V ≤ {at_least(given.level)} is proved"
 
 
-def _regions(design: Design) -> Table:
+def region_table(design: Design) -> Table:
+    """Level set, step and cost of each degree."""
     unit, most = units_of(design.evaluation).position, widest_step(design)
     rows = [
         (
-            c.degree,
-            law_name(c.degree),
-            "used" if c is design.chosen else "",
-            _level(c.level) if c.looked else "–",
-            amplitude_text(c.step_amplitude, unit, most) if c.looked else "–",
-            cost_text(c, design.choices[0]),
-            c.limit,
-            f"{c.residual:.0e}",
-            1e3 * c.solve_seconds,
-            c.check_seconds,
+            c.degree, law_name(c.degree), "used" if c is design.chosen else "", _level(c),
+            amplitude_text(c.step_amplitude, unit, most) if c.looked else "–", _cost(c, design.choices[0]), c.limit,
+            f"{c.residual:.0e}", 1e3 * c.solve_seconds, c.check_seconds,
         )
         for c in design.choices
-    ]
+    ]  # fmt: skip
     columns = (
-        "degree of V",
+        Column("degree of V", brief="degree"),
         "law",
         "",
-        "V up to",
-        "largest step sampled, V smallest",
-        "cost of the step",
-        "limited by",
+        Column("V up to", brief="V ≤"),
+        Column("largest step sampled, V smallest", brief="sampled step"),
+        Column("cost of the step", brief="cost"),
+        Column("limited by", brief=None),
         "residual",
         Column("solve", "ms", 1),
         Column("check", "s", 1),
@@ -237,7 +211,11 @@ def _regions(design: Design) -> Table:
         "Step: of all joints alike from one equilibrium to another, started inside the level set with the integrals "
         "at which V is smallest, not those of the controller"
     )
-    return Table(columns, rows, caption, "table-region", stacks=True)
+    title = (
+        f"{textwrap.fill(degree_text(design), WIDTH)}\nRegion of each solution: {_strength(design)}\n"
+        "Sampled step: with the integrals at which V is smallest, not the controller's"
+    )
+    return Table(columns, rows, caption, "table-region", stacks=True, title=title)
 
 
 def widest_step(design: Design) -> float:
@@ -247,19 +225,23 @@ def widest_step(design: Design) -> float:
     return float(max(min(side) for side in zip(*rooms)))
 
 
-def _level(value: float) -> str:
-    if math.isnan(value):
+def _level(choice: DegreeChoice) -> str:
+    if not choice.looked:
+        return "–"
+    if math.isnan(choice.level):
         return "none"
-    return "everything sampled" if math.isinf(value) else f"{value:.4g}"
+    return "everything sampled" if math.isinf(choice.level) else f"{choice.level:.4g}"
 
 
+# Levels of attenuation ----------------------------------------------------------------------------------
 def _attained_text(design: Design) -> str:
     found, proved = design.attenuation.attained, design.synthesis.proved
     assert found is not None
     if proved is not None:
         share = 100.0 * found.gain / proved.gamma
+        names = ", ".join(name.replace("_", " ") for name in proved.problem.disturbance_names)
         return (
-            f"√(∫|z|²/∫|d|²) from the {_listed(proved.problem)} to {penalty_text(design)} is proved to be at most "
+            f"√(∫|z|²/∫|d|²) from the {names} to {penalty_text(design)} is proved to be at most "
             f"γ = {at_most(proved.gamma)}, for every robot of the box. A disturbance found by search attains "
             f"{number(found.gain)} on the nominal robot, {number(share, 3)} % of γ, with an energy ∫|d|² of "
             f"{number(found.energy, 3)}. The largest gain lies between the two."
@@ -274,32 +256,27 @@ def _attained_text(design: Design) -> str:
     )
 
 
-def _listed(problem: GeneralisedPlant) -> str:
-    return ", ".join(name.replace("_", " ") for name in problem.disturbance_names)
-
-
-def level_rows(design: Design) -> list[tuple[str, float]]:
+def level_table(design: Design) -> Table:
     """Levels from the smallest feasible one to the checked or proved one, and the lower bound found."""
     s, found, proved = design.specification, design.attenuation.attained, design.synthesis.proved
     attained = [] if found is None else [("worst disturbance found (lower bound)", found.gain)]
+    title = "√(∫|z|²/∫|d|²)"
     if proved is not None:
-        star = smallest_gamma(proved.problem)
-        return [
-            ("γ* of this z, nominal robot near the goal, any law", star), *attained, ("γ that is proved", proved.gamma)
-        ]  # fmt: skip
-    return [
-        ("γ* of the problem, linear part", design.gamma_star),
-        *attained,
-        ("γ of the law", design.gamma),
-        ("γ of the inequality checked in the region", s.checked_gamma_ratio * design.gamma_star),
-    ]
+        star = ("γ* of this z, nominal robot near the goal, any law", smallest_gamma(proved.problem))
+        rows = [star, *attained, ("γ that is proved", proved.gamma)]
+        title = f"{textwrap.fill(degree_text(design), WIDTH)}\nGain √(∫|z|²/∫|d|²), {penalty_text(design)}"
+    else:
+        rows = [
+            ("γ* of the problem, linear part", design.gamma_star),
+            *attained,
+            ("γ of the law", design.gamma),
+            ("γ of the inequality checked in the region", s.checked_gamma_ratio * design.gamma_star),
+        ]
+    columns = ("√(∫|z|²/∫|d|²)", Column("value", digits=4))
+    return Table(columns, rows, "Levels of attenuation", "table-attained", title=title)
 
 
-def _levels(design: Design) -> Table:
-    rows = [(what, number(value)) for what, value in level_rows(design)]
-    return Table(("√(∫|z|²/∫|d|²)", "value"), rows, "Levels of attenuation", "table-attained")
-
-
+# Dissipation budget -------------------------------------------------------------------------------------
 def budget_of(design: Design) -> Sequence[BudgetTerm]:
     """The budget of the step against the proved level, or against the sampled one where nothing is proved; none where
     the step starts outside."""
@@ -308,20 +285,13 @@ def budget_of(design: Design) -> Sequence[BudgetTerm]:
 
 def budget_rows(design: Design) -> list[dict[str, Any]]:
     """For each part of the loop with all above it: what it adds, what is used in all, and the level that remains."""
-    return [_budget_row(term) for term in budget_of(design)]
-
-
-def _budget_row(term: BudgetTerm) -> dict[str, Any]:
-    budget = term.budget
-    return {
-        "part": term.name,
-        "added": term.added,
-        "spent": budget.total,
-        "start": budget.start,
-        "level": budget.level,
-        "left": budget.left,
-        "kept": budget.kept,
-    }
+    return [
+        {
+            "part": term.name, "added": term.added, "spent": term.budget.total, "start": term.budget.start,
+            "level": term.budget.level, "left": term.budget.left, "kept": term.budget.kept,
+        }
+        for term in budget_of(design)
+    ]  # fmt: skip
 
 
 def _budget_text(design: Design) -> str:
@@ -333,23 +303,39 @@ def _budget_text(design: Design) -> str:
         "robot, extras left out, "
     )
     if row["spent"] is None or not np.isfinite(row["spent"]):
-        return text + "the loop with all its parts diverges."
+        return f"{text}the loop with all its parts diverges."
     text += f"V(x0) is {number(row['start'])} and {number(row['spent'], 3)} is used"
     if not np.isfinite(row["level"]):
-        return text + "; no region was sampled to compare it with."
+        return f"{text}; no region was sampled to compare it with."
     which = "the sampled" if design.proof.certificate is None else "the proved"
     kept = "this is within the budget" if row["kept"] else "the budget is exceeded"
     return f"{text}, of {which} level of {number(row['level'])}: {kept}."
 
 
-def _budget(design: Design) -> Table:
-    rows = []
-    for row in budget_rows(design):
-        left = number(row["left"]) if np.isfinite(row["left"]) else "–"
-        kept = "–" if not np.isfinite(row["level"]) else ("yes" if row["kept"] else "NO")
-        rows.append((PARTS[row["part"]], number(row["added"], 3), number(row["spent"], 3), left, kept))
-    columns = ("part of the loop", "uses ½∫vᵀR2v", "with all above", "remaining level", "within the budget")
-    return Table(columns, rows, "Parts are added one after the other", "table-budget", stacks=True)
+def budget_table(design: Design) -> Table:
+    """What the parts of the controller use of the level; the lower bound of the gain in the title."""
+    rows = [
+        {
+            **row,
+            "text": PARTS[row["part"]],
+            "left": row["left"] if np.isfinite(row["left"]) else None,
+            "within": ("yes" if row["kept"] else "NO") if np.isfinite(row["level"]) else None,
+        }
+        for row in budget_rows(design)
+    ]
+    columns = (
+        Column("part of the loop", key="text", brief="part"),
+        Column("uses ½∫vᵀR2v", digits=3, key="added", brief="uses"),
+        Column("with all above", digits=3, key="spent"),
+        Column("remaining level", digits=4, key="left", brief="remaining"),
+        Column("within the budget", key="within"),
+    )
+    title, attained = "Dissipation budget of the step", design.attenuation.attained
+    if attained is not None:
+        gain = f"{number(attained.gain)} found (lower bound), γ = {number(design.gamma)} designed"
+        title = f"√(∫|z|²/∫|d|²): {gain}\n{title}"
+    caption = "Parts are added one after the other"
+    return Table.of(columns, rows, caption, "table-budget", stacks=True, title=title)
 
 
 def _budget_figure(design: Design) -> list[Figure]:
@@ -357,24 +343,16 @@ def _budget_figure(design: Design) -> list[Figure]:
     budget = budget_of(design)[-1].budget
     if not budget.complete:
         return []
-    few = thin(budget.times)
-    bound = budget.start + budget.disturbance + budget.spent
+    few, bound = thin(budget.times), budget.start + budget.disturbance + budget.spent
     near = np.isfinite(budget.level) and NEAR * budget.level < float(bound.max())
     figure, (axis,) = new_figure(1)
-    with house_style():
-        axis.plot(budget.times[few], bound[few], color=SERIES[1], label="V(x0) + ½∫vᵀR2v until then")
-        axis.plot(budget.times[few], budget.value[few], color=SERIES[0], label="V")
-        if near:
-            axis.axhline(budget.level, color=INK, linewidth=1.0, dashes=DASHED, label="level of the region")
-        axis.set_ylim(bottom=0.0)
+    axis.plot(budget.times[few], bound[few], color=SERIES[1], label="V(x0) + ½∫vᵀR2v until then")
+    axis.plot(budget.times[few], budget.value[few], color=SERIES[0], label="V")
+    if near:
+        axis.axhline(budget.level, color=INK, linewidth=1.0, dashes=DASHED, label="level of the region")
+    axis.set_ylim(bottom=0.0)
     label(axis, "V", "")
     legend(axis)
     far = "" if near or not np.isfinite(budget.level) else f" The level, {budget.level:.3g}, is far above."
-    return [
-        figure_block(
-            "budget",
-            figure,
-            f"V along the step of the nominal robot, and its bound.{far}",
-            "Dissipation budget",
-        )
-    ]
+    caption = f"V along the step of the nominal robot, and its bound.{far}"
+    return [figure_block("budget", figure, caption, "Dissipation budget")]

@@ -2,22 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any, NamedTuple
+from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
 
-from flexhinf.design.joint_limits import JointLimits
 from flexhinf.design.requirements import Requirement
 from flexhinf.design.responses import Response
 from flexhinf.design.result import Design
 from flexhinf.design.specification import TOLERANCE
-from flexhinf.pages.drawing import Units, units_of
 from flexhinf.pages.drawing import limit_text as effort_text
-from flexhinf.report import Column, Paragraph, Table, number
+from flexhinf.pages.drawing import units_of
+from flexhinf.report import Cell, Column, Paragraph, Table, number
 
-#: What `input_rows` holds: with the same limit for all motors, and where they differ.
-INPUT_TITLES = ("largest input", "input nearest its limit")
+#: Of the judgement in a terminal.
+COLOURS = {"met": "green", "NOT MET": "red"}
 
 
 def blocks(design: Design) -> list[Any]:
@@ -26,9 +25,7 @@ def blocks(design: Design) -> list[Any]:
         "No bandwidth or damping is required: the weights are given, and the loop has what results from them."
     )
     free = [Paragraph(given)] if design.design_problem.target is None else []
-    units = units_of(design.evaluation)
-    lines = [line.shown(units.degrees) for line in design.requirements]
-    return [requirement_table(lines), *free, _inputs(design, units)]
+    return [requirements_of(design), *free, input_table(design)]
 
 
 def limit_text(line: Requirement) -> str:
@@ -47,68 +44,68 @@ def found_text(line: Requirement) -> str:
 
 def requirement_text(line: Requirement) -> str:
     """A requirement in one phrase, for example ``overshoot 9 % (at most 5 %; nominal robot)``."""
-    sign = "at most" if line.at_most else "at least"
     limit = limit_text(line).split(" ", 1)[1]
-    return f"{line.what} {found_text(line)} ({sign} {limit}; {line.where})"
-
-
-def requirement_table(lines: Sequence[Requirement]) -> Table:
-    """One row for each requirement, those that are not met first."""
-    rows = [
-        (
-            line.what,
-            limit_text(line),
-            found_text(line),
-            "NO" if not line.met else line.judgement if line.within_tolerance else "yes",
-            line.where,
-            line.criterion,
-            _source(line.stated_by),
-        )
-        for line in sorted(lines, key=lambda line: line.met)
-    ]
-    return Table(
-        ("requirement", "required", "achieved", "met", "where", "criterion", "stated by"),
-        rows,
-        f"A limit that is missed by at most {100.0 * TOLERANCE:g} % of it counts as met, the accuracy of the searches; "
-        "the line says so",
-        "table-specification",
-        stacks=True,
+    return (
+        f"{line.what} {found_text(line)} ({'at most' if line.at_most else 'at least'} {limit}; {line.where})"
     )
 
 
-def _source(stated_by: str) -> str:
-    """Who states a requirement; an option as code."""
-    if stated_by == "default":
-        return "our default"
-    return f"`{stated_by}`" if stated_by.startswith("--") else stated_by
+def requirements_of(design: Design) -> Table:
+    """The requirements of a design."""
+    title = (
+        f"{design.robot.name}: requirements (* our default; a miss of {100.0 * TOLERANCE:g} % counts as met)"
+    )
+    return requirement_table(design.requirements, units_of(design.evaluation).degrees, title)
 
 
-class InputRow(NamedTuple):
-    """The largest input of one run: what was run, the value, the joint and the unit."""
+def requirement_table(lines: Iterable[Requirement], degrees: bool = False, title: str = "") -> Table:
+    """Requirements grouped by where they hold; those that are not met, and their groups, first.
 
-    what: str
-    value: float
-    joint: str
-    unit: str
+    Parameters
+    ----------
+    degrees : bool
+        Whether angles are in degrees.
+    title : str
+        In a terminal.
+    """
+    groups: dict[str, list[Requirement]] = {}
+    for line in sorted(lines, key=lambda line: line.met):
+        groups.setdefault(line.where, []).append(line.shown(degrees))
+    rows: list[Any] = []
+    for where, group in groups.items():
+        rows.append(where)
+        for line in group:
+            judged = Cell(line.judgement, COLOURS.get(line.judgement, "yellow"))
+            default = line.stated_by == "default"
+            source = f"`{line.stated_by}`" if line.stated_by.startswith("--") else line.stated_by
+            required = f"{limit_text(line)}{'*' if default else ''}"
+            source = "our default" if default else source
+            rows.append((line.what, required, found_text(line), judged, line.criterion, source))
+    columns = (
+        "requirement", Column("required", right=True), Column("achieved", right=True), "met",
+        Column("criterion", brief=None),
+        Column("stated by", brief=None),
+    )  # fmt: skip
+    caption = (
+        f"A limit that is missed by at most {100.0 * TOLERANCE:g} % of it counts as met, the accuracy of the searches; "
+        "the line says so. * our default"
+    )
+    return Table(columns, rows, caption, "table-specification", stacks=True, title=title)
 
-    @property
-    def text(self) -> str:
-        """The input with its unit."""
-        return f"{number(self.value, 3)} {self.unit}"
 
-
-def input_rows(design: Design) -> list[InputRow]:
-    """The largest inputs of everything that was run, until the run diverged where it did."""
+def input_rows(design: Design) -> list[dict[str, Any]]:
+    """The largest inputs of everything that was run, until the run diverged where it did: "what", "value", "joint",
+    "unit"."""
     e, setup = design.evaluation, design.setup
     joints, samples = setup.joints, e.step_samples
     units, effort = [setup.model.unit(name) for name in setup.model.inputs], setup.limits.effort
 
-    def row(what: str, values: np.ndarray) -> InputRow:
+    def row(what: str, values: np.ndarray) -> dict[str, Any]:
         sizes = np.abs(np.asarray(values, dtype=float)).reshape(-1, len(joints)).max(axis=0)
         worst = int(np.argmax(sizes / effort) if np.isfinite(effort).any() else np.argmax(sizes))
-        return InputRow(what, float(sizes[worst]), joints[worst], units[worst])
+        return {"what": what, "value": float(sizes[worst]), "joint": joints[worst], "unit": units[worst]}
 
-    def run(what: str, response: Response) -> InputRow:
+    def run(what: str, response: Response) -> dict[str, Any]:
         return row(what + ("" if response.diverged_at is None else " (until it diverged)"), response.inputs)
 
     rows = [
@@ -117,8 +114,9 @@ def input_rows(design: Design) -> list[InputRow]:
         run("step, nominal robot", e.step),
     ]
     if samples is not None and len(samples):
-        worst = row(f"step, worst of {len(samples)} sampled robots", samples.inputs)
-        rows.append(worst if np.isfinite(worst.value) else worst._replace(joint=""))
+        rows.append(row(f"step, worst of {len(samples)} sampled robots", samples.inputs))
+        if not np.isfinite(rows[-1]["value"]):
+            rows[-1]["joint"] = ""
     if design.mujoco is not None:
         rows.append(run("step on MuJoCo's plant", design.mujoco))
     rows += [
@@ -129,29 +127,28 @@ def input_rows(design: Design) -> list[InputRow]:
     return rows if noise is None else [*rows, row("sensor noise in equilibrium (rms)", noise)]
 
 
-def input_title(design: Design) -> str:
-    """What the inputs of `input_rows` are."""
-    return INPUT_TITLES[bool(len(set(design.setup.limits.effort.tolist())) > 1)]
-
-
-def _percent(row: InputRow, limits: JointLimits) -> float | None:
-    """Of the limit of the row's joint; None where it has none, or the run diverged."""
-    limit = float(limits.effort[limits.joints.index(row.joint)]) if row.joint else np.inf
-    return 100.0 * row.value / limit if np.isfinite(row.value) and np.isfinite(limit) else None
-
-
-def _inputs(design: Design, units: Units) -> Table:
-    limits, several = design.setup.limits, len(design.setup.joints) > 1
-    columns: list[Any] = ["in", input_title(design), *(["joint"] if several else [])]
-    columns += [Column("of its limit", "%", 1)] if limits.limits_effort else []
-    rows = [
-        (
-            row.what,
-            row.text if np.isfinite(row.value) else "diverges",
-            *([row.joint or "–"] if several else []),
-            *([_percent(row, limits)] if limits.limits_effort else []),
+def input_table(design: Design) -> Table:
+    """The largest input of every run, its joint, and its percentage of that joint's limit."""
+    limits, several, records = design.setup.limits, len(design.setup.joints) > 1, []
+    for row in input_rows(design):
+        limit = float(limits.effort[limits.joints.index(row["joint"])]) if row["joint"] else np.inf
+        known = np.isfinite(row["value"])
+        records.append(
+            {
+                **row,
+                "text": f"{number(row['value'], 3)} {row['unit']}" if known else "diverges",
+                "joint": row["joint"] or "–",
+                "percent": 100.0 * row["value"] / limit if known and np.isfinite(limit) else None,
+            }
         )
-        for row in input_rows(design)
+    differ = len(set(limits.effort.tolist())) > 1
+    columns = [
+        Column("in", key="what"),
+        Column("input nearest its limit" if differ else "largest input", key="text"),
+        *([Column("joint", key="joint")] if several else []),
+        *([Column("of its limit", "%", 1, key="percent", brief=None)] if limits.limits_effort else []),
     ]
+    units = units_of(design.evaluation)
     given = f"; the limit is {effort_text(limits.effort)} {units.effort}" if limits.limits_effort else ""
-    return Table(columns, rows, f"Inputs of the motors{given}", "table-cost")
+    caption = f"Inputs of the motors{given}"
+    return Table.of(columns, records, caption, "table-cost", title="Inputs of the motors")

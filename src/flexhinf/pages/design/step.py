@@ -1,8 +1,8 @@
-"""The step from the start pose to the goal: figure and table; and on MuJoCo's plant."""
+"""The step from the start pose to the goal: responses, the arm at a few instants, table; and on MuJoCo's plant."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -11,33 +11,24 @@ from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.joint_limits import ROBOT
 from flexhinf.design.responses import Response
 from flexhinf.design.result import Design
-from flexhinf.pages.design.arm_figure import arm_of
 from flexhinf.pages.drawing import (
     ESTIMATORS,
+    Panel,
     Units,
     figure_block,
-    framed,
-    joint_lines,
     joint_table,
-    limit_lines,
+    legend_above,
     limit_text,
     listed,
-    plan_lines,
-    reference_line,
+    panels,
     settling_text,
-    thin,
+    time_figure,
     units_of,
-    widened,
 )
-from flexhinf.report import (
-    Column,
-    Figure,
-    Table,
-    label,
-    legend,
-    new_figure,
-    number,
-)
+from flexhinf.plant import Plant
+from flexhinf.report import INK, MUTED, SERIES, WIDTH, Column, Figure, Table, house_style, label, number
+from flexhinf.robot import Robot
+from flexhinf.robot.kinematics import skeleton
 
 #: A peak input within so many samples of the start that is so much larger than all later ones is the estimator's.
 STARTING, MUCH = 20, 1.5
@@ -45,19 +36,34 @@ STARTING, MUCH = 20, 1.5
 #: What a robot may state and a true plant leaves out unless asked: how the parameter's name begins, and the extra.
 STATED = {"inductance": "inductance", "damping": "joint_damping", "coulomb_friction": "coulomb_friction"}
 
+#: Parts of the way at which the arm is drawn.
+PARTS = (0.0, 0.25, 0.5, 0.75, 1.0)
+
+#: Inches that legend, titles and names of the axes take of the arm's height, and the numbers of the first panel of its
+#: width.
+AROUND, LEFT = 1.25, 0.8
+
+#: Points closer together than this part of the robot's size lie in one plane.
+FLAT = 0.02
+
 
 def blocks(design: Design) -> list[Any]:
-    """What the step looks like, and its figures for each joint."""
+    """What the step looks like, and its metrics for each joint."""
     e = design.evaluation
-    units, arm = units_of(e), arm_of(e)
-    drawn = [] if arm is None else [arm]
-    return [_figure(e, units), *drawn, _table(e, units), *_mujoco(design, units)]
+    arm = arm_of(e)
+    mujoco = [] if design.mujoco is None else [_mujoco_table(design, design.mujoco)]
+    return [_figure(e, units_of(e)), *([] if arm is None else [arm]), _table(e, units_of(e)), *mujoco]
 
 
 def remarks(design: Design) -> Iterator[str]:
-    """What the reader must not miss."""
-    e = design.evaluation
-    left = _left_out(design)
+    """Numbers of the robot that have no effect, a step that diverges, an input peak that is the estimator's."""
+    e, extras = design.evaluation, design.specification.extras
+    names = tuple(parameter.name for parameter in design.robot.parameters if parameter.value)
+    left = [
+        extra
+        for begins, extra in STATED.items()
+        if extra not in extras and any(name.startswith(begins) for name in names)
+    ]
     if left:
         yield (
             f"The robot states numbers of {listed(left).replace('_', ' ')} that the true plant of this report "
@@ -66,19 +72,8 @@ def remarks(design: Design) -> Iterator[str]:
     if e.step.diverged_at is not None:
         when = number(e.step.diverged_at, 3)
         yield f"The step diverges at {when} s. Start nearer to the goal, or change the weights."
-    started = _estimator_start(e, units_of(e))
-    if started:
+    if started := _estimator_start(e, units_of(e)):
         yield started
-
-
-def _left_out(design: Design) -> list[str]:
-    """Extras for which the robot states numbers, and that are off."""
-    names = [parameter.name for parameter in design.robot.parameters if parameter.value]
-    return [
-        extra
-        for begins, extra in STATED.items()
-        if extra not in design.specification.extras and any(name.startswith(begins) for name in names)
-    ]
 
 
 def _estimator_start(e: LawEvaluation, units: Units) -> str:
@@ -110,13 +105,11 @@ def step_text(response: Response, units: Units) -> str:
         return "No joint moves in this step."
     several = len(response.joints) > 1
     passed = f"overshoots by {number(overshoot.value, 2)} %{f' ({overshoot.joint})' if several else ''}"
-    peak = f"needs at most {peak_text(response, units)}"
-    last = float(response.run.time[-1])
+    settles = f"settles in {number(settling.value, 3)} s"
     if not np.isfinite(settling.value):
-        where = f" ({settling.joint})" if several else ""
-        return f"The step does not settle within {number(last, 3)} s{where}, {passed} and {peak}."
+        settles = f"does not settle within {number(float(response.run.time[-1]), 3)} s"
     where = f" ({settling.joint})" if several else ""
-    return f"The step settles in {number(settling.value, 3)} s{where}, {passed} and {peak}."
+    return f"The step {settles}{where}, {passed} and needs at most {peak_text(response, units)}."
 
 
 def peak_text(response: Response, units: Units) -> str:
@@ -125,26 +118,20 @@ def peak_text(response: Response, units: Units) -> str:
     return f"{text} ({response.peak.joint})" if several and response.diverged_at is None else text
 
 
-def fed_text(e: LawEvaluation) -> str:
-    """What the law is fed with in the runs."""
-    s = e.setup.specification
-    if s.estimator == "none":
-        return ESTIMATORS["none"]
-    return (
-        f"with {ESTIMATORS[s.estimator]} on {', '.join(s.measured).replace('_', ' ')} and measurement noise"
-    )
+def stiffness_of(plant: Plant, robot: Robot, rigid: float) -> np.ndarray:
+    """Stiffness of the nominal springs (n,), N·m/rad or N/m; `rigid` for a rigid joint."""
+    stiffness = np.full(robot.layout.n, rigid)
+    stiffness[robot.layout.elastic] = plant.parameters.named(plant.parameters.vector()).stiffness
+    return stiffness
 
 
 def spring_torques(e: LawEvaluation, response: Response) -> np.ndarray:
     """Torques of the nominal springs along a run (N, n), N·m or N; none of a rigid joint: zero."""
-    parameters, layout = e.setup.model.parameters, e.setup.robot.layout
-    stiffness = np.zeros(layout.n)
-    stiffness[layout.elastic] = parameters.named(parameters.vector()).stiffness
-    q, _, theta, _ = np.split(layout.whole(response.run.signals["state"].T), 4)
-    return stiffness * (theta - q).T
+    q, _, theta, _ = np.split(e.setup.robot.layout.whole(response.run.signals["state"].T), 4)
+    return stiffness_of(e.setup.model, e.setup.robot, 0.0) * (theta - q).T
 
 
-def effort_limit(e: LawEvaluation, units: Units) -> tuple[np.ndarray | None, str]:
+def effort_limit(e: LawEvaluation) -> tuple[np.ndarray | None, str]:
     """The tighter of the required peak and the saturation (n,), with its name for a legend."""
     limits = e.setup.limits
     if not limits.limits_effort:
@@ -152,40 +139,34 @@ def effort_limit(e: LawEvaluation, units: Units) -> tuple[np.ndarray | None, str
     required = bool(np.all(limits.peak <= limits.saturation))
     source = limits.peak_source if required else limits.saturation_source
     name = "limit of the motor" if source == ROBOT else "required: at most" if required else "saturation at"
-    return limits.effort, f"{name} {limit_text(limits.effort)} {units.effort}"
+    return limits.effort, f"{name} {limit_text(limits.effort)} {units_of(e).effort}"
 
 
 def _figure(e: LawEvaluation, units: Units) -> Figure:
     """Distance from the goal, spring torques and inputs of every joint."""
-    response, joints = e.step, e.setup.robot.joint_names
-    figure, axes = new_figure(3, height=6.6)
-    signals = (
-        units.scale * (response.positions - response.goal),
-        spring_torques(e, response),
-        response.inputs,
-    )
-    for axis, signal in zip(axes, signals):
-        joint_lines(axis, response.run.time, signal, joints)
-    command, few = e.setup.command, thin(response.run.time)
-    if command is not None:
-        plan_lines(
-            axes[0], response.run.time, units.scale * (command(response.run.time) - response.goal), "command"
-        )
-    steps = units.scale * np.abs(response.goal - response.start)
-    axes[0].set_ylim(*widened(*framed(signals[0][few]), 0.1 * float(steps.max(initial=0.0))))
-    axes[1].set_ylim(*framed(signals[1][few]))
-    reference_line(axes[0])
-    limit, name = effort_limit(e, units)
-    shown = limit_lines(axes[2], limit, signals[2], name)
-    label(axes[0], "link position − goal", units.angle)
-    label(axes[1], "spring torque", units.spring)
-    label(axes[2], "input", units.effort)
-    if len(joints) > 1 or command is not None:
-        legend(axes[0])
-    bound = "" if limit is None else (f" (dashed: {name})" if shown else f" ({name}, beyond the panel)")
+    response, command, s = e.step, e.setup.command, e.setup.specification
+    time, goal = response.run.time, response.goal
+    planned = None if command is None else units.scale * (command(time) - goal)
+    least = 0.1 * units.scale * float(np.abs(goal - response.start).max(initial=0.0))
+    limit, name = effort_limit(e)
+    shown = (
+        Panel(
+            "link position − goal", units.angle, units.scale * (response.positions - goal), zero=True,
+            plan=planned, plan_name="command", least=least,
+        ),
+        Panel("spring torque", units.spring, spring_torques(e, response), least=0.0),
+        Panel("input", units.effort, response.inputs, limits=limit, limit_name=name),
+    )  # fmt: skip
+    fed = ESTIMATORS["none"]
+    if s.estimator != "none":
+        sensors = ", ".join(s.measured).replace("_", " ")
+        fed = f"with {ESTIMATORS[s.estimator]} on {sensors} and measurement noise"
+    bound = "" if limit is None else f" ({name}, beyond the panel)"
+    if shown[2].limit_sides:
+        bound = f" (dashed: {name})"
     return figure_block(
-        "step", figure,
-        f"The step from the start pose to the goal in the nonlinear loop, {fed_text(e)}"
+        "step", time_figure(time, e.setup.joints, shown, 6.6)[0],
+        f"The step from the start pose to the goal in the nonlinear loop, {fed}"
         f"{'' if command is None else f', its command {command.name}'}: link positions as distance "
         f"from the goal (dotted), torques of the springs, and inputs as applied{bound}.",
         "Step response",
@@ -193,65 +174,49 @@ def _figure(e: LawEvaluation, units: Units) -> Figure:
 
 
 def _table(e: LawEvaluation, units: Units) -> Table:
+    last = float(e.step.run.time[-1])
     rows = [
-        (
-            row["joint"],
-            units.scale * float(begin),
-            units.scale * float(end),
-            row.get("overshoot_percent"),
-            settling_text(row["settling_time_s"], float(e.step.run.time[-1]))
-            if "settling_time_s" in row
-            else "–",
-            units.scale * row["steady_state_error"],
-            row["peak_input"],
-            row["input_noise"],
-        )
+        {
+            **row, "from": float(begin), "to": float(end),
+            "settling": settling_text(row["settling_time_s"], last) if "settling_time_s" in row else None,
+        }
         for row, begin, end in zip(e.step.metrics, e.setup.start, e.setup.goal)
-    ]
+    ]  # fmt: skip
     columns = (
-        "joint",
-        Column("from", units.angle),
-        Column("to", units.angle),
-        Column("overshoot", "%", 1),
-        "settling time",
-        Column("steady-state error", units.angle),
-        Column("peak input", units.effort),
-        Column("input noise", units.effort),
+        Column("joint", key="joint"),
+        Column("from", units.angle, key="from", scale=units.scale),
+        Column("to", units.angle, key="to", scale=units.scale),
+        Column("overshoot", "%", 1, key="overshoot_percent"),
+        Column("settling time", key="settling"),
+        Column("steady-state error", units.angle, key="steady_state_error", scale=units.scale),
+        Column("peak input", units.effort, key="peak_input"),
+        Column("input noise", units.effort, key="input_noise"),
     )
     caption = (
         "True link positions. Settling: to ±2 % of the joint's own step. Steady-state error: largest in the last tenth "
         "of the run. Input noise: standard deviation there"
     )
-    return joint_table(columns, rows, caption, "table-step")
+    return joint_table(Table.of(columns, rows, caption, "table-step"))
 
 
-def _mujoco(design: Design, units: Units) -> list[Table]:
-    """The same controller and noise on MuJoCo's plant, beside ours; empty where it was not run."""
-    theirs = design.mujoco
-    if theirs is None:
-        return []
+def _mujoco_table(design: Design, theirs: Response) -> Table:
+    """The same controller and noise on MuJoCo's plant, beside ours."""
+    units = units_of(design.evaluation)
     rows = [
-        (
-            plant,
-            row["joint"],
-            row.get("overshoot_percent"),
-            row.get("settling_time_s"),
-            units.scale * row["steady_state_error"],
-            row["peak_input"],
-        )
+        {**row, "plant": plant}
         for plant, response in (("ours", design.evaluation.step), ("MuJoCo's", theirs))
         for row in response.metrics
     ]
     columns = (
-        "plant",
-        "joint",
-        Column("overshoot", "%"),
-        Column("settling time", "s", 3),
-        Column("steady-state error", units.angle),
-        Column("peak input", units.effort),
+        Column("plant", key="plant"),
+        Column("joint", key="joint"),
+        Column("overshoot", "%", key="overshoot_percent"),
+        Column("settling time", "s", 3, key="settling_time_s"),
+        Column("steady-state error", units.angle, key="steady_state_error", scale=units.scale),
+        Column("peak input", units.effort, key="peak_input"),
     )
     caption = f"The same controller and noise on MuJoCo's plant: {difference_text(design, units)}"
-    return [Table(columns, rows, caption, "table-mujoco")]
+    return Table.of(columns, rows, caption, "table-mujoco")
 
 
 def difference_text(design: Design, units: Units) -> str:
@@ -263,3 +228,89 @@ def difference_text(design: Design, units: Units) -> str:
     apart = units.scale * np.abs(theirs.positions - ours.positions).max(axis=0)
     where = f" ({ours.joints[int(np.argmax(apart))]})" if len(ours.joints) > 1 else ""
     return f"link positions differ by at most {number(float(apart.max()), 2)} {units.angle}{where}"
+
+
+# The arm ------------------------------------------------------------------------------------------------
+def arm_of(e: LawEvaluation) -> Figure | None:
+    """The arm during the step; None for a run that diverges or links without a length."""
+    response, n = e.step, len(e.setup.goal)
+    if response.diverged_at is not None:
+        return None
+    motors = e.setup.robot.layout.whole(response.run.signals["state"].T)[2 * n : 3 * n].T
+    at = instants(response.positions, response.start, response.goal)
+    return arm_figure(e.setup.robot, response.run.time, response.positions, motors, at)
+
+
+def instants(positions: np.ndarray, start: np.ndarray, goal: np.ndarray) -> list[int]:
+    """Samples at which a run (N, n) first has done these `PARTS` of its way, the last one at the end of the run."""
+    way = goal - start
+    length = float(way @ way)
+    if not length:
+        return [0]
+    done = (positions - start) @ way / length
+    found = [int(np.argmax(done >= part)) if np.any(done >= part) else len(done) - 1 for part in PARTS[:-1]]
+    return sorted({*found, len(done) - 1})
+
+
+@house_style()
+def arm_figure(
+    robot: Robot, time: np.ndarray, links: np.ndarray, motors: np.ndarray, at: Sequence[int]
+) -> Figure | None:
+    """Links and motors of a run at some samples; None for a robot whose links have no length.
+
+    Parameters
+    ----------
+    time : (N,)
+        s.
+    links, motors : (N, n)
+        Positions, the motors' seen from the link side.
+    """
+    poses = [(skeleton(robot, links[k]), skeleton(robot, motors[k])) for k in at]
+    points = np.concatenate([line for pair in poses for lines in pair for line in lines])
+    size = float(np.ptp(points, axis=0).max())
+    if size < 1e-9:
+        return None
+    right, up, names = viewing_plane(np.asarray(robot.links.down, dtype=float), points, size)
+    view = np.column_stack([right, up])
+    low, high = (points @ view).min(axis=0) - 0.08 * size, (points @ view).max(axis=0) + 0.08 * size
+    tall = float((high - low)[1] / (high - low)[0])  # of each panel, over its width
+    height = AROUND + min(max(tall, 0.3), 2.0) * (WIDTH - LEFT) / len(at)
+    figure, (axes,) = panels(1, len(at), height, sharex=True, sharey=True)
+    dashed = {"color": SERIES[1], "linewidth": 1.3, "dashes": (4.0, 2.0)}
+    thick = {"color": SERIES[0], "linewidth": 2.6, "alpha": 0.85}
+    for k, (axis, (own, behind)) in enumerate(zip(axes, poses, strict=True)):
+        for lines, name, style in ((behind, "motors (springs without twist)", dashed), (own, "links", thick)):
+            for j, line in enumerate(lines):
+                axis.plot(*(line @ view).T, label=name if k == j == 0 else None, **style)
+        joints = np.array([line[0] for line in own]) @ view
+        axis.plot(*joints.T, "o", color=INK, markersize=3.5, label=None if k else "joints")
+        axis.axhline(float(joints[0, 1]), color=MUTED, linewidth=0.6, zorder=0)
+        axis.set_title(f"{number(float(time[at[k]]), 3)} s")
+        axis.set_xlabel(f"{names[0]} (m)")
+        axis.set_xlim(low[0], high[0])
+        axis.set_ylim(low[1], high[1])
+        axis.set_aspect("equal")
+    legend_above(figure, axes[0], 3)
+    label(axes[0], names[1], "m")
+    return figure_block(
+        "arm", figure,
+        "The arm at five instants of the step. The angle between a link and its motor is the twist of the spring; "
+        "motors are seen from the link side of their gears. A last link is drawn to twice the distance of its centre "
+        "of mass.",
+        "The arm during the step",
+    )  # fmt: skip
+
+
+def viewing_plane(
+    down: np.ndarray, points: np.ndarray, size: float
+) -> tuple[np.ndarray, np.ndarray, tuple[str, str]]:
+    """Two directions to look along, and their names: upright where the robot leaves the horizontal, else from above."""
+    up = -down / np.linalg.norm(down)
+    centred = points - points.mean(axis=0)
+    level = centred - np.outer(centred @ up, up)
+    spread = np.linalg.svd(level, full_matrices=True)[2]
+    across = [row for row in spread if abs(row @ up) < 0.5]
+    right = across[0] * (1.0 if across[0].sum() >= 0.0 else -1.0)
+    if np.ptp(centred @ up) > FLAT * size:
+        return right, up, ("horizontal", "height")
+    return right, np.cross(up, right), ("horizontal", "seen from above")

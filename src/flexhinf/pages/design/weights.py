@@ -1,4 +1,4 @@
-"""The weights that were searched for, and what covering the tolerances costs."""
+"""The weights that were searched for, what the tolerances cost, and the noise levels of the estimator."""
 
 from __future__ import annotations
 
@@ -7,20 +7,25 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from flexhinf.design.problem.presets import Robustness
+from flexhinf.design.problem.modes import JointScales
+from flexhinf.design.problem.presets import Robustness, required_damping
 from flexhinf.design.result import Design
+from flexhinf.design.synthesis.noise import MOST_NOISE, NoiseCandidate, NoiseSearch
 from flexhinf.design.synthesis.whole_loop import NOISE, WholeLoopSearch
 from flexhinf.pages.drawing import (
     DASHED,
     count_text,
     figure_block,
     finite,
+    frequency_axis,
+    legend_above,
+    line_style,
     panels,
     range_text,
     vertical_line,
 )
 from flexhinf.plant import GeneralisedPlant
-from flexhinf.report import INK, SERIES, Column, Figure, Paragraph, Table, house_style, label, number
+from flexhinf.report import INK, SERIES, Column, Figure, Paragraph, Table, label, number
 from flexhinf.robot.signals import signal_names
 
 PRESETS = {
@@ -31,6 +36,9 @@ PRESETS = {
     "tolerances of the robot, with the true state fed back",
     "given": "Weights as given",
 }
+
+#: Candidates of the trade-off of noise levels in a table, beside the default and the one that is used.
+ROWS = 6
 
 
 class Weight(NamedTuple):
@@ -44,45 +52,32 @@ class Weight(NamedTuple):
 def blocks(design: Design) -> list[Any]:
     """Preset, search and weights; with the preset robust what its channels cover and cost."""
     problem = design.design_problem
-    found: list[Any] = [Paragraph(_preset(design))]
-    if problem.search is not None:
-        found += [Paragraph(_search(design)), _search_figure(design), _candidates(design)]
-    if design.synthesis.robust is not None:
-        found += [
-            Paragraph(_whole_loop_text(design.synthesis.robust)),
-            _whole_loop(design, design.synthesis.robust),
-        ]
-    if problem.robustness is not None:
-        found += [_robust(design), Paragraph(_robust_text(design))]
-    return [*found, *_weights(design)]
-
-
-def _preset(design: Design) -> str:
-    problem = design.design_problem
+    names = design.problem.disturbance_names
+    kinds = {"link_position": "the command", "link_torque": "link torque", "motor_torque": "motor torque"}
+    disturbances = [text for kind, text in kinds.items() if any(name.startswith(kind) for name in names)]
     which = " of this problem, with the channels of the tolerances" if problem.robustness is not None else ""
-    return (
+    preset = (
         f"{PRESETS[problem.preset]} ({problem.source}). Disturbances of the problem: "
-        f"{', '.join(_disturbances(design))}. "
+        f"{', '.join(disturbances) or f'{len(names)} signals'}. "
         f"The smallest level γ*{which} is {number(problem.gamma_star)}, from its linear part; the law is solved for "
         f"γ = {problem.gamma / problem.gamma_star:g} γ* = {number(problem.gamma)}."
     )
+    search = [] if problem.search is None else _search_blocks(design)
+    robust = (
+        []
+        if problem.robustness is None
+        else [robust_table(design), Paragraph(_robust_text(problem.robustness))]
+    )
+    return [Paragraph(preset), *search, *whole_loop_blocks(design), *robust, *_weight_blocks(design)]
 
 
-def _disturbances(design: Design) -> list[str]:
-    """Kinds of disturbances, without repeating every joint."""
-    names = design.problem.disturbance_names
-    found = []
-    for kind in ("link_position_command", "link_torque", "motor_torque"):
-        if any(name.startswith(kind.removesuffix("_command")) for name in names):
-            found.append("the command" if kind.endswith("command") else kind.replace("_", " "))
-    return found or [f"{len(names)} signals"]
-
-
-def _search(design: Design) -> str:
+# The search for bandwidth and damping -------------------------------------------------------------------
+def _search_blocks(design: Design) -> list[Any]:
+    """How the weights were searched, damping and γ* over the damping weight, and a few candidates."""
     target, search = design.design_problem.target, design.design_problem.search
     assert target is not None
     assert search is not None
-    return (
+    text = (
         "R2 is fixed. Each joint has a target frequency ω, and all vibrations share one damping weight ζ. For each ζ "
         f"the target frequencies are moved until every joint has its bandwidth of {range_text(target.bandwidth)} "
         f"rad/s; ζ grows from 0 until every oscillation has a damping ratio of {target.damping:g}, and is then "
@@ -91,54 +86,6 @@ def _search(design: Design) -> str:
         "with the true state fed back. Each is judged by its worst over the nominal robot and "
         "corners of its tolerances, so the nominal robot gets more damping than the target."
     )
-
-
-def candidate_rows(design: Design) -> list[tuple[float, str, str, float, float, float, bool]]:
-    """Largest ζ, ω, bandwidth, worst and nominal damping, γ*, and whether it is the one that is used; by ζ."""
-    search = design.design_problem.search
-    assert search is not None
-    return [
-        (
-            c.damping_weight,
-            range_text(c.target_frequency),
-            range_text(c.behaviour.bandwidth),
-            c.behaviour.damping,
-            c.behaviour.nominal_damping,
-            c.design.gamma_star,
-            c is search.chosen,
-        )
-        for c in sorted(search.candidates, key=lambda c: c.damping_weight)
-    ]
-
-
-def selected_candidates(rows: list[Any]) -> list[Any]:
-    """The first, the last, the one that is used, and its neighbours."""
-    used = next(k for k, row in enumerate(rows) if row[-1])
-    shown = {0, max(0, used - 1), used, min(len(rows) - 1, used + 1), len(rows) - 1}
-    return [rows[k] for k in sorted(shown)]
-
-
-def _candidates(design: Design) -> Table:
-    every = candidate_rows(design)
-    rows = [(*finite(row[:-1]), "used" if row[-1] else "") for row in selected_candidates(every)]
-    columns = (
-        Column("largest damping weight ζ", "", 3),
-        Column("target frequency ω", "rad/s"),
-        Column("bandwidth", "rad/s"),
-        Column("damping, worst robot", "", 3),
-        Column("damping, nominal robot", "", 3),
-        "γ*",
-        "",
-    )
-    caption = f"{len(rows)} of {count_text(len(every), 'candidate')}, by ζ; design.json has all"
-    return Table(columns, rows, caption, "table-tries")
-
-
-def _search_figure(design: Design) -> Figure:
-    """Damping and γ* over the damping weight."""
-    search, target = design.design_problem.search, design.design_problem.target
-    assert search is not None
-    assert target is not None
     candidates = sorted(search.candidates, key=lambda c: c.damping_weight)
     weight = np.array([c.damping_weight for c in candidates])
     curves = (
@@ -147,145 +94,148 @@ def _search_figure(design: Design) -> Figure:
     )
     figure, ((left, right),) = panels(1, 2, 3.2)
     dots: dict[str, Any] = {"markersize": 3.5, "linewidth": 1.2}
-    with house_style():
-        for name, values, colour in curves:
-            left.plot(
-                weight, np.where(np.isfinite(values), values, np.nan), "o-", color=colour, label=name, **dots
-            )
-        left.axhline(target.damping, color=INK, linewidth=1.0, dashes=DASHED, label="target")
-        right.plot(weight, [c.design.gamma_star for c in candidates], "o-", color=SERIES[0], **dots)
-        for axis in (left, right):
-            vertical_line(axis, search.chosen.damping_weight)
-            axis.set_xlabel("largest damping weight ζ")
-        left.set_ylim(bottom=0.0)
-        figure.legend(*left.get_legend_handles_labels(), loc="outside upper left", ncols=3, frameon=False)
-    label(left, "smallest damping ratio", "")
-    label(right, "γ*", "")
-    return figure_block(
+    for name, values, colour in curves:
+        seen = np.where(np.isfinite(values), values, np.nan)
+        left.plot(weight, seen, "o-", color=colour, label=name, **dots)
+    left.axhline(target.damping, color=INK, linewidth=1.0, dashes=DASHED, label="target")
+    right.plot(weight, [c.design.gamma_star for c in candidates], "o-", color=SERIES[0], **dots)
+    for axis, quantity in ((left, "smallest damping ratio"), (right, "γ*")):
+        vertical_line(axis, search.chosen.damping_weight)
+        axis.set_xlabel("largest damping weight ζ")
+        label(axis, quantity, "")
+    left.set_ylim(bottom=0.0)
+    legend_above(figure, left, 3)
+    drawn = figure_block(
         "search", figure,
         "Candidates at the required bandwidth: the smallest damping ratio of an oscillation, and γ*, over the largest "
         "damping weight ζ. The dotted line is the ζ that is used.",
         "Search for the weights",
     )  # fmt: skip
+    return [Paragraph(text), drawn, candidate_table(design)]
 
 
+def candidate_table(design: Design) -> Table:
+    """The first candidate, the last, the one that is used, and its neighbours; by ζ."""
+    search = design.design_problem.search
+    assert search is not None
+    candidates = sorted(search.candidates, key=lambda c: c.damping_weight)
+    used = next(k for k, c in enumerate(candidates) if c is search.chosen)
+    shown = {0, max(0, used - 1), used, min(len(candidates) - 1, used + 1), len(candidates) - 1}
+    rows = [
+        (
+            c.damping_weight, range_text(c.target_frequency), range_text(c.behaviour.bandwidth),
+            finite(c.behaviour.damping), finite(c.behaviour.nominal_damping), c.design.gamma_star,
+            "used" if c is search.chosen else "",
+        )
+        for c in (candidates[k] for k in sorted(shown))
+    ]  # fmt: skip
+    columns = (
+        Column("largest damping weight ζ", "", 3, brief="weight ζ"),
+        Column("target frequency ω", "rad/s", brief="target ω, rad/s"),
+        Column("bandwidth", "rad/s"),
+        Column("damping, worst robot", "", 3, brief="damping: worst"),
+        Column("damping, nominal robot", "", 3, brief="nominal"),
+        "γ*",
+        "",
+    )
+    count = f"{len(rows)} of {count_text(len(candidates), 'candidate')}"
+    title = f"Search for the weights: {count}"
+    return Table(columns, rows, f"{count}, by ζ; design.json has all", "table-tries", title=title)
+
+
+# The tolerances -----------------------------------------------------------------------------------------
 def whole_loop_blocks(design: Design) -> list[Any]:
-    """What the preset robust searched for on the running loop; nothing with other presets."""
+    """What the preset robust searched for on the running loop, and what came of it; nothing with other presets."""
     found = design.synthesis.robust
-    return [] if found is None else [Paragraph(_whole_loop_text(found)), _whole_loop(design, found)]
-
-
-def _whole_loop_text(found: WholeLoopSearch) -> str:
-    """What was searched, under which conditions, and what came of it."""
-    searched = (
+    if found is None:
+        return []
+    text = (
         f"From the preset damped, {count_text(found.count, 'loop')} with other weights, noise levels and channels of "
         "the tolerances were tried, with the estimator, for the largest factor of all tolerances up to which no corner "
         "of them is unstable; with no more overshoot at the corners than with damped, the same limits of the running "
         f"loop, and at most {NOISE:g} times the noise at each motor. "
     )
-    if not found.better:
-        return f"{searched}None was better, so the design is that of the preset damped."
-    return (
-        f"{searched}Of those of damped the target frequencies were multiplied by {number(found.frequency, 3)}, ζ by "
-        f"{number(found.damping, 3)}, the noise levels of the links by {number(found.links, 3)} and of the motors by "
-        f"{number(found.motors, 3)}. "
-        + (f"First unstable: {found.corner}." if found.corner else "No corner became unstable.")
-    )
-
-
-def whole_loop_rows(found: WholeLoopSearch) -> list[tuple[str, str, float, float]]:
-    """What, its unit or "input", with the preset damped, and as found."""
-    return [
-        ("factor of all tolerances at which a corner is unstable", "", found.damped.scale, found.found.scale),
-        ("largest overshoot of the corners that stepped", "%", found.damped.overshoot, found.found.overshoot),
-        (
-            "noise at the loudest motor, rms",
-            "input",
-            float(found.damped.noises.max()),
-            float(found.found.noises.max()),
-        ),
-        *(
-            (what, "", getattr(found.damped.margins, name), getattr(found.found.margins, name))
-            for what, name in (
-                ("peak sensitivity", "peak_sensitivity"),
-                ("gain margin", "gain_margin"),
-                ("smallest damping ratio", "damping"),
-            )
-        ),
-    ]
-
-
-def _whole_loop(design: Design, found: WholeLoopSearch) -> Table:
+    if found.better:
+        text += (
+            f"Of those of damped the target frequencies were multiplied by {number(found.frequency, 3)}, ζ by "
+            f"{number(found.damping, 3)}, the noise levels of the links by {number(found.links, 3)} and of the motors "
+            f"by {number(found.motors, 3)}. "
+            + (f"First unstable: {found.corner}." if found.corner else "No corner became unstable.")
+        )
+    else:
+        text += "None was better, so the design is that of the preset damped."
     volts = design.setup.model.unit(design.setup.model.inputs[0])
     rows = [
         (what, number(damped, 3), number(robust, 3), volts if unit == "input" else unit)
         for what, unit, damped, robust in whole_loop_rows(found)
     ]
     columns = ("running loop", "preset damped", "preset robust", "unit")
-    return Table(
-        columns, rows, "What the search for the tolerances gained, and what it cost", "table-whole-loop"
-    )
+    caption = "What the search for the tolerances gained, and what it cost"
+    return [Paragraph(text), Table(columns, rows, caption, "table-whole-loop")]
 
 
-def robust_rows(design: Design) -> list[tuple[str, float, float]]:
-    """What, without the channels of the tolerances, and with them."""
+def whole_loop_rows(found: WholeLoopSearch) -> list[tuple[str, str, float, float]]:
+    """What, its unit or "input", with the preset damped, and as found."""
+    d, r = found.damped, found.found
+    return [
+        ("factor of all tolerances at which a corner is unstable", "", d.scale, r.scale),
+        ("largest overshoot of the corners that stepped", "%", d.overshoot, r.overshoot),
+        ("noise at the loudest motor, rms", "input", float(d.noises.max()), float(r.noises.max())),
+        ("peak sensitivity", "", d.margins.peak_sensitivity, r.margins.peak_sensitivity),
+        ("gain margin", "", d.margins.gain_margin, r.margins.gain_margin),
+        ("smallest damping ratio", "", d.margins.damping, r.margins.damping),
+    ]
+
+
+def robust_table(design: Design) -> Table:
+    """Levels without the channels of the tolerances, and with them."""
     r = design.design_problem.robustness
     assert r is not None
-    return [
-        ("γ* of the problem", r.nominal_gamma_star, r.gamma_star),
-        ("level that the nominal robot attains", r.nominal_gain, r.robust_gain),
-    ]
-
-
-def _robust(design: Design) -> Table:
     rows = [
-        (what, plain, robust, 100.0 * (robust / plain - 1.0)) for what, plain, robust in robust_rows(design)
+        (what, plain, robust, 100.0 * (robust / plain - 1.0))
+        for what, plain, robust in (
+            ("γ* of the problem", r.nominal_gamma_star, r.gamma_star),
+            ("level that the nominal robot attains", r.nominal_gain, r.robust_gain),
+        )
     ]
-    columns = ("", "without tolerances", "with tolerances", Column("cost", "%", 1))
-    return Table(columns, rows, "What covering the tolerances costs (linear part)", "table-robust")
+    columns = (
+        "", Column("without tolerances", brief="without"), Column("with tolerances", brief="with"),
+        Column("cost", "%", 1),
+    )  # fmt: skip
+    title = (
+        f"Cost of the tolerances: {r.channels} channels, {100.0 * r.fraction:.3g} % of the tolerances covered"
+    )
+    caption = "What covering the tolerances costs (linear part)"
+    return Table(columns, rows, caption, "table-robust", title=title)
 
 
-def _products(r: Robustness) -> str:
-    """What is known of products of tolerances."""
+def _robust_text(r: Robustness) -> str:
     which = f"{'all' if r.all_corners else 'the sampled'} {r.corners} corners"
     if r.failing_corners:
-        return (
-            "Products of tolerances (for example mass times length) change a robot by more than its channels: the "
-            f"inequality of the linear part fails at {r.failing_corners} of {which} of the tolerances that act at the "
-            "goal, so it holds for each tolerance alone, and not for all of them together."
+        products = (
+            f" the inequality of the linear part fails at {r.failing_corners} of {which} of the tolerances that act at "
+            "the goal, so it holds for each tolerance alone, and not for all of them together."
         )
-    enlarged = (
-        f" with the tolerances of the channels enlarged by {number(100.0 * (r.enlarged - 1.0), 2)} %"
-        if r.enlarged > 1.0
-        else ""
+    else:
+        larger = f" with the tolerances of the channels enlarged by {number(100.0 * (r.enlarged - 1.0), 2)} %"
+        products = (
+            f"{larger if r.enlarged > 1.0 else ''} the inequality of the linear part holds at {which} of the "
+            "tolerances that act at the goal."
+        )
+    covered, beyond = "the whole of the stated tolerances", ""
+    if r.fraction < 1.0:
+        covered = f"{number(100.0 * r.fraction, 3)} % of them, as was best for the running loop"
+        beyond = ", and nothing follows from them for robots beyond that fraction"
+    scalings = ", ".join(
+        f"{group.replace('_', ' ')} {range_text(ends)}" for group, ends in sorted(r.scalings.items())
     )
-    return (
-        "Products of tolerances (for example mass times length) change a robot by more than its channels:"
-        f"{enlarged} the inequality of the linear part holds at {which} of the tolerances that act at the goal."
-    )
-
-
-def _robust_text(design: Design) -> str:
-    r = design.design_problem.robustness
-    assert r is not None
-    covered = (
-        "the whole of the stated tolerances"
-        if r.fraction >= 1.0
-        else f"{number(100.0 * r.fraction, 3)} % of them, as was best for the running loop"
-    )
-    beyond = "" if r.fraction >= 1.0 else ", and nothing follows from them for robots beyond that fraction"
     return (
         f"{r.channels} channels stand for the tolerances, and the problem has a solution for {covered}{beyond}. The "
         "channels are linear in each tolerance: the level holds on the linear part, with the true state fed back, for "
-        f"robots that such channels describe. {_products(r)} Scalings s of the channels, each seen s times and "
-        f"acting 1/s times as strongly: {_scalings(design)}."
+        "robots that such channels describe. Products of tolerances (for example mass times length) change a robot by "
+        f"more than its channels:{products} Scalings s of the channels, each seen s times and "
+        f"acting 1/s times as strongly: {scalings}."
     )
-
-
-def _scalings(design: Design) -> str:
-    assert design.design_problem.robustness is not None
-    found = sorted(design.design_problem.robustness.scalings.items())
-    return ", ".join(f"{group.replace('_', ' ')} {range_text(ends)}" for group, ends in found)
 
 
 # The weights themselves ---------------------------------------------------------------------------------
@@ -313,32 +263,21 @@ def _inverse(unit: str) -> str:
     return f"1/({unit})" if "·" in unit or "/" in unit else f"1/{unit}"
 
 
-def _weights(design: Design) -> list[Any]:
-    joints = design.robot.joint_names
-    found, several = state_weights(design.problem, joints), len(joints) > 1
+def _weight_blocks(design: Design) -> list[Any]:
+    """One row for each signal, one column for each joint."""
+    joints, rows = design.robot.joint_names, dict[str, dict[str, Weight]]()
     effort = np.asarray(design.problem.r2, dtype=float)
     diagonal = np.diagonal(effort) if effort.ndim == 2 else np.atleast_1d(effort)
     price = (
         f"R2 = {range_text(diagonal)} {effort_unit(design.problem)} ({design.design_problem.effort_source})."
     )
-    if not found:
-        return [Paragraph(f"The penalty of the states is code. {price}")]
-    if several:
-        return [_weights_by_joint(design, found), Paragraph(price)]
-    rows = [(weight.signal.replace("_", " "), number(weight.value), weight.unit) for weight in found]
-    table = Table(
-        ("weight of", "value", "unit"), rows, "Weights: h(x) has one entry for each", "table-weights"
-    )
-    return [table, Paragraph(price)]
-
-
-def _weights_by_joint(design: Design, found: list[Weight]) -> Table:
-    """One row for each signal, one column for each joint."""
-    joints, rows = design.robot.joint_names, dict[str, dict[str, Weight]]()
-    for weight in found:
+    for weight in state_weights(design.problem, joints):
         joint = next((name for name in joints if f"_{name}_" in f"{weight.signal}_"), "")
-        signal = weight.signal.replace(f"_{joint}", "", 1) if joint else weight.signal
-        rows.setdefault(signal.replace("_", " "), {})[joint] = weight
+        alone = not joint or len(joints) == 1
+        signal = weight.signal if alone else weight.signal.replace(f"_{joint}", "", 1)
+        rows.setdefault(signal.replace("_", " "), {})[joints[0] if alone else joint] = weight
+    if not rows:
+        return [Paragraph(f"The penalty of the states is code. {price}")]
     cells = [
         (
             signal,
@@ -347,6 +286,192 @@ def _weights_by_joint(design: Design, found: list[Weight]) -> Table:
         )
         for signal, by in rows.items()
     ]
-    return Table(
-        ("weight of", *joints, "unit"), cells, "Weights: h(x) has one entry for each", "table-weights"
+    columns = ("weight of", *(joints if len(joints) > 1 else ["value"]), "unit")
+    caption = "Weights: h(x) has one entry for each"
+    return [Table(columns, cells, caption, "table-weights"), Paragraph(price)]
+
+
+# Noise levels of the estimator --------------------------------------------------------------------------
+def noise_blocks(design: Design) -> list[Any]:
+    """Levels in use, the trade-off as a curve and a table; none without an estimator."""
+    if design.specification.estimator == "none":
+        return []
+    noise, search = design.setup.process_noise, design.noise_search
+    levels = {
+        "every state": noise.all_states,
+        "link velocities": noise.link_velocities,
+        "motor velocities": noise.motor_velocities,
+    }
+    used = [f"{range_text(np.ravel(v), 2)} on {where}" for where, v in levels.items() if np.any(v)]
+    text = (
+        "Rᵛ, the variance of the process noise per sample that the estimator assumes: "
+        f"{', '.join(used) or '0'} ({noise.source}). Rⁿ "
+        f"of a measured position: {number(design.specification.measurement_noise, 3)}. Rᵛ is a parameter of the "
+        "design: a vibration that the estimator takes for undisturbed rings in its error, so larger levels damp the "
+        "running loop, and give it margins back; they cost noise at the motors."
     )
+    if search is None:
+        return [Paragraph(text)]
+    text = (
+        f"{text} {_outcome(search, robust=bool(design.synthesis.robust and design.synthesis.robust.better))}"
+    )
+    found = [
+        Paragraph(text),
+        _noise_figure(design, search),
+        noise_table(design),
+        *_hardly_seen(design, search),
+    ]
+    return [*found, _noise_by_joint(design, search)] if len(design.robot.joint_names) > 1 else found
+
+
+def _outcome(search: NoiseSearch, robust: bool) -> str:
+    """What the search reached."""
+    if robust:
+        return "They were found together with the weights, for the tolerances: see there. The curve is of the same law."
+    chosen, beyond, other = search.chosen, "", ""
+    if search.unreachable:
+        missed = " and the ".join(search.unreachable)
+        beyond = f"No levels reach the limit of the {missed}, which counts only in part. "
+        other = "other "
+    kept = (
+        f"every {other}limit of the running loop (peak sensitivity, gain margin, damping, load compliance, and "
+        f"noise of at most {100.0 * MOST_NOISE:g} % of what a motor gives)"
+    )
+    if search.default is not None and chosen.levels is search.default.levels:
+        return f"{beyond}The default levels keep {kept}."
+    if chosen.feasible:
+        return f"{beyond}The search took the levels with the least noise that keep {kept}."
+    excess = chosen.avoidable.items()
+    missed = ", ".join(f"{limit} by {100.0 * np.expm1(value):.0f} %" for limit, value in excess)
+    corners = f"{chosen.unstable} corners of the tolerances are unstable" if chosen.unstable else ""
+    what = "; ".join(text for text in (missed and f"missed: {missed}", corners) if text)
+    return (
+        f"{beyond}No levels were found that keep {kept}: the search took those that miss them least ({what})."
+    )
+
+
+def _hardly_seen(design: Design, search: NoiseSearch) -> list[Any]:
+    """Why more is not possible with the motors' positions alone, where the damping is missed with them."""
+    setup = design.setup
+    if (
+        any(not name.startswith("motor") for name in setup.model.outputs)
+        or "damping" not in search.chosen.missed
+    ):
+        return []
+    scales = JointScales.of(setup.model, setup.goal_equilibrium)
+    part = scales.link_inertia / (scales.link_inertia + scales.motor_inertia)
+    worst = int(np.argmin(part))
+    zero = np.sqrt(scales.stiffness[worst] / scales.link_inertia[worst]) / (2.0 * np.pi)
+    text = (
+        "Only the motors are measured. Of a vibration their positions show the part M/(M + J) of the twist, "
+        f"{part[worst]:.2g} in joint {setup.joints[worst]}, and where the link swings on its spring while the motor "
+        f"stands still ({zero:.3g} Hz there) they show nothing of what the motor does. Near that zero the error of any "
+        "estimator stays undamped unless the link is taken to be strongly disturbed, which amplifies the noise of the "
+        "sensors. More damping takes a sensor of the link or of the joint's torque, or a less noisy one."
+    )
+    return [Paragraph(text)]
+
+
+def is_used(search: NoiseSearch, candidate: NoiseCandidate) -> bool:
+    """Whether it is the candidate whose levels the design has."""
+    return candidate.levels is search.chosen.levels
+
+
+def _noise_candidates(search: NoiseSearch) -> list[tuple[NoiseCandidate, str]]:
+    """A few candidates of the trade-off, the default and the one that is used, the quietest first, each with a note."""
+    places = np.unique(np.linspace(0, len(search.trade_off) - 1, ROWS).round().astype(int))
+    apart = [(search.chosen, "used")]
+    if search.default is not None and not is_used(search, search.default):
+        apart.append((search.default, "default"))
+
+    def metrics(c: NoiseCandidate) -> tuple[float, ...]:
+        return c.input_noise, c.damping, c.compliance, c.peak_sensitivity, c.gain_margin
+
+    # The edge of the family where a level is at its least may be the default by another name.
+    shown = [
+        (one, "")
+        for one in (search.trade_off[k] for k in places)
+        if not any(np.allclose(metrics(one), metrics(other), rtol=1e-3) for other, _ in apart)
+    ]
+    return sorted([*shown, *apart], key=lambda one: one[0].input_noise)
+
+
+def _noise_figure(design: Design, search: NoiseSearch) -> Figure:
+    """Damping, and compliance, over the noise of each motor, for the candidates that no other one betters."""
+    unit = design.setup.model.unit(design.setup.model.inputs[0])
+    noises = np.array([one.noises for one in search.trade_off])
+    figure, ((left, right),) = panels(1, 2, 3.2)
+    marks = [("s", 7.0, search.chosen)]
+    if search.default is not None and not is_used(search, search.default):
+        marks.append(("D", 5.0, search.default))
+    for axis, name, text in (
+        (left, "damping", "smallest damping ratio"), (right, "compliance", "compliance / true state")
+    ):  # fmt: skip
+        values = [getattr(one, name) for one in search.trade_off]
+        for joint, joint_name in enumerate(design.robot.joint_names):
+            color = line_style(joint)["color"]
+            axis.plot(noises[:, joint], values, "o", markersize=3.0, color=color, label=joint_name)
+            for mark, size, one in marks:
+                axis.plot(one.noises[joint], getattr(one, name), mark, markersize=size, mfc="none", mec=color)
+        axis.set_ylim(bottom=0.0)
+        frequency_axis(axis)
+        axis.set_xlabel(f"noise at the motor, rms ({unit})")
+        label(axis, text, "")
+    target = design.design_problem.target
+    if target is not None:
+        required = required_damping(design.specification, target)
+        left.axhline(required, color=INK, linewidth=1.0, dashes=DASHED)
+    if len(design.robot.joint_names) > 1:
+        legend_above(figure, left, 7)
+    return figure_block(
+        "noise-trade-off", figure,
+        f"What noise at the motors buys. Of {search.count} choices of Rᵛ with a stable loop, dots are those that "
+        "no other one betters in noise, damping and compliance at once, one dot for each motor; squares: used"
+        f"{', diamonds: the default levels' if len(marks) > 1 else ' (the default levels)'}. "
+        "A choice to the left of the squares breaks another limit (see the table), or yields more to a load."
+        f"{'' if target is None else ' The dashed line is the damping that is required.'}",
+        "Noise at the motors against damping and load stiffness",
+    )  # fmt: skip
+
+
+def noise_table(design: Design) -> Table:
+    """A few choices of Rᵛ with what the running loop has of them."""
+    search = design.noise_search
+    assert search is not None
+    rows = []
+    for one, note in _noise_candidates(search):
+        missed = f"missed: {', '.join(one.missed)}" if note and one.missed else ", ".join(one.missed)
+        cells = (one.input_noise, one.damping, one.compliance, one.peak_sensitivity, finite(one.gain_margin))
+        rows.append((*cells, "; ".join(filter(None, (note, missed)))))
+    unit = design.setup.model.unit(design.setup.model.inputs[0])
+    columns = (
+        Column("noise at the noisiest motor (rms)", unit, digits=3, brief=f"noise, {unit}"),
+        Column("smallest damping ratio", "", 3, brief="damping"),
+        Column("compliance / true state", "", 2, brief="compliance"),
+        Column("peak sensitivity", "", 2, brief="|S|"),
+        Column("gain margin", "", 2, brief="gain"),
+        Column("limits missed, or used", brief="missed"),
+    )
+    count = f"{len(rows)} of {search.count}"
+    return Table(
+        columns, rows,
+        f"{count} choices of Rᵛ: the default, the one used, and some of the dots", "table-noise-search", True,
+        f"Noise levels of the estimator: {len(rows)} of {count_text(search.count, 'candidate')}",
+    )  # fmt: skip
+
+
+def _noise_by_joint(design: Design, search: NoiseSearch) -> Table:
+    joints, levels = design.robot.joint_names, search.chosen.levels
+    links, motors = (
+        np.broadcast_to(level, len(joints)).tolist()
+        for level in (levels.link_velocities, levels.motor_velocities)
+    )
+    unit = design.setup.model.unit(design.setup.model.inputs[0])
+    columns = (
+        "joint",
+        Column("Rᵛ, link velocity", digits=2),
+        Column("Rᵛ, motor velocity", digits=2),
+        Column("noise at the motor (rms)", unit),
+    )
+    rows = list(zip(joints, links, motors, search.chosen.noises.tolist(), strict=True))
+    return Table(columns, rows, "The levels that are used, joint by joint", "table-noise-levels")

@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
-from types import ModuleType
 from typing import Any
 
 import pytest
 
-from flexhinf.paper.claims import attained_gain, bounded, electrical_pole, tolerances, ukf_against_ekf
+from flexhinf.paper.claim import PaperClaim
+from flexhinf.paper.disturbances import GAIN, attained_gain
+from flexhinf.paper.estimators import UKF
+from flexhinf.paper.experiments import Experiments
 from flexhinf.paper.loop_setup import PaperSettings, PaperSetup
-from flexhinf.report import Table, to_json
+from flexhinf.paper.tolerances import COIL, TOLERANCES
+from flexhinf.report import to_json
 
 pytestmark = pytest.mark.paper
 
-MODULES = (electrical_pole, attained_gain, tolerances, bounded, ukf_against_ekf)
 
-
-@pytest.mark.parametrize("module", MODULES)
+@pytest.mark.parametrize("claim", [COIL, GAIN, TOLERANCES, *UKF[1:]], ids=lambda claim: claim.id)
 @pytest.mark.parametrize(
     "options",
     [
@@ -26,18 +27,17 @@ MODULES = (electrical_pole, attained_gain, tolerances, bounded, ukf_against_ekf)
         ),
     ],
 )
-def test_any_settings_are_judged(module: ModuleType, options: dict) -> None:
-    judged = module.judge(PaperSetup(PaperSettings(period=0.02, **options)))
+def test_any_settings_are_judged(claim: PaperClaim, options: dict) -> None:
+    judged = claim.judged(Experiments(PaperSetup(PaperSettings(period=0.02, **options))))
     assert judged.claim.verdict in ("holds", "fails", "ties", "not judged")
     assert judged.claim.criterion
-    assert all(block.html() for block in judged.blocks)
-    assert to_json(judged.numbers)
+    assert all(table.html() for table in judged.finding.tables)
+    assert to_json(judged.as_dict())
 
 
 @pytest.mark.slow
 def test_the_gain_stays_below_gamma_near_rest_only(setup: PaperSetup) -> None:
-    judged = attained_gain.judge(setup)
-    rows: list[Any] = list(next(block for block in judged.blocks if isinstance(block, Table)).rows)
+    rows: list[Any] = list(attained_gain(Experiments(setup)).tables[0].rows)
     inside = [row for row in rows if row[2] is not None and row[2] <= 180.0]
     assert max(row[5] for row in inside) == pytest.approx(1.43, abs=0.02)
     assert all(row[3] <= setup.gamma for row in inside)

@@ -1,4 +1,4 @@
-"""The march along rays from ρ = 0 on one face: each direction is proved, interval by interval, until V > c.
+"""Ray subdivision on one cube face: from ρ = 0 outwards each direction is proved, interval by interval, until V > c.
 
 The columns of an array of cells are t, h and the two ends of the interval of ρ in units of the reach: dyadic numbers of
 at most 24 bits, so cuts are exact, and intervals adjoin bit for bit.
@@ -12,8 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from flexhinf.certify.checker.bounds import Face
+from flexhinf.certify.checker.guidance import axis_to_cut, refuse
+from flexhinf.certify.checker.residual import Refusal
 from flexhinf.certify.checker.second_route import Cell, EveryCell, Sample
-from flexhinf.certify.checker.steering import Refusal, axis_to_cut, refuse
 
 BATCH = 64
 _GROWTH = 2.0  # of the interval of ρ after a cell that was accepted
@@ -21,7 +22,7 @@ _NARROW, _SHORT = 2.0**-40, 2.0**-24  # half widths and intervals that are not c
 
 
 @dataclass(frozen=True)
-class Marched:
+class FaceResult:
     """Of one face: cells looked at, accepted, accepted by λ > 0; the largest allowance for rounding; a sample of cells
     to be proved again, and how many were proved again on the way."""
 
@@ -33,12 +34,12 @@ class Marched:
     again: int
 
 
-def march_face(
+def subdivide_face(
     face: Face,
     chosen: Sample | EveryCell,
     *,
     tick: Callable[[int], None] = lambda cells: None,
-) -> Marched:
+) -> FaceResult:
     """Prove that each direction of a face is finished after accepted cells that adjoin from ρ = 0 on, or raise a
     `Refusal`."""
     n, reach = face.proof.n, face.proof.claim.reach
@@ -61,7 +62,7 @@ def march_face(
         with_level += int((good & ~(bounds.largest < 0)).sum())
         rounding = max(rounding, float(bounds.rounding[good].max(initial=0.0)))
         tick(len(good))
-    return Marched(count, accepted, with_level, rounding, tuple(chosen.cells), chosen.count)
+    return FaceResult(count, accepted, with_level, rounding, tuple(chosen.cells), chosen.count)
 
 
 def _further(cells: np.ndarray) -> np.ndarray:

@@ -1,15 +1,17 @@
-"""The fields of a problem in the terms of a certificate: exact, with the plant's parameters by name.
+"""From a problem and its solution to the claim that is to be proved, every number exact.
 
 A model's code was traced once (`flexhinf.scalars.trace`). Here its instructions are run on polynomials over the
 rationals: every constant is the rational number that its double is, every parameter is a variable, and a function such
 as sin of a linear form of the state is a variable too. So nothing is expanded and nothing is rounded. What has no such
 form is refused by name: functions of other forms, `where`, inputs that do not enter affinely.
+
+A claim is about the nominal plant (`statement_of`) or about a box of its parameters (`tolerance_statement`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from math import pi
 from typing import Any
@@ -18,27 +20,26 @@ import casadi as ca
 import numpy as np
 from flint import fmpq, fmpq_mpoly, fmpq_mpoly_ctx
 
-from flexhinf.certify.terms import FUNCTIONS, Function, Parameter, Term
+from flexhinf.certify.certificate import Certificate
+from flexhinf.certify.claim import FUNCTIONS, Function, Parameter, Polynomial, Signal, Term
 from flexhinf.errors import InvalidInput
+from flexhinf.hinf.margin import CheckedPenalty, checked_pair
+from flexhinf.hinf.value_function import ValueFunction
 from flexhinf.plant.parameters import ParameterTable
 from flexhinf.plant.plant import GeneralisedPlant
 from flexhinf.plant.polynomial_plant import PolynomialPlant, Problem
 from flexhinf.polynomial import basis
+from flexhinf.polynomial.algebra import product
 from flexhinf.scalars import trace
+from flexhinf.validation import HUGE
 
 Row = tuple[Term, ...]
 Polynomials = tuple[tuple[tuple[tuple[int, ...], float], ...], ...]
 
 #: Operations of CasADi that are functions of a certificate.
-ELEMENTARY = {
-    getattr(ca, code): name
-    for code, name in zip(
-        ("OP_SIN", "OP_COS", "OP_EXP", "OP_TANH", "OP_ATAN", "OP_LOG"),
-        ("sin", "cos", "exp", "tanh", "arctan", "log"),
-        strict=True,
-    )
-    if name in FUNCTIONS
-}
+ELEMENTARY = dict(
+    zip((ca.OP_SIN, ca.OP_COS, ca.OP_EXP, ca.OP_TANH, ca.OP_ATAN, ca.OP_LOG), FUNCTIONS, strict=True)
+)
 SUMS = {ca.OP_ADD: lambda a, b: a + b, ca.OP_SUB: lambda a, b: a - b, ca.OP_MUL: lambda a, b: a * b}
 _HIGHEST_POWER = 10
 _MOST_HALVES = 64  # an offset that is the double nearest to k π/2 means k π/2 itself
@@ -364,3 +365,141 @@ def refused(what: str) -> InvalidInput:
         f"expected polynomials of the state, and functions ({', '.join(FUNCTIONS)}) of linear forms, got {what}",
         "sampled_region, or the Taylor expansion as the plant: solve_hji(problem.expand(degree), …)",
     )
+
+
+_BITS = 20  # of the entries of T
+_LEFT_OVER = 1e-13
+
+
+def statement_of(
+    solution: ValueFunction,
+    gamma: float | None,
+    penalty: CheckedPenalty | None,
+    *,
+    decay: float = 0.0,
+    level: float = 1.0,
+    reach: float = 1.0,
+    about: str = "",
+) -> Certificate:
+    """The certificate to be proved of the nominal plant; arguments as `HJISolution.certify`."""
+    pair = checked_pair(solution, gamma, penalty)
+    terms = plant_terms(solution.problem, pair.output)
+    return claim_of(
+        solution,
+        solution.problem,
+        replace(terms, penalty=tuple(map(_without_rounding, terms.penalty))),
+        about=about or "a state feedback",
+        r2=matrix_rows(solution.expansion.r2),
+        value=value_polynomial(solution),
+        law=law_polynomials(solution, terms),
+        gamma=min(pair.gamma, HUGE),  # of the Hamilton–Jacobi–Bellman equation no gain is claimed
+        decay=decay,
+        level=level,
+        coordinates=matrix_rows(coordinates(solution, terms, pair.gamma, decay)),
+        reach=reach,
+    )
+
+
+def claim_of(
+    solution: ValueFunction, problem: Problem | None, terms: PlantTerms, **others: Any
+) -> Certificate:
+    """The certificate of a solution, with these terms of the plant and the fields that are `others`."""
+    disturbances: Iterable[str] = [f"d{j + 1}" for j in range(solution.expansion.size[1])]
+    if isinstance(problem, GeneralisedPlant):
+        disturbances = problem.disturbance_names
+    return Certificate(
+        states=_signals(problem, solution.state_names),
+        inputs=_signals(problem, solution.input_names),
+        disturbances=_signals(problem, disturbances),
+        drift=terms.drift,
+        g1=terms.g1,
+        g2=terms.g2,
+        penalty=tuple(row for row in terms.penalty if row),
+        parameters=tuple(replace(p, unit=_unit(problem, p.name)) for p in terms.parameters),
+        functions=terms.functions,
+        **others,
+    )
+
+
+def value_polynomial(solution: ValueFunction, scale: float = 1.0) -> Polynomial:
+    """scale · V."""
+    return tuple(
+        (tuple(powers), scale * value)
+        for degree, part in sorted(solution.value_parts.items())
+        for powers, value in zip(solution.exponents(degree).tolist(), part.tolist())
+        if value
+    )
+
+
+def matrix_rows(matrix: np.ndarray) -> tuple[tuple[float, ...], ...]:
+    """A matrix as a claim has it."""
+    return tuple(map(tuple, matrix.tolist()))
+
+
+def _without_rounding(row: Polynomial) -> Polynomial:
+    """A row of h without what rounding left: below 1e-13 of the row's largest coefficient."""
+    largest = max((abs(value) for _, value in row), default=0.0)
+    return tuple((powers, value) for powers, value in row if abs(value) > _LEFT_OVER * largest)
+
+
+def _signals(problem: Problem | None, names: Iterable[str]) -> tuple[Signal, ...]:
+    """Signals of a problem with their units; a command has that of its output."""
+    return tuple(
+        Signal(name, _unit(problem, name) or _unit(problem, name.removesuffix("_command"))) for name in names
+    )
+
+
+def _unit(problem: Problem | None, name: str) -> str:
+    return problem.plant.unit(name).replace(" ", "·") if isinstance(problem, GeneralisedPlant) else ""
+
+
+def law_polynomials(solution: ValueFunction, terms: PlantTerms) -> tuple[Polynomial, ...]:
+    """−R2⁻¹ g2ᵀ V_xᵀ in doubles: with a constant g2 the controller's own numbers, else the product's, rounded."""
+    n, _, m, _ = solution.expansion.size
+    rows: list[dict[tuple[int, ...], float]] = [{} for _ in range(m)]
+    if all(not any(term.powers) for entries in terms.g2 for row in entries for term in row):
+        matrix = solution.expansion.g2_parts[0]
+        for i, slope in solution.slope_parts.items():
+            columns = np.array([product(slope, matrix[:, j], n, i - 1, 0) for j in range(m)])
+            for row, part in zip(rows, -np.linalg.solve(solution.expansion.r2, columns)):
+                powers = map(tuple, basis.exponents(n, i - 1).tolist())
+                row |= {key: value for key, value in zip(powers, part.tolist()) if value}
+        return tuple(tuple(row.items()) for row in rows)
+    numbers = {parameter.name: (parameter.low + parameter.high) / 2 for parameter in terms.parameters}
+    price = solution.input_price
+    for k, slope in solution.slope_parts.items():
+        for powers, along in zip(basis.exponents(n, k - 1).tolist(), slope.tolist()):
+            for i, value in enumerate(along):
+                for j, row in enumerate(terms.g2[i] if value else ()):
+                    for term in row:
+                        key = tuple(a + b for a, b in zip(powers, term.powers))
+                        factor = value * term.coefficient
+                        for name, power in term.parameters:
+                            factor *= numbers[name] ** power
+                        for target, weight in zip(rows, price[:, j].tolist()):
+                            target[key] = target.get(key, 0.0) - weight * factor
+    return tuple(tuple((key, value) for key, value in row.items() if value) for row in rows)
+
+
+def coordinates(solution: ValueFunction, terms: PlantTerms, gamma: float, decay: float) -> np.ndarray:
+    """T with V_2 = ½|z|² and r_2 diagonal, both up to the 20 bits that T is rounded to."""
+    plant, p = solution.expansion, solution.P
+    a, c = plant.f_parts[1], np.zeros((len(terms.penalty), len(p)))
+    for row, polynomial in zip(c, terms.penalty):
+        for powers, value in polynomial:
+            if sum(powers) == 1:
+                row[powers.index(1)] = value
+    b1, b2 = plant.g1_parts[0][:, :, 0], plant.g2_parts[0][:, :, 0]
+    s = b1 @ b1.T / gamma**2 - b2 @ np.linalg.solve(plant.r2, b2.T)
+    quadratic = p @ a + a.T @ p + c.T @ c + p @ s @ p + decay * p
+    root = np.linalg.cholesky(np.linalg.inv(p))
+    _, vectors = np.linalg.eigh(-root.T @ quadratic @ root)
+    transform = root @ vectors
+    return few_bits(transform)
+
+
+def few_bits(matrix: np.ndarray) -> np.ndarray:
+    """Each column rounded to `_BITS` bits of its largest entry: any invertible T is sound, a short one is quick."""
+    largest = np.abs(matrix).max(axis=0, keepdims=True)
+    scale = np.exp2(_BITS - 2 - np.ceil(np.log2(largest)))
+    return np.round(matrix * scale) / scale

@@ -1,0 +1,116 @@
+"""What is looked at next, and what is refused: nothing here can make a claim proved.
+
+Every way to cut a cell is sound, and so is every refusal. Where r is a quadratic form, a corner that fails is no
+refutation by itself, since the functions' quotients take their extreme values far from 0 only: so a point at which the
+claim is false is looked for.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from flint import arb, arb_series, fmpq, fmpq_mat
+
+from flexhinf.certify.checker.bounds import Bounds, CentredForm, TaylorTable
+from flexhinf.certify.checker.quadratic import Corner, corner_text
+from flexhinf.certify.checker.residual import (
+    Refusal,
+    Residual,
+    as_rational,
+    form_of,
+    offset_of,
+    rounded,
+    row_of,
+    series_of,
+)
+from flexhinf.certify.claim import Claim
+
+_NARROWEST = 2.0**-15  # half width of the widest t_i: a direction that is not decided there is refused
+_EXACT = 2.0**-40  # half width of any t_i, so that t ± h are doubles
+_SHORTEST = 2.0**-24  # of an interval of ρ, in units of the reach
+_FLAT = 0.02  # an interval of ρ shorter than this times the widest t_i is not cut further
+
+
+def refuse(
+    face: tuple[int, int], cells: np.ndarray, undecided: np.ndarray, bounds: Bounds, reach: float
+) -> None:
+    """Raise where a cell that is neither finished nor proved is wrong at its centre, or too small to go on.
+
+    The columns of `cells` are t, h, and the ends of the interval of ρ in units of the reach.
+    """
+    n = len(cells) // 2
+    h, begin, end = cells[n - 1 : -2], cells[-2], cells[-1]
+    edge, short = begin >= 1.0, end - begin < _SHORTEST
+    narrow = (h.max(0) < _NARROWEST) | (h.min(0) < _EXACT) if n > 1 else np.ones(len(end), bool)
+    inside = bounds.value < bounds.level
+    allowance = bounds.remainder + bounds.rounding
+    positive = np.isfinite(allowance) & (bounds.constant > 1e3 * allowance) & (bounds.least_growth > 0)
+    for found, why in (
+        (edge & undecided & (inside | narrow), "the level set reaches beyond the stated reach"),
+        (undecided & inside & positive, "r > 0"),
+        (undecided & ~edge & (short if n == 1 else narrow | short), "a cell cannot be decided"),
+    ):
+        if found.any():
+            i = int(np.flatnonzero(found)[0])
+            z = np.insert(cells[: n - 1, i], face[0], face[1]) * (begin[i] + end[i]) / 2 * reach
+            raise Refusal(why, z, float(bounds.value[i]))
+
+
+def axis_to_cut(table: TaylorTable, form: CentredForm, cells: np.ndarray) -> np.ndarray:
+    """The variable of each cell that adds most to its bound beyond the constant: 0 for ρ, i for the i-th of the t."""
+    h, length, edge = cells[table.n - 1 : -2], cells[-1] - cells[-2], cells[-2] >= 1.0
+    size = np.abs(form.low) + form.radius
+    score = np.abs(form.low[table.square]) + size[table.linear] / 4 + table.in_pair @ size[table.pairs]
+    score += (table.terms[table.others] > 0).T.astype(float) @ size[table.others]
+    tail = np.c_[np.zeros(len(table.tail_powers)), table.tail_powers > 0].T.astype(float)
+    score += tail @ form.tail[:-1]
+    score[0] += form.tail[-1]
+    axis = np.where(np.isfinite(score), score, 0.0).argmax(0)
+    if table.n == 1:
+        return axis
+    return np.where((axis == 0) & (length < _FLAT * h.max(0)) | edge, 1 + h.argmax(0), axis)
+
+
+_POINTS = 200  # along a ray at which r is looked at
+_NEAREST = 1e-6  # of them, relative to where the ray ends
+
+
+def refute_at_corners(claim: Claim, exact: Residual, failed: list[Corner]) -> None:
+    """Raise a `Refusal` where r > 0 at a point with V ≤ c, shown in balls, for parameters at a corner of their box."""
+    value = np.array(_doubles(form_of(exact.value)))
+    parts: list[tuple[Any, ...]] = list(zip(exact.plain, *exact.factors, strict=True))
+    rows = [row_of(one) for one in exact.arguments]
+    for corner in failed:
+        _, vectors = np.linalg.eigh(_doubles(corner.form))
+        v = vectors[:, 0]
+        end = np.sqrt(claim.level / (v @ value @ v))
+        for share in np.r_[1.0, np.linspace(_NEAREST, 1.0, _POINTS, endpoint=False)] * (1 - 1e-9):
+            z = fmpq_mat([[as_rational(float(a * share * end))] for a in v])
+            quotients = [
+                _quotient(function, (row * z)[0, 0])
+                for function, row in zip(claim.functions, rows, strict=True)
+            ]
+            total = arb(0)
+            for weight, part in zip(corner.weights, parts, strict=True):
+                for quotient, polynomial in zip((arb(1), *quotients), part, strict=True):
+                    form = form_of(polynomial)
+                    total += arb(weight) * quotient * arb((z.transpose() * form * z)[0, 0])
+            at = (z.transpose() * form_of(exact.value) * z)[0, 0]
+            if total > 0 and at <= as_rational(claim.level):
+                place = np.array([rounded(z[i, 0]) for i in range(z.nrows())])
+                raise Refusal(f"{corner_text(claim, corner)}: r > 0", place, rounded(at))
+
+
+def _quotient(function: Any, s: fmpq) -> arb:
+    """S(s), its limit at 0."""
+    if s == 0:
+        return series_of(function.name, arb_series([offset_of(function), 1], prec=2))[1]
+    ends = [
+        series_of(function.name, arb_series([offset_of(function) + arb(a)], prec=1))[0] for a in (s, fmpq(0))
+    ]
+    return (ends[0] - ends[1]) / arb(s)
+
+
+def _doubles(matrix: fmpq_mat) -> list[list[float]]:
+    return [[rounded(matrix[i, j]) for j in range(matrix.ncols())] for i in range(matrix.nrows())]

@@ -1,0 +1,436 @@
+"""Laws beside each other: the table of their metrics, their errors in the same runs, and input against deviation."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Literal
+
+import numpy as np
+
+from flexhinf.design.evaluation import LawEvaluation
+from flexhinf.design.laws import NL_HINF
+from flexhinf.design.result import ComparedLaw, Comparison
+from flexhinf.design.tuning import TradeOff
+from flexhinf.pages.design.requirements import limit_text
+from flexhinf.pages.drawing import (
+    figure_block,
+    legend_above,
+    line_style,
+    panels,
+    pose_text,
+    reference_line,
+    thin,
+    units_of,
+)
+from flexhinf.report import Cell, Column, Figure, Table, house_style, label, number
+from flexhinf.report.table import WIDTH
+
+#: Two figures are equally good within this relative difference, or the smallest difference that counts.
+SHARED = 0.005
+
+#: Points of a line in small panels.
+POINTS = 600
+
+#: A panel shows so many times the median law's range; lines may leave it.
+SHOWN = 2.5
+
+#: A panel ends this much after the last law has settled.
+AFTER = 1.3
+
+#: A trade-off figure shows so many times the smallest finite value of each axis.
+RANGE = 30.0
+
+Kind = Literal["input", "small input", "length", "%", "s", "ms", "rad/s", ""]
+Signal = tuple[np.ndarray, np.ndarray]
+
+
+@dataclass(frozen=True)
+class LawFigure:
+    """A figure of a law.
+
+    Attributes
+    ----------
+    key : str
+        Of `LawEvaluation.metrics`.
+    group : str
+        What was run; see `_title`.
+    unit : str
+        "input": V or N·m. Shown in thousandths: "small input", "length" (of rad or m), "ms" (of s).
+    better : int
+        −1: less is better; 1: more is better; 0: neither.
+    least : float
+        The smallest difference that counts, in the unit of the value.
+    brief : bool
+        Whether a terminal shows it too.
+    """
+
+    key: str
+    group: str
+    label: str
+    unit: Kind
+    better: int = -1
+    least: float = 0.0
+    brief: bool = True
+
+
+STEP, LOAD, MOVE, SAMPLES, LINEAR, COST = "step", "load", "move", "samples", "linear", "cost"
+
+#: In the order of the table.
+FIGURES = (
+    LawFigure("step_peak_input", STEP, "peak input", "input"),
+    LawFigure("step_overshoot_percent", STEP, "overshoot", "%", least=0.5),
+    LawFigure("step_settling_s", STEP, "settling time", "s", least=0.01),
+    LawFigure("step_remaining", STEP, "remaining error", "length", least=1e-4),
+    LawFigure("load_deviation", LOAD, "largest deviation", "length"),
+    LawFigure("load_recovery_s", LOAD, "recovered after", "s", least=0.01),
+    LawFigure("load_remaining", LOAD, "remaining deviation", "length", least=1e-4),
+    LawFigure("move_error", MOVE, "largest error", "length", least=1e-4),
+    LawFigure("move_remaining", MOVE, "remaining error", "length", least=1e-4, brief=False),
+    LawFigure("move_peak_input", MOVE, "peak input", "input"),
+    LawFigure("drawn_unsettled", SAMPLES, "steps not settled", "", least=0.5),
+    LawFigure("drawn_overshoot_percent", SAMPLES, "median overshoot", "%", least=0.5, brief=False),
+    LawFigure("drawn_worst_overshoot_percent", SAMPLES, "worst overshoot", "%", least=0.5),
+    LawFigure("drawn_settling_s", SAMPLES, "median settling time", "s", least=0.01, brief=False),
+    LawFigure("drawn_worst_settling_s", SAMPLES, "worst settling time", "s", least=0.01),
+    LawFigure("drawn_worst_peak_input", SAMPLES, "worst peak input", "input", brief=False),
+    LawFigure("drawn_move_error", SAMPLES, "median move error", "length", least=1e-4, brief=False),
+    LawFigure("drawn_worst_move_error", SAMPLES, "worst move error", "length", least=1e-4),
+    LawFigure("unstable_corners", LINEAR, "unstable corners", "", least=0.5),
+    LawFigure("peak_sensitivity", LINEAR, "peak sensitivity", "", least=0.01),
+    LawFigure("gain_margin", LINEAR, "gain margin, ×", "", 1, 0.01),
+    LawFigure("delay_margin_s", LINEAR, "delay margin", "ms", 1),
+    LawFigure("damping", LINEAR, "smallest damping ratio", "", 1, 0.0005),
+    LawFigure("input_noise", LINEAR, "input noise, rms", "small input"),
+    LawFigure("bandwidth_rad_s", LINEAR, "bandwidth", "rad/s", 0, brief=False),
+    LawFigure("operations", COST, "operations per sample", ""),
+)
+
+GROUPS = (STEP, LOAD, MOVE, SAMPLES, LINEAR, COST)
+
+#: Titles where there is little room.
+SHORT = {
+    STEP: "step as deployed", LOAD: "torque on the links", MOVE: "planned move", SAMPLES: "sampled robots",
+    LINEAR: "running loop, linearised", COST: "cost",
+}  # fmt: skip
+
+
+def _title(group: str, comparison: Comparison) -> str:
+    """What was run for a group of figures."""
+    own, units = comparison.own.evaluation, comparison.units()
+    assert own is not None
+    runs, setup = own.scenario, own.setup
+    assert runs is not None
+    loads = ", ".join(number(float(value), 3) for value in runs.load)
+    slides, degrees = setup.robot.links.slides, setup.specification.in_degrees
+    way = f"{pose_text(setup.start, slides, degrees)} → {pose_text(setup.goal, slides, degrees)}"
+    moved = "the same way" if setup.specification.move is None else "the stated waypoints"
+    return {
+        STEP: f"Step {way} as the controller is deployed, the run of flexhinf design",
+        LOAD: f"Torque of {loads} {units['torque']} on the links, at the goal",
+        MOVE: f"Planned move of {number(float(runs.plan.duration), 3)} s over {moved}, with feedforward",
+        SAMPLES: f"{len(runs.robots)} robots sampled within their tolerances: step and move",
+        LINEAR: "Running loop, linearised at the goal, with its estimator and delay",
+        COST: "Cost",
+    }[group]
+
+
+def unit_of(figure: LawFigure, comparison: Comparison) -> str:
+    """The unit that is shown."""
+    units = comparison.units()
+    if figure.unit == "input":
+        return units["input"]
+    if figure.unit == "small input":
+        return f"m{units['input']}"
+    if figure.unit == "length":
+        return units["error"]
+    own = comparison.own.evaluation
+    if figure.key == "drawn_unsettled" and own is not None and own.scenario is not None:
+        return f"of {len(own.scenario.robots)}"
+    if figure.key == "unstable_corners" and own is not None and own.corners is not None:
+        return f"of {own.corners.count}"
+    return figure.unit
+
+
+def cell(figure: LawFigure, value: float | None, comparison: Comparison) -> str:
+    """One figure without its unit."""
+    if value is None:
+        return "–"
+    if np.isinf(value):
+        return _without_number(figure, comparison)
+    if figure.unit in ("length", "ms", "small input"):
+        value *= 1e3
+    if figure.unit == "%":
+        return number(value, decimals=1)
+    if figure.unit == "" and value == round(value):
+        return number(int(value))
+    if abs(value) >= 1e3:
+        return number(round(value))
+    if 0.0 < abs(value) < 1e-2:
+        return number(value, 2)
+    size = 0 if value == 0.0 else int(np.floor(np.log10(abs(value))))
+    return number(value, decimals=min(max(2 - size, 0), 3))
+
+
+def _without_number(figure: LawFigure, comparison: Comparison) -> str:
+    own = comparison.own.evaluation
+    if "settling" in figure.key and own is not None and own.scenario is not None:
+        return f"> {own.scenario.step_duration:g}"
+    if figure.key == "load_recovery_s":
+        return "never"
+    return "∞" if figure.better > 0 else "diverges"
+
+
+def best_of(figure: LawFigure, values: Sequence[float | None]) -> tuple[bool, ...]:
+    """Which values share the best; none where all are alike."""
+    known = [value for value in values if value is not None]
+    if not figure.better or len(known) < 2:
+        return tuple(False for _ in values)
+    top = min(known) if figure.better < 0 else max(known)
+    width = max(SHARED * abs(top), figure.least) if np.isfinite(top) else 0.0
+    found = tuple(value is not None and (value == top or abs(value - top) <= width) for value in values)
+    return tuple(False for _ in values) if sum(found) == len(known) else found
+
+
+def metric_table(
+    comparison: Comparison, laws: Sequence[ComparedLaw], short: bool = False, title: str = ""
+) -> Table:
+    """Metrics of some laws, each with an evaluation: one column for each law; the best of a row is that of all laws.
+
+    Parameters
+    ----------
+    short, title : bool, str
+        For a terminal.
+    """
+    own = comparison.own.evaluation
+    assert own is not None
+    rows: list[Any] = ["criterion" if short else "Criterion and limits"]
+    costs = [law.tuned.cost if law.tuned else np.nan for law in laws]
+    rows.append(("criterion, design = 1", *(number(c, 3) if np.isfinite(c) else "diverges" for c in costs)))
+    judged = [{(line.what, line.where): line for line in law.requirements} for law in laws]
+    for key, first in {key: line for law in judged for key, line in law.items()}.items():
+        lines = [law.get(key) for law in judged]
+        sampled = ", sampled" if "robots sampled" in first.where else ""
+        name = f"{first.what} {limit_text(first.shown(units_of(own).degrees))}{sampled}"
+        rows.append((name, *("–" if line is None else line.judgement for line in lines)))
+    everyone = comparison.compared
+    for group in GROUPS:
+        heading = SHORT[group] if short else _title(group, comparison)
+        for figure in FIGURES:
+            values = {law.name: law.metrics.get(figure.key) for law in everyone}
+            if figure.group != group or (short and not figure.brief) or set(values.values()) == {None}:
+                continue
+            if heading:
+                rows.append(heading)
+                heading = ""
+            tops = dict(zip(values, best_of(figure, list(values.values()))))
+            cells = (
+                Cell(cell(figure, values[law.name], comparison), "best" if tops[law.name] else "")
+                for law in laws
+            )
+            rows.append((", ".join(filter(None, (figure.label, unit_of(figure, comparison)))), *cells))
+    names = (law.name.replace("-", "\u2011") for law in laws)  # no line breaks at such a hyphen
+    heads = [Column(name, brief=law.name, right=True) for name, law in zip(names, laws)]
+    caption = (
+        "Every law with the same commands, load, move, robots and seeds. “best”: best of its row, or as good as the "
+        "best"
+    )
+    return Table(("", *heads), rows, caption, "figures-of-merit", title=title)
+
+
+def comparison_tables(comparison: Comparison, width: int = WIDTH) -> list[Any]:
+    """Tables for a terminal of `width` columns, as many laws as fit, the design's own in each; * marks the best."""
+    from rich.console import Console
+
+    first, parts = comparison.tuned_design, []
+    legend = "* best of its row, or as good as the best"
+    title = f"{comparison.robot.name}: laws in the same runs; {legend}"
+    order = sorted(comparison.compared, key=lambda law: law.tuned.cost if law.tuned else np.inf)
+    part, table = [first], metric_table(comparison, [first], True, title).terminal(wide=True)
+    for law in (law for law in order if law is not first):
+        wider = metric_table(comparison, [*part, law], True, title).terminal(wide=True)
+        if len(part) > 1 and Console(width=10 * width).measure(wider).maximum > width:
+            parts.append(table)
+            part, title = [first], legend
+            wider = metric_table(comparison, [first, law], True, title).terminal(wide=True)
+        part, table = [*part, law], wider
+    return [*parts, table]
+
+
+@house_style()
+def responses_figure(comparison: Comparison) -> Figure:
+    """Errors of one joint in step, load and move: one row for each kind of laws, nonlinear H∞ in all."""
+    groups = _groups(comparison)
+    columns = _columns(comparison)
+    figure, grid = panels(len(groups), 3, 0.6 + 2.25 * len(groups), 9.6, sharex="col", sharey="col")
+    for axes, (name, laws) in zip(grid, groups):
+        for axis, column in zip(axes, columns):
+            for law, style in _styles(comparison, laws):
+                time, error = column.signals[law.name]
+                few = thin(time, POINTS)
+                axis.plot(time[few], error[few], label=law.name, **style)
+            reference_line(axis)
+            label(axis, column.label, column.unit)
+        axes[0].set_title(name)
+        axes[2].legend(loc="center left", bbox_to_anchor=(1.0, 0.5), handlelength=1.6)
+    for axis, column in zip(grid[0], columns):
+        axis.set_xlim(*column.times)
+        axis.set_ylim(*column.limits)
+    for axis, column in zip(grid[-1], columns):
+        axis.set_xlabel(column.time)
+    joints = comparison.robot.joint_names
+    which = ", ".join(f"{column.what}: {joints[column.joint]}" for column in columns)
+    return figure_block(
+        "laws", figure,
+        (
+            "Errors of the true link position in the nonlinear loop with estimator and measurement noise. Left: the "
+            "step as the controller is deployed. Middle: the torque on the links at the goal. Right: the planned move, "
+            f"link position minus plan. {comparison.tuned_design.name} is in every row (thick). Axes are the same down "
+            "a column; lines that leave a panel go on.",
+            f"Joints, where the errors are largest: {which}." if len(joints) > 1 else "",
+        ),
+        "Laws in the same runs",
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class _Column:
+    """Error of one joint over time, of every law."""
+
+    what: str
+    label: str
+    unit: str
+    time: str
+    errors: dict[str, Signal]
+    scale: float
+    times: tuple[float, float]
+
+    @cached_property
+    def joint(self) -> int:
+        """Where the median law has the largest error, root mean square."""
+        sizes = [
+            np.sqrt(np.nanmean(np.where(np.isfinite(error), error, np.nan) ** 2, axis=0))
+            for _, error in self.errors.values()
+        ]
+        return int(np.argmax(np.median(sizes, axis=0)))
+
+    @cached_property
+    def signals(self) -> dict[str, Signal]:
+        """Time and error of that joint, in the unit shown."""
+        return {name: (t, self.scale * error[:, self.joint]) for name, (t, error) in self.errors.items()}
+
+    @property
+    def limits(self) -> tuple[float, float]:
+        """Of the vertical axis: all of what most laws do."""
+        inside = []
+        for time, error in self.signals.values():
+            shown = error[(time >= self.times[0]) & (time <= self.times[1]) & np.isfinite(error)]
+            inside.append((float(shown.min(initial=0.0)), float(shown.max(initial=0.0))))
+        low, high = (np.array(side) for side in zip(*inside))
+        size = float(np.median(high - low))
+        bottom, top = max(float(low.min()), -SHOWN * size), min(float(high.max()), SHOWN * size)
+        margin = 0.06 * max(top - bottom, 1e-12)
+        return bottom - margin, top + margin
+
+
+def _columns(comparison: Comparison) -> tuple[_Column, _Column, _Column]:
+    units, own = comparison.units(), comparison.own.evaluation
+    assert own is not None
+    assert own.scenario is not None
+    duration = own.scenario.step_duration
+    settled = [row.metrics.get("step_settling_s") for row in comparison.compared]
+    last = max((value for value in settled if value is not None and np.isfinite(value)), default=duration)
+    end = min(duration, max(AFTER * last, 0.1 * duration))
+
+    def errors(of: Callable[[LawEvaluation], Signal]) -> dict[str, Signal]:
+        return {row.name: of(row.evaluation) for row in comparison.compared if row.evaluation is not None}
+
+    step = errors(lambda e: (e.step.run.time, e.step.positions - e.step.goal))
+    load = errors(lambda e: (e.load_response.response.run.time - e.load_response.at, _deviation(e)))
+    move = errors(lambda e: (e.move.response.run.time, e.move.error))
+    shown = units_of(own)
+    plan = float(own.move.response.run.time[-1])
+    return (
+        _Column("step", "position − goal", shown.angle, "time (s)", step, shown.scale, (0.0, end)),
+        _Column(
+            "load",
+            "position − goal",
+            units["error"],
+            "time after the load (s)",
+            load,
+            1e3,
+            (-0.05 * end, end),
+        ),
+        _Column("move", "position − plan", units["error"], "time (s)", move, 1e3, (0.0, plan)),
+    )
+
+
+def _deviation(e: LawEvaluation) -> np.ndarray:
+    return e.load_response.response.positions - e.load_response.response.goal
+
+
+def _groups(comparison: Comparison) -> list[tuple[str, list[ComparedLaw]]]:
+    """Laws of each kind beside nonlinear H∞."""
+    found: dict[str, list[ComparedLaw]] = {}
+    for row in comparison.compared:
+        if row is not comparison.tuned_design:
+            found.setdefault(row.kind.group, []).append(row)
+    return list(found.items()) or [(comparison.own.kind.group, [])]
+
+
+def _styles(comparison: Comparison, laws: Sequence[ComparedLaw]) -> list[tuple[ComparedLaw, dict[str, Any]]]:
+    """Nonlinear H∞ thick, the others thin above it; a law has the same style in every figure of the page."""
+    styles = {row.name: line_style(k) for k, row in enumerate(comparison.rows)}
+    thick = comparison.tuned_design
+    own = (thick, {**styles[thick.name], "linewidth": 2.2, "zorder": 2.5})
+    return [own, *((row, {**styles[row.name], "linewidth": 1.2, "zorder": 3.0}) for row in laws)]
+
+
+@house_style()
+def trade_off_figure(comparison: Comparison, offs: Sequence[TradeOff]) -> Figure | None:
+    """Peak input against load deviation: a point for each law, and the curve of what its tuning reaches.
+
+    None where fewer than two laws have finite figures.
+    """
+    finite = [one for one in offs if np.isfinite([one.point.peak_input, one.point.load_deviation]).all()]
+    if len(finite) < 2:
+        return None
+    from matplotlib.ticker import FuncFormatter
+
+    figure, ((axis,),) = panels(1, 1, 5.0)
+    place = {row.name: k for k, row in enumerate(comparison.rows)}
+    for one in finite:
+        _trade_off(axis, one, place[one.name])
+    axis.set_xscale("log")
+    axis.set_yscale("log")
+    axis.set_xlabel(f"peak input of the step ({comparison.units()['input']})")
+    legend_above(figure, axis, 5, columnspacing=1.2)
+    peaks = [one.point.peak_input for one in finite]
+    sags = [1e3 * one.point.load_deviation for one in finite]
+    for which, values in ((axis.xaxis, peaks), (axis.yaxis, sags)):
+        which.set_minor_formatter(
+            FuncFormatter(lambda value, _: f"{value:g}" if f"{value:.0e}"[0] in "2357" else "")
+        )
+        which.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        low, high = max(0.7 * min(values), max(values) / RANGE), 1.4 * max(values)
+        axis.set_xlim(low, high) if which is axis.xaxis else axis.set_ylim(low, high)
+    label(axis, "largest deviation under the load", comparison.units()["error"])
+    return figure_block(
+        "trade-off", figure,
+        "Peak input against load deviation; down and to the left is better. A marker is the law as it was tuned. A "
+        "line joins the best of all candidates that the tuning of this law ran and that keep the limits of the linear "
+        "loop.",
+        "Trade-off",
+    )  # fmt: skip
+
+
+def _trade_off(axis: Any, one: TradeOff, k: int) -> None:
+    style, own = line_style(k), one.name == NL_HINF
+    curve = np.array([[f.peak_input, 1e3 * f.load_deviation] for f in one.curve]).reshape(-1, 2)
+    axis.plot(curve[:, 0], curve[:, 1], **{**style, "linewidth": 1.0, "alpha": 0.7})
+    axis.plot(
+        [one.point.peak_input], [1e3 * one.point.load_deviation], "*" if own else "os^Dv<>"[k % 7], label=one.name,
+        color=style["color"], markersize=13.0 if own else 6.5, linestyle="none",
+        zorder=4.0,
+    )  # fmt: skip

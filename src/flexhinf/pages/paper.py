@@ -1,0 +1,551 @@
+"""The report of `flexhinf paper`: verdict per claim, what fails first, evidence under each claim, figures, settings."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import fields, replace
+from itertools import count
+from typing import Any
+
+import numpy as np
+
+from flexhinf.analysis import FORMS
+from flexhinf.loop import Trajectory
+from flexhinf.paper.claim import Judged
+from flexhinf.paper.disturbances import ENERGIES, RunGain
+from flexhinf.paper.experiments import (
+    FREQUENCY,
+    LOAD_FROM,
+    STEP_DURATION,
+    TOLERANCE_DURATION,
+    TORQUE,
+    TRACKING_DURATION,
+    Experiments,
+    ToleranceRun,
+)
+from flexhinf.paper.loop_setup import GOALS, INITIAL_VARIANCE, SAMPLED_PLANTS, PaperSettings, name_goal
+from flexhinf.paper.reproduction import Reproduction
+from flexhinf.paper.tolerances import SWEPT, ToleranceStudy, unstable_of
+from flexhinf.report import (
+    INK,
+    MUTED,
+    SERIES,
+    ClaimEvidence,
+    Claims,
+    Column,
+    Figure,
+    KeyNumber,
+    Listing,
+    Page,
+    Paragraph,
+    Provenance,
+    Section,
+    Setting,
+    Settings,
+    Table,
+    by_verdict,
+    figure_to_svg,
+    house_style,
+    label,
+    legend,
+    new_figure,
+    quantile_band,
+    reference_line,
+    settling_band,
+    summary,
+    time_response,
+    to_json,
+)
+
+MISPRINTS = (
+    ("Algorithm 1, step 5", "second block X̂ + γ√P again", "X̂ − γ√P"),
+    (
+        "Algorithm 1 and Eq. (10)",
+        "γ is the sigma-point spread",
+        "called spread here; γ is the attenuation level",
+    ),
+    ("Sec. 5, ẋ4", "+B x4 and −K(x1 − x3)", "−B x4 and +K(x1 − x3), as in Eq. (2) and Sec. 6"),
+    ("Eq. (7)", "[pᵀg1 − pᵀg2], [d − u], assumption (6)", "[pᵀg1, pᵀg2], [dᵀ, uᵀ], assumption (4)"),
+    ("Sec. 5, h", "Q x5 only", "with 60 x1, as in Eq. (11)"),
+    ("Sec. 4", "1e-4 < α < 1", "α = 1 (Table 3) is allowed"),
+    ("Sec. 6, g1 and g2", "six rows", "g1 = (0, 0, 0, 0, −1)ᵀ and g2 = (0, 0, 0, 0.9, 0)ᵀ"),
+    ("Eq. (8)", "g2 R2⁻¹ g2", "g2 R2⁻¹ g2ᵀ"),
+    ("Eq. (10) with Table 3", "five sigma points", "2n + 1 = 9 for n = 4; λ = 0, W0ᵐ = 0, W0ᶜ = 2, Wᵢ = 1/8"),
+    ("Sec. 2", "gravity inside C, and G", "gravity once"),
+    ("Sec. 3", "asymptotically stable at u = 0", "with u = k(x): x5 is an integrator"),
+    (
+        "Figs. 7, 9, 10, 12",
+        "captions lost in the scan",
+        "tracking; tolerances measured, estimated; sinusoidal disturbance",
+    ),
+)
+
+OPEN = (
+    ("γ", "a multiple of the smallest feasible γ* (option --gamma-ratio)"),
+    ("sampling", "estimator and law at one period, the input held between samples (option --period)"),
+    ("F of Eq. (9)", "the nominal plant over one period by the classical Runge–Kutta method"),
+    ("Rᵛ, Rⁿ, P0, X̂0", "q I and R^n (options), 1e-4 I, and rest; the tolerance claim is swept over q"),
+    ("x5", "the integral of the measured error, trapezoidal, the command held"),
+    ("true plant", "nominal without coil in Figs. 3–8, 11, 12; perturbed with coil in Figs. 9 and 10"),
+    ("disturbances", "a torque at the link or at the motor; size and frequency are in the captions"),
+    ("saturation", "none, as in the paper"),
+    ("“bounded” UKF", "undefined; judged as: the estimation error stays bounded. bounds= on states is ours"),
+    ("60 x1", "penalises the angle from hanging, not the error, as printed"),
+)
+
+
+NAMES = {"nonlinear": "NL-H∞", "linear": "L-H∞"}
+COLOURS = {"nonlinear": SERIES[0], "linear": SERIES[1]}
+
+#: The first part of a run on a sampled plant, s, shown in full; the rest is shown enlarged.
+FIRST_PART = 6.0
+
+
+# Drawings ----------------------------------------------------------------------------------------------
+def degrees(run: Trajectory, kind: str, name: str = "link_position") -> np.ndarray:
+    """A signal in degrees, as the paper's figures have it."""
+    return np.degrees(run.signal(kind, name))
+
+
+def estimated(run: Trajectory, name: str = "link_position") -> np.ndarray | None:
+    """The estimate in degrees; None when the true state is fed back."""
+    return None if run.names["output"] == run.names["estimate"] else degrees(run, "estimate", name)
+
+
+def draw_inputs(runs: Mapping[str, Trajectory], until: float) -> str:
+    """Motor voltages of several laws over time."""
+    figure, (axes,) = new_figure(1)
+    for name, run in runs.items():
+        shown = run.time <= until
+        volts = run.signal("input", "motor_voltage")[shown]
+        time_response(axes, run.time[shown], volts, name=NAMES[name], colour=COLOURS[name])
+    label(axes, "motor voltage", "V")
+    legend(axes)
+    return figure_to_svg(figure)
+
+
+def draw_responses(runs: Mapping[str, Trajectory], until: float, *, step: float | None = None) -> str:
+    """Link positions of several laws in degrees, measured and estimated, with the command.
+
+    Parameters
+    ----------
+    runs : mapping of law to Trajectory
+    until : float
+        Last time shown, s.
+    step : float, optional
+        Height of the step in degrees, for the settling band.
+    """
+    figure, (axes,) = new_figure(1, height=3.6)
+    first = next(iter(runs.values()))
+    shown = first.time <= until
+    command = degrees(first, "reference")[shown]
+    reference_line(axes, first.time[shown], command)
+    if step is not None:
+        settling_band(axes, float(command[-1]), step)
+    for name, run in runs.items():
+        shown = run.time <= until
+        estimate = estimated(run)
+        time_response(
+            axes, run.time[shown], degrees(run, "output")[shown], None if estimate is None else estimate[shown],
+            name=NAMES[name], colour=COLOURS[name],
+        )  # fmt: skip
+    label(axes, "link position", "°")
+    legend(axes)
+    return figure_to_svg(figure)
+
+
+def draw_loads(runs: Mapping[str, Trajectory]) -> str:
+    """Link position, its error enlarged from the disturbance on, and the torque; one colour per place of the torque."""
+    figure, (position, error, torque) = new_figure(3, height=6.6)
+    longest = max(runs.values(), key=lambda run: len(run.time))
+    reference_line(position, longest.time, degrees(longest, "reference"))
+    goal, largest = float(degrees(longest, "reference")[-1]), 0.0
+    settling_band(error, 0.0, goal)
+    for colour, (channel, run) in zip(SERIES, runs.items(), strict=False):
+        name = f"torque at the {channel.removesuffix('_torque')}"
+        measured, estimate = degrees(run, "output"), estimated(run)
+        time_response(position, run.time, measured, estimate, name=name, colour=colour)
+        late = run.time >= LOAD_FROM - 1.0
+        off = None if estimate is None else estimate[late] - goal
+        time_response(error, run.time[late], measured[late] - goal, off, colour=colour)
+        largest = max(largest, float(np.abs(measured[late] - goal).max(initial=0.0)))
+    torque.plot(
+        longest.time, longest.signals["disturbance"].sum(axis=1), color=SERIES[3]
+    )  # alike at both places
+    reach = 1.1 * min(max(largest, 1.0), 180.0)
+    error.set_ylim(-reach, reach)
+    label(position, "link position", "°")
+    label(error, "link − command", "°")
+    label(torque, "disturbance torque", "N·m")
+    figure.align_ylabels([position, error, torque])
+    legend(position)
+    return figure_to_svg(figure)
+
+
+# Many plants -------------------------------------------------------------------------------------------
+def worst_overshoot(runs: Sequence[ToleranceRun]) -> int:
+    """Which run overshoots most; one that diverged comes before all others."""
+    return max(range(len(runs)), key=lambda k: _key(runs[k].metrics["overshoot_percent"]))
+
+
+def slowest(runs: Sequence[ToleranceRun]) -> int:
+    """Which run settles last; of those that never settle, the one that ends farthest from the command."""
+    return max(
+        range(len(runs)),
+        key=lambda k: (_key(runs[k].metrics["settling_time_s"]), _key(runs[k].metrics["steady_state_error"])),
+    )
+
+
+def _key(value: float | None) -> float:
+    return math.inf if value is None else value
+
+
+@house_style()
+def draw_sampled(runs: Sequence[ToleranceRun], kind: str) -> str:
+    """All runs on sampled plants, the two worst drawn apart; the first seconds above, the rest enlarged below."""
+    whole = [run for run in runs if run.diverged_at is None]
+    figure, _ = new_figure(2, height=5.6)
+    figure.clear()
+    above, below = figure.subplots(2, 1)
+    if not whole:
+        above.text(0.5, 0.5, "every run diverged", ha="center", transform=above.transAxes)
+        return figure_to_svg(figure)
+    time, command = whole[0].time, whole[0].command
+    values = np.array([getattr(run, kind) for run in whole])
+    apart = ((worst_overshoot(whole), INK, "largest overshoot"), (slowest(whole), SERIES[1], "settles last"))
+    for axes, part in ((above, time <= FIRST_PART), (below, time >= FIRST_PART)):
+        if axes is above:
+            settling_band(axes, command, command)
+        quantile_band(axes, time[part], values[:, part])
+        for k, colour, name in apart:
+            axes.plot(time[part], values[k, part], color=colour, linewidth=1.1, dashes=(5.0, 1.5), label=name)
+        label(axes, "link position", "°")
+        axes.set_xlabel("time (s)")
+    figure.align_ylabels([above, below])
+    legend(above)
+    return figure_to_svg(figure)
+
+
+def _worst_table(runs: Sequence[ToleranceRun]) -> Table:
+    rows = []
+    for name, k in (("largest overshoot", worst_overshoot(runs)), ("settles last", slowest(runs))):
+        m, error = runs[k].metrics, runs[k].metrics["steady_state_error"]
+        error = None if error is None else math.degrees(error)
+        changes = runs[k].changes.replace("-", "−")
+        rows.append((name, m["overshoot_percent"], m["settling_time_s"], error, changes))
+    columns = (
+        "run",
+        Column("overshoot", "%", 2),
+        Column("settling", "s", 2),
+        Column("largest error in the last 3 s", "°", 3),
+        "changes of the plant",
+    )
+    caption = (
+        "The worst runs of Figures 9 and 10, of the true link; – where a run diverged or did not settle."
+    )
+    return Table(columns, rows, caption, "table-worst-runs", stacks=True)
+
+
+def _sampled_caption(experiments: Experiments) -> str:
+    runs = experiments.sampled_plants
+    diverged = sum(run.diverged_at is not None for run in runs)
+    return (
+        f"{len(runs)} plants sampled uniformly, with coil inductance; below, the rest of the 30 s enlarged, with the "
+        f"measurement's noise on it. {f'{diverged} runs diverged and are not drawn.' if diverged else ''}"
+    )
+
+
+def _estimated_caption(experiments: Experiments) -> str:
+    if experiments.setup.settings.estimator == "none":
+        return "The true state is fed back, so they are the same."
+    return "The estimator believes in the nominal plant without coil."
+
+
+#: Title, caption, and drawing as SVG, by the figure's number in the paper.
+FIGURES: dict[str, tuple[str, str | Callable[[Experiments], str], Callable[[Experiments], str]]] = {
+    "03": (
+        "Step to 180°: link position.",
+        "The paper shows NL-H∞ alone; the linear law of the same γ is added. Dotted: command; grey: ±2 % of the step.",
+        lambda e: draw_responses(e.step_180, STEP_DURATION, step=180.0),
+    ),
+    "04": (
+        "Step to 180°: motor voltage.",
+        "The law is held between samples.",
+        lambda e: draw_inputs(e.step_180, STEP_DURATION),
+    ),
+    "05": (
+        "Step to 90°: link position by NL-H∞ and by L-H∞.",
+        "The measured and the estimated curve lie on each other. Dotted: command; grey: ±2 % of the step.",
+        lambda e: draw_responses(e.step_90, STEP_DURATION, step=90.0),
+    ),
+    "06": (
+        "Step to 90°: motor voltage by NL-H∞ and by L-H∞.",
+        "At rest at 90° the motor holds the full gravity torque M g L: 10.9 V.",
+        lambda e: draw_inputs(e.step_90, STEP_DURATION),
+    ),
+    "07": (
+        "Tracking π + sin(πt/10): link position.",
+        "The law acts on the angle from hanging and on the integral of the error, so the arm follows a moving command "
+        "with a delay.",
+        lambda e: draw_responses(e.tracking, TRACKING_DURATION),
+    ),
+    "08": (
+        "Tracking π + sin(πt/10): motor voltage.",
+        "",
+        lambda e: draw_inputs(e.tracking, TRACKING_DURATION),
+    ),
+    "09": (
+        "Step to 90° under the tolerances of Tables 1 and 2: link position as measured.",
+        _sampled_caption,
+        lambda e: draw_sampled(e.sampled_plants, "output"),
+    ),
+    "10": (
+        "The runs of Figure 9 as estimated.",
+        _estimated_caption,
+        lambda e: draw_sampled(e.sampled_plants, "estimate"),
+    ),
+    "11": (
+        "Step to 90° with a step disturbance: link position, and its error from one second before the torque on.",
+        f"A torque of {TORQUE:g} N·m from t = {LOAD_FROM:g} s on, at the link or at the motor. "
+        "The paper gives neither size nor place.",
+        lambda e: draw_loads(e.step_disturbance),
+    ),
+    "12": (
+        "Step to 90° with a sinusoidal disturbance: link position, and its error from one second before the torque on.",
+        f"A torque of {TORQUE:g} N·m at {FREQUENCY:g} Hz from t = {LOAD_FROM:g} s on, at the link or at the motor.",
+        lambda e: draw_loads(e.sine_disturbance),
+    ),
+}
+
+
+# Figures of the evidence -----------------------------------------------------------------------------
+@house_style()
+def _gain_figure(experiments: Experiments, worst: Sequence[RunGain]) -> Figure:
+    setup = experiments.setup
+    figure, (axes,) = new_figure(height=3.0)
+    known = [run for run in worst if math.isfinite(run.gain)]
+    axes.plot([run.energy for run in known], [run.gain for run in known], color=SERIES[0], linewidth=1.2)
+    for inside, fill, name in (
+        (True, SERIES[0], "worst found, |x1| ≤ 180°"),
+        (False, "none", "worst found, |x1| beyond 180°"),
+    ):
+        points = np.array([[run.energy, run.gain] for run in known if run.inside == inside]).reshape(-1, 2)
+        axes.plot(*points.T, "o", color=SERIES[0], markerfacecolor=fill, markersize=5, label=name)
+    axes.axhline(setup.gamma, color=SERIES[1], linewidth=1.4, label="γ of the design")
+    axes.axhline(setup.gamma_star, color=MUTED, linewidth=1.2, linestyle=(0, (4.0, 2.2)), label="γ*")
+    axes.set_xlim(0.7 * ENERGIES[0], 1.4 * ENERGIES[-1])  # first: one known energy alone has no range
+    axes.set_xscale("log")
+    axes.set_ylim(0.0, None)
+    axes.set_xlabel("energy of the disturbance, ∫|d|² (rad² s)")
+    label(axes, "attained gain", "")
+    legend(axes)
+    caption = (
+        "The largest √(∫|z|²/∫|d|²) found by ascent on the disturbance, a lower bound of the loop's gain, against "
+        "the γ of the design and γ* of the paper's problem."
+    )
+    return Figure("figure-gain", figure_to_svg(figure), caption)
+
+
+@house_style()
+def _unstable_figure(experiments: Experiments, study: ToleranceStudy) -> Figure | None:
+    """Unstable corners over q, for all forms of R^v."""
+    if not study.estimated:
+        return None
+    corners, q = study.count("corner"), experiments.setup.settings.process_noise
+    figure, panels = new_figure(len(GOALS), height=5.2)
+    for axes, goal in zip(panels, GOALS, strict=True):
+        for form, colour, marker in zip(FORMS, SERIES, "os^D", strict=False):
+            counts = [unstable_of(rates, "corner") for rates in study.of_form(form, goal)]
+            axes.plot(SWEPT, counts, color=colour, marker=marker, markersize=4.5, label=f"Rᵛ = q on {form}")
+        if q > 0.0:
+            name = "q of the settings (all states)"
+            axes.axvline(q, color=MUTED, linewidth=1.0, linestyle=(0, (1.0, 1.6)), label=name)
+        axes.set_xscale("log")
+        axes.set_ylim(-0.03 * corners, 1.03 * corners)
+        label(axes, f"unstable corners at {name_goal(goal)}", "")
+    panels[-1].set_xlabel("q, variance added at each sample (rad² or rad²/s²)")
+    legend(panels[0])
+    caption = (
+        f"How many of the {corners} corners of the tolerances make the loop unstable at 90° (above) "
+        "and at 180° (below), over the R^v that the paper does not give; the paper's penalty, coil in the true plant."
+    )
+    return Figure("figure-tolerances", figure_to_svg(figure), caption)
+
+
+#: What is drawn of a claim's finding, by the claim.
+EVIDENCE_FIGURES: dict[str, Callable[[Experiments, Any], Figure | None]] = {
+    "gain-attained": _gain_figure,
+    "withstands-tolerances": _unstable_figure,
+}
+
+
+# Page ------------------------------------------------------------------------------------------------
+OURS = (
+    "The paper does not ask this. It is not counted among its claims. What repairs the claims that fail, and what H∞ "
+    "buys against a nonlinear LQR, is computed in docs/paper_studies.md at the default settings."
+)
+
+READING = (
+    "Each claim has a criterion, fixed before the result, a verdict computed from it, and the numbers behind it "
+    "under “Evidence”; another option may turn a verdict. Nothing here is proved: stable or unstable is by the "
+    "growth rates of the linear loop, the rest by runs and searches."
+)
+
+
+def paper_files(reproduction: Reproduction) -> dict[str, str]:
+    """index.html, metrics.json, and every figure of the paper."""
+    drawn = {number: draw(reproduction.experiments) for number, (_, _, draw) in FIGURES.items()}
+    files = {
+        "index.html": paper_page(reproduction, drawn).html(),
+        "metrics.json": to_json(reproduction.metrics),
+    }
+    return files | {f"figure_{number}.svg": svg for number, svg in drawn.items()}
+
+
+def paper_page(reproduction: Reproduction, drawn: Mapping[str, str]) -> Page:
+    """Everything on one page.
+
+    Parameters
+    ----------
+    drawn : mapping of str to str
+        SVG of the paper's figures, by number.
+    """
+    experiments, judged = reproduction.experiments, reproduction.judged
+    setup, claims = experiments.setup, [one.claim for one in judged if not one.ours]
+    tables, others = count(1), count(13)  # numbered in the order of the page; the paper has 12 figures
+    figures: list[Figure | Table] = []
+    for number, (title, caption, _) in FIGURES.items():
+        text = caption if isinstance(caption, str) else caption(experiments)
+        figures.append(Figure(f"figure-{number}", drawn[number], f"{title} {text}", f"Figure {int(number)}"))
+        if number == "09":
+            figures += _numbered([_worst_table(experiments.sampled_plants)], tables, others)
+    paper, ours = (_evidence(experiments, judged, own, tables, others) for own in (False, True))
+    gain = ", ".join(f"{k:.4g}" for k in setup.linear.law_data)
+    law = (
+        f"V of degree {setup.settings.degree} solves Eq. (8) at γ = {setup.gamma:.4f}; "
+        f"its linear part is u = ({gain}) · (x1, x2, x3, x4, x5)."
+    )
+    instead = (
+        Table(
+            ("where", "printed", "taken"),
+            MISPRINTS,
+            "Misprints of the paper.",
+            "table-misprints",
+            stacks=True,
+        ),
+        Table(("not given", "chosen"), OPEN, "What the paper does not give.", "table-open", stacks=True),
+    )
+    kind = setup.settings.estimator
+    return Page(
+        "Nonlinear H∞ control of a flexible joint, reproduced",
+        "Elsa & Akbari (2014): the single-link arm of Sec. 6, its Figures 3–12 and its claims, computed again from its "
+        "equations and tables. No printed curve was compared with a computed one: the text was read from a scan "
+        "without the pictures, so a claim is judged by what it says. The law acts on "
+        f"{'the true state' if kind == 'none' else f'the estimate of the {kind.upper()}'}.",
+        summary(claims),
+        (
+            Section("Verdict per claim", (Paragraph(READING), Claims(claims)), "claims"),
+            Section("Figures 3–12", tuple(figures), "figures"),
+            Section("Evidence, claim by claim", paper, "evidence"),
+            Section("Our own question", (Paragraph(OURS), *ours), "ours"),
+            Section("What was taken instead", instead, "instead"),
+            Section("The law", (Paragraph(law), Listing(setup.nonlinear.report())), "law"),
+        ),
+        Settings(_settings(experiments)),
+        Provenance(reproduction.command, setup.settings.seed),
+        _key_numbers(experiments),
+    )
+
+
+def _evidence(
+    experiments: Experiments,
+    judged: Sequence[Judged],
+    ours: bool,
+    tables: Iterator[int],
+    figures: Iterator[int],
+) -> tuple[ClaimEvidence, ...]:
+    """Tables and figures of every claim, what fails first."""
+    by_claim = {one.claim.id: one for one in judged if one.ours == ours}
+    found = []
+    for claim in by_verdict([one.claim for one in by_claim.values()]):
+        finding, draw = by_claim[claim.id].finding, EVIDENCE_FIGURES.get(claim.id)
+        figure = draw(experiments, finding.data) if draw else None
+        blocks = [*finding.tables, *([figure] if figure else [])]
+        found.append(ClaimEvidence(claim, _numbered(blocks, tables, figures)))
+    return tuple(found)
+
+
+def _numbered(
+    blocks: Iterable[Figure | Table], tables: Iterator[int], figures: Iterator[int]
+) -> list[Figure | Table]:
+    named: list[Figure | Table] = []
+    for block in blocks:
+        if isinstance(block, Table):
+            k = next(tables)
+            named.append(replace(block, id=f"table-{k}", caption=f"Table {k}. {block.caption}"))
+        else:
+            k = next(figures)
+            named.append(replace(block, id=f"figure-{k}", label=f"Figure {k}"))
+    return named
+
+
+def _key_numbers(experiments: Experiments) -> list[KeyNumber]:
+    setup = experiments.setup
+    ratio = f"{setup.settings.gamma_ratio:g} γ*; the paper gives none"
+    numbers = [
+        KeyNumber(
+            "γ* of the paper's problem", f"{setup.gamma_star:.4f}", note="smallest feasible γ, by bisection"
+        ),
+        KeyNumber("γ of the paper's law here", f"{setup.gamma:.4f}", note=ratio),
+    ]
+    for goal, runs in (("180°", experiments.step_180), ("90°", experiments.step_90)):
+        ours, linear = (runs[name].metrics()["overshoot_percent"] for name in ("nonlinear", "linear"))
+        shown = "diverged" if ours is None else round(ours, 2)
+        note = "L-H∞ diverged" if linear is None else f"L-H∞: {linear:.1f} %"
+        numbers.append(KeyNumber(f"overshoot, {goal} step", shown, "" if ours is None else "%", note))
+    return numbers
+
+
+def _settings(experiments: Experiments) -> dict[str, list[Setting]]:
+    setup, s = experiments.setup, experiments.setup.settings
+    steps = [setup.loop(setup.nonlinear, None, coil).sub_steps for coil in (False, True)]
+    units = {"period": "s", "process_noise": "q of Rᵛ = q I", "measurement_noise": "rad²"}
+    options = []
+    for field in fields(PaperSettings):
+        value, flag = getattr(s, field.name), f"--{field.name.replace('_', '-')}"
+        source = f"{'default' if value == field.default else 'option'} {flag}"
+        options.append(Setting(field.name.replace("_", " "), value, units.get(field.name, ""), source))
+    arm = [
+        Setting(p.name.replace("_", " "), f"{p.value:g} ± {p.tolerance:g} %", p.unit, p.source)
+        for p in setup.arm.parameters
+    ]
+    noise = f"{math.sqrt(s.measurement_noise):.3g}"
+    rows = {
+        "Synthesis": (
+            ("penalty", "(60 x1, 0, 0, 0, 300 x5), R2 = 10", "", "Eq. (11)"),
+            ("γ* of the paper's problem", setup.gamma_star, "", "bisection, relative 1e-8"),
+            ("γ", setup.gamma, "", "ours"),
+            ("expansion", "about the hanging rest", "", "Sec. 6"),
+        ),
+        "Estimator": (
+            ("α, β, κ", "1, 2, 0", "", "Table 3"),
+            ("initial estimate", "rest", "", "ours"),
+            ("P0", f"{INITIAL_VARIANCE:g} I", "", "ours"),
+            ("simulated noise", noise, "rad (standard deviation)", "as Rⁿ"),
+        ),
+        "Simulation": (
+            ("sub-steps per period", steps[0], "", "Runge–Kutta, plant without coil"),
+            ("sub-steps per period", steps[1], "", "Runge–Kutta, plant with coil"),
+            ("plants sampled", SAMPLED_PLANTS, "", "ours"),
+            ("length of runs under tolerances", TOLERANCE_DURATION, "s", "ours"),
+            ("disturbance torque", TORQUE, "N·m", "ours"),
+            ("disturbance from", LOAD_FROM, "s", "ours"),
+            ("disturbance frequency", FREQUENCY, "Hz", "ours"),
+        ),
+    }
+    return {
+        "Options": options,
+        "Arm": arm,
+        **{name: [Setting(*row) for row in group] for name, group in rows.items()},
+    }
