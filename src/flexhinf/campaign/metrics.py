@@ -1,6 +1,6 @@
-"""What is said of each run: standard metrics, a user's own functions, and requirements that rows are judged by.
+"""Metrics of a campaign's runs: standard ones, a user's own functions, and requirements by which rows are judged.
 
-How a run ended: it came to its end, it is unstable, it diverged, or it was not run.
+A run comes to its end, is unstable, diverges, or is not run.
 
 A loop whose input is limited, or whose time is short, need not diverge to numbers that are not finite to be unstable.
 So the time from which on command and disturbance stand still is cut into thirds. A tracked state is unstable where its
@@ -41,7 +41,7 @@ COMPLETED, UNSTABLE, DIVERGED, NOT_RUN = "completed", "unstable", "diverged", "n
 #: An oscillation whose swing falls to less than this fraction from one third of the run to the next one is damped.
 UNDAMPED = 0.9
 
-#: What a state remembers: its first value, then the smallest and the largest one in each window, less the command.
+#: Memory of a state: its first value, then the smallest and the largest one in each window, less the command.
 _EMPTY = (0.0, np.inf, -np.inf, np.inf, -np.inf)
 
 
