@@ -11,6 +11,8 @@ ones with ``make slow``.
 from __future__ import annotations
 
 import ast
+import dataclasses
+import inspect
 import itertools
 import os
 import runpy
@@ -20,7 +22,7 @@ import sys
 import tempfile
 import textwrap
 import tomllib
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -35,29 +37,57 @@ DRAWN: dict[Path, str] = {}
 
 
 # Options --------------------------------------------------------------------------------------------
+def commands(group: Any = None, path: str = "flexhinf") -> dict[str, dict[str, Any]]:
+    """The declared options of every command, by its words."""
+    from typer.main import get_command
+
+    from flexhinf.cli.commands import app
+
+    found = {}
+    for name, command in (group or get_command(app)).commands.items():  # type: ignore[attr-defined]
+        if hasattr(command, "commands"):
+            found |= commands(command, f"{path} {name}")
+        elif declared := getattr(inspect.unwrap(command.callback), "options", {}):
+            found[f"{path} {name}".removesuffix(" run") if "campaign" in path else f"{path} {name}"] = (
+                declared
+            )
+    return found
+
+
 def options() -> str:
-    """Every field of a specification: option, meaning, unit, range and default."""
+    """Every option: those of a specification with the commands that take them, then the others by command."""
+    from flexhinf.design.options import GROUPS
     from flexhinf.design.specification import FIELDS
 
-    lines, group = [], ""
-    groups = list(dict.fromkeys(field.about.group for field in FIELDS.values()))  # as --help shows them
-    for name, field in sorted(FIELDS.items(), key=lambda item: groups.index(item[1].about.group)):
-        about = field.about
-        if about.group != group:
-            group = about.group
-            lines += [
-                "",
-                f"**{group}**",
-                "",
-                "| option | field | meaning | allowed | default |",
-                "|---|---|---|---|---|",
-            ]
-        default = about.default or ("none" if field.default in (None, ()) else f"`{_text(field.default)}`")
-        option = field.option.partition("/")[0]
-        unit = f" ({about.unit})" if about.unit else ""
-        row = (f"`{option}`", f"`{name}`", about.help, f"{field.allowed}{unit}", default)
-        lines.append("| " + " | ".join(cell.replace("|", r"\|") for cell in row) + " |")
+    every, lines = commands(), []
+    for group in GROUPS:
+        rows = [_row(field, every) for field in FIELDS.values() if field.about.group == group]
+        lines += _table(group, "| option | meaning | allowed | default | not of |", rows) if rows else []
+    for command, declared in every.items():
+        own = [
+            field for name, field in declared.items() if field is not FIELDS.get(name) and field.about.group
+        ]
+        lines += _table(f"`{command}`", "| option | meaning | allowed | default |", map(_row, own))
     return "\n".join(lines).strip()
+
+
+def _table(title: str, head: str, rows: Iterable[Sequence[str]]) -> list[str]:
+    cells = ["| " + " | ".join(cell.replace("|", r"\|") for cell in row) + " |" for row in rows]
+    return ["", f"**{title}**", "", head, "|---" * (head.count("|") - 1) + "|", *cells]
+
+
+def _row(field: Any, every: dict[str, dict[str, Any]] | None = None) -> tuple[str, ...]:
+    """Option, help, range and default of a field; of a specification the commands that do not take it."""
+    about, default = field.about, field.default
+    said = about.default or (
+        "none" if default in (None, (), "", dataclasses.MISSING) else f"`{_text(default)}`"
+    )
+    unit = f" ({about.unit})" if about.unit else ""
+    row = (f"`{field.option.partition('/')[0]}`", about.help, f"{field.allowed}{unit}", said)
+    if every is None:
+        return row
+    without = [name for name in ("compare", "certify") if field.name not in every[f"flexhinf {name}"]]
+    return (*row, ", ".join(without))
 
 
 def _text(value: object) -> str:

@@ -80,6 +80,39 @@ def real_array(value: Any, strict: bool = False) -> np.ndarray:
     return np.array(np.nan)
 
 
+def checked_array(
+    what: str, value: Any, shape: tuple[int, ...], expected: str, advice: str, most: float = np.inf
+) -> np.ndarray:
+    """Finite numbers of this shape, of a magnitude of at most `most`; the texts are for the message.
+
+    Raises
+    ------
+    InvalidInput
+        For anything else.
+    """
+    array = real_array(value)
+    array = array[None] if shape == (1,) and array.ndim == 0 else array
+    if array.shape != shape or not np.isfinite(array).all() or np.any(np.abs(array) > most):
+        raise InvalidInput(what, f"expected {expected}, got {value_text(value)}", advice)
+    return array
+
+
+def checked_positive(what: str, value: Any, unit: str, advice: str) -> float:
+    """A finite number above zero, as a float.
+
+    Raises
+    ------
+    InvalidInput
+        For anything else; `what` begins the message: "The sampling period".
+    """
+    number = real_number(value)
+    if not 0.0 < number < np.inf:
+        raise InvalidInput(
+            f"{what} is not positive.", f"expected {unit} > 0, got {value_text(value)}", advice
+        )
+    return number
+
+
 def read_only(value: Any) -> Any:
     """The same with arrays that cannot be written, in tuples and mappings too: what copies may share."""
     if isinstance(value, np.ndarray):
@@ -231,13 +264,7 @@ def checked_text(what: str, text: Any) -> str:
 
 
 def distinct(what: str, names: Sequence[str]) -> None:
-    """Refuse a name that stands twice.
-
-    Raises
-    ------
-    InvalidInput
-        With the name and how often it stands there.
-    """
+    """Refuse a name that stands twice."""
     if len(set(names)) < len(names):
         counted: dict[str, int] = {}
         for name in names:

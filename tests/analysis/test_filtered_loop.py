@@ -9,7 +9,7 @@ import pytest
 
 import flexhinf as fh
 from flexhinf.analysis import EquilibriumLoop, FilteredLoop, frequency_response, margins
-from flexhinf.analysis.process_noise import MOTOR_VELOCITIES, VELOCITIES, ProcessNoise
+from flexhinf.analysis.corners import MOTOR_VELOCITIES, VELOCITIES, ProcessNoise
 
 
 @pytest.fixture(scope="module")

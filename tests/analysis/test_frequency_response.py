@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from flexhinf.analysis import EquilibriumLoop, LinearLoop, frequency_response, margins
-from flexhinf.analysis.worst_disturbance import Held
+from flexhinf.analysis.worst_disturbance import ZeroOrderHold
 from flexhinf.errors import InvalidInput
 from flexhinf.estimation import ConstantGainFilter
 from flexhinf.hinf import HJISolution
@@ -126,7 +126,7 @@ def test_sines_through_the_nonlinear_loop(
         for arguments, column, size in (
             ({"reference": command}, found.command[:, :, 0][0], 1e-6),
             (
-                {"disturbance": {"link_torque_elbow": Held(grid, 1e-4 * wave)}},
+                {"disturbance": {"link_torque_elbow": ZeroOrderHold(grid, 1e-4 * wave)}},
                 found.disturbance[0, :, torque],
                 1e-4,
             ),

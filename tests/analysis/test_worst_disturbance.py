@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from flexhinf.analysis import DisturbanceSearch, worst_disturbance
-from flexhinf.analysis.worst_disturbance import DisturbanceRuns, Held, gradient, small_motions
+from flexhinf.analysis.worst_disturbance import DisturbanceRuns, ZeroOrderHold, gradient, small_motions
 from flexhinf.errors import InvalidInput
 from flexhinf.hinf import HJISolution, smallest_gamma, solve_hji
 from flexhinf.plant import GeneralisedPlant, Penalty
@@ -191,7 +191,7 @@ def test_a_disturbance_too_large_diverges(arm: Robot) -> None:
 
 
 def test_held_samples() -> None:
-    signal = Held(np.array([0.0, 0.1, 0.2]), np.array([1.0, 2.0, 3.0]))
+    signal = ZeroOrderHold(np.array([0.0, 0.1, 0.2]), np.array([1.0, 2.0, 3.0]))
     assert np.array_equal(
         signal(np.array([0.0, 0.0999, 0.1, 0.15, 0.2, 9.0])), [1.0, 1.0, 2.0, 2.0, 3.0, 3.0]
     )

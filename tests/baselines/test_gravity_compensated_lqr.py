@@ -39,7 +39,7 @@ def test_one_link_in_closed_form(made):
 def test_without_gravity_it_is_the_lqr(made, name):
     light = made.robots[name].with_values({"gravity": 0.0})
     law, plain = GravityCompensatedLQR.design(light.problem()), lqr(light.problem())
-    np.testing.assert_allclose(law.gains, plain.gain, rtol=1e-9, atol=1e-9 * np.abs(plain.gain).max())
+    np.testing.assert_allclose(law.gain, plain.gain, rtol=1e-9, atol=1e-9 * np.abs(plain.gain).max())
     x = np.sin(np.arange(len(law.state_names)))
     np.testing.assert_allclose(law.evaluate_law(x, law.law_data), plain.gain @ x, rtol=1e-8)
 
@@ -50,7 +50,7 @@ def test_the_gain_does_not_depend_on_the_weight(made, name):
     robot = made.robots[name]
     light = robot.with_values({"gravity": 0.0})
     expected = lqr(light.problem()).gain
-    found = GravityCompensatedLQR.design(robot.problem()).gains
+    found = GravityCompensatedLQR.design(robot.problem()).gain
     np.testing.assert_allclose(found, expected, rtol=1e-8, atol=1e-9 * np.abs(expected).max())
 
 
@@ -65,14 +65,14 @@ def test_the_weight_is_exact_at_every_pose(made, name):
         x, u = robot.operating_point(q)
         k = law.evaluate_law(np.concatenate([x - law.equilibrium[0], np.zeros(n)]), law.law_data)
         moved = q - law.equilibrium[0][:n]
-        expected = u + law.gains[:, :n] @ moved + law.gains[:, 2 * n : 3 * n] @ moved
+        expected = u + law.gain[:, :n] @ moved + law.gain[:, 2 * n : 3 * n] @ moved
         np.testing.assert_allclose(law.equilibrium[1] + k, expected, rtol=1e-8, atol=1e-8)
         np.testing.assert_array_equal(law.evaluate_about(np.zeros(5 * n), x, u, law.law_data), 0.0)
 
 
 def test_a_far_goal_is_reached_in_the_sampled_loop(made):
     robot = made.robots["planar-two-link"]
-    law = GravityCompensatedLQR.design(robot.problem(), gravity=robot.links.gravity_torque)
+    law = GravityCompensatedLQR.design(robot.problem())
     goal, held = robot.operating_point([2.2, -0.9])
     run = Loop(robot.plant(), Controller(law, None, moving=True)).run(
         np.concatenate([goal, held]), duration=8.0
@@ -86,6 +86,4 @@ def test_what_does_not_fit_is_refused(made):
     with pytest.raises(FlexhinfError, match="not a robot with elastic joints"):
         GravityCompensatedLQR.design(robot.problem(extras="inductance"))
     with pytest.raises(FlexhinfError, match="gain does not fit"):
-        GravityCompensatedLQR(
-            plant=robot.plant(), equilibrium=robot.operating_point(), gains=np.zeros((1, 3))
-        )
+        GravityCompensatedLQR(plant=robot.plant(), equilibrium=robot.operating_point(), gain=np.zeros((1, 3)))

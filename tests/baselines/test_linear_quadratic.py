@@ -61,4 +61,4 @@ def test_what_has_no_lqr_is_refused(made):
     with pytest.raises(InvalidInput, match="factor of the effort"):
         lqr(robot.problem(), effort=0.0)
     with pytest.raises(InvalidInput, match="gain does not fit"):
-        LinearQuadratic(plant=robot.plant(), equilibrium=robot.operating_point(), gains=np.zeros((1, 5)))
+        LinearQuadratic(plant=robot.plant(), equilibrium=robot.operating_point(), gain=np.zeros((1, 5)))

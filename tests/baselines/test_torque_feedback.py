@@ -114,18 +114,6 @@ def test_the_weight_is_compensated_away_from_the_goal(made):
     assert np.abs(expected[:2] - x_d[:2]).max() > 0.02
 
 
-def test_the_given_gravity_makes_the_same_law_and_cheaper_code(made):
-    robot = made.robots["seven-link"]
-    problem = robot.problem()
-    own = TorqueFeedback.tuned(problem, 5.0)
-    given = TorqueFeedback.tuned(problem, 5.0, gravity=robot.links.gravity_torque)
-    x = 0.1 * np.sin(np.arange(28.0))
-    np.testing.assert_allclose(
-        given.evaluate_law(x, given.law_data), own.evaluate_law(x, own.law_data), rtol=1e-9, atol=1e-9
-    )
-    assert given.law_key != own.law_key
-
-
 def test_a_lighter_rotor_damps_the_vibration_that_pd_leaves(made):
     problem = made.robots["planar-two-link"].problem()
 
@@ -141,7 +129,7 @@ def test_a_lighter_rotor_damps_the_vibration_that_pd_leaves(made):
 def test_in_the_sampled_loop_the_goal_is_reached(made):
     robot = made.robots["spatial-three-link"]
     goal, held = robot.operating_point([0.5, 0.8, 0.2])
-    law = TorqueFeedback.tuned(robot.problem(), 8.0, gravity=robot.links.gravity_torque)
+    law = TorqueFeedback.tuned(robot.problem(), 8.0)
     loop = Loop(robot.plant(), Controller(law, None, moving=True))
     run = loop.run(np.concatenate([goal, held]), duration=6.0)
     np.testing.assert_allclose(run.signals["state"][-1], goal, atol=1e-5)
@@ -161,7 +149,6 @@ def test_a_joint_too_soft_for_its_weight_is_refused(made):
         ({"compensation": "link"}, "cannot be made so"),
         ({"proportional": -1.0}, "proportional gain does not fit"),
         ({"compensation": "goal", "proportional": 1.0}, "not a minimum of the potential"),
-        ({"gravity": lambda q, p: p.mass * np.sin(q)}, "gravity torque that was given is not the plant's"),
     ],
 )
 def test_what_does_not_fit_is_refused(made, changes, complaint):

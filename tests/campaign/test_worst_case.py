@@ -13,7 +13,7 @@ import pytest
 from tests.campaign.conftest import Feedback, made_campaign, spring, tolerances
 
 import flexhinf as fh
-from flexhinf.analysis.box_search import climb
+from flexhinf.analysis.search import climb
 from flexhinf.campaign import (
     Campaign,
     Journal,

@@ -11,7 +11,7 @@ from flint import ctx
 
 from flexhinf.certify import Certificate, Function, Parameter, Signal, Term
 from flexhinf.certify import checker as checker_file
-from flexhinf.certify.checker import _again, _check_matrices, _check_sizes, verify
+from flexhinf.certify.checker import _check_matrices, _check_sizes, _prove_again, verify
 from flexhinf.certify.checker.bounds import BITS, Proof
 from flexhinf.certify.checker.residual import Refusal
 from flexhinf.certify.checker.second_route import Cell
@@ -139,16 +139,16 @@ def test_a_sample_is_shown_at_both_ends_and_at_all_corners_in_turn(monkeypatch: 
         uneven = Proof(upright(functions=(Function("exp", (0.1, 0.0)),)))
     cell = Cell((0, 1), (0.25,), (0.25,), 1.0, 2.0, 0.0)
     assert proof.even
-    assert _again(proof, [cell] * 200, 3) == 200
+    assert _prove_again(proof, [cell] * 200, 3) == 200
     assert {one.face for one, _ in asked} == {(0, 1), (0, -1)}
     assert {tuple(corners) for _, corners in asked} == {(i,) for i in range(len(proof.exact_corners))}
     first = list(asked)
     asked.clear()
-    _again(proof, [cell] * 200, 3)
+    _prove_again(proof, [cell] * 200, 3)
     assert asked == first
     asked.clear()
     assert not uneven.even
-    _again(uneven, [cell] * 50, 0)
+    _prove_again(uneven, [cell] * 50, 0)
     assert {one.face for one, _ in asked} == {(0, 1)}
 
 

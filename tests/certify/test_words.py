@@ -87,7 +87,7 @@ def test_one_budget_on_terminal_page_and_in_the_checker() -> None:
     terminal = sentence("Budget").partition("Budget: ")[2]
     assert terminal in next(t for t in dict(theorem_parts(KNOWN, stated))["Proved"] if "Budget" in t)
     shown = str(
-        [s for s in import_module("flexhinf.pages.certificate_page")._theorem(KNOWN) if s.title == "Proved"]
+        [s for s in import_module("flexhinf.pages.certificate")._theorem(KNOWN) if s.title == "Proved"]
     )
     assert "(energy of z) \u2264 \u03b3\u00b2 (energy of d) + (integral of v\u1d40R2 v) + 2 V(x(0))" in shown
     said = "\u222b|z|\u00b2 dt \u2264 \u03b3\u00b2\u222b|d|\u00b2 dt + \u222bv\u1d40R2v dt + 2V(x(0))"

@@ -277,11 +277,9 @@ def paths_of(command: Any, words: tuple[str, ...] = ()) -> Iterator[tuple[tuple[
     """Words of every command, and its options and arguments that are paths."""
     for name, inner in getattr(command, "commands", {}).items():
         yield from paths_of(inner, (*words, name))
-    kinds = (
-        inspect.signature(command.callback, eval_str=True).parameters if words and command.callback else {}
-    )
+    declared = getattr(inspect.unwrap(command.callback), "options", {}) if words and command.callback else {}
     for parameter in command.params:
-        if parameter.name in kinds and "Path" in str(kinds[parameter.name].annotation):
+        if parameter.name in declared and declared[parameter.name].is_path:
             yield words, parameter.opts[0] if parameter.param_type_name == "option" else ""
 
 
@@ -323,5 +321,6 @@ def test_an_empty_path_is_no_path(
     """Python takes "" for the folder ".": a log of that name was a traceback, a campaign there the working folder."""
     (folder / "design.toml").write_text("")
     for given in ((option, ""), (f"{option}=",)) if option else (("",),):
-        before = () if words == ("paper",) or not option else ("paper",)
+        count = {("paper",): 0, ("campaign", "compare"): 2}.get(words, 1) if option else 0
+        before = ("paper",) * count
         refused([*words, *before, *given], "no usable path", folder)

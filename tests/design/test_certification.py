@@ -20,7 +20,7 @@ from flexhinf.errors import NumericalFailure
 from flexhinf.pages import proof
 from flexhinf.pages.proof import proof_text
 
-ARM, page = fh.paper_arm(), import_module("flexhinf.pages.certificate_page")
+ARM, page = fh.paper_arm(), import_module("flexhinf.pages.certificate")
 PENALTY = fh.Penalty((75.0, 27.0, 90.0, 27.0, 330.0), effort=10.0)
 ASKED = Specification(pose=(np.pi,), checked_penalty=(60.0, 0.0, 0.0, 0.0, 300.0))
 

@@ -290,7 +290,7 @@ def test_bandwidth_is_that_of_the_transfer_function_from_the_moved_equilibrium(s
 
 def test_an_unstable_loop_has_no_margins_but_is_no_mistake(setup: LoopSetup) -> None:
     law: Any = setup.law
-    found = LawEvaluation("wrong", replace(setup, law=replace(law, gains=-law.gains)))
+    found = LawEvaluation("wrong", replace(setup, law=replace(law, gain=-law.gain)))
     assert not found.margins.stable
     assert found.margins.delay_margin_s == 0.0
     assert np.isinf(found.margins.peak_sensitivity)

@@ -13,7 +13,7 @@ from flexhinf.design import Specification
 from flexhinf.design.deployed_run import Conditions, DeployedRun, perturbed, prepare_run
 from flexhinf.errors import InvalidInput
 from flexhinf.pages import run_met, run_notes, run_tables, run_verdict
-from flexhinf.pages.deployed_run import SLOW
+from flexhinf.pages.run import SLOW
 
 pytest.importorskip("mujoco")
 

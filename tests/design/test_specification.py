@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+import inspect
 import itertools
+import pydoc
 from typing import Any
 
 import pytest
@@ -31,7 +33,6 @@ def test_every_field_has_its_option() -> None:
         negative = {f"--no-{option[2:]}"} if isinstance(field.default, bool) else set()
         assert ({*design[name].opts}, {*design[name].secondary_opts}) == ({option}, negative)
         assert field.about.help.replace("[", r"\[") in design[name].help
-    assert {"overshoot", "tracking_error", "compare_rigid", "mujoco"} == set(FIELDS) - set(options("compare"))
 
 
 def test_the_default_of_an_option_is_that_of_its_field() -> None:
@@ -42,10 +43,20 @@ def test_the_default_of_an_option_is_that_of_its_field() -> None:
         assert field.default is not None or field.about.default or name == "process_noise"
 
 
-def test_the_options_of_a_group_stand_together() -> None:
-    groups = [field.about.group for field in FIELDS.values()]
-    changes = sum(one != other for one, other in itertools.pairwise(groups))
-    assert changes + 1 == len(set(groups))
+def test_the_options_of_a_group_stand_together_and_advanced_ones_last() -> None:
+    groups = [p.rich_help_panel for p in options("design").values() if p.param_type_name == "option"]
+    groups = [group for group in groups if group]
+    assert len(list(itertools.groupby(groups))) == len(set(groups))
+    assert (groups[0], groups[-1]) == ("Where it moves", "Advanced")
+
+
+def test_help_of_a_specification_names_every_field_without_the_types_that_read_it() -> None:
+    text = pydoc.render_doc(Specification, renderer=pydoc.plaintext)
+    assert "Annotated" not in text
+    assert "pydantic" not in text.lower()
+    for name, field in FIELDS.items():
+        assert f" {name} : {field.allowed}; default: " in text
+    assert "pose: 'Pose | None' = None" in str(inspect.signature(Specification))
 
 
 def test_words_have_any_case() -> None:

@@ -189,7 +189,7 @@ def test_a_loop_that_cannot_be_linearised_is_not_feasible(
     rig: Tuner, short: None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Old code read a sensitivity of zero there, and so tuned `flatness` to 0.0094 rad/s."""
-    plain = tuning.LawEvaluation.margins.func  # type: ignore[attr-defined]
+    plain = tuning.LawEvaluation.margins.fget  # type: ignore[attr-defined]
 
     def failing(self: LawEvaluation) -> Any:
         if (self.parameters or {}).get("bandwidth", 9.0) < 4.0:

@@ -12,7 +12,6 @@ import pytest
 from scipy.optimize import brentq
 
 from flexhinf.analysis import ALL_STATES, VELOCITIES, ProcessNoise
-from flexhinf.analysis.trade_off import scaled_effort, sweep_effort, sweep_gamma
 from flexhinf.hinf import solve_hji
 from flexhinf.loop import Step
 from flexhinf.paper.experiments import Experiments
@@ -23,6 +22,9 @@ pytestmark = pytest.mark.paper
 
 STUDIES: dict[str, Any] = runpy.run_path(
     str(Path(__file__).resolve().parents[2] / "docs" / "paper_studies.py")
+)
+scaled_effort, sweep_effort, sweep_gamma = (
+    STUDIES[name] for name in ("scaled_effort", "sweep_effort", "sweep_gamma")
 )
 
 

@@ -198,7 +198,7 @@ def test_what_is_accepted_as_a_covariance_can_be_used(kalman, kind):
             belief = ukf.initial._replace(covariance=start)
             vector = ukf.plant.parameters.vector()
             for _ in range(3):
-                belief = ukf.time_stages(DIRECT, belief, np.zeros(1), vector, 1e-6 * noise)
+                belief = ukf.time_update_on(DIRECT, belief, np.zeros(1), vector, 1e-6 * noise)
                 belief = ukf.innovation_stages(DIRECT, belief, np.zeros(1), np.zeros(1), vector, case.r)[0]
                 assert np.all(np.isfinite(belief.covariance))
 

@@ -42,19 +42,19 @@ def test_directions_lie_on_one_level_of_the_quadratic_part_and_back(solved):
     assert game.on_sphere(directions) == pytest.approx(unit, rel=1e-10, abs=1e-12)
 
 
-def test_march_finds_the_edge_and_why():
+def test_rays_find_the_edge_and_why():
     """ẋ = −x + x³ + d + u: with nothing penalised, r = −p x² + p x⁴ + ½ p² x² (1/γ² − 1)."""
     plant = PolynomialPlant({(1,): [-1.0], (3,): [1.0]}, [[1.0]], [[1.0]], {(1,): [1.0]}, 1.0)
     solution = linear_law(plant, 2.0)
     p = solution.P[0, 0]
-    stops = Inequality(solution, 4.0, lambda x, h: 0 * h).march(
+    stops = Inequality(solution, 4.0, lambda x, h: 0 * h).follow(
         np.array([[1.0], [-2.0]]), np.array([0.01, 0.01]), 1.1, 100.0, np.inf
     )
     edge = np.sqrt(1 - p * (1 / 16 - 1) / 2)
     assert stops.point[:, 0] == pytest.approx([edge, -edge], rel=1e-6)
     assert stops.level == pytest.approx(p * edge**2 / 2, rel=1e-6)
     assert stops.broken.all()
-    near = Inequality(solution, 4.0, lambda x, h: 0 * h).march(
+    near = Inequality(solution, 4.0, lambda x, h: 0 * h).follow(
         np.array([[1.0]]), np.array([0.01]), 1.1, 0.5, np.inf
     )
     assert np.isinf(near.level[0])
@@ -64,11 +64,11 @@ def test_few_rays_stop_where_they_do_among_many(solved):
     """Few rays are followed at several radii at once, many at one."""
     inequality = Inequality(solved, 1.2 * solved.gamma, lambda x, h: 0.9 * h)
     directions = inequality.directions(np.random.default_rng(5).standard_normal((100, len(solved.P))))
-    many = inequality.march(directions, np.full(100, 1e-3), 1.05, 50.0, np.inf)
+    many = inequality.follow(directions, np.full(100, 1e-3), 1.05, 50.0, np.inf)
     stopped = np.flatnonzero(np.isfinite(many.level))
     lowest = stopped[np.argmin(many.level[stopped])]
     for chosen in ([lowest], [lowest, *range(6)]):
-        few = inequality.march(directions[chosen], np.full(len(chosen), 1e-3), 1.05, 50.0, np.inf)
+        few = inequality.follow(directions[chosen], np.full(len(chosen), 1e-3), 1.05, 50.0, np.inf)
         assert few.level[0] == pytest.approx(many.level[lowest], rel=1e-10)
         assert few.radius[0] == pytest.approx(many.radius[lowest], rel=1e-10)
         assert few.broken[0] == many.broken[lowest]

@@ -13,9 +13,9 @@ import pytest
 from flexhinf.design import Comparison
 from flexhinf.design.result import ComparedLaw
 from flexhinf.pages import comparison_notes, comparison_page, comparison_verdict
+from flexhinf.pages.comparison import rival_of
 from flexhinf.pages.design.laws import FIGURES, best_of, cell, metric_table
-from flexhinf.pages.numbers import comparison_numbers
-from flexhinf.pages.verdict import rival_of
+from flexhinf.pages.files import comparison_numbers
 from flexhinf.report import to_json
 
 

@@ -19,10 +19,10 @@ from flexhinf.errors import InvalidInput
 from flexhinf.export import RealTimeRun
 from flexhinf.pages import arm_picture
 from flexhinf.pages import arm_picture as arm_film
-from flexhinf.pages import film as module
+from flexhinf.pages import run as module
 from flexhinf.pages.arm_picture import ArmFilm, magnification
 from flexhinf.pages.design import step as arm_figure
-from flexhinf.pages.film import check_film, write_film
+from flexhinf.pages.run import check_film, write_film
 
 pytest.importorskip("mujoco")
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from flexhinf.design import Design
-from flexhinf.pages.numbers import design_numbers
+from flexhinf.pages.files import design_numbers
 from flexhinf.report import to_json
 
 Make = Callable[[str], Design]

@@ -22,9 +22,9 @@ from flexhinf.pages import design_page
 from flexhinf.pages.design import region
 from flexhinf.pages.design.frequency import mode_table
 from flexhinf.pages.design.margins import corner_rows, corner_table, corners_text, margin_table
-from flexhinf.pages.design.monte_carlo import histogram_bins, spread_table
 from flexhinf.pages.design.region import level_table, widest_step
 from flexhinf.pages.design.requirements import found_text, limit_text, requirement_table
+from flexhinf.pages.design.step import histogram_bins, spread_table
 from flexhinf.pages.design.weights import candidate_table, robust_table
 from flexhinf.pages.drawing import joint_table
 from flexhinf.pages.page import remarks, title_of

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -19,6 +21,11 @@ def wave(t: np.ndarray) -> np.ndarray:
     return np.exp(-t / 3.0) * np.sin(2.0 * t)
 
 
+def held(runs: GainRuns, d: np.ndarray) -> Any:
+    """Samples of the search as a function of time."""
+    return lambda t: runs.search.on(t, d[:, 0])
+
+
 @pytest.mark.oracle
 def test_small_disturbances_attain_the_norm_of_the_linear_loop(runs: GainRuns) -> None:
     setup = runs.setup
@@ -29,15 +36,15 @@ def test_small_disturbances_attain_the_norm_of_the_linear_loop(runs: GainRuns) -
     norm = max(
         np.linalg.norm(z @ np.linalg.solve(1j * w * np.eye(5) - closed, b1)) for w in np.logspace(-3, 3, 2001)
     )
-    d = runs.worst(wave(runs.search.search_runs.times), 1e-4, 60)
+    d = runs.search.ascend(wave(runs.search.search_runs.times)[:, None], 1e-4, 60)
     assert d is not None
-    attained = runs.attained(runs.held(d))
+    attained = runs.attained(held(runs, d))
     assert attained.energy == pytest.approx(1e-4, rel=1e-9)
     assert 0.98 * norm < attained.gain < 1.001 * norm < setup.gamma
 
 
 def test_the_search_beats_its_start(runs: GainRuns) -> None:
-    start = runs.search.scaled(wave(runs.search.search_runs.times)[:, None], 3.0)[:, 0]
-    d = runs.worst(start, 3.0, 10)
+    start = runs.search.scaled(wave(runs.search.search_runs.times)[:, None], 3.0)
+    d = runs.search.ascend(start, 3.0, 10)
     assert d is not None
-    assert runs.attained(runs.held(d)).gain > 1.01 * runs.attained(runs.held(start)).gain
+    assert runs.attained(held(runs, d)).gain > 1.01 * runs.attained(held(runs, start)).gain

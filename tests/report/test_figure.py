@@ -22,7 +22,7 @@ def drawn() -> str:
     report.time_response(upper, TIME, TIME, TIME**2, name="NL-H∞")
     report.reference_line(upper, TIME, np.ones(11))
     report.settling_band(upper, target=1.0, step=-1.0)
-    report.quantile_band(lower, TIME, np.outer([1.0, 2.0, 4.0], TIME), worst=2, worst_name="worst")
+    report.quantile_band(lower, TIME, np.outer([1.0, 2.0, 4.0], TIME))
     report.label(upper, "link position", "°", "Step")
     report.label(lower, "motor voltage", "V")
     report.legend(upper)
@@ -46,7 +46,7 @@ def test_a_figure_says_what_it_shows_and_bears_no_date() -> None:
         "NL-H∞, estimated",
     ):
         assert words in svg
-    for words in ("command", "±2 % of step", "all 3 runs", "90 % of runs", "median", "worst"):
+    for words in ("command", "±2 % of step", "all 3 runs", "90 % of runs", "median"):
         assert words in svg
     assert "dc:date" not in svg
 

@@ -151,5 +151,5 @@ def test_a_design_with_what_mujoco_cannot_do_is_refused_before_any_work():
 
 
 def test_a_state_that_does_not_fit_is_refused():
-    with pytest.raises(InvalidInput, match="8 numbers"):
+    with pytest.raises(InvalidInput, match="8 finite numbers"):
         MuJoCoPlant(load_robot("planar-two-link")).reset(np.zeros(4))

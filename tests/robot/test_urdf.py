@@ -274,7 +274,7 @@ def test_a_joint_is_locked_at_a_number(urdf, value):
         ('<link name="fore">', '<link name="fore"><inertial/>', "<inertial> stands 2 times"),
         ("<inertia ixx", '<inertia ixx="1" iyy="1" izz="1"/><inertia ixx', "<inertia> stands 2 times"),
         ('<mass value="0.4"/>', '<mass kg="0.4"/>', "<mass> in 'bracket' has no 'value'"),
-        ('<mass value="0.4"/>', "", "without a mass"),
+        ('<mass value="0.4"/>', "", "has no mass"),
         ('<mass value="0.4"/>', '<mass value="0.4" unit="g"/>', "unknown attribute 'unit'"),
         ('izz="0.004"', 'izZ="0.004"', "<inertia> in 'fore' has no 'izz'"),
         ('<axis xyz="0 1 0"/>', '<axis XYZ="0 1 0"/>', "<axis> in 'shoulder' has no 'xyz'"),

@@ -11,8 +11,14 @@ were imported later would replace the function.
 
 from flexhinf.analysis.batch import LawRows
 from flexhinf.analysis.corners import (
+    ALL_STATES,
+    FORMS,
+    LINK_VELOCITIES,
+    MOTOR_VELOCITIES,
+    VELOCITIES,
     GrowthRates,
     Population,
+    ProcessNoise,
     ToleranceBox,
     ToleranceCorners,
     corner_plants,
@@ -20,6 +26,7 @@ from flexhinf.analysis.corners import (
     corners,
     destabilising_scale,
     growth_rates,
+    standard_noises,
     tolerance_corners,
 )
 from flexhinf.analysis.dissipation import (
@@ -35,15 +42,6 @@ from flexhinf.analysis.equilibrium_loop import EquilibriumLoop
 from flexhinf.analysis.frequency import FrequencyResponse, frequency_response
 from flexhinf.analysis.linear_loop import DiscreteSystem, LinearLoop, Modes
 from flexhinf.analysis.margins import FilteredLoop, Margins, margins
-from flexhinf.analysis.process_noise import (
-    ALL_STATES,
-    FORMS,
-    LINK_VELOCITIES,
-    MOTOR_VELOCITIES,
-    VELOCITIES,
-    ProcessNoise,
-    standard_noises,
-)
 from flexhinf.analysis.worst_disturbance import Attained, DisturbanceSearch, worst_disturbance
 
 __all__ = [

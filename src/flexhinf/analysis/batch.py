@@ -4,8 +4,6 @@ Derivatives are taken column by column: a tangent costs a few times the function
 arguments, and the columns of a row run side by side in vector lanes. A whole Jacobian as one trace, some hundred
 thousand operations for a step of a seven-link arm, is never formed.
 
-`Dual` carries values of many rows together with their derivatives by common variables: the chain rule.
-
 A law and its slope at many points.
 
 The integrals with which a law holds a goal that is not its operating point.
@@ -14,7 +12,6 @@ The integrals with which a law holds a goal that is not its operating point.
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable
-from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -209,64 +206,6 @@ def solved(matrices: np.ndarray, vectors: np.ndarray) -> np.ndarray:
         return np.vstack([solved(matrices[i : i + 1], vectors[i : i + 1]) for i in range(len(matrices))])
 
 
-@dataclass(frozen=True)
-class Dual:
-    """Values and derivatives.
-
-    Attributes
-    ----------
-    value : (N, k) array
-    by : (N, k, w) array
-        Derivatives by w variables.
-    """
-
-    value: np.ndarray
-    by: np.ndarray
-
-    def __add__(self, other: Dual) -> Dual:
-        return Dual(self.value + other.value, self.by + other.by)
-
-    def __sub__(self, other: Dual) -> Dual:
-        return Dual(self.value - other.value, self.by - other.by)
-
-    def __getitem__(self, part: slice) -> Dual:
-        """Some of the entries."""
-        return Dual(self.value[:, part], self.by[:, part])
-
-    def times(self, factor: np.ndarray) -> Dual:
-        """Each row by a number, (N,)."""
-        return Dual(factor[:, None] * self.value, factor[:, None, None] * self.by)
-
-    def moved(self, matrix: np.ndarray) -> Dual:
-        """By a constant matrix (j, k)."""
-        return Dual(self.value @ matrix.T, matrix @ self.by)
-
-    def plus(self, constant: np.ndarray) -> Dual:
-        """With a constant (k,) or (N, k) added."""
-        return Dual(self.value + constant, self.by)
-
-    def through(self, function: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]) -> Dual:
-        """f of it, for an f that gives values (N, j) and slopes (N, j, k)."""
-        value, slope = function(self.value)
-        return Dual(value, slope @ self.by)
-
-
-def variables(*values: np.ndarray, width: int | None = None) -> tuple[Dual, ...]:
-    """The variables themselves: arrays (N, k) that follow each other; derivatives by the first `width` numbers only."""
-    unit = np.eye(sum(value.shape[1] for value in values))[:, :width]
-    start, found = 0, []
-    for value in values:
-        stop = start + value.shape[1]
-        found.append(Dual(value, np.broadcast_to(unit[start:stop], (len(value), *unit[start:stop].shape))))
-        start = stop
-    return tuple(found)
-
-
-def stacked(*parts: Dual) -> Dual:
-    """The entries of all parts in one vector per row."""
-    return Dual(np.hstack([p.value for p in parts]), np.concatenate([p.by for p in parts], axis=1))
-
-
 class LawRows:
     """k(x) and ∂k/∂x at deviations (N, n): a polynomial's from its table, another law's by tangents."""
 
@@ -362,7 +301,15 @@ def equilibrium_integrals(law: LawRows, x: np.ndarray, u: np.ndarray) -> np.ndar
     away, wanted = x - point[:n], u - rest
     if not k or (np.array_equal(away, np.zeros(n)) and np.array_equal(wanted, np.zeros(len(u)))):
         return point[n:].copy()
-    found = _scanned(law, away, wanted, point[n:]) if k == len(u) == 1 else _followed(law, away, wanted, k)
+    if k == len(u) == 1:
+        integrals = INTEGRALS - point[n:]
+        points = np.column_stack([np.tile(away, (len(integrals), 1)), integrals])
+        excess = np.sign(law(points)[0][:, 0] - wanted[0])
+        crossings = np.flatnonzero(excess[1:] != excess[:-1])
+        nearest = crossings[[np.argmin(np.abs(INTEGRALS[crossings]))]] if len(crossings) else None
+        found = None if nearest is None else integrals[nearest]
+    else:
+        found = _followed(law, away, wanted, k)
     if found is None:
         raise NumericalFailure(
             "The law does not hold the robot at the goal.",
@@ -370,16 +317,6 @@ def equilibrium_integrals(law: LawRows, x: np.ndarray, u: np.ndarray) -> np.ndar
             "another degree, or a law made for this goal",
         )
     return point[n:] + found
-
-
-def _scanned(law: LawRows, away: np.ndarray, wanted: np.ndarray, offset: np.ndarray) -> np.ndarray | None:
-    integrals = INTEGRALS - offset
-    points = np.column_stack([np.tile(away, (len(integrals), 1)), integrals])
-    excess = np.sign(law(points)[0][:, 0] - wanted[0])
-    crossings = np.flatnonzero(excess[1:] != excess[:-1])
-    if not len(crossings):
-        return None
-    return integrals[[crossings[np.argmin(np.abs(INTEGRALS[crossings]))]]]
 
 
 def _followed(law: LawRows, away: np.ndarray, wanted: np.ndarray, k: int) -> np.ndarray | None:

@@ -1,18 +1,14 @@
-"""True plants within the tolerances: at the corners, with one number at one end, and Monte Carlo samples.
-
-This room knows no robot: it is given a function from signs (−1, 0 or 1 for each uncertain number) to parameters of a
-plant, `flexhinf.robot.Robot.corner`, and one from a generator, `Robot.draw`.
-
-The linear loop at the corners of the tolerances, over choices of the estimator's noise.
+"""True plants within the tolerances, and the linear loop with them, over choices of the estimator's noise.
 
 A corner has every uncertain number at one end of its interval: 2^p corners of p numbers. A loop is stable at a corner
 if its multipliers there are inside the unit circle, at the equilibrium that it has with that plant.
 
-The gain of an estimator depends on the ratio of R^v to R^n alone, and R^v has a direction too: whether every state is
-taken to be disturbed, all velocities (what a model misses are torques), those of the links or those of the motors. A
-loop that is stable at all corners with one R^v need not be with another one, so each result names the R^v it is for.
+The gain of a Kalman filter depends on the ratio of R^v to R^n alone, and on which states R^v has on its diagonal: every
+state, all velocities (what a model misses are torques), those of the links or those of the motors. A loop that is
+stable at all corners with one R^v need not be with another one, so each result names the R^v it is for.
 
-How far the tolerances of a robot may grow, all by one factor, until a loop is unstable at one of their corners.
+This room knows no robot: it is given a function from signs (−1, 0 or 1 for each uncertain number) to parameters of a
+plant, `flexhinf.robot.Robot.corner`, and one from a generator, `Robot.draw`.
 """
 
 from __future__ import annotations
@@ -26,10 +22,93 @@ from typing import Any
 import numpy as np
 
 from flexhinf.analysis.equilibrium_loop import EquilibriumLoop
-from flexhinf.analysis.process_noise import FORMS, LARGE, ProcessNoise, standard_noises
 from flexhinf.errors import InvalidInput
 
+#: Signs (one per uncertain number) → parameters of a plant: `Robot.corner`. Parameters that a plant does not have are
+#: left out.
+ParametersAt = Callable[[Sequence[float]], Mapping[str, Any]]
 
+# Process noise -----------------------------------------------------------------------------------------
+ALL_STATES, VELOCITIES = "all states", "velocities only"
+LINK_VELOCITIES, MOTOR_VELOCITIES = "link velocities only", "motor velocities only"
+
+#: Words that a disturbed state's name has, by form of R^v; none where every state is disturbed.
+WORDS: dict[str, set[str]] = {
+    ALL_STATES: set(),
+    VELOCITIES: {"velocity"},
+    LINK_VELOCITIES: {"velocity", "link"},
+    MOTOR_VELOCITIES: {"velocity", "motor"},
+}
+FORMS = tuple(WORDS)
+
+#: A linear loop of more states is large: fewer choices of R^v are looked at.
+LARGE = 40
+
+#: Ratios q / R^n that are swept over, for loops of up to `LARGE` states and larger ones.
+RATIOS = tuple(10.0**k for k in range(-4, 13, 2)), (1e-2, 1e2, 1e6)
+
+
+@dataclass(frozen=True)
+class ProcessNoise:
+    """R^v = q on the diagonal, for the states of a form.
+
+    Parameters
+    ----------
+    form : {"all states", "velocities only", "link velocities only", "motor velocities only"}
+        Velocities are states with "velocity" as a word of their name, "link" and "motor" words of it too.
+    q : float
+        Variance per sample, in the states' units squared.
+
+    Raises
+    ------
+    InvalidInput
+        For another form, or a q that is negative or not finite.
+    """
+
+    form: str
+    q: float
+
+    def __post_init__(self) -> None:
+        if self.form not in FORMS or not (np.isfinite(self.q) and self.q >= 0.0):
+            raise InvalidInput(
+                "The process noise is not known.",
+                f"expected one of {list(FORMS)} and a finite q >= 0, got {self.form!r} and {self.q!r}",
+                f"ProcessNoise({ALL_STATES!r}, 1e-6)",
+            )
+
+    def disturbed(self, states: Sequence[str]) -> np.ndarray:
+        """Which of the states have noise, (n,)."""
+        return np.array([WORDS[self.form] <= set(name.split("_")) for name in states])
+
+    def covariance(self, states: Sequence[str]) -> np.ndarray:
+        """R^v (n, n) of a plant with these states; an InvalidInput if none of them is of the form."""
+        disturbed = self.disturbed(states)
+        if not disturbed.any():
+            raise InvalidInput(
+                f"No state is disturbed by noise on {self.form}.",
+                f"expected names with the words {sorted(WORDS[self.form])}, got {list(states)}",
+                f"ProcessNoise({ALL_STATES!r}, …)",
+            )
+        return self.q * np.diag(disturbed.astype(float))
+
+
+def standard_noises(
+    loop: EquilibriumLoop, measurement_noise: float | None = None
+) -> tuple[ProcessNoise, ...]:
+    """All forms that the loop's states have, each with q over a range of ratios to R^n; none without a Kalman filter.
+
+    R^n, to which the ratios are, is by default the smallest variance of the filter's measurements.
+    """
+    if not loop.tunable:
+        return ()
+    if measurement_noise is None:
+        measurement_noise = float(np.diag(loop.filter.measurement_noise).min())
+    forms = [form for form in FORMS if ProcessNoise(form, 0.0).disturbed(loop.step.states).any()]
+    ratios = RATIOS[loop.states > LARGE]
+    return tuple(ProcessNoise(form, ratio * measurement_noise) for form in forms for ratio in ratios)
+
+
+# Plants ------------------------------------------------------------------------------------------------
 @dataclass(frozen=True, eq=False)
 class Population:
     """True plants.
@@ -83,14 +162,13 @@ def corners(uncertain: int, count: int, seed: int = 0) -> np.ndarray:
                 "count=400",
             )
     if uncertain < 63 and 2**uncertain <= count:
-        return np.array(list(itertools.product((-1.0, 1.0), repeat=uncertain))).reshape(
-            2**uncertain, uncertain
-        )
+        every = list(itertools.product((-1.0, 1.0), repeat=uncertain))
+        return np.array(every).reshape(2**uncertain, uncertain)
     return np.random.default_rng([seed, 1]).choice([-1.0, 1.0], (count, uncertain))
 
 
 def corner_population(
-    at: Callable[[Sequence[float]], Mapping[str, Any]],
+    at: ParametersAt,
     uncertain: int,
     count: int = 400,
     seed: int = 0,
@@ -102,8 +180,6 @@ def corner_population(
 
     Parameters
     ----------
-    at : callable
-        Signs (one per uncertain number) → parameters of a plant: `Robot.corner`.
     uncertain : int
         How many uncertain numbers there are: ``len(robot.uncertain)``.
     count : int
@@ -133,23 +209,50 @@ ALL_OF, OPERATIONS = 12, 3e9
 #: With more uncertain numbers so many sampled corners; the second number for a large loop.
 SAMPLED = (400, 60)
 
-#: Rows (plants times choices of R^v) that are computed at once: with few plants, several R^v.
-ROWS = 1024
 
-#: A large loop is swept over R^v at so many corners only: those that grow fastest as designed.
-SWEPT_OF_LARGE = 100
+def corner_plants(
+    loop: EquilibriumLoop, at: ParametersAt, uncertain: int | Sequence[Any], seed: int = 0
+) -> tuple[Population, bool]:
+    """The corners at which `tolerance_corners` looks, the nominal plant last, and whether these are all corners."""
+    number = uncertain if isinstance(uncertain, int) else len(uncertain)
+    complete = number <= ALL_OF and 2.0**number * loop.states**3 <= OPERATIONS
+    count = 2**number if complete else SAMPLED[loop.states > LARGE]
+    return corner_population(at, number, count, seed, singles=False), complete
 
-#: Finer grid of q per decade, corners tried on it for each q of the coarse one, and peaks found on it that are kept.
-PER_DECADE, FEW, PEAKS = 4, 4, 2
 
-#: A peak stands out from both of its neighbours on the grid by so much of its growth rate; less is rounding.
-PROMINENT = 1e-4
+def _vectors(loop: EquilibriumLoop, population: Population) -> np.ndarray:
+    """Parameter vectors (N, q) of the loop's plant; parameters that it does not have are left out."""
+    return loop.vectors([loop.plant.parameters.known(values) for values in population.values])
 
-#: Stands for an infinite growth rate where rates are compared, 1/s.
-LARGEST = 1e300
+
+@dataclass(frozen=True, eq=False)
+class Corners:
+    """What is said of corners: a population of which the nominal plant is the last, and whether all corners are among
+    them; otherwise they are sampled."""
+
+    population: Population
+    complete: bool
+
+    @property
+    def count(self) -> int:
+        """Number of corners."""
+        return len(self.population) - 1
+
+    @property
+    def worst(self) -> int:
+        """The worst corner."""
+        raise NotImplementedError
+
+    def describe(self, k: int | None = None) -> str:
+        """A corner, the worst one by default, by its changes in per cent: ``stiffness -12 %, mass +3 %``."""
+        return self.population.describe(self.worst if k is None else k)
 
 
 # Growth rates ------------------------------------------------------------------------------------------
+#: Rows (plants times choices of R^v) that are computed at once: with few plants, several R^v.
+ROWS = 1024
+
+
 @dataclass(frozen=True, eq=False)
 class GrowthRates:
     """How fast a loop grows with each of some plants, at one R^v.
@@ -199,8 +302,9 @@ def growth_rates(
     noises: Sequence[ProcessNoise | None] = (None,),
     plants: np.ndarray | None = None,
     going_on: Callable[[], None] | None = None,
+    vectors: np.ndarray | None = None,
 ) -> tuple[GrowthRates, ...]:
-    """Growth rates of a loop with every plant, for every R^v.
+    """Growth rates of a loop with every plant, for every R^v; few plants with several R^v at once.
 
     Parameters
     ----------
@@ -210,30 +314,16 @@ def growth_rates(
         Only these plants of the population.
     going_on : callable, optional
         Called before each R^v, of which one may take a second; what it raises ends the work.
+    vectors : (M, q) array, optional
+        Parameter vectors of the whole population, where they are known.
 
     Raises
     ------
     InvalidInput
-        If R^v is asked for and no Kalman filter is in the loop.
+        If R^v is given and no Kalman filter is in the loop.
     """
     chosen = np.arange(len(population)) if plants is None else plants
-    return _growth_rates(loop, population, _vectors(loop, population), noises, chosen, going_on)
-
-
-def _vectors(loop: EquilibriumLoop, population: Population) -> np.ndarray:
-    """Parameter vectors (N, q) of the loop's plant; parameters that it does not have are left out."""
-    return loop.vectors([loop.plant.parameters.known(values) for values in population.values])
-
-
-def _growth_rates(
-    loop: EquilibriumLoop,
-    population: Population,
-    vectors: np.ndarray,
-    noises: Sequence[ProcessNoise | None],
-    chosen: np.ndarray,
-    going_on: Callable[[], None] | None = None,
-) -> tuple[GrowthRates, ...]:
-    """The same with the parameter vectors of the whole population; few plants with several R^v at once."""
+    vectors = _vectors(loop, population) if vectors is None else vectors
     found: list[GrowthRates] = []
     equilibria, count, rest = None, len(chosen), list(noises)
     while rest:
@@ -243,32 +333,37 @@ def _growth_rates(
         part = list(takewhile(lambda noise: noise is not None, rest[:together])) or rest[:1]
         del rest[: len(part)]
         covariances = [noise.covariance(loop.step.states) for noise in part if noise is not None]
+        per_row = covariances[0] if covariances else None  # (n, n); (N, n, n) of several
+        if len(covariances) > 1:
+            per_row = np.repeat(np.array(covariances), count, axis=0)
         near = None if equilibria is None else np.tile(equilibria, (len(part), 1))
-        modes = loop.modes(np.tile(vectors[chosen], (len(part), 1)), _per_row(covariances, count), near)
+        modes = loop.modes(np.tile(vectors[chosen], (len(part), 1)), per_row, near)
         equilibria = modes.equilibrium[-count:]
         rates = modes.rate.reshape(len(part), count)
         found += [GrowthRates(n, r, population.kinds[chosen], chosen) for n, r in zip(part, rates)]
     return tuple(found)
 
 
-def _per_row(covariances: Sequence[np.ndarray], count: int) -> np.ndarray | None:
-    """R^v for `count` rows each: (n, n) for one of them, (N, n, n) for several, None for none."""
-    if len(covariances) < 2:
-        return covariances[0] if covariances else None
-    return np.repeat(np.array(covariances), count, axis=0)
-
-
 # Corners -----------------------------------------------------------------------------------------------
-@dataclass(frozen=True, eq=False)
-class ToleranceCorners:
+#: A large loop is swept over R^v at so many corners only: those that grow fastest as designed.
+SWEPT_OF_LARGE = 100
+
+#: Finer grid of q per decade, corners tried on it for each q of the coarse one, and peaks found on it that are kept.
+PER_DECADE, FEW, PEAKS = 4, 4, 2
+
+#: A peak stands out from both of its neighbours on the grid by so much of its growth rate; less is rounding.
+PROMINENT = 1e-4
+
+#: Stands for an infinite growth rate where rates are compared, 1/s.
+LARGEST = 1e300
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ToleranceCorners(Corners):
     """Growth rates of a loop at the corners of the tolerances.
 
     Attributes
     ----------
-    population : Population
-        The corners, and the nominal plant last.
-    complete : bool
-        Whether all corners are among them; otherwise they are sampled.
     designed : GrowthRates
         At the corners, with the estimator's noise as designed, or without an estimator.
     swept : tuple of GrowthRates
@@ -277,8 +372,6 @@ class ToleranceCorners:
         R^n that ratios are to; NaN without a Kalman filter.
     """
 
-    population: Population
-    complete: bool
     designed: GrowthRates
     swept: tuple[GrowthRates, ...]
     measurement_noise: float
@@ -289,11 +382,6 @@ class ToleranceCorners:
         )
 
     @property
-    def count(self) -> int:
-        """Number of corners."""
-        return len(self.population) - 1
-
-    @property
     def unstable(self) -> int:
         """Corners at which the loop as designed is unstable."""
         return self.designed.unstable
@@ -302,10 +390,6 @@ class ToleranceCorners:
     def worst(self) -> int:
         """The corner at which the loop as designed grows fastest."""
         return self.designed.worst
-
-    def describe(self, k: int | None = None) -> str:
-        """A corner, the worst one by default, by its changes in per cent: ``stiffness -12 %, mass +3 %``."""
-        return self.population.describe(self.worst if k is None else k)
 
     @property
     def forms(self) -> tuple[str, ...]:
@@ -332,7 +416,7 @@ class ToleranceCorners:
 
 def tolerance_corners(
     loop: EquilibriumLoop,
-    at: Callable[[Sequence[float]], Mapping[str, Any]],
+    at: ParametersAt,
     uncertain: int | Sequence[Any],
     noises: Sequence[ProcessNoise] | None = None,
     *,
@@ -347,9 +431,6 @@ def tolerance_corners(
 
     Parameters
     ----------
-    at : callable
-        Signs (one per uncertain number) → parameters of a plant: `Robot.corner`. Parameters that the loop's plant does
-        not have are left out.
     uncertain : int or sequence
         The uncertain numbers, or how many there are: ``robot.uncertain``.
     noises : sequence of ProcessNoise, optional
@@ -360,38 +441,19 @@ def tolerance_corners(
     Raises
     ------
     InvalidInput
-        If R^v is asked for and no Kalman filter is in the loop.
+        If R^v is given and no Kalman filter is in the loop.
     """
     population, complete = corner_plants(loop, at, uncertain, seed)
-    large = loop.states > LARGE
-    every = np.arange(len(population) - 1)
-    vectors = _vectors(loop, population)
-    designed = _growth_rates(loop, population, vectors, (None,), every)[0]
+    every, vectors = np.arange(len(population) - 1), _vectors(loop, population)
+    designed = growth_rates(loop, population, (None,), every, vectors=vectors)[0]
     noises = standard_noises(loop) if noises is None else noises
-    if large:
+    if loop.states > LARGE:
         every = np.sort(np.argsort(-designed.rates, kind="stable")[:SWEPT_OF_LARGE])
-    swept = _growth_rates(loop, population, vectors, noises, every)
-    swept += _growth_rates(loop, population, vectors, _between(loop, population, vectors, swept), every)
+    swept = growth_rates(loop, population, noises, every, vectors=vectors)
+    between = _between(loop, population, vectors, swept)
+    swept += growth_rates(loop, population, between, every, vectors=vectors)
     variance = float(np.diag(loop.filter.measurement_noise).min()) if loop.tunable else np.nan
     return ToleranceCorners(population, complete, designed, swept, variance)
-
-
-def corner_plants(
-    loop: EquilibriumLoop,
-    at: Callable[[Sequence[float]], Mapping[str, Any]],
-    uncertain: int | Sequence[Any],
-    seed: int = 0,
-) -> tuple[Population, bool]:
-    """The corners at which `tolerance_corners` looks, the nominal plant last, and whether these are all corners."""
-    number = uncertain if isinstance(uncertain, int) else len(uncertain)
-    complete = _all(number, loop)
-    count = 2**number if complete else SAMPLED[loop.states > LARGE]
-    return corner_population(at, number, count, seed, singles=False), complete
-
-
-def _all(uncertain: int, loop: EquilibriumLoop) -> bool:
-    """Whether all corners are computed."""
-    return uncertain <= ALL_OF and 2.0**uncertain * loop.states**3 <= OPERATIONS
 
 
 def _between(
@@ -411,16 +473,16 @@ def _between(
         few = np.unique([each.plants[np.argsort(-each.rates, kind="stable")[:FEW]] for each in grid])
         count = round(PER_DECADE * np.log10(levels[-1] / levels[0])) + 1
         tried = [ProcessNoise(form, float(q)) for q in np.geomspace(levels[0], levels[-1], count)]
-        rates = np.array([each.fastest for each in _growth_rates(loop, population, vectors, tried, few)])
-        rates = np.clip(
-            rates, -LARGEST, LARGEST
-        )  # infinite where no finite linear loop exists: a peak as well
+        tried_rates = growth_rates(loop, population, tried, few, vectors=vectors)
+        # infinite where no finite linear loop exists: a peak as well
+        rates = np.clip([each.fastest for each in tried_rates], -LARGEST, LARGEST)
         higher = rates[1:-1] - PROMINENT * np.abs(rates[1:-1])
         peaks = np.flatnonzero((higher > rates[:-2]) & (higher > rates[2:])) + 1
         found += [tried[k] for k in peaks[np.argsort(-rates[peaks], kind="stable")][:PEAKS]]
     return found
 
 
+# How far the tolerances may grow, all by one factor -----------------------------------------------------
 #: Doublings of the tolerances until a corner is unstable; width of the bisection afterwards, relative to the factor.
 DOUBLINGS, WIDTH = 4, 2.5e-4
 
@@ -448,15 +510,11 @@ class ToleranceBox:
 
     @staticmethod
     def of(
-        loop: EquilibriumLoop,
-        at: Callable[[Sequence[float]], Mapping[str, Any]],
-        uncertain: int | Sequence[Any],
-        seed: int = 0,
+        loop: EquilibriumLoop, at: ParametersAt, uncertain: int | Sequence[Any], seed: int = 0
     ) -> ToleranceBox:
         """Parameters as for `tolerance_corners`."""
         population, _ = corner_plants(loop, at, uncertain, seed)
-        table = loop.plant.parameters
-        *ends, middle = loop.vectors([table.known(values) for values in population.values])
+        *ends, middle = _vectors(loop, population)
         return ToleranceBox(population, middle, np.array(ends) - middle)
 
     def __len__(self) -> int:
@@ -522,7 +580,7 @@ class ToleranceBox:
 
 def destabilising_scale(
     loop: EquilibriumLoop,
-    at: Callable[[Sequence[float]], Mapping[str, Any]],
+    at: ParametersAt,
     uncertain: int | Sequence[Any],
     process_noise: np.ndarray | None = None,
     *,

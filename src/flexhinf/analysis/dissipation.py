@@ -38,7 +38,7 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.analysis.corners import ALL_OF, SAMPLED, Population, corner_population
+from flexhinf.analysis.corners import ALL_OF, SAMPLED, Corners, ParametersAt, Population, corner_population
 from flexhinf.errors import InvalidInput
 from flexhinf.hinf import HJISolution
 from flexhinf.loop import Controller, Loop, Trajectory
@@ -111,7 +111,14 @@ def dissipation_budget(
     InvalidInput
         If the law has no V, the true state is not known, or something disturbs that the problem does not know.
     """
-    law, controller = _checked(loop), loop.controller
+    controller = loop.controller
+    law = controller.law
+    if not isinstance(law, HJISolution):
+        raise InvalidInput(
+            "The law has no value function to keep below a level.",
+            f"got {type(law).__name__}",
+            "a solution of solve_hji or linear_law",
+        )
     states = tuple(run.names["state"])
     if not set(controller.states) <= set(states):
         raise InvalidInput(
@@ -132,24 +139,9 @@ def dissipation_budget(
     spent = 0.5 * period / 3.0 * (square(first, first) + square(first, last) + square(last, last))
     d = _disturbances(run, loop, law)[:-1]
     energy = 0.5 * law.gamma**2 * period * (d**2).sum(axis=1) if d.any() else np.zeros(len(d))
-    spent, energy = _running(spent), _running(energy)
+    spent, energy = (np.concatenate([[0.0], np.cumsum(parts)]) for parts in (spent, energy))
     complete = bool(np.all(np.isfinite(spent)) and np.all(np.isfinite(value)))
     return DissipationBudget(run.time, float(level), float(value[0]), spent, energy, value, complete)
-
-
-def _running(parts: np.ndarray) -> np.ndarray:
-    return np.concatenate([[0.0], np.cumsum(parts)])
-
-
-def _checked(loop: Loop) -> HJISolution:
-    law = loop.controller.law
-    if not isinstance(law, HJISolution):
-        raise InvalidInput(
-            "The law has no value function to keep below a level.",
-            f"got {type(law).__name__}",
-            "a solution of solve_hji or linear_law",
-        )
-    return law
 
 
 def _integrals(run: Trajectory, controller: Controller, x: np.ndarray, before: np.ndarray) -> np.ndarray:
@@ -168,17 +160,11 @@ def _integrals(run: Trajectory, controller: Controller, x: np.ndarray, before: n
     position = x[:, [controller.states.index(name) for name in names]]
     growth = controller.period * (0.5 * (position[1:] + position[:-1]) - reference[:-1])
     whole = np.vstack([np.zeros((1, len(names))), np.cumsum(growth, axis=0)])
-    return whole - whole[-1] + _own_integrals(run, controller, before)
-
-
-def _own_integrals(run: Trajectory, controller: Controller, before: np.ndarray) -> np.ndarray:
-    """The controller's integrals (k,) at the last sample: it is given again what it was given."""
-    again = controller.fresh()
-    again.reset(input=before)
-    reference = run.signals["reference"]
-    for y, r in zip(run.signals["output"], reference, strict=True):
-        again.step(y, r if again.commanded else None)
-    return again.integrals
+    own = controller.fresh()  # given again what it was given
+    own.reset(input=before)
+    for y, r in zip(run.signals["output"], run.signals["reference"], strict=True):
+        own.step(y, r if own.commanded else None)
+    return whole - whole[-1] + own.integrals
 
 
 def _disturbances(run: Trajectory, loop: Loop, law: Any) -> np.ndarray:
@@ -264,37 +250,30 @@ def budget_terms(
         controller = Controller(law, observer, period, so_far.get("saturation"), start=start)
         loop = Loop(plant, controller, delay=so_far.get("delay", 0.0))
         settings = {**run, "noise": run.get("noise") if observer is not None else None}
-        found = _budget_of(loop, level, settings)
+        made = loop.run(**settings)
+        if made.diverged_at is None:
+            budget = dissipation_budget(made, loop, level, settings.get("initial_input"))
+        else:  # it has spent everything
+            nothing = np.full(len(made.time), np.nan)
+            budget = DissipationBudget(
+                made.time, float(level), float("nan"), nothing, nothing, nothing, False
+            )
         above = rows[-1].budget.total if rows else 0.0
-        more = found.total - above if np.isfinite(above) else float("inf")
-        rows.append(BudgetTerm(name, found, more))
+        more = budget.total - above if np.isfinite(above) else float("inf")
+        rows.append(BudgetTerm(name, budget, more))
     return tuple(rows)
-
-
-def _budget_of(loop: Loop, level: float, settings: dict[str, Any]) -> DissipationBudget:
-    """Of one run; one that diverged has spent everything."""
-    given = settings.get("initial_input")
-    run = loop.run(**settings)
-    if run.diverged_at is None:
-        return dissipation_budget(run, loop, level, given)
-    nothing = np.full(len(run.time), np.nan)
-    return DissipationBudget(run.time, float(level), float("nan"), nothing, nothing, nothing, False)
 
 
 #: Eigenvalues of Q below this share of its terms are rounding: Q = 0 for the robot of a nominal synthesis.
 ROUNDING = 1e-8
 
 
-@dataclass(frozen=True, eq=False)
-class DissipationCorners:
+@dataclass(frozen=True, eq=False, repr=False)
+class DissipationCorners(Corners):
     """By how much the inequality fails at the corners.
 
     Attributes
     ----------
-    population : Population
-        The corners, and the nominal plant last.
-    complete : bool
-        Whether all corners are among them; otherwise they are sampled.
     excess : (N + 1,) array
         Largest eigenvalue of D⁻¹ Q D⁻¹ for each plant, 1/s, with D = diag(P)^½: positive where V̇ may exceed
         ½ γ²|d|² − ½ |z|², by up to ½ excess Σ P_ii x_i²; what is rounding is zero.
@@ -302,18 +281,11 @@ class DissipationCorners:
         γ of the inequality.
     """
 
-    population: Population
-    complete: bool
     excess: np.ndarray
     gamma: float
 
     def __repr__(self) -> str:
         return f"DissipationCorners({self.failing} of {self.count} corners fail at gamma = {self.gamma:.6g})"
-
-    @property
-    def count(self) -> int:
-        """Number of corners."""
-        return len(self.population) - 1
 
     @property
     def failing(self) -> int:
@@ -325,23 +297,15 @@ class DissipationCorners:
         """The corner with the largest excess."""
         return int(np.argmax(self.excess[:-1]))
 
-    def describe(self, k: int | None = None) -> str:
-        """A corner, the worst one by default, by its changes in per cent."""
-        return self.population.describe(self.worst if k is None else k)
-
 
 @dataclass(frozen=True, eq=False)
 class LinearCorners:
-    """A problem's plant linearised at the corners of the tolerances, each at its own equilibrium.
+    """A problem's plant linearised at the corners of the tolerances, each at its own equilibrium; see `Corners`.
 
     Attributes
     ----------
     problem : GeneralisedPlant
         Its d and z are meant.
-    population : Population
-        The corners, and the nominal plant last.
-    complete : bool
-        Whether all corners are among them; otherwise they are sampled.
     a, b1, b2 : (N, n, n), (N, n, k) and (N, n, m) arrays
         ẋ = A x + B1 d + B2 u, integrals included.
     """
@@ -356,7 +320,7 @@ class LinearCorners:
     @staticmethod
     def of(
         problem: GeneralisedPlant,
-        at: Callable[[Sequence[float]], Mapping[str, Any]],
+        at: ParametersAt,
         uncertain: int | Sequence[Any],
         equilibrium: Callable[[Mapping[str, Any]], tuple[np.ndarray, np.ndarray]],
         seed: int = 0,
@@ -401,7 +365,7 @@ class LinearCorners:
 def dissipation_corners(
     solution: HJISolution,
     problem: GeneralisedPlant,
-    at: Callable[[Sequence[float]], Mapping[str, Any]],
+    at: ParametersAt,
     uncertain: int | Sequence[Any],
     equilibrium: Callable[[Mapping[str, Any]], tuple[np.ndarray, np.ndarray]],
     *,
@@ -416,17 +380,13 @@ def dissipation_corners(
         P, K and γ; it may come of another problem of the same states, with channels for the tolerances.
     problem : GeneralisedPlant
         Its d and z are meant, and its plant is changed.
-    at : callable
-        Signs (one per uncertain number) → parameters of a plant: `Robot.corner`.
-    uncertain : int or sequence
-        The uncertain numbers that the plant has, or how many there are.
+    at, uncertain, seed
+        As for `tolerance_corners`.
     equilibrium : callable
         Parameters → (x, u) where the plant with these parameters is held at the goal:
         ``lambda values: robot.operating_point(goal, parameters=values)``.
     gamma : float, optional
         Instead of the solution's.
-    seed : int
-        Of the samples; without effect where all corners are computed.
 
     Raises
     ------

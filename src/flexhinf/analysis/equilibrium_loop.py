@@ -93,17 +93,21 @@ class EquilibriumLoop:
         self.law, self.filter, self.plant, self.period = law, filter, true_plant, period
         self.moving, self.delay = moving, delay
         self._states = tuple(name for name in law.state_names if not name.endswith("_integral"))
-        self.model_equilibrium = (
-            self._model_equilibrium(goal)
-            if equilibrium is None
-            else (np.array(equilibrium[0]), np.array(equilibrium[1]))
-        )
+        if equilibrium is None:
+            self.model_equilibrium = self._model_equilibrium(goal)
+        else:
+            self.model_equilibrium = np.array(equilibrium[0]), np.array(equilibrium[1])
         steady = filter
         if self.tunable:
             steady = ConstantGainFilter(filter, self.gain(filter.process_noise))
         self.step = SampledController(law, steady, period, moving)
         self.positions = self.step.tracked if positions is None else true_plant.expanded(positions)
         self.sub_steps = Loop(true_plant, self.step.controller).sub_steps
+
+    @property
+    def _believed(self) -> Plant:
+        """The model of the estimator, or the true plant whose state is fed back."""
+        return self.plant if self.filter is None else self.filter.plant
 
     def _model_equilibrium(self, goal: Any) -> tuple[np.ndarray, np.ndarray]:
         """Where the law's plant is held at the goal."""
@@ -117,7 +121,7 @@ class EquilibriumLoop:
                 f"got goal={goal!r}",
                 "equilibrium=(x, u): state and input of its plant there, with moving=True",
             )
-        plant = self.plant if self.filter is None else self.filter.plant
+        plant = self._believed
         x, u = plant_equilibrium(plant, tracked, pose_values(goal, tracked))
         return x[[plant.index(name) for name in self._states]], u
 
@@ -179,6 +183,15 @@ class EquilibriumLoop:
         """Wanted values of the tracked states, (k,)."""
         return self.model_equilibrium[0][[self._states.index(name) for name in self.step.tracked]]
 
+    def by_loop(self, by: np.ndarray, by_y: np.ndarray) -> np.ndarray:
+        """Derivatives (N, j, n + s) by plant and memory, of those by memory and measurement (N, j, s + p …), with
+        ∂y/∂(x, last input) (N, p, n + m)."""
+        n, s, p, place = self.plant.n, self.step.size, self.step.p, self.step.places["u"]
+        through = by[:, :, s : s + p] @ by_y
+        whole = np.concatenate([through[:, :, :n], by[:, :, :s]], axis=2)
+        whole[:, :, n + place.start : n + place.stop] += through[:, :, n:]
+        return whole
+
     def stepped(
         self, z: np.ndarray, vectors: np.ndarray, fixed: np.ndarray | None, outside: bool = True
     ) -> tuple[Stepped, np.ndarray]:
@@ -194,46 +207,34 @@ class EquilibriumLoop:
         self, z: np.ndarray, vectors: np.ndarray, fixed: np.ndarray | None
     ) -> tuple[np.ndarray, np.ndarray]:
         """z (N, n + s) one period later, and the Jacobian (N, n + s, n + s): where it rests, exactly."""
-        n, s, p, place = self.plant.n, self.step.size, self.step.p, self.step.places["u"]
+        n = self.plant.n
         stepped, by_y = self.stepped(z, vectors, fixed, outside=False)
-
-        def by_z(by: np.ndarray) -> np.ndarray:
-            through = by[:, :, s : s + p] @ by_y
-            whole = np.concatenate([through[:, :, :n], by[:, :, :s]], axis=2)
-            whole[:, :, n + place.start : n + place.stop] += through[:, :, n:]
-            return whole
-
         x, slope = near_rest(self.plant, self.period, self.sub_steps, z[:, :n], stepped.u.value, vectors)
-        moved = slope[:, :, n:] @ by_z(stepped.u.by)
+        moved = slope[:, :, n:] @ self.by_loop(stepped.u.by, by_y)
         moved[:, :, :n] += slope[:, :, :n]
         after = np.hstack([x, stepped.memory.value])
-        return after, np.concatenate([moved, by_z(stepped.memory.by)], axis=1)
+        return after, np.concatenate([moved, self.by_loop(stepped.memory.by, by_y)], axis=1)
 
     def _delayed(self, z: np.ndarray, vectors: np.ndarray, fixed: np.ndarray | None) -> np.ndarray:
         """One period (N, n, n) by (true plant, input that acted last, memory, waiting inputs), N times."""
         n, m, s, p, count = self.plant.n, self.step.m, self.step.size, self.step.p, len(z)
         stepped, by_y = self.stepped(z, vectors, fixed, outside=False)
         _, moved = near_rest(self.plant, self.period, self.sub_steps, z[:, :n], stepped.u.value, vectors)
-
-        def by_state(by: np.ndarray) -> np.ndarray:
-            return np.concatenate([by[:, :, s : s + p] @ by_y, by[:, :, :s]], axis=2)
-
+        by_u, by_memory = (
+            np.concatenate([by[:, :, s : s + p] @ by_y, by[:, :, :s]], axis=2)
+            for by in (stepped.u.by, stepped.memory.by)
+        )
         size = n + m + s
         a, e = np.zeros((count, size, size)), np.zeros((count, size, m))
-        a[:, :n, :n], a[:, n + m :] = moved[:, :, :n], by_state(stepped.memory.by)
+        a[:, :n, :n], a[:, n + m :] = moved[:, :, :n], by_memory
         e[:, :n], e[:, n : n + m] = moved[:, :, n:], np.eye(m)
-        return with_queue(a, e, by_state(stepped.u.by), self.delay)
+        return with_queue(a, e, by_u, self.delay)
 
     # Rest ----------------------------------------------------------------------------------------------
     @cached_property
     def start(self) -> np.ndarray:
-        """State of the loop (n + s,) where the nominal plant is held at the goal.
-
-        Raises
-        ------
-        NumericalFailure
-            If no integrals make the law give the input that holds the goal.
-        """
+        """State of the loop (n + s,) where the nominal plant is held at the goal; a NumericalFailure if no integrals
+        make the law give the input that holds it."""
         x, u = self.model_equilibrium
         integral = self.law.operating_point[len(x) :]
         if not self.moving:
@@ -263,9 +264,8 @@ class EquilibriumLoop:
         by = np.zeros((step.k + step.n + step.k + step.m, len(self.positions)))
         by[: step.k] = tracked.reshape(step.k, len(self.positions))
         if self.moving:
-            plant = self.plant if self.filter is None else self.filter.plant
-            at = x if self.filter is not None else self._true_start(x, u)
-            a, b, _, _ = plant.linearise(at, u)
+            plant = self._believed
+            a, b, _, _ = plant.linearise(x if self.filter is not None else self._true_start(x, u), u)
             given = [plant.index(name) for name in self.positions]
             free = [i for i in range(plant.n) if i not in given]
             moved = np.linalg.lstsq(np.hstack([a[:, free], b]), -a[:, given], rcond=None)[0]
@@ -300,15 +300,15 @@ class EquilibriumLoop:
         for k in range(0, max(1, len(vectors)), each):
             at = slice(k, k + each)
             gains = fixed[at] if own and fixed is not None else fixed
-            parts.append(self._modes(vectors[at], gains, None if near is None else near[at]))
-        return Modes.joined(parts)
-
-    def _modes(self, vectors: np.ndarray, fixed: np.ndarray | None, near: np.ndarray | None) -> Modes:
-        z, slope, found = self._equilibrium(vectors, fixed, near)
-        some = np.linalg.eigvals((self._delayed(z, vectors, fixed) if self.delay else slope)[found])
-        multipliers = np.full((len(z), some.shape[1]), np.inf, dtype=complex)
-        multipliers[found] = some
-        return Modes(self.period, np.where(found[:, None], z, np.nan), multipliers)
+            z, slope, found = self._equilibrium(vectors[at], gains, None if near is None else near[at])
+            if self.delay:
+                slope = self._delayed(z, vectors[at], gains)
+            some = np.linalg.eigvals(slope[found])
+            multipliers = np.full((len(z), some.shape[1]), np.inf, dtype=complex)
+            multipliers[found] = some
+            parts.append((np.where(found[:, None], z, np.nan), multipliers))
+        equilibria, multipliers = (np.concatenate(each) for each in zip(*parts))
+        return Modes(self.period, equilibria, multipliers)
 
     def linear(
         self, values: Mapping[str, Any] | None = None, process_noise: np.ndarray | None = None
@@ -338,7 +338,17 @@ class EquilibriumLoop:
                 "another law or goal",
             )
         stepped, by_y = self.stepped(z, vectors, fixed)
-        return LinearLoop.of(self, z[0], vectors[0], stepped, by_y[0])
+        plant, step, by_command = self.plant, self.step, self.by_command()
+        n, m, known = plant.n, len(plant.inputs), step.size + step.p
+        at = plant.with_parameters(**vars(plant.parameters.named(vectors[0])))
+        a, b, g, _ = at.linearise(z[0, :n], stepped.u.value[0])
+        law, memory, by_y = stepped.u.by[0], stepped.memory.by[0], by_y[0]
+        positions = np.eye(n)[[plant.index(name) for name in self.positions]]
+        return LinearLoop(
+            self.period, a, b, by_y[:, :n], by_y[:, n : n + m], memory[:, :known], law[:, :known],
+            memory[:, known:] @ by_command, law[:, known:] @ by_command, positions, tuple(self.positions), g,
+            tuple(plant.disturbances), tuple(plant.inputs), not self.moving, self.delay * self.period,
+        )  # fmt: skip
 
     def vectors(self, values: Sequence[Mapping[str, Any]]) -> np.ndarray:
         """Parameter vectors (N, q) of true plants with these values."""

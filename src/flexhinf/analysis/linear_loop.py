@@ -11,14 +11,12 @@ A linear system in discrete time: its response, its H∞ norm, and what white no
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from flexhinf.analysis.sampled_controller import Stepped
 from flexhinf.errors import NumericalFailure
 from flexhinf.loop.simulation.metrics import damping_ratio
 
@@ -353,21 +351,13 @@ class LinearLoop:
         n, size = len(self.a), len(parts.a)
         # u and the next memory by (w, v, r, d); a disturbance moves the plant alone.
         u, after = (
-            np.hstack(
-                [
-                    np.zeros((len(block), m)),
-                    block[:, len(self.memory) :],
-                    command,
-                    np.zeros((len(block), self.g.shape[1])),
-                ]
-            )
+            np.pad(np.hstack([block[:, len(self.memory) :], command]), ((0, 0), (m, self.g.shape[1])))
             for block, command in ((self.law, self.commanded_law), (self.memory, self.commanded_memory))
         )
         b = np.zeros((size, u.shape[1]))
         b[:n, m + p + q :], b[n + m :] = self._by_disturbance(), after
-        total = u.copy()
-        total[:, :m] += np.eye(m)
-        c = np.vstack([parts.u, parts.u, np.hstack([self.positions, np.zeros((q, size - n))])])
+        total = u + np.eye(m, u.shape[1])
+        c = np.vstack([parts.u, parts.u, np.pad(self.positions, ((0, 0), (0, size - n)))])
         d = np.vstack([total, u, np.zeros((q, u.shape[1]))])
         return parts.system(b, c, d, parts.u, total)
 
@@ -414,25 +404,6 @@ class LinearLoop:
         parts, given = self._parts(delay), np.eye(len(broken))[:, broken]
         fed_back, nothing = np.where(broken[:, None], 0.0, parts.u), np.zeros((len(parts.a), given.shape[1]))
         return parts.system(nothing, parts.u[broken], np.zeros(2 * (given.shape[1],)), fed_back, given)
-
-    @staticmethod
-    def of(loop: Any, z: np.ndarray, vector: np.ndarray, stepped: Stepped, by_y: np.ndarray) -> LinearLoop:
-        """At the equilibrium z of an `EquilibriumLoop` with one true plant, from the controller's step there."""
-        plant, step = loop.plant, loop.step
-        n, m, s, p = plant.n, len(plant.inputs), step.size, step.p
-        at = plant.with_parameters(**vars(plant.parameters.named(vector)))
-        u = stepped.u.value[0]
-        a, b, g, _ = at.linearise(z[:n], u)
-        law, memory = stepped.u.by[0], stepped.memory.by[0]
-        by_command = loop.by_command()
-        positions = [plant.index(name) for name in loop.positions]
-        return LinearLoop(
-            loop.period, a, b, by_y[:, :n], by_y[:, n : n + m],
-            memory[:, : s + p], law[:, : s + p],
-            memory[:, s + p :] @ by_command, law[:, s + p :] @ by_command,
-            np.eye(n)[positions], tuple(loop.positions), g, tuple(plant.disturbances),
-            tuple(plant.inputs), not loop.moving, loop.delay * loop.period,
-        )  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -492,14 +463,6 @@ class Modes:
     period: float
     equilibrium: np.ndarray
     multipliers: np.ndarray
-
-    @staticmethod
-    def joined(parts: Sequence[Modes]) -> Modes:
-        """Of the plants of several, whose loops have as many multipliers."""
-        equilibria, multipliers = (
-            [getattr(part, name) for part in parts] for name in ("equilibrium", "multipliers")
-        )
-        return Modes(parts[0].period, np.concatenate(equilibria), np.concatenate(multipliers))
 
     @property
     def radius(self) -> np.ndarray:

@@ -14,12 +14,70 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.analysis.batch import Dual, LawRows, Rows, stacked, variables
+from flexhinf.analysis.batch import LawRows, Rows
 from flexhinf.errors import InvalidInput
 from flexhinf.estimation import ConstantGainFilter, OutputInjectionObserver, RecursiveFilter
 from flexhinf.loop import Controller
 from flexhinf.plant import Law
 from flexhinf.scalars import trace
+
+
+@dataclass(frozen=True)
+class Dual:
+    """Values and derivatives.
+
+    Attributes
+    ----------
+    value : (N, k) array
+    by : (N, k, w) array
+        Derivatives by w variables.
+    """
+
+    value: np.ndarray
+    by: np.ndarray
+
+    def __add__(self, other: Dual) -> Dual:
+        return Dual(self.value + other.value, self.by + other.by)
+
+    def __sub__(self, other: Dual) -> Dual:
+        return Dual(self.value - other.value, self.by - other.by)
+
+    def __getitem__(self, part: slice) -> Dual:
+        """Some of the entries."""
+        return Dual(self.value[:, part], self.by[:, part])
+
+    def times(self, factor: np.ndarray) -> Dual:
+        """Each row by a number, (N,)."""
+        return Dual(factor[:, None] * self.value, factor[:, None, None] * self.by)
+
+    def moved(self, matrix: np.ndarray) -> Dual:
+        """By a constant matrix (j, k)."""
+        return Dual(self.value @ matrix.T, matrix @ self.by)
+
+    def plus(self, constant: np.ndarray) -> Dual:
+        """With a constant (k,) or (N, k) added."""
+        return Dual(self.value + constant, self.by)
+
+    def through(self, function: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]) -> Dual:
+        """f of it, for an f that gives values (N, j) and slopes (N, j, k)."""
+        value, slope = function(self.value)
+        return Dual(value, slope @ self.by)
+
+
+def variables(*values: np.ndarray, width: int | None = None) -> tuple[Dual, ...]:
+    """The variables themselves: arrays (N, k) that follow each other; derivatives by the first `width` numbers only."""
+    unit = np.eye(sum(value.shape[1] for value in values))[:, :width]
+    start, found = 0, []
+    for value in values:
+        stop = start + value.shape[1]
+        found.append(Dual(value, np.broadcast_to(unit[start:stop], (len(value), *unit[start:stop].shape))))
+        start = stop
+    return tuple(found)
+
+
+def stacked(*parts: Dual) -> Dual:
+    """The entries of all parts in one vector per row."""
+    return Dual(np.hstack([p.value for p in parts]), np.concatenate([p.by for p in parts], axis=1))
 
 
 def model_rows(filter: RecursiveFilter) -> Rows:
@@ -35,16 +93,8 @@ def model_rows(filter: RecursiveFilter) -> Rows:
 
 @dataclass(frozen=True)
 class Stepped:
-    """One step; derivatives are by memory (s), measurement (p), command (k) and centre (n + k, m), in this order.
-
-    Attributes
-    ----------
-    u : Dual, (N, m)
-    deviation : Dual, (N, n + k)
-        The law's argument.
-    memory : Dual, (N, s)
-        For the next step.
-    """
+    """One step: input (N, m), the law's argument (N, n + k), and the memory for the next step (N, s); derivatives are
+    by memory (s), measurement (p), command (k) and centre (n + k, m), in this order."""
 
     u: Dual
     deviation: Dual
@@ -82,7 +132,11 @@ class SampledController:
         self.n, self.m, self.k = len(self.states), len(law.input_names), len(self.tracked)
         self.p = len(self.measured)
         self.law_rows = LawRows(law)
-        self.parts = () if estimator is None else _moving_parts(estimator)
+        #: Parts of the belief that move though the gain does not; each has the size of the state, the mean is first.
+        self.parts: tuple[int, ...] = () if estimator is None else (0,)
+        if isinstance(estimator, OutputInjectionObserver):
+            fields = type(estimator.initial)._fields
+            self.parts = tuple(fields.index(name) for name in ("mean", "measured", "injection"))
         if self.parts == (0,):
             self._check_rest()
 
@@ -94,11 +148,9 @@ class SampledController:
     @cached_property
     def places(self) -> dict[str, slice]:
         """Where the parts of the memory are."""
-        sizes = {"belief": self.n * len(self.parts), "u": self.m, "integral": self.k}
-        places, start = {}, 0
-        for name, size in {**sizes, "position": self.k}.items():
-            places[name], start = slice(start, start + size), start + size
-        return places
+        sizes = {"belief": self.n * len(self.parts), "u": self.m, "integral": self.k, "position": self.k}
+        ends = np.cumsum([*sizes.values()]).tolist()
+        return {name: slice(end - size, end) for (name, size), end in zip(sizes.items(), ends)}
 
     @property
     def size(self) -> int:
@@ -116,7 +168,6 @@ class SampledController:
                 by_state[row, self.states.index(name)] = 1.0
         return by_y, by_state
 
-    # The step ------------------------------------------------------------------------------------------
     def step(
         self,
         memory: np.ndarray,
@@ -199,15 +250,11 @@ class SampledController:
 
     def _belief(self, moving: Any, still: Any) -> Any:
         """The whole belief from what moves of it, and what does not."""
-        parts: list[Any] = []
+        parts, rest = [], {True: moving, False: still}
         for k, part in enumerate(self.estimator.initial):
-            size = int(np.size(part))
-            if k in self.parts:
-                parts.append(moving[:size].reshape(np.shape(part)))
-                moving = moving[size:]
-            else:
-                parts.append(still[:size].reshape(np.shape(part)))
-                still = still[size:]
+            size, moves = int(np.size(part)), k in self.parts
+            parts.append(rest[moves][:size].reshape(np.shape(part)))
+            rest[moves] = rest[moves][size:]
         return type(self.estimator.initial)(*parts)
 
     def _moved(self, belief: Any) -> Any:
@@ -231,11 +278,10 @@ class SampledController:
             return np.zeros(0)
         e, held = self.estimator, self._held(None)
         y = e.plant.evaluate_output(x, u, e.plant.parameters.vector())
-        start = self._moved(e.initial_at(x))
-        start = self._moved(self._updated(np.concatenate([start, u]), held, False))
-        corrected = self._moved(self._updated(np.concatenate([start, y, u]), held, True))
-        settled = self._moved(self._updated(np.concatenate([corrected, u]), held, False))
-        return np.concatenate([x, settled[self.n :]])
+        moving = self._moved(e.initial_at(x))
+        for given in ((u,), (y, u), (u,)):
+            moving = self._moved(self._updated(np.concatenate([moving, *given]), held, len(given) == 2))
+        return np.concatenate([x, moving[self.n :]])
 
     def beliefs(self, y: np.ndarray, u: np.ndarray, estimate: np.ndarray, last: np.ndarray) -> np.ndarray:
         """What moves of the belief before each sample of a run that began with the estimator's own.
@@ -257,42 +303,37 @@ class SampledController:
             found.append(self._predict(np.hstack([corrected, u[k : k + 1]]), held)[0])
         return np.vstack(found)
 
-    @property
-    def _key(self) -> tuple[object, ...]:
-        e = self.estimator
-        return type(e), e.estimator_key, e.plant.code_key
+    def _update_rows(self, name: str, measured: bool) -> Rows:
+        e, given = self.estimator, self.p + self.m if measured else self.m
+        sizes = (self.places["belief"].stop + given, self._held(None).size)
+        update = lambda moving, held: self._moved(self._updated(moving, held, measured))  # noqa: E731
+        key = (name, type(e), e.estimator_key, e.plant.code_key)
+        return Rows(key, lambda: trace(update, *sizes, name=name))
 
     @cached_property
     def _correct(self) -> Rows:
-        sizes = (self.places["belief"].stop + self.p + self.m, self._held(None).size)
-        update = lambda moving, held: self._moved(self._updated(moving, held, True))  # noqa: E731
-        return Rows(("correct", *self._key), lambda: trace(update, *sizes, name="correct"))
+        return self._update_rows("correct", True)
 
     @cached_property
     def _predict(self) -> Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]:
         """(belief at k|k, u), held → belief at k+1|k, and its slope."""
         e, n = self.estimator, self.n
-        if isinstance(e, ConstantGainFilter):  # sub-steps are a loop, not one trace
-            rows, size = model_rows(e.filter), e.plant.parameters.size
+        if not isinstance(e, ConstantGainFilter):
+            return self._update_rows("predict", False)
+        rows, size = model_rows(e.filter), e.plant.parameters.size  # sub-steps are a loop, not one trace
 
-            def looped(moving: np.ndarray, held: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-                after, slope = rows(moving, held[..., :size], e.filter.sub_steps)
-                return after[:, :n], slope[:, :n]
+        def looped(moving: np.ndarray, held: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            after, slope = rows(moving, held[..., :size], e.filter.sub_steps)
+            return after[:, :n], slope[:, :n]
 
-            return looped
-        update = lambda moving, held: self._moved(self._updated(moving, held, False))  # noqa: E731
-        sizes = (self.places["belief"].stop + self.m, self._held(None).size)
-        return Rows(("predict", *self._key), lambda: trace(update, *sizes, name="predict"))
+        return looped
 
     def _check_rest(self) -> None:
         e, u = self.estimator, np.asarray(self.law.operating_input, dtype=float)
         mean, held = np.asarray(e.initial.mean, dtype=float), self._held(None)
         y = e.plant.evaluate_output(mean, u, e.plant.parameters.vector())
-        after = [
-            self._updated(np.concatenate([mean, *given, u]), held, measured)
-            for given, measured in (((y,), True), ((), False))
-        ]
-        for belief in after:
+        for given in ((y, u), (u,)):
+            belief = self._updated(np.concatenate([mean, *given]), held, len(given) == 2)
             for new, old in zip(belief[1:], e.initial[1:]):
                 if not np.array_equal(np.asarray(new, dtype=float), np.asarray(old, dtype=float)):
                     raise InvalidInput(
@@ -300,11 +341,3 @@ class SampledController:
                         f"expected a belief of which only the mean moves, got {type(e).__name__}",
                         "ConstantGainFilter(filter, stationary_gain(...))",
                     )
-
-
-def _moving_parts(estimator: Any) -> tuple[int, ...]:
-    """Which parts of a belief move though the gain does not; each has the size of the state, the mean is first."""
-    if isinstance(estimator, OutputInjectionObserver):
-        fields = type(estimator.initial)._fields
-        return tuple(fields.index(name) for name in ("mean", "measured", "injection"))
-    return (0,)

@@ -36,7 +36,7 @@ from flexhinf.scalars import trace
 BEGUN = 1e-6
 
 
-class Held(Samples):
+class ZeroOrderHold(Samples):
     """Samples, each held until the next."""
 
     def __call__(self, t: Any) -> Any:
@@ -119,45 +119,42 @@ class DisturbanceRuns:
 
     def run(self, d: np.ndarray) -> tuple[Trajectory, bool]:
         """The run with d (N, k) held between samples, and whether it came to its end."""
-        controller, channels = self.loop.controller, self.problem.disturbances or ()
+        controller, channels, law = self.loop.controller, self.problem.disturbances or (), self.law
         commands: Any = None
         if self.commands:
             commands = Samples(self.times, controller.operating_reference + d[:, : self.commands])
-        torques = {name: Held(self.times, d[:, self.commands + i]) for i, name in enumerate(channels)}
-        n, law = len(controller.states), self.law
-        run = self.loop.run(
-            commands,
-            torques or None,
-            None,
-            self.horizon,
-            law.operating_point[:n],
-            initial_input=law.operating_input,
-        )
+        torques = {
+            name: ZeroOrderHold(self.times, d[:, self.commands + i]) for i, name in enumerate(channels)
+        }
+        start, u = law.operating_point[: len(controller.states)], law.operating_input
+        run = self.loop.run(commands, torques or None, None, self.horizon, start, initial_input=u)
         return run, run.diverged_at is None
 
     def deviations(self, run: Trajectory, d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """x − x* with the integrals as the controller has them (N, n + k), and u − u* (N, m)."""
         controller, x = self.loop.controller, run.signals["state"]
         position = self.tracked(run)
-        wanted = np.broadcast_to(controller.operating_reference, position.shape).copy()
-        wanted[:, : self.commands] += d[: len(x), : self.commands]
+        wanted = self.wanted(d)[: len(position)]
         growth = self.period * (0.5 * (position[1:] + position[:-1]) - wanted[:-1])
         integral = np.vstack([np.zeros(position.shape[1]), np.cumsum(growth, axis=0)])
         states = [tuple(self.problem.plant.states).index(name) for name in controller.states]
         moved = np.hstack([x[:, states] - self.law.operating_point[: len(states)], integral])
         return moved, run.signals["input"] - self.law.operating_input
 
+    def wanted(self, d: np.ndarray) -> np.ndarray:
+        """Commanded positions (N, k) of the interval that begins at each sample."""
+        controller = self.loop.controller
+        wanted = np.tile(controller.operating_reference, (len(d), 1))
+        wanted[:, : self.commands] += d[:, : self.commands]
+        return wanted
+
     def tracked(self, run: Trajectory) -> np.ndarray:
         """What the integrals are given at each sample, (N, k)."""
         controller = self.loop.controller
-        kind = [
-            (
-                "output" if controller.estimator is not None and name in controller.measured else "estimate",
-                name,
-            )
-            for name in controller.tracked
+        measured = controller.measured if controller.estimator is not None else ()
+        columns = [
+            run.signal("output" if name in measured else "estimate", name) for name in controller.tracked
         ]
-        columns = [run.signal(source, name) for source, name in kind]
         return np.column_stack(columns) if columns else np.zeros((len(run.time), 0))
 
     @cached_property
@@ -247,10 +244,7 @@ def _slopes(
     stepped = step.step(memory, y, command, started=started)
 
     def split(by: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        through = by[:, :, s : s + p] @ by_y
-        whole = np.concatenate([through[:, :, :n], by[:, :, :s]], axis=2)
-        whole[:, :, n + place.start : n + place.stop] += through[:, :, n:]
-        return whole, by[:, :, s + p : s + p + c]
+        return equilibrium_loop.by_loop(by, by_y), by[:, :, s + p : s + p + c]
 
     torques = np.zeros((count, len(plant.disturbances)))
     chosen = [tuple(plant.disturbances).index(name) for name in runs.problem.disturbances or ()]
@@ -281,7 +275,8 @@ def gradient(runs: DisturbanceRuns, d: np.ndarray) -> tuple[np.ndarray, float] |
     cost, by_x, by_u = runs.cost(x_moved, u_moved)
     if not (whole and np.all(np.isfinite(cost)) and np.all(np.isfinite(by_x))):
         return None
-    x, memory, command = run.signals["state"], _memories(runs, x_moved, run), _before(runs, d)
+    x, memory, command = run.signals["state"], _memories(runs, x_moved, run), runs.wanted(d)
+    command = np.vstack([runs.wanted(np.zeros((1, d.shape[1]))), command[:-1]])  # of the interval before
     started = np.minimum(np.arange(len(d)), 1.0)
     adjoint, found = np.zeros(x.shape[1] + memory.shape[1]), np.zeros(d.shape)
     for begin in reversed(range(0, len(d), CHUNK)):
@@ -321,14 +316,6 @@ def small_motions(runs: DisturbanceRuns) -> DiscreteSystem:
         root @ np.hstack([slopes.u_by[0][0], slopes.u_by[1][0]]),
     ])  # fmt: skip
     return DiscreteSystem(a, b, seen, np.zeros((len(seen), k)), runs.period)
-
-
-def _before(runs: DisturbanceRuns, d: np.ndarray) -> np.ndarray:
-    """Commands (N, k) of the interval that ends at each sample."""
-    controller = runs.loop.controller
-    wanted = np.broadcast_to(controller.operating_reference, (len(d), len(controller.tracked))).copy()
-    wanted[1:, : runs.commands] += d[:-1, : runs.commands]
-    return wanted
 
 
 def _memories(runs: DisturbanceRuns, x_moved: np.ndarray, run: Trajectory) -> np.ndarray:
@@ -380,11 +367,9 @@ class DisturbanceSearch:
             )
         if search_period is None:
             search_period = max(period, SEARCH_PERIOD) if estimator is None else period
-        steady = (
-            None
-            if estimator is None
-            else EquilibriumLoop(law, estimator, problem.plant, period).step.estimator
-        )
+        steady = estimator
+        if estimator is not None:
+            steady = EquilibriumLoop(law, estimator, problem.plant, period).step.estimator
         self.search_runs = DisturbanceRuns(problem, law, steady, search_period, horizon)
         same = estimator is steady and search_period == period
         self.runs = self.search_runs if same else DisturbanceRuns(problem, law, estimator, period, horizon)
@@ -401,10 +386,6 @@ class DisturbanceSearch:
     def scaled(self, d: np.ndarray, energy: float) -> np.ndarray:
         """d with ∫|d|² = energy."""
         return d * np.sqrt(energy / (self.search_runs.period * float((d**2).sum())))
-
-    def _allowed(self, d: np.ndarray, energy: float) -> np.ndarray:
-        """d with at most this energy: commands beyond the joints' limits are cut off, and no command goes there."""
-        return self.search_runs.within(self.scaled(d, energy))
 
     def small(self) -> tuple[float, np.ndarray]:
         """(gain of small motions of the sampled loop, the sinusoid that attains it, under a window)."""
@@ -426,7 +407,8 @@ class DisturbanceSearch:
 
     def ascend(self, start: np.ndarray, energy: float, turns: int) -> np.ndarray | None:
         """The disturbance (N, k) of this energy found from `start`; None if the loop diverges on the way."""
-        d, best = self._allowed(start, energy), (-np.inf, start)
+        within = self.search_runs.within  # no command goes beyond the joints' limits
+        d, best = within(self.scaled(start, energy)), (-np.inf, start)
         for _ in range(turns):
             found = gradient(self.search_runs, d)
             if found is None or not np.all(np.isfinite(found[0])):
@@ -435,8 +417,15 @@ class DisturbanceSearch:
             best = max(best, (value, d), key=lambda pair: pair[0])
             if not slope.any():
                 break
-            d = self._allowed(slope, energy)
+            d = within(self.scaled(slope, energy))
         return best[1]
+
+    def climbed(
+        self, start: np.ndarray, energy: float, turns: int, solution: HJISolution | None = None
+    ) -> Attained:
+        """What the loop itself attains with the disturbance of this energy found from `start`."""
+        d = self.ascend(start, energy, turns)
+        return self.attained(self.scaled(start, energy) if d is None else d, solution)
 
 
 def worst_disturbance(
@@ -493,22 +482,11 @@ def worst_disturbance(
     search = DisturbanceSearch(problem, law, estimator, period, horizon, search_period)
     first = [search.small()[1], *(search.random(seed + k) for k in range(starts - 1))]
     if energy is not None:
-        return max((_climbed(search, start, energy, turns) for start in first), key=lambda a: a.gain)
+        return max((search.climbed(start, energy, turns) for start in first), key=lambda a: a.gain)
     assert level is not None
     assert isinstance(law, HJISolution)
     found = [ascend_inside(search, start, level, turns, law) for start in first]
     return max(found, key=lambda a: a.gain)
-
-
-def _climbed(
-    search: DisturbanceSearch,
-    start: np.ndarray,
-    energy: float,
-    turns: int,
-    solution: HJISolution | None = None,
-) -> Attained:
-    d = search.ascend(start, energy, turns)
-    return search.attained(search.scaled(start, energy) if d is None else d, solution)
 
 
 def ascend_inside(
@@ -526,7 +504,7 @@ def ascend_inside(
     """
     energy, best, grows = 2.0 * level / solution.gamma**2, None, None
     for _ in range(ROUNDS):
-        found = _climbed(search, start, energy, turns, solution)
+        found = search.climbed(start, energy, turns, solution)
         inside = found.largest_value <= level
         if inside and (best is None or found.gain > best.gain):
             best = found

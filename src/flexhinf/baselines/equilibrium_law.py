@@ -6,17 +6,15 @@ At rest M(q1) q̈1 + C q̇1 + G = K(q2 − q1) + D(q̇2 − q̇1) + d_link and J
 k_u u + d_motor, Eq. (2), are read off ẋ = A x + B u + G d: what the motors feel of d_motor is J⁻¹, what the links
 feel of d_link is M⁻¹. Whatever the model adds (a damped or hardening spring, a back-EMF) is in the numbers.
 
-The gravity torque G(q) of a plant, as a function that laws can use: from its flow, or one that is given.
-
-At rest and with its springs relaxed (q2 = q1) a robot falls by q̈1 = −M⁻¹ G, and a torque at the links moves it by
-M⁻¹: the flow says both, so G = −(∂q̈1/∂d_link)⁻¹ q̈1 is exact for any plant of elastic joints. A function made for the
-robot (inverse dynamics) costs less.
+The gravity torque is taken from the flow too. At rest and with its springs relaxed (q2 = q1) a robot falls by
+q̈1 = −M⁻¹ G, and a torque at the links moves it by M⁻¹, so G = −(∂q̈1/∂d_link)⁻¹ q̈1 is exact for any plant of elastic
+joints.
 """
 
 from __future__ import annotations
 
 import abc
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -25,7 +23,7 @@ import numpy as np
 
 from flexhinf.errors import InvalidInput
 from flexhinf.plant import GeneralisedPlant, Law, Plant
-from flexhinf.scalars import apply, digest, jacobian, trace
+from flexhinf.scalars import apply, digest, jacobian
 from flexhinf.validation import read_only, real_array
 
 STATES = ("link_position", "link_velocity", "motor_position", "motor_velocity")
@@ -70,10 +68,7 @@ class ElasticJoints:
 def check_joints(plant: Plant) -> int:
     """Number of elastic joints n of a plant with their states, 4n in the order of Eq. (2), and one input each.
 
-    Raises
-    ------
-    InvalidInput
-        If it has other states, inputs or disturbances.
+    Raises `InvalidInput` if it has other states, inputs or disturbances.
     """
     names = tuple(single for name in STATES for single in plant.expanded(name))
     joints = len(plant.inputs)
@@ -95,17 +90,13 @@ def check_joints(plant: Plant) -> int:
 def elastic_joints(plant: Plant, x: np.ndarray, u: np.ndarray) -> ElasticJoints:
     """The joints' numbers at the equilibrium (x, u), (4n,) and (n,).
 
-    Raises
-    ------
-    InvalidInput
-        If the plant has no elastic joints, or its motors are coupled.
+    Raises `InvalidInput` if the plant has no elastic joints, or its motors are coupled.
     """
     n = check_joints(plant)
     a, b, g, _ = plant.linearise(x, u)
-    torques = [[plant.disturbances.index(name) for name in plant.expanded(kind)] for kind in TORQUES]  # type: ignore[union-attr]
     links, motors = slice(n, 2 * n), slice(3 * n, 4 * n)
-    motor_inertia = 1.0 / _diagonal("motor inertia", g[motors, torques[1]])
-    link_inertia = np.linalg.inv(g[links, torques[0]])
+    motor_inertia = 1.0 / _diagonal("motor inertia", g[motors, _places(plant, "motor_torque")])
+    link_inertia = np.linalg.inv(g[links, _places(plant, "link_torque")])
     stiffness = motor_inertia * _diagonal("stiffness", a[motors, :n])
     damping = motor_inertia * _diagonal("spring damping", a[motors, links])
     return ElasticJoints(
@@ -117,6 +108,11 @@ def elastic_joints(plant: Plant, x: np.ndarray, u: np.ndarray) -> ElasticJoints:
         motor_damping=-motor_inertia * _diagonal("motor damping", a[motors, motors]) - damping,
         torque_per_input=motor_inertia * _diagonal("input", b[motors]),
     )
+
+
+def _places(plant: Plant, torque: str) -> list[int]:
+    """Columns of a group of torques among the disturbances."""
+    return [plant.disturbances.index(name) for name in plant.expanded(torque)]  # type: ignore[union-attr]
 
 
 def _diagonal(what: str, matrix: np.ndarray) -> np.ndarray:
@@ -131,47 +127,17 @@ def _diagonal(what: str, matrix: np.ndarray) -> np.ndarray:
     return diagonal
 
 
-#: Largest difference of a given function from the plant's own gravity torque, relative to the largest torque.
-AGREEMENT = 1e-9
-
-
 @dataclass(frozen=True, eq=False)
 class GravityTorque:
-    """G(q1) of a plant, on any element, with the plant's parameters as data.
+    """G(q1) of a plant of elastic joints, on any element, with the plant's parameters as data.
 
-    Parameters
-    ----------
-    plant : Plant
-        Of elastic joints.
-    function : callable, optional
-        ``function(q, p)`` → G (n,), NumPy code on any element; p has the plant's parameters as attributes. By
-        default G comes from the plant's flow.
-
-    Raises
-    ------
-    InvalidInput
-        If the plant has no elastic joints, or the function disagrees with its flow.
+    Raises `InvalidInput` if the plant has no elastic joints.
     """
 
     plant: Plant
-    function: Callable[[Any, Any], Any] | None = None
 
     def __post_init__(self) -> None:
-        n, p = check_joints(self.plant), self.plant.parameters.vector()
-        if self.function is None:
-            return
-        own = GravityTorque(self.plant)
-        for angle in (0.3, 1.1, -0.7):  # generic poses
-            q = angle * (1.0 + 0.1 * np.arange(n))
-            given, expected = apply(self.traced, q, p)[0], own.torque(q, p)
-            if given.shape != (n,) or np.abs(given - expected).max() > AGREEMENT * max(
-                1.0, np.abs(expected).max()
-            ):
-                raise InvalidInput(
-                    "The gravity torque that was given is not the plant's.",
-                    f"expected {expected.tolist()} at q = {q.tolist()}, got {given.tolist()}",
-                    "gravity=None: it is taken from the plant's flow",
-                )
+        check_joints(self.plant)
 
     @cached_property
     def traced(self) -> Any:
@@ -179,18 +145,12 @@ class GravityTorque:
         import casadi as ca
 
         plant, n = self.plant, len(self.plant.inputs)
-        if self.function is not None:
-            function, named = self.function, plant.parameters.named
-            return trace(lambda q, p: function(q, named(p)), n, plant.parameters.size, name="gravity")
         q, p = ca.SX.sym("q", n), ca.SX.sym("p", plant.parameters.size)
         d = ca.SX.sym("d", len(plant.disturbances))
         still = ca.SX.zeros(n)
-        flow = plant.traced_flow(ca.vertcat(q, still, q, still), ca.SX.zeros(n), d, p)
-        fall = flow[n : 2 * n]
-        links = [plant.disturbances.index(name) for name in plant.expanded("link_torque")]  # type: ignore[union-attr]
-        compliance = ca.jacobian(fall, d)[:, links]
-        torque = -ca.solve(compliance, fall)
-        free = ca.substitute(torque, d, ca.SX.zeros(d.numel()))
+        fall = plant.traced_flow(ca.vertcat(q, still, q, still), ca.SX.zeros(n), d, p)[n : 2 * n]
+        compliance = ca.jacobian(fall, d)[:, _places(plant, "link_torque")]
+        free = ca.substitute(-ca.solve(compliance, fall), d, ca.SX.zeros(d.numel()))
         return ca.Function("gravity", [q, p], [ca.densify(free)], {"cse": True})
 
     @cached_property
@@ -237,10 +197,7 @@ class EquilibriumLaw(Law):
     integrate : sequence of str
         States whose tracking error is integrated, single names or groups; ``NAME_integral`` are the last states.
 
-    Raises
-    ------
-    InvalidInput
-        If names or shapes do not fit the plant.
+    Raises `InvalidInput` if names or shapes do not fit the plant.
     """
 
     plant: Plant
@@ -297,29 +254,6 @@ class EquilibriumLaw(Law):
         for row, name in enumerate(self.integrate, start=states):
             loop[row, self.plant.index(name)] = 1.0
         return loop
-
-
-class LinearFeedback(EquilibriumLaw):
-    """k(x) = K x. The gain is data, so all such laws of one size share their code."""
-
-    @property
-    @abc.abstractmethod
-    def gain(self) -> np.ndarray:
-        """K, (m, n)."""
-
-    @property
-    def law_data(self) -> np.ndarray:
-        """K, flat."""
-        return self.gain.ravel()
-
-    @property
-    def law_key(self) -> str:
-        """One text for all numbers."""
-        return "linear feedback"
-
-    def evaluate_law(self, x: Any, data: Any) -> Any:
-        """K x on any element."""
-        return data.reshape(len(self.input_names), -1) @ x
 
 
 class PlacedLaw(EquilibriumLaw):

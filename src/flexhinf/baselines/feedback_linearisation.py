@@ -47,10 +47,8 @@ class NormalForm:
     outputs : sequence of str
         States of the plant.
 
-    Raises
-    ------
-    InvalidInput
-        If their numbers differ, an output is not reached by any input, or the input does not enter linearly.
+    Raises `InvalidInput` if their numbers differ, an output is not reached by any input, or the input does not enter
+    linearly.
     """
 
     plant: Plant
@@ -135,15 +133,6 @@ class NormalForm:
             "linearising", [x, v, p], [ca.densify(ca.solve(decoupling, v - free))], {"cse": True}
         )
 
-    @cached_property
-    def _decoupling(self) -> Any:
-        import casadi as ca
-
-        x, u, p, _, top = self._derivatives
-        return ca.Function(
-            "decoupling", [x, p], [ca.densify(ca.jacobian(ca.vertcat(*top), u))], {"cse": True}
-        )
-
     def coordinates(self, x: Any, u: Any, p: Any) -> tuple[Any, Any]:
         """(ξ, y^(r)): see `chains`; of any element, p the parameter vector."""
         xi, top = apply(self.chains, x, u, p)
@@ -155,7 +144,14 @@ class NormalForm:
 
     def decoupling_matrix(self, x: np.ndarray) -> np.ndarray:
         """A(x), (m, m), at the nominal parameters."""
-        return np.asarray(self._decoupling(x, self.plant.parameters.vector()), dtype=float)
+        import casadi as ca
+
+        states, u, p, _, top = self._derivatives
+        matrix = ca.densify(ca.jacobian(ca.vertcat(*top), u))
+        value = ca.Function("decoupling", [states, p], [matrix], {"cse": True})(
+            x, self.plant.parameters.vector()
+        )
+        return np.asarray(value, dtype=float)
 
 
 #: Relative size of the smallest singular value of A(x*) that counts as zero.
@@ -176,11 +172,8 @@ class FeedbackLinearisation(PlacedLaw):
     outputs : sequence of str
         States, single names or groups; the link positions by default.
 
-    Raises
-    ------
-    InvalidInput
-        If the numbers do not fit, A is singular at the equilibrium, or the loop is unstable there (poles that are not
-        in the left half plane, or zero dynamics that are not).
+    Raises `InvalidInput` if the numbers do not fit, A is singular at the equilibrium, or the loop is unstable there
+    (poles that are not in the left half plane, or zero dynamics that are not).
     """
 
     coefficients: Sequence[Any]
@@ -249,10 +242,7 @@ class FeedbackLinearisation(PlacedLaw):
             σ/ω of the integral's own pole at −σ beside the filter's poles; by default it is one of a filter of one
             order more.
 
-        Raises
-        ------
-        InvalidInput
-            If the bandwidth or the rate is not positive.
+        Raises `InvalidInput` if the bandwidth or the rate is not positive.
         """
         plant = problem.plant
         names = plant.expanded(outputs)
@@ -317,10 +307,7 @@ def bessel_coefficients(order: int, bandwidth: float) -> np.ndarray:
 
     Its step has less than 1 % of overshoot at any order. Shape (r,), rad/s to the power r − i.
 
-    Raises
-    ------
-    InvalidInput
-        If the bandwidth is not positive.
+    Raises `InvalidInput` if the bandwidth is not positive.
     """
     from scipy.signal import bessel
 

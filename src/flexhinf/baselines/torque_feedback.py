@@ -28,119 +28,87 @@ damping asked for.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
 from flexhinf.baselines.equilibrium_law import (
     ElasticJoints,
     GravityTorque,
-    LinearFeedback,
     PlacedLaw,
     elastic_joints,
     equilibrium_of,
 )
-from flexhinf.baselines.linear_quadratic import (
-    INTEGRAL_RATE,
-    check_goal,
-    check_integral,
-    per_joint,
-    rigid_gains,
-)
+from flexhinf.baselines.linear_quadratic import INTEGRAL_RATE
 from flexhinf.errors import InvalidInput
 from flexhinf.plant import GeneralisedPlant
-
-
-@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class MotorPD(LinearFeedback):
-    """k(x) = −(K_p δθ + K_d δθ̇ + K_i e) in units of the input; about a moving reference its θ̇_d counts too.
-
-    Parameters
-    ----------
-    plant, equilibrium, integrate
-        See `flexhinf.baselines.equilibrium_law.EquilibriumLaw`. The integral is that of what is named in
-        `integrate`, one signal per joint: link_position or motor_position.
-    proportional, derivative, integral : float or (n,) array
-        K_p (N·m/rad), K_d (N·m·s/rad) and K_i (N·m/(rad·s)) of each joint, as torques.
-
-    Raises
-    ------
-    InvalidInput
-        If gains do not fit, or the goal would not be a minimum of the potential (K_p too small for the gravity).
-    """
-
-    proportional: Any
-    derivative: Any
-    integral: Any = 0.0
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        n = len(self.joints.stiffness)
-        for name in ("proportional", "derivative", "integral"):
-            object.__setattr__(self, name, per_joint(name, getattr(self, name), n))
-        check_integral(self.integrate, self.integral, n)
-        check_goal(self.joints, self.proportional)
-
-    @staticmethod
-    def tuned(
-        problem: GeneralisedPlant,
-        bandwidth: float,
-        damping: float = 0.7,
-        integral: str | None = None,
-        integral_rate: float = INTEGRAL_RATE,
-    ) -> MotorPD:
-        """Gains from a bandwidth and a damping ratio, as if the joints were rigid and moved one by one.
-
-        I s² + (K_d + B + k_t k_b/R) s + K_p = I (s² + 2ζω s + ω²) with I = M_jj(q*) + J_j; with an integral a
-        further factor s + σ, σ = integral_rate · ω. K_d is not made negative: a motor that damps itself by more
-        than was asked keeps doing so. The spring is not seen: where ω nears √(K/I) the link's own bandwidth stays
-        behind.
-
-        Parameters
-        ----------
-        problem : GeneralisedPlant
-            Plant and equilibrium; its penalty does not matter.
-        bandwidth : float
-            ω, rad/s.
-        damping : float
-            ζ.
-        integral : {"link_position", "motor_position"}, optional
-            Whose error is integrated.
-        integral_rate : float
-            σ/ω.
-        """
-        equilibrium = equilibrium_of(problem)
-        joints = elastic_joints(problem.plant, *equilibrium)
-        rate = integral_rate if integral else 0.0
-        gains = rigid_gains(joints.joint_inertia, joints.motor_damping, bandwidth, damping, rate)
-        return MotorPD(
-            plant=problem.plant, equilibrium=equilibrium, integrate=(integral,) if integral else (),
-            proportional=gains[0], derivative=gains[1], integral=gains[2],
-        )  # fmt: skip
-
-    @cached_property
-    def joints(self) -> ElasticJoints:
-        """The joints' numbers at the equilibrium."""
-        return elastic_joints(self.plant, *self.equilibrium)
-
-    @cached_property
-    def gain(self) -> np.ndarray:
-        """K, (n, states), in units of the input."""
-        nothing = np.zeros((len(self.joints.stiffness),) * 2)
-        columns = [nothing, nothing, np.diag(self.proportional), np.diag(self.derivative)]
-        if self.integrate:
-            columns.append(np.diag(self.integral))
-        return -np.hstack(columns) / self.joints.torque_per_input[:, None]
-
+from flexhinf.validation import real_array
 
 #: What the fixed number of turns leaves of ḡ, relative to the weight.
 LEFT = 1e-6
 MOST_TURNS = 30
 #: Poses at which the contraction is sampled, uniform in ±π, and the seed of them.
 POSES, SEED = 200, 0
+
+
+def rigid_gains(
+    inertia: np.ndarray, friction: np.ndarray, bandwidth: float, damping: float, integral_rate: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(K_p, K_d, K_i), (n,) each, that give I s² + (K_d + B) s + K_p + K_i/s the poles asked for.
+
+    Raises `InvalidInput` if bandwidth, damping or rate is not a number of the right sign.
+    """
+    if not (np.isfinite(bandwidth) and bandwidth > 0.0 and np.isfinite(damping) and damping > 0.0):
+        raise InvalidInput(
+            "The gains need a bandwidth and a damping ratio.",
+            f"expected positive numbers, got bandwidth={bandwidth!r} rad/s, damping={damping!r}",
+            "bandwidth=6.0, damping=0.7",
+        )
+    if not (np.isfinite(integral_rate) and integral_rate >= 0.0):
+        raise InvalidInput(
+            "The rate of the integral is negative or not a number.",
+            f"expected a share of the bandwidth, got {integral_rate!r}",
+            f"integral_rate={INTEGRAL_RATE}",
+        )
+    slow = integral_rate * bandwidth
+    proportional = inertia * (bandwidth**2 + 2.0 * damping * bandwidth * slow)
+    derivative = np.maximum(0.0, inertia * (2.0 * damping * bandwidth + slow) - friction)
+    return proportional, derivative, inertia * bandwidth**2 * slow
+
+
+def check_goal(joints: ElasticJoints, proportional: np.ndarray) -> None:
+    """The goal is a minimum of the potential of springs, gravity and a motor-side K_p with constant compensation.
+
+    Raises `InvalidInput` if [[K + ∂G/∂q, −K], [−K, K + K_p]] is not positive definite: the condition of [tomei1991],
+    at the goal.
+    """
+    stiffness = np.diag(joints.stiffness)
+    slope = (joints.gravity_slope + joints.gravity_slope.T) / 2.0
+    potential = np.block([[stiffness + slope, -stiffness], [-stiffness, stiffness + np.diag(proportional)]])
+    smallest = float(np.linalg.eigvalsh(potential)[0])
+    if smallest <= 0.0:
+        raise InvalidInput(
+            "The goal is not a minimum of the potential: the robot would fall away from it.",
+            f"expected [[K + dG/dq, -K], [-K, K + K_p]] positive definite, got an eigenvalue {smallest:.3g}",
+            "a proportional gain larger than the slope of the gravity torque, or a stiffer joint",
+        )
+
+
+def _per_joint(what: str, value: Any, joints: int) -> np.ndarray:
+    """One finite number ≥ 0 per joint, or `InvalidInput`."""
+    try:
+        numbers = np.broadcast_to(real_array(value), (joints,)).copy()
+    except ValueError:
+        numbers = np.array([np.nan])
+    if not np.all(np.isfinite(numbers)) or np.any(numbers < 0.0):
+        raise InvalidInput(
+            f"The {what} gain does not fit the joints.",
+            f"expected a number >= 0, or {joints} of them, got {value!r}",
+            "one gain per joint",
+        )
+    return numbers
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -150,36 +118,38 @@ class TorqueFeedback(PlacedLaw):
     Parameters
     ----------
     plant, equilibrium, integrate
-        See `flexhinf.baselines.equilibrium_law.EquilibriumLaw`; integrals are of link_position or motor_position, as in
-        `flexhinf.baselines.MotorPD`.
-    rotor_inertia : float or (n,) array
-        J_θ, kg·m², as the motors shall feel; J as it is leaves the torque out.
+        See `flexhinf.baselines.equilibrium_law.EquilibriumLaw`; one signal per joint is integrated: link_position or
+        motor_position.
+    rotor_inertia : float or (n,) array, optional
+        J_θ, kg·m², as the motors shall feel; J as it is (the default) leaves the torque out.
     proportional, derivative, integral : float or (n,) array
         K_θ (N·m/rad), D_θ (N·m·s/rad) and K_i (N·m/(rad·s)) of u'.
     compensation : {"motor", "goal"}
         ḡ(θ) from the motor position, or the constant G(q_d).
-    gravity : callable, optional
-        ``gravity(q, p)`` → G, see `flexhinf.baselines.equilibrium_law.GravityTorque`; from the plant's flow by default.
 
-    Raises
-    ------
-    InvalidInput
-        If numbers do not fit, the goal would not be a minimum of the potential, or q̄ is no contraction.
+    Raises `InvalidInput` if numbers do not fit, the goal would not be a minimum of the potential (K_θ too small for
+    the gravity), or q̄ is no contraction.
     """
 
-    rotor_inertia: Any
+    rotor_inertia: Any = None
     proportional: Any
     derivative: Any
     integral: Any = 0.0
     compensation: str = "motor"
-    gravity: Callable[[Any, Any], Any] | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        n = len(self.joints.stiffness)
-        for name in ("rotor_inertia", "proportional", "derivative", "integral"):
-            object.__setattr__(self, name, per_joint(name, getattr(self, name), n))
-        check_integral(self.integrate, self.integral, n)
+        n, rotor = len(self.joints.stiffness), self.rotor_inertia
+        given = {name: getattr(self, name) for name in ("proportional", "derivative", "integral")}
+        given["rotor_inertia"] = self.joints.motor_inertia if rotor is None else rotor
+        for name, value in given.items():
+            object.__setattr__(self, name, _per_joint(name, value, n))
+        if len(self.integrate) not in (0, n) or bool(len(self.integrate)) != bool(np.any(self.integral)):
+            raise InvalidInput(
+                "The integral gain and what is integrated do not fit each other.",
+                f"expected {n} signals with gains, or neither, got {list(self.integrate)} and {self.integral.tolist()}",
+                "integrate=('link_position',) and integral=..., or neither",
+            )
         if not np.all(self.rotor_inertia > 0.0) or self.compensation not in ("motor", "goal"):
             raise InvalidInput(
                 "Torque feedback cannot be made so.",
@@ -190,43 +160,49 @@ class TorqueFeedback(PlacedLaw):
         if self.compensation == "goal":
             check_goal(self.joints, self.proportional)
         else:
-            _ = self.turns
+            _ = self.turns  # raises where q̄ cannot be found
 
-    @staticmethod
+    @classmethod
     def tuned(
+        cls,
         problem: GeneralisedPlant,
         bandwidth: float,
         damping: float = 0.7,
         inertia_ratio: float = 0.25,
         integral: str | None = None,
         integral_rate: float = INTEGRAL_RATE,
-        compensation: str = "motor",
-        gravity: Callable[[Any, Any], Any] | None = None,
-    ) -> TorqueFeedback:
-        """Gains from a bandwidth and a damping ratio, as `MotorPD.tuned`, with the scaled rotor.
+        **options: Any,
+    ) -> Self:
+        """Gains from a bandwidth and a damping ratio, as if the joints were rigid and moved one by one.
+
+        I s² + (D_θ + B + k_t k_b/R) s + K_θ = I (s² + 2ζω s + ω²) with I = M_jj(q*) + J_θj; with an integral a
+        further factor s + σ, σ = integral_rate · ω. D_θ is not made negative: a motor that damps itself by more
+        than was asked keeps doing so. The spring is not seen: where ω nears √(K/I) the link's own bandwidth stays
+        behind.
 
         Parameters
         ----------
         problem : GeneralisedPlant
             Plant and equilibrium; its penalty does not matter.
-        bandwidth, damping, integral, integral_rate
-            As for `MotorPD.tuned`, with I = M_jj(q*) + J_θj.
-        inertia_ratio : float
-            J_θ/J.
-        compensation, gravity
-            See the class.
+        bandwidth, damping, inertia_ratio : float
+            ω (rad/s), ζ, J_θ/J.
+        integral : {"link_position", "motor_position"}, optional
+            Whose error is integrated.
+        integral_rate : float
+            σ/ω.
+        **options
+            ``compensation``, see the class.
         """
         equilibrium = equilibrium_of(problem)
         joints = elastic_joints(problem.plant, *equilibrium)
         rotor = inertia_ratio * joints.motor_inertia
-        inertia = np.diag(joints.link_inertia) + rotor
-        rate = integral_rate if integral else 0.0
-        gains = rigid_gains(inertia, inertia_ratio * joints.motor_damping, bandwidth, damping, rate)
-        return TorqueFeedback(
+        gains = rigid_gains(
+            np.diag(joints.link_inertia) + rotor, inertia_ratio * joints.motor_damping, bandwidth, damping,
+            integral_rate if integral else 0.0,
+        )  # fmt: skip
+        return cls(
             plant=problem.plant, equilibrium=equilibrium, integrate=(integral,) if integral else (),
-            rotor_inertia=rotor,
-            proportional=gains[0], derivative=gains[1], integral=gains[2],
-            compensation=compensation, gravity=gravity,
+            rotor_inertia=rotor, proportional=gains[0], derivative=gains[1], integral=gains[2], **options,
         )  # fmt: skip
 
     @cached_property
@@ -237,14 +213,14 @@ class TorqueFeedback(PlacedLaw):
     # The weight from the motor position -------------------------------------------------------------
     @cached_property
     def _weight(self) -> GravityTorque:
-        return GravityTorque(self.plant, self.gravity)
+        return GravityTorque(self.plant)
 
     @cached_property
     def contraction(self) -> float:
         """Largest factor ‖K^-½ ∂G/∂q K^-½‖ by which a turn of q̄ contracts, at the equilibrium and the sampled poses."""
         stiffness = self.joints.stiffness
         goal = self.equilibrium[0][: len(stiffness)]
-        return _contraction(self.plant, self.gravity, tuple(goal.tolist()), tuple(stiffness.tolist()))
+        return _contraction(self.plant, tuple(goal.tolist()), tuple(stiffness.tolist()))
 
     @cached_property
     def turns(self) -> int:
@@ -311,15 +287,36 @@ class TorqueFeedback(PlacedLaw):
         return k + share * (self.weight(motor + moved, stiffness, p) - self.weight(motor, stiffness, p))
 
 
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class MotorPD(TorqueFeedback):
+    """k(x) = −(K_p δθ + K_d δθ̇ + K_i e) in units of the input: torque feedback that leaves the torque out.
+
+    `proportional`, `derivative` and `integral` are K_p, K_d and K_i; about a moving reference its θ̇_d counts too.
+    """
+
+    compensation: str = "goal"
+
+    @classmethod
+    def tuned(
+        cls,
+        problem: GeneralisedPlant,
+        bandwidth: float,
+        damping: float = 0.7,
+        integral: str | None = None,
+        integral_rate: float = INTEGRAL_RATE,
+    ) -> Self:
+        """See `TorqueFeedback.tuned`, with the rotor as it is."""
+        return super().tuned(problem, bandwidth, damping, 1.0, integral, integral_rate)
+
+
 @lru_cache(maxsize=8)
 def _contraction(
     plant: Any,
-    gravity: Callable[[Any, Any], Any] | None,
     goal: tuple[float, ...],
     stiffness: tuple[float, ...],
 ) -> float:
     """See `TorqueFeedback.contraction`; gains have no part in it, so a search over them computes it once."""
-    n, p, weight = len(stiffness), plant.parameters.vector(), GravityTorque(plant, gravity)
+    n, p, weight = len(stiffness), plant.parameters.vector(), GravityTorque(plant)
     poses = np.random.default_rng(SEED).uniform(-np.pi, np.pi, (POSES, n))
     root = np.sqrt(stiffness)
     largest = 0.0

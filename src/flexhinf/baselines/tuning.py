@@ -148,46 +148,8 @@ def tune(
     -------
     Tuning
 
-    Raises
-    ------
-    InvalidInput
-        If starts, bounds or counts do not fit each other.
+    Raises `InvalidInput` if starts, bounds or counts do not fit each other.
     """
-    _check(start, bounds, samples, refinements)
-    names = tuple(start)
-    low, high = np.log([bounds[name] for name in names]).T.reshape(2, -1)
-    begin = np.log([start[name] for name in names])
-    tried: list[Candidate] = []
-
-    def cost(point: np.ndarray, exact: Mapping[str, float] | None = None) -> float:
-        values = np.exp(np.clip(point, low, high)) if exact is None else [exact[name] for name in names]
-        tried.append(_judged(judge, {name: float(value) for name, value in zip(names, values)}))
-        found = tried[-1].judgement
-        beyond = float(np.abs(point - np.clip(point, low, high)).sum())
-        if not isfinite(found.excess):
-            return UNJUDGED + beyond
-        return min(found.cost, UNJUDGED / 10.0) + PENALTY * (found.excess + beyond)
-
-    exact = [{n: float(np.clip(values[n], *bounds[n])) for n in names} for values in (start, *others)]
-    spread = 0 if others else samples // COARSE  # from values that are good elsewhere it begins at once
-    points = [np.log([values[name] for name in names]) for values in exact]
-    costs = [
-        cost(point, values) for point, values in zip(points, exact)
-    ]  # another law's values, to the last bit
-    for point in _spread(begin, low, high, spread, seed):
-        points.append(point)
-        costs.append(cost(point))
-    if names:
-        first = points[int(np.argmin(costs))]
-        mean, least = _adapted(cost, first, low, high, samples - spread, np.random.default_rng(seed))
-        if refinements:
-            _simplex(cost, first if min(costs) <= least else mean, low, high, refinements)
-    return Tuning(min(tried, key=lambda candidate: candidate.order), tuple(tried))
-
-
-def _check(
-    start: Mapping[str, float], bounds: Mapping[str, tuple[float, float]], samples: int, refinements: int
-) -> None:
     fits = set(start) == set(bounds) and samples >= 0 and refinements >= 0
     if not fits or not all(0.0 < bounds[n][0] <= start[n] <= bounds[n][1] < inf for n in start):
         raise InvalidInput(
@@ -196,13 +158,38 @@ def _check(
             f"{samples=}, {refinements=}",
             "tune(judge, {'bandwidth': 5.0}, {'bandwidth': (0.5, 50.0)})",
         )
+    names = tuple(start)
+    low, high = np.log([bounds[name] for name in names]).T.reshape(2, -1)
+    tried: list[Candidate] = []
 
+    def cost(point: np.ndarray, exact: Mapping[str, float] | None = None) -> float:
+        values = np.exp(np.clip(point, low, high)) if exact is None else [exact[name] for name in names]
+        parameters = {name: float(value) for name, value in zip(names, values)}
+        try:
+            judgement = judge(parameters)
+        except FlexhinfError as error:
+            judgement = Judgement(inf, inf, str(error).splitlines()[0])
+        tried.append(Candidate(parameters, judgement))
+        beyond = float(np.abs(point - np.clip(point, low, high)).sum())
+        if not isfinite(judgement.excess):
+            return UNJUDGED + beyond
+        return min(judgement.cost, UNJUDGED / 10.0) + PENALTY * (judgement.excess + beyond)
 
-def _judged(judge: Callable[[Mapping[str, float]], Judgement], values: Mapping[str, float]) -> Candidate:
-    try:
-        return Candidate(values, judge(values))
-    except FlexhinfError as error:
-        return Candidate(values, Judgement(inf, inf, str(error).splitlines()[0]))
+    exact = [{n: float(np.clip(values[n], *bounds[n])) for n in names} for values in (start, *others)]
+    spread = 0 if others else samples // COARSE  # from values that are good elsewhere it begins at once
+    points = [np.log([values[name] for name in names]) for values in exact]
+    costs = [
+        cost(point, values) for point, values in zip(points, exact)
+    ]  # other laws' values, to the last bit
+    for point in _spread(np.log([start[name] for name in names]), low, high, spread, seed):
+        points.append(point)
+        costs.append(cost(point))
+    if names:
+        first = points[int(np.argmin(costs))]
+        mean, least = _adapted(cost, first, low, high, samples - spread, np.random.default_rng(seed))
+        if refinements:
+            _simplex(cost, first if min(costs) <= least else mean, low, high, refinements)
+    return Tuning(min(tried, key=lambda candidate: candidate.order), tuple(tried))
 
 
 def _spread(begin: np.ndarray, low: np.ndarray, high: np.ndarray, samples: int, seed: int) -> np.ndarray:
@@ -270,17 +257,12 @@ def _adapted(
 
 def _simplex(
     cost: Callable[[np.ndarray], float], best: np.ndarray, low: np.ndarray, high: np.ndarray, refinements: int
-) -> tuple[np.ndarray, float]:
-    """The point where a simplex ends, and its cost."""
+) -> None:
+    """Candidates of a simplex that begins at the best point."""
     from scipy.optimize import minimize
 
     step = np.log(SIMPLEX)
     corners = [best, *(best + np.where(best + step > high, -step, step) * axis for axis in np.eye(len(best)))]
-    options = {
-        "initial_simplex": np.clip(corners, low, high),
-        "maxfev": refinements,
-        "xatol": 1e-3,
-        "fatol": 1e-4,
-    }
-    found = minimize(cost, best, method="Nelder-Mead", options=options)
-    return found.x, float(found.fun)
+    start = np.clip(corners, low, high)
+    options = {"initial_simplex": start, "maxfev": refinements, "xatol": 1e-3, "fatol": 1e-4}
+    minimize(cost, best, method="Nelder-Mead", options=options)

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.analysis.box_search import climb, corners
+from flexhinf.analysis.search import box_corners, climb
 from flexhinf.campaign.batches import Campaign, checked_integer, rows_of, run_batch
 from flexhinf.campaign.draws import Tolerances
 from flexhinf.campaign.journal import Journal
@@ -201,7 +201,7 @@ def worst_case(
         width = np.where(high > low, high - low, 1.0)
         some = [(points[k] - low) / width for k in order[: max(1, starts // 2)] if size[k] > -math.inf]
         if all_corners:
-            every = corners(len(names))
+            every = box_corners(len(names))
             worst = np.argsort(-values(every), kind="stable")[: -(-(starts - len(some)) // 2)]
             some += list(every[worst])
         generator = np.random.Generator(np.random.Philox(key=[seed, _STREAM]))

@@ -20,17 +20,17 @@ every vertex by its own value and slopes: the middles are exact, so nothing is l
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from math import comb, prod
 from typing import Any
 
 import numpy as np
-from flint import fmpq, fmpq_mpoly, fmpq_mpoly_ctx
+from flint import fmpq, fmpq_mpoly
 
 from flexhinf.certify.certificate import Certificate
 from flexhinf.certify.claim import Polynomial, Term
-from flexhinf.certify.inequality import MeanForms, Rational, quotient_table
+from flexhinf.certify.inequality import Algebra, MeanForms, Rational, quotient_table
 from flexhinf.certify.problem_to_claim import (
     claim_of,
     few_bits,
@@ -150,8 +150,11 @@ def _axes(
 
 
 def _refuse_moved(statement: Certificate, problem: GeneralisedPlant) -> None:
-    """Refuse an equilibrium at the goal that moves with the parameters, but for a linear law and in states in which
-    the plant is linear: those of functions and products must be held at the goal by an integrator."""
+    """Raise unless each robot of the box has the law and the rates of this statement about its own equilibrium.
+
+    That is so where the equilibrium at the goal does not move with the parameters; otherwise the law must be linear,
+    and so must the plant in all states that move: those of functions and products are held by an integrator.
+    """
     if not _moves(statement, problem):
         return
     linear = all(sum(powers) == 1 for law in statement.law for powers, _ in law)
@@ -182,7 +185,7 @@ def _refuse_moved(statement: Certificate, problem: GeneralisedPlant) -> None:
 
 
 def _moves(statement: Certificate, problem: GeneralisedPlant) -> bool:
-    """Whether some parameters give rates at the nominal equilibrium."""
+    """Whether the nominal equilibrium has rates that are not zero at some parameters of the box."""
     table = problem.plant.parameters
     flat, nominal = flat_names(table), table.vector()
     point, u = np.asarray(problem.operating_point), np.asarray(problem.operating_input)
@@ -204,7 +207,8 @@ def parameter_groups(certificate: Certificate) -> list[dict[str, int]]:
     """Parameters (with their exponents) that occur as one product only, such as m g l: each product is one variable."""
     exponents: dict[str, int] = {}
     where: dict[str, set[int]] = {}
-    for number, term in enumerate(_all_terms(certificate)):
+    rows = (*certificate.drift, *(terms for row in (*certificate.g1, *certificate.g2) for terms in row))
+    for number, term in enumerate(term for terms in rows for term in terms):
         for name, power in term.parameters:
             if power:
                 exponents[name] = power
@@ -219,18 +223,9 @@ def parameter_groups(certificate: Certificate) -> list[dict[str, int]]:
     return list(groups.values())
 
 
-def _all_terms(certificate: Certificate) -> Iterable[Term]:
-    for row in certificate.drift:
-        yield from row
-    for rows in (certificate.g1, certificate.g2):
-        for row in rows:
-            for entry in row:
-                yield from entry
-
-
 @dataclass(frozen=True, eq=False)
 class _Products:
-    """Q_q = (an entry of V_x) · (a form) · (a quotient S_j or 1), with the columns of C, (vertices, products)."""
+    """The products Q_q = (an entry of V_x) · (a form) · (a quotient S_j or 1), and C (vertices, products)."""
 
     changes: np.ndarray
     first: np.ndarray
@@ -253,12 +248,11 @@ class BoxExcess:
     """
 
     def __init__(self, certificate: Certificate, reach: float) -> None:
-        algebra = _Forms(certificate)
-        self.n = algebra.n
-        changes = _Changes(certificate, algebra)
+        changes = _Changes(certificate)
+        self.n = changes.n
         self._products = changes.products()
-        self._mean = MeanForms(self.n, algebra.found)
-        lines = [[nearest_double(a) for a in algebra.linear(f.slope)] for f in certificate.functions]
+        self._mean = MeanForms(self.n, changes.forms)
+        lines = [[nearest_double(a) for a in changes.form(f.slope)] for f in certificate.functions]
         self._lines = np.array(lines).reshape(-1, self.n)
         self._tables = [
             quotient_table(f, reach * float(np.abs(line).sum()) * (1.0 + _ROUNDING) + 0.25, _ORDER)
@@ -324,68 +318,22 @@ class BoxExcess:
         return values, radii
 
 
-class _Forms:
-    """The polynomials in z without constants that are to be enclosed, each once."""
+class _Changes(Algebra):
+    """How the monomials of the parameters change from the middle of the box to its vertices.
+
+    Attributes
+    ----------
+    forms : list of dict of exponents to fmpq
+        The polynomials in z without constants that are to be enclosed, each once.
+    """
 
     def __init__(self, certificate: Certificate) -> None:
-        self.certificate = certificate
-        self.n = n = len(certificate.states)
-        self.x, self.z = (fmpq_mpoly_ctx.get([f"{letter}{i}" for i in range(n)]) for letter in "xz")
-        self._state = [
-            sum((self.z.constant(rational(a)) * z for a, z in zip(row, self.z.gens())), self.z.constant(0))
-            for row in certificate.coordinates
-        ]
-        self.found: list[Rational] = []
+        super().__init__(certificate)
+        self.forms: list[Rational] = []
         self._known: dict[object, int] = {}
-        self._value = self.x.from_dict({powers: rational(v) for powers, v in certificate.value})
-        self._laws = [self.x.from_dict({powers: rational(v) for powers, v in law}) for law in certificate.law]
-
-    def moved(self, polynomial: fmpq_mpoly) -> Rational:
-        """A polynomial in x in coordinates z."""
-        return terms_of(polynomial.compose(*self._state, ctx=self.z))
-
-    def linear(self, slope: Iterable[float]) -> list[fmpq]:
-        """ℓᵀx as a linear form of z."""
-        line = self.x.from_dict(
-            {tuple(int(i == j) for j in range(self.n)): rational(a) for i, a in enumerate(slope) if a}
-        )
-        terms = self.moved(line)
-        return [terms.get(tuple(int(i == j) for j in range(self.n)), fmpq(0)) for i in range(self.n)]
-
-    def form(self, key: object, polynomial: Callable[[], fmpq_mpoly]) -> int:
-        """Its number among those that are enclosed."""
-        if key not in self._known:
-            self._known[key] = len(self.found)
-            self.found.append(self.moved(polynomial()))
-        return self._known[key]
-
-    def slope(self, i: int) -> int:
-        """∂V/∂x_i."""
-        return self.form(("slope", i), lambda: self._value.derivative(i))
-
-    def law(self, j: int) -> int:
-        """k_j."""
-        return self.form(("law", j), lambda: self._laws[j])
-
-    def part(self, powers: tuple[int, ...], function: int | None) -> int:
-        """x^a, or x^a ℓ where a function multiplies it by S(ℓ)."""
-        monomial = self.x.from_dict({powers: fmpq(1)})
-        if function is None:
-            return self.form((powers, None), lambda: monomial)
-        slope = self.certificate.functions[function].slope
-        line = self.x.from_dict(
-            {tuple(int(i == j) for j in range(self.n)): rational(a) for i, a in enumerate(slope) if a}
-        )
-        return self.form((powers, function), lambda: monomial * line)
-
-
-class _Changes:
-    """How the monomials of the parameters change from the middle of the box to its vertices."""
-
-    def __init__(self, certificate: Certificate, forms: _Forms) -> None:
-        self.certificate, self.forms = certificate, forms
+        self._value, self._laws = self.in_x(certificate.value), [*map(self.in_x, certificate.law)]
         ranges = {p.name: (rational(p.low), rational(p.high)) for p in certificate.parameters}
-        middle = {p.name: rational(p.middle) for p in certificate.parameters}
+        middle = self.parameters
         groups = parameter_groups(certificate)
         if 2 ** len(groups) > _MOST_VERTICES:
             raise InvalidInput(
@@ -396,7 +344,7 @@ class _Changes:
         self._group = {
             name: (k, name == next(iter(group))) for k, group in enumerate(groups) for name in group
         }
-        self._values, self._middle, self._constant = [], [], middle
+        self._values, self._middle = [], []
         for group in groups:
             ends = [[ranges[name][side] ** power for side in (0, 1)] for name, power in group.items()]
             every = [prod(chosen, start=fmpq(1)) for chosen in itertools.product(*ends)]
@@ -405,19 +353,36 @@ class _Changes:
         self._corners = list(itertools.product((0, 1), repeat=len(groups)))
 
     def value(self, term: Term) -> tuple[list[fmpq], fmpq]:
-        """coefficient · Π p^e of a term at all vertices and at the middle."""
+        """Values of coefficient · Π p^e of a term at all vertices and at the middle."""
         constant, used = rational(term.coefficient), []
         for name, power in term.parameters:
             if name in self._group:
                 k, first = self._group[name]
                 used += [k] if first else []
             else:
-                constant *= self._constant[name] ** power
+                constant *= self.parameters[name] ** power
         ends = [constant * prod((self._values[k][c[k]] for k in used), start=fmpq(1)) for c in self._corners]
         return ends, constant * prod((self._middle[k] for k in used), start=fmpq(1))
 
+    def _number(self, key: object, polynomial: fmpq_mpoly) -> int:
+        """The place of a polynomial among those that are enclosed."""
+        if key not in self._known:
+            self._known[key] = len(self.forms)
+            self.forms.append(terms_of(self.moved(polynomial)))
+        return self._known[key]
+
+    def _slope(self, i: int) -> int:
+        return self._number(("slope", i), self._value.derivative(i))
+
+    def _part(self, term: Term) -> int:
+        """x^a, or x^a ℓ where a function multiplies it by S(ℓ)."""
+        part = self.x.from_dict({term.powers: fmpq(1)})
+        if term.function is not None:
+            part *= self.line(self.certificate.functions[term.function].slope)
+        return self._number((term.powers, term.function), part)
+
     def products(self) -> _Products:
-        """Of V_x (f + g2 k) and of ½ |g1ᵀV_xᵀ|²/γ²."""
+        """Changes of V_x (f + g2 k) and of ½ |g1ᵀV_xᵀ|²/γ² at all vertices."""
         found: dict[tuple[int, int, int], list[fmpq]] = {}
 
         def add(key: tuple[int, int, int], changes: list[fmpq]) -> None:
@@ -430,36 +395,32 @@ class _Changes:
                 ends, middle = self.value(term)
                 if any(end != middle for end in ends):
                     number = -1 if term.function is None else term.function
-                    key = self.forms.slope(i), self.forms.part(term.powers, term.function), number
-                    add(key, [end - middle for end in ends])
+                    add((self._slope(i), self._part(term), number), [end - middle for end in ends])
         for i, row in enumerate(self.certificate.g2):
             for j, entry in enumerate(row):
                 for term in entry:
                     ends, middle = self.value(term)
                     if any(end != middle for end in ends):
                         self.refuse_powers(term)
-                        add((self.forms.slope(i), self.forms.law(j), -1), [end - middle for end in ends])
+                        key = self._slope(i), self._number(("law", j), self._laws[j]), -1
+                        add(key, [end - middle for end in ends])
         self.squares(add)
         keys = list(found)
         columns = [[nearest_double(c) for c in found[key]] for key in keys]
         count = len(self._corners)
         return _Products(
-            np.array(columns).reshape(-1, count).T,
-            np.array([key[0] for key in keys], dtype=int),
-            np.array([key[1] for key in keys], dtype=int),
-            np.array([key[2] for key in keys], dtype=int),
+            np.array(columns).reshape(-1, count).T, *np.array(keys, dtype=int).reshape(-1, 3).T.copy()
         )
 
     def squares(self, add: Callable[[tuple[int, int, int], list[fmpq]], None]) -> None:
-        """½ |g1ᵀV_xᵀ|²/γ², where g1 depends on parameters."""
+        """Add the changes of ½ |g1ᵀV_xᵀ|²/γ² where g1 depends on parameters."""
         factor = 1 / (2 * rational(self.certificate.gamma) ** 2)
         for column in zip(*self.certificate.g1):
             entries = [[(term, *self.value(term)) for term in entry] for entry in column]
             if all(end == middle for entry in entries for _, ends, middle in entry for end in ends):
                 continue
-            for entry in column:
-                for term in entry:
-                    self.refuse_powers(term)
+            for term in (term for entry in column for term in entry):
+                self.refuse_powers(term)
             at = [
                 [sum((ends[v] for _, ends, _ in entry), fmpq(0)) for v in range(len(self._corners))]
                 for entry in entries
@@ -469,11 +430,11 @@ class _Changes:
                 weight = factor * (1 if i == l else 2)
                 changes = [weight * (a * b - middles[i] * middles[l]) for a, b in zip(at[i], at[l])]
                 if any(changes):
-                    add((self.forms.slope(i), self.forms.slope(l), -1), changes)
+                    add((self._slope(i), self._slope(l), -1), changes)
 
     @staticmethod
     def refuse_powers(term: Term) -> None:
-        """Refuse an entry of g1 or g2 that depends on the state, where parameters meet it."""
+        """Raise where an entry of g1 or g2 depends both on the state and on an uncertain parameter."""
         if any(term.powers):
             raise InvalidInput(
                 "The box of parameters cannot be searched for this plant.",

@@ -30,7 +30,7 @@ import numpy as np
 from flexhinf.certify.box import parameter_groups
 from flexhinf.certify.certificate import Certificate
 from flexhinf.certify.claim import Function, Polynomial, Term
-from flexhinf.certify.starts import elementary
+from flexhinf.certify.starts import bracket, term_weight
 
 _RAYS, _SHARES = 1500, (1e-3, 0.15, 0.3, 0.45, 0.6, 0.75, 0.9, 1.0)
 _ROUNDS, _KEPT, _TRIES = 8, 40, 12  # of the local search: each round halves its steps
@@ -42,7 +42,7 @@ _SCALES = np.geomspace(
 
 @dataclass(frozen=True)
 class SampledGain:
-    """γ (inf where no s does), and s."""
+    """The smallest γ (inf where no s has one) and its s."""
 
     gamma: float
     scale: float
@@ -96,7 +96,7 @@ def _gamma(found: np.ndarray, scale: float) -> np.ndarray:
 def _points(
     value: Callable[[np.ndarray], np.ndarray], root: np.ndarray, level: float, rng: np.random.Generator
 ) -> np.ndarray:
-    """Points on random rays, up to where V first passes the level, or to four times where its quadratic part does."""
+    """Points on random rays, each ray up to where V passes the level, at most to four times where ½ xᵀPx does."""
     n = len(root)
     rays = rng.standard_normal((_RAYS, n))
     rays = rays / np.linalg.norm(rays, axis=1, keepdims=True) @ root.T * np.sqrt(2.0 * level)
@@ -128,9 +128,8 @@ def quadratic_part(value: Polynomial, n: int) -> np.ndarray:
 
 
 def box_vertices(statement: Certificate) -> list[dict[str, float]]:
-    """Values of all parameters at the corners of the box of their groups: what always stands as one product is one."""
+    """Values of all parameters at the vertices of the box; parameters that occur as one product only are one axis."""
     ranges = {p.name: (p.low, p.high) for p in statement.parameters}
-    middle = {p.name: p.middle for p in statement.parameters}
     ends = []
     for group in parameter_groups(statement):
         every = itertools.product(*([{name: end} for end in ranges[name]] for name in group))
@@ -138,13 +137,9 @@ def box_vertices(statement: Certificate) -> list[dict[str, float]]:
         size = [np.prod([part[name] ** power for name, power in group.items()]) for part in merged]
         ends.append([merged[int(np.argmin(size))], merged[int(np.argmax(size))]])
     return [
-        middle | {k: v for part in corner for k, v in part.items()} for corner in itertools.product(*ends)
+        statement.middle | {k: v for part in corner for k, v in part.items()}
+        for corner in itertools.product(*ends)
     ]
-
-
-def term_weight(term: Term, vertex: dict[str, float]) -> float:
-    """The coefficient of a term for values of the parameters."""
-    return float(term.coefficient * np.prod([vertex[name] ** power for name, power in term.parameters]))
 
 
 class _Fields:
@@ -191,8 +186,7 @@ class _Fields:
         if term.function is None:
             return result
         function = self.statement.functions[term.function]
-        o, phi = function.offset + function.pi_halves * np.pi / 2, getattr(np, function.name)
-        return result * (phi(o + x @ np.array(function.slope)) - phi(o))
+        return result * bracket(function, x @ np.array(function.slope))
 
 
 def _polynomial(polynomial: Polynomial, x: np.ndarray) -> np.ndarray:
@@ -271,7 +265,7 @@ def common_value(statement: Certificate) -> CommonValue | None:
 
 
 def _vertices(statement: Certificate) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """A_v with the law (V, n, n), B_v (V, n, w), and Q (n, n)."""
+    """Matrices A_v with the law (V, n, n), B_v (V, n, w), and Q (n, n)."""
     n, r2 = len(statement.states), np.array(statement.r2)
     gain, h = linear_part(statement.law, n), linear_part(statement.penalty, n)
     ends = [_slopes(function) for function in statement.functions]
@@ -297,11 +291,10 @@ def _vertices(statement: Certificate) -> tuple[np.ndarray, np.ndarray, np.ndarra
 
 def _slopes(function: Function) -> tuple[float, float]:
     """The least and largest [φ(o + s) − φ(o)]/s."""
-    phi, o = elementary(function.name), function.offset + function.pi_halves * np.pi / 2
     s = np.linspace(-_FAR, _FAR, _SLOPES)
     s = s[s != 0.0]
     with np.errstate(all="ignore"):
-        values = (phi(o + s) - phi(o)) / s
+        values = bracket(function, s) / s
     values = values[np.isfinite(values)]
     return float(values.min()), float(values.max())
 

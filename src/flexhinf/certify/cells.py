@@ -224,7 +224,7 @@ class CellBounds:
         self.table = np.ascontiguousarray(np.stack(parts)[which, :, place].T)
 
     def _checked(self) -> None:
-        """Refuse sizes at which doubles could overflow or underflow unnoticed."""
+        """Raise where doubles could overflow or underflow unnoticed."""
         highest = max(self.shape.whole.degrees[-1], self.shape.value.degrees[-1])
         rows = max((np.nanmax(np.abs(table.rows), initial=1.0) for table in self.tables), default=1.0)
         scale = max(self.reach, 1.0) ** highest * rows
@@ -240,7 +240,7 @@ class CellBounds:
 
     @property
     def roundings(self) -> int:
-        """K: the most roundings that a term passes on its way into a bound."""
+        """K, an upper bound of the rounded operations through which a term passes on its way into a bound."""
         shape = self.shape
         highest = max(shape.whole.degrees[-1], shape.value.degrees[-1])
         monomials = len(monomials_of(shape.directions, highest))
@@ -346,7 +346,7 @@ class CellBounds:
         return (self._coefficients * np.prod(points[:, None, :] ** self._exponents, axis=2)).sum(1)
 
     def growth_allowance(self, cells: Cells) -> np.ndarray:
-        """What rounding may do to ∂V/∂ρ /ρ on cells (N,)."""
+        """The largest error that rounding can make in ∂V/∂ρ /ρ on cells (N,)."""
         return self._rows(cells)[:, self.shape.input_rows["growth_rounding"]]
 
     def radii(self, fraction: np.ndarray) -> np.ndarray:
@@ -398,7 +398,7 @@ class CellBounds:
     def _range(
         self, cells: Cells, form: np.ndarray, inner: np.ndarray, outer: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """An interval that ℓ stays in on each cell."""
+        """An interval of ℓ on each cell."""
         slope = np.stack([np.delete(form, variable) for variable, _ in self.faces])
         main = np.array([sign * form[variable] for variable, sign in self.faces])
         at = main[cells.face] + (slope[cells.face] * cells.t).sum(1)
@@ -423,7 +423,7 @@ class OutOfTime(Exception):
 
 
 def time_limit(seconds: float) -> Progress:
-    """A progress that raises `OutOfTime` once this thread has computed for so many seconds from now on."""
+    """A progress callback that raises `OutOfTime` when this thread has used so many more seconds of CPU."""
     end = time.thread_time() + seconds
 
     def watch(cells: int, share: float) -> None:
@@ -475,7 +475,7 @@ def search(
     whole = faces * 2.0**d
     with ThreadPoolExecutor(threads) if threads > 1 else nullcontext() as pool:
         while stack:
-            cells = _taken(stack)
+            cells = _next_batch(stack)
             if done + len(cells) > most_cells:
                 return Outcome(False, "too many cells", None, float("nan"), float("nan"), done)
             found = bounds.bound(cells, level, pool)
@@ -505,7 +505,7 @@ def search(
     return Outcome(True, "proved", None, level, float("nan"), done)
 
 
-def _taken(stack: list[Cells]) -> Cells:
+def _next_batch(stack: list[Cells]) -> Cells:
     """The cells that were put on the stack last, at most `_TOGETHER`."""
     parts, count = [], 0
     while stack and count < _TOGETHER:
@@ -520,7 +520,7 @@ def _taken(stack: list[Cells]) -> Cells:
 
 
 def _following(cells: Cells) -> Cells:
-    """The next cells of the bundles, outwards."""
+    """The intervals of ρ that follow accepted cells outwards."""
     length = cells.outer - cells.inner
     return replace(cells, inner=cells.outer, outer=np.minimum(cells.outer + _GROWTH * length, 1.0))
 
@@ -546,7 +546,7 @@ def _disproved(bounds: CellBounds, cells: Cells, found: Bounds, level: float) ->
 
 
 def _halves(bounds: CellBounds, cells: Cells, found: Bounds, level: float) -> tuple[Outcome | None, Cells]:
-    """Both halves of every cell; of cells halved in radius the inner one, the outer one follows it when accepted."""
+    """Both halves of every cell. Of a cell cut in ρ only the inner half: the outer one follows when it is accepted."""
     length, d = cells.outer - cells.inner, bounds.n - 1
     score = np.where(found.score >= 0, found.score, 0.0)
     vague = ~np.isfinite(found.allowance) | ~(score.sum(1) > 0)

@@ -63,7 +63,7 @@ class Certificate(Summarised, Claim):
 
     @property
     def stated(self) -> Verification:
-        """What the theorem says besides its hypotheses, for a certificate that the search has just proved."""
+        """The parts of the theorem that depend on the law, for a certificate just proved: no checker is run."""
         return Verification(True, gradient_law=self.is_gradient_law, peaks=proved_peaks(self))
 
     def definite_corners(self) -> int:
@@ -71,11 +71,11 @@ class Certificate(Summarised, Claim):
         return definite_corners(self, residual(self))
 
     def with_proved_starts(self) -> Certificate:
-        """The same with those starts alone that ball arithmetic shows to lie in {V ≤ level}."""
+        """This certificate without the starts for which ball arithmetic does not show V ≤ level."""
         return replace(self, starts=tuple(start for start in self.starts if _inside(self, start)))
 
     def why_no_observer(self) -> str:
-        """Why the stated observer does not pay for its errors; empty where it does, or none is stated."""
+        """The reason for which the stated observer is refused; empty where it is proved, or none is stated."""
         try:
             if self.observer is not None:
                 check_observer(self, self.observer, True)

@@ -101,7 +101,7 @@ class Parameter:
 
     @property
     def middle(self) -> float:
-        """Of the range, as a double."""
+        """Middle of the range, as a double."""
         return 0.5 * (self.low + self.high)
 
 
@@ -243,13 +243,16 @@ class Observer:
         require(e > 0 and p > 0, "an observer that measures and estimates something", f"{p} and {e}")
         shapes = {"measured": (p, n), "gain": (e, p), "weight": (e, e), "storage": (e, e)}
         for name, (rows, columns) in shapes.items():
-            matrix = getattr(self, name)
-            fits = len(matrix) == rows and all(len(row) == columns for row in matrix)
-            require(fits, f"{rows} rows of {columns} in the observer's {name}", f"{len(matrix)} rows")
+            lengths = [len(row) for row in getattr(self, name)]
+            require(
+                lengths == [columns] * rows,
+                f"{rows} rows of {columns} in the observer's {name}",
+                f"{lengths}",
+            )
 
 
 def check_named(what: str, name: str, unit: str) -> None:
-    """Refuse a name of several words and a unit that is a text: both stand among what is proved, as part of it."""
+    """Raise for a name of several words or a unit that is prose: both are printed among what is proved."""
     checked_name(f"a {what} of the certificate", name, without=",=", longest=2 * LONGEST_NAME)
     require(
         _UNIT.fullmatch(unit) is not None,
@@ -259,8 +262,7 @@ def check_named(what: str, name: str, unit: str) -> None:
 
 
 def check_line(what: str, text: str) -> None:
-    """Refuse a text that is no single short line: the theorem is printed line by line, and none of them may look like
-    another part of it."""
+    """Raise unless a text is one short line. The theorem is printed line by line; none may imitate another part."""
     checked_text(what, text)
     require(
         "\n" not in text and len(text) <= _LONGEST_LINE, f"one short line as {what}", value_text(text, 60)
@@ -268,7 +270,7 @@ def check_line(what: str, text: str) -> None:
 
 
 def require(holds: bool, expected: str, got: str) -> None:
-    """Refuse a certificate for which this does not hold, as an `InvalidInput`."""
+    """Raise `InvalidInput` where a certificate does not fit together."""
     if not holds:
         raise InvalidInput(
             "The certificate does not fit together.", f"expected {expected}, got {got}", "all its parts"
@@ -300,7 +302,7 @@ def check_slopes(functions: tuple[Function, ...], n: int) -> None:
 
 
 def check_parameters(parameters: tuple[Parameter, ...], terms: list[Term]) -> None:
-    """Refuse what is not affine in a power of each parameter, and a box in which that power is not monotone."""
+    """Raise where a parameter has two exponents, or may be 0 under an exponent other than 1."""
     exponents: dict[str, set[int]] = {}
     for name, exponent in (pair for term in terms for pair in term.parameters):
         exponents.setdefault(name, set()).add(exponent)
@@ -419,19 +421,12 @@ class Claim:
             require(low <= high, "shifts with low ≤ high", f"{low!r}, {high!r}")
 
     def _check_shapes(self, n: int, m: int, w: int) -> None:
-        shapes = {
-            "drift": (n, [0], [0]),
-            "g1": (n, [w], [len(row) for row in self.g1]),
-            "g2": (n, [m], [len(row) for row in self.g2]),
-            "coordinates": (n, [n], [len(row) for row in self.coordinates]),
-            "r2": (m, [m], [len(row) for row in self.r2]),
-            "law": (m, [0], [0]),
-            "shift": (n if self.shift else 0, [0], [0]),
-        }
-        for name, (rows, columns, got) in shapes.items():
+        for name, rows in (("drift", n), ("law", m), ("shift", n if self.shift else 0)):
             length = len(getattr(self, name))
-            fits = length == rows and all(entry in columns for entry in got)
-            require(fits, f"{rows} rows of {columns[0] or 'one'} in {name}", f"{length} rows of {got}")
+            require(length == rows, f"{rows} rows of {name}", f"{length}")
+        for name, rows, columns in (("g1", n, w), ("g2", n, m), ("coordinates", n, n), ("r2", m, m)):
+            lengths = [len(row) for row in getattr(self, name)]
+            require(lengths == [columns] * rows, f"{rows} rows of {columns} in {name}", f"rows of {lengths}")
         for start in self.starts:
             require(len(start.path) == n, f"starts with {n} states", f"{len(start.path)}")
 
@@ -460,12 +455,17 @@ class Claim:
 
     @property
     def degree(self) -> int:
-        """Of V."""
+        """Degree of V."""
         return max(sum(powers) for powers, _ in self.value)
 
     @property
+    def middle(self) -> dict[str, float]:
+        """The middle of each parameter's range, by name."""
+        return {parameter.name: parameter.middle for parameter in self.parameters}
+
+    @property
     def start_level(self) -> float:
-        """Level of V that starts may have: what the errors of the estimates may take is kept."""
+        """The level of V that starts must not exceed; with an observer, its errors take the rest."""
         return self.level if self.observer is None else self.level - self.observer.energy
 
     @property

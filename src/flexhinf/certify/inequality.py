@@ -82,41 +82,52 @@ class Inequality:
 
 def inequality_of(certificate: Certificate) -> Inequality:
     """V and r of a certificate, every parameter in the middle of its range."""
-    return _Algebra(certificate).inequality()
+    return Algebra(certificate).inequality()
 
 
 def law_slopes(certificate: Certificate) -> list[list[Rational]]:
     """∂k_i/∂x_j as polynomials in z, a row for each input and a column for each state."""
-    algebra = _Algebra(certificate)
-    laws = [
-        algebra.x.from_dict({powers: rational(value) for powers, value in law}) for law in certificate.law
-    ]
-    return [[terms_of(algebra._moved(terms_of(law.derivative(j)))) for j in range(algebra.n)] for law in laws]
+    algebra = Algebra(certificate)
+    laws = map(algebra.in_x, certificate.law)
+    return [[terms_of(algebra.moved(law.derivative(j))) for j in range(algebra.n)] for law in laws]
 
 
-class _Algebra:
-    """Polynomials in z for the parts of one certificate."""
+class Algebra:
+    """Polynomials in x and in z for the parts of one certificate."""
 
     def __init__(self, certificate: Certificate) -> None:
         self.certificate = certificate
         self.n = n = len(certificate.states)
         self.x, self.z = (fmpq_mpoly_ctx.get([f"{letter}{i}" for i in range(n)]) for letter in "xz")
-        self.zero = self.z.constant(0)
-        self.state = [self._linear(row) for row in certificate.coordinates]
+        self.zero, z = self.z.constant(0), self.z.gens()
+        self._state = [
+            sum((self.z.constant(rational(a)) * one for a, one in zip(row, z)), self.zero)
+            for row in certificate.coordinates
+        ]
         self.parameters = {parameter.name: rational(parameter.middle) for parameter in certificate.parameters}
 
-    def _linear(self, row: Iterable[float]) -> fmpq_mpoly:
-        return sum((self.z.constant(rational(a)) * z for a, z in zip(row, self.z.gens())), self.zero)
+    def in_x(self, polynomial: Polynomial) -> fmpq_mpoly:
+        """A polynomial of the certificate, exactly."""
+        return self.x.from_dict({powers: rational(value) for powers, value in polynomial})
 
-    def _moved(self, terms: Rational) -> fmpq_mpoly:
+    def moved(self, polynomial: fmpq_mpoly) -> fmpq_mpoly:
         """A polynomial in x in coordinates z."""
-        return self.x.from_dict(terms).compose(*self.state, ctx=self.z)
+        return polynomial.compose(*self._state, ctx=self.z)
 
-    def _polynomial(self, polynomial: Polynomial) -> fmpq_mpoly:
-        return self._moved({powers: rational(value) for powers, value in polynomial})
+    def line(self, slope: Sequence[float]) -> fmpq_mpoly:
+        """ℓᵀx."""
+        return self.x.from_dict({unit: rational(a) for unit, a in zip(self._units(), slope) if a})
+
+    def form(self, slope: Sequence[float]) -> tuple[fmpq, ...]:
+        """The coefficients of ℓᵀx as a linear form of z."""
+        terms = terms_of(self.moved(self.line(slope)))
+        return tuple(terms.get(unit, fmpq(0)) for unit in self._units())
+
+    def _units(self) -> list[tuple[int, ...]]:
+        return [tuple(int(j == i) for j in range(self.n)) for i in range(self.n)]
 
     def _terms(self, row: Iterable[Term]) -> fmpq_mpoly:
-        """Terms of a field, all with the same function or none, without it."""
+        """Terms of a field, all with the same function or none, without it, in z."""
         total: Rational = {}
         for term in row:
             factor = prod(
@@ -124,22 +135,21 @@ class _Algebra:
                 start=rational(term.coefficient),
             )
             total[term.powers] = total.get(term.powers, fmpq(0)) + factor
-        return self._moved(total)
+        return self.moved(self.x.from_dict(total))
 
     def inequality(self) -> Inequality:
         """V and r."""
         given = self.certificate
-        in_x = self.x.from_dict({powers: rational(value) for powers, value in given.value})
-        slope = [self._moved(terms_of(in_x.derivative(i))) for i in range(self.n)]
-        value = self._polynomial(given.value)
-        law = [self._polynomial(row) for row in given.law]
+        in_x = self.in_x(given.value)
+        slope, value = [self.moved(in_x.derivative(i)) for i in range(self.n)], self.moved(in_x)
+        law = [self.moved(self.in_x(row)) for row in given.law]
         g2, g1 = ([[self._terms(entry) for entry in row] for row in rows] for rows in (given.g2, given.g1))
         total = self.z.constant(rational(given.decay)) * value
         for i, row in enumerate(given.drift):
             total += slope[i] * self._terms(term for term in row if term.function is None)
             total += slope[i] * sum((a * b for a, b in zip(g2[i], law)), self.zero)
         for row in given.penalty:
-            h = self._polynomial(row)
+            h = self.moved(self.in_x(row))
             total += h * h / 2
         for i, row in enumerate(given.r2):
             for j, price in enumerate(row):
@@ -152,20 +162,12 @@ class _Algebra:
 
     def _quotients(self, slope: list[fmpq_mpoly]) -> Iterable[Quotient]:
         for index, function in enumerate(self.certificate.functions):
-            line = self._moved(
-                {
-                    tuple(int(j == i) for j in range(self.n)): rational(a)
-                    for i, a in enumerate(function.slope)
-                    if a
-                }
-            )
             factor = self.zero
             for i, row in enumerate(self.certificate.drift):
                 factor += slope[i] * self._terms(term for term in row if term.function == index)
-            terms = terms_of(line)
-            form = tuple(terms.get(tuple(int(j == i) for j in range(self.n)), fmpq(0)) for i in range(self.n))
             if factor:
-                yield Quotient(terms_of(factor * line), form, function)
+                line = self.moved(self.line(function.slope))
+                yield Quotient(terms_of(factor * line), self.form(function.slope), function)
 
 
 def parity(function: Function) -> int:
@@ -194,7 +196,7 @@ def is_symmetric(inequality: Inequality) -> bool:
 
 
 def by_parity(terms: Rational, even: bool) -> tuple[Rational, Rational]:
-    """The terms of even (or odd) degree, and the others."""
+    """The terms of even (or odd) degree, and all others."""
     kept = {key: value for key, value in terms.items() if (sum(key) % 2 == 0) == even}
     return kept, {key: value for key, value in terms.items() if key not in kept}
 
@@ -278,7 +280,7 @@ class QuotientTable:
 
 
 def _beyond(table: np.ndarray, reach: np.ndarray) -> np.ndarray:
-    """The bound out to `reach` on one side; the first piece for a reach of the other sign."""
+    """Bounds of the derivative out to `reach` on one side of 0; the first one where `reach` is on the other side."""
     place = np.maximum(np.ceil(reach / _PIECE).astype(np.int64) - 1, 0)
     return np.where(place < len(table), table[np.minimum(place, len(table) - 1)], np.inf)
 
@@ -373,7 +375,7 @@ class MeanForms:
         self._tables = [self._face(polynomials, f, s) for f in range(n) for s in (1, -1)]
 
     def _parents(self) -> list[tuple[slice, np.ndarray, np.ndarray]]:
-        """Of all monomials of each degree after the first: one of a degree less, and the variable between them."""
+        """For each degree the monomials, one monomial of a degree less for each, and the variable between the two."""
         total = self.rows.sum(1)
         levels = []
         for degree in range(1, int(total.max()) + 1):

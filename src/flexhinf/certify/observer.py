@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 
 from flexhinf.certify.certificate import Certificate
-from flexhinf.certify.claim import Observer, Terms
+from flexhinf.certify.claim import Observer
 from flexhinf.certify.inequality import Rational, law_slopes
 from flexhinf.certify.problem_to_claim import matrix_rows, nearest_double
-from flexhinf.certify.starts import starts_of
+from flexhinf.certify.starts import starts_of, term_weight
 from flexhinf.errors import InvalidInput, NumericalFailure
 from flexhinf.hinf.value_function import ValueFunction
 from flexhinf.plant.plant import GeneralisedPlant
@@ -26,11 +26,11 @@ _HALVINGS = 60
 
 
 def error_axes(observer: Observer) -> np.ndarray:
-    """(n_e,): the largest initial error in one state alone without disturbances, ½ X_ii e_i² = ε."""
+    """Largest initial error in each single state without disturbances (n_e,): ½ X_ii e_i² = ε."""
     return np.sqrt(2.0 * observer.energy / np.diag(np.array(observer.storage)))
 
 
-def observed(
+def with_observer(
     solution: ValueFunction, certificate: Certificate, bandwidth: float, *, share: float = 0.1
 ) -> Certificate:
     """The certificate with an observer of the plant's states, and the starts that are left inside.
@@ -60,24 +60,25 @@ def observed(
     names = solution.state_names
     sensors = np.zeros((len(problem.plant.outputs), len(names)))
     sensors[:, :size] = problem.plant.linearise(problem.operating_point[:size])[3]
-    numbers = {p.name: p.middle for p in certificate.parameters}
+    numbers = certificate.middle
     linear = np.zeros((size, size))
     for i, terms in enumerate(certificate.drift[:size]):
         for term in terms:
             if term.function is None and sum(term.powers) == 1 and term.powers.index(1) < size:
-                linear[i, term.powers.index(1)] += _value((term,), numbers)
-    noise = np.array([[_value(entry, numbers) for entry in row] for row in certificate.g1[:size]])
+                linear[i, term.powers.index(1)] += term_weight(term, numbers)
+    channels = certificate.g1[:size]
+    noise = np.array([[sum(term_weight(t, numbers) for t in entry) for entry in row] for row in channels])
     transform = np.array(certificate.coordinates)
     spread = (transform @ transform.T)[:size, :size]
-    shown = sensors[:, :size]
-    price = np.diag(np.diag(shown @ spread @ shown.T)) / bandwidth
+    seen = sensors[:, :size]
+    price = np.diag(np.diag(seen @ spread @ seen.T)) / bandwidth
     covariance = solve_continuous_are(
-        (linear + bandwidth * np.eye(size)).T, shown.T, bandwidth * spread, price
+        (linear + bandwidth * np.eye(size)).T, seen.T, bandwidth * spread, price
     )
-    gain = covariance @ shown.T @ np.linalg.inv(price)
-    closed = linear - gain @ shown
+    gain = covariance @ seen.T @ np.linalg.inv(price)
+    closed = linear - gain @ seen
     energy = share * certificate.level
-    weight, storage, gain_error = _paid(certificate, closed, noise, energy)
+    weight, storage, gain_error = _error_energy(certificate, closed, noise, energy)
     measured, gains, weights, storages = map(matrix_rows, (sensors, gain, weight, storage))
     observer = Observer(measured, names[size:], gains, weights, storages, gain_error, energy)
     claimed = replace(certificate, feedback="output injection observer", observer=observer)
@@ -87,7 +88,7 @@ def observed(
 
 
 def check_bandwidth(solution: ValueFunction, bandwidth: float) -> GeneralisedPlant:
-    """The problem, whose plant's sensors the observer has.
+    """Return the problem whose sensors the observer uses.
 
     Raises
     ------
@@ -105,10 +106,10 @@ def check_bandwidth(solution: ValueFunction, bandwidth: float) -> GeneralisedPla
     )
 
 
-def _paid(
+def _error_energy(
     certificate: Certificate, closed: np.ndarray, noise: np.ndarray, energy: float
 ) -> tuple[np.ndarray, np.ndarray, float]:
-    """M, X and γ_e; the hull, M and X are repeated until the hull stays, and then hold with a margin."""
+    """M, X and γ_e for which the errors are paid. The hull depends on X and M on the hull, so they are iterated."""
     size = len(closed)
     slopes = [row[:size] for row in law_slopes(certificate)]
     backwards = np.linalg.inv(np.array(certificate.coordinates))[:, :size]
@@ -210,10 +211,3 @@ def _riccati(closed: np.ndarray, noise: np.ndarray, weight: np.ndarray, gamma: f
     x = np.linalg.solve(basis[:n, :n].T, basis[n:, :n].T)
     x = (x + x.T) / 2
     return x if np.linalg.eigvalsh(x).min() > 0 else None
-
-
-def _value(terms: Terms, numbers: dict[str, float]) -> float:
-    """Of constant terms, at these parameters."""
-    return float(
-        sum(t.coefficient * np.prod([numbers[name] ** float(e) for name, e in t.parameters]) for t in terms)
-    )

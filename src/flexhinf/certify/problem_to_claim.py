@@ -256,7 +256,7 @@ class _Reader:
         return self.context.from_dict({tuple(swapped): 1 / value})
 
     def _applied(self, name: str, argument: fmpq_mpoly) -> fmpq_mpoly:
-        """A function of a linear form of the state: a variable. Parameters in it have their nominal values."""
+        """The variable that stands for a function of a linear form of the state; parameters inside are nominal."""
         slope, sums = [0.0] * len(self.states), dict[int | None, fmpq]()
         for exponents, value in terms_of(argument).items():
             states, others = exponents[: self.edges[1]], exponents[self.edges[1] : self.edges[2]]
@@ -291,7 +291,7 @@ class _Reader:
         return [self.context.from_dict(part) for part in parts]
 
     def row(self, field: fmpq_mpoly, drift: bool = False) -> Row:
-        """A field as terms; of the drift without its constant, which the operating input balances."""
+        """The terms of a field. The drift loses its constant, which the operating input balances."""
         result: dict[Any, fmpq] = {}
         for exponents, value in terms_of(field).items():
             states, functions = exponents[: self.edges[1]], exponents[self.edges[4] :]
@@ -328,7 +328,7 @@ class _Reader:
         raise refused(f"a state times {function.name} of a state, away from where that is rational")
 
     def polynomial(self, part: fmpq_mpoly) -> tuple[tuple[tuple[int, ...], float], ...]:
-        """A penalised output: the doubles nearest to its coefficients are what is checked."""
+        """A penalised output. Its coefficients are rounded to doubles, and what is checked has these."""
         terms = terms_of(part)
         if any(any(exponents[self.edges[1] :]) for exponents in terms):
             raise refused("a penalty that is no polynomial of the state")
@@ -437,7 +437,7 @@ def matrix_rows(matrix: np.ndarray) -> tuple[tuple[float, ...], ...]:
 
 
 def _without_rounding(row: Polynomial) -> Polynomial:
-    """A row of h without what rounding left: below 1e-13 of the row's largest coefficient."""
+    """A row of h without coefficients below 1e-13 of its largest one, which are rounding."""
     largest = max((abs(value) for _, value in row), default=0.0)
     return tuple((powers, value) for powers, value in row if abs(value) > _LEFT_OVER * largest)
 
@@ -454,7 +454,7 @@ def _unit(problem: Problem | None, name: str) -> str:
 
 
 def law_polynomials(solution: ValueFunction, terms: PlantTerms) -> tuple[Polynomial, ...]:
-    """−R2⁻¹ g2ᵀ V_xᵀ in doubles: with a constant g2 the controller's own numbers, else the product's, rounded."""
+    """The law −R2⁻¹ g2ᵀ V_xᵀ in doubles: the controller's own numbers if g2 is constant, else the product, rounded."""
     n, _, m, _ = solution.expansion.size
     rows: list[dict[tuple[int, ...], float]] = [{} for _ in range(m)]
     if all(not any(term.powers) for entries in terms.g2 for row in entries for term in row):

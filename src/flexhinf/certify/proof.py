@@ -19,7 +19,7 @@ from flexhinf.certify.cells import CellBounds, Outcome, Progress, search
 from flexhinf.certify.certificate import Certificate
 from flexhinf.certify.claim import MOST_STATES
 from flexhinf.certify.inequality import Inequality, inequality_of
-from flexhinf.certify.observer import check_bandwidth, observed
+from flexhinf.certify.observer import check_bandwidth, with_observer
 from flexhinf.certify.problem_to_claim import nearest_double, statement_of
 from flexhinf.certify.starts import largest_values, robot_start, start_inside, starts_of, tabled_start
 from flexhinf.errors import InvalidInput, NumericalFailure
@@ -91,7 +91,7 @@ def certify(
     threads: int = 1,
     progress: Progress | None = None,
 ) -> Certificate:
-    """What `HJISolution.certify` does."""
+    """See `HJISolution.certify`."""
     check_states(len(solution.P))
     check_decay(decay)
     if observer is not None:
@@ -115,7 +115,7 @@ def certify(
             provenance = {"cells": str(outcome.cells), "method": method_of(outcome)}
             found = replace(found, starts=starts_of(solution, found), provenance=provenance)
             found = replace(found.with_proved_starts(), sampled_level=sampled)
-            return found if observer is None else observed(solution, found, observer)
+            return found if observer is None else with_observer(solution, found, observer)
         if level is None and outcome.value == outcome.value:
             tried = min(tried, outcome.value)
     raise NotProved.at(replace(found, level=float(tried)), outcome)
@@ -186,7 +186,7 @@ def prove(
 
 
 def wide_statement(statement: Certificate) -> Certificate | None:
-    """The statement with a cube that holds all of {V ≤ level}, for a V of degree two; None for others."""
+    """The statement with a reach that holds all of {V ≤ level}; None where V is not of degree two and definite."""
     t = np.array(statement.coordinates)
     quadratic = t.T @ quadratic_part(statement.value, len(t)) @ t  # V = ½ zᵀ(…)z
     if statement.degree != 2 or np.linalg.matrix_rank(quadratic) < len(t):

@@ -54,13 +54,12 @@ def starts_of(solution: ValueFunction, statement: Certificate) -> tuple[Start, .
         return ()
     path, functions, free = rest
     found = []
-    numbers = {parameter.name: parameter.middle for parameter in statement.parameters}
 
     def equilibrium(a: float) -> np.ndarray:
-        return path_states(path, functions, numbers, np.array([a]))[0]
+        return path_states(path, functions, statement.middle, np.array([a]))[0]
 
     for rule, place in ((SMALLEST_VALUE, settled), (UNCHANGED_INPUT, unchanged_input)):
-        rows = list(_followed(solution, statement.start_level, equilibrium, free, place))
+        rows = list(_starts_inside(solution, statement.start_level, equilibrium, free, place))
         if len(rows) > 1:
             amplitudes = tuple(a for a, _ in rows)
             table = tuple(tuple(float(x[i]) for _, x in rows) if free[i] else () for i in range(len(free)))
@@ -126,7 +125,7 @@ def _solved(
 def term_along(
     term: Term, path: Mapping[int, Terms], statement: Certificate, functions: list[Function]
 ) -> list[Term]:
-    """A term of the drift on the path: only states that are multiples of a, or zero, may stand in it."""
+    """A term of the drift on the path, in which only multiples of a may be multiplied or stand in functions."""
     factor, power = term.coefficient, 0
     for i, times in enumerate(term.powers):
         if times:
@@ -177,9 +176,15 @@ def divided(term: Term, divisor: Term) -> Term:
     )
 
 
-def elementary(name: str) -> Callable[[Any], Any]:
-    """An elementary function of the terms, in doubles."""
-    return {name: getattr(np, name) for name in ("sin", "cos", "exp", "tanh", "arctan", "log")}[name]
+def bracket(function: Function, s: np.ndarray) -> np.ndarray:
+    """φ(o + s) − φ(o) in doubles."""
+    phi, o = getattr(np, function.name), function.offset + function.pi_halves * np.pi / 2
+    return phi(o + s) - phi(o)
+
+
+def term_weight(term: Term, parameters: Mapping[str, float]) -> float:
+    """The coefficient of a term for values of the parameters."""
+    return float(term.coefficient * np.prod([parameters[name] ** power for name, power in term.parameters]))
 
 
 def path_states(
@@ -189,26 +194,17 @@ def path_states(
     amplitudes: np.ndarray,
 ) -> np.ndarray:
     """The states of a path at amplitudes (N,) for values of the parameters, in doubles, (N, n)."""
-    brackets = []
-    for function in functions:
-        o, phi = function.offset + function.pi_halves * np.pi / 2, elementary(function.name)
-        brackets.append(phi(o + function.slope[0] * amplitudes) - phi(o))
+    brackets = [bracket(function, function.slope[0] * amplitudes) for function in functions]
     states = np.zeros((len(amplitudes), len(path)))
     for column, terms in zip(states.T, path):
         for term in terms:
-            factor = term.coefficient * np.prod(
-                [parameters[name] ** power for name, power in term.parameters]
-            )
-            column += (
-                factor
-                * amplitudes ** term.powers[0]
-                * (1.0 if term.function is None else brackets[term.function])
-            )
+            factor = 1.0 if term.function is None else brackets[term.function]
+            column += term_weight(term, parameters) * amplitudes ** term.powers[0] * factor
     return states
 
 
 # The integrators ----------------------------------------------------------------------------------
-def _followed(
+def _starts_inside(
     solution: ValueFunction,
     level: float,
     rest: Callable[[float], np.ndarray],
@@ -294,14 +290,13 @@ def robot_start(statement: Certificate, side: float = -1.0) -> Start | None:
 def tabled_start(
     solution: ValueFunction, statement: Certificate, step: float, side: float = -1.0
 ) -> Start | None:
-    """The path of starts to a step, the integrator where the nominal robot's input does not jump; None without one."""
+    """The path of starts up to a step, the integrator tabled where the nominal input does not jump, or None."""
     rest = rest_path(statement, side)
     if rest is None:
         return None
     path, functions, free = rest
-    middle = {p.name: p.middle for p in statement.parameters}
     amplitudes = np.linspace(0.0, step, _KNOTS + 1)
-    states = path_states(path, functions, middle, amplitudes)
+    states = path_states(path, functions, statement.middle, amplitudes)
     for k in range(1, len(states)):
         states[k, free] = 2 * states[k - 1, free] - states[max(k - 2, 0), free] if k > 1 else 0.0
         found = unchanged_input(solution, states[k], free)
@@ -327,7 +322,7 @@ def _held_input(
 
 
 def _gathered(terms: Iterable[Term]) -> tuple[Term, ...]:
-    """Like terms as one: what cancels in exact numbers must not stay as a difference of intervals."""
+    """Terms with like ones added: as separate terms they would cancel only up to the width of intervals."""
     sums: dict[tuple[Any, ...], list[float]] = {}
     for term in terms:
         key = term.powers, tuple(sorted(term.parameters)), term.function
@@ -342,7 +337,7 @@ def _gathered(terms: Iterable[Term]) -> tuple[Term, ...]:
 
 def path_start(statement: Claim, start: Start, amplitude: float) -> np.ndarray:
     """The start (n,) of one amplitude, every parameter in the middle of its range, in doubles."""
-    return _states(start, {p.name: p.middle for p in statement.parameters}, np.array([amplitude]))[0]
+    return _states(start, statement.middle, np.array([amplitude]))[0]
 
 
 def _states(start: Start, parameters: dict[str, float], amplitudes: np.ndarray) -> np.ndarray:
@@ -359,17 +354,16 @@ def largest_values(statement: Certificate, start: Start, amplitudes: np.ndarray)
     ends = {p.name: (p.low, p.high) for p in statement.parameters if p.name in used and p.low < p.high}
     powers = np.array([powers for powers, _ in statement.value])
     coefficients = np.array([value for _, value in statement.value])
-    middle = {p.name: p.middle for p in statement.parameters}
     largest = np.full(len(amplitudes), -np.inf)
     for corner in itertools.product(*ends.values()):
-        x = _states(start, middle | dict(zip(ends, corner)), amplitudes)
+        x = _states(start, statement.middle | dict(zip(ends, corner)), amplitudes)
         value = (coefficients * np.prod(x[:, None, :] ** powers, axis=2)).sum(axis=1)
         largest = np.maximum(largest, value)
     return largest
 
 
 def start_inside(statement: Certificate, start: Start, step: float | None) -> tuple[Start, ...]:
-    """The path as far as V stays below the level at all corners: to `step`, if that is inside."""
+    """The path up to `step`, or as far as V stays below the level at all corners; empty if `step` is not inside."""
     if step is not None:
         inside = largest_values(statement, start, np.linspace(0.0, step, _POINTS)).max() < statement.level
         if inside or start.table:
@@ -426,7 +420,7 @@ def proved_steps(solution: ValueFunction, certificate: Claim) -> tuple[ProvedSte
 
 
 def longest_run(solution: ValueFunction) -> float:
-    """s: so many time constants of the slowest mode of the linear loop that a run has settled long before."""
+    """Duration in s after which a run has settled: `_TIME_CONSTANTS` of the slowest mode of the linear loop."""
     plant = solution.expansion
     b = plant.g2_parts[0][:, :, 0]
     closed = plant.f_parts[1] - b @ np.linalg.solve(plant.r2, b.T @ solution.P)

@@ -21,9 +21,9 @@ def persistent_bound(claim: Claim) -> float:
     return sqrt(2.0 * claim.decay * claim.level) / claim.gamma
 
 
-def theorem_text(claim: Claim, found: Verification, whole: bool = False) -> str:
-    """What the claim says, to be believed where `found.proved`; `whole` with V and the law in full, however long."""
-    statements = _statements(claim, found)
+def theorem_text(claim: Claim, verification: Verification, whole: bool = False) -> str:
+    """The theorem of a claim, valid if `verification.proved`. `whole`: with V and the law in full, however long."""
+    statements = _statements(claim, verification)
     fed = f" (1. to {len(statements) - 1}.) or estimates ({len(statements)}.)" if claim.observer else ""
     lines = [
         "Hypotheses",
@@ -46,11 +46,11 @@ def theorem_text(claim: Claim, found: Verification, whole: bool = False) -> str:
         "",
         f"Region S: the part of {{V <= {claim.level!r}}} that is connected to the goal; V has degree {claim.degree}.",
         "",
-        "Proved" if found.proved else "Claimed, and NOT proved: see the end",
+        "Proved" if verification.proved else "Claimed, and NOT proved: see the end",
         *(f"  {i}. {name}: {text}" for i, (name, text) in enumerate(statements, 1)),
         "",
         "Not proved",
-        *(f"  - {text}" for text in _not_proved(claim, found)),
+        *(f"  - {text}" for text in _not_proved(claim, verification)),
         "",
         AUTHOR,
         f"  - What it is about: {claim.about}",
@@ -60,7 +60,7 @@ def theorem_text(claim: Claim, found: Verification, whole: bool = False) -> str:
     return "\n".join(lines)
 
 
-def _statements(claim: Claim, found: Verification) -> list[tuple[str, str]]:
+def _statements(claim: Claim, verification: Verification) -> list[tuple[str, str]]:
     """What is claimed, each statement under the name that it has in docs/certificate.md; the first four are numbered
     there and here alike."""
     z = ", ".join([*map(_row, claim.penalty, [claim.states] * len(claim.penalty)), "R2^(1/2) u"])
@@ -74,7 +74,7 @@ def _statements(claim: Claim, found: Verification) -> list[tuple[str, str]]:
         ("Convergence", "without disturbances every trajectory from S stays in S and converges to the goal, "
          "exponentially fast."),
     ]  # fmt: skip
-    if found.gradient_law:
+    if verification.gradient_law:
         text = (
             "for u = -R2^-1 g2'V_x' + v (without v the law, but for its rounding) with any v, from x(0) in S, as long "
             f"as V(x(0)) + 1/2 gamma^2 (energy of d) + 1/2 (integral of v'R2 v) <= {level}, the state stays in S and "
@@ -89,10 +89,10 @@ def _statements(claim: Claim, found: Verification) -> list[tuple[str, str]]:
     if claim.starts:
         kept = f", with V <= {_up(claim.start_level)}" if claim.observer else ""
         statements.append(("Starts", f"all starts named above lie in S{kept}."))
-    if found.peaks:
+    if verification.peaks:
         bounds = ", ".join(
             f"|{s.name} - its value at the goal| <= {_up(peak)} {s.unit}".rstrip()
-            for s, peak in zip(claim.inputs, found.peaks, strict=True)
+            for s, peak in zip(claim.inputs, verification.peaks, strict=True)
         )
         statements.append(("Largest input", f"without disturbances, from all starts named above, {bounds}."))
     if claim.observer:
@@ -100,10 +100,10 @@ def _statements(claim: Claim, found: Verification) -> list[tuple[str, str]]:
     return statements
 
 
-def theorem_parts(claim: Claim, found: Verification) -> list[tuple[str, list[str]]]:
-    """The same in parts, each with its heading and its sentences, without indents."""
+def theorem_parts(claim: Claim, verification: Verification) -> list[tuple[str, list[str]]]:
+    """The theorem in full as pairs of a heading and its sentences."""
     parts: list[tuple[str, list[str]]] = []
-    for line in theorem_text(claim, found, whole=True).splitlines():
+    for line in theorem_text(claim, verification, whole=True).splitlines():
         text = line.strip()
         if line.startswith(" "):
             parts[-1][1].append(text.removeprefix("- "))
@@ -115,7 +115,7 @@ def theorem_parts(claim: Claim, found: Verification) -> list[tuple[str, list[str
     return parts
 
 
-def _not_proved(claim: Claim, found: Verification) -> list[str]:
+def _not_proved(claim: Claim, verification: Verification) -> list[str]:
     texts = [
         (
             "Other estimators than the stated one, noise of the measurement,"
@@ -124,7 +124,7 @@ def _not_proved(claim: Claim, found: Verification) -> list[str]:
         )
         + " sampling and hold, delay, saturation, quantisation"
         + ("" if claim.observer else " and noise")
-        + (", beyond what the budget of 4. covers." if found.gradient_law else "."),
+        + (", beyond what the budget of 4. covers." if verification.gradient_law else "."),
         "Starts outside S, and starts of the integrators by another rule than the stated ones. That x is at rest "
         "there, and where the integrators start, is as the file says: only that these x lie in S is proved."
         if claim.starts
@@ -142,7 +142,7 @@ def _not_proved(claim: Claim, found: Verification) -> list[str]:
 
 
 def _observer(claim: Claim) -> list[str]:
-    """The observer as a hypothesis."""
+    """The hypothesis about the observer; empty without one."""
     if claim.observer is None:
         return []
     known = set(claim.observer.known)
@@ -164,7 +164,7 @@ def _observer(claim: Claim) -> list[str]:
 
 
 def _with_estimates(claim: Claim, observer: Observer) -> str:
-    """What is proved of output feedback."""
+    """The statement about output feedback."""
     names = [s for s in claim.states if s.name not in observer.known]
     axes = ", ".join(
         f"{s.name} {_down(sqrt(2 * observer.energy / row[i]) * (1 - 1e-9))} {s.unit}".rstrip()
@@ -210,31 +210,32 @@ def _parameters(claim: Claim) -> list[str]:
     return lines
 
 
-def verification_text(found: Verification) -> str:
-    """How the checker ended, in a few lines."""
-    if not found.proved:
-        return f"NOT PROVED: {found.reason}"
-    if found.corners:
+def verification_text(verification: Verification) -> str:
+    """The result of the checker in a few lines."""
+    if not verification.proved:
+        return f"NOT PROVED: {verification.reason}"
+    if verification.corners:
         return (
             "PROVED again from the certificate's data alone, in exact rationals and without cells: r is a quadratic "
             "form for each value of the parameters and of the functions' quotients, negative definite at all "
-            f"{found.corners:,} corners of their box.\n{found.starts:,} intervals of starts in balls. "
-            f"{found.cpu_s:.1f} s of CPU."
+            f"{verification.corners:,} corners of their box.\n{verification.starts:,} intervals of starts in balls. "
+            f"{verification.cpu_s:.1f} s of CPU."
         )
-    again = f"{found.resampled:,} cells, drawn at random, were"
-    if found.every_cell:
-        again = f"Every one of them, and every cell at which the level set ended ({found.resampled:,} in all), was"
+    again = f"{verification.resampled:,} cells, drawn at random, were"
+    if verification.every_cell:
+        every = "Every one of them, and every cell at which the level set ended"
+        again = f"{every} ({verification.resampled:,} in all), was"
     return (
-        f"PROVED again from the certificate's data alone: {found.cells:,} cells on {found.faces} faces, "
-        f"{found.accepted:,} accepted, {found.with_level:,} of them by V <= c; rounding is allowed "
-        f"{found.rounding:.1e} in r/rho^2.\n"
+        f"PROVED again from the certificate's data alone: {verification.cells:,} cells on {verification.faces} faces, "
+        f"{verification.accepted:,} accepted, {verification.with_level:,} of them by V <= c; rounding is allowed "
+        f"{verification.rounding:.1e} in r/rho^2.\n"
         f"{again} proved a second time in rationals and balls; "
-        f"{found.starts:,} intervals of starts in balls. {found.cpu_s:.0f} s of CPU."
+        f"{verification.starts:,} intervals of starts in balls. {verification.cpu_s:.0f} s of CPU."
     )
 
 
 def _down(value: float, rounding: str = ROUND_FLOOR) -> str:
-    """Six digits, rounded down, so that what is said holds; or the shortest text of the very same double."""
+    """A number with six digits, rounded down so that the statement holds; with all of them where they are fewer."""
     exact = Decimal(repr(value))
     if len(exact.as_tuple().digits) <= _DIGITS:
         return f"{value:.{_DIGITS}g}"

@@ -1,123 +1,97 @@
-"""Arguments and options of ``flexhinf design`` and ``flexhinf compare``, made from the fields of a specification."""
+"""Arguments and options of the commands, made from their declarations, and what they say."""
 
 from __future__ import annotations
 
-import functools
 import inspect
 import math
 import warnings
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import MISSING, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from flexhinf.cli.messages import note
-from flexhinf.design.specification import BEHAVIOUR, FIELDS, NO_LIMIT, FieldInfo
+from flexhinf.cli.options import PEAKS, PointOptions
+from flexhinf.design.options import GROUPS, LIMITS, NO_LIMIT, FieldInfo, declared, option_name, refused
+from flexhinf.design.specification import FIELDS
 from flexhinf.errors import InvalidInput
 
 if TYPE_CHECKING:
     from flexhinf.design import DesignRequest
 
-Robot = Annotated[
-    str,
-    typer.Argument(
-        help="A robot file (arm.toml), a URDF, an MJCF file (arm.xml), a name that `flexhinf robots` lists, or a "
-        "design file (design.toml); options win over a design file."
-    ),
-]
-Out = Annotated[Path, typer.Option(help="Folder of the report; an earlier report there is replaced whole.")]
-Elastic = Annotated[
-    str, typer.Option(help="With a URDF or MJCF: the robot file with spring and motor of each joint.")
-]
 
-Payload = Annotated[
-    str,
-    typer.Option(
-        help="What the robot carries: 2kg, a range 0..3kg (nominal at its lower end) or 0..1..3kg; @LINK where, "
-        ":x,y,z its centre of mass there (m). Default: the file's own.",
-        metavar="<kg@link>",
-    ),
-]
+def with_options(options: type, fields: Collection[str] = ()) -> Callable[[Any], Any]:
+    """A decorator for ``command(context, o)``: its options are those of a class and of fields of a specification.
 
-PoseXyz = Annotated[
-    str,
-    typer.Option(
-        "--pose-xyz",
-        help="Goal of a point of the robot in the world, instead of --pose: 0.4,0,0.3 (m) or 400mm,0,300mm. The joints "
-        "are found for it; out of reach is refused, a pose near a singular one told.",
-        metavar="<x,y,z>",
-    ),
-]
-Tool = Annotated[
-    str,
-    typer.Option(
-        help="The point that --pose-xyz, and waypoints with columns x, y, z, are for: LINK:x,y,z, by the name of the "
-        "link's joint, in the link's frame (m). Default: the origin of the last link.",
-        metavar="<link:x,y,z>",
-    ),
-]
+    All of them are read as text; the command gets the values of the class. An empty text takes back what a design file
+    says.
 
-#: Options for the largest input, and the drive that each is for.
-PEAKS = {"peak_effort": "", "peak_voltage": "voltage", "peak_current": "current", "peak_torque": "torque"}
-PEAK_HELP = {
-    "peak_voltage": "--peak-effort of voltage-driven motors, V.",
-    "peak_current": "--peak-effort of current-driven motors, A.",
-    "peak_torque": "--peak-effort of torque-driven motors, N·m or N.",
-}
-
-
-def with_specification(*without: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """A decorator that gives a command an option for every field of a specification except those in `without`.
-
-    The command's last parameter is ``**options``. All options hold text, flags and lists of text; `request_of` reads
-    them. An empty text takes back what a design file says.
+    Parameters
+    ----------
+    options : type
+        A dataclass of `flexhinf.cli.options`. Where it declares a field of a specification again, its help is shown.
+    fields : collection of str
+        Fields of a specification that the command computes with.
     """
-    options = [one for name, field in FIELDS.items() if name not in without for one in _parameters(field)]
+    own = declared(options)
+    known = {name: FIELDS[name] for name in fields} | own
+    order = {group: k for k, group in enumerate(("", *GROUPS))}
+    shown = sorted(known.values(), key=lambda field: order[field.about.group])
+    parameters = [inspect.Parameter("context", inspect.Parameter.KEYWORD_ONLY, annotation=typer.Context)]
+    for field in shown:
+        parameters.append(_parameter(field, both=field.name not in own or field.default is True))
+        if field.name == "peak_effort":
+            parameters += [_peak(name, drive, unit) for name, (drive, unit) in PEAKS.items()]
 
-    def decorated(command: Callable[..., None]) -> Callable[..., None]:
-        own = inspect.signature(command, eval_str=True)
-        kept = [p for p in own.parameters.values() if p.kind is not inspect.Parameter.VAR_KEYWORD]
+    def decorated(command: Callable[..., None]) -> Any:
+        def run(context: typer.Context, **values: Any) -> None:
+            stated = _stated(context)
+            read = {name: _value(own[name], value) for name, value in stated.items() if name in own}
+            command(context, options(**{name: value for name, value in read.items() if value is not None}))
 
-        @functools.wraps(command, updated=())
-        def run(**values: Any) -> None:
-            command(**values)
-
-        del run.__dict__["__wrapped__"]
-        run.__annotations__ = {}
-        run.__dict__["__signature__"] = own.replace(parameters=[*kept, *options])
+        run.__name__, run.__doc__, run.__module__ = command.__name__, command.__doc__, command.__module__
+        run.__dict__.update(
+            __signature__=inspect.Signature(parameters), options=known, fields=tuple(fields), own=options
+        )
         return run
 
     return decorated
 
 
-def _parameters(field: FieldInfo) -> list[inspect.Parameter]:
+def _parameter(field: FieldInfo, both: bool) -> inspect.Parameter:
+    """The parameter of a field; of a flag with ``--no-…`` where `both` is wanted."""
     about, default = field.about, field.default
-    texts = [about.help.replace("[", r"\["), f"0: {about.zero}." if about.zero else ""]
-    texts.append(f"Default: {about.default}." if about.default else "")
-    kind: Any = bool if isinstance(default, bool) else list[str] if field.name == "via" else str
-    option = typer.Option(
-        field.option,
-        help=" ".join(text for text in texts if text),
-        rich_help_panel=about.group,
-        metavar=None if kind is bool else f"<{about.unit or 'value'}>",
-        show_default=default is not None and default != (),
+    kind: Any = (
+        bool if isinstance(default, bool) else list[str] if field.several or field.name == "via" else str
     )
-    text = ",".join(default) if isinstance(default, tuple) else "" if default is None else str(default)
-    value = default if kind is bool else [] if kind is not str else text
-    found = [_parameter(field.name, kind, option, value)]
-    if field.name == "peak_effort":
-        found += [
-            _parameter(name, str, typer.Option(help=text, rich_help_panel=BEHAVIOUR, show_default=False), "")
-            for name, text in PEAK_HELP.items()
-        ]
-    return found
+    value = (list(map(str, default)) if default else []) if kind == list[str] else default
+    if kind is str and default is not MISSING:
+        value = ",".join(default) if isinstance(default, tuple) else "" if default is None else str(default)
+    help = about.text.replace("[", r"\[")
+    if not about.group:
+        made = typer.Argument(help=help, metavar=about.unit or None, show_default=False)
+    else:
+        made = typer.Option(
+            field.option if both else field.option.partition("/")[0], help=help, rich_help_panel=about.group,
+            metavar=None if kind is bool else f"<{about.unit or 'value'}>", show_default=bool(value) or default == 0,
+        )  # fmt: skip
+    return _keyword(field.name, kind, made, inspect.Parameter.empty if value is MISSING else value)
 
 
-def _parameter(name: str, kind: Any, option: Any, default: Any) -> inspect.Parameter:
-    keyword = inspect.Parameter.KEYWORD_ONLY
-    return inspect.Parameter(name, keyword, default=default, annotation=Annotated[kind, option])
+def _peak(name: str, drive: str, unit: str) -> inspect.Parameter:
+    help = f"--peak-effort of {drive}-driven motors."
+    made = typer.Option(
+        option_name(name), help=help, rich_help_panel=LIMITS, metavar=f"<{unit}>", show_default=False
+    )
+    return _keyword(name, str, made, "")
+
+
+def _keyword(name: str, kind: Any, made: Any, default: Any) -> inspect.Parameter:
+    return inspect.Parameter(
+        name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=Annotated[kind, made]
+    )
 
 
 # Reading --------------------------------------------------------------------------------------------
@@ -135,9 +109,7 @@ class CommandRequest:
     warnings: list[str]
 
 
-def request_of(
-    context: typer.Context, source: str, elastic: str, payload: str, goal: str = "", tool: str = ""
-) -> CommandRequest:
+def request_of(context: typer.Context, o: PointOptions, source: str, elastic: str = "") -> CommandRequest:
     """Robot and specification of a command; prints notes.
 
     Raises
@@ -145,7 +117,7 @@ def request_of(
     InvalidInput
         For a file or an option that cannot be used.
     """
-    read = read_source(source, elastic, _fields(context), payload, goal, tool)
+    read = read_source(source, elastic, _fields(context), o.payload, o.pose_xyz, o.tool)
     _check_drive(context, read.request.robot)
     return read
 
@@ -164,13 +136,12 @@ def read_source(
 
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", RobotFileWarning)
-        request = with_joints(
-            read_request(meant_file(source), elastic or None, fields, payload or None), goal, tool
-        )
-    found = [str(one.message) for one in caught if issubclass(one.category, RobotFileWarning)]
-    for text in (*found, *request.notes):
+        request = read_request(meant_file(source), elastic or None, fields, payload or None)
+        request = with_joints(request, goal, tool)
+    texts = [str(one.message) for one in caught if issubclass(one.category, RobotFileWarning)]
+    for text in (*texts, *request.notes):
         note(text)
-    return CommandRequest(request, found)
+    return CommandRequest(request, texts)
 
 
 def design_file_of(source: str) -> Path | None:
@@ -183,21 +154,21 @@ def design_file_of(source: str) -> Path | None:
 
 def _fields(context: typer.Context) -> dict[str, Any]:
     """Fields of the specification by name, of the options that were given."""
-    stated = _stated(context)
-    peaks = [name for name in PEAKS if name in stated]
+    stated, taken = _stated(context), _command(context).fields
+    peaks = [name for name in ("peak_effort", *PEAKS) if name in stated]
     if len(peaks) > 1:
         raise InvalidInput(
             "The peak of the input is given twice.",
-            f"expected one of {_options(PEAKS)}, got {_options(peaks)}",
+            f"expected one of {_options(('peak_effort', *PEAKS))}, got {_options(peaks)}",
             "leave out one of them",
         )
     if peaks:
         stated["peak_effort"] = stated.pop(peaks[0])
-    return {name: _value(FIELDS[name], value) for name, value in stated.items() if name in FIELDS}
+    return {name: _text(FIELDS[name], stated[name]) for name in taken if name in stated}
 
 
-def _value(field: FieldInfo, value: Any) -> Any:
-    """The value of an option; None for an empty text and for a zero that stands for the default, infinity for one that
+def _text(field: FieldInfo, value: Any) -> Any:
+    """The text of an option; None for an empty one and for a zero that stands for the default, infinity for one that
     stands for no limit."""
     if isinstance(value, bool):
         return value
@@ -212,45 +183,63 @@ def _value(field: FieldInfo, value: Any) -> Any:
     return None if zero or not value.strip() else value
 
 
+def _value(field: FieldInfo, value: Any) -> Any:
+    """The value of an option of a command's own, in the syntax of the command line where it cannot be used."""
+    text = value if field.is_path or not field.about.group else _text(field, value)
+    try:
+        return None if text is None else field.read(text)
+    except InvalidInput as error:
+        if error.what != refused(field.name):
+            raise
+        name = option_name(field.name)
+        raise InvalidInput(f"{name} cannot be used.", error.found, f"{name} {error.advice}") from None
+
+
 def _check_drive(context: typer.Context, robot: Any) -> None:
     """Refuse volts for a robot that is driven by torques, and so on."""
-    fitting = next(name for name, drive in PEAKS.items() if drive == robot.drive)
-    for name, drive in PEAKS.items():
-        if drive and drive != robot.drive and name in _stated(context):
+    fitting = next(name for name, (drive, _) in PEAKS.items() if drive == robot.drive)
+    for name, (drive, _) in PEAKS.items():
+        if drive != robot.drive and name in _stated(context):
             raise InvalidInput(
                 f"--peak-{drive} does not fit the robot {robot.name!r}, whose motors are driven by {robot.drive}.",
-                f"expected {_options([fitting])} or --peak-effort, got --peak-{drive} {context.params[name]}",
-                f"{_options([fitting])} …",
+                f"expected {option_name(fitting)} or --peak-effort, got --peak-{drive} {context.params[name]}",
+                f"{option_name(fitting)} …",
             )
 
 
 def reproduce_command(context: typer.Context, without: Collection[str] = ()) -> list[str]:
     """The words of the command that makes the same report again; without some parameters, by name."""
-    found = context.command_path.split()
+    found, options = context.command_path.split(), _command(context).options
     stated = _stated(context)
     for parameter in context.command.params:
-        value = stated.get(str(parameter.name))
-        if value is None or parameter.name in without:
+        name = str(parameter.name)
+        value = stated.get(name)
+        if value is None or name in without:
             continue
-        if parameter.param_type_name == "argument":
-            found.append(str(value))
-        elif isinstance(value, bool):
+        values = value if isinstance(value, (list, tuple)) else [value]
+        if name in options and options[name].is_path and options[name].about.group:
+            values = [Path(one).name for one in values]
+        if isinstance(value, bool):
             found.append((parameter.opts if value else parameter.secondary_opts)[0])
+        elif parameter.param_type_name == "argument":
+            found += map(str, values)
         else:
-            for one in value if isinstance(value, (list, tuple)) else [value]:
-                found += [parameter.opts[0], one.name if isinstance(one, Path) else str(one)]
+            found += [word for one in values for word in (parameter.opts[0], str(one))]
     return found
+
+
+def _command(context: typer.Context) -> Any:
+    """The function of a command, with its `options` and `fields`."""
+    return inspect.unwrap(context.command.callback)  # type: ignore[arg-type]
 
 
 def _stated(context: typer.Context) -> dict[str, Any]:
     """What is not a default, by the name of the parameter."""
-    found = {}
-    for name, value in context.params.items():
-        source = context.get_parameter_source(name)
-        if source is not None and source.name != "DEFAULT":
-            found[name] = value
-    return found
+    sources = {name: context.get_parameter_source(name) for name in context.params}
+    return {
+        name: context.params[name] for name, source in sources.items() if source and source.name != "DEFAULT"
+    }
 
 
-def _options(parameters: Any) -> str:
-    return ", ".join(f"--{name.replace('_', '-')}" for name in parameters)
+def _options(names: Collection[str]) -> str:
+    return ", ".join(map(option_name, names))

@@ -1,6 +1,6 @@
-"""``flexhinf campaign``: many perturbed robots with the controller of one design; what was run before is kept.
+"""``flexhinf campaign``: many robots with the controller of one design, or two designs on the same robots.
 
-``--worst-case`` of ``flexhinf campaign``: what is searched, its progress, what is said of it, and its replay.
+What was run before is kept. ``--worst-case`` searches the worst robot within the tolerances.
 """
 
 from __future__ import annotations
@@ -9,22 +9,28 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 from typer.core import TyperGroup
 
-from flexhinf.cli.arguments import Elastic, design_file_of, read_source, reproduce_command
+from flexhinf.cli.arguments import design_file_of, read_source, reproduce_command, with_options
 from flexhinf.cli.messages import NOT_MET, note
+from flexhinf.cli.options import (
+    BatchOptions,
+    CompareCampaignsOptions,
+    MergeOptions,
+    ReplayOptions,
+    RunCampaignOptions,
+)
 from flexhinf.errors import InvalidInput
 
 if TYPE_CHECKING:
     from flexhinf.campaign import Campaign, FoundPlant, Journal, MergedTable, Requirement, WorstCase
     from flexhinf.campaign.driver import Executor, Report
-    from flexhinf.design import DesignCampaign
-
+    from flexhinf.design import CampaignOptions, DesignCampaign, DesignPair
 
 #: Seconds between two lines of progress where standard error is no terminal.
 EVERY = 10.0
@@ -44,113 +50,10 @@ app = typer.Typer(
     help="Run a design on thousands of robots within their tolerances, and go on after every interruption.",
 )
 
-Folder = Annotated[Path, typer.Argument(metavar="DIR", help="The folder of a campaign.")]
-Requirements = Annotated[
-    list[str],
-    typer.Option(
-        "--require",
-        metavar="<metric<=x>",
-        help="What a run must keep to count as a success; again for more. Default: it settles and keeps the limits "
-        "of the design.",
-        show_default=False,
-    ),
-]
-
 
 @app.command("run", epilog="Example: flexhinf campaign design.toml --samples 10000 --out campaign")
-def run(
-    context: typer.Context,
-    design: Annotated[
-        str,
-        typer.Argument(
-            metavar="DESIGN",
-            help="design.toml, the folder of a report, or a robot as for `flexhinf design`. The controller of a report "
-            "is taken as it was judged; without one it is designed first.",
-        ),
-    ],
-    samples: Annotated[int, typer.Option(help="How many robots.")] = 1000,
-    out: Annotated[Path, typer.Option(help="Folder of the campaign; the same command goes on there.")] = Path(
-        "flexhinf-campaign"
-    ),
-    seed: Annotated[int, typer.Option(help="Sample i depends on it and on i alone.")] = 0,
-    distribution: Annotated[
-        str,
-        typer.Option(
-            help="Within the tolerances: uniform, normal (the tolerance is 3σ), truncated-normal, corners."
-        ),
-    ] = "uniform",
-    method: Annotated[
-        str, typer.Option(help="How samples are spread: random (independent), latin-hypercube, sobol.")
-    ] = "random",
-    tolerance: Annotated[
-        list[str],
-        typer.Option(
-            metavar="<name=x>",
-            help="Another tolerance of a parameter of the robot: stiffness=15% or mass=0.9..1.2; again for more.",
-            show_default=False,
-        ),
-    ] = [],  # noqa: B006
-    payload: Annotated[
-        str,
-        typer.Option(
-            help="What the true robot carries, 0..2kg; the controller stays the design's.", show_default=False
-        ),
-    ] = "",
-    initial_error: Annotated[
-        float,
-        typer.Option(help="The robot starts up to so much beside where the estimator believes it, rad or m."),
-    ] = 0.0,
-    disturbance: Annotated[
-        float,
-        typer.Option(
-            help="A constant torque on each link of up to so much, N·m or N, from a tenth of the run on."
-        ),
-    ] = 0.0,
-    duration: Annotated[
-        float, typer.Option(help="Of a run, s. Default: that of the design.", show_default=False)
-    ] = 0.0,
-    require: Requirements = [],  # noqa: B006
-    workers: Annotated[
-        int, typer.Option(help="Processes beside this one; 0: this one alone, with two threads.")
-    ] = 0,
-    cluster: Annotated[
-        str,
-        typer.Option(
-            metavar="<tcp://…>",
-            help="Address of a scheduler of Dask's, whose workers run the batches.",
-            show_default=False,
-        ),
-    ] = "",
-    shard: Annotated[
-        str,
-        typer.Option(
-            metavar="<i/n>",
-            help="Every n-th batch only, for one of n jobs; then `merge`.",
-            show_default=False,
-        ),
-    ] = "",
-    batch: Annotated[
-        int, typer.Option(help="Samples of a file of the journal: what SIGKILL may cost.")
-    ] = 256,
-    worst_case: Annotated[
-        bool,
-        typer.Option(
-            "--worst-case",
-            help="Then search the box of tolerances for the worst robot, and say how much worse than the worst "
-            "sample it is.",
-        ),
-    ] = False,
-    metric: Annotated[
-        list[str],
-        typer.Option(
-            help="What --worst-case makes as large as it can, `gain` for the worst disturbance; again for more. "
-            "Default: all that a requirement limits, and gain.",
-            show_default=False,
-        ),
-    ] = [],  # noqa: B006
-    starts: Annotated[int, typer.Option(help="Searches of --worst-case for each metric.")] = 8,
-    elastic: Elastic = "",
-) -> None:
+@with_options(RunCampaignOptions)
+def run(context: typer.Context, o: RunCampaignOptions) -> None:
     """Run a design's step or move on many robots within their tolerances, each with its own noise.
 
     The folder is a journal: Ctrl-C, SIGKILL and a full disk lose at most the
@@ -162,35 +65,31 @@ def run(
     interrupted.
     """
     from flexhinf.campaign import Requirement, Shard, drive
-    from flexhinf.design import CampaignOptions, DesignCampaign, open_campaign
+    from flexhinf.design import DesignCampaign, open_campaign
     from flexhinf.design.campaign_gain import searches_gain
 
-    part = Shard.read(shard) if shard else Shard()
-    options = CampaignOptions(
-        samples, seed, batch, distribution, method, tuple(map(named_tolerance, tolerance)), payload or None,
-        initial_error, disturbance, duration or None,
-    )  # fmt: skip
-    request = read_source(design, elastic, {}).request
-    asked = DesignCampaign(request, options, design_file_of(design))
-    executor = chosen_executor(workers, cluster)
-    checked = [Requirement.of(text, list(asked.metrics.units)) for text in require or asked.requirements]
-    gain = worst_case and searches_gain(asked)
-    wanted = WorstSearch.of(worst_case, metric, starts, list(asked.metrics.units), checked, gain)
+    part = Shard.read(o.shard) if o.shard else Shard()
+    request = read_source(o.design, o.elastic, {}).request
+    asked = DesignCampaign(request, _campaign_options(o), design_file_of(o.design))
+    executor = chosen_executor(o.workers, o.cluster)
+    checked = [Requirement.of(text, list(asked.metrics.units)) for text in o.require or asked.requirements]
+    gain = o.worst_case and searches_gain(asked)
+    wanted = WorstSearch.of(o.worst_case, o.metric, o.starts, list(asked.metrics.units), checked, gain)
     with design_stages() as stage:
-        campaign, journal = open_campaign(asked, out, _words(context), stage)
+        campaign, journal = open_campaign(asked, o.out, _words(context), stage)
     try:
         with sample_progress(part.name) as progress:
             table = drive(campaign, journal, shard=part, executor=executor, progress=progress)
     except KeyboardInterrupt:
         done = sum(map(journal.size, journal.shards()[0]))
-        note(f"{done} of {journal.samples} samples are in {out}; the same command goes on from there.")
+        note(f"{done} of {journal.samples} samples are in {o.out}; the same command goes on from there.")
         raise
     if table is None:
         left = journal.batches - len(journal.shards()[0])
         typer.echo(
-            f"shard {shard} is done; {left} of {journal.batches} batches are still to be run elsewhere."
+            f"shard {o.shard} is done; {left} of {journal.batches} batches are still to be run elsewhere."
         )
-        typer.echo(f"then:  flexhinf campaign merge {out}")
+        typer.echo(f"then:  flexhinf campaign merge {o.out}")
         if wanted is not None:
             note("the worst case is searched when all shards are there, by the same command without --shard")
         return
@@ -213,14 +112,8 @@ def chosen_executor(workers: int, cluster: str) -> Executor | None:
 
 
 @app.command("merge")
-def merge(
-    folder: Folder,
-    others: Annotated[
-        list[Path] | None,
-        typer.Argument(metavar="[DIR…]", help="Folders with other shards of the same campaign."),
-    ] = None,
-    require: Requirements = [],  # noqa: B006
-) -> None:
+@with_options(MergeOptions)
+def merge(context: typer.Context, o: MergeOptions) -> None:
     """Write the table and the report of a campaign whose shards are done.
 
     Shards of other folders are copied into the first one. Every file is
@@ -228,10 +121,10 @@ def merge(
     """
     from flexhinf.campaign import merged
 
-    journal = _journal(folder)
-    checked = _requirements(journal, require)
+    journal = _journal(o.folder)
+    checked = _requirements(journal, o.require)
     with journal.driven():
-        for other in others or ():
+        for other in o.others:
             typer.echo(f"{journal.take(_journal(other))} batches from {other}")
         good, bad = journal.shards()
         for path, wrong in bad:
@@ -241,38 +134,25 @@ def merge(
 
 
 @app.command("replay", epilog="Example: flexhinf campaign replay campaign --sample 123")
-def replay(
-    folder: Folder,
-    sample: Annotated[int | None, typer.Option(help="Its number in the table.", show_default=False)] = None,
-    worst_case: Annotated[
-        str,
-        typer.Option(
-            metavar="<metric>",
-            help="Instead of a sample: the robot that --worst-case found for this metric.",
-            show_default=False,
-        ),
-    ] = "",
-    out: Annotated[
-        Path | None, typer.Option(help="Write all signals: run.csv or run.nc.", show_default=False)
-    ] = None,
-) -> None:
+@with_options(ReplayOptions)
+def replay(context: typer.Context, o: ReplayOptions) -> None:
     """Run one sample of a campaign again, or the worst robot, alone, and say whether the metrics are the same bits."""
     from flexhinf.campaign import replayed
     from flexhinf.design import stored_campaign
     from flexhinf.pages import replay_table
 
-    if (sample is None) == (not worst_case):
+    if (o.sample is None) == (not o.worst_case):
         raise InvalidInput(
             "One run is replayed at a time.",
-            f"expected --sample or --worst-case, got {'neither' if sample is None else 'both'}",
+            f"expected --sample or --worst-case, got {'neither' if o.sample is None else 'both'}",
             "--sample 0",
         )
-    if sample is None:
-        return _print(replay_worst(folder, worst_case, out))
-    campaign, journal = stored_campaign(folder)
-    found = replayed(campaign, journal, sample)
-    if out is not None:
-        found.run.save(out)
+    if o.sample is None:
+        return _print(replay_worst(o.folder, o.worst_case, o.out))
+    campaign, journal = stored_campaign(o.folder)
+    found = replayed(campaign, journal, o.sample)
+    if o.out is not None:
+        found.run.save(o.out)
     _print(replay_table(found))
     if not found.same:
         note(
@@ -295,6 +175,15 @@ def _journal(folder: Path) -> Journal:
             "There is no campaign.", f"expected its folder, got {folder}", "the --out of its command"
         )
     return journal
+
+
+def _campaign_options(o: BatchOptions) -> CampaignOptions:
+    """The options of a campaign without those of the command."""
+    from flexhinf.design import CampaignOptions
+
+    values: dict[str, Any] = {field.name: getattr(o, field.name) for field in fields(CampaignOptions)}
+    values["tolerances"] = tuple(map(named_tolerance, o.tolerance))
+    return CampaignOptions(**values)
 
 
 def _words(context: typer.Context) -> list[str]:
@@ -340,6 +229,80 @@ def _finish(table: MergedTable, requirements: list[Any]) -> None:
         typer.echo(f"replay: {replay_command(table.journal.folder, f'--sample {judged.worst_of_all}')}")
     if judged.failures or not kept:
         raise typer.Exit(NOT_MET)
+
+
+# Two designs --------------------------------------------------------------------------------------------------
+@app.command("compare", epilog="Example: flexhinf campaign compare linear.toml cubic.toml --samples 2000")
+@with_options(CompareCampaignsOptions)
+def compare(context: typer.Context, o: CompareCampaignsOptions) -> None:
+    """Run two designs on the same robots, and compare them pair by pair.
+
+    Both get the same numbers, noise, initial errors and disturbances; robot,
+    sensors, motors and step must be the same, and weights, preset, degree, γ and
+    estimator may differ. The folders a and b are campaigns with journals of
+    their own: the same command goes on after every interruption. index.html says
+    which design fails where the other does not, and by how much they differ.
+
+    Exit code: 0 when the report is written, whichever is better; 2 for a
+    mistake; 130 if interrupted.
+    """
+    from flexhinf.campaign import Requirement, Shard, drive
+    from flexhinf.design import DesignCampaign, DesignPair, open_pair
+
+    part = Shard.read(o.shard) if o.shard else Shard()
+    executor = chosen_executor(o.workers, o.cluster)
+    options = _campaign_options(o)
+
+    def asked(source: str) -> DesignCampaign:
+        return DesignCampaign(read_source(source, o.elastic, {}).request, options, design_file_of(source))
+
+    pair = DesignPair(asked(o.first), asked(o.second))
+    checked = [Requirement.of(text, list(pair.a.metrics.units)) for text in o.require or pair.requirements]
+    words = reproduce_command(context)
+    with design_stages() as stage:
+        opened = open_pair(pair, o.out, (words, words), stage)
+    tables = []
+    for name, (campaign, journal) in zip("AB", opened):
+        with sample_progress(f"{name} {part.name}".strip()) as progress:
+            tables.append(drive(campaign, journal, shard=part, executor=executor, progress=progress))
+    done = [table for table in tables if table is not None]
+    if len(done) < 2:
+        typer.echo(f"shard {o.shard} is done; others are still to be run.")
+        typer.echo("then: the same command without --shard")
+        return
+    _finish_pair(pair, o, words, done, checked)
+
+
+def _finish_pair(
+    pair: DesignPair,
+    o: CompareCampaignsOptions,
+    words: list[str],
+    tables: list[MergedTable],
+    requirements: list[Requirement],
+) -> None:
+    """The reports, and what the comparison says."""
+    from rich.console import Console
+
+    from flexhinf.campaign import compare
+    from flexhinf.design import PairResult, stored_campaign
+    from flexhinf.pages import pair_table, pair_verdict, write_campaign, write_pair
+
+    def judged(table: MergedTable) -> Any:
+        folder = table.journal.folder
+        return write_campaign(table, requirements, lambda sample: stored_campaign(folder)[0].replay(sample))
+
+    names = o.first, o.second
+    both = judged(tables[0]), judged(tables[1])
+    paired = compare(tables[0], tables[1], [one.text() for one in requirements])
+    result = PairResult(pair, o.out.expanduser().absolute(), names, both, paired, tuple(words))
+    path = write_pair(result)
+    Console().print(pair_table(result))
+    for name, source in zip("AB", names):
+        typer.echo(f"{name}: {source}")
+    if not pair.differences:
+        note("the specifications do not differ")
+    typer.echo(pair_verdict(result))
+    typer.echo(f"report: {path}")
 
 
 # Progress -----------------------------------------------------------------------------------------------------

@@ -1,7 +1,7 @@
 """All commands; `run` is the way in and out.
 
 A new command is a function that is named in `COMMANDS`. Where it takes a specification, its options are
-made by `flexhinf.cli.arguments.with_specification`.
+made by `flexhinf.cli.arguments.with_options`.
 """
 
 from __future__ import annotations
@@ -10,7 +10,6 @@ import json
 import sys
 from collections.abc import Callable, Sequence
 from functools import partial
-from pathlib import PurePath
 from typing import Annotated, Any
 
 import typer
@@ -19,7 +18,6 @@ from typer.main import get_command
 
 from flexhinf import __version__
 from flexhinf.cli.campaign import app as campaign
-from flexhinf.cli.campaign_compare import compare_campaigns
 from flexhinf.cli.certify import certify
 from flexhinf.cli.design import compare, design
 from flexhinf.cli.export import app as export
@@ -29,7 +27,7 @@ from flexhinf.cli.paper import paper
 from flexhinf.cli.run import run_design
 from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.files import recorded
-from flexhinf.validation import checked_path, value_text
+from flexhinf.validation import value_text
 
 
 def robots() -> None:
@@ -87,8 +85,7 @@ NAMES = {compile_design: "compile", run_design: "run"}
 
 
 class App(typer.Typer):
-    """All commands; no file and no folder of theirs has an empty name, which Python takes for the folder ".", and every
-    mistake in the options names the command that has them."""
+    """All commands; every mistake in the options names the command that has them."""
 
     def __call__(self, *arguments: Any, **options: Any) -> Any:
         """Run the command that was asked for."""
@@ -98,35 +95,20 @@ class App(typer.Typer):
 
 
 def _refine(command: Any) -> None:
-    """Let every option and argument that is a path raise `InvalidInput` for an empty text, and every error of the
-    parser know its command."""
+    """Let every error of the parser know its command; some, such as for a missing value, do not."""
     for inner in getattr(command, "commands", {}).values():
         _refine(inner)
     command.parse_args = partial(_parsed, command.parse_args)
-    for parameter in command.params:
-        option = parameter.param_type_name == "option"
-        name = parameter.opts[0] if option else parameter.metavar or parameter.name.upper()
-        parameter.process_value = partial(_path_value, parameter.process_value, name)
 
 
 def _parsed(parse: Callable[[Any, list[str]], list[str]], context: Any, words: list[str]) -> list[str]:
-    """What the parser makes of a command's words; some of its errors, such as for a missing value, lack the command."""
+    """What the parser makes of a command's words."""
     try:
         return parse(context, words)
     except TyperException as error:
         if getattr(error, "ctx", None) is None:
             setattr(error, "ctx", context)  # noqa: B010  pyright
         raise
-
-
-def _path_value(made: Callable[[Any, Any], Any], name: str, context: Any, given: Any) -> Any:
-    """What the parser makes of the texts of an option or an argument."""
-    value = made(context, given)
-    several = isinstance(given, (list, tuple))
-    for text, path in zip(given, value, strict=False) if several else [(given, value)]:
-        if isinstance(path, PurePath) and isinstance(text, str):
-            checked_path(name, text)
-    return value
 
 
 app = App(name="flexhinf", add_completion=False, pretty_exceptions_enable=False)
@@ -157,9 +139,6 @@ for command, examples in COMMANDS.items():
     app.command(name, epilog="\n\n".join(["Examples:", *(f"  {line}" for line in examples)]))(command)
 
 
-campaign.command(
-    "compare", epilog="Example: flexhinf campaign compare linear.toml cubic.toml --samples 2000"
-)(compare_campaigns)
 app.add_typer(campaign, name="campaign")
 app.add_typer(export, name="export")
 

@@ -2,36 +2,15 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Annotated, Any
-
 import typer
 
-from flexhinf.cli.arguments import (
-    Elastic,
-    Out,
-    Payload,
-    PoseXyz,
-    Robot,
-    Tool,
-    reproduce_command,
-    request_of,
-    with_specification,
-)
+from flexhinf.cli.arguments import reproduce_command, request_of, with_options
 from flexhinf.cli.messages import NOT_MET, Progress, note
+from flexhinf.cli.options import ALL, COMPARE_FIELDS, CompareOptions, DesignOptions
 
 
-@with_specification()
-def design(
-    context: typer.Context,
-    robot: Robot,
-    out: Out = Path("flexhinf-design"),
-    elastic: Elastic = "",
-    payload: Payload = "",
-    pose_xyz: PoseXyz = "",
-    tool: Tool = "",
-    **options: Any,
-) -> None:
+@with_options(DesignOptions, ALL)
+def design(context: typer.Context, o: DesignOptions) -> None:
     """From a robot to a judged controller: weights, γ*, law, region, runs, report.
 
     The folder also holds design.toml: the specification and its result.
@@ -49,9 +28,9 @@ def design(
     from flexhinf.design import design_text, stages
     from flexhinf.report import check, write
 
-    read = request_of(context, robot, elastic, payload, pose_xyz, tool)
+    read = request_of(context, o, o.robot, o.elastic)
     request = read.request
-    folder = check(out)
+    folder = check(o.out)
     with Progress(stages(request.robot, request.specification) + 1) as progress:
         result = make_design(request.robot, request.specification, progress)
         progress("report")
@@ -68,52 +47,8 @@ def design(
         raise typer.Exit(NOT_MET)
 
 
-COMPARISON = "What is compared"
-
-Laws = Annotated[
-    str,
-    typer.Option(
-        rich_help_panel=COMPARISON,
-        help="nl-hinf, nl-hinf-2 … nl-hinf-12 (degree of V), hinf, nlqr, lqr, lqr-gravity, lqg, pd, pd-gravity, "
-        "pid, torque, torque-i, flatness, flatness-i; between commas. Default: all without a degree.",
-    ),
-]
-Tune = Annotated[
-    str,
-    typer.Option(
-        rich_help_panel=COMPARISON,
-        help="What the laws share when they are tuned: peak (largest input of the step as deployed: at most the "
-        "limit asked for or the saturation, or that of the design where it is larger), bandwidth (of the linear loop: "
-        "at most the one asked for, or that of the design), or none. Every law keeps the limits of the margins as "
-        "well, and lets no more measurement noise through to the motor than the design.",
-    ),
-]
-SameSensors = Annotated[
-    bool,
-    typer.Option(
-        "--same-sensors",
-        rich_help_panel=COMPARISON,
-        help="Every law measures what the design measures; without this option each law has the sensors that its "
-        "proponents would choose, such as an encoder on the motor for a PD.",
-    ),
-]
-
-
-#: These fields change nothing of a comparison, and have no option here.
-@with_specification("overshoot", "tracking_error", "compare_rigid", "mujoco")
-def compare(
-    context: typer.Context,
-    robot: Robot,
-    out: Out = Path("flexhinf-compare"),
-    elastic: Elastic = "",
-    payload: Payload = "",
-    pose_xyz: PoseXyz = "",
-    tool: Tool = "",
-    laws: Laws = "",
-    tune: Tune = "peak",
-    same_sensors: SameSensors = False,
-    **options: Any,
-) -> None:
+@with_options(CompareOptions, COMPARE_FIELDS)
+def compare(context: typer.Context, o: CompareOptions) -> None:
     """Which law is best for this robot: the nonlinear H∞ law, or one that you would use instead?
 
     Laws by name on the same plants, with the same commands, disturbances and
@@ -131,13 +66,15 @@ def compare(
     from flexhinf.design import comparison_stages, law_names
     from flexhinf.report import check, write
 
-    read = request_of(context, robot, elastic, payload, pose_xyz, tool)
+    read = request_of(context, o, o.robot, o.elastic)
     request = read.request
-    chosen = tuple(name.strip() for name in laws.split(",") if name.strip()) or None
-    folder = check(out)
+    chosen = tuple(name.strip() for name in o.laws.split(",") if name.strip()) or None
+    folder = check(o.out)
     count = comparison_stages(request.robot, request.specification, law_names(chosen))
     with Progress(count + 1) as progress:
-        result = make_comparison(request.robot, request.specification, chosen, tune, progress, same_sensors)
+        result = make_comparison(
+            request.robot, request.specification, chosen, o.tune, progress, o.same_sensors
+        )
         progress("report")
         files = pages.comparison_files(result, reproduce_command(context), read.warnings)
     write(folder, files)

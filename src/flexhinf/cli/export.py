@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 
+from flexhinf.cli.arguments import with_options
 from flexhinf.cli.messages import Progress, note
+from flexhinf.cli.options import CompileOptions, ExportCOptions, ExportFmuOptions
 from flexhinf.errors import InvalidInput
 from flexhinf.validation import checked_path, value_text
 
@@ -18,48 +20,10 @@ if TYPE_CHECKING:
 
 app = typer.Typer(help="Write the controller of a design as what runs on a robot.")
 
-Source = Annotated[
-    str,
-    typer.Argument(
-        metavar="DESIGN",
-        help="design.toml, the folder of a report, or the file of a controller. The controller of a report is taken as "
-        "it was judged; a design.toml without one is designed first.",
-        show_default=False,
-    ),
-]
-
 
 @app.command("c")
-def export_c(
-    source: Source,
-    out: Annotated[Path, typer.Option(help="A new or empty folder.")] = Path("flexhinf-c"),
-    name: Annotated[
-        str,
-        typer.Option(
-            help="A C identifier: of the files, and the beginning of all names.", show_default=False
-        ),
-    ] = "",
-    real: Annotated[str, typer.Option(help="Type of all numbers: double or float.")] = "double",
-    period: Annotated[
-        str,
-        typer.Option(
-            help="Period of your firmware's loop; refused if it is not the design's.", show_default=False
-        ),
-    ] = "",
-    flash: Annotated[
-        str,
-        typer.Option(
-            help="Room for code and constants, such as 32kB; refused if they need more. The code is counted for a "
-            "Cortex-M4F, where arm-none-eabi-gcc is installed.",
-            show_default=False,
-        ),
-    ] = "",
-    ram: Annotated[
-        str,
-        typer.Option(help="Room for the state, such as 8kB; refused if it needs more.", show_default=False),
-    ] = "",
-    force: Annotated[bool, typer.Option("--force", help="Write into a folder that is not empty.")] = False,
-) -> None:
+@with_options(ExportCOptions)
+def export_c(context: typer.Context, o: ExportCOptions) -> None:
     """Dependency-free C99: two files, a test vector, and what firmware needs around them.
 
     `make test` in the folder compiles them and runs the recorded samples: the
@@ -68,29 +32,20 @@ def export_c(
     """
     from flexhinf import export
 
-    if name:
-        export.checked_identifier(name)
-    folder = export.checked_folder(out, force)
-    controller, title = controller_of(source)
-    name = name or export.identifier_of(title)
-    export.check_room(controller, real, period=period, flash=flash, ram=ram)
-    export.write_files(folder, export.controller_files(controller, name, real))
+    if o.name:
+        export.checked_identifier(o.name)
+    folder = export.checked_folder(o.out, o.force)
+    controller, title = controller_of(o.source)
+    name = o.name or export.identifier_of(title)
+    export.check_room(controller, o.real, period=o.period, flash=o.flash, ram=o.ram)
+    export.write_files(folder, export.controller_files(controller, name, o.real))
     typer.echo(f"{name}.h, {name}.c and what goes with them: {folder}")
-    typer.echo(f"test:  make -C {out} test")
+    typer.echo(f"test:  make -C {o.out} test")
 
 
 @app.command("fmu")
-def export_fmu(
-    source: Source,
-    out: Annotated[Path, typer.Option(help="The file that is written.")] = Path("flexhinf.fmu"),
-    name: Annotated[str, typer.Option(help="A C identifier: the model's name.", show_default=False)] = "",
-    plant: Annotated[
-        bool,
-        typer.Option(
-            "--plant", help="The elastic robot instead of the controller, with the design's extras."
-        ),
-    ] = False,
-) -> None:
+@with_options(ExportFmuOptions)
+def export_fmu(context: typer.Context, o: ExportFmuOptions) -> None:
     """A co-simulation FMU (FMI 2.0) for Simulink, OpenModelica and others.
 
     Of the controller: one communication step is one sample. With --plant, of
@@ -99,26 +54,17 @@ def export_fmu(
     """
     from flexhinf import export
 
-    if plant:
-        model, title, period, rest = plant_of(source)
-        written = export.export_plant_fmu(model, out, name or export.identifier_of(title), period, *rest)
+    if o.plant:
+        model, title, period, rest = plant_of(o.source)
+        written = export.export_plant_fmu(model, o.out, o.name or export.identifier_of(title), period, *rest)
     else:
-        controller, title = controller_of(source)
-        written = export.export_fmu(controller, out, name or export.identifier_of(title))
+        controller, title = controller_of(o.source)
+        written = export.export_fmu(controller, o.out, o.name or export.identifier_of(title))
     typer.echo(f"FMU: {written}")
 
 
-def compile_design(
-    source: Source,
-    out: Annotated[Path, typer.Option(help="The file that is written.")] = Path("flexhinf-controller.so"),
-    processor: Annotated[
-        str,
-        typer.Option(
-            help="On which it runs: portable (PCs since about 2015), any (older ones too, ten times slower), or native "
-            "(those that have all that this one has). Others refuse it."
-        ),
-    ] = "portable",
-) -> None:
+@with_options(CompileOptions)
+def compile_design(context: typer.Context, o: CompileOptions) -> None:
     """The controller as a shared library that starts in milliseconds.
 
     fh.load_compiled(FILE) steps it from Python, without LLVM and CasADi; every
@@ -126,7 +72,7 @@ def compile_design(
     """
     from flexhinf import export
 
-    written = export.compile_controller(controller_of(source)[0], out, processor)
+    written = export.compile_controller(controller_of(o.source)[0], o.out, o.processor)
     typer.echo(f"library: {written}")
 
 

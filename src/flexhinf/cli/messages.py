@@ -6,19 +6,19 @@ import re
 from collections.abc import Callable, Sequence
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import typer
 from typer.exceptions import TyperException
 
+from flexhinf.cli.options import PEAKS
+from flexhinf.design.options import option_name
 from flexhinf.design.specification import FIELDS, SpecificationError
 from flexhinf.errors import FlexhinfError
 
 #: Exit codes: the report is written and says that the specification is not met; everything the user can put right;
 #: the shells' code for an interruption.
 NOT_MET, USER_ERROR, INTERRUPTED = 1, 2, 130
-
-#: Names of ``--peak-effort`` for a drive.
-PEAKS = ("--peak-voltage", "--peak-current", "--peak-torque")
 
 #: Options of earlier versions, and what they are called now: an option has the name of its field.
 RENAMED = {
@@ -82,7 +82,7 @@ def error_text(error: FlexhinfError, arguments: Sequence[str] = ()) -> str:
         f"  try:   {advice}" if advice else "",
     ]
     text = "\n".join(part for part in parts if part)
-    for name in PEAKS:
+    for name in map(option_name, PEAKS):
         if any(word.split("=")[0] == name for word in arguments):
             text = text.replace("`peak_effort`", name)
     return option_syntax(text)
@@ -129,20 +129,30 @@ def parser_error(error: TyperException, arguments: Sequence[str]) -> str:
     known = getattr(error, "possibilities", None)
     what, _, meant = error.format_message().split(" (Possible")[0].partition(" Did you mean ")
     what = what.rstrip(".")
-    old = getattr(error, "option_name", "")
-    if old in RENAMED:
-        return str(
-            FlexhinfError(
-                f"{old} is called {RENAMED[old]}, as its field is.",
-                f"expected {RENAMED[old]}, got: {' '.join(arguments)}",
-                f"{RENAMED[old]} in the place of {old}",
-            )
-        )
+    typed = getattr(error, "option_name", "")
+    option = RENAMED.get(typed, typed)
+    commands = _with_option(context.find_root().command, "flexhinf", option) if context is not None else []
+    if path in commands and option != typed:
+        what, advice = f"{typed} is called {option}, as its field is", f"{option} in the place of {typed}"
+        return str(FlexhinfError(f"{what}.", f"expected {option}, got: {' '.join(arguments)}", advice))
+    if commands and path not in commands:
+        what = f"{path} does not take {option}, which would change nothing there"
+        found = f"expected what `{path} --help` lists, got: {' '.join(arguments)}"
+        return str(FlexhinfError(f"{what}.", found, f"without it; it is an option of {', '.join(commands)}"))
     advice = (
         ", ".join(known) if known else meant.rstrip("?").strip("'") or _joined(arguments) or f"{path} --help"
     )
     found = f"expected what `{path} --help` lists, got: {' '.join(arguments)}"
     return str(FlexhinfError(f"{what}.", found, advice))
+
+
+def _with_option(command: Any, path: str, option: str) -> list[str]:
+    """Commands below a command that have an option."""
+    own = [path] if any(option in (*one.opts, *one.secondary_opts) for one in command.params) else []
+    inner = getattr(command, "commands", {})
+    return own + [
+        found for name, one in inner.items() for found in _with_option(one, f"{path} {name}", option)
+    ]
 
 
 def _joined(arguments: Sequence[str]) -> str:

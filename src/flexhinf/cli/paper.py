@@ -3,59 +3,43 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
-from typing import Annotated, Any
+from dataclasses import asdict
+from typing import Any
 
 import typer
 
+from flexhinf.cli.arguments import with_options
 from flexhinf.cli.messages import Progress, note
+from flexhinf.cli.options import PaperOptions
+from flexhinf.design.options import option_name
 
-FOLDER = Path("flexhinf-paper")
 
-
-def paper(
-    out: Annotated[
-        Path, typer.Option(help="Folder of the report; an earlier report there is replaced whole.")
-    ] = FOLDER,
-    gamma_ratio: Annotated[
-        float, typer.Option(help="γ/γ*, above 1: attenuation level over the smallest feasible one.")
-    ] = 2.0,
-    degree: Annotated[
-        int, typer.Option(help="Degree of V, 2 to 12; the law has one less. 4 is the paper's cubic law.")
-    ] = 4,
-    period: Annotated[float, typer.Option(help="Sampling period of estimator and law, s.")] = 1e-3,
-    seed: Annotated[int, typer.Option(help="Seed of noise and of the sampled plants.")] = 0,
-    estimator: Annotated[str, typer.Option(help="ukf, ekf, or none (feeds back the true state).")] = "ukf",
-    process_noise: Annotated[
-        float, typer.Option(help="q of R^v = q I, variance added to each state per sample.")
-    ] = 1e-6,
-    measurement_noise: Annotated[
-        float, typer.Option(help="R^n, variance of the measured link position, rad².")
-    ] = 1e-6,
-) -> None:
+@with_options(PaperOptions)
+def paper(context: typer.Context, o: PaperOptions) -> None:
     """Reproduce every figure and judge every claim of Elsa & Akbari (2014)."""
     from flexhinf.paper import STAGES, PaperSettings, reproduce
     from flexhinf.report import check, write
 
-    settings = PaperSettings(gamma_ratio, degree, period, seed, estimator, process_noise, measurement_noise)
-    check(out)
-    if degree % 2:
+    settings = PaperSettings(**{name: value for name, value in asdict(o).items() if name != "out"})
+    check(o.out)
+    if o.degree % 2:
         note(
-            f"the paper's arm is odd, so V has no terms of degree {degree}: this is degree {degree - 1} again."
+            f"the paper's arm is odd, so V has no terms of degree {o.degree}: it is degree {o.degree - 1} again."
         )
     with Progress(STAGES) as progress:
-        result = reproduce(settings, _words(settings, out), progress)
-    folder = write(out, result.files)
+        result = reproduce(settings, _words(o), progress)
+    folder = write(o.out, result.files)
     _print_claims(result.judged, result.metrics)
     typer.echo(f"report: {folder / 'index.html'}")
 
 
-def _words(settings: Any, out: Path) -> list[str]:
-    """The words that make the same report again."""
+def _words(o: PaperOptions) -> list[str]:
+    """The words that make the same report again: every setting, as defaults change."""
     words = ["flexhinf", "paper"]
-    for name, value in vars(settings).items():
-        words += [f"--{name.replace('_', '-')}", str(value)]
-    return words if out == FOLDER else [*words, "--out", out.name]
+    for name, value in asdict(o).items():
+        if name != "out":
+            words += [option_name(name), str(value)]
+    return words if o.out == PaperOptions().out else [*words, "--out", o.out.name]
 
 
 def _print_claims(judged: Sequence[Any], metrics: dict[str, Any]) -> None:

@@ -3,7 +3,7 @@
 from .campaign_folder import open_campaign as open_campaign
 from .campaign_folder import open_pair as open_pair
 from .campaign_folder import stored_campaign as stored_campaign
-from .campaign_setup import CampaignOptions as CampaignOptions
+from .campaign_options import CampaignOptions as CampaignOptions
 from .campaign_setup import DesignCampaign as DesignCampaign
 from .campaign_setup import DesignPair as DesignPair
 from .campaign_setup import PairResult as PairResult

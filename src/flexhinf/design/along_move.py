@@ -145,7 +145,7 @@ def scheduled(
             schedule = Schedule(laws)
         except FlexhinfError:  # no law there, or one at this pose already
             break
-        found = margins_along(replace(setup, law=schedule, law_at_goal=setup.linear_law), plan, least)
+        found = margins_along(replace(setup, law=schedule), plan, least)
         if not found.share < along.share:
             break
         law, along = schedule, replace(found, added=len(laws) - 1)

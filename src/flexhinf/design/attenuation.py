@@ -60,10 +60,7 @@ def searches_disturbance(states: int, rays: int) -> bool:
 def attenuation(setup: LoopSetup, synthesis: Synthesis, duration: float) -> Attenuation:
     """The worst disturbance and the budget, with the chosen solution at the goal.
 
-    Parameters
-    ----------
-    duration : float
-        Of the step, s.
+    `duration`: of the step, s.
     """
     s, law, chosen, proved = setup.specification, synthesis.solution, synthesis.chosen, synthesis.proved
     level = chosen.level if chosen.looked and np.isfinite(chosen.level) and chosen.level > 0.0 else None

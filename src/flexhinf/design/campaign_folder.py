@@ -9,7 +9,8 @@ import numpy as np
 import tomlkit
 
 from flexhinf.campaign import Campaign, Journal
-from flexhinf.design.campaign_setup import SIDES, CampaignOptions, DesignCampaign, DesignPair, fields_text
+from flexhinf.design.campaign_options import CampaignOptions
+from flexhinf.design.campaign_setup import SIDES, DesignCampaign, DesignPair, fields_text
 from flexhinf.design.design_file import DESIGN_FILE, load_design, read_request
 from flexhinf.design.design_file_text import request_document
 from flexhinf.design.evaluation import LawEvaluation

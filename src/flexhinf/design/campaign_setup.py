@@ -12,18 +12,15 @@ from typing import Any
 import numpy as np
 
 from flexhinf.campaign import (
-    DISTRIBUTIONS,
-    METHODS,
     Campaign,
     CampaignJudgement,
     PairedCampaigns,
     Sample,
     Tolerances,
     Variable,
-    check_counts,
-    one_of,
 )
 from flexhinf.campaign.journal import listed
+from flexhinf.design.campaign_options import CampaignOptions
 from flexhinf.design.design_file import DesignRequest, plain
 from flexhinf.design.joint_limits import joint_limits
 from flexhinf.design.loop_setup import LoopPlants
@@ -42,53 +39,6 @@ from flexhinf.validation import value_text
 
 _PERCENT = re.compile(r"\s*([\d.eE+-]+)\s*%\s*\Z")
 _RANGE = re.compile(r"\s*([-+\d.eE]+?)\s*\.\.\s*([-+\d.eE]+)\s*\Z")
-
-
-@dataclass(frozen=True)
-class CampaignOptions:
-    """What a campaign adds to a design.
-
-    Attributes
-    ----------
-    samples, seed, batch : int
-        See `Campaign`.
-    distribution, method : str
-        See `Variable` and `Tolerances`.
-    tolerances : tuple of (str, str)
-        Parameters of the robot and what they are instead: ``("stiffness", "15%")`` or ``("mass", "0.9..1.2")``.
-    payload : str or None
-        What the true robot carries instead, as for `load_robot`; the controller stays the design's.
-    initial_error : float
-        The robot starts up to so much (rad or m) beside where the estimator believes it, each joint by itself.
-    disturbance : float
-        A constant torque (N·m or N) of up to so much on each link, from a tenth of the run on.
-    duration : float or None
-        Of the runs, s; the design's by default.
-    """
-
-    samples: int
-    seed: int = 0
-    batch: int = 256
-    distribution: str = "uniform"
-    method: str = "random"
-    tolerances: tuple[tuple[str, str], ...] = ()
-    payload: str | None = None
-    initial_error: float = 0.0
-    disturbance: float = 0.0
-    duration: float | None = None
-
-    def __post_init__(self) -> None:
-        check_counts(self.samples, self.seed, self.batch)
-        one_of("distribution", self.distribution, DISTRIBUTIONS)
-        one_of("method", self.method, METHODS)
-        for name in ("initial_error", "disturbance"):
-            value = getattr(self, name)
-            if not (np.isfinite(value) and value >= 0.0):
-                raise InvalidInput(
-                    f"The {name.replace('_', ' ')} is not usable.",
-                    f"expected a number >= 0, the half width of its interval, got {value_text(value)}",
-                    "0.01",
-                )
 
 
 @dataclass(frozen=True, eq=False)

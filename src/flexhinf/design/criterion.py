@@ -13,8 +13,6 @@ Limits: peak sensitivity, gain margin and damping of the sampled loop with its e
 that reaches the motor, each at most the limit of the specification or what the design itself has, whichever is wider;
 and the one that the user chooses to share: the peak input of that step, the bandwidth, or nothing. A candidate whose
 loop cannot be linearised, diverges, or does not settle is not feasible.
-
-What the laws of a comparison are measured by: the figures of one law in its loop, and those of the design.
 """
 
 from __future__ import annotations
@@ -31,96 +29,12 @@ from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.requirements import peak_option
 from flexhinf.errors import FlexhinfError, InvalidInput, NumericalFailure
 
-#: Runs of the criterion, by the figure that is infinite where one diverged.
+#: Runs of the criterion, by the metric that is infinite where one diverged.
 RUNS = {
     "peak_input": "the step",
     "load_deviation": "the run under the load",
     "move_error": "the planned move",
 }
-
-
-def unstable_corners(evaluation: LawEvaluation) -> int:
-    """Unstable corners of the tolerances; 0 for a robot that states none."""
-    return 0 if evaluation.corners is None else int(evaluation.corners.unstable)
-
-
-def metrics_of(evaluation: LawEvaluation, criterion: Criterion | None = None) -> LawMetrics:
-    """What a law is tuned by.
-
-    Parameters
-    ----------
-    criterion : Criterion, optional
-        A loop that is far beyond its limits is not run, nor run further after the step.
-
-    Raises
-    ------
-    FlexhinfError
-        If the loop cannot be linearised, or is unstable: then nothing is known in its favour.
-    """
-    found = evaluation.margins
-    if not found.stable:
-        raise NumericalFailure(
-            "The linear loop with its estimator is unstable at the goal.",
-            "expected all eigenvalues inside the unit circle",
-            "other parameters",
-        )
-    linear = LawMetrics(
-        found.peak_sensitivity,
-        found.gain_margin,
-        found.damping,
-        evaluation.input_noise,
-        found.slowest_bandwidth,
-    )
-    return (
-        linear if criterion is not None and criterion.is_far(linear) else _run(linear, evaluation, criterion)
-    )
-
-
-def own_metrics(evaluation: LawEvaluation) -> LawMetrics:
-    """Those of the design's own law; of an unstable loop, or one without an equilibrium, with no margins at all."""
-    try:
-        return metrics_of(evaluation)
-    except FlexhinfError:
-        return _run(LawMetrics(math.inf, 1.0, 0.0, math.inf, math.nan), evaluation)
-
-
-def reference_metrics(evaluation: LawEvaluation) -> LawMetrics:
-    """LawMetrics of the design's own law, by which those of all laws are divided.
-
-    Raises
-    ------
-    InvalidInput
-        If there is nothing to divide by: its linear loop is unstable at the goal, or one of its runs diverges.
-    """
-    found = own_metrics(evaluation)
-    lost = [f"{run} diverges" for figure, run in RUNS.items() if math.isinf(getattr(found, figure))]
-    if not evaluation.linear_failure and not evaluation.margins.stable:
-        lost.insert(0, "its linear loop is unstable at the goal")
-    if lost:
-        raise InvalidInput(
-            "The design's own law is unstable or diverges, so no law can be measured by it.",
-            f"expected a stable loop whose runs stay finite, got: {'; '.join(lost)}",
-            "`process_noise` and the other options of the estimator as they are by default, a smaller `load`, or a "
-            "start nearer to the goal; `flexhinf design` shows the loop alone",
-        )
-    return found
-
-
-def _run(linear: LawMetrics, evaluation: LawEvaluation, criterion: Criterion | None = None) -> LawMetrics:
-    quiet = evaluation.quiet
-    peak = evaluation.setup.limits.equivalent_peak(quiet.demanded_step)
-    found = replace(linear, peak_input=peak, settling=quiet.step.settling.value)
-    if criterion is not None and criterion.is_far(found):
-        return found
-    worst = {key: one.value for key, one in quiet.worst.items()}
-    remaining = max(worst[key] for key in ("step_remaining", "load_remaining", "move_remaining"))
-    return replace(
-        found,
-        load_deviation=worst["load_deviation"],
-        move_error=worst["move_error"],
-        remaining_error=remaining,
-    )
-
 
 #: Of what the criterion takes ratios: attributes of `LawMetrics`, and what they are called.
 RATIOS = {
@@ -178,6 +92,77 @@ class LawMetrics:
     remaining_error: float = math.nan
 
 
+def unstable_corners(evaluation: LawEvaluation) -> int:
+    """Unstable corners of the tolerances; 0 for a robot that states none."""
+    return 0 if evaluation.corners is None else int(evaluation.corners.unstable)
+
+
+def metrics_of(evaluation: LawEvaluation, criterion: Criterion | None = None) -> LawMetrics:
+    """What a law is tuned by.
+
+    With a `criterion`, a loop that is far beyond its limits is not run, nor run further after the step. Raises
+    `FlexhinfError` if the loop cannot be linearised, or is unstable: then nothing is known in its favour.
+    """
+    margins = evaluation.margins
+    if not margins.stable:
+        raise NumericalFailure(
+            "The linear loop with its estimator is unstable at the goal.",
+            "expected all eigenvalues inside the unit circle",
+            "other parameters",
+        )
+    linear = LawMetrics(
+        margins.peak_sensitivity, margins.gain_margin, margins.damping, evaluation.input_noise,
+        margins.slowest_bandwidth,
+    )  # fmt: skip
+    return _run(linear, evaluation, criterion)
+
+
+def own_metrics(evaluation: LawEvaluation) -> LawMetrics:
+    """Those of the design's own law; of an unstable loop, or one without an equilibrium, with no margins at all."""
+    try:
+        return metrics_of(evaluation)
+    except FlexhinfError:
+        return _run(LawMetrics(math.inf, 1.0, 0.0, math.inf, math.nan), evaluation)
+
+
+def reference_metrics(evaluation: LawEvaluation) -> LawMetrics:
+    """Metrics of the design's own law, by which those of all laws are divided.
+
+    Raises `InvalidInput` if there is nothing to divide by: its linear loop is unstable at the goal, or one of its
+    runs diverges.
+    """
+    own = own_metrics(evaluation)
+    lost = [f"{run} diverges" for name, run in RUNS.items() if math.isinf(getattr(own, name))]
+    if not evaluation.linear_failure and not evaluation.margins.stable:
+        lost.insert(0, "its linear loop is unstable at the goal")
+    if lost:
+        raise InvalidInput(
+            "The design's own law is unstable or diverges, so no law can be measured by it.",
+            f"expected a stable loop whose runs stay finite, got: {'; '.join(lost)}",
+            "`process_noise` and the other options of the estimator as they are by default, a smaller `load`, or a "
+            "start nearer to the goal; `flexhinf design` shows the loop alone",
+        )
+    return own
+
+
+def _run(metrics: LawMetrics, evaluation: LawEvaluation, criterion: Criterion | None = None) -> LawMetrics:
+    """With the metrics of the runs."""
+    if criterion is not None and criterion.is_far(metrics):
+        return metrics
+    quiet = evaluation.quiet
+    peak = evaluation.setup.limits.equivalent_peak(quiet.demanded_step)
+    metrics = replace(metrics, peak_input=peak, settling=quiet.step.settling.value)
+    if criterion is not None and criterion.is_far(metrics):
+        return metrics
+    worst = {key: each.value for key, each in quiet.worst.items()}
+    return replace(
+        metrics,
+        load_deviation=worst["load_deviation"],
+        move_error=worst["move_error"],
+        remaining_error=max(worst[f"{run}_remaining"] for run in ("step", "load", "move")),
+    )
+
+
 @dataclass(frozen=True)
 class Limit:
     """One limit that all laws keep.
@@ -187,7 +172,7 @@ class Limit:
     metric : str
         Attribute of `LawMetrics`.
     least : bool
-        Whether the figure is to be at least the value instead of at most.
+        Whether the metric is to be at least the value instead of at most.
     origin : str
         Where the value comes from.
     """
@@ -211,10 +196,8 @@ class Limit:
     @property
     def text(self) -> str:
         """Such as ``peak sensitivity at most 2 (default)``."""
-        unit = f" {self.unit}" if self.unit else ""
-        return (
-            f"{self.label} {'at least' if self.least else 'at most'} {self.value:.3g}{unit} ({self.origin})"
-        )
+        bound, unit = "at least" if self.least else "at most", f" {self.unit}" if self.unit else ""
+        return f"{self.label} {bound} {self.value:.3g}{unit} ({self.origin})"
 
 
 @dataclass(frozen=True)
@@ -254,35 +237,33 @@ class Criterion:
     @property
     def measure(self) -> str:
         """What is made small."""
-        least = (
-            ""
-            if not self.resolution
-            else (
-                f" A deviation or an error below {1e3 * self.resolution:.3g} mrad or mm, which a sensor does not show, "
-                "counts as that."
-            )
-        )
-        return (
+        text = (
             "Every law, nl-hinf among them, is tuned over all its parameters for the smallest geometric mean of four "
             "ratios to the design as it is: largest deviation under the load, settling time of the step as the "
             "controller is deployed, largest error behind the jerk-limited reference, and largest error that remains "
             "at the end of these three runs, which are those of the nominal robot without measurement noise."
-            f"{least}"
+        )
+        if not self.resolution:
+            return text
+        return (
+            f"{text} A deviation or an error below {1e3 * self.resolution:.3g} mrad or mm, which a sensor does not "
+            "show, counts as that."
         )
 
     def ratios(self, metrics: LawMetrics) -> dict[str, float]:
         """Load deviation, settling time, and the two errors over those of the design, by name."""
-        own, found = self.own, {}
+        ratios = {}
         for name in RATIOS:
-            mine, theirs = getattr(own, name), getattr(metrics, name)
-            if name == "settling" and math.isinf(theirs):
-                theirs = UNSETTLED * self.length
-            if name != "settling":
+            mine, theirs = getattr(self.own, name), getattr(metrics, name)
+            if name == "settling":
+                endless = UNSETTLED * self.length
+                theirs = endless if math.isinf(theirs) else theirs
+                mine = mine if math.isfinite(mine) else endless
+            else:
                 mine, theirs = max(mine, self.resolution), max(theirs, self.resolution)
-            if not math.isfinite(mine):
-                mine = UNSETTLED * self.length if name == "settling" else 1.0
-            found[name] = theirs / mine if mine > 0.0 else math.inf
-        return found
+                mine = mine if math.isfinite(mine) else 1.0
+            ratios[name] = theirs / mine if mine > 0.0 else math.inf
+        return ratios
 
     def cost(self, metrics: LawMetrics) -> float:
         """Geometric mean of the ratios; infinite where a run diverged."""
@@ -296,10 +277,10 @@ class Criterion:
 
     def judge(self, metrics: LawMetrics) -> Judgement:
         """Cost, and by how much which limits are exceeded."""
-        known = (limit for limit in self.limits if not math.isnan(getattr(metrics, limit.metric)))
         beyond = {
-            f"{limit.text}, found {getattr(metrics, limit.metric):.3g}": limit.excess(metrics)
-            for limit in known
+            f"{limit.text}, found {value:.3g}": limit.excess(metrics)
+            for limit in self.limits
+            if not math.isnan(value := getattr(metrics, limit.metric))
         }
         if math.isinf(metrics.settling):
             beyond[f"the step settles within {self.length:g} s"] = 1.0
@@ -327,71 +308,69 @@ def criterion_for(
     length : float
         Of the step, s.
     limits : mapping of str to (value, origin)
-        Of the specification, by figure: peak_sensitivity, gain_margin, damping, and peak_input or bandwidth where
+        Of the specification, by metric: peak_sensitivity, gain_margin, damping, and peak_input or bandwidth where
         they were asked for.
     unit : str
         Of the inputs.
     resolution : float
         Of a position, rad or m: smaller deviations and errors count as this.
 
-    Raises
-    ------
-    InvalidInput
-        For another mode, or where there is nothing to share: no limit was asked for and the design has no such figure.
+    Raises `InvalidInput` for another mode, or where there is nothing to share: no limit was asked for and the design
+    has no such metric.
     """
-    if mode not in MODES:
-        raise InvalidInput(
-            "There is no such way to tune.", f"expected {', '.join(MODES)}, got {mode!r}", "--tune peak"
-        )
-
+    check_mode(mode, "--tune peak")
     limits = {"damping": (LEAST_DAMPING, "default"), **limits}
 
-    def wider(figure: str, label: str, unit: str, least: bool = False) -> Limit | None:
-        given, mine = limits.get(figure), getattr(own, figure)
+    def wider(metric: str, label: str, unit: str, least: bool = False) -> tuple[Limit, ...]:
+        """The wider of the stated limit and the design's own."""
+        stated, mine = limits.get(metric), getattr(own, metric)
         usable = math.isfinite(mine) and mine > 0.0
-        if given is not None and (not usable or (mine >= given[0] if least else mine <= given[0])):
-            return Limit(figure, label, unit, given[0], given[1], least)
+        if stated is not None and (not usable or (mine >= stated[0] if least else mine <= stated[0])):
+            return (Limit(metric, label, unit, *stated, least),)
         if not usable:
-            return None
-        origin = f"the design's own; {given[1]}: {given[0]:.3g}" if given else "the design's own"
-        return Limit(figure, label, unit, mine, origin, least)
+            return ()
+        origin = f"the design's own; {stated[1]}: {stated[0]:.3g}" if stated else "the design's own"
+        return (Limit(metric, label, unit, mine, origin, least),)
 
-    linear = (
-        wider("peak_sensitivity", "peak sensitivity", ""),
-        wider("gain_margin", "gain margin, up and down, a factor of", "", least=True),
-        wider("damping", "damping ratio of every oscillation", "", least=True),
-        wider("input_noise", "noise at the motor, rms,", unit),
-    )
-    shared = {
-        "peak": lambda: wider("peak_input", "peak input of the step", unit),
-        "bandwidth": lambda: wider("bandwidth", "bandwidth of the slowest joint", "rad/s"),
-        "none": lambda: None,
-    }[mode]()
-    if mode != "none" and shared is None:
+    shared: tuple[Limit, ...] = ()
+    if mode == "peak":
+        shared = wider("peak_input", "peak input of the step", unit)
+    elif mode == "bandwidth":
+        shared = wider("bandwidth", "bandwidth of the slowest joint", "rad/s")
+    if mode != "none" and not shared:
         raise InvalidInput(
             f"There is no {mode} that the laws could share.",
             "expected one in the specification, or a design whose step does not diverge and whose loop is stable",
             "--tune none, a start nearer to the goal (--start), or another design",
         )
-    return Criterion(
-        mode, own, tuple(limit for limit in linear if limit), (shared,) if shared else (), length, resolution
+    linear = (
+        *wider("peak_sensitivity", "peak sensitivity", ""),
+        *wider("gain_margin", "gain margin, up and down, a factor of", "", least=True),
+        *wider("damping", "damping ratio of every oscillation", "", least=True),
+        *wider("input_noise", "noise at the motor, rms,", unit),
     )
+    return Criterion(mode, own, linear, shared, length, resolution)
+
+
+def check_mode(mode: str, advice: str) -> None:
+    """Refuse what is none of `MODES`."""
+    if mode not in MODES:
+        raise InvalidInput(
+            "There is no such way to tune.", f"expected {', '.join(MODES)}, got {mode!r}", advice
+        )
 
 
 def stated_limits(setup: LoopSetup, unit: str) -> dict[str, tuple[float, str] | None]:
     """Limits of the specification and of the joints, with where they come from: what `criterion_for` takes."""
     s, joints = setup.specification, setup.limits
+    sensitivity = "--peak-sensitivity" if s.peak_sensitivity else "default"
     limits: dict[str, tuple[float, str] | None] = {
-        "peak_sensitivity": (
-            s.peak_sensitivity_limit,
-            "--peak-sensitivity" if s.peak_sensitivity else "default",
-        ),
+        "peak_sensitivity": (s.peak_sensitivity_limit, sensitivity),
         "gain_margin": (s.gain_margin_limit, "--gain-margin" if s.gain_margin else "default"),
     }
     if joints.limits_effort:
-        required = joints.limits_peak
-        source = peak_option(unit, joints.peak_source) if required else joints.saturation_source
-        limits["peak_input"] = (joints.strongest, source)
+        peak = peak_option(unit, joints.peak_source)
+        limits["peak_input"] = (joints.strongest, peak if joints.limits_peak else joints.saturation_source)
     if s.damping:
         limits["damping"] = (s.damping, "--damping")
     if s.bandwidth is not None:
@@ -399,31 +378,16 @@ def stated_limits(setup: LoopSetup, unit: str) -> dict[str, tuple[float, str] | 
     return limits
 
 
-def pareto_front(
-    metrics: Sequence[LawMetrics],
-    criterion: Criterion,
-    cost: str = "peak_input",
-    benefit: str = "load_deviation",
-) -> tuple[LawMetrics, ...]:
-    """Of all candidates of a law that keep the limits of the linear loop, those that no other one beats in both.
-
-    Parameters
-    ----------
-    cost, benefit : str
-        Attributes of `LawMetrics`, both to be small.
-
-    Returns
-    -------
-    tuple of LawMetrics
-        By rising cost: the trade-off curve of the law.
-    """
+def pareto_front(metrics: Sequence[LawMetrics], criterion: Criterion) -> tuple[LawMetrics, ...]:
+    """Load deviation against peak input, by rising peak input: the candidates of a law that keep the limits of the
+    linear loop, and that no other one betters in both."""
     open_ended = replace(criterion, shared=())
     kept = [
-        f for f in metrics
-        if math.isfinite(getattr(f, cost)) and math.isfinite(getattr(f, benefit)) and open_ended.judge(f).excess == 0.0
+        m for m in metrics
+        if math.isfinite(m.peak_input) and math.isfinite(m.load_deviation) and open_ended.judge(m).excess == 0.0
     ]  # fmt: skip
     front: list[LawMetrics] = []
-    for one in sorted(kept, key=lambda f: (getattr(f, cost), getattr(f, benefit))):
-        if not front or getattr(one, benefit) < getattr(front[-1], benefit):
-            front.append(one)
+    for each in sorted(kept, key=lambda m: (m.peak_input, m.load_deviation)):
+        if not front or each.load_deviation < front[-1].load_deviation:
+            front.append(each)
     return tuple(front)

@@ -147,11 +147,8 @@ def noise_variances(plant: Plant, position: float) -> np.ndarray:
 def sensor_steps(robot: Robot, s: Specification) -> np.ndarray:
     """Quantisation step (p,) of each measured signal; of the whole state, (), where that is fed back.
 
-    Raises
-    ------
-    SpecificationError
-        Unless there is one for all, one for each name of `Specification.measured`, or one for each signal; for one
-        that is far beyond what the signal is.
+    Raises `SpecificationError` unless there is one for all, one for each name of `Specification.measured`, or one for
+    each signal; for one that is far beyond what the signal is.
     """
     _check_coarse(robot, s)
     steps, signals = np.asarray(s.quantisation, dtype=float), ()
@@ -210,78 +207,26 @@ def other_sensors(robot: Robot, s: Specification, sensors: tuple[str, ...]) -> S
     )
 
 
-def estimator_for(
-    kind: str,
-    plant: Plant,
-    equilibrium: tuple[np.ndarray, np.ndarray],
-    start: np.ndarray,
-    period: float,
-    process: np.ndarray,
-    measurement: np.ndarray,
-    model: Plant | None = None,
-) -> Any:
-    """The filter, or None for "none".
-
-    Parameters
-    ----------
-    kind : {"ukf", "ekf", "observer", "none"}
-    plant : Plant
-        The estimator's model, with what is measured.
-    equilibrium : (x*, u*)
-        At the goal: the sensors must show every mode there that does not decay.
-    start : (n,)
-        Initial mean.
-    period : float
-        s.
-    process : (n, n)
-        R^v.
-    measurement : (p,)
-        Diagonal of R^n.
-    model : Plant, optional
-        That the filter runs with; `plant`, whose detectability and covariance count, by default.
-
-    Raises
-    ------
-    NotDetectable
-        If the sensors do not show a mode that does not decay, with the state it is in.
-    """
-    if kind == "none":
-        return None
-    _check_detectable(plant, equilibrium)
-    covariance = initial_covariance(plant, equilibrium, period, process, measurement)
-    options = {"about": equilibrium[0]} if kind == "observer" else {}
-    return KINDS[kind](
-        model or plant, period, process, measurement, mean=start, covariance=covariance, **options
-    )
-
-
 def initial_covariance(
-    plant: Plant,
-    equilibrium: tuple[np.ndarray, np.ndarray],
-    period: float,
-    process: np.ndarray,
-    measurement: np.ndarray,
+    linear: tuple[np.ndarray, np.ndarray], period: float, process: np.ndarray, measurement: np.ndarray
 ) -> np.ndarray:
     """P0 (n, n) of a filter that has run at the goal for long, so that its gain is constant from the start.
 
-    Without process noise such a filter would be certain of its state: then `INITIAL_VARIANCE` for each state.
-
-    Parameters
-    ----------
-    plant, equilibrium, period, process, measurement
-        As for `estimator_for`.
+    Without process noise such a filter would be certain of its state: then `INITIAL_VARIANCE` for each state. `linear`
+    is A and C of its model there, `measurement` the diagonal of R^n.
     """
     from scipy.linalg import expm
 
+    a, c = linear
     if not process.any():
-        return INITIAL_VARIANCE * np.eye(plant.n)
-    a, _, _, c = plant.linearise(*equilibrium)
+        return INITIAL_VARIANCE * np.eye(len(a))
     return stationary_covariance((expm(a * period), c), process, np.diag(measurement))
 
 
-def _check_detectable(plant: Plant, equilibrium: tuple[np.ndarray, np.ndarray]) -> None:
-    """The Popov–Belevitch–Hautus test at each eigenvalue that does not decay."""
-    a, _, _, c = plant.linearise(*equilibrium)
+def check_detectable(plant: Plant, linear: tuple[np.ndarray, np.ndarray]) -> None:
+    """Refuse sensors that do not show a mode that does not decay, by the Popov–Belevitch–Hautus test at each eigenvalue
+    of A, with `linear` as A and C at the goal. Raises `NotDetectable` with the state that the mode is in."""
+    a, c = linear
     eigenvalues = np.linalg.eigvals(a)
     size = float(np.abs(eigenvalues).max())
     c = c / np.maximum(np.abs(c).max(axis=1, keepdims=True), 1e-300)

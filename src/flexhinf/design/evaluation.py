@@ -27,7 +27,7 @@ from flexhinf.analysis import (
 )
 from flexhinf.analysis.batch import LawRows
 from flexhinf.design.impulse import ImpulseRuns, impulse_runs, impulse_sizes
-from flexhinf.design.loop_setup import LoopSetup
+from flexhinf.design.loop_setup import LoopSetup, share_derived
 from flexhinf.design.monte_carlo import MonteCarlo, move_errors, sampled_runs
 from flexhinf.design.problem.modes import (
     Mode,
@@ -64,7 +64,7 @@ class LawEvaluation:
     setup : LoopSetup
         Law, estimator, controller and true plant.
     scenario : Scenario or None
-        The runs, the same for all laws; without one there are only linear figures.
+        The runs, the same for all laws; without one there are only linear metrics.
     parameters : mapping of str to float
         Values that were tuned, by name; empty for a design's own law.
     other_noise : bool
@@ -78,11 +78,17 @@ class LawEvaluation:
     other_noise: bool = True
 
     def in_scenario(self, scenario: Scenario, step: Response | None = None) -> LawEvaluation:
-        """The same with runs; linear figures that were computed are kept, and the step where it was run."""
-        found = replace(self, scenario=scenario)
-        computed = {name: value for name, value in vars(self).items() if name not in vars(found)}
-        vars(found).update(computed | ({} if step is None else {"step": step}))
-        return found
+        """The same with runs; linear metrics that were computed are kept, and the step where it was run."""
+        same = replace(self, scenario=scenario)
+        share_derived(self, same)
+        if step is not None:
+            vars(same)["step"] = step
+        return same
+
+    def compute(self, *names: str) -> None:
+        """Compute these attributes now, where they would else be computed when they are first read."""
+        for name in names:
+            getattr(self, name)
 
     @property
     def _runs(self) -> Scenario:
@@ -103,11 +109,9 @@ class LawEvaluation:
     @cached_property
     def unlimited_step(self) -> Response:
         """The same without limits of the inputs: what the law demands. The same run where no limit was met."""
-        limits = self.setup.limits.saturated
-        if limits is None or (
-            self.step.diverged_at is None and np.all(np.abs(self.step.inputs).max(axis=0) < limits)
-        ):
-            return self.step
+        limits, step = self.setup.limits.saturated, self.step
+        if limits is None or (step.diverged_at is None and np.all(np.abs(step.inputs).max(axis=0) < limits)):
+            return step
         free = replace(self.setup, specification=replace(self.setup.specification, saturation=np.inf))
         return free.step(self._runs.step_duration, sub_steps=self._runs.sub_steps)
 
@@ -129,7 +133,7 @@ class LawEvaluation:
 
     @cached_property
     def ring_down(self) -> ImpulseRuns:
-        """At the goal, with a blow on one joint after the other."""
+        """At the goal, with an impulse on one joint after the other."""
         runs = self._runs
         sizes = impulse_sizes(self.setup, np.abs(self.step.inputs).max(axis=0))
         return impulse_runs(self.setup, sizes, runs.step_duration, runs.sub_steps)
@@ -147,11 +151,9 @@ class LawEvaluation:
     def move_sample_errors(self) -> np.ndarray | None:
         """Largest error (N,) along the move, on the same robots, rad or m."""
         runs = self._runs
-        return (
-            move_errors(self.setup, runs.robots, runs.plan, runs.sub_steps, runs.rest)
-            if runs.robots
-            else None
-        )
+        if not runs.robots:
+            return None
+        return move_errors(self.setup, runs.robots, runs.plan, runs.sub_steps, runs.rest)
 
     # The linear loop ----------------------------------------------------------------------------------------
     @cached_property
@@ -165,9 +167,22 @@ class LawEvaluation:
         return self.setup.equilibrium_loop(estimated=False)
 
     @cached_property
+    def _margins(self) -> Margins | FlexhinfError:
+        """Of the running loop, or why there are none."""
+        try:
+            return margins(self.loop)
+        except FlexhinfError as error:
+            return error
+
+    @property
     def margins(self) -> Margins:
-        """Of the running loop."""
-        return margins(self.loop)
+        """Of the running loop.
+
+        Raises `FlexhinfError` if it has no equilibrium.
+        """
+        if isinstance(self._margins, FlexhinfError):
+            raise self._margins
+        return self._margins
 
     @cached_property
     def state_margins(self) -> Margins:
@@ -185,13 +200,11 @@ class LawEvaluation:
         robot = self.setup.robot
         if not robot.uncertain:
             return None
-        noises = self._other_noises if self.other_noise else ()
-        return tolerance_corners(self.loop, robot.corner, robot.uncertain, noises)
+        return tolerance_corners(self.loop, robot.corner, robot.uncertain, self._other_noises())
 
-    @property
     def _other_noises(self) -> tuple[ProcessNoise, ...]:
         """Other R^v with which the corners are computed: in which directions the estimator may be retuned."""
-        if not self.loop.tunable:
+        if not (self.other_noise and self.loop.tunable):
             return ()
         variance = float(np.diag(self.loop.filter.measurement_noise).min())
         forms = dict.fromkeys(noise.form for noise in standard_noises(self.loop))
@@ -200,19 +213,15 @@ class LawEvaluation:
 
     @cached_property
     def state_corners(self) -> GrowthRates | None:
-        """The same corners with the true state fed back: whether the law itself stands them."""
+        """Stability of the same corners under state feedback."""
         if self.corners is None or self.loop.filter is None:
             return None
         return growth_rates(self.state_loop, self.corners.population)[0]
 
     @property
     def linear_failure(self) -> str:
-        """Why the loop has no linear figures: it has no equilibrium; empty where it has."""
-        try:
-            self.margins  # noqa: B018
-        except FlexhinfError as error:
-            return " ".join(str(error).split())
-        return ""
+        """Why the loop has no linear metrics: it has no equilibrium; empty where it has."""
+        return " ".join(str(self._margins).split()) if isinstance(self._margins, FlexhinfError) else ""
 
     # Modes --------------------------------------------------------------------------------------------------
     @cached_property
@@ -259,36 +268,34 @@ class LawEvaluation:
         """States, and integrals, that the law depends on."""
         return needed_states(self.setup.linear_law)
 
-    # All figures ----------------------------------------------------------------------------------------------
+    # All metrics ----------------------------------------------------------------------------------------------
     @cached_property
     def worst(self) -> Mapping[str, Worst]:
-        """Figures that are the worst of all joints, with the joint, by the keys of `metrics`."""
-        step, load, move = self.step, self.load_response, self.move
-        found = {
+        """Metrics that are the worst of all joints, with the joint, by the keys of `metrics`."""
+        step, load, move = self.step, self.load_response.metrics, self.move.metrics
+        return {
             "step_overshoot_percent": step.overshoot,
             "step_settling_s": step.settling,
             "step_peak_input": step.peak,
             "step_remaining": step.remaining,
+            "load_deviation": worst_of(load, "peak_deviation"),
+            "load_recovery_s": worst_of(load, "recovery_time_s"),
+            "load_remaining": worst_of(load, "remaining_error"),
+            "move_error": worst_of(move, "largest_error"),
+            "move_remaining": worst_of(move, "final_error"),
+            "move_peak_input": worst_of(move, "peak_input"),
         }
-        found["load_deviation"] = worst_of(load.metrics, "peak_deviation")
-        found["load_recovery_s"] = worst_of(load.metrics, "recovery_time_s")
-        found["load_remaining"] = worst_of(load.metrics, "remaining_error")
-        found["move_error"] = worst_of(move.metrics, "largest_error")
-        found["move_remaining"] = worst_of(move.metrics, "final_error")
-        found["move_peak_input"] = worst_of(move.metrics, "peak_input")
-        return found
 
     @cached_property
     def metrics(self) -> Mapping[str, float | None]:
-        """All figures by key, SI units (see `figures.FIGURES` in the report for labels and units).
+        """All metrics by key, SI units.
 
         None where there is none; infinite where a run diverged, a step did not settle, or a loop is unstable.
         Keys: step_{peak_input, overshoot_percent, settling_s, remaining}, load_{deviation, recovery_s, remaining},
         move_{error, remaining, peak_input}, drawn_* (step and move on sampled robots), and those of `linear_metrics`.
         """
-        found: dict[str, float | None] = {key: worst.value for key, worst in self.worst.items()}
-        found |= self._sample_metrics()
-        return found | self.linear_metrics | {"operations": float(self.operations)}
+        metrics: dict[str, float | None] = {key: worst.value for key, worst in self.worst.items()}
+        return metrics | self._sample_metrics() | self.linear_metrics | {"operations": float(self.operations)}
 
     def _sample_metrics(self) -> dict[str, float | None]:
         step, errors = self.step_samples, self.move_sample_errors
@@ -307,7 +314,7 @@ class LawEvaluation:
 
     @cached_property
     def linear_metrics(self) -> dict[str, float | None]:
-        """Figures of the running loop: damping, delay_margin_s, peak_sensitivity, gain_margin, input_noise,
+        """Metrics of the running loop: damping, delay_margin_s, peak_sensitivity, gain_margin, input_noise,
         bandwidth_rad_s and unstable_corners; empty where the loop has no equilibrium."""
         if self.linear_failure:
             return {}

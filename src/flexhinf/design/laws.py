@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
@@ -19,7 +18,7 @@ from flexhinf.errors import InvalidInput
 from flexhinf.hinf import smallest_gamma, solve_hji
 from flexhinf.plant import GeneralisedPlant, Law, Penalty
 
-#: The design's own law as `flexhinf design` makes it, by whose figures the criterion divides. It is not tuned for the
+#: The design's own law as `flexhinf design` makes it, by whose metrics the criterion divides. It is not tuned for the
 #: criterion, so it is no side of the comparison: that is the next one.
 DESIGN = "design"
 
@@ -216,10 +215,7 @@ DEFAULT_LAWS = tuple(_BY_NAME)
 def law_kind(name: str) -> LawKind:
     """What a name stands for.
 
-    Raises
-    ------
-    InvalidInput
-        For a name that is not known, with the nearest that is.
+    Raises `InvalidInput` for a name that is not known, with the nearest that is.
     """
     match = _WITH_DEGREE.match(name)
     if match and 2 <= int(match[1]) <= LARGEST_DEGREE:
@@ -241,10 +237,7 @@ def law_kind(name: str) -> LawKind:
 def law_names(names: Sequence[str] | None = None) -> tuple[str, ...]:
     """The names of a comparison, each once: the design's own law and the same tuned, then the others.
 
-    Raises
-    ------
-    InvalidInput
-        For a name that is not known.
+    Raises `InvalidInput` for a name that is not known.
     """
     wanted = tuple(names) if names else DEFAULT_LAWS
     for name in wanted:
@@ -304,13 +297,13 @@ class LawFactory:
 
     def bounds(self, kind: LawKind) -> dict[str, tuple[float, float]]:
         """Lower and upper bounds of a law's parameters."""
-        start, found = self.start(kind), {}
+        bounds, start = {}, self.start(kind)
         for p in (p for p in kind.parameters if p.name in start):
             scale = start[p.name] if p.relative else 1.0
-            found[p.name] = (p.lower * scale, p.upper * scale)
-        if DEGREE in found:
-            found[DEGREE] = (2.0, float(self.largest_degree))
-        return found
+            bounds[p.name] = (p.lower * scale, p.upper * scale)
+        if DEGREE in bounds:
+            bounds[DEGREE] = (2.0, float(self.largest_degree))
+        return bounds
 
     @property
     def largest_degree(self) -> int:
@@ -331,50 +324,40 @@ class LawFactory:
         degree : int, optional
             Of V, instead of its own.
 
-        Raises
-        ------
-        FlexhinfError
-            If there is no such law: a Riccati equation without a solution, a goal that it does not hold.
+        Raises `FlexhinfError` if there is no such law: a Riccati equation without a solution, a goal that it does not
+        hold.
         """
         if kind.name == DESIGN or self._is_own(kind, values, degree):
             return self.synthesis.law
-        family = kind.name.removesuffix("-i")
-        if family in ("pd", "pd-gravity", "pid", "torque", "flatness"):
+        family, problem = kind.name.removesuffix("-i"), self.problem
+        if "bandwidth" in values:
             return self._of_bandwidth(family, kind.integral, values)
-        if family in ("lqr", "lqg", "lqr-gravity"):
-            problem = self._weighted(self.problem, values)
-            return GravityCompensatedLQR.design(problem) if family == "lqr-gravity" else lqr(problem)
-        degree = round(values.get(DEGREE, self.degree(kind))) if degree is None else degree
-        if family == "nlqr":
-            return solve_hji(self._weighted(self.problem, values), np.inf, degree)
-        problem, ratio = self._weighted(self._sized(values.get(CHANNELS, 1.0)), values), values["gamma_ratio"]
-        infinite = ratio >= INFINITE_GAMMA * (1.0 - ROUNDING)
-        return solve_hji(problem, np.inf if infinite else ratio * smallest_gamma(problem), degree)
-
-    def _sized(self, size: float) -> GeneralisedPlant:
-        """The design's problem, its channels of the tolerances of this size."""
-        size = 0.0 if size <= NO_CHANNELS * (1.0 + ROUNDING) else size
-        return sized_channels(self.synthesis.design_problem.problem, self.problem, size)
+        if family == "hinf" or family.startswith(NL_HINF):
+            size = values.get(CHANNELS, 1.0)
+            size = 0.0 if size <= NO_CHANNELS * (1.0 + ROUNDING) else size
+            problem = sized_channels(self.synthesis.design_problem.problem, problem, size)
+        problem = weighted(problem, values["effort"], values["integral_weight"], values["velocity_weight"])
+        if family in ("lqr", "lqg"):
+            return lqr(problem)
+        if family == "lqr-gravity":
+            return GravityCompensatedLQR.design(problem)
+        ratio = values.get("gamma_ratio", INFINITE_GAMMA)
+        gamma = np.inf if ratio >= INFINITE_GAMMA * (1.0 - ROUNDING) else ratio * smallest_gamma(problem)
+        return solve_hji(
+            problem, gamma, round(values.get(DEGREE, self.degree(kind))) if degree is None else degree
+        )
 
     def _of_bandwidth(self, family: str, integral: bool, values: Mapping[str, float]) -> Law:
-        problem, bandwidth = self.problem, values["bandwidth"]
-        rate = values.get("integral_rate", INTEGRAL_RATE)
+        bandwidth, rate = values["bandwidth"], values.get("integral_rate", INTEGRAL_RATE)
         tracked = "link_position" if integral else None
-        made: Any
         if family in ("pd", "pid"):
-            made = MotorPD.tuned(problem, bandwidth, values["damping"], tracked, rate)
-        elif family in ("pd-gravity", "torque"):
+            return MotorPD.tuned(self.problem, bandwidth, values["damping"], tracked, rate)
+        if family in ("pd-gravity", "torque"):
             rotor = values.get("rotor_inertia", 1.0)
-            made = TorqueFeedback.tuned(problem, bandwidth, values["damping"], rotor, tracked, rate)
-        else:
-            made = FeedbackLinearisation.tuned(
-                problem, bandwidth, integral, integral_rate=rate if integral else None
-            )
-        return made
-
-    @staticmethod
-    def _weighted(problem: GeneralisedPlant, values: Mapping[str, float]) -> GeneralisedPlant:
-        return weighted(problem, values["effort"], values["integral_weight"], values["velocity_weight"])
+            return TorqueFeedback.tuned(self.problem, bandwidth, values["damping"], rotor, tracked, rate)
+        return FeedbackLinearisation.tuned(
+            self.problem, bandwidth, integral, integral_rate=rate if integral else None
+        )
 
 
 def weighted(problem: GeneralisedPlant, effort: float, integral: float, velocity: float) -> GeneralisedPlant:
@@ -395,16 +378,14 @@ def weighted(problem: GeneralisedPlant, effort: float, integral: float, velocity
     GeneralisedPlant
         Its penalty is the matrix ∂h/∂x at the operating point, so scaled.
     """
-    rows = np.array(problem.expand(1).h_parts[1], dtype=float)
     names = problem.state_names
-    columns = np.array([integral if name.endswith("_integral") else 1.0 for name in names])
-    rows = rows * columns
+    factors = [integral if name.endswith("_integral") else 1.0 for name in names]
+    rows = np.array(problem.expand(1).h_parts[1], dtype=float) * factors
     extra = []
-    added = velocity > NO_VELOCITY * (1.0 + ROUNDING)
-    for name in (name for name in names if added and name.startswith("link_velocity")):
-        row = np.zeros(len(names))
-        position = names.index(name.replace("velocity", "position"))
-        row[names.index(name)] = velocity * float(np.linalg.norm(rows[:, position]))
-        extra.append(row)
+    if velocity > NO_VELOCITY * (1.0 + ROUNDING):
+        for k, name in enumerate(names):
+            if name.startswith("link_velocity"):
+                position = names.index(name.replace("velocity", "position"))
+                extra.append(velocity * float(np.linalg.norm(rows[:, position])) * np.eye(len(names))[k])
     r2 = effort * np.asarray(problem.penalty.effort, dtype=float)
     return replace(problem, penalty=Penalty(np.vstack([rows, *extra]), effort=r2))

@@ -16,7 +16,7 @@ from flexhinf.analysis import EquilibriumLoop
 from flexhinf.design.estimators import (
     KINDS,
     EstimatorNoise,
-    estimator_for,
+    check_detectable,
     initial_covariance,
     noise_variances,
     sensor_steps,
@@ -25,7 +25,7 @@ from flexhinf.design.joint_limits import JointLimits, integral_dead_zone, joint_
 from flexhinf.design.plans import has_integrals, move_reference, step_command
 from flexhinf.design.responses import LOAD_START, LoadResponse, Move, Plan, Response, run_response
 from flexhinf.design.specification import Specification
-from flexhinf.loop import Controller, EnsembleResult, Loop, Step
+from flexhinf.loop import Controller, EnsembleResult, Loop, Schedule, Step
 from flexhinf.plant import Law, Plant, linear_plant, sub_steps
 from flexhinf.robot import MuJoCoPlant, Robot
 from flexhinf.robot.elastic import DRY
@@ -43,14 +43,16 @@ SMOOTH_EXTRAS = ("inductance", "joint_damping", "spring_hardening")
 FRICTIONAL = ("ukf", "ekf")
 
 
+def share_derived(known: Any, same: Any) -> None:
+    """Give what one object has computed to another one, of which it holds too."""
+    vars(same).update({name: value for name, value in vars(known).items() if name not in vars(same)})
+
+
 @dataclass(frozen=True, eq=False)
 class LoopPlants:
     """What of a loop there is before a law.
 
-    Parameters
-    ----------
-    specification : Specification
-        Sensors, quantisation, limits, extras and noise.
+    `specification`: sensors, quantisation, limits, extras and noise.
     """
 
     robot: Robot
@@ -74,7 +76,7 @@ class LoopPlants:
     @cached_property
     def estimator_model(self) -> Plant:
         """The model of the running estimator: on request with dry friction, smoothed. At standstill its slope would
-        count as damping, so linear figures are those of `model`."""
+        count as damping, so linear metrics are those of `model`."""
         s = self.specification
         known = s.friction_model and s.estimator in FRICTIONAL
         return self.robot.plant(s.measured, extras=self.dry_friction) if known else self.model
@@ -88,10 +90,7 @@ class LoopPlants:
     def mujoco_plant(self, at: np.ndarray) -> MuJoCoPlant:
         """The same robot in MuJoCo, its step a tenth of a radian of the fastest mode's phase at a pose (n,), or less.
 
-        Raises
-        ------
-        InvalidInput
-            If MuJoCo is not installed, or does not express the extras.
+        Raises `InvalidInput` if MuJoCo is not installed, or does not express the extras.
         """
         s = self.specification
         fastest = self.true_plant.fastest_mode(*self.robot.operating_point(at, s.extras))
@@ -128,6 +127,46 @@ class LoopPlants:
         s = self.specification
         return None if s.estimator == "none" else np.sqrt(noise_variances(self.model, s.measurement_noise))
 
+    def estimator_at(
+        self,
+        at: np.ndarray,
+        goal: np.ndarray,
+        noise: EstimatorNoise,
+        running: bool = False,
+        linear: bool = False,
+    ) -> Any:
+        """The estimator, its initial mean the robot in equilibrium at a pose (n,); None for "none".
+
+        Parameters
+        ----------
+        at, goal : (n,)
+            The sensors must show every mode at the goal that does not decay.
+        noise : EstimatorNoise
+            Levels of R^v.
+        running : bool
+            As it runs, with the `estimator_model`; otherwise with `model`.
+        linear : bool
+            With the linearisation at the goal: a linear Kalman filter.
+
+        Raises `NotDetectable` if the sensors do not show a mode that does not decay, with the state it is in.
+        """
+        s, model = self.specification, self.model
+        if s.estimator == "none":
+            return None
+        equilibrium = self.robot.operating_point(goal)
+        a, _, _, c = model.linearise(*equilibrium)
+        process, measurement = noise.covariance(model.states), noise_variances(model, s.measurement_noise)
+        kind, options = s.estimator, {}
+        if linear:
+            kind, model = "ekf", linear_plant(model, *equilibrium)
+        else:
+            check_detectable(model, (a, c))
+            model = self.estimator_model if running else model
+            options = {"about": equilibrium[0]} if kind == "observer" else {}
+        covariance = initial_covariance((a, c), s.period, process, measurement)
+        mean = self.robot.operating_point(at)[0]
+        return KINDS[kind](model, s.period, process, measurement, mean=mean, covariance=covariance, **options)
+
 
 @dataclass(frozen=True, eq=False)
 class LoopSetup(LoopPlants):
@@ -140,11 +179,9 @@ class LoopSetup(LoopPlants):
     specification : Specification
         Sensors, estimator, period, delay, quantisation, limits, extras and noise.
     law : Law
-        Or a schedule of laws.
+        Or a schedule of laws, that at the goal first.
     goal, start : (n,)
         Link positions, rad or m.
-    law_at_goal : Law, optional
-        The law that acts at the goal, where `law` is a schedule.
     estimator_noise : EstimatorNoise, optional
         R^v; by default what the specification states.
     linear_model : bool
@@ -159,7 +196,6 @@ class LoopSetup(LoopPlants):
     law: Law
     goal: np.ndarray
     start: np.ndarray
-    law_at_goal: Law | None = None
     estimator_noise: EstimatorNoise | None = None
     linear_model: bool = False
     chosen_zone: np.ndarray | None = None
@@ -169,7 +205,7 @@ class LoopSetup(LoopPlants):
     @property
     def linear_law(self) -> Law:
         """The law that is linearised at the goal."""
-        return self.law if self.law_at_goal is None else self.law_at_goal
+        return self.law.laws[0] if isinstance(self.law, Schedule) else self.law
 
     @property
     def process_noise(self) -> EstimatorNoise:
@@ -180,9 +216,9 @@ class LoopSetup(LoopPlants):
     @cached_property
     def without_noise(self) -> LoopSetup:
         """The same loop, `quiet`; what is derived is shared, since none of it depends on the simulated noise."""
-        found = replace(self, quiet=True)
-        vars(found).update({name: value for name, value in vars(self).items() if name not in vars(found)})
-        return found
+        same = replace(self, quiet=True)
+        share_derived(self, same)
+        return same
 
     @cached_property
     def goal_equilibrium(self) -> tuple[np.ndarray, np.ndarray]:
@@ -190,26 +226,8 @@ class LoopSetup(LoopPlants):
         return self.robot.operating_point(self.goal)
 
     def estimator(self, at: np.ndarray, running: bool = False) -> Any:
-        """The estimator, its initial mean the robot in equilibrium at a pose (n,); None for "none".
-
-        Parameters
-        ----------
-        at : (n,)
-        running : bool
-            As it runs, with the `estimator_model`; otherwise as linear figures have it, with `model`.
-        """
-        s, equilibrium = self.specification, self.goal_equilibrium
-        mean = self.robot.operating_point(at)[0]
-        process = self.process_noise.covariance(self.model.states)
-        measurement = noise_variances(self.model, s.measurement_noise)
-        if self.linear_model and s.estimator != "none":
-            covariance = initial_covariance(self.model, equilibrium, s.period, process, measurement)
-            model = linear_plant(self.model, *equilibrium)
-            return KINDS["ekf"](model, s.period, process, measurement, mean=mean, covariance=covariance)
-        model = self.estimator_model if running else self.model
-        return estimator_for(
-            s.estimator, self.model, equilibrium, mean, s.period, process, measurement, model
-        )
+        """The estimator, see `LoopPlants.estimator_at`; linear metrics have the one that is not `running`."""
+        return self.estimator_at(at, self.goal, self.process_noise, running, self.linear_model)
 
     def controller(self, at: np.ndarray, moving: bool = False, start: str | None = None) -> Controller:
         """A controller for a run that begins at a pose.
@@ -245,13 +263,9 @@ class LoopSetup(LoopPlants):
 
     def loop(self, controller: Controller, plant: Any = None, sub_steps: int | None = None) -> Loop:
         """A loop round the true plant, or round another one, with the specification's delay and quantisation."""
-        s = self.specification
+        plant = self.true_plant if plant is None else plant
         return Loop(
-            self.true_plant if plant is None else plant,
-            controller,
-            sub_steps,
-            quantisation=self.quantisation,
-            delay=s.delay,
+            plant, controller, sub_steps, quantisation=self.quantisation, delay=self.specification.delay
         )
 
     def equilibrium(
@@ -274,31 +288,23 @@ class LoopSetup(LoopPlants):
         values : mapping, optional
             Parameters of the true plant, which the estimator does not know.
         """
-        s, law, plant = self.specification, self.linear_law, self.smooth_plant
-        if values is not None:
-            plant = plant.with_parameters(**plant.parameters.known(values))
+        s, law, plant = self.specification, self.linear_law, _with_values(self.smooth_plant, values)
         return EquilibriumLoop(
-            law,
-            self.estimator(self.goal) if estimated else None,
-            plant,
-            s.period,
-            equilibrium=self.goal_equilibrium,
-            moving=not has_integrals(law),
-            delay=round(s.delay / s.period),
+            law, self.estimator(self.goal) if estimated else None, plant, s.period,
+            equilibrium=self.goal_equilibrium, moving=not has_integrals(law), delay=round(s.delay / s.period),
             positions=self.model.states[: len(self.goal)],
-        )
+        )  # fmt: skip
 
     def departure(self, law: Law) -> np.ndarray:
         """Deviation (N,) from the goal's equilibrium at which a law takes over at the start, integrals included."""
-        s = self.specification
-        limits = self.limits.saturated
-        controller = Controller(law, self.estimator(self.start), s.period, limits, start="bumpless")
+        estimator, period = self.estimator(self.start), self.specification.period
+        controller = Controller(law, estimator, period, self.limits.saturated, start="bumpless")
         x, u = self.equilibrium(self.start)
         count = len(controller.states)
-        controller.reset(input=u) if controller.estimator is None else controller.reset(x[:count], input=u)
+        controller.reset(None if estimator is None else x[:count], input=u)
         measured = x[:count]
-        if controller.estimator is not None:
-            output = self.model.traced_output(x[:count], u, self.model.parameters.vector())
+        if estimator is not None:
+            output = self.model.traced_output(measured, u, self.model.parameters.vector())
             measured = np.asarray(output, dtype=float).ravel()
         controller.step(measured)
         return np.concatenate([x[:count], controller.integrals]) - law.operating_point
@@ -424,13 +430,8 @@ class LoopSetup(LoopPlants):
         near = np.allclose(begin, self.start, rtol=0.0, atol=1e-12)
         controller = self.tracking_controller if near else self.controller(begin, moving=True)
         duration = plan.duration + (0.5 * plan.duration if rest is None else rest)
-        reference = move_reference(self.robot, plan, self.dry_friction)
-        return (
-            controller,
-            self.start if near else begin,
-            round(duration / period) * period,
-            {"reference": reference},
-        )
+        options = {"reference": move_reference(self.robot, plan, self.dry_friction)}
+        return controller, self.start if near else begin, round(duration / period) * period, options
 
     def _run(
         self,
@@ -443,14 +444,15 @@ class LoopSetup(LoopPlants):
         sub_steps: int | None,
         **options: Any,
     ) -> Response:
-        if values is not None:
-            plant = self._plant_with(values)
-        begin, given = self._begun(at, duration, values, seed)
-        if self.quiet:
-            given["noise"] = None
+        plant = _with_values(self.true_plant, values) if values is not None else plant
+        x, _ = self.equilibrium(
+            at, values
+        )  # the controller begins as it boots, with the input that holds the model
         return run_response(
-            self.loop(controller, plant, sub_steps), self.goal, begin, self.joints, **given, **options
-        )
+            self.loop(controller, plant, sub_steps), self.goal, x[: len(self.goal)], self.joints,
+            noise=None if self.quiet else self.noise, duration=duration, initial_state=x,
+            seed=seed + self.specification.seed, **options,
+        )  # fmt: skip
 
     def _run_many(
         self,
@@ -469,14 +471,7 @@ class LoopSetup(LoopPlants):
             np.array([self.equilibrium(at, values)[0] for values in robots]),
         )
 
-    def _plant_with(self, values: Mapping[str, Any]) -> Plant:
-        return self.true_plant.with_parameters(**self.true_plant.parameters.known(values))
 
-    def _begun(
-        self, at: np.ndarray, duration: float, values: Mapping[str, Any] | None, seed: int
-    ) -> tuple[np.ndarray, dict[str, Any]]:
-        """Link positions (n,) at which a run begins in equilibrium, and its arguments; the controller begins as it
-        boots, with the input that holds the model there."""
-        x, _ = self.equilibrium(at, values)
-        given = {"noise": self.noise, "duration": duration, "initial_state": x}
-        return x[: len(self.goal)], {**given, "seed": seed + self.specification.seed}
+def _with_values(plant: Plant, values: Mapping[str, Any] | None) -> Plant:
+    """A plant with these parameters; its own where they are None."""
+    return plant if values is None else plant.with_parameters(**plant.parameters.known(values))

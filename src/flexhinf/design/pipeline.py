@@ -10,7 +10,7 @@ import numpy as np
 from flexhinf.design.along_move import along_requirements
 from flexhinf.design.attenuation import attenuation, searches_disturbance
 from flexhinf.design.certification import prove_design, with_tolerances
-from flexhinf.design.criterion import MODES, criterion_for, reference_metrics, stated_limits
+from flexhinf.design.criterion import check_mode, criterion_for, reference_metrics, stated_limits
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.joint_limits import joint_limits
 from flexhinf.design.laws import DESIGN, LawFactory, LawKind, law_kind, law_names
@@ -45,7 +45,6 @@ from flexhinf.design.specification import Specification
 from flexhinf.design.synthesis.degrees import rays_of, synthesis_stages
 from flexhinf.design.synthesis.steps import Synthesis, synthesise
 from flexhinf.design.tuning import TunedLaw, Tuner
-from flexhinf.errors import InvalidInput
 from flexhinf.robot import Robot
 from flexhinf.robot.mujoco import check_expressed
 
@@ -104,12 +103,13 @@ def design(robot: Robot, specification: Specification, progress: Progress | None
     progress("compile the closed loop, and run the step")
     scenario, step = _scenario(linear, synthesis, _duration(setup, modes), SAMPLES)
     evaluation = linear.in_scenario(scenario, step)
-    evaluation.margins  # noqa: B018  (before there is a second thread: filters of warnings are the whole process's)
+    evaluation.compute(
+        "margins"
+    )  # before there is a second thread: filters of warnings are the whole process's
     with ThreadPoolExecutor(1) as beside:  # runs are compiled code, which lets the other thread go on
         rigid = beside.submit(_runs, evaluation, synthesis)
         progress("corners of the tolerances, while load, move and sampled robots are run")
-        evaluation.corners  # noqa: B018
-        evaluation.frequency_response  # noqa: B018
+        evaluation.compute("corners", "frequency_response")
         progress("the worst disturbance, and the dissipation budget of the step")
         worth = attenuation(setup, synthesis, scenario.step_duration)
         mujoco = None
@@ -134,10 +134,7 @@ def design(robot: Robot, specification: Specification, progress: Progress | None
 
 def _runs(evaluation: LawEvaluation, synthesis: Synthesis) -> RigidComparison | None:
     """The runs that a design shows beside its step, and the rigid design on the same robot, where it is asked for."""
-    evaluation.load_response  # noqa: B018
-    evaluation.ring_down  # noqa: B018
-    evaluation.move  # noqa: B018
-    evaluation.step_samples  # noqa: B018
+    evaluation.compute("load_response", "ring_down", "move", "step_samples")
     return _rigid(evaluation, synthesis) if evaluation.setup.specification.compare_rigid else None
 
 
@@ -334,10 +331,7 @@ def compare(
     """
     s, kinds = specification, [law_kind(name) for name in law_names(laws)]
     progress = progress or _silent
-    if tune not in MODES:
-        raise InvalidInput(
-            "There is no such way to tune.", f"expected {', '.join(MODES)}, got {tune!r}", "tune='peak'"
-        )
+    check_mode(tune, "tune='peak'")
     progress("equilibrium, and weights")
     synthesis = synthesise(robot, s, progress)
     setup, _ = end_limit_cycle(synthesis.setup(robot, s))
@@ -371,11 +365,11 @@ def _row(kind: LawKind, tuned: TunedLaw | str, progress: Progress) -> ComparedLa
         return ComparedLaw(kind, failure=failure)
     progress(f"{kind.name}: step, load and move")
     evaluation = tuned.evaluation
-    evaluation.worst  # noqa: B018
+    evaluation.compute("worst")
     assert evaluation.scenario is not None
     if evaluation.scenario.robots:
         progress(f"{kind.name}: {len(evaluation.scenario.robots)} robots within their tolerances")
-    evaluation.metrics  # noqa: B018
+    evaluation.compute("metrics")
     margins, step, robots = _law_requirements(evaluation)
     return ComparedLaw(kind, tuned, (*margins, *step, *robots))
 

@@ -27,10 +27,7 @@ class RigidFlow:
     a_link and a_motor, and the rigid joint makes them move together,
     q̈ = a_motor + √J⁻¹ (1 + √J M⁻¹ √J)⁻¹ √J (a_link − a_motor). A column of M⁻¹ is what one more N·m on a link does.
 
-    Parameters
-    ----------
-    elastic : ElasticFlow
-        Without extras.
+    `elastic`: without extras.
     """
 
     elastic: Any
@@ -173,10 +170,7 @@ def _weights(penalty: Penalty, names: tuple[str, ...]) -> np.ndarray | None:
 class RigidLoop:
     """The rigid law on the elastic robot.
 
-    Attributes
-    ----------
-    side : {"link", "motor"}
-        Whose true position and velocity it is fed.
+    `side` {"link", "motor"}: whose true position and velocity it is fed.
     """
 
     side: str

@@ -148,10 +148,7 @@ class Tuner:
         progress : callable, optional
             Called with what comes next, three times for each law.
 
-        Raises
-        ------
-        InvalidInput
-            If a law that was asked for does not fit the robot.
+        Raises `InvalidInput` if a law that was asked for does not fit the robot.
         """
         found: dict[str, TunedLaw | str] = {}
         for kind in kinds:
@@ -167,9 +164,8 @@ class Tuner:
                         f"laws without {kind.name!r}",
                     ) from error
                 found[kind.name] = text
-        ordered = sorted(
-            kinds, key=lambda kind: (len(kind.parameters), kind.name)
-        )  # laws that contain others last
+        # Laws that contain others last.
+        ordered = sorted(kinds, key=lambda kind: (len(kind.parameters), kind.name))
         for what, exchange in (("tune from the others", False), ("tune from the best", True)):
             for kind in ordered:
                 law = found[kind.name]
@@ -182,10 +178,7 @@ class Tuner:
     def tune(self, kind: LawKind) -> TunedLaw:
         """The first round: the best law of a kind with each of its sets of sensors; the best of these.
 
-        Raises
-        ------
-        FlexhinfError
-            If no law of this kind can be made and judged at all.
+        Raises `FlexhinfError` if no law of this kind can be made and judged at all.
         """
         if kind.name == DESIGN:
             metrics = self.criterion.own
@@ -217,13 +210,13 @@ class Tuner:
         """
         if law.kind.name == DESIGN:
             return law
-        kind, sensors = law.kind, law.evaluation.setup.specification.measured
+        kind, sensors = law.kind, tuple(law.setup.specification.measured)
         others = [other for other in others if other.parameters and other is not law]
         _, samples, simplex = self._budget
-        found = self._search(
-            kind, tuple(sensors), law.search, 0 if exchange else samples, simplex, others, exchange
+        samples = 0 if exchange else samples
+        return self._tuned(
+            kind, sensors, self._search(kind, sensors, law.search, samples, simplex, others, exchange)
         )
-        return self._tuned(kind, tuple(sensors), found)
 
     @property
     def _states(self) -> int:
@@ -239,10 +232,8 @@ class Tuner:
         return 2 if self._states > MANY_STATES else None
 
     def _tuned(self, kind: LawKind, sensors: tuple[str, ...], found: Tuning) -> TunedLaw:
-        searched = self._searched_degree
-        best = self._robust_best(kind, sensors, found)
-        higher = searched is not None and self.factory.degree(kind) > searched
-        if higher or not best.feasible:
+        searched, best = self._searched_degree, self._robust_best(kind, sensors, found)
+        if not best.feasible or (searched is not None and self.factory.degree(kind) > searched):
             best = self._judged_in_full(kind, sensors, best)
         best = min((best, *self._own_candidate(kind)), key=lambda candidate: candidate.order)
         judgement = best.judgement
@@ -253,16 +244,11 @@ class Tuner:
                 f"{found.candidates[0].judgement.reason}",
                 f"leave {kind.name} out of --laws",
             )
-        tried = (c.judgement.result for c in found.candidates)
+        results = (c.judgement.result for c in found.candidates)
+        tried = tuple(m for m in results if isinstance(m, LawMetrics) and not math.isnan(m.load_deviation))
+        evaluation = self.evaluation(kind, sensors, best.parameters)
         return TunedLaw(
-            kind,
-            self.evaluation(kind, sensors, best.parameters),
-            judgement.result,
-            judgement.cost,
-            best.feasible,
-            judgement.reason,
-            tuple(f for f in tried if isinstance(f, LawMetrics) and not math.isnan(f.load_deviation)),
-            found,
+            kind, evaluation, judgement.result, judgement.cost, best.feasible, judgement.reason, tried, found
         )
 
     def _judged_in_full(self, kind: LawKind, sensors: tuple[str, ...], best: Candidate) -> Candidate:
@@ -275,8 +261,8 @@ class Tuner:
 
     def _robust_best(self, kind: LawKind, sensors: tuple[str, ...], found: Tuning) -> Candidate:
         """The cheapest candidate that keeps every limit with no more unstable corners than the design: a law is not
-        left out for its corners while a candidate of it stands them. Without one among `LOOKED_AT`, the design's own
-        law where the law is of that kind, else the cheapest."""
+        left out for its corners while a candidate of it keeps them stable. Without one among `LOOKED_AT`, the
+        design's own law where the law is of that kind, else the cheapest."""
         if not found.feasible or not self.own.setup.robot.uncertain:
             return found.best
         allowed = unstable_corners(self.own)
@@ -289,10 +275,10 @@ class Tuner:
 
     def _own_candidate(self, kind: LawKind) -> tuple[Candidate, ...]:
         """The design's own law, as the criterion has judged it, for a law that is of its kind."""
-        values, free = self.factory.own(kind), self._free(kind)
+        values = self.factory.own(kind)
         if values is None:
             return ()
-        values = {name: values[name] for name in free}
+        values = {name: values[name] for name in self._free(kind)}
         return (Candidate(values, self.criterion.judge(self.criterion.own)),)
 
     def _free(self, kind: LawKind) -> dict[str, float]:
@@ -313,23 +299,20 @@ class Tuner:
         exchange: bool = False,
     ) -> Tuning:
         """Over all free parameters, from the design's or from the best so far."""
-        start, limits = self._free(kind), self.factory.bounds(kind)
-        bounds = {name: limits[name] for name in start}
+        start, limits, degree = self._free(kind), self.factory.bounds(kind), self._searched_degree
         begin = start if before is None else dict(before.best.parameters)
         tried = [values for law in others if (values := self._contained(start, law)) is not None]
         if exchange:
             tried += self._exchanged(begin, others)
-        found = tune(
-            lambda values: self._judged(kind, sensors, values, self._searched_degree),
-            begin,
-            bounds,
-            samples * len(start),
-            simplex * len(start),
-            self.seed,
-            others=tried,
-        )
+
+        def judge(values: Mapping[str, float]) -> Judgement:
+            evaluation = self.evaluation(kind, sensors, values, degree)
+            return self.criterion.judge(metrics_of(evaluation, self.criterion))
+
+        bounds, count = {name: limits[name] for name in start}, len(start)
+        search = tune(judge, begin, bounds, samples * count, simplex * count, self.seed, others=tried)
         known = self._own_candidate(kind) if before is None else before.candidates
-        candidates = (*known, *found.candidates)
+        candidates = (*known, *search.candidates)
         return Tuning(min(candidates, key=lambda candidate: candidate.order), candidates)
 
     def _contained(self, start: Mapping[str, float], law: TunedLaw) -> dict[str, float] | None:
@@ -350,13 +333,6 @@ class Tuner:
                 found.append({**own, **{name: law.parameters[name] for name in both}})
         return found[:EXCHANGED]
 
-    def _judged(
-        self, kind: LawKind, sensors: tuple[str, ...], values: Mapping[str, float], degree: int | None
-    ) -> Judgement:
-        return self.criterion.judge(
-            metrics_of(self.evaluation(kind, sensors, values, degree), self.criterion)
-        )
-
     def evaluation(
         self, kind: LawKind, sensors: tuple[str, ...], values: Mapping[str, float], degree: int | None = None
     ) -> LawEvaluation:
@@ -371,10 +347,7 @@ class Tuner:
         degree : int, optional
             Of V, instead of the law's own.
 
-        Raises
-        ------
-        FlexhinfError
-            If there is no such law.
+        Raises `FlexhinfError` if there is no such law.
         """
         values = {name: float(round(x)) if name == DEGREE else x for name, x in values.items()}
         own = self.own.setup
@@ -384,7 +357,6 @@ class Tuner:
         setup = replace(
             own,
             law=law,
-            law_at_goal=own.law_at_goal if law is own.law else None,
             specification=other_sensors(own.robot, own.specification, sensors),
             estimator_noise=replace(noise, source="tuned"),
             linear_model=kind.name == "lqg",

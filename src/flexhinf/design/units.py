@@ -29,46 +29,84 @@ _FORCES = {"N": 1.0}
 _POSITIONS = (TURNING, SLIDING)
 _SPEEDS = (_TURN_RATES, _SLIDE_RATES)
 _READINGS = (*_POSITIONS, *_SPEEDS, _TORQUES, _FORCES)
+
 #: Longest list that is a field's value: rows of weights have a number per state.
 _LONGEST = 10_000
 
-
-def number(value: Any) -> float:
-    """A number; true and false are none."""
-    return _quantity(value)
+#: What one is in SI units, by each unit of one kind; the SI unit first.
+Units = Sequence[Mapping[str, float]]
 
 
-def seconds(value: Any) -> float:
-    """A time in s, or text with s, ms or µs.
+def quantity(value: Any, units: Units = ()) -> float:
+    """A number, or text of a number without a unit or with one of the units, which it then remembers.
+
+    True and false are no numbers.
 
     Examples
     --------
-    >>> seconds("5ms")
+    >>> quantity("5ms", (SECONDS,))
     0.005
     """
-    return _quantity(value, SECONDS)
+    if isinstance(value, Stated):
+        return value
+    if isinstance(value, str):
+        parts = split(value)
+        unit = lettered(parts[1]) if parts else ""
+        known = next((one for one in units if unit in one), None)
+        if parts is None or (unit and known is None):
+            raise Unreadable(value, units)
+        found = float(parts[0])
+        if math.isinf(found) and "inf" not in parts[0]:
+            raise ValueError(value_text(value))  # beyond all floats, which is not what "none" means
+        if known is None:
+            return found
+        return Stated(found * known[unit], *parts, next(iter(known)))
+    if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, float, np.number)):
+        raise ValueError(value_text(value))
+    found = real_number(value)
+    if np.isnan(found) and not isinstance(value, (float, np.floating)):
+        raise ValueError(value_text(value))  # an integer beyond all floats
+    return found
 
 
-def angles(value: Any) -> tuple[float, ...]:
-    """Positions in rad or m, one or several; as text between commas, with rad, deg, °, m or mm.
+def several(value: Any, units: Units = ()) -> tuple[float, ...]:
+    """Numbers as of `quantity`, one or several; as text between commas.
 
     Examples
     --------
-    >>> angles("0.5, 180deg")
+    >>> several("0.5, 180deg", (TURNING, SLIDING))
     (0.5, 3.141592653589793)
     """
-    return tuple(_quantity(one, *_POSITIONS) for one in _several(value))
+    return tuple(quantity(one, units) for one in _several(value))
 
 
-def lengths(value: Any) -> tuple[float, ...]:
-    """Lengths in m, one or several; as text between commas, with m or mm."""
-    return tuple(_quantity(one, SLIDING) for one in _several(value))
+def one_or_several(value: Any, units: Units = ()) -> float | tuple[float, ...]:
+    """One number for all joints or signals, or one for each.
+
+    Examples
+    --------
+    >>> one_or_several("2.5, 0.5m/s", ({"rad/s": 1.0}, {"m/s": 1.0}))
+    (2.5, 0.5)
+    """
+    read = several(value, units)
+    return read[0] if len(read) == 1 and (isinstance(value, str) or not _is_sequence(value)) else read
+
+
+#: Readers of the fields' values. What stands without a unit is in rad, m, rad/s, m/s, s, N·m or N.
+number, numbers = quantity, one_or_several
+seconds = functools.partial(quantity, units=(SECONDS,))
+angles = functools.partial(several, units=_POSITIONS)
+lengths = functools.partial(several, units=(SLIDING,))
+frequencies = functools.partial(one_or_several, units=(_FREQUENCIES,))
+speeds = functools.partial(one_or_several, units=_SPEEDS)
+distances = functools.partial(one_or_several, units=_POSITIONS)
+quanta = functools.partial(one_or_several, units=_READINGS)
 
 
 def poses(value: Any) -> tuple[tuple[float, ...], ...]:
     """A list of poses, or one pose as text."""
-    several = [value] if isinstance(value, str) else _sequence(value)
-    return tuple(angles(one if isinstance(one, str) else _sequence(one)) for one in several)
+    each = [value] if isinstance(value, str) else _sequence(value)
+    return tuple(angles(one if isinstance(one, str) else _sequence(one)) for one in each)
 
 
 def angle_unit_of(*values: Any) -> str | None:
@@ -77,61 +115,6 @@ def angle_unit_of(*values: Any) -> str | None:
     if any("deg" in text or "°" in text for text in texts):
         return "deg"
     return "rad" if any("rad" in text for text in texts) else None
-
-
-def frequencies(value: Any) -> float | tuple[float, ...]:
-    """One frequency or one per joint in rad/s; as text with rad/s or Hz.
-
-    Examples
-    --------
-    >>> frequencies("4, 6rad/s")
-    (4.0, 6.0)
-    """
-    return _one_or_several(value, _FREQUENCIES)
-
-
-def numbers(value: Any) -> float | tuple[float, ...]:
-    """One number, or one per joint."""
-    return _one_or_several(value)
-
-
-def speeds(value: Any) -> float | tuple[float, ...]:
-    """One speed, or one per joint, in rad/s or m/s; as text with rad/s, deg/s, °/s, rpm, m/s or mm/s.
-
-    Examples
-    --------
-    >>> speeds("2.5, 0.5m/s")
-    (2.5, 0.5)
-    """
-    return _one_or_several(value, *_SPEEDS)
-
-
-def quanta(value: Any) -> float | tuple[float, ...]:
-    """One step of a sensor, or one per measured signal, in SI units; as text with a unit of an angle, a length, a
-    velocity, a torque or a force.
-
-    Examples
-    --------
-    >>> quanta("0.2mm, 0.05Nm")
-    (0.0002, 0.05)
-    """
-    return _one_or_several(value, *_READINGS)
-
-
-def distances(value: Any) -> float | tuple[float, ...]:
-    """One distance in rad or m, or one per joint; as text with rad, deg, °, m or mm.
-
-    Examples
-    --------
-    >>> distances("1e-3, 2mm")
-    (0.001, 0.002)
-    """
-    return _one_or_several(value, *_POSITIONS)
-
-
-def _one_or_several(value: Any, *units: Mapping[str, float]) -> float | tuple[float, ...]:
-    read = tuple(_quantity(one, *units) for one in _several(value))
-    return read[0] if len(read) == 1 and (isinstance(value, str) or not _is_sequence(value)) else read
 
 
 def integer(value: Any) -> int:
@@ -175,11 +158,11 @@ def weights(value: Any) -> Any:
         return value
     if isinstance(value, str):
         if "=" not in value:
-            return tuple(number(part) for part in value.split(","))
+            return tuple(quantity(part) for part in value.split(","))
         pairs = [part.partition("=") for part in value.split(",")]
-        return {name.strip(): number(weight) for name, _, weight in pairs}
+        return {name.strip(): quantity(weight) for name, _, weight in pairs}
     if isinstance(value, Mapping) and value:
-        return {name: _row(one) if _is_sequence(one) else number(one) for name, one in value.items()}
+        return {name: _row(one) if _is_sequence(one) else quantity(one) for name, one in value.items()}
     rows = _sequence(value)
     if not any(_is_sequence(row) for row in rows):
         return _row(rows)
@@ -189,7 +172,7 @@ def weights(value: Any) -> Any:
 
 
 def _row(values: Any) -> tuple[float, ...]:
-    row = tuple(number(one) for one in _sequence(values))
+    row = tuple(quantity(one) for one in _sequence(values))
     if not row:
         raise ValueError(values)
     return row
@@ -209,30 +192,6 @@ class Unreadable(ValueError):
         found = [split(one) for one in respelled(value, *(next(iter(known)) for known in units))]
         meant = ["".join(one) for one in found if one and any(one[1] in known for known in units)]
         self.meant = meant[0] if len(meant) == 1 else ""
-
-
-def _quantity(value: Any, *units: Mapping[str, float]) -> float:
-    """A number, or text of a number without a unit or with one of the units, which it then remembers."""
-    if isinstance(value, Stated):
-        return value
-    if isinstance(value, str):
-        parts = split(value)
-        unit = lettered(parts[1]) if parts else ""
-        known = next((one for one in units if unit in one), None)
-        if parts is None or (unit and known is None):
-            raise Unreadable(value, units)
-        found = float(parts[0])
-        if math.isinf(found) and "inf" not in parts[0]:
-            raise ValueError(value_text(value))  # beyond all floats, which is not what "none" means
-        if known is None:
-            return found
-        return Stated(found * known[unit], *parts, next(iter(known)))
-    if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, float, np.number)):
-        raise ValueError(value_text(value))
-    found = real_number(value)
-    if np.isnan(found) and not isinstance(value, (float, np.floating)):
-        raise ValueError(value_text(value))  # an integer beyond all floats
-    return found
 
 
 def _several(value: Any) -> list[Any]:
@@ -335,6 +294,10 @@ Degrees = Annotated[
     tuple[Annotated[int, Field(ge=2, le=12)], ...], Field(min_length=1), BeforeValidator(integers),
     Allowed("a list of integers from 2 to 12, degrees of V"),
 ]  # fmt: skip
+Text = Annotated[str, Allowed("text")]
+Real = Annotated[float, BeforeValidator(number), Allowed("a number")]  # what is used checks its range
+Whole = Annotated[int, BeforeValidator(integer), Allowed("an integer")]
+Threads = Annotated[int, Field(ge=1, le=64), BeforeValidator(integer), Allowed("an integer from 1 to 64")]
 Names = Annotated[tuple[str, ...], BeforeValidator(names), Allowed("a list of names")]
 Weights = Annotated[
     Any, BeforeValidator(weights), Allowed("weights by name, one per state, or rows of a matrix"),

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -19,10 +19,7 @@ from flexhinf.errors import InvalidInput, NotDetectable, NumericalFailure
 from flexhinf.estimation.filter import RecursiveFilter
 from flexhinf.plant import Estimator
 from flexhinf.scalars import jacobian
-from flexhinf.validation import real_array, value_text
-
-if TYPE_CHECKING:
-    from flexhinf.estimation.filter import RecursiveFilter
+from flexhinf.validation import checked_array, value_text
 
 
 class ConstantGainBelief(NamedTuple):
@@ -50,13 +47,13 @@ class ConstantGainFilter(Estimator):
     def __init__(self, filter: RecursiveFilter, gain: np.ndarray) -> None:
         self.filter, self.plant, self.period = filter, filter.plant, filter.period
         self.process_noise, self.measurement_noise = filter.process_noise, filter.measurement_noise
-        gain, shape = real_array(gain), (filter.plant.n, len(filter.plant.outputs))
-        if gain.shape != shape or not np.all(np.isfinite(gain)):
-            raise InvalidInput(
-                "The gain does not fit the plant.",
-                f"expected {shape} finite numbers, got shape {gain.shape}",
-                "stationary_gain(linear_model(filter, x, u), process_noise, measurement_noise)",
-            )
+        shape, advice = (
+            (filter.plant.n, len(filter.plant.outputs)),
+            "stationary_gain of linear_model(filter, x, u)",
+        )
+        gain = checked_array(
+            "The gain does not fit the plant.", gain, shape, f"{shape} finite numbers", advice
+        )
         self.initial: Any = ConstantGainBelief(np.array(filter.initial.mean), gain)
 
     def settings(self) -> dict[str, Any]:
@@ -237,12 +234,7 @@ def check_detectable(drift: np.ndarray, measured: np.ndarray, states: Sequence[s
 
 
 def check_decay(error: np.ndarray) -> None:
-    """Refuse (1 − L H) Φ, (n, n), if an error stays: what the gain is when there is no noise to learn from.
-
-    Raises
-    ------
-    InvalidInput
-    """
+    """Refuse (1 − L H) Φ, (n, n), if an error stays: what the gain is when there is no noise to learn from."""
     radius = float(np.abs(np.linalg.eigvals(error)).max())
     if radius >= 1.0 - UNDAMPED:
         raise InvalidInput(

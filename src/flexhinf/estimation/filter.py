@@ -15,7 +15,13 @@ from flexhinf.plant import Estimator, Gaussian, Plant, eight_stages, rk4_stages,
 from flexhinf.plant.protocols import use_default_form
 from flexhinf.scalars import cholesky, jacobian, solve_lower, solve_lower_transposed
 from flexhinf.scalars.dependence import elementary
-from flexhinf.validation import read_only, real_array, real_number, value_text
+from flexhinf.validation import (
+    checked_array,
+    checked_positive,
+    read_only,
+    real_array,
+    value_text,
+)
 
 #: Largest step times fastest mode in the estimator's model, of Runge–Kutta steps with so many stages. A mode errs by at
 #: most 0.25⁴/120 = 3.3e-5 of its phase, or 1.25⁸/9! = 1.6e-5, far inside the regions of stability (2.78 and 3.39).
@@ -105,7 +111,6 @@ def correction(
 
 
 def _factored(p_yy: Any, y: Any, expected: Any) -> tuple[Any, Any]:
-    """Cholesky factor of the innovation's covariance, and the innovation."""
     return cholesky(p_yy), y - expected
 
 
@@ -184,13 +189,8 @@ class RecursiveFilter(Estimator):
                 f"expected a Plant, got {type(plant).__name__}",
                 "robot.plant()",
             )
-        self.plant, self.period = plant, real_number(period)
-        if not (np.isfinite(self.period) and self.period > 0.0):
-            raise InvalidInput(
-                "The sampling period is not positive.",
-                f"expected seconds > 0, got {value_text(period)}",
-                "1e-3 for 1 kHz",
-            )
+        self.plant = plant
+        self.period = checked_positive("The sampling period", period, "seconds", "1e-3 for 1 kHz")
         self.process_noise = read_only(covariance_matrix(process_noise, plant.n, "process noise R^v"))
         self.measurement_noise = read_only(
             covariance_matrix(measurement_noise, len(plant.outputs), "measurement noise R^n", definite=True)
@@ -229,7 +229,7 @@ class RecursiveFilter(Estimator):
 
     # What an estimator is -------------------------------------------------------------------------
     @abc.abstractmethod
-    def time_stages(self, run: Any, belief: Any, u: Any, p: Any, process_noise: Any) -> Any:
+    def time_update_on(self, run: Any, belief: Any, u: Any, p: Any, process_noise: Any) -> Any:
         """x(k|k) → x(k+1|k), pure, on any element; p is the vector of parameters.
 
         Parameters
@@ -259,10 +259,6 @@ class RecursiveFilter(Estimator):
         shown = run.columns(applied, root, c)
         return correction(run, (belief.mean, root), (expected, shown), weights, y, measurement_noise)
 
-    def time_update_on(self, run: Any, belief: Any, u: Any, p: Any, process_noise: Any) -> Any:
-        """`time_stages`."""
-        return self.time_stages(run, belief, u, p, process_noise)
-
     def measurement_update_on(
         self, run: Any, belief: Any, y: Any, u: Any, p: Any, measurement_noise: Any
     ) -> Any:
@@ -271,7 +267,7 @@ class RecursiveFilter(Estimator):
 
     def time_update(self, belief: Any, u: Any, p: Any, process_noise: Any) -> Any:
         """x(k|k) → x(k+1|k), pure, on any element; p has the parameters as attributes."""
-        return self.time_stages(DIRECT, belief, u, self.plant.parameters.flat(p), process_noise)
+        return self.time_update_on(DIRECT, belief, u, self.plant.parameters.flat(p), process_noise)
 
     def measurement_update(self, belief: Any, y: Any, u: Any, p: Any, measurement_noise: Any) -> Any:
         """x(k|k−1) → x(k|k), likewise."""
@@ -369,14 +365,13 @@ class RecursiveFilter(Estimator):
         self.log_likelihood = float("nan")
 
     def _vector(self, value: Any, names: Sequence[str], what: str, hint: str = "") -> np.ndarray:
-        array = np.atleast_1d(real_array(value))
-        if array.shape != (len(names),) or not np.all(np.isfinite(array)):
-            raise InvalidInput(
-                f"The {what} given to the estimator does not fit its plant.",
-                f"expected {len(names)} finite numbers for {list(names)}, got {value_text(value)}",
-                f"one number per name {hint}".rstrip(),
-            )
-        return array
+        return checked_array(
+            f"The {what} given to the estimator does not fit its plant.",
+            value,
+            (len(names),),
+            f"{len(names)} finite numbers for {list(names)}",
+            f"one number per name {hint}".rstrip(),
+        )
 
     def _accept(self, belief: Any) -> None:
         """Take over a belief that is finite and whose covariance has a Cholesky factor: every update begins with it."""

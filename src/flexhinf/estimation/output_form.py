@@ -8,7 +8,6 @@ plant is all A.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -25,16 +24,8 @@ RANK = 1e-12
 OTHER = "UnscentedKalmanFilter, which takes any plant"
 
 
-@dataclass(frozen=True)
-class OutputForm:
-    """A of ẋ = A x + φ(y, u), (n, n), and H of y = H x + η(u), (p, n)."""
-
-    drift: np.ndarray
-    measured: np.ndarray
-
-
-def output_form(plant: Plant, about: np.ndarray | None = None) -> OutputForm:
-    """The form of a plant with its nominal parameters and no disturbance.
+def output_form(plant: Plant, about: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+    """A (n, n) and H (p, n) of a plant with its nominal parameters and no disturbance.
 
     Parameters
     ----------
@@ -57,7 +48,7 @@ def output_form(plant: Plant, about: np.ndarray | None = None) -> OutputForm:
             "about=, a state where the model is smooth",
         )
     slopes.check_flow(measured)
-    return OutputForm(drift, measured)
+    return drift, measured
 
 
 class _Slopes:
@@ -102,8 +93,8 @@ class _Slopes:
             return
         varies = varying(self.by_state, self.z, sizes_of_rows(self.by_state))
         jumps: Any = np.asarray(ca.DM(self.deciding.sparsity(), 1.0)).astype(bool).any(axis=0)
-        states, unit = self.plant.states, np.eye(self.plant.n)
-        hidden = [j for j in range(self.plant.n) if not _spans(measured, unit[j])]
+        states, unit, unseen = self.plant.states, np.eye(self.plant.n), null_space(measured)
+        hidden = [j for j in range(self.plant.n) if np.abs(unit[j] @ unseen).max(initial=0.0) > RANK]
         entering = [j for j in hidden if varies[:, j].any() or jumps[j]]
         wanted = list(entering)
         for j in reversed(entering):  # of what enters, only what the other measurements do not settle
@@ -159,8 +150,3 @@ def null_space(matrix: np.ndarray) -> np.ndarray:
     basis[order[rank:]] = np.eye(n - rank)
     basis[order[:rank]] = -np.linalg.solve(factor[:rank, :rank], factor[:rank, rank:])
     return basis[:, np.argsort(order[rank:])]
-
-
-def _spans(matrix: np.ndarray, row: np.ndarray) -> bool:
-    """Is a row a combination of those of a matrix?"""
-    return bool(np.abs(row @ null_space(matrix)).max(initial=0.0) <= RANK)

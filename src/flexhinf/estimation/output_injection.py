@@ -27,17 +27,15 @@ measurement is bridged with H x̂ for y; only then does φ depend on the estimat
 
 from __future__ import annotations
 
-from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from flexhinf.errors import NumericalFailure
 from flexhinf.estimation.constant_gain import check_decay, check_detectable, placed_gain, stationary_gain
-from flexhinf.estimation.filter import RecursiveFilter, covariance_matrix
+from flexhinf.estimation.filter import RecursiveFilter, applied, covariance_matrix
 from flexhinf.estimation.output_form import output_form
 from flexhinf.plant import Plant
-from flexhinf.scalars import jacobian
 from flexhinf.validation import read_only
 
 #: Doublings of a sum over samples at most; the slowest error that is allowed takes 46.
@@ -130,23 +128,20 @@ class OutputInjectionObserver(RecursiveFilter):
         super().__init__(plant, period, process_noise, measurement_noise, mean, start)
         point = None if about is None else self._vector(about, plant.states, "point about which it is split")
         self._poles, self._about = poles, point
-        form = output_form(plant, point)
-        self._drift, self._sensors = form.drift, form.measured
+        self._drift, self._sensors = output_form(plant, point)
         self._held = first_order_hold(self._drift, self.period)
-        self._gain = self._kalman_gain() if poles is None else self._placed_gain(poles)
+        transition = self._held.transition
+        if poles is None:
+            check_detectable(self._drift, self._sensors, plant.states)
+            noises = self.process_noise, self.measurement_noise
+            self._gain = stationary_gain((transition, self._sensors), *noises)
+        else:
+            model = (self._drift, self._sensors, transition)
+            self._gain = placed_gain(*model, self.period, poles, plant.states)
         check_decay(self.error_matrix)
         if covariance is None:
             self._start = read_only(self._stationary_covariance())
         self.initial = self._belief = self.initial_at(self.initial.mean)
-
-    def _kalman_gain(self) -> np.ndarray:
-        check_detectable(self._drift, self._sensors, self.plant.states)
-        model = (self._held.transition, self._sensors)
-        return stationary_gain(model, self.process_noise, self.measurement_noise)
-
-    def _placed_gain(self, poles: Any) -> np.ndarray:
-        model = (self._drift, self._sensors, self._held.transition)
-        return placed_gain(*model, self.period, poles, self.plant.states)
 
     def settings(self) -> dict[str, Any]:
         """Arguments of the constructor by name."""
@@ -232,12 +227,12 @@ class OutputInjectionObserver(RecursiveFilter):
         return np.linalg.pinv(weight @ self._sensors) @ weight
 
     # The updates -----------------------------------------------------------------------------------
-    def time_stages(self, run: Any, belief: Any, u: Any, p: Any, process_noise: Any) -> Any:
+    def time_update_on(self, run: Any, belief: Any, u: Any, p: Any, process_noise: Any) -> Any:
         """x(k|k) → x(k+1|k), along φ as it is at the beginning of the period."""
         injection = run.call(self._injected, belief.measured, u, p, belief.drift)
         mean = run.call(_driven, belief.mean, injection, belief.transition, belief.hold)
         measured, moved = run.call(self._expected, mean, u, p, belief.lift)
-        spread = run.columns(_applied, run.cholesky(belief.covariance), belief.transition)
+        spread = run.columns(applied, run.cholesky(belief.covariance), belief.transition)
         covariance = run.gram(spread, np.ones(self.plant.n), process_noise)
         return belief._replace(
             mean=mean, covariance=covariance, measured=measured, injection=injection, moved=moved
@@ -250,12 +245,12 @@ class OutputInjectionObserver(RecursiveFilter):
         measured = run.call(self._lifted, y, u, p, belief.lift)
         injection = run.call(self._injected, measured, u, p, belief.drift)
         mean = run.call(_sloped, belief.mean, belief.injection, injection, belief.moved, belief.ramp)
-        expected, sensors = run.call(self._measured, mean, u, p)
+        expected, sensors = run.call(self.measured, mean, u, p)
         mean, innovation, moved = run.call(_corrected, mean, y, expected, belief.gain)
         root = run.cholesky(belief.covariance)
-        shown = run.columns(_applied, root, sensors)
+        shown = run.columns(applied, root, sensors)
         spread = run.gram(shown, np.ones(self.plant.n), measurement_noise)
-        noise = run.columns(_applied, run.cholesky(measurement_noise), belief.gain)
+        noise = run.columns(applied, run.cholesky(measurement_noise), belief.gain)
         added = run.gram(noise, np.ones(len(self.plant.outputs)), run.call(np.zeros_like, belief.covariance))
         left = run.columns(_left, (root, shown), belief.gain)
         covariance = run.gram(left, np.ones(self.plant.n), added)
@@ -263,12 +258,6 @@ class OutputInjectionObserver(RecursiveFilter):
             mean=mean, covariance=covariance, measured=measured, injection=injection, moved=moved
         )
         return corrected, innovation, spread
-
-    @cached_property
-    def _measured(self) -> Any:
-        """Output and H of (x, u, parameter vector)."""
-        sizes = (self.plant.n, len(self.plant.inputs), self.plant.parameters.size)
-        return jacobian(self.output, *sizes, name="measurement")
 
     def _lifted(self, y: Any, u: Any, p: Any, lift: Any) -> Any:
         """The smallest state with the output y."""
@@ -300,10 +289,6 @@ def _corrected(mean: Any, y: Any, expected: Any, gain: Any) -> tuple[Any, Any, A
     return mean + gain @ innovation, innovation, np.zeros(1)
 
 
-def _applied(vector: Any, matrix: Any) -> Any:
-    return matrix @ vector
-
-
 def _left(root: Any, shown: Any, gain: Any) -> Any:
     """(1 − L H) of a column of a root of P⁻."""
     return root - gain @ shown
@@ -324,7 +309,7 @@ def _stein(matrix: np.ndarray, added: np.ndarray) -> np.ndarray:
     )
 
 
-class Held(NamedTuple):
+class FirstOrderHold(NamedTuple):
     """Φ = exp(A T), Γ = ∫₀ᵀ exp(A s) ds and Γ₁ = ∫₀ᵀ exp(A (T − s)) s/T ds, all (n, n)."""
 
     transition: np.ndarray
@@ -332,7 +317,7 @@ class Held(NamedTuple):
     ramp: np.ndarray
 
 
-def first_order_hold(drift: np.ndarray, period: float) -> Held:
+def first_order_hold(drift: np.ndarray, period: float) -> FirstOrderHold:
     """x(T) = Φ x(0) + Γ φ(0) + Γ₁ (φ(T) − φ(0)) for ẋ = A x + φ, φ a straight line over the period.
 
     All three are blocks of one exponential [vanloan1978]. Where φ is not straight, what is left out is at most
@@ -352,4 +337,4 @@ def first_order_hold(drift: np.ndarray, period: float) -> Held:
     chain[:n, :n] = drift * period
     chain[:n, n : 2 * n] = chain[n : 2 * n, 2 * n :] = np.eye(n)
     blocks = expm(chain)[:n]
-    return Held(blocks[:, :n], period * blocks[:, n : 2 * n], period * blocks[:, 2 * n :])
+    return FirstOrderHold(blocks[:, :n], period * blocks[:, n : 2 * n], period * blocks[:, 2 * n :])

@@ -10,7 +10,7 @@ For ẋ = f(x) + g1(x) d + g2(x) u, z = (h(x), l(x) u), lᵀl = R2, f(0) = 0, h(
 
 with u = −R2⁻¹ g2ᵀ V_xᵀ and worst disturbance d = g1ᵀ V_xᵀ/γ². γ = ∞ leaves the Hamilton–Jacobi–Bellman equation
 of optimal regulation. With R2 = L Lᵀ and the columns g_c of (g1/γ, g2 L⁻ᵀ), signs s_c = +1 for d and −1 for u, the
-quadratic terms are squares of scalar polynomials (`scaled_problem.py`):
+quadratic terms are squares of scalar polynomials (`ScaledProblem`):
 
     V_x f + q + ½ Σ_c s_c w_c² = 0,    w_c = V_x g_c,    q = ½ hᵀh.
 
@@ -32,10 +32,10 @@ gives the law through degree d − 1. Degrees with r_k empty vanish: for odd f a
 
 The algorithm
 -------------
-1. *Scale* the states and V by powers of two that balance the Hamiltonian matrix (`scaled_problem.py`).
+1. *Scale* the states and V by powers of two that balance the Hamiltonian matrix (`Scaling`).
 2. *Riccati*: ordered real Schur form of the Hamiltonian matrix, then Newton steps with the residual formed in
    extended precision. The Schur form alone, good to 1e-10, would cap every higher degree. No P ≥ 0: γ ≤ γ*, and γ* is
-   found by bisection on the existence of P (`gamma.py`), since it may be lost by P → ∞ and not by an
+   found by bisection on the existence of P (`smallest_gamma`), since it may be lost by P → ∞ and not by an
    eigenvalue on the imaginary axis.
 3. *Right-hand sides*: polynomials are stored without repetition, one number per monomial, C(n+k−1, k) where a Kronecker
    vector has n^k (`polynomial/basis.py`). Gradients are gathers by the table "rank of β with j inserted"; products
@@ -44,7 +44,7 @@ The algorithm
    −(λ_{i1} + … + λ_{ik}); the change of variables works on at most C(n+k/2−1, k/2)² real numbers at a time. The error
    grows like cond(T)^k ε. One step of refinement repairs it while that is small; beyond, or when the measured residual
    says so, complex Schur form U with substitution by index sums, backward stable even for a defective A_cl.
-5. *States in which V is bounded* (`bounded_states.py`). Close to γ*, or where P is large for other reasons, the
+5. *States in which V is bounded* (`BoundedStates`). Close to γ*, or where P is large for other reasons, the
    recursion runs in states in which P is of ordinary size; in others it would lose all digits there.
 6. *Accuracy* (`accuracy.py`). The V that is returned is inserted into (8) at random points; at every degree the
    residual relative to the largest of the terms of (8) is told. The error of each degree is estimated from the

@@ -161,7 +161,7 @@ class Inequality:
         broken = ~(terms.sum(axis=0) <= _ROUNDING * np.abs(terms).max(axis=0))
         return value, broken, ~(radial > 0)
 
-    def march(
+    def follow(
         self, directions: np.ndarray, radii: np.ndarray, growth: float, largest: float, cap: float
     ) -> Stops:
         """Follow every ray until it stops, passes `cap` or twice the lowest level so far, or leaves `largest`."""

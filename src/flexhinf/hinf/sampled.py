@@ -6,7 +6,7 @@ With the exact fields, u = −R2⁻¹ g2ᵀ V_xᵀ satisfies V̇ ≤ ½ γ²|d|�
 
 A weaker pair than the designed one is checked, see `flexhinf.hinf.margin`. The level is the smallest V at which r
 becomes positive, or V stops increasing along the ray from 0. Rays give an upper bound; ascent from many starts then
-looks for violations inside the level set, and each lowers it (`violations.py`), until two rounds find none. What is
+looks for violations inside the level set, and each lowers it (`rays.py`), until two rounds find none. What is
 found does not depend on the rays that came first.
 
 The largest step between equilibria whose start lies in a level set of V.
@@ -327,7 +327,7 @@ class _Search:
     def lowest(self, rays: int) -> Stops:
         """The stop (one ray) of lowest level; its level is infinite if none was found."""
         sphere = self.rng.standard_normal((rays, self.states))
-        found = self.march(self.inequality.directions(sphere), np.inf)
+        found = self.follow(self.inequality.directions(sphere), np.inf)
         best = found.chosen([int(np.argmin(found.level))])
         if best.radius[0] <= self.first:  # at once: no level set is free of violations
             return best
@@ -340,12 +340,12 @@ class _Search:
                 break
         return self.touched(best, best)
 
-    def march(
+    def follow(
         self, directions: np.ndarray, cap: float, growth: float = _GROWTH, start: float | None = None
     ) -> Stops:
         """Follow rays outwards to where they stop."""
         radii = np.full(len(directions), self.first if start is None else start)
-        return self.inequality.march(directions, radii, growth, self.largest, cap)
+        return self.inequality.follow(directions, radii, growth, self.largest, cap)
 
     def touched(self, found: Stops, best: Stops) -> Stops:
         """The lowest contact of a level set with the violations at which rays stopped."""
@@ -355,7 +355,7 @@ class _Search:
             y = touching_point(landscape, np.linalg.solve(landscape.scale, stop.point[0]))
             x = landscape.scale @ y
             direction = self.inequality.directions(self.inequality.on_sphere(x[None]))
-            again = self.march(
+            again = self.follow(
                 direction, np.inf, _FINE, 0.3 * float(np.linalg.norm(x) / np.linalg.norm(direction))
             )
             for candidate in (stop, again):
@@ -379,7 +379,7 @@ class _Search:
         directions = np.concatenate(rays)
         if not len(directions):
             return Stops.none(self.states)
-        found = self.march(directions, level, growth=1.04)
+        found = self.follow(directions, level, growth=1.04)
         return found.chosen(np.flatnonzero(found.level < level * (1 - _LOWER)))
 
     def landscape(self, level: float, growth: bool) -> Landscape:

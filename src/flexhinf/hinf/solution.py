@@ -1,26 +1,29 @@
-"""What a synthesis returns: the value function, its law, its worst disturbance, and its own residual.
+"""The result of a synthesis: the value function, its law, its report, and its file.
 
 The law is what a closed loop runs, u = −R2⁻¹ g2(x)ᵀ V_xᵀ on any element. With a constant g2 that is a polynomial, a
 table of monomials; with g2(x) it is the product of the exact g2 and the polynomial V_x, as `sampled_region` checks it.
 
-How a solution was found, as text: method, residual, conditioning, time and memory.
+A file is a compressed NumPy archive with a version, written beside and moved into place.
 """
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import cached_property
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from flexhinf.errors import FlexhinfError, InvalidInput
+from flexhinf.files import read_arrays, write_arrays
 from flexhinf.hinf.accuracy import DOUBTFUL
 from flexhinf.hinf.margin import CheckedMargin, CheckedPenalty, checked_margin
 from flexhinf.hinf.recursion import DegreeRecord
 from flexhinf.hinf.sampled import SampledCheck, sample_region
-from flexhinf.hinf.storage import read_solution, write_solution
 from flexhinf.hinf.value_function import ValueFunction
 from flexhinf.notebook import names_text, number_text
 from flexhinf.plant.plant import GeneralisedPlant
@@ -31,38 +34,10 @@ from flexhinf.polynomial.basis import count
 from flexhinf.polynomial.homological import HOPELESS
 from flexhinf.polynomial.law import PolynomialLaw
 from flexhinf.scalars import digest, trace
+from flexhinf.validation import checked_path
 
 if TYPE_CHECKING:
     from flexhinf.certify.certificate import Certificate
-
-
-def solution_report(
-    solution: ValueFunction, records: Sequence[DegreeRecord], condition: float, memory: int
-) -> str:
-    """Method, measured residual and time by degree; conditioning and memory of the whole."""
-    n, md, m, s = solution.expansion.size
-    total = sum(count(n, record.degree) for record in records)
-    seconds = sum(record.seconds for record in records)
-    sizes = (n, "state"), (md, "disturbance"), (m, "input"), (s, "penalised output")
-    lines = [
-        f"{_equation(solution)}, {', '.join(_counted(*size) for size in sizes)}",
-        f"{_level(solution)}; V to degree {solution.degree}, the law to degree {solution.degree - 1}",
-        "",
-        _columns("degree", "coefficients", "method", "relative residual", "error about", "time"),
-        *(_row(n, record) for record in records),
-        _columns("total", total, "", "", "", _time(seconds)),
-        "",
-        *_warning(records),
-    ]
-    if not np.isnan(condition):
-        lines += _conditioning(solution.degree, condition)
-    lines += [f"memory: about {_size(memory)} at the peak, estimated before the solve"]
-    return "\n".join(lines)
-
-
-def _equation(solution: ValueFunction) -> str:
-    kind = "Isaacs" if np.isfinite(solution.gamma) else "Bellman"
-    return f"Hamilton–Jacobi–{kind} equation"
 
 
 def _level(solution: ValueFunction) -> str:
@@ -226,7 +201,7 @@ class HJISolution(ValueFunction, Law):
             What is certified, for readers of the certificate.
         observer : float, optional
             Bandwidth of an output-injection observer, 1/s: the certificate covers output feedback too, for initial
-            errors that take up to a tenth of the level (`flexhinf.certify.observer.observed`).
+            errors that take up to a tenth of the level (`flexhinf.certify.observer.with_observer`).
         threads : int
             The certificate does not depend on it.
         progress : callable, optional
@@ -327,7 +302,26 @@ class HJISolution(ValueFunction, Law):
     # Report and file ---------------------------------------------------------------------------
     def report(self) -> str:
         """How each degree was found: method, measured residual, conditioning, time, memory."""
-        return solution_report(self, self.records, self.condition, self.memory)
+        n, md, m, s = self.expansion.size
+        total = sum(count(n, record.degree) for record in self.records)
+        seconds = sum(record.seconds for record in self.records)
+        sizes = (n, "state"), (md, "disturbance"), (m, "input"), (s, "penalised output")
+        kind = "Isaacs" if np.isfinite(self.gamma) else "Bellman"
+        lines = [
+            f"Hamilton–Jacobi–{kind} equation, {', '.join(_counted(*size) for size in sizes)}",
+            f"{_level(self)}; V to degree {self.degree}, the law to degree {self.degree - 1}",
+            "",
+            _columns("degree", "coefficients", "method", "relative residual", "error about", "time"),
+            *(_row(n, record) for record in self.records),
+            _columns("total", total, "", "", "", _time(seconds)),
+            "",
+            *_warning(self.records),
+        ]
+        if not np.isnan(self.condition):
+            lines += _conditioning(self.degree, self.condition)
+        return "\n".join(
+            [*lines, f"memory: about {_size(self.memory)} at the peak, estimated before the solve"]
+        )
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write to one file, atomically; see `load_solution`.
@@ -337,7 +331,27 @@ class HJISolution(ValueFunction, Law):
         InvalidInput
             The place cannot be written.
         """
-        write_solution(path, self, self.records, self.condition, self.memory)
+        plant = self.expansion
+        header = {
+            "format": _FORMAT,
+            "version": _VERSION,
+            "digest": "sha256",
+            "gamma": repr(self.gamma),
+            "degree": self.degree,
+            "states": list(plant.state_names),
+            "inputs": list(plant.input_names),
+            "polynomial": isinstance(self.problem, PolynomialPlant),
+            "condition": repr(self.condition),
+            "memory": self.memory,
+            "records": [asdict(record) for record in self.records],
+        }
+        arrays = {"P": self.P, "r2": plant.r2, "operating_point": plant.operating_point}
+        arrays["operating_input"] = plant.operating_input
+        arrays |= {f"V_{k}": part for k, part in self.value_parts.items()}
+        exact = self.problem if isinstance(self.problem, PolynomialPlant) else plant
+        for name in _FIELDS:
+            arrays |= {f"{name}_{k}": part for k, part in getattr(exact, f"{name}_parts").items()}
+        write_arrays(path, "solution", {"header": np.array(json.dumps(header)), **arrays})
 
 
 def load_solution(path: str | os.PathLike[str], problem: Problem | None = None) -> HJISolution:
@@ -356,7 +370,13 @@ def load_solution(path: str | os.PathLike[str], problem: Problem | None = None) 
     InvalidInput
         Not there, not such a file, damaged, or of a newer version.
     """
-    return HJISolution(**read_solution(path, problem))
+    path = checked_path("The solution's file", path)
+    try:
+        return HJISolution(**_assembled(*read_arrays(path), problem))
+    except FlexhinfError as error:
+        raise _unreadable(path, error.found or error.what) from error
+    except (KeyError, ValueError, TypeError, AttributeError, OverflowError, RecursionError) as error:
+        raise _unreadable(path, f"damaged or not such a file ({type(error).__name__})") from error
 
 
 #: Problems that evaluate g2 itself on any element; of others the expansion does.
@@ -403,3 +423,95 @@ class GradientLaw:
 def input_matrix_of(problem: Problem | None, expansion: PolynomialPlant) -> Callable[[Any], Any]:
     """g2 on any element: the exact one where the problem offers it, else its expansion."""
     return (problem if isinstance(problem, EXACT_INPUT_MATRIX) else expansion).input_matrix
+
+
+_FORMAT, _VERSION = "flexhinf solution", 1
+_FIELDS = ("f", "g1", "g2", "h")
+_HIGHEST = 200  # degree that a file may claim, as for `solve_hji`
+
+
+def _unreadable(path: Path, found: str) -> InvalidInput:
+    return InvalidInput(
+        "The solution cannot be read.",
+        f"expected a {_FORMAT} file, version {_VERSION}, got {path}: {found}",
+        "solve again and save; files are written by HJISolution.save",
+    )
+
+
+def _assembled(arrays: dict[str, np.ndarray], whole: bool, problem: Problem | None) -> dict[str, Any]:
+    header = json.loads(str(arrays.pop("header")))
+    if header["format"] != _FORMAT or header["version"] != _VERSION:
+        raise InvalidInput("Another format.", f"{header['format']!r}, version {header['version']!r}")
+    if "digest" in header and not whole:
+        raise InvalidInput("Damaged.", "damaged: the digest under it is missing")
+    for name, part in arrays.items():
+        if part.dtype != np.float64 or not np.isfinite(part).all():
+            raise InvalidInput("Wrong numbers.", f"{name} is not made of finite float64 numbers")
+    states, inputs, degree = header["states"], header["inputs"], header["degree"]
+    gamma = float(header["gamma"])
+    records, memory = tuple(_record(record, degree) for record in header["records"]), header["memory"]
+    lists = isinstance(states, list) and isinstance(inputs, list)
+    names = lists and all(isinstance(name, str) for name in states + inputs)
+    numbers = _is_integer(degree, 2, _HIGHEST) and gamma > 0 and _is_integer(memory, 0, 1 << 62)
+    if not (names and numbers):
+        raise InvalidInput("Wrong header.", "names, degree, gamma or memory of the header make no sense")
+    if arrays["P"].shape != (len(states), len(states)):
+        raise InvalidInput("Wrong shapes.", f"P does not fit {len(states)} states")
+    parts = {name: _gather(arrays, name, 0, _HIGHEST) for name in _FIELDS}
+    exact = PolynomialPlant.from_parts(
+        len(states),
+        **parts,
+        r2=arrays.pop("r2"),
+        state_names=states,
+        operating_point=arrays.pop("operating_point"),
+        input_names=inputs,
+        operating_input=arrays.pop("operating_input"),
+    )
+    p, value = arrays.pop("P"), _gather(arrays, "V", 2, degree)
+    if arrays:
+        raise InvalidInput("Foreign arrays.", f"{next(iter(arrays))[:50]!r} does not belong into it")
+    _check_value(p, value, len(states))
+    return {
+        "gamma": gamma,
+        "degree": degree,
+        "P": p,
+        "expansion": exact.expand(degree - 1),
+        "problem": problem if problem is not None else (exact if header["polynomial"] is True else None),
+        "value_parts": value,
+        "records": records,
+        "condition": float(header["condition"]),
+        "memory": memory,
+    }
+
+
+def _is_integer(value: object, lowest: int, highest: int) -> bool:
+    return type(value) is int and lowest <= value <= highest
+
+
+def _check_value(p: np.ndarray, value: dict[int, np.ndarray], n: int) -> None:
+    if any(part.shape != (count(n, k),) for k, part in value.items()):
+        raise InvalidInput("Wrong shapes.", f"coefficients of V do not fit {n} states")
+    rows, columns = np.triu_indices(n)
+    quadratic = np.where(rows == columns, 0.5, 1.0) * p[rows, columns]
+    if 2 not in value or not np.allclose(p, p.T, 1e-12, 0) or not np.allclose(value[2], quadratic, 1e-12, 0):
+        raise InvalidInput("Wrong numbers.", "P is not symmetric, or V_2 is not half its quadratic form")
+
+
+def _record(given: dict[str, Any], degree: int) -> DegreeRecord:
+    for name in {"residual", "seconds", "error"} & given.keys():
+        given[name] = float(given[name])
+    record = DegreeRecord(**given)
+    if not _is_integer(record.degree, 2, degree) or not isinstance(record.method, str):
+        raise InvalidInput("Wrong header.", "a record of a degree makes no sense")
+    return record
+
+
+def _gather(arrays: dict[str, np.ndarray], name: str, lowest: int, highest: int) -> dict[int, np.ndarray]:
+    """Take the parts `name`_k out of the arrays, by degree k."""
+    found = {}
+    for key in [key for key in arrays if key.startswith(f"{name}_")]:
+        k = int(key[len(name) + 1 :])
+        if key != f"{name}_{k}" or not lowest <= k <= highest:
+            raise InvalidInput("Foreign arrays.", f"{key[:50]!r} does not belong into it")
+        found[k] = arrays.pop(key)
+    return found

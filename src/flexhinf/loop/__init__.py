@@ -6,13 +6,11 @@
 
 from flexhinf.loop.controller.controller import Controller, load_controller
 from flexhinf.loop.controller.schedule import Schedule
-from flexhinf.loop.signals.jerk_limited import JerkLimited
+from flexhinf.loop.signals.motions import JerkLimited, Spline, Waypoints
 from flexhinf.loop.signals.references import Constant, Moving, Quintic, Samples, Signal, Sine, Step
-from flexhinf.loop.signals.waypoints import Spline, Waypoints
 from flexhinf.loop.simulation.closed_loop import Loop
 from flexhinf.loop.simulation.compiled_runs import PreparedRun
-from flexhinf.loop.simulation.ensemble import Ensemble
-from flexhinf.loop.simulation.ensemble_plants import EnsembleResult
+from flexhinf.loop.simulation.ensemble import Ensemble, EnsembleResult
 from flexhinf.loop.simulation.metrics import (
     Instant,
     Reduction,

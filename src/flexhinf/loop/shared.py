@@ -10,18 +10,19 @@ import os
 import threading
 from collections import OrderedDict
 from collections.abc import Callable, Hashable
+from dataclasses import dataclass, field
 from typing import Any
 
 CAPACITY = 128
 
 
+@dataclass
 class _Entry:
     """What was built for a key, and the lock of whoever builds it."""
 
-    def __init__(self) -> None:
-        self.lock = threading.RLock()
-        self.built = False
-        self.value: Any = None
+    lock: Any = field(default_factory=threading.RLock)
+    built: bool = False
+    value: Any = None
 
 
 _kept: OrderedDict[Hashable, _Entry] = OrderedDict()

@@ -16,7 +16,7 @@ from flexhinf.design.deployed_run import DeployedRun
 from flexhinf.errors import InvalidInput
 from flexhinf.export.realtime import RealTimeRun
 from flexhinf.pages.design.step import viewing_plane
-from flexhinf.pages.drawing import framed, line_style
+from flexhinf.pages.drawing import DOTTED, framed, line_style
 from flexhinf.report import GRID, INK, MUTED, SERIES, house_style, number
 from flexhinf.robot import Robot
 from flexhinf.robot.kinematics import skeleton
@@ -61,10 +61,9 @@ class ArmFilm:
     links, motors, command : (N, n)
         Positions, rad or m; the motors' seen from the link side.
     inputs : (N, n)
+        In `unit`.
     limits : (n,)
         Of the inputs, infinite where there are none.
-    unit : str
-        Of the inputs.
     """
 
     robot: Robot
@@ -146,9 +145,8 @@ class ArmFilm:
     @cached_property
     def view(self) -> tuple[np.ndarray, tuple[str, str]]:
         """Two directions (3, 2) to project on, and what they are called."""
-        right, up, names = viewing_plane(
-            np.asarray(self.robot.links.down, dtype=float), self.extent, self.size
-        )
+        down = np.asarray(self.robot.links.down, dtype=float)
+        right, up, names = viewing_plane(down, self.extent, self.size)
         return np.column_stack([right, up]), names
 
     def arm(self, pose: np.ndarray) -> list[np.ndarray]:
@@ -173,9 +171,7 @@ class ArmFilm:
     @property
     def position_unit(self) -> str:
         """Of what is shown."""
-        return " or ".join(
-            unit for unit, there in (("°", not self.slides.all()), ("mm", self.slides.any())) if there
-        )
+        return " or ".join(unit for unit, there in (("°", ~self.slides), ("mm", self.slides)) if there.any())
 
 
 #: Time that the path of the arm's end is shown, s.
@@ -228,28 +224,34 @@ class ArmPicture:
         self.canvas = FigureCanvasAgg(figure)
         n = len(film.slides)
         rows = (0.055 if n <= MANY else 0.042) * max(n, 2) + 0.05
+        drawn = "springs drawn as they are"
+        if film.factor > 1:
+            drawn = f"wind-up of the springs drawn {film.factor} times larger"
+        speed = "in real time"
+        if abs(slowness - 1.0) >= 1e-6:
+            times = number(max(slowness, 1.0 / slowness), 2)
+            speed = f"{times} times {'slower' if slowness > 1.0 else 'faster'}"
         figure.text(0.035, 0.945, film.title, fontsize=17, weight="bold", va="center")
-        figure.text(0.035, 0.905, _subtitle(film, slowness), fontsize=10.5, color=MUTED, va="center")
+        figure.text(0.035, 0.905, f"{drawn}; played {speed}", fontsize=10.5, color=MUTED, va="center")
         self.clock = figure.text(
             0.965, 0.935, "", fontsize=20, ha="right", va="center", family="DejaVu Sans Mono"
         )
         self.moving: list[Artist] = [self.clock]
+        self.traced: list[
+            tuple[Any, Any, np.ndarray]
+        ] = []  # lines that grow, the dots at their ends, their values
         low, high = 0.10 + rows, 0.86
         middle = low + 0.42 * (high - low)
         self._draw_arm(figure.add_axes(PLACE))
-        angles = figure.add_axes((0.575, middle + 0.045, 0.39, high - middle - 0.045))
+        above = figure.add_axes((0.575, middle + 0.045, 0.39, high - middle - 0.045))
         if n > MANY:
-            self._draw_lines(angles, "links minus their command", film.shown(film.links - film.command), None)
+            self._draw_lines(above, "links minus their command", film.links - film.command, None)
         else:
-            self._draw_lines(
-                angles,
-                f"{'position' if film.slides.any() else 'angle'} of the links",
-                film.shown(film.links),
-                film.shown(film.command),
-            )
-        angles.set_xticklabels([])
+            quantity = f"{'position' if film.slides.any() else 'angle'} of the links"
+            self._draw_lines(above, quantity, film.links, film.shown(film.command))
+        above.set_xticklabels([])
         below = figure.add_axes((0.575, low + 0.035, 0.39, middle - low - 0.04))
-        self._draw_lines(below, "wind-up of the springs", film.shown(film.windup), None)
+        self._draw_lines(below, "wind-up of the springs", film.windup, None)
         below.set_xlabel("time (s)")
         self._draw_table(figure.add_axes((0.575, 0.035, 0.39, rows)))
         for artist in self.moving:
@@ -284,28 +286,28 @@ class ArmPicture:
         first = film.arm(film.links[0])
         (base,) = axes.plot(*first[0][0], "s", color=MUTED, markersize=15, zorder=1)
         base.set_alpha(0.5)
-        count = len(first)
-        widths = np.linspace(9.0, 5.0, count) if count > 1 else [9.0]
+        dashes = (0, (3.0, 1.6))
         self.goal = [
-            axes.plot([], [], color=SERIES[2], linewidth=2.2, alpha=0.55, dashes=(3.0, 1.6), zorder=2)[0] for _ in first
-        ]  # fmt: skip
+            axes.plot([], [], color=SERIES[2], linewidth=2.2, alpha=0.55, linestyle=dashes, zorder=2)[0]
+            for _ in first
+        ]
         (self.aim,) = axes.plot([], [], "o", color=SERIES[2], markersize=17, mfc="none", mew=2.2, zorder=2)
         (self.trail,) = axes.plot([], [], color=SERIES[0], linewidth=1.4, alpha=0.35, zorder=2)
         self.fans = [
             axes.fill([0, 0, 0], [0, 0, 0], color=SERIES[1], alpha=0.25, zorder=3, lw=0)[0] for _ in first
         ]
         self.links = [
-            axes.plot([], [], color=SERIES[0], linewidth=width, alpha=0.9, zorder=4)[0] for width in widths
+            axes.plot([], [], color=SERIES[0], linewidth=width, alpha=0.9, zorder=4)[0]
+            for width in np.linspace(9.0, 5.0, len(first))
         ]
         self.motors = [axes.plot([], [], color=SERIES[1], linewidth=2.6, zorder=5)[0] for _ in first]
         (self.joints,) = axes.plot([], [], "o", color=INK, markersize=7, mfc="white", mew=1.8, zorder=6)
         self.moving += [*self.goal, self.aim, self.trail, *self.fans, *self.links, *self.motors, self.joints]
-        samples = (
+        for name, colour, width, style in (
             ("link", SERIES[0], 5.0, "-"), ("motor, behind its spring", SERIES[1], 2.6, "-"),
-            ("command", SERIES[2], 2.2, (0, (3.0, 1.6))),
-        )  # fmt: skip
-        for name, colour, width, dashes in samples:
-            axes.plot([], [], color=colour, linewidth=width, linestyle=dashes, label=name)
+            ("command", SERIES[2], 2.2, dashes),
+        ):  # fmt: skip
+            axes.plot([], [], color=colour, linewidth=width, linestyle=style, label=name)
         axes.legend(loc="lower left", bbox_to_anchor=(-0.01, 0.995), ncols=3, fontsize=9.5, handlelength=1.8)
 
     def _place_arm(self, k: int) -> None:
@@ -323,39 +325,30 @@ class ArmPicture:
         self.trail.set_data(*np.array([film.arm(film.links[i])[-1][-1] for i in past]).T)
 
     # Beside it ------------------------------------------------------------------------------------
-    def _draw_lines(self, axes: Axes, what: str, values: np.ndarray, command: np.ndarray | None) -> None:
+    def _draw_lines(
+        self, axes: Axes, quantity: str, positions: np.ndarray, command: np.ndarray | None
+    ) -> None:
         """Signals (N, n) over time, faint; what has been is drawn over it."""
-        film, single = self.film, values.shape[1] == 1
-        few = slice(None, None, max(1, len(film.time) // 800))
-        everything = values if command is None else np.concatenate([values, command])
+        film, values = self.film, self.film.shown(positions)
+        few, single = slice(None, None, max(1, len(film.time) // 800)), values.shape[1] == 1
         for j, column in enumerate(values.T):
-            style = (
-                {**line_style(j), "color": SERIES[0 if command is not None else 1]}
-                if single
-                else line_style(j)
-            )
+            style = line_style(j)
+            if single:
+                style["color"] = SERIES[0 if command is not None else 1]
             axes.plot(film.time[few], column[few], **{**style, "alpha": 0.22})
             (line,) = axes.plot([], [], **{**style, "linewidth": 2.0})
             (dot,) = axes.plot([], [], "o", color=style["color"], markersize=4.5)
             self.moving += [line, dot]
-            self._traced.append((line, dot, column))
+            self.traced.append((line, dot, column))
             if command is not None:
                 colour = SERIES[2] if single else style["color"]
-                axes.plot(
-                    film.time[few], command[few, j], color=colour, linewidth=1.2, linestyle=(0, (1.0, 1.6))
-                )
-        axes.set_title(f"{what} ({film.position_unit})", fontsize=10.5)
+                axes.plot(film.time[few], command[few, j], color=colour, linewidth=1.2, linestyle=DOTTED)
+        axes.set_title(f"{quantity} ({film.position_unit})", fontsize=10.5)
         axes.set_xlim(0.0, max(float(film.time[-1]), 1e-9))
-        axes.set_ylim(*framed(everything, 0.1))
+        axes.set_ylim(*framed(values if command is None else np.concatenate([values, command]), 0.1))
         axes.tick_params(labelsize=8.5)
 
-    @cached_property
-    def _traced(self) -> list[tuple[Any, Any, np.ndarray]]:
-        """Lines that grow, the dots at their ends, and their values."""
-        return []
-
     def _draw_table(self, axes: Axes) -> None:
-        """One row for each joint: link, motor, wind-up, and the input as a bar with its limit."""
         film = self.film
         n = len(film.slides)
         peaks = np.abs(film.inputs).max(axis=0)
@@ -363,21 +356,16 @@ class ArmPicture:
         axes.set_axis_off()
         axes.set_xlim(0.0, 1.0)
         axes.set_ylim(n - 0.4, -1.0)
-        limited = np.isfinite(film.limits).all()
-        heads = (
-            "joint",
-            "link",
-            "motor",
-            "wind-up",
-            f"input ({film.unit}), bar up to its {'limit' if limited else 'peak'}",
-        )
+        full = "limit" if np.isfinite(film.limits).all() else "peak"
+        heads = ("joint", "link", "motor", "wind-up", f"input ({film.unit}), bar up to its {full}")
         places, sides = (0.0, 0.27, 0.42, 0.57, 0.62), ("left", "right", "right", "right", "left")
         for head, x, side in zip(heads, places, sides, strict=True):
             axes.text(x, -0.75, head, ha=side, va="center", fontsize=8.5, color=MUTED)
         self.cells, self.bars = [], []
         for j, name in enumerate(self.film.robot.joint_names):
             colour = SERIES[0] if n == 1 else line_style(j)["color"]
-            axes.text(0.0, j, _short(name), va="center", fontsize=9.5, weight="bold", color=colour)
+            short = name if len(name) <= 14 else f"{name[:13]}…"
+            axes.text(0.0, j, short, va="center", fontsize=9.5, weight="bold", color=colour)
             axes.barh(j, 2.0 * BAR, 0.5, ZERO - BAR, color=GRID, zorder=1)
             axes.plot([ZERO, ZERO], [j - 0.32, j + 0.32], color=MUTED, linewidth=1.0, zorder=3)
             (bar,) = axes.barh(j, 0.0, 0.5, ZERO, color=SERIES[3], zorder=2)
@@ -387,12 +375,11 @@ class ArmPicture:
             self.moving += [bar, *texts]
 
     def _place(self, k: int) -> None:
-        """Everything that moves, at sample k."""
         film = self.film
         self.clock.set_text(f"{film.time[k]:6.2f} s")
         self._place_arm(k)
         part = slice(0, k + 1, max(1, len(film.time) // 800))
-        for line, dot, values in self._traced:
+        for line, dot, values in self.traced:
             line.set_data(film.time[part], values[part])
             dot.set_data(film.time[k : k + 1], values[k : k + 1])
         shown = [film.shown(values[k]) for values in (film.links, film.motors, film.windup)]
@@ -403,18 +390,3 @@ class ArmPicture:
             u = float(film.inputs[k, j])
             bar.set_width(BAR * float(np.clip(u / self.full[j], -1.0, 1.0)))
             texts[3].set_text(number(u, decimals=2 if self.full[j] < 100.0 else 1))
-
-
-def _subtitle(film: ArmFilm, slowness: float) -> str:
-    """How the wind-up is drawn, and how fast the film is played."""
-    drawn = "springs drawn as they are"
-    if film.factor > 1:
-        drawn = f"wind-up of the springs drawn {film.factor} times larger"
-    if abs(slowness - 1.0) < 1e-6:
-        return f"{drawn}; played in real time"
-    times = number(max(slowness, 1.0 / slowness), 2)
-    return f"{drawn}; played {times} times {'slower' if slowness > 1.0 else 'faster'}"
-
-
-def _short(name: str) -> str:
-    return name if len(name) <= 14 else name[:13] + "…"

@@ -1,4 +1,4 @@
-"""The report of a comparison on one page: criterion, best rival, figures, pictures, the laws and their tuning."""
+"""The report of a comparison on one page, and its verdict: the best rival against nonlinear H∞, both tuned alike."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.design.criterion import RATIOS
+from flexhinf.design.criterion import RATIOS, unstable_corners
 from flexhinf.design.laws import DEFAULT_LAWS, DESIGN, NL_HINF
 from flexhinf.design.result import ComparedLaw, Comparison
-from flexhinf.design.tuning import TunedLaw, ranked, trade_offs
+from flexhinf.design.tuning import TunedLaw, best_rival, is_hinf, ranked, trade_offs
 from flexhinf.pages.design.frequency import Loop, frequency_figures
 from flexhinf.pages.design.laws import (
     FIGURES,
@@ -31,14 +31,6 @@ from flexhinf.pages.drawing import (
     units_of,
 )
 from flexhinf.pages.settings import comparison_settings, files_section
-from flexhinf.pages.verdict import (
-    EQUAL,
-    called,
-    comparison_verdict,
-    ours_of,
-    rival_of,
-    tuned_laws,
-)
 from flexhinf.report import (
     Column,
     KeyNumber,
@@ -55,14 +47,9 @@ from flexhinf.report import (
 
 #: Figures at the top of the page.
 KEYS = (
-    "load_deviation",
-    "step_settling_s",
-    "move_error",
-    "load_remaining",
-    "peak_sensitivity",
-    "unstable_corners",
+    "load_deviation", "step_settling_s", "move_error", "load_remaining", "peak_sensitivity", "unstable_corners",
     "input_noise",
-)
+)  # fmt: skip
 
 #: Laws in the frequency figures, the best by the criterion.
 DRAWN = 4
@@ -71,69 +58,137 @@ DRAWN = 4
 SIGNALS = ("link_position", "link_velocity", "motor_position", "motor_velocity")
 
 
+#: How the table of the criterion is read.
+RANKING = (
+    "The four columns of ratios are over those of the design as it is; the criterion is their geometric mean, and "
+    "less is better. Every law here keeps every limit. One with more unstable corners of the tolerances than the "
+    "design is not ranked. A law of which no tuning keeps every limit has no numbers, and is named with the reason "
+    "below. The searches are short: differences of less than 10 % say nothing."
+)
+
+#: Differences of the criterion smaller than this fraction say nothing: two searches of one law end so far apart.
+EQUAL = 0.1
+
+
+# Verdict -----------------------------------------------------------------------------------------------------
+def tuned_laws(comparison: Comparison) -> list[TunedLaw]:
+    """Every law that is compared, the design's own first."""
+    return [row.tuned for row in comparison.compared if row.tuned is not None]
+
+
+def rival_of(comparison: Comparison) -> TunedLaw | None:
+    """The best rival by the criterion; None where no other law keeps every limit."""
+    return best_rival(tuned_laws(comparison))
+
+
+def ours_of(comparison: Comparison) -> TunedLaw:
+    """The best nonlinear H∞ law tuned as the rivals are; the design as it is where that keeps no limit, or is worse."""
+    design = comparison.own.tuned
+    assert design is not None
+    tuned = [law for law in ranked(tuned_laws(comparison)) if is_hinf(law.name)]
+    return min([*tuned, design], key=lambda law: law.cost)
+
+
+def comparison_verdict(comparison: Comparison) -> str:
+    """The best rival against nonlinear H∞, both tuned alike; where ours loses, the first sentence says so."""
+    laws, rival, ours = tuned_laws(comparison), rival_of(comparison), ours_of(comparison)
+    name = called(ours)
+    if all(is_hinf(row.name) for row in comparison.rows):
+        return f"No other law could be compared with {name}."
+    if rival is None:
+        text = (
+            "No other law keeps every limit with at most as many unstable corners as the design, so none is ranked "
+            f"against {name}."
+        )
+        others, own = [law for law in laws if not is_hinf(law.name)], comparison.own.evaluation
+        if not others or own is None:
+            return text
+        law = min(others, key=lambda law: law.cost)
+        return (
+            f"{text} The smallest criterion has {law.name} ({number(law.cost, 3)}), with "
+            f"{unstable_corners(law.evaluation)} unstable corners against {unstable_corners(own)}."
+        )
+    sentences = [_outcome(rival, ours)]
+    better = [
+        f"{law.name} ({number(law.cost, 3)})"
+        for law in ranked(laws)
+        if law is not rival and not is_hinf(law.name) and law.cost < ours.cost * (1.0 - EQUAL)
+    ]
+    if better:
+        verb = "is" if len(better) == 1 else "are"
+        sentences.append(f"Better than {name} {verb} also {', '.join(better[:3])}.")
+    theirs, mine = (comparison.criterion.ratios(law.metrics) for law in (rival, ours))
+    *parts, last = [f"{number(theirs[key] / mine[key], 3)} times the {text}" for key, text in RATIOS.items()]
+    sentences.append(f"Relative to {name}, {rival.name} has {', '.join(parts)} and {last}.")
+    design = comparison.own.tuned
+    if design is not None and ours is not design:
+        sentences.append(f"The design as it is, not tuned for the criterion, has {number(design.cost, 3)}.")
+    return " ".join(sentences)
+
+
+def called(law: TunedLaw) -> str:
+    """A law in a sentence."""
+    return "the design" if law.name == DESIGN else law.name
+
+
+def _outcome(rival: TunedLaw, ours: TunedLaw) -> str:
+    """Best rival, who is better, and what nonlinear H∞ is worth by the criterion."""
+    costs = f"{number(rival.cost, 3)} against {number(ours.cost, 3)}; less is better"
+    nothing = "so by this criterion nonlinear H∞ buys nothing on this robot."
+    if rival.cost < ours.cost * (1.0 - EQUAL):
+        return f"The best rival, {rival.name}, beats {called(ours)} by the criterion ({costs}), {nothing}"
+    if rival.cost <= ours.cost * (1.0 + EQUAL):
+        return (
+            f"Between the best rival, {rival.name}, and {called(ours)} there is no difference that the search can "
+            f"tell ({costs}), {nothing}"
+        )
+    return f"The best rival, {rival.name}, loses to {called(ours)} by the criterion ({costs})."
+
+
+# Page --------------------------------------------------------------------------------------------------------
 def comparison_page(
     comparison: Comparison, command: Sequence[str], warnings: Sequence[str] = (), files: Sequence[str] = ()
 ) -> Page:
     """Everything on one page; parameters as for `flexhinf.pages.page.design_page`."""
-    notes = [
-        *(Note(text) for text in comparison_notes(comparison)),
-        *(Note(" ".join(t.split())) for t in warnings),
-    ]
-    sections = [
-        Section(
-            "Laws by the criterion",
-            (_limits(comparison), Paragraph(_ranking_text(comparison)), _ranking(comparison), *notes),
-            "criterion",
-        ),
-        _trade_off(comparison),
-        Section("Figures of every law", (metric_table(comparison, comparison.compared),), "figures"),
-        Section("Step, load and move", (responses_figure(comparison),), "responses"),
-        _frequency(comparison),
-        Section("The laws and how they were tuned", tuple(_laws(comparison)), "laws"),
-        *([files_section(files)] if files else []),
-    ]
-    return Page(
-        f"Control laws compared on {comparison.robot.name}",
-        _intro(comparison),
-        _whole(comparison_verdict(comparison)),
-        tuple(section for section in sections if section is not None),
-        Settings(comparison_settings(comparison)),
-        Provenance(tuple(command), comparison.specification.seed),
-        _key_numbers(comparison),
-        _status(comparison),
-    )
-
-
-def _intro(comparison: Comparison) -> str:
-    """Robot, step, and the criterion, before any verdict."""
     own, s = comparison.own.evaluation, comparison.specification
     assert own is not None
     slides, degrees = comparison.robot.links.slides, s.in_degrees
     way = f"{pose_text(own.setup.start, slides, degrees)} to {pose_text(own.setup.goal, slides, degrees)}"
-    return (
+    intro = (
         f"{comparison.robot.name}, {joint_count(len(own.setup.joints))}, {comparison.robot.drive} driven; step from "
         f"{way}. {count_text(len(comparison.compared), 'law')} with the same commands, load, move, robots and seeds. "
         f"“{DESIGN}” is the law as flexhinf design makes it (preset {comparison.synthesis.design_problem.preset}, "
-        f"{law_name(comparison.synthesis.chosen.degree)}, {ESTIMATORS[s.estimator]}); {NL_HINF} is the same problem "
-        f"tuned as the other laws are. Criterion: {comparison.criterion.measure} All keep the same limits, which stand "
-        "below."
-    ).replace(NL_HINF, _whole(NL_HINF))
-
-
-def _status(comparison: Comparison) -> list[Status]:
-    """What the design's own law misses of the specification, and what was only sampled."""
-    own = comparison.own.evaluation
-    assert own is not None
-    degrees = units_of(own).degrees
-    missed = [line.shown(degrees) for line in comparison.own.requirements if not line.met]
-    found = [Status("met", f"The design meets {len(comparison.own.requirements)} requirements.")]
+        f"{law_name(comparison.synthesis.chosen.degree)}, {ESTIMATORS[s.estimator]}); {_whole(NL_HINF)} is the same "
+        f"problem tuned as the other laws are. Criterion: {comparison.criterion.measure} All keep the same limits, "
+        "which stand below."
+    )
+    notes = (*comparison_notes(comparison), *(" ".join(text.split()) for text in warnings))
+    blocks: dict[tuple[str, str], Sequence[Any]] = {
+        ("criterion", "Laws by the criterion"): (
+            _limits(comparison), Paragraph(RANKING), _ranking(comparison), *map(Note, notes),
+        ),
+        ("trade-off", "Trade-off"): _trade_off(comparison),
+        ("figures", "Figures of every law"): (metric_table(comparison, comparison.compared),),
+        ("responses", "Step, load and move"): (responses_figure(comparison),),
+        ("frequency", "Frequency responses"): _frequency(comparison),
+        ("laws", "The laws and how they were tuned"): _laws(comparison),
+    }  # fmt: skip
+    sections = [Section(title, tuple(found), anchor) for (anchor, title), found in blocks.items() if found]
+    missed = [line.shown(units_of(own).degrees) for line in comparison.own.requirements if not line.met]
+    status = Status("met", f"The design meets {len(comparison.own.requirements)} requirements.")
     if missed:
-        text = "; ".join(requirement_text(line) for line in missed)
-        found = [Status("not met", f"The design as it is: {text}.")]
-    return [
-        *found,
-        Status("not proved", "All figures are of simulated runs, of sampled robots and of the linear loop."),
-    ]
+        status = Status("not met", f"The design as it is: {'; '.join(map(requirement_text, missed))}.")
+    sampled = "All figures are of simulated runs, of sampled robots and of the linear loop."
+    return Page(
+        f"Control laws compared on {comparison.robot.name}",
+        intro,
+        _whole(comparison_verdict(comparison)),
+        (*sections, *([files_section(files)] if files else [])),
+        Settings(comparison_settings(comparison)),
+        Provenance(tuple(command), s.seed),
+        _key_numbers(comparison),
+        [status, Status("not proved", sampled)],
+    )
 
 
 def comparison_notes(comparison: Comparison) -> list[str]:
@@ -162,15 +217,6 @@ def comparison_notes(comparison: Comparison) -> list[str]:
 
 
 # Sections --------------------------------------------------------------------------------------------------
-def _ranking_text(comparison: Comparison) -> str:
-    return (
-        "The four columns of ratios are over those of the design as it is; the criterion is their geometric mean, and "
-        "less is better. Every law here keeps every limit. One with more unstable corners of the tolerances than the "
-        "design is not ranked. A law of which no tuning keeps every limit has no numbers, and is named with the reason "
-        f"below. The searches are short: differences of less than {number(100 * EQUAL)} % say nothing."
-    )
-
-
 def _limits(comparison: Comparison) -> Table:
     """What every law keeps, and who says so."""
     rows = [
@@ -187,57 +233,53 @@ def _ranking(comparison: Comparison) -> Table:
     rows = []
     for law in sorted(laws, key=lambda law: (law.name not in first, law.cost)):
         ratios, corners = comparison.criterion.ratios(law.metrics), law.evaluation.corners
+        values = (law.cost, *(ratios[name] for name in RATIOS))
         rows.append(
             (
                 _whole(f"{law.name}, as it is" if law.name == DESIGN else law.name),
-                *(
-                    value if np.isfinite(value) else None
-                    for value in (law.cost, *(ratios[name] for name in RATIOS))
-                ),
+                *(value if np.isfinite(value) else None for value in values),
                 "–" if corners is None else corners.unstable,
                 ", ".join(law.sensors).replace("_", " ") or "true state",
                 "yes" if law.name in first else "no: more unstable corners than the design",
             )
         )
-    figures = (Column(name, "", 2) for name in ("criterion", *RATIOS.values()))
-    columns = ("law", *figures, "unstable corners", "measured", "ranked")
+    ratios = (Column(name, "", 2) for name in ("criterion", *RATIOS.values()))
+    columns = ("law", *ratios, "unstable corners", "measured", "ranked")
     return Table(columns, rows, "", "table-criterion", stacks=True)
 
 
-def _trade_off(comparison: Comparison) -> Section | None:
+def _trade_off(comparison: Comparison) -> list[Any]:
     figure = trade_off_figure(comparison, trade_offs(tuned_laws(comparison), comparison.criterion))
-    return None if figure is None else Section("Trade-off", (figure,), "trade-off")
+    return [] if figure is None else [figure]
 
 
-def _frequency(comparison: Comparison) -> Section | None:
+def _frequency(comparison: Comparison) -> list[Any]:
     """The design, nonlinear H∞ and the best others, in one joint."""
     laws = [law for law in tuned_laws(comparison) if not law.evaluation.linear_failure]
     always = (DESIGN, NL_HINF)
     others = sorted((law for law in laws if law.name not in always), key=lambda law: law.cost)
     chosen = [*(law for law in laws if law.name in always), *others[: DRAWN - 1]]
     if not chosen:
-        return None
+        return []
     place = {row.name: k for k, row in enumerate(comparison.rows)}  # a law looks the same in every figure
     loops = [Loop(law.name, law.evaluation.frequency_response, place[law.name]) for law in chosen]
     units = comparison.units()
-    figures = frequency_figures(loops, comparison.robot.joint_names, units["torque"], units["position"])
-    return Section("Frequency responses", tuple(figures), "frequency")
+    return list(frequency_figures(loops, comparison.robot.joint_names, units["torque"], units["position"]))
 
 
 def _key_numbers(comparison: Comparison) -> list[KeyNumber]:
-    """Figures of nonlinear H∞ beside those of the best rival."""
+    """Metrics of nonlinear H∞ beside those of the best rival."""
     rival, ours, found = rival_of(comparison), ours_of(comparison), []
-    for figure in (f for key in KEYS for f in FIGURES if f.key == key):
-        if ours.evaluation.metrics.get(figure.key) is None:
-            continue
-        note = "" if rival is None else f"{_whole(rival.name)}: {_cell_of(comparison, figure, rival)}"
-        label = f"{_whole(called(ours))}: {figure.label}"
-        found.append(KeyNumber(label, _cell_of(comparison, figure, ours), unit_of(figure, comparison), note))
+
+    def shown(metric: LawFigure, law: TunedLaw) -> str:
+        return cell(metric, law.evaluation.metrics.get(metric.key), comparison)
+
+    for metric in (one for key in KEYS for one in FIGURES if one.key == key):
+        if ours.evaluation.metrics.get(metric.key) is not None:
+            note = "" if rival is None else f"{_whole(rival.name)}: {shown(metric, rival)}"
+            label = f"{_whole(called(ours))}: {metric.label}"
+            found.append(KeyNumber(label, shown(metric, ours), unit_of(metric, comparison), note))
     return found
-
-
-def _cell_of(comparison: Comparison, figure: LawFigure, law: TunedLaw) -> str:
-    return cell(figure, law.evaluation.metrics.get(figure.key), comparison)
 
 
 def _laws(comparison: Comparison) -> list[Any]:
@@ -249,26 +291,18 @@ def _laws(comparison: Comparison) -> list[Any]:
         "(x_d, u_d) from the elastic inverse dynamics."
     )
     columns = (
-        "law",
-        "what it is",
-        "tuned",
-        "candidates",
-        "measured",
-        "needs of the state",
-        "knows",
-        "source",
-    )
+        "law", "what it is", "tuned", "candidates", "measured", "needs of the state", "knows", "source",
+    )  # fmt: skip
     return [Paragraph(text), Table(columns, [_law_cells(row) for row in comparison.rows], stacks=True)]
 
 
 def _law_cells(row: ComparedLaw) -> tuple[Any, ...]:
     tuned, kind = row.tuned, row.kind
     labels = {p.name: (p.label, p.unit) for p in kind.parameters}
-    values = {} if tuned is None else tuned.parameters
     parts = []
-    for name, value in values.items():
+    for name, value in ({} if tuned is None else tuned.parameters).items():
         text, unit = labels.get(name, (name.replace("_", " "), ""))
-        parts.append(f"{text} {number(value, 3)}{f' {unit}' if unit else ''}")
+        parts.append(f"{text} {number(value, 3)} {unit}".strip())
     sensors = [] if tuned is None else [name.replace("_", " ") for name in tuned.sensors]
     return (
         _whole(row.name),
@@ -284,17 +318,11 @@ def _law_cells(row: ComparedLaw) -> tuple[Any, ...]:
 
 def _needs(row: ComparedLaw) -> str:
     """States by kind, and integrals."""
-    if row.evaluation is None:
-        return "–"
-    states = row.evaluation.needed_states
-    kinds = [name.replace("_", " ") for name in SIGNALS if any(_is(name, state) for state in states)]
-    integral = ["integral of the link's error"] if any(s.endswith("_integral") for s in states) else []
-    everything = ["all four states"] if len(kinds) == len(SIGNALS) else kinds
-    return ", ".join([*everything, *integral]) or "–"
-
-
-def _is(name: str, state: str) -> bool:
-    return not state.endswith("_integral") and (state == name or state.startswith(f"{name}_"))
+    states = [] if row.evaluation is None else row.evaluation.needed_states
+    own = [state for state in states if not state.endswith("_integral")]
+    kinds = [name.replace("_", " ") for name in SIGNALS if any(f"{s}_".startswith(f"{name}_") for s in own)]
+    integral = ["integral of the link's error"] if len(own) < len(states) else []
+    return ", ".join([*(["all four states"] if len(kinds) == len(SIGNALS) else kinds), *integral]) or "–"
 
 
 def _whole(text: str) -> str:

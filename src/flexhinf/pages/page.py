@@ -1,13 +1,15 @@
-"""The report of a design on one page: status, requirements, runs, margins, corners, weights, region, law."""
+"""The report of a design: one page (status, requirements, runs, margins, corners, weights, region, law), and tables for
+a terminal."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from flexhinf.design.certification import CertifiedDegree
 from flexhinf.design.requirements import Requirement
 from flexhinf.design.result import Design
 from flexhinf.design.result import Status as Judged
@@ -15,7 +17,6 @@ from flexhinf.pages.design import (
     frequency,
     law,
     margins,
-    monte_carlo,
     moves,
     region,
     requirements,
@@ -32,9 +33,25 @@ from flexhinf.pages.drawing import (
     rounded,
     units_of,
 )
-from flexhinf.pages.proof import proof_text
+from flexhinf.pages.proof import RULES, proof_text
 from flexhinf.pages.settings import design_settings, files_section
-from flexhinf.report import KeyNumber, Page, Provenance, Section, Settings, Status, house_style, number
+from flexhinf.report import (
+    Column,
+    KeyNumber,
+    Page,
+    Provenance,
+    Section,
+    Settings,
+    Status,
+    Table,
+    at_least,
+    house_style,
+    number,
+)
+from flexhinf.robot import catalogue, load_robot
+
+if TYPE_CHECKING:
+    from rich.table import Table as Terminal
 
 
 class Part(NamedTuple):
@@ -50,7 +67,7 @@ class Part(NamedTuple):
 PARTS = (
     Part("specification", "Requirements", requirements.blocks),
     Part("step", "Step response", step.blocks, step.remarks),
-    Part("draws", "Step response of robots within their tolerances", monte_carlo.blocks, monte_carlo.remarks),
+    Part("draws", "Step response of robots within their tolerances", step.draw_blocks, step.draw_remarks),
     Part("load", "Load response", moves.load_blocks, moves.load_remarks),
     Part("payload", "Payload", moves.payload_blocks, moves.payload_remarks),
     Part("ring-down", "Ring-down after an impulse", rest.ring_down_blocks, rest.ring_down_remarks),
@@ -157,7 +174,6 @@ def title_of(design: Design) -> str:
 
 
 def _intro(design: Design) -> str:
-    """Robot, sensors, true plant and step."""
     robot, s = design.robot, design.specification
     about = f"{robot.description.rstrip('.')}. " if robot.description else ""
     measured = ", ".join(s.measured).replace("_", " ") if s.estimator != "none" else "the true state"
@@ -171,7 +187,6 @@ def _intro(design: Design) -> str:
 
 
 def _headline(design: Design) -> str:
-    """What the nominal loop and the sampled robots do, and what is proved."""
     e = design.evaluation
     parts = [step.step_text(e.step, units_of(e))]
     if not e.margins.stable:
@@ -210,7 +225,6 @@ def _worst(design: Design, metric: str, unit: str, digits: int = 3) -> str:
 
 
 def _key_numbers(design: Design) -> list[KeyNumber]:
-    """The few numbers at the top."""
     e, period = design.evaluation, design.specification.period
     response, m, samples, effort = e.step, e.margins, e.step_samples, units_of(e).effort
     several, settling = len(e.setup.joints) > 1, rounded(response.settling.value)
@@ -256,3 +270,79 @@ def _key_numbers(design: Design) -> list[KeyNumber]:
         which = "corners of the tolerances" if e.corners.complete else "sampled corners"
         found.append(KeyNumber("unstable", e.corners.unstable, f"of {e.corners.count}", which))
     return found
+
+
+# For a terminal of 80 columns --------------------------------------------------------------------------
+def robots_table() -> Terminal:
+    """The catalogue: what each robot is, and how many of its numbers have a source."""
+    rows = []
+    for name in catalogue():
+        robot = load_robot(name)
+        assumed = sum("assumption" in parameter.source for parameter in robot.parameters)
+        numbers = f"{len(robot.parameters) - assumed} sourced\n{assumed} assumed"
+        rows.append((name, len(robot.joint_names), robot.drive, numbers, robot.description))
+    title = "Robots that come with flexhinf: flexhinf design NAME"
+    return Table(("name", "joints", "drive", "numbers", ""), rows, title).terminal()
+
+
+def design_tables(design: Design) -> list[Terminal]:
+    """In the order of the page: requirements, inputs, runs, margins, poles, corners, weights, noise, region."""
+    e, problem, run = design.evaluation, design.design_problem, design.rest
+    tables = [
+        requirements.requirements_of(design),
+        requirements.input_table(design),
+        *([step.spread_table(e)] if e.step_samples is not None and len(e.step_samples) else []),
+        *([rest.rest_table(design, run)] if run is not None and run.oscillates and run.cycles else []),
+        margins.margin_table(e),
+        frequency.mode_table(design, brief=True),
+        *([] if e.corners is None else [margins.corner_table(e)]),
+        *([] if problem.search is None else [weights.candidate_table(design)]),
+        *([] if problem.robustness is None else [weights.robust_table(design)]),
+        *([] if design.noise_search is None else [weights.noise_table(design)]),
+        *([region.budget_table(design)] if region.budget_of(design) else []),
+        region.region_table(design) if design.synthesis.proved is None else region.level_table(design),
+    ]
+    return [table.terminal() for table in tables]
+
+
+def certification_tables(found: Sequence[CertifiedDegree]) -> list[Terminal]:
+    """What is proved of the law of each degree, and the runs from the largest proved steps."""
+    rows = []
+    for one in found:
+        name, given = law_name(one.choice.degree) + (" *" if one.used else ""), one.certificate
+        if given is None:
+            rows.append((name, "none", "", "", "", one.cpu_seconds))
+            continue
+        ratio = "" if given.sampled_level is None else f"{100 * given.level / given.sampled_level:.1f} %"
+        step = at_least(given.step_amplitude) if given.starts else "no step is stated"
+        cells = given.provenance.get("cells", "")
+        rows.append((name, at_least(given.level), ratio, step, cells, one.cpu_seconds))
+    columns = (
+        "law", Column("level of V", right=True), Column("of the sampled", right=True),
+        Column("largest step", right=True), Column("cells", right=True), Column("CPU", "s", 1),
+    )  # fmt: skip
+    whom = "all parameters within the tolerances" if any(one.box for one in found) else "nominal parameters"
+    title = f"What is proved, with the true state fed back and {whom} (* used)"
+    return [Table(columns, rows, title).terminal(), *(_steps(one) for one in found if one.steps)]
+
+
+def certification_notes(found: Sequence[CertifiedDegree]) -> list[str]:
+    """Of which laws nothing is proved, and why."""
+    return [f"{law_name(one.choice.degree)}: nothing is proved: {one.reason}" for one in found if one.reason]
+
+
+def _steps(one: CertifiedDegree) -> Terminal:
+    assert one.certificate is not None
+    effort, position = one.certificate.inputs[0].unit, one.certificate.states[0].unit
+    rows = []
+    for run in one.steps:
+        inputs = (", ".join(number(v) for v in values) for values in (run.first_input, run.peak_input))
+        start = RULES.get(run.rule, run.rule)
+        rows.append((start, at_least(run.amplitude), run.overshoot_percent, *inputs))
+    columns = (
+        "integrators start", Column("step", position, right=True), Column("overshoot", "%", 1),
+        Column("first", effort, right=True), Column("peak", effort, right=True),
+    )  # fmt: skip
+    name = law_name(one.choice.degree)
+    title = f"{name}: simulated, not proved: the nominal robot from the largest proved starts"
+    return Table(columns, rows, title).terminal()

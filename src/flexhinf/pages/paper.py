@@ -17,16 +17,15 @@ from flexhinf.paper.disturbances import ENERGIES, RunGain
 from flexhinf.paper.experiments import (
     FREQUENCY,
     LOAD_FROM,
-    STEP_DURATION,
     TOLERANCE_DURATION,
     TORQUE,
-    TRACKING_DURATION,
     Experiments,
     ToleranceRun,
 )
 from flexhinf.paper.loop_setup import GOALS, INITIAL_VARIANCE, SAMPLED_PLANTS, PaperSettings, name_goal
 from flexhinf.paper.reproduction import Reproduction
 from flexhinf.paper.tolerances import SWEPT, ToleranceStudy, unstable_of
+from flexhinf.paper.tracking import LAWS
 from flexhinf.report import (
     INK,
     MUTED,
@@ -95,7 +94,6 @@ OPEN = (
 )
 
 
-NAMES = {"nonlinear": "NL-H∞", "linear": "L-H∞"}
 COLOURS = {"nonlinear": SERIES[0], "linear": SERIES[1]}
 
 #: The first part of a run on a sampled plant, s, shown in full; the rest is shown enlarged.
@@ -103,53 +101,38 @@ FIRST_PART = 6.0
 
 
 # Drawings ----------------------------------------------------------------------------------------------
-def degrees(run: Trajectory, kind: str, name: str = "link_position") -> np.ndarray:
-    """A signal in degrees, as the paper's figures have it."""
-    return np.degrees(run.signal(kind, name))
+def measured(run: Trajectory) -> np.ndarray:
+    """The link position as measured, in degrees, as the paper's figures have it."""
+    return np.degrees(run.signal("output", "link_position"))
 
 
-def estimated(run: Trajectory, name: str = "link_position") -> np.ndarray | None:
+def estimated(run: Trajectory) -> np.ndarray | None:
     """The estimate in degrees; None when the true state is fed back."""
-    return None if run.names["output"] == run.names["estimate"] else degrees(run, "estimate", name)
+    same = run.names["output"] == run.names["estimate"]
+    return None if same else np.degrees(run.signal("estimate", "link_position"))
 
 
-def draw_inputs(runs: Mapping[str, Trajectory], until: float) -> str:
+def draw_inputs(runs: Mapping[str, Trajectory]) -> str:
     """Motor voltages of several laws over time."""
     figure, (axes,) = new_figure(1)
-    for name, run in runs.items():
-        shown = run.time <= until
-        volts = run.signal("input", "motor_voltage")[shown]
-        time_response(axes, run.time[shown], volts, name=NAMES[name], colour=COLOURS[name])
+    for law, run in runs.items():
+        volts = run.signal("input", "motor_voltage")
+        time_response(axes, run.time, volts, name=LAWS[law], colour=COLOURS[law])
     label(axes, "motor voltage", "V")
     legend(axes)
     return figure_to_svg(figure)
 
 
-def draw_responses(runs: Mapping[str, Trajectory], until: float, *, step: float | None = None) -> str:
-    """Link positions of several laws in degrees, measured and estimated, with the command.
-
-    Parameters
-    ----------
-    runs : mapping of law to Trajectory
-    until : float
-        Last time shown, s.
-    step : float, optional
-        Height of the step in degrees, for the settling band.
-    """
+def draw_responses(runs: Mapping[str, Trajectory], step: float | None = None) -> str:
+    """Link positions of several laws, measured and estimated, with the command; a settling band for a step, degrees."""
     figure, (axes,) = new_figure(1, height=3.6)
     first = next(iter(runs.values()))
-    shown = first.time <= until
-    command = degrees(first, "reference")[shown]
-    reference_line(axes, first.time[shown], command)
+    command = np.degrees(first.signal("reference", "link_position"))
+    reference_line(axes, first.time, command)
     if step is not None:
         settling_band(axes, float(command[-1]), step)
-    for name, run in runs.items():
-        shown = run.time <= until
-        estimate = estimated(run)
-        time_response(
-            axes, run.time[shown], degrees(run, "output")[shown], None if estimate is None else estimate[shown],
-            name=NAMES[name], colour=COLOURS[name],
-        )  # fmt: skip
+    for law, run in runs.items():
+        time_response(axes, run.time, measured(run), estimated(run), name=LAWS[law], colour=COLOURS[law])
     label(axes, "link position", "°")
     legend(axes)
     return figure_to_svg(figure)
@@ -159,20 +142,23 @@ def draw_loads(runs: Mapping[str, Trajectory]) -> str:
     """Link position, its error enlarged from the disturbance on, and the torque; one colour per place of the torque."""
     figure, (position, error, torque) = new_figure(3, height=6.6)
     longest = max(runs.values(), key=lambda run: len(run.time))
-    reference_line(position, longest.time, degrees(longest, "reference"))
-    goal, largest = float(degrees(longest, "reference")[-1]), 0.0
+    command = np.degrees(longest.signal("reference", "link_position"))
+    reference_line(position, longest.time, command)
+    goal, largest = float(command[-1]), 0.0
     settling_band(error, 0.0, goal)
     for colour, (channel, run) in zip(SERIES, runs.items(), strict=False):
-        name = f"torque at the {channel.removesuffix('_torque')}"
-        measured, estimate = degrees(run, "output"), estimated(run)
-        time_response(position, run.time, measured, estimate, name=name, colour=colour)
+        name, link, estimate = (
+            f"torque at the {channel.removesuffix('_torque')}",
+            measured(run),
+            estimated(run),
+        )
+        time_response(position, run.time, link, estimate, name=name, colour=colour)
         late = run.time >= LOAD_FROM - 1.0
         off = None if estimate is None else estimate[late] - goal
-        time_response(error, run.time[late], measured[late] - goal, off, colour=colour)
-        largest = max(largest, float(np.abs(measured[late] - goal).max(initial=0.0)))
-    torque.plot(
-        longest.time, longest.signals["disturbance"].sum(axis=1), color=SERIES[3]
-    )  # alike at both places
+        time_response(error, run.time[late], link[late] - goal, off, colour=colour)
+        largest = max(largest, float(np.abs(link[late] - goal).max(initial=0.0)))
+    load = longest.signals["disturbance"].sum(axis=1)  # alike at both places
+    torque.plot(longest.time, load, color=SERIES[3])
     reach = 1.1 * min(max(largest, 1.0), 180.0)
     error.set_ylim(-reach, reach)
     label(position, "link position", "°")
@@ -184,21 +170,18 @@ def draw_loads(runs: Mapping[str, Trajectory]) -> str:
 
 
 # Many plants -------------------------------------------------------------------------------------------
-def worst_overshoot(runs: Sequence[ToleranceRun]) -> int:
-    """Which run overshoots most; one that diverged comes before all others."""
-    return max(range(len(runs)), key=lambda k: _key(runs[k].metrics["overshoot_percent"]))
+def worst_runs(runs: Sequence[ToleranceRun]) -> dict[str, int]:
+    """Which run overshoots most and which settles last, or ends farthest; one that diverged comes before all others."""
 
+    def of(*metrics: str) -> int:
+        values = [[run.metrics[name] for name in metrics] for run in runs]
+        ranks = [[math.inf if value is None else value for value in row] for row in values]
+        return max(range(len(runs)), key=ranks.__getitem__)
 
-def slowest(runs: Sequence[ToleranceRun]) -> int:
-    """Which run settles last; of those that never settle, the one that ends farthest from the command."""
-    return max(
-        range(len(runs)),
-        key=lambda k: (_key(runs[k].metrics["settling_time_s"]), _key(runs[k].metrics["steady_state_error"])),
-    )
-
-
-def _key(value: float | None) -> float:
-    return math.inf if value is None else value
+    return {
+        "largest overshoot": of("overshoot_percent"),
+        "settles last": of("settling_time_s", "steady_state_error"),
+    }
 
 
 @house_style()
@@ -211,14 +194,14 @@ def draw_sampled(runs: Sequence[ToleranceRun], kind: str) -> str:
     if not whole:
         above.text(0.5, 0.5, "every run diverged", ha="center", transform=above.transAxes)
         return figure_to_svg(figure)
-    time, command = whole[0].time, whole[0].command
+    time = whole[0].time
     values = np.array([getattr(run, kind) for run in whole])
-    apart = ((worst_overshoot(whole), INK, "largest overshoot"), (slowest(whole), SERIES[1], "settles last"))
+    apart = list(zip(worst_runs(whole).items(), (INK, SERIES[1])))
     for axes, part in ((above, time <= FIRST_PART), (below, time >= FIRST_PART)):
         if axes is above:
-            settling_band(axes, command, command)
+            settling_band(axes, 90.0, 90.0)
         quantile_band(axes, time[part], values[:, part])
-        for k, colour, name in apart:
+        for (name, k), colour in apart:
             axes.plot(time[part], values[k, part], color=colour, linewidth=1.1, dashes=(5.0, 1.5), label=name)
         label(axes, "link position", "°")
         axes.set_xlabel("time (s)")
@@ -229,7 +212,7 @@ def draw_sampled(runs: Sequence[ToleranceRun], kind: str) -> str:
 
 def _worst_table(runs: Sequence[ToleranceRun]) -> Table:
     rows = []
-    for name, k in (("largest overshoot", worst_overshoot(runs)), ("settles last", slowest(runs))):
+    for name, k in worst_runs(runs).items():
         m, error = runs[k].metrics, runs[k].metrics["steady_state_error"]
         error = None if error is None else math.degrees(error)
         changes = runs[k].changes.replace("-", "−")
@@ -267,33 +250,33 @@ FIGURES: dict[str, tuple[str, str | Callable[[Experiments], str], Callable[[Expe
     "03": (
         "Step to 180°: link position.",
         "The paper shows NL-H∞ alone; the linear law of the same γ is added. Dotted: command; grey: ±2 % of the step.",
-        lambda e: draw_responses(e.step_180, STEP_DURATION, step=180.0),
+        lambda e: draw_responses(e.step_180, 180.0),
     ),
     "04": (
         "Step to 180°: motor voltage.",
         "The law is held between samples.",
-        lambda e: draw_inputs(e.step_180, STEP_DURATION),
+        lambda e: draw_inputs(e.step_180),
     ),
     "05": (
         "Step to 90°: link position by NL-H∞ and by L-H∞.",
         "The measured and the estimated curve lie on each other. Dotted: command; grey: ±2 % of the step.",
-        lambda e: draw_responses(e.step_90, STEP_DURATION, step=90.0),
+        lambda e: draw_responses(e.step_90, 90.0),
     ),
     "06": (
         "Step to 90°: motor voltage by NL-H∞ and by L-H∞.",
         "At rest at 90° the motor holds the full gravity torque M g L: 10.9 V.",
-        lambda e: draw_inputs(e.step_90, STEP_DURATION),
+        lambda e: draw_inputs(e.step_90),
     ),
     "07": (
         "Tracking π + sin(πt/10): link position.",
         "The law acts on the angle from hanging and on the integral of the error, so the arm follows a moving command "
         "with a delay.",
-        lambda e: draw_responses(e.tracking, TRACKING_DURATION),
+        lambda e: draw_responses(e.tracking),
     ),
     "08": (
         "Tracking π + sin(πt/10): motor voltage.",
         "",
-        lambda e: draw_inputs(e.tracking, TRACKING_DURATION),
+        lambda e: draw_inputs(e.tracking),
     ),
     "09": (
         "Step to 90° under the tolerances of Tables 1 and 2: link position as measured.",

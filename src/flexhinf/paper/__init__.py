@@ -1,6 +1,5 @@
 """The experiments of Elsa & Akbari (2014): runs, claims with their criteria, and a verdict for each."""
 
-from flexhinf.paper.loop_setup import PaperSettings
-from flexhinf.paper.reproduction import STAGES, Reproduction, reproduce
+import lazy_loader
 
-__all__ = ["STAGES", "PaperSettings", "Reproduction", "reproduce"]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -91,26 +91,17 @@ class GainRuns:
             return RunGain(np.inf, found.energy, np.inf)
         return RunGain(found.gain, found.energy, float(np.abs(found.trajectory.signals["state"][:, 0]).max()))
 
-    def worst(self, start: np.ndarray, energy: float, turns: int) -> np.ndarray | None:
-        """The disturbance (N,) of this energy found from `start` (N,); None if the loop diverges on the way."""
-        found = self.search.ascend(start[:, None], energy, turns)
-        return None if found is None else found[:, 0]
-
-    def held(self, d: np.ndarray) -> Signal:
-        """d (N,) of the search as a function of time."""
-        return lambda t: self.search.on(t, d)
-
     def searched(self) -> dict[str, RunGain]:
         """The worst disturbance found for each energy, each search begun from the last, up to where the loop
         diverges."""
         found: dict[str, RunGain] = {}
-        d: Any = self.search.small()[1][:, 0]  # the worst sinusoid of small motions
+        d: Any = self.search.small()[1]  # the worst sinusoid of small motions, (N, 1)
         for energy in ENERGIES:
-            d, name = self.worst(d, energy, TURNS), f"worst found, ∫|d|² = {energy:g}"
+            d, name = self.search.ascend(d, energy, TURNS), f"worst found, ∫|d|² = {energy:g}"
             if d is None:
                 found[name] = RunGain(math.inf, energy, math.inf)
                 break
-            found[name] = self.attained(self.held(d))
+            found[name] = self.attained(lambda t, d=d: self.search.on(t, d[:, 0]))
         return found
 
 
@@ -234,12 +225,14 @@ def _stays(run: Trajectory, frequency: float) -> bool:
 
 
 def _sine_disturbance(experiments: Experiments) -> Finding:
-    law, runs = experiments.setup.nonlinear, {}
+    law, runs = (
+        experiments.setup.nonlinear,
+        {(FREQUENCY, c): r for c, r in experiments.sine_disturbance.items()},
+    )
     for f in FREQUENCIES:
         for c in CHANNELS:
-            signal = Sine(TORQUE, f, at=LOAD_FROM)
-            known = experiments.sine_disturbance[c] if f == FREQUENCY else None
-            runs[f, c] = experiments.load_response(law, signal, c) if known is None else known
+            if (f, c) not in runs:
+                runs[f, c] = experiments.load_response(law, Sine(TORQUE, f, at=LOAD_FROM), c)
     rows = [(f, *(_shown(runs[f, c])[0] for c in CHANNELS)) for f in FREQUENCIES]
     bad = sorted({f for (f, _), run in runs.items() if not _stays(run, f)})
     peaks = (_shown(runs[FREQUENCY, c])[0] for c in CHANNELS)

@@ -22,11 +22,11 @@ import numpy as np
 
 from flexhinf.codegen import Buffer, Call, Program, Repeat, Slice, compile_program
 from flexhinf.estimation import ExtendedKalmanFilter, RecursiveFilter, UnscentedKalmanFilter
-from flexhinf.loop import Sine, Step, Trajectory
+from flexhinf.loop import Step, Trajectory
 from flexhinf.loop.shared import share
 from flexhinf.loop.signals.sampling import standard_normal
 from flexhinf.paper.claim import Finding, PaperClaim
-from flexhinf.paper.experiments import STEP_DURATION, Experiments
+from flexhinf.paper.experiments import SINE, STEP_DURATION, Experiments
 from flexhinf.paper.loop_setup import INITIAL_VARIANCE, LONG, PaperSetup, affordable, in_two_threads
 from flexhinf.plant import Plant
 from flexhinf.report import Column, Table, number
@@ -39,7 +39,7 @@ SEEDS, GROWS = 5, 1.5
 COMMANDS: dict[str, tuple[Any, Any]] = {
     "180° step": (Step(math.pi), None),
     "90° step": (Step(math.pi / 2), None),
-    "π + sin(πt/10)": (Sine(1.0, 1.0 / 20.0, offset=math.pi), None),
+    "π + sin(πt/10)": (SINE, None),
     "90° step, 2 N·m at the link from 6 s": (Step(math.pi / 2), {"link_torque": Step(2.0, at=6.0)}),
 }
 

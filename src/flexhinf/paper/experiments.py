@@ -30,6 +30,8 @@ COMMAND_AT, LOAD_FROM, LOAD_DURATION = 2.0, 6.0, 14.0
 TORQUE = 2.0
 #: Frequency of the sinusoidal disturbance, Hz. The paper gives none.
 FREQUENCY = 0.5
+#: The command of Figs. 7 and 8, π + sin(πt/10).
+SINE = Sine(1.0, 1.0 / 20.0, offset=math.pi)
 #: Where a torque can act; the paper does not say.
 CHANNELS = ("link_torque", "motor_torque")
 
@@ -40,42 +42,33 @@ class ToleranceRun:
 
     Attributes
     ----------
-    values : dict of str to float
-        Parameters.
     metrics : dict
         Of the whole run, as `Trajectory.metrics`.
     diverged_at : float or None
         s.
     time, output, estimate : ndarray
         About `SAMPLES` samples of the link position as measured and as estimated, degrees.
-    command : float
-        Degrees.
     changes : str
         From the nominal plant, in per cent.
     """
 
-    values: dict[str, float]
     metrics: dict[str, Any]
     diverged_at: float | None
     time: np.ndarray
     output: np.ndarray
     estimate: np.ndarray
-    command: float
     changes: str
 
 
 class Experiments:
     """Runs of the laws by name: "nonlinear" (the paper's) and "linear"."""
 
-    #: The command of Figs. 7 and 8, π + sin(πt/10).
-    reference_sine = Sine(1.0, 1.0 / 20.0, offset=math.pi)
-
     def __init__(self, setup: PaperSetup) -> None:
         self.setup = setup
-        self.laws: dict[str, Any] = {"nonlinear": setup.nonlinear, "linear": setup.linear}
 
     def _both(self, reference: Any, duration: float) -> dict[str, Trajectory]:
-        return {name: self.setup.run(law, reference, duration) for name, law in self.laws.items()}
+        laws = {"nonlinear": self.setup.nonlinear, "linear": self.setup.linear}
+        return {name: self.setup.run(law, reference, duration) for name, law in laws.items()}
 
     @cached_property
     def step_180(self) -> dict[str, Trajectory]:
@@ -101,34 +94,30 @@ class Experiments:
     @cached_property
     def tracking(self) -> dict[str, Trajectory]:
         """Figs. 7 and 8: π + sin(πt/10)."""
-        return {name: self.track(law) for name, law in self.laws.items()}
+        return self._both(SINE, TRACKING_DURATION)
 
     def track(self, law: Law) -> Trajectory:
         """Follow π + sin(πt/10) from the hanging rest."""
-        return self.setup.run(law, self.reference_sine, TRACKING_DURATION)
+        return self.setup.run(law, SINE, TRACKING_DURATION)
 
     @cached_property
     def sampled_plants(self) -> list[ToleranceRun]:
         """Figs. 9 and 10: plants sampled uniformly within Tables 1 and 2, coil included, 90° step."""
         setup, period = self.setup, self.setup.settings.period
-        values = [dict(setup.population.values[k]) for k in range(SAMPLED_PLANTS)]
-        command, stride = Step(math.pi / 2), max(1, round(TOLERANCE_DURATION / period / SAMPLES))
+        population, stride = setup.population, max(1, round(TOLERANCE_DURATION / period / SAMPLES))
         kept = np.arange(0, round(TOLERANCE_DURATION / period) + 1, stride)
-        found = setup.ensemble(
-            setup.nonlinear, command, TOLERANCE_DURATION, inductance=True,
-            kept=("output.link_position", "estimate.link_position"), instants=kept,
-        ).run(values, [setup.seed(k) for k in range(SAMPLED_PLANTS)])  # fmt: skip
+        names, plants = ("output.link_position", "estimate.link_position"), range(SAMPLED_PLANTS)
+        ensemble = setup.ensemble(
+            setup.nonlinear, Step(math.pi / 2), TOLERANCE_DURATION, inductance=True, kept=names, instants=kept
+        )
+        found = ensemble.run([dict(population.values[k]) for k in plants], [setup.seed(k) for k in plants])
         runs = []
-        for k, each in enumerate(values):
+        for k in plants:
             whole = ~np.isnan(found.kept[k]).any(axis=1)
-            output, estimate = np.degrees(found.kept[k, whole].T)
             diverged_at = None if found.completed[k] else float(found.diverged_at[k])
-            runs.append(
-                ToleranceRun(
-                    each, found.metrics_of(k), diverged_at, period * kept[whole], output, estimate, 90.0,
-                    setup.population.describe(k),
-                )
-            )  # fmt: skip
+            output, estimate = np.degrees(found.kept[k, whole].T)
+            metrics, changes = found.metrics_of(k), population.describe(k)
+            runs.append(ToleranceRun(metrics, diverged_at, period * kept[whole], output, estimate, changes))
         return runs
 
     def load_response(
@@ -138,17 +127,18 @@ class Experiments:
         command = Step(math.pi / 2, at=COMMAND_AT)
         return self.setup.run(law, command, LOAD_DURATION, disturbance={channel: signal}, estimator=estimator)
 
+    def _loads(self, signal: Any) -> dict[str, Trajectory]:
+        return {c: self.load_response(self.setup.nonlinear, signal, c) for c in CHANNELS}
+
     @cached_property
     def step_disturbance(self) -> dict[str, Trajectory]:
         """Fig. 11, by channel."""
-        law, signal = self.setup.nonlinear, Step(TORQUE, at=LOAD_FROM)
-        return {channel: self.load_response(law, signal, channel) for channel in CHANNELS}
+        return self._loads(Step(TORQUE, at=LOAD_FROM))
 
     @cached_property
     def sine_disturbance(self) -> dict[str, Trajectory]:
         """Fig. 12, by channel."""
-        law, signal = self.setup.nonlinear, Sine(TORQUE, FREQUENCY, at=LOAD_FROM)
-        return {channel: self.load_response(law, signal, channel) for channel in CHANNELS}
+        return self._loads(Sine(TORQUE, FREQUENCY, at=LOAD_FROM))
 
 
 # Numbers of a run, named as in metrics.json ------------------------------------------------------------

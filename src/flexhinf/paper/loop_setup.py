@@ -8,79 +8,19 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
 from flexhinf.analysis import Population, corner_population
-from flexhinf.errors import InfeasibleGamma, InvalidInput
+from flexhinf.errors import InfeasibleGamma
 from flexhinf.estimation import ExtendedKalmanFilter, UnscentedKalmanFilter
 from flexhinf.hinf import HJISolution, smallest_gamma, solve_hji
 from flexhinf.loop import Controller, Ensemble, Loop, Step, Trajectory
+from flexhinf.paper.settings import PaperSettings
 from flexhinf.plant import GeneralisedPlant, Law, Penalty, Plant
 from flexhinf.robot import Robot, paper_arm
-
-ESTIMATORS = ("ukf", "ekf", "none")
-PERIODS = "1e-4 to 0.05 s (the joint vibrates at 14 rad/s)"
-
-
-@dataclass(frozen=True)
-class PaperSettings:
-    """Options of ``flexhinf paper``.
-
-    Parameters
-    ----------
-    gamma_ratio : float
-        γ/γ*; more than 1.
-    degree : int
-        Degree of V, at least 2; the law has one less. 4 is the paper's cubic law.
-    period : float
-        Sampling period of estimator and controller, s.
-    seed : int
-        Of measurement noise and of the sampled plants.
-    estimator : {"ukf", "ekf", "none"}
-        "none" feeds back the true state.
-    process_noise : float
-        Variance q of R^v = q I, added to each state at each sample.
-    measurement_noise : float
-        Variance R^n of the measured link position, rad². The simulated noise has the same variance.
-
-    Raises
-    ------
-    InvalidInput
-        For a value outside its range.
-    """
-
-    gamma_ratio: float = 2.0
-    degree: int = 4
-    period: float = 1e-3
-    seed: int = 0
-    estimator: str = "ukf"
-    process_noise: float = 1e-6
-    measurement_noise: float = 1e-6
-
-    def __post_init__(self) -> None:
-        degree, seed = (value if type(value) is int else -1 for value in (self.degree, self.seed))
-        allowed = (
-            ("γ/γ*", "gamma_ratio", 0.0 < self.gamma_ratio <= 1e6, "a number above 1, up to 1e6"),
-            ("degree of V", "degree", 2 <= degree <= 12, "an integer from 2 to 12"),
-            ("sampling period", "period", 1e-4 <= self.period <= 0.05, PERIODS),
-            ("seed", "seed", 0 <= seed < 2**53, "an integer from 0"),
-            ("estimator", "estimator", self.estimator in ESTIMATORS, ", ".join(ESTIMATORS)),
-            ("process noise", "process_noise", self.process_noise >= 0.0, "a variance >= 0"),
-            ("measurement noise", "measurement_noise", self.measurement_noise > 0.0, "a variance > 0, rad²"),
-        )
-        for what, name, holds, expected in allowed:
-            value = getattr(self, name)
-            if not holds or (isinstance(value, float) and not math.isfinite(value)):
-                raise InvalidInput(
-                    f"The {what} cannot be used.",
-                    f"expected {expected}, got {value!r}",
-                    f"--{name.replace('_', '-')} {getattr(PaperSettings, name)}",
-                )
-
 
 #: R2 of Eq. (11).
 EFFORT = 10.0
@@ -94,9 +34,6 @@ SAMPLED_PLANTS = 100
 LONG = 30.0
 #: Samples that may be spent on a set of runs: 130 runs of 30 s at 1 kHz.
 SAMPLES = 4_000_000
-
-T = TypeVar("T")
-R = TypeVar("R")
 
 
 class PaperSetup:
@@ -161,17 +98,16 @@ class PaperSetup:
         """The plant the estimators believe in: nominal, coil neglected."""
         return self.arm.plant()
 
-    def estimator(self, kind: str | None = None, process_noise: float | None = None, **options: Any) -> Any:
-        """An estimator of this kind (the settings' by default); None for "none"."""
-        s = self.settings
-        kind = s.estimator if kind is None else kind
+    def estimator(
+        self, kind: str | None = None, mean: Any = None, covariance: Any = INITIAL_VARIANCE, **options: Any
+    ) -> Any:
+        """An estimator of this kind (the settings' by default) from rest or another mean; None for "none"."""
+        s, kind = self.settings, self.settings.estimator if kind is None else kind
         if kind == "none":
             return None
-        q = s.process_noise if process_noise is None else process_noise
-        start = options.pop("mean", np.zeros(self.model.n))
-        p0 = options.pop("covariance", INITIAL_VARIANCE)
+        start = np.zeros(self.model.n) if mean is None else mean
         build = UnscentedKalmanFilter if kind == "ukf" else ExtendedKalmanFilter
-        return build(self.model, s.period, q, s.measurement_noise, start, p0, **options)
+        return build(self.model, s.period, s.process_noise, s.measurement_noise, start, covariance, **options)
 
     @property
     def feedback(self) -> str:
@@ -187,11 +123,8 @@ class PaperSetup:
     @cached_property
     def population(self) -> Population:
         """Plants within Tables 1 and 2: sampled ones, all 2048 corners, each tolerance alone, and the nominal one."""
-        uncertain = len(self.arm.uncertain)
-        corner = self.arm.corner
-        return corner_population(
-            corner, uncertain, 2**uncertain, self.settings.seed, self.arm.draw, SAMPLED_PLANTS
-        )
+        arm, count = self.arm, len(self.arm.uncertain)
+        return corner_population(arm.corner, count, 2**count, self.settings.seed, arm.draw, SAMPLED_PLANTS)
 
     # Runs -------------------------------------------------------------------------------------------------------
     def run(
@@ -200,7 +133,6 @@ class PaperSetup:
         reference: Any,
         duration: float,
         *,
-        true_values: Mapping[str, float] | None = None,
         inductance: bool = False,
         disturbance: Any = None,
         estimator: Any = "settings",
@@ -209,8 +141,6 @@ class PaperSetup:
     ) -> Trajectory:
         """Simulate one closed loop from the hanging rest; a run that diverges says so in its status."""
         loop, deviation = self._loop(law, estimator, inductance, noise)
-        if true_values is not None:
-            loop = Loop(self._true_plants[inductance].with_parameters(**true_values), loop.controller)
         seed = self.settings.seed if seed is None else seed
         return loop.run(reference, disturbance, deviation, duration, None, seed)
 
@@ -264,7 +194,7 @@ def affordable(wanted: int, period: float, duration: float = LONG) -> int:
     return max(1, min(wanted, int(SAMPLES * period / duration)))
 
 
-def in_two_threads(function: Callable[[T], R], items: Sequence[T]) -> list[R]:
+def in_two_threads(function: Callable[[Any], Any], items: Sequence[Any]) -> list[Any]:
     """The first alone, which compiles what the others share; compiled runs let the other thread go on."""
     if not items:
         return []

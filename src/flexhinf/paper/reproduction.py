@@ -12,7 +12,8 @@ from flexhinf.paper.claim import Judged
 from flexhinf.paper.disturbances import GAIN, TORQUES
 from flexhinf.paper.estimators import UKF
 from flexhinf.paper.experiments import FIGURE_NUMBERS, Experiments
-from flexhinf.paper.loop_setup import PaperSettings, PaperSetup
+from flexhinf.paper.loop_setup import PaperSetup
+from flexhinf.paper.settings import PaperSettings
 from flexhinf.paper.tolerances import COIL, TOLERANCES
 from flexhinf.paper.tracking import ABOUT_THE_GOAL, STEPS_AND_TRACKING
 

@@ -145,28 +145,24 @@ def unstable_of(rates: GrowthRates, kind: str) -> int:
 
 
 # Runs ------------------------------------------------------------------------------------------------
-def growth_rate(velocity: np.ndarray) -> tuple[float, float]:
-    """(rate in 1/s, late RMS in rad/s) of the link's velocity (N,) in a run of `LONG`; both infinite if it diverged."""
-    if np.isnan(velocity).any():
-        return np.inf, np.inf
-    fractions = np.linspace(0.0, 1.0, len(velocity))
-    sizes = [
-        max(float(np.sqrt(np.mean(velocity[(fractions >= first) & (fractions <= last)] ** 2))), 1e-300)
-        for first, last in (EARLY, LATE)
-    ]
-    return float(np.log(sizes[1] / sizes[0]) / (LONG * (LATE[0] - EARLY[0]))), sizes[1]
-
-
 def run_growth_rates(
     setup: PaperSetup, law: HJISolution, goal: float, plants: Sequence[int]
 ) -> list[tuple[float, float]]:
-    """`growth_rate` of runs without noise to a goal, with these plants of the population."""
-    samples = np.arange(round(LONG / setup.settings.period) + 1)
+    """(rate in 1/s, late RMS in rad/s) of the link's velocity in runs without noise to a goal, with these plants of
+    the population; both infinite for a run that diverged."""
+    times = np.arange(round(LONG / setup.settings.period) + 1)
     ensemble = setup.ensemble(
-        law, Step(goal), LONG, inductance=True, noise=False, kept=["state.link_velocity"], instants=samples
+        law, Step(goal), LONG, inductance=True, noise=False, kept=["state.link_velocity"], instants=times
     )
-    found = ensemble.run([setup.population.values[k] for k in plants])
-    return [growth_rate(velocity) for velocity in found.kept[:, :, 0]]
+    rates, part = [], times / times[-1]
+    for velocity in ensemble.run([setup.population.values[k] for k in plants]).kept[:, :, 0]:
+        if np.isnan(velocity).any():
+            rates.append((np.inf, np.inf))
+            continue
+        windows = (velocity[(part >= first) & (part <= last)] for first, last in (EARLY, LATE))
+        early, late = (max(float(np.sqrt(np.mean(window**2))), 1e-300) for window in windows)
+        rates.append((float(np.log(late / early) / (LONG * (LATE[0] - EARLY[0]))), late))
+    return rates
 
 
 def _agreement(setup: PaperSetup, study: ToleranceStudy) -> tuple[int, int, float]:

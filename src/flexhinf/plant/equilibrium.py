@@ -12,7 +12,7 @@ import numpy as np
 
 from flexhinf.errors import InvalidInput, NumericalFailure
 from flexhinf.plant.model import Model
-from flexhinf.validation import real_array, value_text
+from flexhinf.validation import checked_array, value_text
 
 ITERATIONS = 50
 
@@ -32,14 +32,9 @@ def pose_values(pose: Any, names: Sequence[str]) -> np.ndarray:
                 f"The pose names {unknown[0]!r}.", f"expected names out of {list(names)}", "one of these"
             )
         pose = [pose.get(name, 0.0) for name in names]
-    values = np.atleast_1d(real_array(pose))
-    if values.shape != (len(names),) or not np.all(np.isfinite(values)):
-        raise InvalidInput(
-            "The pose does not fit the plant.",
-            f"expected {len(names)} finite values for {list(names)}, got {pose!r}",
-            "one value per integrated state",
-        )
-    return values
+    expected = f"{len(names)} finite values for {list(names)}"
+    shape, advice = (len(names),), "one value per integrated state"
+    return checked_array("The pose does not fit the plant.", pose, shape, expected, advice)
 
 
 def equilibrium(plant: Model, names: Sequence[str], values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

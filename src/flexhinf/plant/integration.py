@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from flexhinf.errors import InvalidInput
-from flexhinf.plant.parameters import ParameterTable
 from flexhinf.validation import real_array
 
 #: Largest step times fastest mode for simulation: RK4 then errs by (hλ)⁴/120 < 1e-10 per radian of a mode's phase,
@@ -20,25 +19,6 @@ SIMULATION_STEP = 0.01
 
 #: More sub-steps per sample than this are a mistake in the parameters rather than a plant.
 MOST_SUB_STEPS = 100_000
-
-
-class _Linearised(Protocol):
-    """What of a `Plant` its modes are computed from."""
-
-    @property
-    def states(self) -> Sequence[str]: ...
-    @property
-    def inputs(self) -> Sequence[str]: ...
-    @property
-    def disturbances(self) -> Sequence[str]: ...
-    @property
-    def parameters(self) -> ParameterTable: ...
-    @property
-    def engaged(self) -> Callable[[Any, Any], Any] | None: ...
-    @property
-    def traced_jacobians(self) -> Any:
-        """∂flow/∂x and others as one CasADi function of (x, u, d, parameter vector)."""
-        ...
 
 
 def rk4_step(flow: Callable[[Any, Any], Any], x: Any, inputs: Any, step: Any) -> Any:
@@ -179,8 +159,8 @@ def sub_steps(period: float, fastest_mode: float, largest: float = SIMULATION_ST
     return max(1, math.ceil(wanted))
 
 
-def fastest_modes(plant: _Linearised, parameters: np.ndarray, x: Any = None, u: Any = None) -> np.ndarray:
-    """`Plant.fastest_mode` of plants that differ in their parameters, (N, P), all at one point: (N,), rad/s.
+def fastest_modes(plant: Any, parameters: np.ndarray, x: Any = None, u: Any = None) -> np.ndarray:
+    """`fastest_mode` of a `Plant` with each of some parameters, (N, P), all at one point: (N,), rad/s.
 
     Raises
     ------
@@ -195,7 +175,7 @@ def fastest_modes(plant: _Linearised, parameters: np.ndarray, x: Any = None, u: 
     return np.max([_fastest_at(plant, rows, held, parameters) for rows in points], axis=0)
 
 
-def _fastest_at(plant: _Linearised, points: np.ndarray, u: np.ndarray, parameters: np.ndarray) -> np.ndarray:
+def _fastest_at(plant: Any, points: np.ndarray, u: np.ndarray, parameters: np.ndarray) -> np.ndarray:
     count, n = points.shape
     if not count:
         return np.zeros(0)

@@ -16,11 +16,7 @@ import numpy as np
 from flexhinf.errors import InvalidInput
 from flexhinf.plant.model import python_control
 from flexhinf.plant.plant import Plant
-from flexhinf.scalars import jacobian
 from flexhinf.validation import real_array
-
-#: Largest rate, relative to the plant's own rates, that still counts as an equilibrium.
-EQUILIBRIUM_TOLERANCE = 1e-9
 
 
 @dataclass(frozen=True)
@@ -62,17 +58,13 @@ def linear_plant(plant: Plant, x: Any, u: Any) -> Plant:
     """
     a, b, g, c = plant.linearise(x, u)
     x, u = real_array(x), real_array(u)
-    rate = plant.derivative(x, u)
-    worst = int(np.argmax(np.abs(rate)))
-    if not np.all(np.isfinite(rate)) or abs(rate[worst]) > EQUILIBRIUM_TOLERANCE * max(
-        1.0, plant.fastest_mode(x, u)
-    ):
-        raise InvalidInput(
-            "A plant is linearised at an equilibrium.",
-            f"expected flow = 0, got d/dt {plant.states[worst]} = {rate[worst]:.6g}",
-            "robot.operating_point(pose), or operating_point and operating_input of a problem",
-        )
-    value, slope = _output(plant, x, u)
+    plant.check_equilibrium(
+        x,
+        u,
+        "A plant is linearised at an equilibrium.",
+        "robot.operating_point(pose), or operating_point and operating_input of a problem",
+    )
+    value, slope = plant.output_at(x, u)
     parameters = {
         "state_matrix": a, "input_matrix": b, "disturbance_matrix": g, "output_matrix": c, "feedthrough": slope,
         "state": x, "input": u, "output": value,
@@ -81,16 +73,6 @@ def linear_plant(plant: Plant, x: Any, u: Any) -> Plant:
         LinearFlow(), LinearOutput(), plant.states, plant.inputs, plant.disturbances, parameters,
         plant.outputs, plant.units, plant.groups,
     )  # fmt: skip
-
-
-def _output(plant: Plant, x: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """y at (x, u), and ∂y/∂u there."""
-
-    def output(v: Any, s: Any, w: Any) -> Any:
-        return plant.evaluate_output(s, v, w)
-
-    sizes = (len(plant.inputs), plant.n, plant.parameters.size)
-    return jacobian(output, *sizes, name="output")(u, x, plant.parameters.vector())
 
 
 def plant_from_control(system: Any, inputs: Sequence[str] | None = None) -> Plant:

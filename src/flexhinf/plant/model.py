@@ -13,7 +13,7 @@ import threading
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
 import numpy as np
 
@@ -42,6 +42,9 @@ from flexhinf.validation import (
     real_array,
     value_text,
 )  # fmt: skip
+
+#: Largest rate at an operating point, relative to the plant's own rates, that still counts as an equilibrium.
+EQUILIBRIUM_TOLERANCE = 1e-9
 
 
 class StoredCode:
@@ -153,10 +156,6 @@ def signals(what: str, model: Callable[[], Any]) -> np.ndarray:
     return signals
 
 
-if TYPE_CHECKING:
-    import control
-
-
 def python_control() -> Any:
     """The package, or an error that says how to get it."""
     try:
@@ -166,33 +165,6 @@ def python_control() -> Any:
             "python-control is not installed.", f"import control: {error}", "pip install 'flexhinf[control]'"
         ) from error
     return control
-
-
-def nonlinear_system(
-    flow: Callable[..., Any],
-    output: Callable[..., Any],
-    p: np.ndarray,
-    signals: Mapping[str, Any],
-    inputs: int,
-) -> control.NonlinearIOSystem:
-    """ẋ = flow(x, u, d, p), y = output(x, u, p) with (u, d) as the system's inputs, of which the first are u."""
-
-    def dynamics(t: float, x: Any, v: Any, params: Any) -> np.ndarray:
-        return np.ravel(np.asarray(flow(x, v[:inputs], v[inputs:], p), dtype=float))
-
-    def measured(t: float, x: Any, v: Any, params: Any) -> np.ndarray:
-        return np.ravel(np.asarray(output(x, v[:inputs], p), dtype=float))
-
-    return python_control().nlsys(dynamics, measured, **signals)
-
-
-def linear_system(
-    matrices: tuple[np.ndarray, ...], feedthrough: np.ndarray, signals: Mapping[str, Any]
-) -> control.StateSpace:
-    """ẋ = A x + B u + G d, y = C x + D u, in deviations; (A, B, G, C) as `Model.linearise`."""
-    a, b, g, c = matrices
-    d = np.hstack([feedthrough, np.zeros((len(c), g.shape[1]))])
-    return python_control().ss(a, np.hstack([b, g]), c, d, **signals)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -335,11 +307,6 @@ class Model(Summarised):
 
         Numbers, derivatives and machine code are those of the flow as it was traced then; whoever runs its text again
         asks here first, so that two models are never mixed.
-
-        Raises
-        ------
-        InvalidInput
-            If the flow reads something that has changed since.
         """
         if isinstance(self.flow, StoredCode):
             return
@@ -400,14 +367,42 @@ class Model(Summarised):
         x, u : (n,) and (m,) arrays, optional
             With one of them, linearised there (``ss`` with D, in deviations); without, nonlinear (``nlsys``).
         """
-        signals = {"inputs": [*self.inputs, *self.disturbances], "outputs": list(self.outputs)}
-        signals["states"] = list(self.states)
+        names = {
+            "inputs": [*self.inputs, *self.disturbances],
+            "outputs": list(self.outputs),
+            "states": list(self.states),
+        }
         p, m = self.parameters.vector(), len(self.inputs)
+
+        def rates(t: float, x: Any, v: Any, params: Any) -> np.ndarray:
+            return np.ravel(np.asarray(self.traced_flow(x, v[:m], v[m:], p), dtype=float))
+
+        def measured(t: float, x: Any, v: Any, params: Any) -> np.ndarray:
+            return np.ravel(np.asarray(self.traced_output(x, v[:m], p), dtype=float))
+
         if x is None and u is None:
-            return nonlinear_system(self.traced_flow, self.traced_output, p, signals, m)
-        point = _points(x, self.states, "x", at_once=1)[0], _points(u, self.inputs, "u", at_once=1)[0]
-        through = jacobian(lambda u, x, p: self.evaluate_output(x, u, p), m, self.n, p.size)
-        return linear_system(self.linearise(*point), through(point[1], point[0], p)[1], signals)
+            return python_control().nlsys(rates, measured, **names)
+        x, u = _points(x, self.states, "x", at_once=1)[0], _points(u, self.inputs, "u", at_once=1)[0]
+        a, b, g, c = self.linearise(x, u)
+        d = np.hstack([self.output_at(x, u)[1], np.zeros((len(c), g.shape[1]))])
+        return python_control().ss(a, np.hstack([b, g]), c, d, **names)
+
+    def output_at(self, x: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Y at (x, u), and ∂y/∂u there, exactly."""
+        sizes = (len(self.inputs), self.n, self.parameters.size)
+        output = jacobian(lambda u, x, p: self.evaluate_output(x, u, p), *sizes, name="output")
+        return output(u, x, self.parameters.vector())
+
+    def check_equilibrium(self, x: np.ndarray, u: np.ndarray, what: str, advice: str) -> None:
+        """Refuse a point at which a rate is not zero, relative to the plant's own rates."""
+        rate = self.derivative(x, u)
+        worst = int(np.argmax(np.abs(rate)))
+        largest = (
+            EQUILIBRIUM_TOLERANCE * max(1.0, self.fastest_mode(x, u)) if np.isfinite(rate).all() else -1.0
+        )
+        if not abs(rate[worst]) <= largest:
+            found = f"expected flow = 0, got d/dt {self.states[worst]} = {rate[worst]:.6g}"
+            raise InvalidInput(what, found, advice)
 
     def summary(self) -> dict[str, str]:
         """States, inputs, disturbances, measured signals and parameters, for ``repr``."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import keyword
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -12,7 +11,9 @@ from typing import Any
 import numpy as np
 
 from flexhinf.errors import InvalidInput
-from flexhinf.validation import read_only, real_array, value_text
+from flexhinf.validation import nearest, read_only, real_array, value_text
+
+AS_STATED = "the name as it stands in the parameters"
 
 
 class Parameters:
@@ -27,7 +28,7 @@ class Parameters:
         raise InvalidInput(
             f"The model reads a parameter that it does not have: {name!r}.",
             f"expected one of {sorted(self.__dict__)}",
-            _nearest(name, self.__dict__),
+            nearest(name, self.__dict__, AS_STATED),
         )
 
 
@@ -121,7 +122,7 @@ class ParameterTable:
                 raise InvalidInput(
                     f"There is no parameter {name!r}.",
                     f"expected one of {list(self.names)}",
-                    _nearest(name, self.values),
+                    nearest(name, self.values, AS_STATED),
                 )
             if np.shape(value) != self.values[name].shape:
                 raise InvalidInput(
@@ -166,8 +167,3 @@ def _finite(name: str, value: Any) -> np.ndarray:
         )
     array.setflags(write=False)
     return array
-
-
-def _nearest(name: str, known: Any) -> str:
-    close = difflib.get_close_matches(name, list(known), n=1)
-    return f"{close[0]!r}" if close else "the name as it stands in the parameters"

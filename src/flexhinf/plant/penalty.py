@@ -12,7 +12,7 @@ import numpy as np
 
 from flexhinf.errors import InvalidInput
 from flexhinf.plant.model import has_a_name
-from flexhinf.validation import checked_names, real_array, value_text
+from flexhinf.validation import checked_array, checked_names, real_array, value_text
 
 
 @dataclass(frozen=True)
@@ -60,13 +60,7 @@ class Penalty:
         return Penalty(copy.deepcopy(self.states, memo), copy.deepcopy(self.effort, memo))
 
     def __getstate__(self) -> dict[str, Any]:
-        """For a pickle: code is found again by its name.
-
-        Raises
-        ------
-        InvalidInput
-            For code without such a name, a lambda or a function inside of another.
-        """
+        """For a pickle: code is found again by its name."""
         if callable(self.states) and not has_a_name(self.states):
             raise InvalidInput(
                 "A penalty of code without a name cannot be pickled.",
@@ -175,14 +169,13 @@ class Penalty:
             listed: Any = [self.states.get(name, 0.0) for name in names]
         else:
             listed = self.states
-        weights = real_array(listed)
-        if weights.shape != (len(names),) or not np.all(np.isfinite(weights)):
-            raise InvalidInput(
-                "The penalty does not fit the states.",
-                f"expected {len(names)} finite weights for {list(names)}, got {value_text(listed)}",
-                "one weight per state, zero for what may be large",
-            )
-        return weights
+        return checked_array(
+            "The penalty does not fit the states.",
+            listed,
+            (len(names),),
+            f"{len(names)} finite weights for {list(names)}",
+            "one weight per state, zero for what may be large",
+        )
 
 
 def unknown_weight(name: str, known: Sequence[str]) -> InvalidInput:

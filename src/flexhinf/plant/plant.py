@@ -17,14 +17,11 @@ from flexhinf.notebook import Summarised, names_text
 from flexhinf.plant.equilibrium import equilibrium as equilibrium_of
 from flexhinf.plant.equilibrium import pose_values
 from flexhinf.plant.expansion import expand_problem
-from flexhinf.plant.model import Model, StoredCode, TracedCode, signals
+from flexhinf.plant.model import EQUILIBRIUM_TOLERANCE, Model, StoredCode, TracedCode, signals
 from flexhinf.plant.penalty import Penalty
 from flexhinf.plant.polynomial_plant import PolynomialPlant
 from flexhinf.scalars import apply, digest, pack, symbols, trace
 from flexhinf.validation import read_only, real_array
-
-#: Largest rate at the operating point, relative to the plant's own rates, that still counts as an equilibrium.
-EQUILIBRIUM_TOLERANCE = 1e-9
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -121,7 +118,11 @@ class GeneralisedPlant(Summarised):
             )
         object.__setattr__(self, "disturbances", channels)
         self.penalty.r2(len(self.plant.inputs))
-        self._check_equilibrium()
+        self.plant.check_equilibrium(
+            *self._equilibrium,
+            "The operating point is not an equilibrium: f(x*) is not zero.",
+            "pose=(...): the equilibrium at that pose is computed",
+        )
         self._check_penalty()
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -176,18 +177,6 @@ class GeneralisedPlant(Summarised):
         """u*, shape (m,)."""
         return self._equilibrium[1]
 
-    def _check_equilibrium(self) -> None:
-        rate = self.plant.derivative(*self._equilibrium)
-        worst = int(np.argmax(np.abs(rate)))
-        if not np.all(np.isfinite(rate)) or abs(rate[worst]) > EQUILIBRIUM_TOLERANCE * max(
-            1.0, self.plant.fastest_mode(*self._equilibrium)
-        ):
-            raise InvalidInput(
-                "The operating point is not an equilibrium: f(x*) is not zero.",
-                f"expected 0, got d/dt {self.plant.states[worst]} = {rate[worst]:.6g}",
-                "pose=(...): the equilibrium at that pose is computed",
-            )
-
     def _check_penalty(self) -> None:
         table = self.plant.parameters
         origin = np.zeros(len(self.state_names))
@@ -215,16 +204,10 @@ class GeneralisedPlant(Summarised):
         }
 
     # The problem ----------------------------------------------------------------------------------
-    @property
+    @cached_property
     def r2(self) -> np.ndarray:
         """R2 of Eq. (4), (m, m), read-only."""
-        return self._r2
-
-    @cached_property
-    def _r2(self) -> np.ndarray:
-        matrix = self.penalty.r2(len(self.plant.inputs))
-        matrix.setflags(write=False)
-        return matrix
+        return read_only(self.penalty.r2(len(self.plant.inputs)))
 
     def flow(self, x: Any, u: Any, d: Any, p: Any) -> Any:
         """ẋ of the plant with its integrals, on any element; x, u are absolute, d as `disturbance_names`."""
@@ -264,13 +247,7 @@ class GeneralisedPlant(Summarised):
         return trace(traced, len(names), self.plant.parameters.size, name="penalty", names=("x", "p"))
 
     def check_unchanged(self) -> None:
-        """Refuse a flow or a penalty that no longer computes what it did when it was built; see `Model`.
-
-        Raises
-        ------
-        InvalidInput
-            If one of them reads something that has changed since.
-        """
+        """Refuse a flow or a penalty that no longer computes what it did when it was built; see `Model`."""
         self.plant.check_unchanged()
         h = self.penalty.states
         if not callable(h) or isinstance(h, StoredCode):

@@ -18,7 +18,7 @@ from flexhinf.notebook import Summarised, names_text
 from flexhinf.polynomial import basis
 from flexhinf.polynomial.algebra import evaluate, monomials
 from flexhinf.polynomial.basis import from_kronecker
-from flexhinf.validation import distinct, read_only, real_array, value_text
+from flexhinf.validation import checked_array, distinct, read_only, real_array, value_text
 
 _HIGHEST = 200  # degree of a monomial, as for the synthesis
 _MOST = 200_000_000  # coefficients of one part, zeros included: 1.6 GB
@@ -50,14 +50,9 @@ def checked_names(kind: str, given: Sequence[str] | None, letter: str, count: in
 
 def checked_point(kind: str, given: Any, count: int) -> np.ndarray:
     """Finite coordinates (count,); the origin by default."""
-    point = np.zeros(count) if given is None else real_array(given)
-    if point.shape != (count,) or not np.isfinite(point).all():
-        raise InvalidInput(
-            f"The operating point does not fit the plant's {kind}s.",
-            f"expected {count} finite numbers, got {value_text(given)}",
-            "leave it out for the origin",
-        )
-    return point
+    what, expected = f"The operating point does not fit the plant's {kind}s.", f"{count} finite numbers"
+    point = np.zeros(count) if given is None else given
+    return checked_array(what, point, (count,), expected, "leave it out for the origin")
 
 
 def checked_r2(r2: Any) -> np.ndarray:
@@ -327,18 +322,10 @@ class PolynomialPlant(Summarised):
                 "expected keys of one exponent per state, got ()",
                 "f={(1,): [-1]}",
             )
-        self._set(
-            n,
-            f=parts_from_mapping("f", f, n, 1),
-            g1=parts_from_input("g1", g1, n),
-            g2=parts_from_input("g2", g2, n),
-            h=parts_from_mapping("h", h, n, 1),
-            r2=r2,
-            state_names=state_names,
-            operating_point=operating_point,
-            input_names=input_names,
-            operating_input=operating_input,
-        )
+        parts = parts_from_mapping("f", f, n, 1), parts_from_input("g1", g1, n), parts_from_input("g2", g2, n)
+        names = {"state_names": state_names, "input_names": input_names}
+        points = {"operating_point": operating_point, "operating_input": operating_input}
+        self._set(n, *parts, parts_from_mapping("h", h, n, 1), r2, **names, **points)
 
     @classmethod
     def from_parts(
@@ -349,11 +336,7 @@ class PolynomialPlant(Summarised):
         g2: Mapping[int, np.ndarray],
         h: Mapping[int, np.ndarray],
         r2: Any,
-        *,
-        state_names: Sequence[str] | None = None,
-        operating_point: Any = None,
-        input_names: Sequence[str] | None = None,
-        operating_input: Any = None,
+        **named: Any,
     ) -> PolynomialPlant:
         """The same from homogeneous parts: degree → monomial coefficients along the last axis.
 
@@ -364,18 +347,11 @@ class PolynomialPlant(Summarised):
         f, h : mapping degree → ndarray, shapes (n, count(n, degree)) and (s, count(n, degree))
             A part of degree 0 is the value at the operating point; it must vanish up to rounding.
         g1, g2 : mapping degree → ndarray, shapes (n, md, count(n, degree)) and (n, m, count(n, degree))
+        r2, **named
+            As in `PolynomialPlant`.
         """
         plant = cls.__new__(cls)
-        parts = {"f": dict(f), "g1": dict(g1), "g2": dict(g2), "h": dict(h)}
-        plant._set(
-            n,
-            **parts,
-            r2=r2,
-            state_names=state_names,
-            operating_point=operating_point,
-            input_names=input_names,
-            operating_input=operating_input,
-        )
+        plant._set(n, dict(f), dict(g1), dict(g2), dict(h), r2, **named)
         return plant
 
     @classmethod
@@ -432,10 +408,10 @@ class PolynomialPlant(Summarised):
         g2: dict[int, np.ndarray],
         h: dict[int, np.ndarray],
         r2: Any,
-        state_names: Sequence[str] | None,
-        operating_point: Any,
-        input_names: Sequence[str] | None,
-        operating_input: Any,
+        state_names: Sequence[str] | None = None,
+        operating_point: Any = None,
+        input_names: Sequence[str] | None = None,
+        operating_input: Any = None,
     ) -> None:
         r2 = checked_r2(r2)
         names = checked_names("state", state_names, "x", n)

@@ -34,12 +34,18 @@ def use_default_form(cls: type, base: type, written: str, form: str) -> None:
         setattr(cls, form, vars(base)[form])
 
 
-def without_number(state: Mapping[str, Any]) -> dict[str, Any]:
-    """What is copied or pickled of a law or an estimator: its number in this process belongs to it alone."""
-    return {name: value for name, value in state.items() if name != "_number"}
+class Numbered(Summarised):
+    """What has a number of its own in this process, for the keys of its code: a copy or a pickle has another."""
+
+    @cached_property
+    def _number(self) -> int:
+        return next(_instances)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: value for name, value in vars(self).items() if name != "_number"}
 
 
-class Law(Summarised):
+class Law(Numbered):
     """A state feedback u = u* + k(x − x*), evaluated on any element.
 
     A subclass has four attributes (or properties) and writes `law_data` and `evaluate_law`; everything else has a
@@ -92,13 +98,6 @@ class Law(Summarised):
         """k(x), (m,), for a deviation x (n,) of numbers or of any element, with the numbers as in `law_data`."""
 
     # Defaults -------------------------------------------------------------------------------------
-    @cached_property
-    def _number(self) -> int:
-        return next(_instances)
-
-    def __getstate__(self) -> dict[str, Any]:
-        return without_number(vars(self))
-
     @property
     def law_key(self) -> str:
         """What distinguishes the code of two laws of one class (not their data).
@@ -186,7 +185,7 @@ class Gaussian(NamedTuple):
     covariance: Any
 
 
-class Estimator(Summarised):
+class Estimator(Numbered):
     """A recursive estimator as pure functions of frozen beliefs.
 
     A subclass has five attributes and writes `initial_at`, `time_update` and `measurement_update`.
@@ -239,13 +238,6 @@ class Estimator(Summarised):
         """x(k|k−1) → x(k|k), likewise."""
 
     # Defaults -------------------------------------------------------------------------------------
-    @cached_property
-    def _number(self) -> int:
-        return next(_instances)
-
-    def __getstate__(self) -> dict[str, Any]:
-        return without_number(vars(self))
-
     @property
     def estimator_key(self) -> str:
         """What distinguishes the code of two estimators of one class (not their data); by default each its own."""

@@ -4,7 +4,6 @@ from flexhinf.report.blocks import (
     Block,
     Bullets,
     Figure,
-    FigureRow,
     Listing,
     Note,
     Paragraph,
@@ -17,7 +16,6 @@ from flexhinf.report.blocks import (
     to_json,
     versions,
 )
-from flexhinf.report.claims import Claim, ClaimEvidence, Claims, by_verdict, summary
 from flexhinf.report.figure import (
     GRID,
     INK,
@@ -35,12 +33,22 @@ from flexhinf.report.figure import (
     time_response,
 )
 from flexhinf.report.folder import check, is_report, unchanged, write
-from flexhinf.report.page import KeyNumber, Page, Section, Status
+from flexhinf.report.page import (
+    Claim,
+    ClaimEvidence,
+    Claims,
+    KeyNumber,
+    Page,
+    Section,
+    Status,
+    by_verdict,
+    summary,
+)
 from flexhinf.report.table import Cell, Column, Table
 
 __all__ = [
     "GRID", "INK", "MUTED", "SERIES", "WIDTH", "Block", "Bullets", "Cell", "Claim", "ClaimEvidence", "Claims",
-    "Column", "Figure", "FigureRow", "KeyNumber", "Listing", "Note", "Page", "Paragraph", "Provenance", "Section",
+    "Column", "Figure", "KeyNumber", "Listing", "Note", "Page", "Paragraph", "Provenance", "Section",
     "Setting", "Settings", "Status", "Table", "at_least", "at_most", "by_verdict", "check", "figure_to_svg",
     "house_style", "is_report", "label", "legend", "new_figure", "number", "quantile_band", "reference_line",
     "settling_band", "summary", "time_response", "to_json", "unchanged", "versions", "write",

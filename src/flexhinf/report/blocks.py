@@ -171,9 +171,22 @@ def _written(value: object, place: tuple[str, ...], depth: int) -> str:
     if hasattr(value, "tolist"):
         value = value.tolist()  # pyright: ignore[reportAttributeAccessIssue]
     if isinstance(value, Mapping):
-        return _object(value, place, depth)
+        for key in value:
+            if not isinstance(key, str):
+                got = f"got {key!r} in {_named(place)}"
+                raise InvalidInput("A key of a JSON object is text.", got, f"the key {str(key)!r}")
+        return _indented(
+            "{}",
+            [
+                f"{json.dumps(key, ensure_ascii=False)}: {_written(element, (*place, key), depth + 1)}"
+                for key, element in value.items()
+            ],
+            depth,
+        )
     if isinstance(value, (list, tuple)):
-        return _list(value, place, depth)
+        written = [_written(element, (*place, str(index)), depth + 1) for index, element in enumerate(value)]
+        nested = any(isinstance(each, (Mapping, list, tuple)) or hasattr(each, "tolist") for each in value)
+        return _indented("[]", written, depth) if nested else f"[{', '.join(written)}]"
     if value is None or isinstance(value, (str, bool)):
         return json.dumps(value, ensure_ascii=False)
     if isinstance(value, Integral):
@@ -194,27 +207,9 @@ def _written(value: object, place: tuple[str, ...], depth: int) -> str:
     )
 
 
-def _object(value: Mapping[object, object], place: tuple[str, ...], depth: int) -> str:
-    lines = []
-    for key, element in value.items():
-        if not isinstance(key, str):
-            raise InvalidInput(
-                "A key of a JSON object is text.", f"got {key!r} in {_named(place)}", f"the key {str(key)!r}"
-            )
-        written = _written(element, (*place, key), depth + 1)
-        lines.append(f"{'  ' * (depth + 1)}{json.dumps(key, ensure_ascii=False)}: {written}")
-    return "{\n" + ",\n".join(lines) + "\n" + "  " * depth + "}" if lines else "{}"
-
-
-def _list(value: list[object] | tuple[object, ...], place: tuple[str, ...], depth: int) -> str:
-    nested = any(
-        isinstance(element, (Mapping, list, tuple)) or hasattr(element, "tolist") for element in value
-    )
-    written = [_written(element, (*place, str(index)), depth + 1) for index, element in enumerate(value)]
-    if not nested or not written:
-        return "[" + ", ".join(written) + "]"
-    indent = "  " * (depth + 1)
-    return "[\n" + ",\n".join(indent + element for element in written) + "\n" + "  " * depth + "]"
+def _indented(ends: str, lines: Sequence[str], depth: int) -> str:
+    indent = "\n" + "  " * (depth + 1)
+    return f"{ends[0]}{indent}{f',{indent}'.join(lines)}{indent[:-2]}{ends[1]}" if lines else ends
 
 
 def _named(place: tuple[str, ...]) -> str:
@@ -334,21 +329,6 @@ class Figure(Block):
     def ids(self) -> tuple[str, ...]:
         """The figure's own anchor."""
         return (self.id,)
-
-
-@dataclass(frozen=True)
-class FigureRow(Block):
-    """Figures that belong together, side by side where the page is wide enough."""
-
-    figures: tuple[Figure, ...]
-
-    def html(self) -> str:
-        """The figures as HTML."""
-        return '<div class="row">' + "".join(figure.html() for figure in self.figures) + "</div>"
-
-    def ids(self) -> tuple[str, ...]:
-        """The anchors of the figures."""
-        return tuple(figure.id for figure in self.figures)
 
 
 # Drawings inside a page ------------------------------------------------------------------------------

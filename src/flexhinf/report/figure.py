@@ -125,7 +125,6 @@ def house_style() -> Iterator[None]:
 
 @cache
 def _settings() -> dict[Any, Any]:
-    """Every setting of Matplotlib in the style of the house."""
     import matplotlib
 
     with matplotlib.rc_context():
@@ -223,31 +222,13 @@ def reference_line(axes: Axes, time: np.ndarray, reference: np.ndarray, name: st
 @house_style()
 def settling_band(axes: Axes, target: float, step: float, tolerance: float = 0.02) -> None:
     """The band of `tolerance` times the step around its target, inside which a response counts as settled."""
-    half = abs(tolerance * step)
-    axes.axhspan(
-        target - half,
-        target + half,
-        color=MUTED,
-        alpha=0.22,
-        linewidth=0,
-        zorder=0.5,
-        label=f"±{100 * tolerance:.3g} % of step",
-    )
+    half, name = abs(tolerance * step), f"±{100 * tolerance:.3g} % of step"
+    axes.axhspan(target - half, target + half, color=MUTED, alpha=0.22, linewidth=0, zorder=0.5, label=name)
 
 
 @house_style()
-def quantile_band(
-    axes: Axes,
-    time: np.ndarray,
-    runs: np.ndarray,
-    *,
-    worst: int | None = None,
-    worst_name: str = "worst run",
-    quantiles: tuple[float, float] = (0.05, 0.95),
-    name: str = "",
-    colour: str = SERIES[0],
-) -> None:
-    """Many runs at once: at each time extremes, a band between two quantiles, and the median; one run apart.
+def quantile_band(axes: Axes, time: np.ndarray, runs: np.ndarray) -> None:
+    """Many runs at once: at each time their extremes, the band that holds 90 % of them, and the median.
 
     Parameters
     ----------
@@ -256,16 +237,6 @@ def quantile_band(
         In seconds.
     runs : (R, N) array
         One row per run, in the unit of the axis.
-    worst : int, optional
-        The row to draw by itself.
-    worst_name : str
-        What the legend says of it: name its parameters here.
-    quantiles : (float, float)
-        Lower and upper, between 0 and 1.
-    name : str
-        For the legend.
-    colour : str
-        One of `SERIES`.
 
     Raises
     ------
@@ -279,19 +250,11 @@ def quantile_band(
             f"expected (runs, {len(time)}), got {runs.shape}, {int((~np.isfinite(runs)).sum())} not finite",
             "leave diverged runs out, and count them beside the figure",
         )
-    lower, median, upper = np.quantile(runs, (quantiles[0], 0.5, quantiles[1]), axis=0)
-    lead = f"{name}: " if name else ""
-    share = f"{100 * (quantiles[1] - quantiles[0]):.3g} %"
-    extremes = f"{lead}all {len(runs)} runs"
-    axes.fill_between(
-        time, runs.min(axis=0), runs.max(axis=0), color=colour, alpha=0.15, linewidth=0, label=extremes
-    )
-    axes.fill_between(
-        time, lower, upper, color=colour, alpha=0.3, linewidth=0, label=f"{lead}{share} of runs"
-    )
-    axes.plot(time, median, color=colour, label=f"{lead}median")
-    if worst is not None:
-        axes.plot(time, runs[worst], color=INK, linewidth=1.1, dashes=(5.0, 1.5), label=worst_name)
+    low, lower, median, upper, high = np.quantile(runs, (0.0, 0.05, 0.5, 0.95, 1.0), axis=0)
+    band: dict[str, Any] = {"color": SERIES[0], "linewidth": 0}
+    axes.fill_between(time, low, high, alpha=0.15, label=f"all {len(runs)} runs", **band)
+    axes.fill_between(time, lower, upper, alpha=0.3, label="90 % of runs", **band)
+    axes.plot(time, median, color=SERIES[0], label="median")
 
 
 @house_style()

@@ -103,7 +103,6 @@ def check(path: str | os.PathLike[str]) -> Path:
 
 @contextmanager
 def _refusals(path: str | os.PathLike[str]) -> Iterator[None]:
-    """Errors of the system as ours."""
     try:
         yield
     except InvalidInput:
@@ -195,7 +194,6 @@ def _replace(target: Path, contents: Mapping[str, bytes]) -> None:
 
 
 def _files(folder: Path) -> list[Path]:
-    """Everything below a folder that is not a folder."""
     return [path for path in sorted(folder.rglob("*")) if path.is_symlink() or not path.is_dir()]
 
 

@@ -165,12 +165,17 @@ class Table(Block):
         if self.stacks:  # what a stacked row repeats before each cell but its first
             names = [f"{column.name} {column.unit}".strip() for column in self.heads[1:]]
             labels[1:] = [f' data-label="{escape(name)}"' for name in names]
-        body = "".join(
-            f'<tr><th scope="rowgroup" colspan="{len(css)}">{prose(line)}</th></tr>'
-            if isinstance(line, str)
-            else f"<tr>{''.join(_cell(mark, label, *cell) for mark, label, cell in zip(css, labels, line))}</tr>"
-            for line in self._lines()
-        )
+        grouped = any(isinstance(row, str) for row in self.rows) and not self.stacks
+        body = []
+        for line in self._lines():
+            if isinstance(line, str):
+                head_of = f'<th scope="rowgroup" colspan="{len(css)}"><strong>{prose(line)}</strong></th>'
+                body.append(f"<tr>{head_of}</tr>")
+                continue
+            cells = [_cell(css_of, label, *cell) for css_of, label, cell in zip(css, labels, line)]
+            if grouped:
+                cells[0] = f'<th scope="row">{prose(line[0][0])}</th>'
+            body.append(f"<tr>{''.join(cells)}</tr>")
         anchor = f' id="{self.id}"' if self.id else ""
         caption, named = "", ""
         if self.caption:  # above the table, not in it: a <caption> is no wider than its table
@@ -179,7 +184,7 @@ class Table(Block):
             caption = f'<p class="caption"{mark}>{prose(self.caption)}</p>'
         return (
             f'<div class="{"table stacks" if self.stacks else "table"}"{anchor}>{caption}<table{named}>'
-            f"<thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>"
+            f"<thead><tr>{head}</tr></thead><tbody>{''.join(body)}</tbody></table></div>"
         )
 
     def terminal(self, wide: bool = False) -> Terminal:

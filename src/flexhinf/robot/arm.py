@@ -223,3 +223,7 @@ class Arm:
         """G(q1), (n,), N·m or N, of any element."""
         nothing = [0.0] * len(self.tree)
         return self.torques(np.asarray(q), nothing, nothing, p)
+
+
+#: The links' side of a robot: what it is made of, and how torques move it. Frozen, so that it is a key.
+Links = Pendulum | Arm

@@ -24,12 +24,11 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from flexhinf.errors import InvalidInput
-from flexhinf.robot.dynamics import Tree
 from flexhinf.robot.parameters import per_joint
 from flexhinf.scalars import clip
 
@@ -237,7 +236,7 @@ def reflected(
         name = per_joint(quantity, joint, len(joints))
         return values[name] if default is None else values.get(name, default)
 
-    dry = _dry(values)
+    dry = any(name.startswith(("coulomb_friction", "static_friction")) for name in values)
     packed: dict[str, list[float]] = {"stiffness": [], "motor_inertia": [], "friction": []}
     packed |= {quantity: [] for quantity in CONSTANTS[drive]}
     packed |= {
@@ -276,66 +275,6 @@ def torque_per_input(drive: str, p: Any) -> Any:
     if drive == "torque":
         return 1.0
     return p.torque_constant / p.resistance if drive == "voltage" else p.torque_constant
-
-
-def _dry(values: Mapping[str, float]) -> bool:
-    return any(name.startswith(("coulomb_friction", "static_friction")) for name in values)
-
-
-class Links(Protocol):
-    """The links' side of a robot: what it is made of, and how torques move it. Frozen, so that it is a key."""
-
-    @property
-    def joint_names(self) -> tuple[str, ...]:
-        """Names of the joints."""
-        ...
-
-    @property
-    def slides(self) -> tuple[bool, ...]:
-        """Whether each joint is prismatic."""
-        ...
-
-    @property
-    def limits(self) -> tuple[tuple[float, float] | None, ...]:
-        """Range of each joint, rad or m."""
-        ...
-
-    def required(self) -> tuple[str, ...]:
-        """Names of the parameters that the links must have."""
-        ...
-
-    def packed(self, values: Any) -> dict[str, Any]:
-        """The links' parameters as the plant has them."""
-        ...
-
-    def joint_array(self, column: list[float]) -> Any:
-        """One number per joint as the plant has them."""
-        ...
-
-    def accelerations(self, q: Any, dq: Any, torque: Any, p: Any, armature: Any = None) -> Any:
-        """q̈1 (n,) for the torques of springs and disturbances, gravity included; inertia of rigid joints' rotors."""
-        ...
-
-    def torques(self, q: Any, dq: Any, ddq: Any, p: Any) -> Any:
-        """M(q1) q̈1 + C q̇1 + G(q1) (n,): the inverse of `accelerations`."""
-        ...
-
-    def gravity_torque(self, q: Any, p: Any) -> Any:
-        """G(q1), (n,) of any element: what the springs must hold, N·m or N."""
-        ...
-
-    @property
-    def down(self) -> tuple[float, float, float]:
-        """Direction of free fall."""
-        ...
-
-    def fall(self, p: Any) -> tuple[Any, ...]:
-        """Acceleration of free fall, m/s²."""
-        ...
-
-    def rigid(self, p: Any) -> tuple[Tree, np.ndarray, np.ndarray, np.ndarray]:
-        """Tree, mass (n,), centre of mass (n, 3) and inertia (n, 6) of rigid links that move alike."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -399,14 +338,15 @@ class ElasticFlow:
 
     Parameters
     ----------
+    links : Pendulum or Arm
     drive : {"voltage", "current", "torque"}
     extras : sequence of str
-        See `flexhinf.robot.elastic`.
+        Switches of `EXTRAS`.
     rigid : tuple of int
         Joints without a spring.
     """
 
-    links: Links
+    links: Any
     drive: str = "voltage"
     extras: tuple[str, ...] = ()
     rigid: tuple[int, ...] = ()

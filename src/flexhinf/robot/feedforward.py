@@ -21,10 +21,11 @@ import numpy as np
 
 from flexhinf.errors import InvalidInput
 from flexhinf.plant.parameters import ParameterTable
-from flexhinf.robot.elastic import Layout, Links, friction_torque
+from flexhinf.robot.arm import Links
+from flexhinf.robot.elastic import Layout, friction_torque
 from flexhinf.robot.units import TURNING, Stated
 from flexhinf.scalars import derivative, series, trace
-from flexhinf.validation import real_array, value_text
+from flexhinf.validation import checked_array, real_array
 
 #: A torque (force) of less than this times the robot's weight, at a metre, is rounding.
 ROUNDING = 1e-12
@@ -108,13 +109,13 @@ def checked_pose(pose: Any, default: np.ndarray, links: Links, robot: str) -> np
             )
         pose = [named.get(name, value) for name, value in zip(names, default)]
     given = list(pose) if isinstance(pose, (tuple, list)) else [pose]
-    values = np.atleast_1d(real_array(pose))
-    if values.shape != (len(names),) or not np.all(np.isfinite(values)):
-        raise InvalidInput(
-            f"The pose does not fit the robot {robot!r}.",
-            f"expected {len(names)} finite positions for {list(names)}, got {value_text(pose)}",
-            "one link position per joint, rad (m for a prismatic joint)",
-        )
+    values = checked_array(
+        f"The pose does not fit the robot {robot!r}.",
+        pose,
+        (len(names),),
+        f"{len(names)} finite positions for {list(names)}",
+        "one link position per joint, rad (m for a prismatic joint)",
+    )
     for k, (name, limits, slides) in enumerate(zip(names, links.limits, links.slides)):
         _check_position(name, values[k], given[k] if len(given) == len(names) else None, limits, slides)
     return values

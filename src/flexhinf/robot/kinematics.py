@@ -22,7 +22,13 @@ from flexhinf.robot.dynamics.bodies import frames_of
 from flexhinf.robot.elastic import DRIVES
 from flexhinf.robot.robot import Robot
 from flexhinf.robot.signals import UNITS, signal_names
-from flexhinf.validation import HUGE, real_array, value_text, within_proportion
+from flexhinf.validation import (
+    HUGE,
+    checked_array,
+    checked_positive,
+    real_array,
+    value_text,
+)
 
 
 def position_ranges(robot: Robot) -> np.ndarray:
@@ -53,15 +59,11 @@ def check_reference(
     -------
     float
         The largest share of the effort that the feedforward uses; 0 without `effort`.
-
-    Raises
-    ------
-    InvalidInput
-        Naming the joint, the time, the value and the limit.
     """
-    for name, value in (("duration", duration), ("period", period)):
-        if not np.isfinite(value) or value <= 0.0:
-            raise InvalidInput(f"The {name} is not usable.", f"expected > 0 s, got {value!r}", "seconds")
+    duration, period = (
+        checked_positive(f"The {name}", value, "seconds", "seconds")
+        for name, value in (("duration", duration), ("period", period))
+    )
     times = np.append(np.arange(0.0, duration, period), duration)
     names = signal_names("link_position", robot.joint_names)
     if isinstance(signals, Mapping):
@@ -110,11 +112,6 @@ def check_holding(
     -------
     x, u : ndarray
         The operating point.
-
-    Raises
-    ------
-    InvalidInput
-        Naming the joint, the input that holds it and the limit; or for a pose outside the joints' limits.
     """
     x, u = robot.operating_point(pose)
     limits = np.array(robot.effort_limits) if limit is None else _per_joint(robot, "effort", limit)
@@ -339,14 +336,8 @@ def _place(robot: Robot, link: str | None) -> int:
 
 
 def _three(what: str, value: Any) -> np.ndarray:
-    array = real_array(value)
-    if array.shape != (3,) or not all(map(within_proportion, array)):
-        raise InvalidInput(
-            f"The {what} is no point.",
-            f"expected three numbers of at most {HUGE:g}, m, got {value_text(value, 80)}",
-            "(0.4, 0.0, 0.3)",
-        )
-    return array
+    points = f"three numbers of at most {HUGE:g}, m"
+    return checked_array(f"The {what} is no point.", value, (3,), points, "(0.4, 0.0, 0.3)", HUGE)
 
 
 def skeleton(robot: Robot, positions: Sequence[float] | np.ndarray) -> tuple[np.ndarray, ...]:

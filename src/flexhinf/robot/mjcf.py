@@ -166,7 +166,7 @@ def _kept(root: Element, file: str) -> Element:
         if len(stated) > 1 or not whole:
             raise _refusal(
                 file,
-                f"the inertia of the body {value_text(element.get('name', ''), 60)} is incomplete, or stands there twice",
+                f"the inertia of the body {value_text(element.get('name', ''), 60)} is incomplete or stands twice",
                 f"expected one <inertial> with pos, mass, and diaginertia or fullinertia, got {len(stated)} with "
                 f"{value_text(sorted(keys), 120)}",
                 '<inertial pos="0 0 0" mass="1" diaginertia="0.01 0.01 0.01"/>',
@@ -381,7 +381,7 @@ def _placement(file: str, position: np.ndarray, quaternion: np.ndarray) -> Place
     w, *axis = quaternion.tolist()
     place = Placement(translation=tuple(position.tolist()))
     angle = 2.0 * float(np.arctan2(np.linalg.norm(axis), w))
-    return place if angle == 0.0 else place.then(moved("revolute", (axis[0], axis[1], axis[2]), angle))
+    return place if angle == 0.0 else place.then(moved("revolute", axis, angle))
 
 
 def _effort(model: Any, joint: int) -> float:

@@ -31,7 +31,7 @@ from flexhinf.robot.elastic import checked_extras, torque_per_input
 from flexhinf.robot.kinematics import skeleton
 from flexhinf.robot.robot import Robot
 from flexhinf.robot.signals import MECHANICAL, SENSORS, Sensors, signal_names, units_of
-from flexhinf.validation import real_array
+from flexhinf.validation import checked_array, checked_positive
 
 #: Wind-ups of the springs are drawn so many times larger.
 LARGER = 10.0
@@ -48,12 +48,7 @@ FRAME, SWITCH = 1.0 / 30.0, 1e-4
 
 
 def check_display() -> None:
-    """Refuse, before any work, a view where there is no display.
-
-    Raises
-    ------
-    InvalidInput
-    """
+    """Refuse, before any work, a view where there is no display."""
     if sys.platform.startswith("linux") and not (
         os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
     ):
@@ -223,12 +218,11 @@ class MuJoCoPlant(BlackBox):
         packed = robot.plant_parameters() if parameters is None else dict(parameters)
         on = checked_extras(extras, False, packed, robot.name)
         check_expressed(on)
-        if not (np.isfinite(step) and step > 0.0):
-            raise InvalidInput("The step of integration is not positive.", f"got {step!r} s", "1e-3")
+        self._step = checked_positive("The step of integration", step, "seconds", "1e-3")
         self._mujoco: Any = _imported()
         self._p = p = Parameters(packed)
         joints = robot.joint_names
-        self._n, self._step, self._robot = len(joints), float(step), robot
+        self._n, self._robot = len(joints), robot
         model = robot.plant(SENSORS if measured is None else measured)
         self.states, self.inputs = tuple(model.states), tuple(model.inputs)
         self.disturbances, self.units = tuple(model.disturbances), units_of(joints, robot.links.slides)
@@ -243,13 +237,13 @@ class MuJoCoPlant(BlackBox):
     # Black box ------------------------------------------------------------------------------------
     def reset(self, initial_state: Any = None) -> None:
         """Start again at a state in the order of `states`; at rest in the robot's home by default."""
-        x = self._robot.operating_point()[0] if initial_state is None else real_array(initial_state)
-        if x.shape != (len(self.states),):
-            raise InvalidInput(
-                "The initial state does not fit MuJoCo's plant.",
-                f"expected {len(self.states)} numbers for {list(self.states)}, got shape {x.shape}",
-                "one number per state",
-            )
+        x = checked_array(
+            "The initial state does not fit MuJoCo's plant.",
+            self._robot.operating_point()[0] if initial_state is None else initial_state,
+            (len(self.states),),
+            f"{len(self.states)} finite numbers for {list(self.states)}",
+            "one number per state",
+        )
         q, dq, theta, dtheta = self._robot.layout.split(x)
         self._mujoco.mj_resetData(self.model, self.data)
         self.data.qpos[:], self.data.qvel[:] = np.concatenate([q, theta]), np.concatenate([dq, dtheta])
@@ -279,13 +273,7 @@ class MuJoCoPlant(BlackBox):
 
 
 def check_expressed(extras: Sequence[str]) -> None:
-    """Refuse what a run on MuJoCo's plant would need and does not have, before any work.
-
-    Raises
-    ------
-    InvalidInput
-        If MuJoCo is not installed, or for an extra that it does not express.
-    """
+    """Refuse what a run on MuJoCo's plant would need and does not have, before any work."""
     missing = [name for name in extras if name not in EXPRESSED]
     if missing:
         raise InvalidInput(

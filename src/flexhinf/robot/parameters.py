@@ -119,11 +119,6 @@ def check_parameters(robot: str, parameters: Sequence[Parameter], slides: Mappin
     ----------
     slides : mapping of str to bool
         Joints by name, and whether they are prismatic.
-
-    Raises
-    ------
-    InvalidInput
-        With the parameter, its value and its unit.
     """
     known: dict[str, tuple[str, bool]] = {"gravity": ("gravity", False)}
     for joint, sliding in slides.items():

@@ -26,7 +26,7 @@ from flexhinf.errors import InvalidInput
 from flexhinf.robot.dynamics import Placement, lumped, matrix_of, six_of
 from flexhinf.robot.elastic import DRIVES, torque_per_input
 from flexhinf.robot.parameters import INERTIA, VECTOR, Parameter, per_joint, unit_of
-from flexhinf.validation import real_array, value_text, within_proportion
+from flexhinf.validation import checked_array, value_text, within_proportion
 
 #: Shapes of uniform bodies and the numbers that state them, m; a cylinder's axis is z.
 SHAPES = {
@@ -295,7 +295,8 @@ def weigh_payload(robot: Any, pose: Any, effort: Any, unloaded: Any = None) -> W
         )
     _, model = robot.operating_point(pose)
     base = model if unloaded is None else _efforts(robot, unloaded, "unloaded")
-    per_input = _per_input(robot)
+    each = torque_per_input(robot.drive, SimpleNamespace(**robot.plant_parameters()))
+    per_input = np.broadcast_to(np.asarray(each, dtype=float), len(robot.joint_names))
     extra = per_input * (_efforts(robot, effort, "effort") - base)
     heavier = [robot.plant_parameters({**robot.nominal, name: robot[name].value + 1.0}) for name in names]
     per_kilogram = np.array([per_input * (robot.operating_point(pose, (), p)[1] - model) for p in heavier]).T
@@ -307,7 +308,10 @@ def weigh_payload(robot: Any, pose: Any, effort: Any, unloaded: Any = None) -> W
             "a pose with a lever arm across gravity",
         )
     inverse = np.linalg.pinv(per_kilogram)
-    hidden = np.abs(inverse) @ _dry_friction(robot) * (1.0 if unloaded is None else 2.0)
+    p = robot.plant_parameters()
+    kinds = ("coulomb_friction", "static_friction")
+    dry = np.max([np.broadcast_to(p.get(kind, 0.0), len(base)) for kind in kinds], axis=0)
+    hidden = np.abs(inverse) @ dry * (1.0 if unloaded is None else 2.0)
     added = inverse @ extra
     return Weighing(
         {name: float(robot[name].value + more) for name, more in zip(names, added)},
@@ -318,24 +322,7 @@ def weigh_payload(robot: Any, pose: Any, effort: Any, unloaded: Any = None) -> W
 
 def _efforts(robot: Any, values: Any, name: str) -> np.ndarray:
     """One finite number for each motor."""
-    n, found = len(robot.joint_names), np.atleast_1d(real_array(values))
-    if found.shape != (n,) or not np.isfinite(found).all():
-        raise InvalidInput(
-            f"The {name} does not fit the joints of the robot {robot.name!r}.",
-            f"expected {n} finite numbers ({DRIVES[robot.drive]}), got {value_text(values)}",
-            "one mean of each motor's input at rest",
-        )
-    return found
-
-
-def _per_input(robot: Any) -> np.ndarray:
-    """Torque (n,) at rest per unit of input."""
-    each = torque_per_input(robot.drive, SimpleNamespace(**robot.plant_parameters()))
-    return np.broadcast_to(np.asarray(each, dtype=float), len(robot.joint_names))
-
-
-def _dry_friction(robot: Any) -> np.ndarray:
-    """Largest torque (n,) that holds each joint at rest."""
-    p, n = robot.plant_parameters(), len(robot.joint_names)
-    found = [np.broadcast_to(p.get(name, 0.0), n) for name in ("coulomb_friction", "static_friction")]
-    return np.max(found, axis=0)
+    n = len(robot.joint_names)
+    what = f"The {name} does not fit the joints of the robot {robot.name!r}."
+    expected = f"{n} finite numbers ({DRIVES[robot.drive]})"
+    return checked_array(what, values, (n,), expected, "one mean of each motor's input at rest")

@@ -90,13 +90,7 @@ def check_plausible(robot: Robot, file: str) -> Robot:
 
 
 def check_angles(where: str, angles: tuple[float, ...]) -> None:
-    """Refuse roll, pitch and yaw of more than a turn.
-
-    Raises
-    ------
-    InvalidInput
-        Where degrees were probably meant.
-    """
+    """Refuse roll, pitch and yaw of more than a turn."""
     worst = max(map(abs, angles), default=0.0)
     if worst > 2.0 * np.pi * (1.0 + 1e-6):
         raise InvalidInput(
@@ -113,11 +107,6 @@ def check_fast(robot: Robot, period: float) -> None:
     ----------
     period : float
         Sampling period, s.
-
-    Raises
-    ------
-    InvalidInput
-        With the joint, its frequency, and a stiffness that is rigid for this loop.
     """
     p = Parameters(robot.plant_parameters())
     stiffness, motors = np.atleast_1d(p.stiffness), np.atleast_1d(p.motor_inertia)
@@ -150,11 +139,6 @@ def check_delay(robot: Robot, delay: float) -> None:
     ----------
     delay : float
         s.
-
-    Raises
-    ------
-    InvalidInput
-        With the period, of the links against held motors at home, and the unit that was probably meant.
     """
     p = Parameters(robot.plant_parameters())
     held = _mass_matrix(robot, p)[np.ix_(robot.layout.elastic, robot.layout.elastic)]

@@ -12,14 +12,13 @@ import numpy as np
 from flexhinf.errors import InvalidInput
 from flexhinf.notebook import Summarised, names_text
 from flexhinf.plant import GeneralisedPlant, Parameters, Penalty, Plant
-from flexhinf.robot.arm import Pendulum
+from flexhinf.robot.arm import Links, Pendulum
 from flexhinf.robot.elastic import (
     DRIVES,
     DRY,
     ElasticFlow,
     Engaged,
     Layout,
-    Links,
     Sticking,
     checked_extras,
     reflected,

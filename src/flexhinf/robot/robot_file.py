@@ -5,7 +5,8 @@ The paper's robot: Tables 1 and 2.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from importlib.metadata import entry_points
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -29,6 +30,9 @@ GRAVITY = 9.81
 #: How names of MJCF files end; a URDF may end so too, its root element decides.
 MJCF = (".xml", ".mjcf")
 
+#: Entry points by which other packages read further formats: the name is a file's ending without its dot.
+FORMATS = "flexhinf.robot_formats"
+
 #: Numbers whose tolerance in a table [tolerances] has another name.
 KEYS = {"rotor_inertia": "motor_inertia", "axis_inertia": "inertia", "length": "centre_of_mass"}
 
@@ -46,7 +50,8 @@ def load_robot(
     Parameters
     ----------
     source : path or str
-        A robot file (``arm.toml``), a URDF (``arm.urdf``), an MJCF file (``arm.xml``), or a name of `catalogue`.
+        A robot file (``arm.toml``), a URDF (``arm.urdf``), an MJCF file (``arm.xml``), a name of `catalogue`, or a file
+        of a format that an installed package reads (entry points `FORMATS`, by the file's ending).
     elastic : path, optional
         For a URDF or MJCF: the robot file with the spring and the motor of each joint.
     joints : sequence of str, optional
@@ -77,6 +82,15 @@ def load_robot(
         if rigid is None:
             return parts.whole_robot(joints, locked, payload)
         return parts.robot_with(_existing(path.parent / rigid), joints, locked, payload)
+    if path.suffix.lower() not in (".urdf", *MJCF) and (reader := format_reader(path.suffix)) is not None:
+        made = reader(path, elastic=elastic, joints=joints, locked=locked, payload=payload)
+        if not isinstance(made, Robot):
+            raise InvalidInput(
+                f"The reader of {path.suffix!r} files makes no robot.",
+                f"expected a flexhinf.Robot, got {type(made).__name__}",
+                "the package that states this reader, corrected",
+            )
+        return made
     if elastic is None:
         raise InvalidInput(
             f"{path.name}: a URDF or an MJCF file says nothing about elastic joints.",
@@ -85,6 +99,35 @@ def load_robot(
         )
     parts = PartsReader(_existing(elastic), path.suffix.lower() in MJCF)
     return parts.robot_with(path, joints, locked, payload)
+
+
+def format_reader(suffix: str) -> Callable[..., Robot] | None:
+    """The function that an installed package states for files of an ending; None where there is none.
+
+    It is called as `load_robot` is, with a path and all keywords.
+
+    Raises
+    ------
+    InvalidInput
+        For two packages that read the same ending, and for one that cannot be imported.
+    """
+    points = entry_points(group=FORMATS, name=suffix.lower().removeprefix("."))
+    if len(points) > 1:
+        raise InvalidInput(
+            f"Several packages read {suffix!r} files.",
+            f"expected one entry point of {FORMATS!r}, got {sorted(point.value for point in points)}",
+            "one of these packages uninstalled",
+        )
+    for point in points:
+        try:
+            return point.load()
+        except (ImportError, AttributeError) as error:
+            raise InvalidInput(
+                f"The reader of {suffix!r} files cannot be imported.",
+                f"expected {point.value}, got {type(error).__name__}: {error}",
+                "the package that states this reader, installed again",
+            ) from error
+    return None
 
 
 def _existing(source: str | Path) -> Path:

@@ -370,13 +370,7 @@ def nesting_advice(name: str = "") -> str:
 
 
 def check_nesting(data: dict[str, Any], file: str) -> None:
-    """Refuse tables that are not where a joint has them: [joint.yaw.spring], [yaw.spring], [spring], [[joint.spring]].
-
-    Raises
-    ------
-    InvalidInput
-        With the table as it is written, and how it is written for that joint.
-    """
+    """Refuse tables that are not where a joint has them: [joint.yaw.spring], [yaw.spring], [[joint.spring]]."""
     rows = data.get("joint")
     each = [row for row in rows if isinstance(row, dict)] if isinstance(rows, list) else []
     names = {str(row.get("name")) for row in each}

@@ -17,11 +17,12 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from flexhinf.errors import InvalidInput
-from flexhinf.robot.dynamics import Joint, Placement, lumped, six_of
+from flexhinf.errors import InvalidInput, located
+from flexhinf.robot.dynamics import Joint, Placement, lumped, matrix_of, six_of
 from flexhinf.robot.dynamics.tree import KINDS
+from flexhinf.robot.parameters import INERTIA
 from flexhinf.robot.parts import Link
-from flexhinf.validation import HUGE, checked_name, distinct, read_xml, real_number, value_text
+from flexhinf.validation import HUGE, checked_name, distinct, nearest, read_xml, real_number, value_text
 
 #: What may stand in an element, and only once, with what else a URDF has there.
 ONCE = {
@@ -46,14 +47,7 @@ NUMBER = re.compile(r"[+-]?(?:[0-9]++\.?[0-9]*+|\.[0-9]++)(?:[eE][+-]?[0-9]++)?"
 
 
 def check_element(file: str, name: str, element: Element) -> None:
-    """Refuse what could be read in two ways in the link or the joint `name`, and what is probably misspelt.
-
-    Raises
-    ------
-    InvalidInput
-        For an element that stands twice, one whose name is almost one that is read, and attributes that are missing
-        or are none of that element.
-    """
+    """Refuse what could be read in two ways in the link or the joint `name`, and what is probably misspelt."""
     once, where = ONCE[element.tag], "<inertial> of" if element.tag == "inertial" else f"the {element.tag}"
     for tag in once:
         count = len(element.findall(tag))
@@ -171,25 +165,16 @@ def body_of(
     if inertial is None:
         return []
     mass_element, six = inertial.find("mass"), inertial.find("inertia")
-    if mass_element is None:
-        raise InvalidInput(
-            f"{file}: the link {link!r} has an <inertial> without a mass.",
-            "expected <mass value=…/> in <inertial>, got none",
-            "the mass in kg; or no <inertial> for a link without mass",
-        )
-    mass = _number(file, link, mass_element, "value")
-    if six is None and mass == 0.0:
+    mass = 0.0 if mass_element is None else _number(file, link, mass_element, "value")
+    if six is None and mass_element is not None and mass == 0.0:
         return []
-    if six is None:
+    if mass_element is None or six is None:
         raise InvalidInput(
-            f"{file}: the link {link!r} has a mass and no inertia.",
-            "expected <inertia ixx=… iyy=… izz=…/> in <inertial>",
-            "the moments about its centre of mass",
+            f"{file}: the <inertial> of the link {link!r} has no {'mass' if mass_element is None else 'inertia'}.",
+            "expected <mass value=…/>, kg, and <inertia ixx=… iyy=… izz=…/> about the centre of mass",
+            "the missing one; or no <inertial> for a link without mass",
         )
-    xx, xy, xz, yy, yz, zz = (
-        _number(file, link, six, key) for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-    )
-    about = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    about = matrix_of([_number(file, link, six, f"i{axes}") for axes in INERTIA])
     check_body(file, link, mass, about)
     place = placement.then(origin_of(file, link, inertial))
     turn = np.array(place.rotation)
@@ -278,15 +263,11 @@ def read_urdf(
     file = _File(path.name, _root(path))
     walk = _Walk(file, locked_joints(path.name, file.movable, joints, locked))
     walk.visit(file.base())
-    if len(walk.joints) > MOST_JOINTS:
+    if not 0 < len(walk.joints) <= MOST_JOINTS:
         raise InvalidInput(
-            f"{path.name}: too many joints move.",
-            f"expected at most {MOST_JOINTS}, got {len(walk.joints)}",
+            f"{path.name}: too many joints move." if walk.joints else f"{path.name}: nothing moves.",
+            f"expected 1 to {MOST_JOINTS}, got {len(walk.joints)}; the file has {list(file.movable)}",
             "joints=[...]: the others are locked",
-        )
-    if not walk.joints:
-        raise InvalidInput(
-            f"{path.name}: nothing moves.", f"all of {list(file.movable)} are fixed or locked", "joints=[...]"
         )
     links = [merged(bodies, joint.name, path.name) for joint, bodies in zip(walk.joints, walk.bodies)]
     efforts, speeds = (
@@ -457,11 +438,10 @@ def locked_joints(
     still = dict(locked or {})
     for name in (*(joints or ()), *still):
         if name not in movable:
-            close = difflib.get_close_matches(name, movable, n=1)
             raise InvalidInput(
                 f"{file}: there is no joint {value_text(name, 60)} that could move.",
                 f"expected one of {list(movable)}",
-                f"{close[0]!r}" if close else "one of these",
+                nearest(name, movable),
             )
     if joints is None:
         return still
@@ -474,13 +454,7 @@ def locked_joints(
 
 
 def check_lock(file: str, name: str, limits: tuple[float, float] | None, value: float) -> None:
-    """Refuse a joint that is locked outside its limits, rad or m.
-
-    Raises
-    ------
-    InvalidInput
-        With the limits and the value.
-    """
+    """Refuse a joint that is locked outside its limits, rad or m."""
     if limits is not None and not limits[0] <= value <= limits[1]:
         raise InvalidInput(
             f"{file}: the joint {name!r} is locked outside its limits.",
@@ -490,29 +464,17 @@ def check_lock(file: str, name: str, limits: tuple[float, float] | None, value: 
 
 
 def check_selection(joints: Any, locked: Any) -> None:
-    """Refuse what does not say which joints move, and where the others stand.
-
-    Raises
-    ------
-    InvalidInput
-        Unless `joints` is None or a sequence of distinct names, and `locked` None or a mapping of names to finite
-        numbers.
-    """
-    names = joints is None or (
-        isinstance(joints, Sequence)
-        and not isinstance(joints, (str, bytes))
-        and all(isinstance(name, str) for name in joints)
-    )
-    if not names:
+    """Refuse what does not say which joints move, and where the others stand."""
+    listed = isinstance(joints, Sequence) and not isinstance(joints, (str, bytes))
+    if joints is not None and not (listed and all(isinstance(name, str) for name in joints)):
         raise InvalidInput(
             "The joints that move are not named.",
             f"expected a list of names, got joints={value_text(joints, 60)}",
             "joints=['shoulder', 'elbow']",
         )
     distinct("joints: the joint", list(joints or ()))
-    if not (
-        locked is None or (isinstance(locked, Mapping) and all(isinstance(name, str) for name in locked))
-    ):
+    mapped = isinstance(locked, Mapping) and all(isinstance(name, str) for name in locked)
+    if locked is not None and not mapped:
         raise InvalidInput(
             "The joints that are locked are not named.",
             f"expected names and positions, got locked={value_text(locked, 60)}",
@@ -527,15 +489,15 @@ def check_selection(joints: Any, locked: Any) -> None:
             )
 
 
-def moved(kind: str, axis: tuple[float, float, float], value: float) -> Placement:
-    """The place of a locked joint's link at its position."""
+def moved(kind: str, axis: Sequence[float], value: float) -> Placement:
+    """The place of a joint's link at its position, rad (by Rodrigues' formula) or m."""
     unit = np.array(axis) / np.linalg.norm(axis)
     if kind == "prismatic":
-        return Placement(translation=tuple(float(entry) for entry in value * unit))  # type: ignore[arg-type]
+        return Placement(translation=tuple((value * unit).tolist()))
     x, y, z = unit
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     rotation = np.eye(3) + math.sin(value) * cross + (1.0 - math.cos(value)) * cross @ cross
-    return Placement(tuple(tuple(float(entry) for entry in row) for row in rotation))  # type: ignore[arg-type]
+    return Placement(tuple(map(tuple, rotation.tolist())))
 
 
 def merged(bodies: list[Any], joint: str, file: str, element: str = "<inertial>") -> Link:
@@ -548,8 +510,5 @@ def merged(bodies: list[Any], joint: str, file: str, element: str = "<inertial>"
             "a file with inertials (some are made for display only), or lock the joint",
         )
     mass, centre, inertia = lumped([body[1:] for body in bodies])
-    try:
+    with located(f"{file}: link {[body[0] for body in bodies]}"):
         return Link(mass, [float(c) for c in centre], six_of(inertia))
-    except InvalidInput as error:
-        names = [body[0] for body in bodies]
-        raise InvalidInput(f"{file}: link {names}: {error.what}", error.found, error.advice) from error

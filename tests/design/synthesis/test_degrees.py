@@ -39,7 +39,7 @@ def test_the_start_of_the_largest_step_lies_on_the_level() -> None:
 
 def test_a_region_that_shrinks_with_the_degree_is_named() -> None:
     def choice(degree: int, step: float) -> DegreeChoice:
-        return DegreeChoice(degree, None, 1.0, step, "inequality", 0.0, 0.0, 0.0)  # type: ignore[arg-type]
+        return DegreeChoice(degree, None, 0.0, 0.0, 0.0, 1.0, step, "inequality", True)  # type: ignore[arg-type]
 
     assert shrinking([choice(6, 1.9), choice(2, 0.3), choice(4, 2.1)]) == [(4, 6)]
 

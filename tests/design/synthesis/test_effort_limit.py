@@ -15,6 +15,7 @@ from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.problem.presets import choose
 from flexhinf.design.synthesis import effort_limit
 from flexhinf.design.synthesis.effort_limit import WIDTH, problem_within_effort
+from flexhinf.design.synthesis.task import Task
 from flexhinf.errors import InvalidInput
 
 GOAL, START = np.array([np.pi / 2]), np.array([0.0])
@@ -27,7 +28,7 @@ def asked(**options: Any) -> Specification:
 
 def choose_within_effort(robot: Any, s: Specification, progress: Any = lambda text: None) -> Any:
     """The problem of a specification whose step keeps the limit, with the default noise levels of the estimator."""
-    return problem_within_effort(robot, GOAL, START, s, choose(robot, GOAL, START, s), None, progress)
+    return problem_within_effort(Task(robot, s, GOAL, START, progress), choose(robot, GOAL, START, s), None)
 
 
 def peak_of(robot: Any, s: Specification, bandwidth: float) -> float:

@@ -167,7 +167,7 @@ def verify(
                 stopped.set()
                 pool.shutdown(wait=False, cancel_futures=True)
                 raise
-        again = _again(proof, [cell for face in results for cell in face.sample], seed)
+        again = _prove_again(proof, [cell for face in results for cell in face.sample], seed)
     except OverflowError:
         reason = "numbers beyond the doubles appear: another unit, or another T."
         return Verification(False, reason, cpu_s=time.process_time() - began)
@@ -193,8 +193,7 @@ def verify(
 
 
 def _check_sizes(claim: Claim) -> None:
-    """Few enough products of parameters and functions, corners and nodes for exact algebra to end; and numbers whose
-    products are far from the smallest and the largest doubles."""
+    """Refuse claims whose exact algebra would not end, and numbers whose products come near the ends of the doubles."""
     rows = (claim.drift, *claim.g1, *claim.g2)
     kinds = {(term.parameters, term.function) for row in rows for terms in row for term in terms}
     if len(kinds) > _MOST_KINDS:
@@ -237,8 +236,8 @@ def _face(
         return subdivide_face(Face(proof, face), chosen, tick=tick)
 
 
-def _again(proof: Proof, cells: list[Cell], seed: int) -> int:
-    """Prove a sample of cells, or their opposites, at random corners of the parameters."""
+def _prove_again(proof: Proof, cells: list[Cell], seed: int) -> int:
+    """Prove a sample of cells again, some of them at −z, each at a random corner of the parameters."""
     rng = np.random.default_rng(seed)
     for cell in cells:
         corner = int(rng.integers(len(proof.exact_corners)))

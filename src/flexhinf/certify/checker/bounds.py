@@ -314,7 +314,7 @@ class Proof:
         self.faces = [(face, sign) for face in range(self.n) for sign in ((1,) if self.even else (1, -1))]
 
     def parts(self, polynomial: Any) -> tuple[Any, Any]:
-        """What goes into tables, and what is only bounded: the odd part, where half of the faces stand for all."""
+        """The part for tables and the part that is only bounded: by symmetry, the odd one."""
         kept, left = {}, {}
         for e, value in polynomial.to_dict().items():
             (left if self.even and sum(map(int, e)) % 2 else kept)[e] = value
@@ -326,7 +326,7 @@ def _degree(polynomials: list[Any]) -> int:
 
 
 def _nearly_even(polynomial: Any, reach: float) -> bool:
-    """Whether terms of odd degree are, at the reach, below `_ODD` of the others; they are bounded, not forgotten."""
+    """Whether all terms of odd degree together are, at the reach, below `_ODD` of the others. They are bounded too."""
     size = [0.0, 0.0]
     for e, value in polynomial.to_dict().items():
         degree = sum(map(int, e))

@@ -41,13 +41,13 @@ def check_observer(claim: Claim, observer: Observer, gradient_law: bool) -> None
     sensors = matrix_of(observer.measured)
     drift = _error_drift(claim, estimated, sensors)
     noise = _disturbance(claim, estimated)
-    shown = fmpq_mat([[sensors[p, j] for j in estimated] for p in range(sensors.nrows())])
+    measured = fmpq_mat([[sensors[p, j] for j in estimated] for p in range(sensors.nrows())])
     gain, weight, storage = map(matrix_of, (observer.gain, observer.weight, observer.storage))
     if weight != weight.transpose() or storage != storage.transpose():
         raise Refusal("the observer's matrices M and X are not symmetric")
     if not positive_definite(storage):
         raise Refusal("the observer's X is not positive definite")
-    closed = drift - gain * shown
+    closed = drift - gain * measured
     rate = closed.transpose() * storage + storage * closed + weight
     if any(entry != 0 for entry in noise.entries()):
         if observer.gain_error == 0:
@@ -63,7 +63,7 @@ def check_observer(claim: Claim, observer: Observer, gradient_law: bool) -> None
 
 # The form of the plant --------------------------------------------------------------------------------
 def _error_drift(claim: Claim, estimated: list[int], sensors: Any) -> Any:
-    """A of the estimated states; everything else must be a function of what is measured or known."""
+    """A of the estimated states. Refuses plants that are nonlinear in what is neither measured nor known."""
     n = len(claim.states)
     known = [i for i in range(n) if i not in estimated]
     rows = [[sensors[p, j] for j in range(n)] for p in range(sensors.nrows())]
@@ -90,7 +90,7 @@ def _error_drift(claim: Claim, estimated: list[int], sensors: Any) -> Any:
 
 
 def _disturbance(claim: Claim, estimated: list[int]) -> Any:
-    """G, (n_e, w): constant. What drives a known state is known with it."""
+    """G (n_e, w) of the errors, constant. Disturbances of known states move no error, since those are computed."""
     return fmpq_mat([[_constant(claim, entry, "disturbance") for entry in claim.g1[i]] for i in estimated])
 
 

@@ -93,7 +93,7 @@ def look_at_corners(claim: Claim, exact: Residual) -> tuple[int, list[Corner]]:
 
 
 def _farther(claim: Claim, widest: fmpq_mat) -> list[int]:
-    """The z_i that exceed the reach where V ≤ c."""
+    """Indices i of which |z_i| exceeds the reach somewhere in {V ≤ c}."""
     return [i for i in range(widest.nrows()) if widest[i, i] > as_rational(claim.reach) ** 2]
 
 
@@ -111,7 +111,7 @@ def check_reach(claim: Claim, exact: Residual) -> None:
 
 
 def corner_text(claim: Claim, corner: Corner) -> str:
-    """That a corner fails, with the values of its parameters."""
+    """The text "a corner fails" with the values of its parameters."""
     units = {p.name: p.unit for p in claim.parameters}
     values = (f"{n} = {rounded(v):.6g} {units[n]}".rstrip() for n, v in corner.parameters.items())
     return "a corner fails" + (f" ({', '.join(values)})" if corner.parameters else "")

@@ -39,7 +39,7 @@ class Cell:
 
 
 def cell_of(face: tuple[int, int], cells: np.ndarray, i: int, bounds: Bounds, reach: float) -> Cell:
-    """One of a batch; λ is 0 where r < 0 is shown without it."""
+    """One cell of a batch. Its λ is 0 where r < 0 was shown without it."""
     n = len(cells) // 2
     t, h, (begin, end) = (part.tolist() for part in np.split(cells[:, i], [n - 1, 2 * n - 2]))
     multiplier = 0.0 if bounds.largest[i] < 0 else float(bounds.multiplier[i])
@@ -155,7 +155,7 @@ def confirm(proof: Proof, cell: Cell, corners: Iterable[int], ended: bool = Fals
 
 
 class Sample:
-    """A random sample of the accepted cells of a face, by reservoir: each has the same chance."""
+    """A random sample of the accepted cells of a face (reservoir sampling, equal chances)."""
 
     def __init__(self, face: tuple[int, int], size: int, seed: int) -> None:
         self.face, self.size, self.cells, self.count = face, size, list[Cell](), 0

@@ -36,10 +36,12 @@ _FIRST = 16  # pieces
 
 
 def check_start(claim: Claim, start: Start) -> int:
-    """Number of intervals of a on which V ≤ c was shown; a `Refusal` where that fails."""
+    """Number of intervals of a on which V ≤ c was proved; a `Refusal` where that fails."""
     with ctx.workprec(BITS):
         level = arb(claim.level) - (arb(claim.observer.energy) if claim.observer else 0)
-        return sum(_shown(claim, start, level, values) for values in parameter_values(claim, start))
+        return sum(
+            _intervals_inside(claim, start, level, values) for values in parameter_values(claim, start)
+        )
 
 
 def _first_pieces(start: Start) -> list[tuple[fmpq, fmpq, int, int]]:
@@ -63,22 +65,22 @@ def parameter_values(claim: Claim, start: Start) -> list[dict[str, arb]]:
     return [{p.name: arb(v) for p, v in zip(used, corner, strict=True)} for corner in corners]
 
 
-def _shown(claim: Claim, start: Start, level: arb, values: dict[str, arb]) -> int:
+def _intervals_inside(claim: Claim, start: Start, level: arb, values: dict[str, arb]) -> int:
     """Number of intervals on which V ≤ c for these parameters, or a `Refusal`."""
-    shown, todo = 0, _first_pieces(start)
+    count, todo = 0, _first_pieces(start)
     while todo:
         left, right, piece, depth = todo.pop()
         middle = (left + right) / 2
         center, whole = enclosed_value(claim, start, piece, left, right, values)
         if whole <= level:
-            shown += 1
+            count += 1
         elif center > level or depth >= _HALVINGS:
             amplitude = float(middle.p) / float(middle.q)
             number = claim.starts.index(start) + 1 if start in claim.starts else 1
             raise Refusal(f"the start of amplitude {amplitude:.6g} on path {number} is not inside")
         else:
             todo += [(left, middle, piece, depth + 1), (middle, right, piece, depth + 1)]
-    return shown
+    return count
 
 
 def enclosed_value(

@@ -38,7 +38,7 @@ import numpy as np
 
 from flexhinf.analysis import DissipationCorners, LinearCorners
 from flexhinf.design.problem.weights import ROUGH, LinearDesign, LinearProblem
-from flexhinf.errors import FlexhinfError, NoFeasibleGamma, NumericalFailure
+from flexhinf.errors import FlexhinfError, InvalidInput, NoFeasibleGamma, NumericalFailure
 from flexhinf.hinf import linear_law
 from flexhinf.hinf.linear_part import is_feasible
 from flexhinf.plant import GeneralisedPlant, Penalty, Plant
@@ -53,7 +53,7 @@ ROUNDING = 1e-10
 #: Factors by which the tolerances are enlarged, one after the other, until the inequality holds at the corners.
 ENLARGED = (1.0, 1.05, 1.1, 1.15, 1.2, 1.3)
 
-Made = TypeVar("Made")
+Design = TypeVar("Design")
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,17 +82,34 @@ class Channel:
         """Quantity, and what drives it."""
         return self.quantity, "input" if np.any(self.by_input) else "state"
 
+    def padded(self, n: int) -> np.ndarray:
+        """c (n,) with zeros for the integrals."""
+        return np.pad(self.by_state, (0, n - len(self.by_state)))
+
 
 def channels(robot: Robot, poses: Sequence[np.ndarray]) -> tuple[Channel, ...]:
     """Of all uncertain parameters, each at that of the poses where it does most."""
     plant = robot.plant()
-    plant.traced_jacobians  # noqa: B018  traced once, shared by all corners
     found: list[Channel] = []
     for parameter in robot.uncertain:
         changes = [_changes(robot, plant, parameter.name, pose) for pose in poses]
         largest = max(changes, key=lambda ends: float(np.abs(ends).max()))
         found += _rank_one(_quantity(parameter.name, robot.joint_names), largest, plant.n)
     return tuple(found)
+
+
+def tolerance_channels(robot: Robot, poses: Sequence[np.ndarray]) -> tuple[Channel, ...]:
+    """The same; a robot without any is refused.
+
+    Raises `InvalidInput` if there are none.
+    """
+    if found := channels(robot, poses):
+        return found
+    raise InvalidInput(
+        f"The robot {robot.name!r} states no tolerances that the preset robust could stand for.",
+        "expected parameters with a tolerance that changes how the robot moves, got none",
+        "tolerance = 10 beside a value in the robot's file, or preset='damped'",
+    )
 
 
 def _changes(robot: Robot, plant: Any, name: str, pose: np.ndarray) -> np.ndarray:
@@ -141,14 +158,15 @@ def acting_corners(robot: Robot, goal: np.ndarray, problem: GeneralisedPlant) ->
         Without channels of the tolerances.
     """
     plant = problem.plant
-    plant.traced_jacobians  # noqa: B018  traced once, shared by all corners
 
     def linearised(signs: dict[str, float]) -> np.ndarray:
         known = plant.parameters.known(robot.corner(signs))
         equilibrium = robot.operating_point(goal, parameters=known)
         return np.hstack(plant.with_parameters(**known).linearise(*equilibrium)[:2])
 
-    nominal = linearised({})
+    nominal = np.hstack(
+        plant.linearise(*robot.operating_point(goal))[:2]
+    )  # traced once, shared by all corners
 
     def acts(name: str) -> bool:
         return not np.allclose(linearised({name: 1.0}), nominal, rtol=1e-12, atol=0.0)
@@ -170,27 +188,27 @@ def dissipation_of(
     return replace(corners, problem=nominal).dissipation(law.P, law.gain, gamma)
 
 
-def covering_products(first: Made, covering: Callable[[float], Made], failing: Callable[[Made], int]) -> Made:
+def enlarge_until_covered(
+    first: Design, covered: Callable[[float], Design], failing: Callable[[Design], int]
+) -> Design:
     """The design with the least enlarged tolerances that no corner breaks; the first one where there is none.
 
     Parameters
     ----------
     first : design
         Of the tolerances as they are.
-    covering : callable
+    covered : callable
         Factor of the tolerances → design; it may raise where the larger tolerances are out of reach.
     failing : callable
         Design → corners that break the inequality.
     """
-    if not failing(first):
-        return first
-    for factor in ENLARGED[1:]:
+    for factor in ENLARGED[1:] if failing(first) else ():
         try:
-            found = covering(factor)
+            larger = covered(factor)
         except FlexhinfError:  # out of reach: the page says how many corners the first design leaves
-            return first
-        if not failing(found):
-            return found
+            break
+        if not failing(larger):
+            return larger
     return first
 
 
@@ -216,10 +234,7 @@ class Scalings:
 class RobustProblem:
     """A nominal problem with the channels of the tolerances.
 
-    Attributes
-    ----------
-    torques : (n, 2 joints)
-        Where torques enter.
+    `torques` (n, 2 joints): where torques enter.
     """
 
     nominal: LinearProblem
@@ -235,7 +250,7 @@ class RobustProblem:
         enter, seen, price = np.zeros((two, two)), np.zeros((n, n)), np.zeros((m, m))
         for channel, log in zip(self.channels, scalings.log):
             s2 = float(np.exp(2.0 * log))
-            padded = np.concatenate([channel.by_state, np.zeros(n - len(channel.by_state))])
+            padded = channel.padded(n)
             enter += scalings.fraction * np.outer(channel.torque, channel.torque) / s2
             seen += scalings.fraction * s2 * np.outer(padded, padded)
             price += scalings.fraction * s2 * np.outer(channel.by_input, channel.by_input)
@@ -246,10 +261,9 @@ class RobustProblem:
         return self._scaled(gamma, self.parts(scalings))
 
     def _scaled(self, gamma: float, parts: tuple[np.ndarray, np.ndarray, np.ndarray]) -> LinearProblem:
-        enter, seen, price = parts
-        g = self.nominal
-        disturbed = np.hstack([g.b1, gamma * self.torques @ enter])
-        return LinearProblem(g.a, disturbed, g.b2, np.vstack([g.c, seen]), g.r2 + price)
+        (enter, seen, price), g = parts, self.nominal
+        b1 = np.hstack([g.b1, gamma * self.torques @ enter])
+        return LinearProblem(g.a, b1, g.b2, np.vstack([g.c, seen]), g.r2 + price)
 
     def feasible(self, gamma: float, scalings: Scalings) -> bool:
         """Whether the problem of this level has a solution."""
@@ -258,10 +272,7 @@ class RobustProblem:
     def gamma_star(self, scalings: Scalings, relative: float = ROUGH) -> float:
         """Smallest γ for every robot within the fraction of the tolerances.
 
-        Raises
-        ------
-        NoFeasibleGamma
-            If there is none.
+        Raises `NoFeasibleGamma` if there is none.
         """
         low, parts = self.nominal.gamma_star(), self.parts(scalings)
         high = LARGEST * low
@@ -305,25 +316,15 @@ def _root(matrix: np.ndarray) -> np.ndarray:
 def find_scalings(problem: RobustProblem, ratio: float) -> Scalings:
     """Scalings for a problem, found as the head of this file says.
 
-    Parameters
-    ----------
-    ratio : float
-        γ/γ* of the designs in whose loops channels are balanced.
-
-    Raises
-    ------
-    NoFeasibleGamma
-        If not even `LEAST_FRACTION` of the tolerances can be covered.
+    `ratio`: γ/γ* of the designs in whose loops channels are balanced. Raises `NoFeasibleGamma` if not even
+    `LEAST_FRACTION` of the tolerances can be covered.
     """
-    nominal = problem.nominal.gamma_star()
-    best = _balanced(problem, problem.nominal.design(ratio * nominal, nominal))
-    best = replace(best, fraction=problem.fraction(best))
+    best = _balanced(problem, problem.nominal.design_at(ratio))
     for _ in range(BALANCES):
         if best.fraction < LEAST_FRACTION:
             break
         within = replace(best, fraction=best.fraction * (0.9 if best.fraction < 1.0 else 1.0))
         again = _balanced(problem, problem.design(ratio, within))
-        again = replace(again, fraction=problem.fraction(again))
         if not _better(problem, again, best):
             break
         best = again
@@ -344,7 +345,8 @@ def _better(problem: RobustProblem, one: Scalings, other: Scalings) -> bool:
 
 
 def _balanced(problem: RobustProblem, design: LinearDesign) -> Scalings:
-    """s⁴ = gᵀPXPg / zXzᵀ of each channel, X the motions of the loop under disturbances of equal cost."""
+    """s⁴ = gᵀPXPg / zXzᵀ of each channel, X the motions of the loop under disturbances of equal cost; and the fraction
+    of the tolerances that is covered so."""
     from scipy.linalg import solve_continuous_lyapunov
 
     a, b2, p = problem.nominal.a, problem.nominal.b2, design.p
@@ -353,20 +355,19 @@ def _balanced(problem: RobustProblem, design: LinearDesign) -> Scalings:
     log = np.zeros(len(problem.channels))
     for k, channel in enumerate(problem.channels):
         g = p @ (problem.torques @ channel.torque)
-        z = channel.by_input @ design.gain
-        z = z + np.concatenate([channel.by_state, np.zeros(n - len(channel.by_state))])
+        z = channel.by_input @ design.gain + channel.padded(n)
         log[k] = 0.25 * np.log((g @ x @ g) / (z @ x @ z))
-    return Scalings(log)
+    return Scalings(log, problem.fraction(Scalings(log)))
 
 
 def _polished(problem: RobustProblem, start: Scalings) -> Scalings:
     """The best of a simplex search over one factor for each quantity; none with many states."""
     from scipy.optimize import minimize
 
-    groups = list(dict.fromkeys(channel.group for channel in problem.channels))
-    places = np.array([groups.index(channel.group) for channel in problem.channels])
     if len(problem.nominal.a) > MOST_STATES:
         return start
+    groups = list(dict.fromkeys(channel.group for channel in problem.channels))
+    places = np.array([groups.index(channel.group) for channel in problem.channels])
 
     def moved(factors: np.ndarray) -> Scalings:
         return replace(start, log=start.log + factors[places])
@@ -415,10 +416,7 @@ class UncertainFlow:
 def with_channels(plant: Plant, enter: np.ndarray) -> Plant:
     """The robot's plant with disturbances w that enter as torques L w.
 
-    Parameters
-    ----------
-    enter : (2 joints, k)
-        L.
+    `enter` (2 joints, k): L.
     """
     names = tuple(f"{PREFIX}_{k + 1}" for k in range(enter.shape[1]))
     return Plant(

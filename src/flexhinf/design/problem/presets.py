@@ -1,12 +1,10 @@
-"""The problem of a design, with the channels of the tolerances and without.
-
-The problem of a specification: penalty with its source, disturbances and level, by preset.
+"""The problem of a specification: penalty with its source, disturbances and level, by preset.
 
 ========  ========================================================================================================
 preset    penalty
 ========  ========================================================================================================
 paper     the robot's own; for a robot that states none, the form of Eq. (11): positions and their integrals alone
-damped    found for a bandwidth and a damping, see `flexhinf.design.problem.weights`
+damped    searched for a bandwidth and a damping, see `flexhinf.design.problem.weights`
 robust    the same, and every uncertain parameter a disturbance channel, see `flexhinf.design.problem.channels`
 given     the penalty of the specification
 ========  ========================================================================================================
@@ -17,7 +15,7 @@ its own; otherwise `paper`.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -31,10 +29,10 @@ from flexhinf.design.problem.channels import (
     RobustProblem,
     Scalings,
     acting_corners,
-    channels,
-    covering_products,
     dissipation_of,
+    enlarge_until_covered,
     find_scalings,
+    tolerance_channels,
     with_channels,
 )
 from flexhinf.design.problem.modes import JointScales
@@ -55,6 +53,12 @@ from flexhinf.hinf import smallest_gamma
 from flexhinf.plant import GeneralisedPlant, Penalty
 from flexhinf.robot import Robot
 
+#: Most turns in which a default damping yields to what weights reach.
+YIELDS = 4
+
+#: Default bandwidth over the lowest frequency at which the links vibrate while the motors are held; default damping.
+BANDWIDTH_FRACTION, DAMPING = 0.3, 0.2
+
 
 def nominal_problem(robot: Any, goal: np.ndarray, s: Specification, penalty: Penalty) -> GeneralisedPlant:
     """The problem of a penalty about a goal (n,), without channels of the tolerances."""
@@ -70,7 +74,7 @@ def command_of(s: Specification) -> str | None:
 
 @dataclass(frozen=True, eq=False)
 class Robustness:
-    """What the channels of the tolerances cost and cover.
+    """What the channels of the tolerances cover, and what they cost.
 
     Attributes
     ----------
@@ -108,11 +112,11 @@ class Robustness:
 
 @dataclass(frozen=True, eq=False)
 class DesignProblem:
-    """What is solved, and who states it.
+    """The problem that is solved, and who states it.
 
     Attributes
     ----------
-    preset : {"paper", "damped", "robust", "given"}
+    preset : {"paper", "damped", "robust", "proved", "given"}
     penalty : Penalty
         In the robot's names.
     problem : GeneralisedPlant
@@ -123,8 +127,8 @@ class DesignProblem:
         What weights were searched for, and how; of a preset that searches.
     families : Families or None
         Of the robot within its tolerances, for which weights were searched.
-    covering : ToleranceChannels or None
-        What the channels of the tolerances are made of; of the preset robust.
+    channels : ToleranceChannels or None
+        Of the preset robust.
     """
 
     preset: str
@@ -139,13 +143,12 @@ class DesignProblem:
     search: SearchResult | None = None
     robustness: Robustness | None = None
     families: Families | None = None
-    covering: ToleranceChannels | None = None
+    channels: ToleranceChannels | None = None
 
 
-# Channels of the tolerances ------------------------------------------------------------------------------
 @dataclass(frozen=True, eq=False)
 class ToleranceChannels:
-    """What problems with channels of the tolerances are made of: of any weights, for any fraction of the tolerances.
+    """The channels of the tolerances, from which problems of any weights and any fraction of the tolerances are made.
 
     Attributes
     ----------
@@ -176,7 +179,7 @@ class ToleranceChannels:
         nominal = LinearProblem.of(self.family, rows, command_of(self.s) is not None, self.torques)
         return RobustProblem(nominal, self.family.torques, self.tolerances)
 
-    def channels_at(self, fraction: float) -> Scalings:
+    def scaled(self, fraction: float) -> Scalings:
         """Scalings for a fraction of what is covered at most."""
         return replace(self.scalings, fraction=fraction * self.enlarged * self.scalings.fraction)
 
@@ -185,25 +188,20 @@ class ToleranceChannels:
     ) -> ChannelledProblem:
         """The nonlinear problem, its smallest level found to an accuracy.
 
-        Raises
-        ------
-        NoFeasibleGamma
-            If no level does.
+        Raises `NoFeasibleGamma` if no level does.
         """
-        linear, scalings = self.linear(target_frequency, damping), self.channels_at(fraction)
+        linear, scalings = self.linear(target_frequency, damping), self.scaled(fraction)
         star = linear.gamma_star(scalings, accuracy)
         gamma = self.s.gamma_ratio * star
         enter, seen, price = linear.parts(scalings)
         base = self.scales.penalty(target_frequency, damping)
         nominal = nominal_problem(self.robot, self.goal, self.s, base)
-        rows = np.vstack([self.scales.rows(target_frequency, damping), seen])
         physical = (nominal.disturbances or ()) if self.s.disturbances is not None else ()
-        names = tuple(f"{PREFIX}_{k + 1}" for k in range(enter.shape[1]))
         problem = with_channels(nominal.plant, gamma * enter).with_objective(
-            Penalty(rows, nominal.r2 + price),
+            Penalty(np.vstack([self.scales.rows(target_frequency, damping), seen]), nominal.r2 + price),
             command=command_of(self.s),
             integrate=nominal.integrate,
-            disturbances=(*physical, *names),
+            disturbances=(*physical, *(f"{PREFIX}_{k + 1}" for k in range(enter.shape[1]))),
             equilibrium=self.robot.operating_point(self.goal),
         )
         return ChannelledProblem(self, linear, scalings, base, nominal, problem, star, gamma)
@@ -211,17 +209,9 @@ class ToleranceChannels:
 
 @dataclass(frozen=True, eq=False)
 class ChannelledProblem:
-    """A nonlinear problem with channels for a fraction of the tolerances.
+    """A nonlinear problem with channels for a fraction of the tolerances; `penalty` and `nominal` are without them."""
 
-    Attributes
-    ----------
-    covering, linear, scalings
-        What it was made of.
-    penalty, nominal
-        Without the channels.
-    """
-
-    covering: ToleranceChannels
+    channels: ToleranceChannels
     linear: RobustProblem
     scalings: Scalings
     penalty: Penalty
@@ -230,58 +220,39 @@ class ChannelledProblem:
     gamma_star: float
     gamma: float
 
-    def checked(self, target: TargetBehaviour, found: SearchResult, source: str) -> DesignProblem:
+    @cached_property
+    def design(self) -> LinearDesign:
+        """The linear law."""
+        return self.linear.scaled(self.gamma, self.scalings).design(self.gamma, self.gamma_star)
+
+    def checked(self, target: TargetBehaviour, result: SearchResult, source: str) -> DesignProblem:
         """The problem of a design, its inequality checked at the corners of the tolerances."""
-        covering, linear, enlarged = self.covering, self.linear, self.covering.enlarged
-        checked = dissipation_of(covering.corners, self.nominal, self.problem, self.gamma)
-        lowest = linear.nominal.gamma_star()
-        plain = linear.nominal.design(covering.s.gamma_ratio * lowest, lowest)
+        channels, nominal, enlarged = self.channels, self.linear.nominal, self.channels.enlarged
+        check = dissipation_of(channels.corners, self.nominal, self.problem, self.gamma)
+        plain = nominal.design_at(channels.s.gamma_ratio)
         robustness = Robustness(
-            self.scalings.fraction / enlarged,
-            len(linear.channels),
-            self.gamma_star,
-            lowest,
-            linear.nominal.attained(plain.gain),
-            linear.nominal.attained(self.gain),
-            self._by_quantity,
-            enlarged,
-            checked.count,
-            checked.failing,
-            checked.complete,
-        )
+            self.scalings.fraction / enlarged, len(self.linear.channels), self.gamma_star, plain.gamma_star,
+            nominal.attained(plain.gain), nominal.attained(self.design.gain), self._by_quantity(), enlarged,
+            check.count, check.failing, check.complete,
+        )  # fmt: skip
         return DesignProblem(
             "robust", self.penalty, source, "ours", self.problem, self.nominal, self.gamma_star, self.gamma, target,
-            found, robustness, covering=covering,
+            result, robustness, channels=channels,
         )  # fmt: skip
 
-    @cached_property
-    def gain(self) -> np.ndarray:
-        """K (m, n) of the linear law."""
-        return self.linear.scaled(self.gamma, self.scalings).design(self.gamma, self.gamma_star).gain
-
-    @property
     def _by_quantity(self) -> dict[str, tuple[float, float]]:
         """Smallest and largest s of the channels of each quantity."""
         values: dict[str, list[float]] = {}
         for channel, log in zip(self.linear.channels, self.scalings.log):
             values.setdefault("_by_".join(channel.group), []).append(float(np.exp(log)))
-        return {group: (min(found), max(found)) for group, found in values.items()}
+        return {group: (min(each), max(each)) for group, each in values.items()}
 
 
-#: Most turns in which a default damping yields to what weights reach.
-YIELDS = 4
-
-#: Default bandwidth over the lowest frequency at which the links vibrate while the motors are held; default damping.
-BANDWIDTH_FRACTION, DAMPING = 0.3, 0.2
-
-
+# From a specification to its problem --------------------------------------------------------------------
 def preset_of(robot: Robot, s: Specification) -> str:
     """The preset that is meant.
 
-    Raises
-    ------
-    InvalidInput
-        If the specification contradicts itself.
+    Raises `InvalidInput` if the specification contradicts itself.
     """
     behaviour = [f"`{name}`" for name in ("bandwidth", "damping") if getattr(s, name) is not None]
     weights = [f"`{name}`" for name in ("penalty", "effort") if getattr(s, name) is not None]
@@ -300,20 +271,20 @@ def preset_of(robot: Robot, s: Specification) -> str:
     return "damped" if behaviour or (robot.penalty is None and s.effort is None) else "paper"
 
 
-def required_damping(s: Specification, target: TargetBehaviour | None = None) -> float:
-    """Damping ratio that every oscillation must have, where weights are searched for: as stated, or `DAMPING`, or less
-    where a design that states none was given less, see `flexhinf.design.synthesis.steps`; then at least `RINGS`."""
-    if s.damping is not None:
-        return s.damping
-    return DAMPING if target is None else max(RINGS, min(DAMPING, target.damping))
-
-
 def _contradiction(both: str, advice: str) -> InvalidInput:
     return InvalidInput(
         f"{both} contradict each other.",
         "expected either weights, or a behaviour for which weights are found, or the preset paper; got both",
         advice,
     )
+
+
+def required_damping(s: Specification, target: TargetBehaviour | None = None) -> float:
+    """Damping ratio that every oscillation must have, where weights are searched for: as stated, or `DAMPING`, or less
+    where a design that states none was given less, see `flexhinf.design.synthesis.steps`; then at least `RINGS`."""
+    if s.damping is not None:
+        return s.damping
+    return DAMPING if target is None else max(RINGS, min(DAMPING, target.damping))
 
 
 def choose(
@@ -323,10 +294,7 @@ def choose(
 
     A default damping that no weights reach yields to what they reach; the loop is judged by `required_damping`.
 
-    Parameters
-    ----------
-    near : DesignProblem, optional
-        Of the same robot and preset for another bandwidth or damping, from whose weights the search begins.
+    `near`: of the same robot and preset for another bandwidth or damping, from whose weights the search begins.
 
     Raises
     ------
@@ -346,10 +314,7 @@ def choose(
                 if s.damping is not None or not refused.reached or turn == YIELDS:
                     raise
                 begun, tried = None, replace(s, damping=refused.reached)
-    penalty, source, priced = _stated(robot, goal, s)
-    problem = nominal_problem(robot, goal, s, penalty)
-    star = smallest_gamma(problem)
-    return DesignProblem(preset, penalty, source, priced, problem, problem, star, s.gamma_ratio * star)
+    return _without_channels(robot, goal, s, preset, _stated(robot, goal, s))
 
 
 def measured_problem(robot: Robot, goal: np.ndarray, s: Specification) -> GeneralisedPlant:
@@ -358,6 +323,21 @@ def measured_problem(robot: Robot, goal: np.ndarray, s: Specification) -> Genera
     Its penalty is the checked one; else the robot's own; else that of Eq. (11), scaled to the robot.
     """
     return nominal_problem(robot, goal, s, _stated(robot, goal, replace(s, penalty=s.checked_penalty))[0])
+
+
+def _without_channels(
+    robot: Robot,
+    goal: np.ndarray,
+    s: Specification,
+    preset: str,
+    stated: tuple[Penalty, str, str],
+    target: TargetBehaviour | None = None,
+    result: SearchResult | None = None,
+) -> DesignProblem:
+    """The problem of a penalty, with the sources of its weights and of R2."""
+    problem = nominal_problem(robot, goal, s, stated[0])
+    star = smallest_gamma(problem)
+    return DesignProblem(preset, *stated, problem, problem, star, s.gamma_ratio * star, target, result)
 
 
 def _stated(robot: Robot, goal: np.ndarray, s: Specification) -> tuple[Penalty, str, str]:
@@ -373,23 +353,18 @@ def _stated(robot: Robot, goal: np.ndarray, s: Specification) -> tuple[Penalty, 
         penalty, source, priced = own, "the robot's file", "the robot's file"
     else:
         scales = JointScales.of(robot.plant(), robot.operating_point(goal))
-        weights = scales.weights(np.full(len(goal), BANDWIDTH_FRACTION * scales.held), 0.0)
-        kept = ("link_position", "link_position_integral")
-        penalty = Penalty({name: _number(weights[name]) for name in kept}, 1.0)
+        weights: Any = scales.penalty(np.full(len(goal), BANDWIDTH_FRACTION * scales.held), 0.0).states
+        penalty = Penalty({name: weights[name] for name in ("link_position", "link_position_integral")}, 1.0)
         source, priced = "ours: the form of Eq. (11), scaled to the robot", "ours"
     if s.effort is not None:
         penalty, priced = replace(penalty, effort=s.effort), "option --effort"
     return penalty, source, priced
 
 
-def _number(values: np.ndarray) -> Any:
-    return values.tolist() if len(values) > 1 else float(values[0])
-
-
 def _searched(
     families: Families, start: np.ndarray, s: Specification, preset: str, near: SearchResult | None
 ) -> DesignProblem:
-    robot, goal, family = families.robot, families.goal, families.few
+    robot, goal = families.robot, families.goal
     scales = JointScales.of(robot.plant(), robot.operating_point(goal))
     target = TargetBehaviour(_bandwidths(s, scales, len(goal)), required_damping(s))
     torques = None
@@ -399,75 +374,43 @@ def _searched(
         torques = np.eye(len(every))[:, [every.index(name) for name in names]]
 
     def nominal(target_frequency: np.ndarray, damping: np.ndarray) -> LinearProblem:
-        return LinearProblem.of(
-            family, scales.rows(target_frequency, damping), command_of(s) is not None, torques
-        )
+        rows = scales.rows(target_frequency, damping)
+        return LinearProblem.of(families.few, rows, command_of(s) is not None, torques)
 
     def synthesis(target_frequency: np.ndarray, damping: np.ndarray) -> LinearDesign:
-        linear = nominal(target_frequency, damping)
-        star = linear.gamma_star()
-        return linear.design(s.gamma_ratio * star, star)
+        return nominal(target_frequency, damping).design_at(s.gamma_ratio)
 
-    found, family = _widened(families, target, family, synthesis, scales.held, near)
-    source = f"found for {target.words}"
+    result, family = _widened(families, target, families.few, synthesis, scales.held, near)
+    source, chosen = f"found for {target.text}", result.chosen
     if preset == "damped":
-        penalty = scales.penalty(found.chosen.target_frequency, found.chosen.damping_weights)
-        problem = nominal_problem(robot, goal, s, penalty)
-        star = smallest_gamma(problem)
-        return DesignProblem(
-            preset, penalty, source, "ours", problem, problem, star, s.gamma_ratio * star, target, found
-        )
+        penalty = scales.penalty(chosen.target_frequency, chosen.damping_weights)
+        return _without_channels(robot, goal, s, preset, (penalty, source, "ours"), target, result)
 
     tolerances = tolerance_channels(robot, [goal, start])
-    scalings = find_scalings(
-        RobustProblem(_linear_problem(found, nominal), family.torques, tolerances), s.gamma_ratio
+    linear = nominal(chosen.target_frequency, chosen.damping_weights)
+    scalings = find_scalings(RobustProblem(linear, family.torques, tolerances), s.gamma_ratio)
+    corners = acting_corners(
+        robot, goal, nominal_problem(robot, goal, s, scales.penalty(target.bandwidth, 0.0))
     )
-
-    covering = ToleranceChannels(
-        robot, goal, s, scales, family, torques, tolerances, scalings,
-        acting_corners(robot, goal, nominal_problem(robot, goal, s, scales.penalty(target.bandwidth, 0.0))),
-    )  # fmt: skip
+    channelled = ToleranceChannels(robot, goal, s, scales, family, torques, tolerances, scalings, corners)
 
     def covered(factor: float) -> DesignProblem:
         """With all tolerances enlarged by a factor."""
-        larger = replace(covering, enlarged=factor)
+        larger = replace(channelled, enlarged=factor)
 
         def robust_synthesis(target_frequency: np.ndarray, damping: np.ndarray) -> LinearDesign:
-            return larger.linear(target_frequency, damping).design(s.gamma_ratio, larger.channels_at(1.0))
+            return larger.linear(target_frequency, damping).design(s.gamma_ratio, larger.scaled(1.0))
 
-        found, _ = _widened(families, target, family, robust_synthesis, scales.held)
-        source = f"found for {target.words}, beside the channels of the tolerances"
-        return larger.problem(found.chosen.target_frequency, found.chosen.damping_weights, 1.0).checked(
-            target, found, source
-        )
+        result, _ = _widened(families, target, family, robust_synthesis, scales.held)
+        problem = larger.problem(result.chosen.target_frequency, result.chosen.damping_weights, 1.0)
+        return problem.checked(target, result, f"{source}, beside the channels of the tolerances")
+
+    def failing(problem: DesignProblem) -> int:
+        assert problem.robustness is not None
+        return problem.robustness.failing_corners
 
     first = covered(1.0)
-    if scalings.fraction < 1.0:
-        return first
-    return covering_products(first, covered, _failing)
-
-
-def tolerance_channels(robot: Robot, poses: Sequence[np.ndarray]) -> tuple[Channel, ...]:
-    """The channels of a robot's tolerances, each at that of the poses where it does most.
-
-    Raises
-    ------
-    InvalidInput
-        If there are none.
-    """
-    found = channels(robot, poses)
-    if not found:
-        raise InvalidInput(
-            f"The robot {robot.name!r} states no tolerances that the preset robust could stand for.",
-            "expected parameters with a tolerance that changes how the robot moves, got none",
-            "tolerance = 10 beside a value in the robot's file, or preset='damped'",
-        )
-    return found
-
-
-def _failing(made: DesignProblem) -> int:
-    assert made.robustness is not None
-    return made.robustness.failing_corners
+    return first if scalings.fraction < 1.0 else enlarge_until_covered(first, covered, failing)
 
 
 def _widened(
@@ -482,13 +425,9 @@ def _widened(
     start = None if near is None else near.chosen
     if len(family.a) == 1:
         return search(target, family, synthesis, held, near=start), family
-    found = search(target, family, synthesis, held, each=False) if near is None else near
-    wider = family.with_members(families.many, worst_members(families.many, found.chosen.design.gain))
+    result = search(target, family, synthesis, held, each=False) if near is None else near
+    wider = family.with_members(families.many, worst_members(families.many, result.chosen.design.gain))
     return search(target, wider, synthesis, held, near=start), wider
-
-
-def _linear_problem(found: SearchResult, nominal: Any) -> LinearProblem:
-    return nominal(found.chosen.target_frequency, found.chosen.damping_weights)
 
 
 def _bandwidths(s: Specification, scales: JointScales, joints: int) -> np.ndarray:

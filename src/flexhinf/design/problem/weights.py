@@ -87,25 +87,12 @@ class LinearFamily:
     def of(
         robot: Robot, goal: np.ndarray, members: int = MEMBERS, seed: int = 0, period: float = 0.0
     ) -> LinearFamily:
-        """Of a robot, corners sampled with a fixed seed.
-
-        Parameters
-        ----------
-        goal : (n,)
-            Link positions, rad or m.
-        members : int
-            Corners; none for a robot without tolerances.
-        seed : int
-            Of the corners.
-        period : float
-            s, see the class.
-        """
+        """Of a robot at link positions (n,), and at `members` corners of its tolerances, sampled with this seed."""
         plant, equilibrium = robot.plant(), robot.operating_point(goal)
-        plant.traced_jacobians  # noqa: B018  traced once, shared by all members
         joints, n = len(robot.joint_names), plant.n
-        corners = [plant.parameters.known(values) for values in _corners(robot, members, seed)]
-        matrices = [plant.linearise(*equilibrium)]
-        for values in corners:
+        matrices = [plant.linearise(*equilibrium)]  # traced once, shared by all members
+        for corner in _corners(robot, members, seed):
+            values = plant.parameters.known(corner)
             changed = plant.with_parameters(**values)
             matrices.append(changed.linearise(*robot.operating_point(goal, parameters=values)))
         a = np.zeros((len(matrices), n + joints, n + joints))
@@ -115,9 +102,8 @@ class LinearFamily:
         a[:, n:, :joints] = np.eye(joints)
         torques = np.zeros((n + joints, 2 * joints))
         torques[:n] = matrices[0][2]
-        return LinearFamily(
-            a, b, torques, robot.joint_names, stiffness_and_inertia(plant, equilibrium), period
-        )
+        energy = stiffness_and_inertia(plant, equilibrium)
+        return LinearFamily(a, b, torques, robot.joint_names, energy, period)
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,13 +174,12 @@ class Behaviour:
 def behaviour_of(family: LinearFamily, gain: np.ndarray) -> Behaviour:
     """Of u = u* + K x, K (m, n)."""
     loops = family.a + family.b @ gain
-    modes = [_modes(family, loop) for loop in loops]
+    modes = [modes_of(loop, family.joints, *family.energy) for loop in loops]
     if family.period:
         modes[0] = _sampled_modes(family, gain)
     damping = [_damping(each) for each in modes]
-    stable = min(damping) > -np.inf
     joints = len(family.joints)
-    bandwidths = _bandwidths(loops, joints).min(axis=0) if stable else np.zeros(joints)
+    bandwidths = _bandwidths(loops, joints).min(axis=0) if min(damping) > -np.inf else np.zeros(joints)
     vibrations = [mode for each in modes for mode in each if mode.vibration]
     own = [min((m.damping for m in vibrations if m.joint == name), default=np.inf) for name in family.joints]
     return Behaviour(bandwidths, min(damping), damping[0], np.array(own))
@@ -203,15 +188,11 @@ def behaviour_of(family: LinearFamily, gain: np.ndarray) -> Behaviour:
 def worst_members(family: LinearFamily, gain: np.ndarray) -> list[int]:
     """The members with the smallest bandwidth of each joint, and with the smallest damping."""
     loops = family.a + family.b @ gain
-    damping = [_damping(_modes(family, loop)) for loop in loops]
+    damping = [_damping(modes_of(loop, family.joints, *family.energy)) for loop in loops]
     worst = [int(np.argmin(damping))]
     if min(damping) > -np.inf:
-        worst += [int(k) for k in np.argmin(_bandwidths(loops, len(family.joints)), axis=0)]
+        worst += np.argmin(_bandwidths(loops, len(family.joints)), axis=0).tolist()
     return worst
-
-
-def _modes(family: LinearFamily, loop: np.ndarray) -> tuple[Mode, ...]:
-    return modes_of(loop, family.joints, *family.energy)
 
 
 def _sampled_modes(family: LinearFamily, gain: np.ndarray) -> tuple[Mode, ...]:
@@ -333,14 +314,16 @@ class LinearProblem:
         p = linear_law(plant, gamma).P
         return LinearDesign(-np.linalg.solve(self.r2, self.b2.T @ p), p, gamma, gamma_star)
 
+    def design_at(self, ratio: float) -> LinearDesign:
+        """The same at `ratio` times the smallest level."""
+        star = self.gamma_star()
+        return self.design(ratio * star, star)
+
     def attained(self, gain: np.ndarray) -> float:
         """H∞ norm from d to z of the loop of a stabilising gain: the level that it attains, to `ROUGH`."""
-        closed = np.vstack([self.c, np.linalg.cholesky(self.r2).T @ gain])
-        nothing = np.zeros((len(self.a), 1))
-        part = self.linear_part()
-        return linear_smallest_gamma(
-            LinearPart(self.a + self.b2 @ gain, self.b1, nothing, closed, part.state_names), ROUGH
-        )
+        a, nothing = self.a + self.b2 @ gain, np.zeros((len(self.a), 1))
+        c = np.vstack([self.c, np.linalg.cholesky(self.r2).T @ gain])
+        return linear_smallest_gamma(replace(self.linear_part(), a=a, b2=nothing, c=c), ROUGH)
 
 
 #: The damping weight ζ: its first value beyond 0, its growth, and the largest that is tried.
@@ -366,10 +349,7 @@ FASTEST = 30.0
 class DampingOutOfReach(InvalidInput):
     """No weights damp every oscillation as required.
 
-    Attributes
-    ----------
-    reached : float
-        A damping ratio that weights are found for, a little below the best.
+    `reached` is a damping ratio that weights are found for, a little below the best.
     """
 
     reached = 0.0
@@ -391,7 +371,7 @@ class TargetBehaviour:
     damping: float
 
     @property
-    def words(self) -> str:
+    def text(self) -> str:
         """As text."""
         low, high = self.bandwidth.min(), self.bandwidth.max()
         band = f"{low:.3g}" if low == high else f"{low:.3g} to {high:.3g}"
@@ -425,23 +405,17 @@ class Candidate:
 class SearchResult:
     """The outcome, and the way to it.
 
-    Attributes
-    ----------
-    candidates : tuple of Candidate
-        One per ζ, in the order of the search.
+    `candidates`: one per ζ, in the order of the search.
     """
 
     chosen: Candidate
     candidates: tuple[Candidate, ...]
 
 
-Synthesis = Callable[[np.ndarray, np.ndarray], LinearDesign]
-
-
 def search(
     target: TargetBehaviour,
     family: LinearFamily,
-    synthesis: Synthesis,
+    synthesis: Callable[[np.ndarray, np.ndarray], LinearDesign],
     held: float,
     each: bool = True,
     near: Candidate | None = None,
@@ -459,113 +433,102 @@ def search(
     near : Candidate, optional
         For another bandwidth or damping; the search begins at its ω and ζ in proportion, which saves most of it.
 
-    Raises
-    ------
-    InvalidInput
-        If it cannot be met: which limit binds, and the best that was found.
+    Raises `InvalidInput` if it cannot be met: which limit binds, and the best that was found.
     """
-    inside = _Inside(family, synthesis, held)
-    chosen = None if near is None else _from(near, target, inside)
-    if chosen is None:
-        chosen = _damped(target, inside)
+    candidates = _Search(target, family, synthesis, FASTEST * held)
+    chosen = (None if near is None else candidates.in_proportion(near)) or candidates.damped()
     if each and len(target.bandwidth) > 1 and chosen.damping_weight:
-        chosen = _each(target, inside, chosen)
-    return SearchResult(chosen, tuple(inside.candidates))
+        chosen = candidates.lowered(chosen)
+    return SearchResult(chosen, tuple(candidates.tried))
 
 
-class _Inside:
-    """The inner search: target frequencies that give each joint its bandwidth, for one ζ."""
+class _Search:
+    """Candidates of one search. `fastest` is the largest target frequency that is tried, rad/s."""
 
-    def __init__(self, family: LinearFamily, synthesis: Synthesis, held: float) -> None:
-        self.family, self.synthesis, self.held = family, synthesis, held
-        self.candidates: list[Candidate] = []
-        self.start: np.ndarray | None = None
+    def __init__(self, target: TargetBehaviour, family: LinearFamily, synthesis: Any, fastest: float) -> None:
+        self.target, self.family, self.synthesis, self.fastest = target, family, synthesis, fastest
+        self.tried: list[Candidate] = []
+        self.start = 1.5 * target.bandwidth
         # Largest fraction of the required bandwidths that any stable loop had, in all joints at once.
         self.reached = 0.0
 
-    def fit(self, bandwidth: np.ndarray, damping_weight: float | np.ndarray) -> Candidate | None:
-        """The candidate, or None if no target frequencies give the bandwidth."""
+    def fit(self, damping_weight: float | np.ndarray) -> Candidate | None:
+        """The inner search: the candidate of a ζ, or None if no target frequencies give the bandwidth."""
+        bandwidth = self.target.bandwidth
         weights = np.broadcast_to(np.asarray(damping_weight, dtype=float), len(bandwidth))
-        start = 1.5 * bandwidth if self.start is None else self.start
-        target_frequency = np.minimum(start, FASTEST * self.held)
-        if self.candidates:
-            target_frequency = self.candidates[-1].target_frequency
+        frequency = self.tried[-1].target_frequency if self.tried else np.minimum(self.start, self.fastest)
         for _ in range(TURNS):
             try:
-                design = self.synthesis(target_frequency, weights)
+                design = self.synthesis(frequency, weights)
             except FlexhinfError:
                 return None
-            found = behaviour_of(self.family, design.gain)
-            if found.damping == -np.inf:
+            behaviour = behaviour_of(self.family, design.gain)
+            if behaviour.damping == -np.inf:
                 return None
-            self.reached = max(self.reached, float((found.bandwidth / bandwidth).min()))
-            ratio = bandwidth / np.maximum(found.bandwidth, 1e-3 * bandwidth)
+            self.reached = max(self.reached, float((behaviour.bandwidth / bandwidth).min()))
+            ratio = bandwidth / np.maximum(behaviour.bandwidth, 1e-3 * bandwidth)
             if np.all(np.abs(ratio - 1.0) <= FITS):
-                break
-            target_frequency = target_frequency * np.clip(ratio, 0.4, 2.5) ** CAUTION
-            if np.any(target_frequency > FASTEST * self.held):
+                self.tried.append(Candidate(frequency, weights, design, behaviour))
+                return self.tried[-1]
+            frequency = frequency * np.clip(ratio, 0.4, 2.5) ** CAUTION
+            if np.any(frequency > self.fastest):
                 return None
-        else:
-            return None
-        self.candidates.append(Candidate(target_frequency, weights, design, found))
-        return self.candidates[-1]
+        return None
 
+    def fit_damped(self, damping_weight: float | np.ndarray) -> Candidate | None:
+        """The same, or None where not every oscillation is damped as required."""
+        candidate = self.fit(damping_weight)
+        return candidate if candidate and candidate.behaviour.damping >= self.target.damping else None
 
-def _from(near: Candidate, target: TargetBehaviour, inside: _Inside) -> Candidate | None:
-    """The ω and ζ of another behaviour, in proportion; None where they do not damp every oscillation as required."""
-    inside.start = near.target_frequency * target.bandwidth / near.behaviour.bandwidth
-    weights = near.damping_weights * target.damping / near.behaviour.damping
-    for more in PROPORTIONS:
-        tried = inside.fit(target.bandwidth, more * weights)
-        if tried is not None and tried.behaviour.damping >= target.damping:
-            return tried
-    return None
+    def in_proportion(self, near: Candidate) -> Candidate | None:
+        """The ω and ζ of another behaviour, in proportion; None where they do not damp as required."""
+        self.start = near.target_frequency * self.target.bandwidth / near.behaviour.bandwidth
+        weights = near.damping_weights * self.target.damping / near.behaviour.damping
+        candidates = (self.fit_damped(more * weights) for more in PROPORTIONS)
+        return next((candidate for candidate in candidates if candidate), None)
 
+    def damped(self) -> Candidate:
+        """The smallest ζ with which every oscillation is damped as required."""
+        damping_weight, below = 0.0, 0.0
+        best: Candidate | None = None
+        while damping_weight <= LARGEST:
+            tried = self.fit(damping_weight)
+            if tried is not None:
+                best = tried if best is None or tried.behaviour.damping > best.behaviour.damping else best
+                if tried.behaviour.damping >= self.target.damping:
+                    return tried if damping_weight == 0.0 else self.bisected(below, tried)
+                below = damping_weight
+            damping_weight = max(SMALLEST, damping_weight * GROWTH)
+        raise _out_of_reach(self.target, best, self.reached)
 
-def _damped(target: TargetBehaviour, inside: _Inside) -> Candidate:
-    """The smallest ζ with which every oscillation is damped as required."""
-    damping_weight, below = 0.0, 0.0
-    best: Candidate | None = None
-    while damping_weight <= LARGEST:
-        tried = inside.fit(target.bandwidth, damping_weight)
-        if tried is not None:
-            best = tried if best is None or tried.behaviour.damping > best.behaviour.damping else best
-            if tried.behaviour.damping >= target.damping:
-                return tried if damping_weight == 0.0 else _least(target, inside, below, tried)
-            below = damping_weight
-        damping_weight = max(SMALLEST, damping_weight * GROWTH)
-    raise _out_of_reach(target, best, inside.reached)
+    def bisected(self, below: float, above: Candidate) -> Candidate:
+        """The smallest ζ between one that does not damp as required and one that does."""
+        for _ in range(HALVINGS):
+            middle = 0.5 * (below + above.damping_weight)
+            tried = self.fit_damped(middle)
+            below, above = (below, tried) if tried else (middle, above)
+        return above
 
+    def lowered(self, best: Candidate) -> Candidate:
+        """The ζ of each joint lowered to what its vibration needs, one after the other, the most damped one first.
 
-def _least(target: TargetBehaviour, inside: _Inside, below: float, above: Candidate) -> Candidate:
-    for _ in range(HALVINGS):
-        tried = inside.fit(target.bandwidth, 0.5 * (below + above.damping_weight))
-        if tried is not None and tried.behaviour.damping >= target.damping:
-            above = tried
-        else:
-            below = 0.5 * (below + above.damping_weight)
-    return above
-
-
-def _each(target: TargetBehaviour, inside: _Inside, best: Candidate) -> Candidate:
-    """The ζ of each joint lowered to what its vibration needs, one after the other, the most damped one first.
-
-    A ζ that other joints need is kept: every oscillation stays damped as required.
-    """
-    for _ in range(ROUNDS):
-        before = best
-        for joint in np.argsort(-best.behaviour.joint_damping):
-            ratio = target.damping / min(best.behaviour.joint_damping[joint], MOST_LOWERED * target.damping)
-            for power in POWERS if ratio < WORTH else ():
-                weights = best.damping_weights.copy()
-                weights[joint] *= ratio**power
-                tried = inside.fit(target.bandwidth, weights)
-                if tried is not None and tried.behaviour.damping >= target.damping:
-                    best = tried
-                    break
-        if best is before:
-            break
-    return best
+        A ζ that other joints need is kept: every oscillation stays damped as required.
+        """
+        required = self.target.damping
+        for _ in range(ROUNDS):
+            before = best
+            for joint in np.argsort(-best.behaviour.joint_damping):
+                ratio = required / min(best.behaviour.joint_damping[joint], MOST_LOWERED * required)
+                for power in POWERS if ratio < WORTH else ():
+                    weights = best.damping_weights.copy()
+                    weights[joint] *= ratio**power
+                    tried = self.fit_damped(weights)
+                    if tried:
+                        best = tried
+                        break
+            if best is before:
+                break
+        return best
 
 
 def _text(values: np.ndarray) -> str:

@@ -1,8 +1,4 @@
-"""The degree of V: several are solved, regions are sampled, and time and residuals are measured.
-
-Which one a design uses is decided in `flexhinf.design.synthesis.degrees`.
-
-Which degree a design uses: the lowest one whose step no higher one makes clearly cheaper.
+"""The degree of V: several are solved; a design uses the lowest one whose step no higher one makes clearly cheaper.
 
 All degrees of a problem have the same linear part, and so the same bandwidth, margins and noise at the motors. They
 differ in a step that is so long that the plant is another one at its start. So the step of the design itself decides,
@@ -18,6 +14,7 @@ The study behind it is `benchmarks/degrees.py`; docs/degrees.md shows what it fo
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -62,7 +59,7 @@ class DegreeChoice:
         Whether the region was sampled; level and step are nan otherwise.
     acting : float
         How much this law would change the input along the step of the lowest degree, over its largest value there (both
-        deviations from the goal's); nan where that was not asked, see `flexhinf.design.synthesis.degrees`.
+        deviations from the goal's); nan where it was not computed.
     cost : float
         ∫|z|² of the step without the integrals; infinite if it diverges, nan if it was not run.
     missed : tuple of str
@@ -71,15 +68,15 @@ class DegreeChoice:
 
     degree: int
     solution: HJISolution
-    level: float
-    step_amplitude: float
-    limit: str
     residual: float
     solve_seconds: float
-    check_seconds: float
-    looked: bool = True
-    acting: float = float("nan")
-    cost: float = float("nan")
+    check_seconds: float = 0.0
+    level: float = math.nan
+    step_amplitude: float = math.nan
+    limit: str = "not sampled"
+    looked: bool = False
+    acting: float = math.nan
+    cost: float = math.nan
     missed: tuple[str, ...] = ()
 
 
@@ -116,21 +113,15 @@ def solve_degrees(
     progress : callable
         Called with what comes next, once per degree.
 
-    Raises
-    ------
-    InfeasibleGamma, InvalidInput
-        As `solve_hji`.
+    Raises `InfeasibleGamma` or `InvalidInput` as `solve_hji`.
     """
-    nothing = float("nan")
     for degree in degrees:
         progress(f"degree {degree}: solve")
         start = time.perf_counter()
         solution = solve_hji(problem, gamma=gamma, degree=degree)
         seconds = time.perf_counter() - start
-        residual = max((record.residual for record in solution.records), default=nothing)
-        yield DegreeChoice(
-            degree, solution, nothing, nothing, "not sampled", residual, seconds, 0.0, looked=False
-        )
+        residual = max((record.residual for record in solution.records), default=math.nan)
+        yield DegreeChoice(degree, solution, residual, seconds)
 
 
 def with_region(
@@ -145,23 +136,16 @@ def with_region(
     penalty : optional
         Of the inequality that is checked; 0.9 times the designed one by default.
 
-    Raises
-    ------
-    InvalidInput
-        As `HJISolution.sampled_region`.
+    Raises `InvalidInput` as `HJISolution.sampled_region`.
     """
     start, solution = time.perf_counter(), choice.solution
     check = solution.sampled_region(gamma=gamma, penalty=penalty, rays=rays, seed=seed)  # type: ignore[arg-type]
     if check is None:
-        margin = solution.checked_margin(gamma, penalty)  # type: ignore[arg-type]
-        level = amplitude = float("nan")
-        limit = f"no region: {margin.reason()}"
+        reason = solution.checked_margin(gamma, penalty).reason()  # type: ignore[arg-type]
+        choice = replace(choice, limit=f"no region: {reason}")
     else:
-        level, amplitude, limit = check.level, check.step_amplitude(), check.limit
-    return replace(
-        choice, level=level, step_amplitude=amplitude, limit=limit, check_seconds=time.perf_counter() - start,
-        looked=True,
-    )  # fmt: skip
+        choice = replace(choice, level=check.level, step_amplitude=check.step_amplitude(), limit=check.limit)
+    return replace(choice, check_seconds=time.perf_counter() - start, looked=True)
 
 
 def try_degrees(
@@ -189,14 +173,7 @@ def try_degrees(
         Of which the ratios are, where it is not the problem's own: that of a robust problem, for all robots within the
         tolerances.
 
-    Yields
-    ------
-    DegreeChoice
-
-    Raises
-    ------
-    InfeasibleGamma, InvalidInput
-        As `solve_hji` and `HJISolution.sampled_region`.
+    Raises `InfeasibleGamma` or `InvalidInput` as `solve_hji` and `HJISolution.sampled_region`.
     """
     gamma_star = smallest_gamma(problem) if gamma_star is None else gamma_star
     for choice in solve_degrees(problem, degrees, gamma_ratio * gamma_star, progress):
@@ -244,18 +221,17 @@ def choose_degree(
         not higher or setup.specification.via
     ):  # with laws at several poses the robot is never far from the nearest one
         return lowest, (lowest, *higher)
-    first = _Trial.of(setup, problem, lowest)
+    first = used = _Trial.of(setup, problem, lowest)
     higher = [replace(choice, acting=first.acting(choice)) for choice in higher]
     if all(choice.acting < ACTING for choice in higher):
         return first.choice, (first.choice, *higher)
-    used, judged = first, [first.choice]
+    judged = [first.choice]
     for choice in higher:
         trial = _Trial.of(setup, problem, choice, first.length)
         if trial.choice.cost < (1.0 - GAIN) * used.choice.cost:
-            trial = replace(
-                trial, choice=replace(trial.choice, missed=tuple(sorted(trial.missed - used.missed)))
-            )
-            used = used if trial.choice.missed else trial
+            missed = tuple(sorted(trial.missed - used.missed))
+            trial = replace(trial, choice=replace(trial.choice, missed=missed))
+            used = used if missed else trial
         judged.append(trial.choice)
     return used.choice, tuple(judged)
 
@@ -309,7 +285,7 @@ class _Trial:
         setup: LoopSetup, problem: GeneralisedPlant, choice: DegreeChoice, length: float | None = None
     ) -> _Trial:
         """The step run with a degree, for `length` seconds; by default as stated, or by the slowest mode."""
-        setup = replace(setup, law=choice.solution, law_at_goal=None)
+        setup = replace(setup, law=choice.solution)
         length = setup.specification.duration if length is None else length
         if length is None:
             rates = np.linalg.eigvals(closed_loop(problem, choice.solution.gain)).real
@@ -333,14 +309,11 @@ class _Trial:
     def _deviations(self) -> np.ndarray:
         """From the goal's equilibrium, with the integrals of the error, (N, n)."""
         run, law, setup = self.step.run, self.choice.solution, self.setup
-        period, few = (
-            setup.specification.period,
-            slice(None, None, max(1, len(self.step.run.time) // INSTANTS)),
-        )
-        wanted = (
-            setup.goal if setup.command is None else np.reshape(setup.command(run.time), (len(run.time), -1))
-        )
-        grown = period * np.cumsum(self.step.positions - wanted, axis=0)
+        few = slice(None, None, max(1, len(run.time) // INSTANTS))
+        wanted = setup.goal
+        if setup.command is not None:
+            wanted = np.reshape(setup.command(run.time), (len(run.time), -1))
+        grown = setup.specification.period * np.cumsum(self.step.positions - wanted, axis=0)
         columns = [run.names["state"].index(name) for name in self.problem.plant.states]
         moved = run.signals["state"][:, columns] - law.operating_point[: len(columns)]
         return np.hstack([moved, setup.departure(law)[len(columns) :] + grown])[few]

@@ -4,7 +4,7 @@ nonlinear loop keeps them.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -15,13 +15,12 @@ from flexhinf.design.estimators import EstimatorNoise
 from flexhinf.design.joint_limits import ROBOT, JointLimits, joint_limits
 from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.monte_carlo import sampled_runs
-from flexhinf.design.problem.presets import DesignProblem, choose
+from flexhinf.design.problem.presets import DesignProblem
 from flexhinf.design.responses import Response, run_length, sample_robots
-from flexhinf.design.specification import TOLERANCE, Specification
+from flexhinf.design.specification import TOLERANCE
 from flexhinf.design.synthesis.degrees import tried_degrees
+from flexhinf.design.synthesis.task import Task
 from flexhinf.errors import FlexhinfError, InvalidInput
-from flexhinf.hinf import solve_hji
-from flexhinf.robot import Robot
 
 #: The bandwidths of joints beyond a limit are lowered by the first factor, to at least the second of what they were;
 #: then all are raised together until the third, relative, is left between kept and not kept.
@@ -38,35 +37,20 @@ SAMPLES = 12
 SLOWEST = 0.4
 
 
-def problem_within_effort(
-    robot: Robot,
-    goal: np.ndarray,
-    start: np.ndarray,
-    s: Specification,
-    problem: DesignProblem,
-    levels: EstimatorNoise | None,
-    progress: Callable[[str], None],
-) -> DesignProblem:
+def problem_within_effort(task: Task, problem: DesignProblem, levels: EstimatorNoise | None) -> DesignProblem:
     """The same problem, or with limits of inputs or speeds that its step exceeds, one of lower bandwidths.
 
     Default bandwidths are lowered until every joint keeps its limits. Those that the specification states are not:
     beyond a limit that it states too it is refused, beyond one of the robot the loop is judged as it is.
 
-    Parameters
-    ----------
-    levels : EstimatorNoise or None
-        R^v of the estimator in these runs; by default what the specification states.
-
-    Raises
-    ------
-    InvalidInput
-        If a limit is not kept: with the best bandwidth found within it.
+    `levels`: R^v of the estimator in these runs; by default what the specification states. Raises `InvalidInput` if a
+    limit is not kept: with the best bandwidth found within it.
     """
-    limits = joint_limits(robot, s)
+    limits, s = joint_limits(task.robot, task.s), task.s
     if not (limits.limits_peak or limits.limits_speed) or problem.target is None:
         return problem
-    progress("the peak input of the step")
-    search = _Search(robot, goal, start, s, levels, limits, problem)
+    task.progress("the peak input of the step")
+    search = _Search(task, levels, limits, problem)
     peaks = search.peaks(problem)
     if not peaks.exceeds(1.0 + TOLERANCE).any():
         return problem
@@ -121,18 +105,10 @@ class _Search:
     """
 
     def __init__(
-        self,
-        robot: Robot,
-        goal: np.ndarray,
-        start: np.ndarray,
-        s: Specification,
-        levels: EstimatorNoise | None,
-        limits: JointLimits,
-        first: DesignProblem,
+        self, task: Task, levels: EstimatorNoise | None, limits: JointLimits, first: DesignProblem
     ) -> None:
-        self.robot, self.goal, self.start, self.s, self.levels = robot, goal, start, s, levels
-        self.limits, self.first = limits, first
-        self.more: tuple[np.ndarray, np.ndarray] = (np.zeros(len(goal)), np.zeros(len(goal)))
+        self.task, self.levels, self.limits, self.first = task, levels, limits, first
+        self.more: tuple[np.ndarray, np.ndarray] = (np.zeros(len(task.goal)), np.zeros(len(task.goal)))
 
     def slower(self, bandwidth: np.ndarray, peaks: _Peaks) -> tuple[DesignProblem | None, np.ndarray]:
         """The problem of large fractions (n,) of the bandwidths (n,) that keeps the limits, and the fractions.
@@ -177,23 +153,22 @@ class _Search:
     @cached_property
     def held(self) -> np.ndarray:
         """Inputs (1 + N, n) that hold the nominal and the sampled robots at the goal."""
-        extras = self.s.extras
-        points = [self.robot.operating_point(self.goal, extras, values) for values in (None, *self.sampled)]
+        robot, extras = self.task.robot, self.task.s.extras
+        points = [robot.operating_point(self.task.goal, extras, values) for values in (None, *self.sampled)]
         return np.array([u for _, u in points])
 
     @cached_property
     def sampled(self) -> tuple[Mapping[str, Any], ...]:
         """Parameters of a few robots within the tolerances; none where none are to be looked at."""
-        if not self.robot.uncertain or self.s.draws == 0:
-            return ()
-        return sample_robots(self.robot, SAMPLES, self.s.seed)
+        robot, s = self.task.robot, self.task.s
+        return sample_robots(robot, SAMPLES, s.seed) if robot.uncertain and s.draws != 0 else ()
 
     def tried(self, bandwidth: np.ndarray) -> tuple[DesignProblem | None, _Peaks]:
         """The problem of bandwidths (n,), None if its step exceeds a limit or there is none; and the expected peaks."""
         try:
             assert self.first.target is not None
-            lower = replace(self.s, bandwidth=bandwidth.tolist(), damping=self.first.target.damping)
-            problem = choose(self.robot, self.goal, self.start, lower, near=self.first)
+            damping = self.first.target.damping
+            problem = self.task.choose(self.first, bandwidth=bandwidth.tolist(), damping=damping)
             peaks = self.nominal_step(problem)[0].plus(self.more)
         except FlexhinfError:
             nothing = np.full(len(bandwidth), np.inf)
@@ -217,22 +192,19 @@ class _Search:
 
     def nominal_step(self, problem: DesignProblem) -> tuple[_Peaks, LoopSetup, Response]:
         """Peaks of the nominal robot, what holds all robots at the goal among them, and the loop and its step."""
-        s = self.s
-        degree = min(tried_degrees(len(problem.problem.state_names), s))
-        law = solve_hji(problem.problem, problem.gamma, degree)
-        free = replace(s, saturation=np.inf)
-        setup = LoopSetup(self.robot, free, law, self.goal, self.start, estimator_noise=self.levels)
+        degree = min(tried_degrees(len(problem.problem.state_names), self.task.s))
+        setup = self.task.solved(problem.problem, problem.gamma, degree, self.levels, saturation=np.inf)
         response = setup.step(self.length(setup, problem))
         if response.diverged_at is not None:
-            nothing = np.full(len(self.goal), np.inf)
+            nothing = np.full(len(self.task.goal), np.inf)
             return _Peaks(nothing, nothing, self.limits), setup, response
         inputs = np.abs(np.concatenate([response.inputs, self.held])).max(axis=0)
         return _Peaks(inputs, np.abs(response.velocities).max(axis=0), self.limits), setup, response
 
     def length(self, setup: LoopSetup, problem: DesignProblem) -> float:
         """How long the step is run, s."""
-        if self.s.duration is not None:
-            return self.s.duration
+        if self.task.s.duration is not None:
+            return self.task.s.duration
         assert problem.target is not None
         return run_length(SLOWEST * float(np.min(problem.target.bandwidth))) + setup.command_time
 

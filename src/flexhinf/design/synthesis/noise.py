@@ -25,8 +25,6 @@ together, those levels are taken that miss them least. A limit that the law itse
 all levels of the families miss, counts only as far as a little short of the best of them, and a damping that is far out
 of reach only as far as `RINGS`, so that no noise is paid for it in vain. The candidates that no other one betters in
 noise, damping and compliance at once are the trade-off that the report shows.
-
-Noise levels that were tried: what each costs, which limits it misses, and the trade-off between all.
 """
 
 from __future__ import annotations
@@ -73,7 +71,7 @@ class NoiseCandidate:
     noises : (m,)
         RMS of each input, V or N·m.
     missed : mapping of str to float
-        ln(figure/limit) of each of `LIMITS` that is missed by more than a requirement allows.
+        ln(metric/limit) of each of `LIMITS` that is missed by more than a requirement allows.
     avoidable : mapping of str to float
         The same beyond what the law fed the true state misses, and every candidate of the families.
     unstable : int or None
@@ -109,9 +107,8 @@ class NoiseCandidate:
         return self._cost(self.missed)
 
     def _cost(self, missed: Mapping[str, float]) -> float:
-        counted = sum(
-            excess * (self.noise_counts if limit == "noise" else 1.0) for limit, excess in missed.items()
-        )
+        counts = {"noise": self.noise_counts}
+        counted = sum(excess * counts.get(limit, 1.0) for limit, excess in missed.items())
         return MISSED_WEIGHT * counted + float(np.log10(np.maximum(self.noises, 1e-300)).mean())
 
     @property
@@ -145,11 +142,11 @@ class NoiseSearch:
 
 def trade_off_of(tried: list[NoiseCandidate]) -> tuple[NoiseCandidate, ...]:
     """The candidates that no other one betters in noise, damping and compliance at once, the quietest first."""
-    figures = np.array([[one.input_noise, -one.damping, one.compliance] for one in tried])
+    metrics = np.array([[each.input_noise, -each.damping, each.compliance] for each in tried])
     kept = []
-    for k, own in enumerate(figures):
-        better = np.all(figures <= own, axis=1) & np.any(figures < own, axis=1)
-        if not better.any() and not any(np.array_equal(own, figures[j]) for j in kept):
+    for k, own in enumerate(metrics):
+        better = np.all(metrics <= own, axis=1) & np.any(metrics < own, axis=1)
+        if not better.any() and not any(np.array_equal(own, metrics[j]) for j in kept):
             kept.append(k)
     return tuple(sorted((tried[k] for k in kept), key=lambda one: one.input_noise))
 
@@ -196,14 +193,8 @@ NEAR = 0.1
 #: Candidates whose corners are looked at where no levels make all of them stable.
 LOOKED = 24
 
-#: A gain margin, and the inverse of a figure, that stand for none.
+#: A gain margin, and the inverse of a metric, that stand for none.
 NOTHING = 1e-9
-
-
-def is_free(setup: LoopSetup) -> bool:
-    """Whether the noise levels are free to choose: no option states them, and a Kalman filter uses them."""
-    s = setup.specification
-    return s.estimator in ("ukf", "ekf") and s.process_noise is None and s.torque_noise is None
 
 
 def search_noise(
@@ -226,9 +217,11 @@ def search_noise(
     Returns
     -------
     NoiseSearch or None
-        None where the levels are not free, the loop has no equilibrium at the goal, or no levels make it stable.
+        None where the levels are stated or no Kalman filter uses them, the loop has no equilibrium at the goal, or no
+        levels make it stable.
     """
-    if not is_free(setup):
+    s = setup.specification
+    if s.estimator not in ("ukf", "ekf") or s.process_noise is not None or s.torque_noise is not None:
         return None
     try:
         search = _Search(setup, damping)
@@ -259,7 +252,14 @@ class _Search:
         self.bandwidth = float(followed.max())
         self.top = COMPLIANT_BAND * self.bandwidth
         self.filtered = FilteredLoop(self.loop, self.bandwidth)
-        self.carrying = [FilteredLoop(loop, self.bandwidth) for loop in self.loaded()]
+        robot = setup.robot
+        self.loaded = [
+            FilteredLoop(
+                setup.equilibrium_loop(values=robot.plant_parameters({**robot.nominal, **masses})),
+                self.bandwidth,
+            )
+            for masses in (payload_ends(robot.uncertain) if damping else ())
+        ]
         self.stiff = law.compliance(self.top)
         self.scales = JointScales.of(setup.model, setup.goal_equilibrium)
         self.unavoidable = self.excess(law.peak_sensitivity, law.gain_margin, law.damping)
@@ -273,9 +273,9 @@ class _Search:
         if not begun:
             return None
         self.leave_out()
-        default = None if default is None else self.counted(default)
-        if default is not None and not default.avoidable and self.with_corners(default).feasible:
-            chosen = self.with_corners(default)
+        default = default and self.counted(default)
+        chosen = self.with_corners(default) if default and not default.avoidable else None
+        if default and chosen and chosen.feasible:
             start = self.place(default.levels)
         else:
             begun.sort(key=lambda one: self.counted(one[0]).score)
@@ -354,42 +354,36 @@ class _Search:
 
     def candidate(self, levels: EstimatorNoise) -> NoiseCandidate | None:
         """The running loop with these levels; None for an unstable one."""
+        process = levels.covariance(self.setup.model.states)
         try:
-            found = self.filtered.margins(levels.covariance(self.setup.model.states))
+            loop = self.filtered.margins(process)
         except FlexhinfError:
             return None
-        if not found.stable:
+        if not loop.stable:
             return None
         assert self.setup.noise is not None
-        compliance, noises = found.compliance(self.top) / self.stiff, found.input_noise(self.setup.noise)
-        noise = float((noises / self.authority).max()) / MOST_NOISE
-        damping = min(found.damping, self.damping_carrying(levels))
+        compliance, noises = loop.compliance(self.top) / self.stiff, loop.input_noise(self.setup.noise)
         missed = self.excess(
-            found.peak_sensitivity, found.gain_margin, damping, compliance / COMPLIANCE, noise
-        )
-        candidate = NoiseCandidate(
-            levels, found.peak_sensitivity, found.gain_margin, found.damping, compliance, noises, missed,
-            missed, noise_counts=LIMITED_COUNTS if np.isfinite(self.setup.limits.effort).any() else NOISE_COUNTS,
+            loop.peak_sensitivity, loop.gain_margin, min(loop.damping, self.damping_loaded(process)),
+            compliance / COMPLIANCE, float((noises / self.authority).max()) / MOST_NOISE,
         )  # fmt: skip
-        candidate = self.counted(candidate)
+        counts = LIMITED_COUNTS if np.isfinite(self.setup.limits.effort).any() else NOISE_COUNTS
+        candidate = self.counted(NoiseCandidate(
+            levels, loop.peak_sensitivity, loop.gain_margin, loop.damping, compliance, noises, missed, missed,
+            noise_counts=counts,
+        ))  # fmt: skip
         self.tried.append(candidate)
         return candidate
 
-    def loaded(self) -> Iterator[EquilibriumLoop]:
-        """The running loop with the payloads at the ends of their ranges, where a damping is required."""
-        robot = self.setup.robot
-        for masses in payload_ends(robot.uncertain) if self.damping else ():
-            yield self.setup.equilibrium_loop(values=robot.plant_parameters({**robot.nominal, **masses}))
-
-    def damping_carrying(self, levels: EstimatorNoise) -> float:
-        """The smallest damping ratio with these payloads, times what is required over `RINGS`: it must not ring."""
-        process, required = levels.covariance(self.setup.model.states), self.damping or 0.0
-        found = [loop.margins(process) for loop in self.carrying]
-        least = min((one.damping if one.stable else 0.0 for one in found), default=np.inf)
-        return least * max(1.0, required / RINGS)
+    def damping_loaded(self, process: np.ndarray) -> float:
+        """The smallest damping ratio with the payloads at the ends of their ranges, times what is required over
+        `RINGS`: it must not ring."""
+        margins = [loop.margins(process) for loop in self.loaded]
+        least = min((each.damping if each.stable else 0.0 for each in margins), default=np.inf)
+        return least * max(1.0, (self.damping or 0.0) / RINGS)
 
     def exact(self, candidate: NoiseCandidate) -> NoiseCandidate:
-        """The candidate with figures of a dense sweep: those that the evaluation of the design has."""
+        """The candidate with metrics of a dense sweep: those that the evaluation of the design has."""
         found = Margins(self.filtered.margins(candidate.levels.covariance(self.setup.model.states)).linear)
         return replace(
             candidate,
@@ -401,7 +395,7 @@ class _Search:
     def excess(
         self, sensitivity: float, gain_margin: float, damping: float, *others: float
     ) -> dict[str, float]:
-        """ln(figure/limit) of each limit that is missed; of the others, compliance and noise, the ratios."""
+        """ln(metric/limit) of each limit that is missed; of the others, compliance and noise, the ratios."""
         s = self.setup.specification
         ratios = (
             sensitivity / s.peak_sensitivity_limit,
@@ -453,28 +447,26 @@ class _Search:
 
     def standing(self, way: list[tuple[NoiseCandidate, np.ndarray]]) -> tuple[NoiseCandidate, np.ndarray]:
         """The last place on the way without unstable corners, found by bisection; else that with the fewest."""
-        last = self.with_corners(way[-1][0])
-        if not last.unstable:
-            return last, way[-1][1]
-        low, high = 0, len(way) - 1
-        looked = [(last.unstable, -high, last, way[-1][1])]
-        while high - low > 0:
-            middle = (low + high) // 2
-            found = self.with_corners(way[middle][0])
-            looked.append((found.unstable or 0, -middle, found, way[middle][1]))
-            low, high = (low, middle) if found.unstable else (middle + 1, high)
-        return min(looked, key=lambda one: one[:2])[2:]
+        low, high, looked = 0, len(way) - 1, []
+
+        def unstable(place: int) -> int:
+            candidate = self.with_corners(way[place][0])
+            looked.append((candidate.unstable or 0, -place, candidate, way[place][1]))
+            return looked[-1][0]
+
+        if unstable(high):
+            while high > low:
+                middle = (low + high) // 2
+                low, high = (low, middle) if unstable(middle) else (middle + 1, high)
+        return min(looked, key=lambda each: each[:2])[2:]
 
     def fewest_unstable(self, chosen: NoiseCandidate) -> NoiseCandidate:
         """Where no levels make every corner stable, the best of some candidates: a share of unstable corners counts as
         a limit that is missed by e to its power."""
-        ordered = sorted((self.counted(one) for one in self.tried), key=lambda one: one.score)
-        spread = ordered[:: max(1, len(ordered) // LOOKED)]
-        looked = [chosen, *(self.with_corners(one) for one in spread)]
-        return min(
-            looked,
-            key=lambda one: one.score + MISSED_WEIGHT * (one.unstable or 0) / max(1, len(self.corners)),
-        )
+        ordered = sorted((self.counted(each) for each in self.tried), key=lambda each: each.score)
+        looked = [chosen, *map(self.with_corners, ordered[:: max(1, len(ordered) // LOOKED)])]
+        count = max(1, len(self.corners))
+        return min(looked, key=lambda each: each.score + MISSED_WEIGHT * (each.unstable or 0) / count)
 
     def with_corners(self, candidate: NoiseCandidate) -> NoiseCandidate:
         """The candidate with its unstable corners of the tolerances."""

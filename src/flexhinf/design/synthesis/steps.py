@@ -11,16 +11,15 @@ import numpy as np
 
 from flexhinf.design.along_move import AlongMove, MarginLimits, scheduled
 from flexhinf.design.design_file import check_stated_units
-from flexhinf.design.estimators import EstimatorNoise, estimator_for, noise_variances, sensor_steps
+from flexhinf.design.estimators import EstimatorNoise, sensor_steps
 from flexhinf.design.joint_limits import ROBOT, JointLimits, integral_dead_zone, joint_limits
-from flexhinf.design.loop_setup import LoopSetup
+from flexhinf.design.loop_setup import LoopPlants, LoopSetup
 from flexhinf.design.plans import stated_move
+from flexhinf.design.problem.channels import tolerance_channels
 from flexhinf.design.problem.presets import (
     DesignProblem,
-    choose,
     preset_of,
     required_damping,
-    tolerance_channels,
 )
 from flexhinf.design.proved_step import LENGTH, ProvedLaw, proved_law
 from flexhinf.design.responses import Plan, start_and_goal
@@ -35,6 +34,7 @@ from flexhinf.design.synthesis.degrees import (
 )
 from flexhinf.design.synthesis.effort_limit import problem_within_effort
 from flexhinf.design.synthesis.noise import NoiseSearch, search_noise
+from flexhinf.design.synthesis.task import Task
 from flexhinf.design.synthesis.whole_loop import Search, WholeLoopSearch, at_pose, search_whole_loop
 from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.hinf import HJISolution, solve_hji
@@ -108,17 +108,13 @@ class Synthesis:
 
     def setup(self, robot: Robot, s: Specification) -> LoopSetup:
         """The loop that the law runs in."""
-        levels = None if self.noise_search is None else self.noise_search.chosen.levels
-        return LoopSetup(robot, s, self.law, self.goal, self.start, self.solution, levels)
+        return Task(robot, s, self.goal, self.start).setup(self.law, _levels(self.noise_search))
 
 
 def synthesise(robot: Robot, s: Specification, progress: Progress) -> Synthesis:
     """Weights, noise levels, every degree, the best of them, and laws at other poses.
 
-    Raises
-    ------
-    InvalidInput, InfeasibleGamma, NotStabilisable, NotDetectable
-        With what to change.
+    Raises `InvalidInput`, `InfeasibleGamma`, `NotStabilisable` or `NotDetectable` with what to change.
     """
     check_stated_units(robot, s)
     move = stated_move(robot, s)
@@ -127,54 +123,40 @@ def synthesise(robot: Robot, s: Specification, progress: Progress) -> Synthesis:
     check_delay(robot, s.delay)
     _refuse_early(robot, s, goal, start)
     steps = _Steps(robot, s, goal, start, progress)
-    made = steps.synthesis()
-    return made if move is None else steps.along(made, move)
+    synthesis = steps.proved() if preset_of(robot, s) == "proved" else steps.synthesis()
+    return synthesis if move is None else steps.along(synthesis, move)
 
 
-@dataclass(frozen=True, eq=False)
-class _Steps:
-    """The steps of one synthesis, and what all of them are about.
+def _levels(noise: NoiseSearch | None) -> EstimatorNoise | None:
+    return None if noise is None else noise.chosen.levels
 
-    Attributes
-    ----------
-    goal, start : (n,)
-        Link positions of the step, rad or m.
-    progress : callable
-        Called with what comes next.
-    """
 
-    robot: Robot
-    s: Specification
-    goal: np.ndarray
-    start: np.ndarray
-    progress: Progress
+class _Steps(Task):
+    """The steps of one synthesis."""
 
     def synthesis(self) -> Synthesis:
         """The law about the goal, or a schedule with the poses that are stated."""
-        found = None
-        if preset_of(self.robot, self.s) == "proved":
-            return self.proved_synthesis()
+        whole = None
         if preset_of(self.robot, self.s) == "robust":
-            problem, noise, found = self.robust_problem()
+            problem, noise, whole = self.robust_problem()
         else:
             problem, noise = self.searched_problem()
         chosen, choices, rays = self.degrees(problem, noise)
-        law = self.law_of(problem, chosen.solution, found)
-        return Synthesis(self.goal, self.start, problem, noise, choices, chosen, rays, law, robust=found)
+        laws = [self.law_at(problem, chosen.degree, pose, whole) for pose in self.s.via]
+        law = Schedule([chosen.solution, *laws]) if laws else chosen.solution
+        return Synthesis(self.goal, self.start, problem, noise, choices, chosen, rays, law, robust=whole)
 
-    def proved_synthesis(self) -> Synthesis:
+    def proved(self) -> Synthesis:
         """The preset proved: the law of the smallest proved γ of the step within the largest input, for all tolerances.
 
         The search is about the law with the true state fed back; noise levels are found for it as for other laws.
         """
-        found = proved_law(self.robot, self.s, self.goal, self.start, self.keeps_effort, self.progress)
-        problem = replace(found.design_problem, preset="proved")
+        proved = proved_law(self.robot, self.s, self.goal, self.start, self.keeps_effort, self.progress)
+        problem, law = replace(proved.design_problem, preset="proved"), proved.solution
         noise = self.noise_search(problem)
-        (solved,) = solve_degrees(problem.problem, (found.solution.degree,), problem.gamma)
-        chosen = replace(solved, solution=found.solution)
-        rays = rays_of(len(problem.problem.state_names), self.s)
-        law = found.solution
-        return Synthesis(self.goal, self.start, problem, noise, (chosen,), chosen, rays, law, proved=found)
+        (solved,) = solve_degrees(problem.problem, (law.degree,), problem.gamma)
+        chosen, rays = replace(solved, solution=law), rays_of(len(law.state_names), self.s)
+        return Synthesis(self.goal, self.start, problem, noise, (chosen,), chosen, rays, law, proved=proved)
 
     def keeps_effort(self, law: ProvedLaw) -> str:
         """ "", or how much input the step of a law takes on the running loop, where that is beyond the limit."""
@@ -182,9 +164,7 @@ class _Steps:
         if not limits.limits_effort:
             return ""
         self.progress("the step on the running loop")
-        noise = self.noise_search(law.design_problem)
-        levels = None if noise is None else noise.chosen.levels
-        setup = LoopSetup(self.robot, self.s, law.solution, self.goal, self.start, estimator_noise=levels)
+        setup = self.setup(law.solution, _levels(self.noise_search(law.design_problem)))
         peak = setup.step(LENGTH / float(np.min(law.bandwidth))).peak_input
         if peak <= (1.0 + TOLERANCE) * limits.effort[0]:
             return ""
@@ -198,49 +178,41 @@ class _Steps:
         The region of the degree that is used is sampled, and those of all degrees that the specification states.
         """
         s, states = self.s, len(problem.problem.state_names)
-        degrees, rays = tried_degrees(states, s), rays_of(states, s)
-        solved = tuple(solve_degrees(problem.problem, degrees, problem.gamma, self.progress))
-        levels = None if noise is None else noise.chosen.levels
-        setup = LoopSetup(self.robot, s, solved[0].solution, self.goal, self.start, estimator_noise=levels)
+        solved = list(solve_degrees(problem.problem, tried_degrees(states, s), problem.gamma, self.progress))
         if len(solved) > 1:
             self.progress("the degree of V: the step with each")
-        chosen, choices = choose_degree(setup, problem.nominal, solved)
-        if not rays:
-            return chosen, choices, rays
-        gamma, penalty = s.checked_gamma_ratio * problem.gamma_star, checked_penalty(s, problem)
-        found = []
-        for choice in choices:
-            if choice is chosen or s.degrees is not None:
-                self.progress(f"degree {choice.degree}: sample the region")
-                choice = with_region(choice, gamma, penalty, rays, s.seed)
-            found.append(choice)
-        return found[choices.index(chosen)], tuple(found), rays
+        chosen, choices = choose_degree(
+            self.setup(solved[0].solution, _levels(noise)), problem.nominal, solved
+        )
+        rays, place, regions = rays_of(states, s), choices.index(chosen), list(choices)
+        if rays:
+            gamma, penalty = s.checked_gamma_ratio * problem.gamma_star, checked_penalty(s, problem)
+            for k, choice in enumerate(choices):
+                if choice is chosen or s.degrees is not None:
+                    self.progress(f"degree {choice.degree}: sample the region")
+                    regions[k] = with_region(choice, gamma, penalty, rays, s.seed)
+        return regions[place], tuple(regions), rays
 
-    def along(self, made: Synthesis, move: Plan) -> Synthesis:
+    def along(self, synthesis: Synthesis, move: Plan) -> Synthesis:
         """The same with the margins along a move, and with laws at poses on it where they do not hold with one."""
         self.progress("margins along the move")
-        target, solution = made.design_problem.target, made.solution
-        damping = None if target is None else required_damping(self.s, target)
-        most = 1.0 + TOLERANCE
+        problem, most = synthesis.design_problem, 1.0 + TOLERANCE
+        damping = None if problem.target is None else required_damping(self.s, problem.target)
         least = MarginLimits(
             most * self.s.peak_sensitivity_limit, self.s.gain_margin_limit / most, damping and damping / most
         )
 
         def another(pose: np.ndarray) -> Law:
-            return self.law_at(made.design_problem, solution.degree, pose, made.robust)
+            return self.law_at(problem, synthesis.solution.degree, pose, synthesis.robust)
 
-        law, along = scheduled(
-            made.setup(self.robot, self.s), move, least, None if self.s.via or made.proved else another
-        )
-        return replace(made, law=law, along=along)
+        more = None if self.s.via or synthesis.proved else another
+        law, along = scheduled(synthesis.setup(self.robot, self.s), move, least, more)
+        return replace(synthesis, law=law, along=along)
 
     def searched_problem(self) -> tuple[DesignProblem, NoiseSearch | None]:
         """The problem within the limits of the running loop and of the joints, and the noise levels for it."""
-        problem, noise = self.affordable(choose(self.robot, self.goal, self.start, self.s))
-        levels = None if noise is None else noise.chosen.levels
-        slower = problem_within_effort(
-            self.robot, self.goal, self.start, self.s, problem, levels, self.progress
-        )
+        problem, noise = self.affordable(self.choose())
+        slower = problem_within_effort(self, problem, _levels(noise))
         return (problem, noise) if slower is problem else (slower, self.noise_search(slower))
 
     def robust_problem(self) -> tuple[DesignProblem, NoiseSearch | None, WholeLoopSearch]:
@@ -250,17 +222,15 @@ class _Steps:
         damped, noise = plain.searched_problem()
         assert damped.target is not None
         self.progress("channels of the tolerances")
-        same = replace(self.s, bandwidth=damped.target.bandwidth.tolist(), damping=damped.target.damping)
-        covered = choose(self.robot, self.goal, self.start, same)
-        levels = None if noise is None else noise.chosen.levels
+        covered = self.choose(bandwidth=damped.target.bandwidth.tolist(), damping=damped.target.damping)
         degree = plain.degrees(damped, noise)[0].degree
-        search = Search(self.robot, self.goal, self.start, self.s, damped, covered, levels, degree)
-        problem, levels, found = search_whole_loop(search, self.progress)
-        if noise is None or levels is None or not found.better:
-            return problem, noise, found
-        setup, damping = self.linear_setup(problem), required_damping(self.s, damped.target)
-        own = search_noise(setup, damping, self.progress, levels)
-        return (damped, noise, replace(found, found=found.damped)) if own is None else (problem, own, found)
+        search = Search(self, damped, covered, _levels(noise), degree)
+        problem, levels, whole = search_whole_loop(search)
+        if noise is None or levels is None or not whole.better:
+            return problem, noise, whole
+        damping = required_damping(self.s, damped.target)
+        own = search_noise(self.linear_setup(problem), damping, self.progress, levels)
+        return (damped, noise, replace(whole, found=whole.damped)) if own is None else (problem, own, whole)
 
     def affordable(self, problem: DesignProblem) -> tuple[DesignProblem, NoiseSearch | None]:
         """The problem with its noise levels; a default bandwidth or damping lowered where no levels keep the limits.
@@ -276,72 +246,55 @@ class _Steps:
             target, missed = problem.target, noise.chosen.missed
             short = max(missed.get("peak sensitivity", 0.0), missed.get("gain margin", 0.0))
             loud = max(missed.get("damping", 0.0), missed.get("noise", 0.0))
-            slower = (
-                1.0
-                if self.s.bandwidth is not None
-                else float(np.clip(np.exp(-BANDWIDTH_POWER * short), 0.6, 1.0))
-            )
-            damping = target.damping
+            slower, damping = 1.0, target.damping
+            if self.s.bandwidth is None:
+                slower = float(np.clip(np.exp(-BANDWIDTH_POWER * short), 0.6, 1.0))
             if self.s.damping is None:
                 damping = max(min(damping, RINGS), damping * float(np.exp(-loud / NOISE_POWER)))
             if slower == 1.0 and damping >= target.damping:
                 break
-            lower = replace(self.s, bandwidth=(slower * target.bandwidth).tolist(), damping=damping)
+            bandwidth = slower * target.bandwidth
             self.progress(
-                f"limits of the running loop missed: weights for {float(slower * target.bandwidth.min()):.3g} rad/s, "
+                f"limits of the running loop missed: weights for {float(bandwidth.min()):.3g} rad/s, "
                 f"damping {damping:.2g}"
             )
             try:
-                problem = choose(self.robot, self.goal, self.start, lower, near=problem)
+                problem = self.choose(problem, bandwidth=bandwidth.tolist(), damping=damping)
             except FlexhinfError:
                 break
             noise = self.noise_search(problem)
-            before = best[1]
-            if (
-                noise is not None
-                and before is not None
-                and noise.chosen.whole_score < before.chosen.whole_score
-            ):
+            if noise and best[1] and noise.chosen.whole_score < best[1].chosen.whole_score:
                 best = problem, noise
         return best
 
     def linear_setup(self, problem: DesignProblem) -> LoopSetup:
         """The loop of the problem's linear law."""
-        law = solve_hji(problem.problem, problem.gamma, 2)
-        return LoopSetup(self.robot, self.s, law, self.goal, self.start)
+        return self.solved(problem.problem, problem.gamma, 2)
 
     def noise_search(self, problem: DesignProblem) -> NoiseSearch | None:
         """Noise levels of the estimator for the problem's linear law; None where they are stated."""
         damping = None if problem.target is None else required_damping(self.s, problem.target)
         return search_noise(self.linear_setup(problem), damping, self.progress)
 
-    def law_of(
-        self, problem: DesignProblem, solution: HJISolution, found: WholeLoopSearch | None = None
-    ) -> Law:
-        """The solution at the goal; with ``via`` a `Schedule` of it and of the same design at each of these poses.
-
-        Preset, behaviour, γ/γ* and degree are the same at all poses; weights are found for each. Penalties that are
-        stated are the same everywhere.
-        """
-        laws = [self.law_at(problem, solution.degree, pose, found) for pose in self.s.via]
-        return Schedule([solution, *laws]) if laws else solution
-
     def law_at(
-        self, problem: DesignProblem, degree: int, pose: Any, found: WholeLoopSearch | None = None
+        self, problem: DesignProblem, degree: int, pose: Any, whole: WholeLoopSearch | None = None
     ) -> HJISolution:
-        """The same design at another pose; of the preset robust, with the same factors on the weights."""
+        """The same design at another pose.
+
+        Preset, behaviour, γ/γ* and degree are the same at all poses; weights are found for each, of the preset robust
+        with the same factors. Penalties that are stated are the same everywhere.
+        """
         self.progress(f"the law at {', '.join(f'{value:.3g}' for value in pose)}")
-        place = self.robot.operating_point(pose)[0][: len(self.start)]
-        bandwidth = None if problem.target is None else problem.target.bandwidth.tolist()
-        damping = self.s.damping
-        if problem.target is not None:
-            damping = min(required_damping(self.s, problem.target), problem.target.damping)
-        same = replace(self.s, bandwidth=bandwidth, damping=damping)
-        there = choose(self.robot, place, self.start, same)
-        if found is not None:
-            damped = choose(self.robot, place, self.start, replace(same, preset="damped"))
-            return solve_hji(*at_pose(there, damped, found), degree)
-        return solve_hji(there.problem, there.gamma, degree)
+        there = replace(self, goal=self.robot.operating_point(pose)[0][: len(self.start)])
+        target = problem.target
+        same: dict[str, Any] = {"bandwidth": None, "damping": self.s.damping}
+        if target is not None:
+            damping = min(required_damping(self.s, target), target.damping)
+            same = {"bandwidth": target.bandwidth.tolist(), "damping": damping}
+        chosen = there.choose(**same)
+        if whole is None:
+            return solve_hji(chosen.problem, chosen.gamma, degree)
+        return solve_hji(*at_pose(chosen, there.choose(**same, preset="damped"), whole), degree)
 
 
 def _refuse_early(robot: Robot, s: Specification, goal: np.ndarray, start: np.ndarray) -> None:
@@ -353,11 +306,7 @@ def _refuse_early(robot: Robot, s: Specification, goal: np.ndarray, start: np.nd
             "another `start` or `pose`",
         )
     robot.plant(s.measured, extras=s.extras)
-    model = robot.plant(s.measured)
-    estimator_for(
-        s.estimator, model, robot.operating_point(goal), robot.operating_point(start)[0], s.period,
-        EstimatorNoise.stated(s).covariance(model.states), noise_variances(model, s.measurement_noise),
-    )  # fmt: skip
+    LoopPlants(robot, s).estimator_at(start, goal, EstimatorNoise.stated(s))
     sensor_steps(robot, s)
     _check_dead_zone(robot, s, np.abs(goal - start))
     limits = joint_limits(robot, s)

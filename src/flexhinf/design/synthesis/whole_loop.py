@@ -1,9 +1,9 @@
 """The preset `robust`: weights and noise levels for the tolerances, searched on the whole loop with its estimator.
 
 The channels of the tolerances see the law alone: with the true state fed back they bound its gain, and with the
-estimator in the loop they may make it worse. So the last word has the loop that runs. From the weights of the preset
-`damped` with its noise levels, and from those whose channels cover all tolerances, factors are searched (the
-scalings of a μ-synthesis, with the fraction of the tolerances that the channels stand for) on
+estimator in the loop they may make it worse. so the final decision uses the closed loop with its estimator. From the
+weights of the preset `damped` with its noise levels, and from those whose channels cover all tolerances, factors are
+searched (the scalings of a μ-synthesis, with the fraction of the tolerances that the channels stand for) on
 
     ω and ζ of all joints, the noise levels of links and of motors, the fraction of the tolerances in the channels
 
@@ -15,13 +15,10 @@ criterion the outcome cannot be worse.
 
 A candidate is looked at on few corners: those that are nearest to instability or overshoot most. One that would be the
 best is looked at on all, and those that it fails on join them.
-
-The preset `robust`: the weights and noise levels that `flexhinf.design.synthesis.whole_loop` finds, as a problem.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -29,21 +26,18 @@ import numpy as np
 
 from flexhinf.analysis import EquilibriumLoop, Margins, ToleranceBox, margins
 from flexhinf.design.estimators import EstimatorNoise
-from flexhinf.design.loop_setup import LoopSetup
+from flexhinf.design.loop_setup import LoopPlants
 from flexhinf.design.monte_carlo import sampled_runs
 from flexhinf.design.problem.presets import (
     ChannelledProblem,
     DesignProblem,
-    ToleranceChannels,
     required_damping,
 )
-from flexhinf.design.problem.weights import Candidate, LinearDesign, SearchResult, behaviour_of
+from flexhinf.design.problem.weights import Candidate, SearchResult, behaviour_of
 from flexhinf.design.responses import run_length
-from flexhinf.design.specification import Specification
+from flexhinf.design.synthesis.task import Task
 from flexhinf.errors import FlexhinfError
-from flexhinf.hinf import solve_hji
 from flexhinf.plant import GeneralisedPlant
-from flexhinf.robot import Robot
 
 #: Most noise of a motor, over that with the preset damped.
 NOISE = 3.0
@@ -104,7 +98,7 @@ class LoopJudgement:
 
 
 @dataclass(frozen=True, eq=False)
-class Made:
+class LoopCandidate:
     """A candidate: what is solved, its noise levels, and where in the search it is."""
 
     problem: GeneralisedPlant
@@ -132,81 +126,70 @@ class Search:
 
     def __init__(
         self,
-        robot: Robot,
-        goal: np.ndarray,
-        start: np.ndarray,
-        s: Specification,
+        task: Task,
         damped: DesignProblem,
         covered: DesignProblem,
         levels: EstimatorNoise | None,
         degree: int,
     ) -> None:
-        self.robot, self.goal, self.start, self.s, self.damped = robot, goal, start, s, damped
         assert damped.search is not None
         assert damped.target is not None
-        assert covered.covering is not None
+        assert covered.channels is not None
         assert covered.search is not None
-        self.covering: ToleranceChannels = covered.covering
-        self.target, self.first = damped.target, damped.search.chosen
-        self.covered, self.levels = covered.search.chosen, levels
+        self.task, self.noise = task, LoopPlants(task.robot, task.s).noise
+        self.damped, self.target, self.first = damped, damped.target, damped.search.chosen
+        self.channels, self.covered = covered.channels, covered.search.chosen
+        self.levels, self.degree, self.count = levels, degree, 0
+        self.own_candidate = LoopCandidate(damped.problem, damped.gamma, levels)
         states = len(damped.problem.state_names)
-        self.degree = degree
         self.most, self.stepping = next((count, few) for most, count, few in CANDIDATES if states <= most)
         self.duration = run_length(SLOWEST * float(np.min(self.target.bandwidth)))
-        self.count = 0
 
     @cached_property
     def box(self) -> ToleranceBox:
         """The corners of the tolerances."""
-        loop = self.loop(Made(self.damped.problem, self.damped.gamma, self.levels))
-        return ToleranceBox.of(loop, self.robot.corner, self.robot.uncertain)
+        return ToleranceBox.of(
+            self.loop(self.own_candidate), self.task.robot.corner, self.task.robot.uncertain
+        )
 
     def edge(self, loop: EquilibriumLoop, which: np.ndarray | None = None) -> tuple[float, int]:
         """Factor of the tolerances at which one of some corners (all by default) is unstable, and which."""
         scale, corner = self.box.edge(loop, which, most=MOST, width=WIDTH)
         return min(scale, MOST), corner
 
-    def named(self, corner: int) -> str:
-        """A corner by its changes; "" for none."""
-        return "" if corner < 0 else self.box.population.describe(corner)
-
     # Candidates -----------------------------------------------------------------------------------------
-    def made(self, x: np.ndarray) -> Made:
+    def made(self, x: np.ndarray) -> LoopCandidate:
         """The candidate of x (5,)."""
         frequency = self.first.target_frequency * np.exp(x[0])
         damping = self.first.damping_weights * np.exp(x[1])
-        problem = self.covering.problem(frequency, damping, self.fraction(x), 1e-4)
+        problem = self.channels.problem(frequency, damping, self.fraction(x), 1e-4)
         levels = self.levels
         if levels is not None:
             links, motors = np.exp(x[2:4]).tolist()
             levels = replace(
                 levels.scaled(links).motors_scaled(motors / links), source="searched on the running loop"
             )
-        return Made(problem.problem, problem.gamma, levels, problem, frequency, damping)
+        return LoopCandidate(problem.problem, problem.gamma, levels, problem, frequency, damping)
 
     def fraction(self, x: np.ndarray) -> float:
         """Of what the channels can cover, of x (5,)."""
         return float(np.clip(x[4], LEAST_FRACTION, 1.0))
 
-    def setup(self, made: Made, degree: int) -> LoopSetup:
-        """The loop of a candidate's law."""
-        law = solve_hji(made.problem, made.gamma, degree)
-        return LoopSetup(self.robot, self.s, law, self.goal, self.start, estimator_noise=made.levels)
-
-    def loop(self, made: Made) -> EquilibriumLoop:
+    def loop(self, made: LoopCandidate) -> EquilibriumLoop:
         """The linear loop at the goal."""
-        return self.setup(made, 2).equilibrium_loop(estimated=self.s.estimator != "none")
+        setup = self.task.solved(made.problem, made.gamma, 2, made.levels)
+        return setup.equilibrium_loop(estimated=self.task.s.estimator != "none")
 
-    def stepped(self, made: Made, which: np.ndarray) -> tuple[np.ndarray, float]:
+    def stepped(self, made: LoopCandidate, which: np.ndarray) -> tuple[np.ndarray, float]:
         """Overshoot (N,) of the step at corners, and the largest share of a limit that a step used."""
-        setup, population = self.setup(made, self.degree), self.box.population
+        setup = self.task.solved(made.problem, made.gamma, self.degree, made.levels)
         duration = self.duration + setup.command_time
         limits = setup.limits
         nominal = setup.step(duration)
         if nominal.diverged_at is not None:
             return np.full(len(which), np.inf), np.inf
         parts = nominal.run.settings["sub_steps"]
-        runs = sampled_runs(setup, [population.values[k] for k in which], duration, parts)
+        runs = sampled_runs(setup, [self.box.population.values[k] for k in which], duration, parts)
         shares = [runs.inputs / limits.peak, runs.speeds / limits.speed]
         return runs.overshoot, float(
             np.max([np.where(np.isfinite(share), share, 0.0).max() for share in shares])
@@ -214,23 +197,17 @@ class Search:
 
     def noises(self, found: Margins) -> np.ndarray:
         """RMS of each input (m,)."""
-        noise = self.own_setup.noise
-        if noise is None:
+        if self.noise is None:
             return np.zeros(len(found.noise_to_input))
-        return np.linalg.norm(found.noise_to_input * noise, axis=1)
-
-    @cached_property
-    def own_setup(self) -> LoopSetup:
-        """The loop of `damped`."""
-        return self.setup(Made(self.damped.problem, self.damped.gamma, self.levels), 2)
+        return np.linalg.norm(found.noise_to_input * self.noise, axis=1)
 
     # The search -----------------------------------------------------------------------------------------
-    def run(self) -> tuple[Made, LoopJudgement, np.ndarray]:
+    def run(self) -> tuple[LoopCandidate, LoopJudgement, np.ndarray]:
         """The best candidate that keeps all conditions, what it comes to, and its x."""
         from scipy.optimize import minimize
 
         self.begin()
-        starts = [np.array([0.0, 0.0, 0.0, 0.0, LEAST_FRACTION]), self.covering_start()]
+        starts = [np.array([0.0, 0.0, 0.0, 0.0, LEAST_FRACTION]), self.channelled_start()]
         free = np.array([True, True, *(2 * [self.levels is not None]), True])
         costs = [self.cost(x) for x in starts]
         x = starts[int(np.argmin(costs))].copy()
@@ -250,8 +227,8 @@ class Search:
 
     def begin(self) -> None:
         """What `damped` comes to, and the corners that are looked at."""
-        made = Made(self.damped.problem, self.damped.gamma, self.levels)
-        loop, every = self.loop(made), np.arange(len(self.box))
+        made, every = self.own_candidate, np.arange(len(self.box))
+        loop = self.loop(made)
         scale, corner = self.edge(loop)
         nearest = self.box.unstable(loop, 1.1 * scale)[:NEAREST] if corner >= 0 else every[:0]
         places = every if len(every) <= STEPPED else np.linspace(0, len(every) - 1, STEPPED).astype(int)
@@ -262,11 +239,11 @@ class Search:
         self.active = np.unique(np.concatenate([nearest, worst[:JOIN]]))
         found = margins(loop)
         self.own = LoopJudgement(scale, corner, float(overshoots.max()), found, self.noises(found), used)
-        self.kept: list[tuple[float, Made, LoopJudgement, np.ndarray]] = [
-            (0.0, made, self.own, np.array([0.0, 0.0, 0.0, 0.0, 0.0]))
+        self.kept: list[tuple[float, LoopCandidate, LoopJudgement, np.ndarray]] = [
+            (0.0, made, self.own, np.zeros(5))
         ]
 
-    def covering_start(self) -> np.ndarray:
+    def channelled_start(self) -> np.ndarray:
         """x of the weights whose channels cover the tolerances."""
         frequency = np.log(self.covered.target_frequency / self.first.target_frequency).mean()
         ratio = np.maximum(self.covered.damping_weights, 1e-3) / np.maximum(self.first.damping_weights, 1e-3)
@@ -303,8 +280,8 @@ class Search:
         return float(gained + MISSED * missed)
 
     def missed(self, found: Margins) -> float:
-        """Sum of ln(figure/limit) of the linear conditions that are missed, and missed by more than with `damped`."""
-        own, s = self.own.margins, self.s
+        """Sum of ln(metric/limit) of the linear conditions that are missed, and missed by more than with `damped`."""
+        own, s = self.own.margins, self.task.s
         damping = required_damping(s, self.target)
         noises = self.noises(found) / (NOISE * np.maximum(self.own.noises, 1e-300))
         bandwidth = np.minimum(self.target.bandwidth, np.nan_to_num(own.bandwidth))
@@ -332,7 +309,7 @@ class Search:
         scale, corner = self.edge(loop, beyond)
         return replace(judged, scale=scale, corner=corner)
 
-    def confirmed(self) -> tuple[Made, LoopJudgement, np.ndarray]:
+    def confirmed(self) -> tuple[LoopCandidate, LoopJudgement, np.ndarray]:
         """The best candidate that overshoots clearly less than `damped` at all corners at which that stepped; else the
         best that does not overshoot more; else `damped`."""
         second = None
@@ -386,25 +363,28 @@ class WholeLoopSearch:
 
 
 def search_whole_loop(
-    found: Search, progress: Callable[[str], None] = lambda text: None
+    search: Search,
 ) -> tuple[DesignProblem, EstimatorNoise | None, WholeLoopSearch]:
-    """The problem of the preset robust, its noise levels, and how they were found: runs a search."""
-    damped, levels = found.damped, found.levels
-    best, judged, point = found.run()
-    progress(f"weights and noise levels for the tolerances: {found.count} loops tried")
-    assert damped.target is not None
+    """The problem of the preset robust, its noise levels, and how they were found."""
+    best, judged, point = search.run()
+    search.task.progress(f"weights and noise levels for the tolerances: {search.count} loops tried")
     factors = dict(zip(("frequency", "damping", "links", "motors"), np.exp(point[:4]).tolist()))
     outcome = WholeLoopSearch(
-        found.own, judged, **factors, fraction=found.fraction(point), count=found.count,
-        corner=found.named(judged.corner),
+        search.own, judged, **factors, fraction=search.fraction(point), count=search.count,
+        corner="" if judged.corner < 0 else search.box.population.describe(judged.corner),
     )  # fmt: skip
-    if best.channelled is None:
-        return replace(damped, preset="robust"), levels, outcome
-    return (
-        best.channelled.checked(damped.target, _chosen(damped, best), _source(outcome)),
-        best.levels,
-        outcome,
+    problem = best.channelled
+    if problem is None:
+        return replace(search.damped, preset="robust"), search.levels, outcome
+    behaviour = behaviour_of(search.channels.family, problem.design.gain)
+    chosen = Candidate(best.frequency, best.damping, problem.design, behaviour)
+    assert search.damped.search is not None
+    result = SearchResult(chosen, (*search.damped.search.candidates, chosen))
+    source = (
+        f"searched on the running loop: its corners are stable up to {judged.scale:.3g} times the tolerances, "
+        f"{search.own.scale:.3g} with the preset damped"
     )
+    return problem.checked(search.target, result, source), best.levels, outcome
 
 
 def at_pose(
@@ -412,35 +392,14 @@ def at_pose(
 ) -> tuple[GeneralisedPlant, float]:
     """The problem, and its level, of the same factors at another pose.
 
-    Parameters
-    ----------
-    covered, damped : DesignProblem
-        There, as of `search_whole_loop`.
+    `covered`, `damped`: there, as of `search_whole_loop`.
     """
     if not found.better:
         return damped.problem, damped.gamma
-    assert covered.covering is not None
+    assert covered.channels is not None
     assert damped.search is not None
     first = damped.search.chosen
-    made = covered.covering.problem(
+    problem = covered.channels.problem(
         found.frequency * first.target_frequency, found.damping * first.damping_weights, found.fraction
     )
-    return made.problem, made.gamma
-
-
-def _chosen(damped: DesignProblem, best: Made) -> SearchResult:
-    """The candidates of `damped`, and the one that the search on the whole loop took."""
-    found, made = damped.search, best.channelled
-    assert found is not None
-    assert made is not None
-    p = made.linear.scaled(made.gamma, made.scalings).design(made.gamma, made.gamma_star).p
-    design = LinearDesign(made.gain, p, made.gamma, made.gamma_star)
-    one = Candidate(best.frequency, best.damping, design, behaviour_of(made.covering.family, made.gain))
-    return SearchResult(one, (*found.candidates, one))
-
-
-def _source(outcome: WholeLoopSearch) -> str:
-    return (
-        f"searched on the running loop: its corners are stable up to {outcome.found.scale:.3g} times the tolerances, "
-        f"{outcome.damped.scale:.3g} with the preset damped"
-    )
+    return problem.problem, problem.gamma

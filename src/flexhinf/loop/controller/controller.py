@@ -1,17 +1,18 @@
-"""A sampled controller: the shell around `controller_step` that compiles it and remembers."""
+"""A sampled controller: `controller_step` compiled, on a memory of its own, one thread at a time."""
 
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from flexhinf.codegen import DIRECT, Block, Buffer, Call, Composer, Slice
+from flexhinf.codegen import DIRECT, Block, Buffer, Call, Composer, Slice, compile_program
 from flexhinf.codegen.program import Step
-from flexhinf.errors import InvalidInput
-from flexhinf.loop.controller.memory import Layout, data_layout, data_values, memory_layout
+from flexhinf.errors import ControllerInUse, InvalidInput
+from flexhinf.loop.controller.memory import Layout, StateHistory, filler, step_failure, step_program
 from flexhinf.loop.controller.options import (
     Limits,
     Mode,
@@ -22,14 +23,13 @@ from flexhinf.loop.controller.options import (
     command_limits,
     dead_zone,
 )
-from flexhinf.loop.controller.running import Running
-from flexhinf.loop.controller.schedule import STEPS, Schedule, fade_time
+from flexhinf.loop.controller.schedule import STEPS, Schedule, blend_time, inverse_slope
 from flexhinf.loop.controller.start import FirstInput, Windup
 from flexhinf.loop.controller.step import LawCode, controller_step
 from flexhinf.loop.controller.storage import read_controller, write_controller
 from flexhinf.loop.shared import share
-from flexhinf.notebook import names_text, number_text
-from flexhinf.plant import Estimator, Law
+from flexhinf.notebook import Summarised, names_text, number_text
+from flexhinf.plant import Estimator, Law, python_control
 from flexhinf.scalars import drop_empty, trace
 from flexhinf.validation import value_text
 
@@ -39,8 +39,11 @@ ONE_TRACE = 5_000
 
 READ, WRITTEN = ("y", "r", "memory", "data"), ("u", "estimate", "after")
 
+#: A compiled step on arrays: run it, fill y, fill r, and copy u.
+Bound = tuple[Callable[[], int], Callable[[Any], None], Callable[[Any], None], Callable[[], np.ndarray]]
 
-class Controller(Running):
+
+class Controller(Summarised):
     """A sampled controller: measurement and command in, input out.
 
     Parameters
@@ -126,11 +129,13 @@ class Controller(Running):
             self.integral_dead_zone is not None, bool(self.tracked) and bool(np.isfinite(self.windup.limit).any()),
         )  # fmt: skip
         self.first_input = FirstInput(before_first, solution, estimator, self.limits)
-        self.given_fade, self.fade = fade, fade_time(fade, self.mode)
+        self.given_fade, self.fade = fade, blend_time(fade, self.mode)
         self.measured = self.states if estimator is None else tuple(estimator.plant.outputs)
         self._places = np.array([self.states.index(name) for name in self.tracked], dtype=int)
         self._sources = [Source.of(name, self.states, self.measured) for name in self.tracked]
-        self._begin(len(self.commanded), len(self.states))
+        history = self.initial_memory(), self.memory.places["reference"], len(self.states)
+        self._remembered = StateHistory(*history)
+        self._ready: Any = ()
 
     def fresh(self) -> Controller:
         """The same controller with a memory of its own, as at the start."""
@@ -172,13 +177,26 @@ class Controller(Running):
         write_controller(path, self.law, self.estimator, self.period, self._options)
 
     def to_control(self) -> Any:
-        """As a sampled system of python-control (``nlsys`` with ``dt``): measurements and commands in, inputs out.
+        """As a sampled system of python-control (``nlsys`` with ``dt``): measurements ``y_…`` and commands ``r_…`` in,
+        inputs out; u of a sample depends on y of the same one.
 
-        Its state is what the controller remembers. Needs the extra ``control``.
+        Its states are the numbers that the controller remembers; `initial_memory` is where it starts. Needs the extra
+        ``control``.
         """
-        from flexhinf.loop.controller.running import controller_to_control
+        measured = len(self.measured)
+        return python_control().nlsys(
+            lambda t, memory, v, params: self.evaluate(v[:measured], v[measured:], memory)[1],
+            lambda t, memory, v, params: self.evaluate(v[:measured], v[measured:], memory)[0],
+            inputs=[*(f"y_{name}" for name in self.measured), *(f"r_{name}" for name in self.commanded)],
+            outputs=list(self.law.input_names),
+            states=[f"memory[{k}]" for k in range(self.memory.size)],
+            dt=self.period,
+        )
 
-        return controller_to_control(self)
+    def evaluate(self, y: Any, r: Any, memory: Any) -> tuple[np.ndarray, np.ndarray]:
+        """Input (m,) and next memory (s,) of one sample; nothing is remembered."""
+        u, _, after = self.traced(y, r, memory, self.data_vector)
+        return np.ravel(np.asarray(u, dtype=float)), np.ravel(np.asarray(after, dtype=float))
 
     def summary(self) -> dict[str, str]:
         """Law, estimator, period, limits, and what is measured and commanded."""
@@ -220,35 +238,65 @@ class Controller(Running):
             return self.tracked
         return tuple(name for name in self.measured if name in self.states) or self.states[:1]
 
-    # Layout: what is data and what is remembered --------------------------------------------------
+    # What is data and what is remembered ------------------------------------------------------------
     @cached_property
     def memory(self) -> Layout:
         """What is remembered from one step to the next."""
-        sizes = (len(self.law.input_names), len(self.tracked), len(self.commanded))
-        return memory_layout(self.estimator, self.mode, *sizes)
+        return Layout.of(self._initial_values())
 
     @cached_property
     def data(self) -> Layout:
         """Numbers the step is made of: changing them compiles nothing."""
-        return data_layout(self.law_code, self.estimator, self.mode, len(self.tracked))
+        return Layout.of(self._data_values)
 
     @cached_property
     def data_vector(self) -> np.ndarray:
         """The numbers themselves, flat."""
-        codes = [LawCode(law, self.composed) for law in self.laws]
-        limits = self.limits, self.command_limits
-        values = data_values(codes, self.estimator, self.mode, len(self.tracked), *limits)
-        values["period"] = self.period
-        values["integral_dead_zone"] = self.integral_dead_zone
-        if self.mode.bounds_windup:
-            values |= {f"windup_{name}": part for name, part in vars(self.windup).items()}
-        if self.mode.takes_over:
-            values["decay"] = np.exp(-self.period / self.fade)
-        if isinstance(self.law, Schedule):
-            values["closer"] = 1.0 - self.law.hysteresis
-        vector = self.data.flat({name: values[name] for name in self.data.parts})
+        vector = self.data.flat(self._data_values)
         vector.setflags(write=False)
         return vector
+
+    @cached_property
+    def _data_values(self) -> dict[str, np.ndarray]:
+        """The numbers of laws, limits and estimator by name; those of several laws in rows."""
+        laws, mode, limits, command, estimator = (
+            self.laws, self.mode, self.limits, self.command_limits, self.estimator,
+        )  # fmt: skip
+        codes = [LawCode(law, self.composed) for law in laws]
+
+        def rows(parts: list[Any]) -> np.ndarray:
+            return np.stack(parts) if mode.laws > 1 else np.asarray(parts[0])
+
+        gains = [code.slope[:, len(self.states) :] for code in codes]
+        values: dict[str, Any] = {
+            "period": [self.period], "law": np.concatenate([code.data for code in codes]),
+            "operating_point": rows([law.operating_point for law in laws]),
+            "operating_input": rows([law.operating_input for law in laws]),
+            "lower": limits.lower, "upper": limits.upper, "integral_gain": rows(gains),
+        }  # fmt: skip
+        if estimator is not None:
+            values["parameters"] = estimator.plant.parameters.vector()
+            values["process_noise"] = estimator.process_noise
+            values["measurement_noise"] = estimator.measurement_noise
+        if mode.takes_over:
+            values["inverse_slope"] = rows([inverse_slope(gain) for gain in gains])
+            values["decay"] = [np.exp(-self.period / self.fade)]
+        if isinstance(self.law, Schedule):
+            values |= {"closer": [1.0 - self.law.hysteresis]} if mode.laws > 1 else {}
+        if mode.limits_input_rate:
+            values["input_rate"] = limits.rate
+        if mode.limits_command:
+            values |= {
+                "command_lower": command.lower, "command_upper": command.upper, "command_rate": command.rate
+            }  # fmt: skip
+        if mode.has_dead_zone:
+            values["integral_dead_zone"] = self.integral_dead_zone
+        if mode.bounds_windup:
+            windup = self.windup
+            values |= {
+                "windup_line": windup.line, "windup_spread": windup.spread, "windup_limit": windup.limit
+            }  # fmt: skip
+        return {name: np.asarray(value) for name, value in values.items()}
 
     @property
     def operating_reference(self) -> np.ndarray:
@@ -275,15 +323,19 @@ class Controller(Running):
                 f"expected state=None, got {value_text(state)}",
                 "reset(); the state of the plant is the loop's initial_state",
             )
-        k = len(self.tracked)
-        values: dict[str, Any] = {"u": self.input_before(input, state), "started": 0.0}
-        values |= {"bias": 0.0, "active": np.eye(self.mode.laws)[0]}
-        values |= {name: np.zeros(k) for name in ("integral", "position", "command")}
-        values["reference"] = self.operating_reference
+        return self.memory.flat(self._initial_values(state, input))
+
+    def _initial_values(self, state: Any = None, input: Any = None) -> dict[str, Any]:
+        zeros, values = np.zeros(len(self.tracked)), {}
         if self.estimator is not None:
             initial = self.estimator.initial
             values["belief"] = list(initial if state is None else self.estimator.initial_at(state))
-        return self.memory.flat({name: values[name] for name in self.memory.parts})
+        u = self.input_before(input, state)
+        values |= {"u": u, "integral": zeros, "position": zeros, "reference": self.operating_reference}
+        values["started"] = np.zeros(1)
+        values |= {"bias": np.zeros(len(u))} if self.mode.takes_over else {}
+        values |= {"active": np.eye(self.mode.laws)[0]} if self.mode.laws > 1 else {}
+        return values | ({"command": zeros} if self.mode.limits_command else {})
 
     # Code -----------------------------------------------------------------------------------------
     @cached_property
@@ -365,6 +417,133 @@ class Controller(Running):
             run.copy(part, target[place])
         return tuple(run.body), run.buffers
 
+    @cached_property
+    def _predicted_step(self) -> Bound:
+        """The step without a measurement: compiled when it is first asked for."""
+        if self.estimator is None:
+            raise InvalidInput(
+                "There is nothing to predict with: this controller feeds back the true state.",
+                "expected the state, got None",
+                "hold the last input for this sample, or a controller with an estimator",
+            )
+        return self._bound(measured=False)
+
+    def _bound(self, measured: bool) -> Bound:
+        """The compiled step on this controller's memory."""
+        y, u, now = np.zeros(len(self.measured)), np.zeros(len(self.law.input_names)), self._remembered
+        arrays = {"y": y} if measured else {}
+        arrays |= {"r": now.reference, "data": self.data_vector.copy(), "memory": now.memory}
+        arrays |= {"u": u, "estimate": now.estimate}
+        sizes = {name: array.size for name, array in arrays.items()}
+        kernel = share(
+            ("step", measured, self.code_key),
+            lambda: compile_program(step_program(sizes, bool(self.commanded), self.steps)),
+        )
+        fill, fill_reference = (
+            filler(y) if measured else _ignored,
+            filler(now.reference[: len(self.commanded)]),
+        )
+        # What is one trace takes less than the threads' exchange of the interpreter's lock would.
+        return kernel.bind(arrays, {}, short=not self.composed), fill, fill_reference, u.copy
+
+    # The step -------------------------------------------------------------------------------------
+    def step(self, y: Any, reference: Any = None) -> np.ndarray:
+        """Input u (m,) for the measurement y (p,) and the command (k,), or (n + m,) of a moving reference.
+
+        A plain number will do for one signal. Without a command the last one is kept (that of the operating
+        point at first).
+
+        A step is made whole or not at all: where it raises, memory and estimate stay those of the last good sample.
+        ``step(None)`` is a sample without a measurement, or one whose measurement was refused: the estimate is the
+        prediction x(k|k−1), uncorrected; its covariance grows by R^v at every such sample; the integrals go on with
+        the predicted positions in place of measured ones, under the same anti-windup; the input is the law's for
+        this estimate. The next measurement corrects all of that as usual. Before the first good measurement it changes
+        nothing, whatever the command, and gives the input before the first sample, see `reset`. (The first
+        ``step(None)`` compiles code of its own; make one before real time begins.) Where a step fails twice in a row,
+        the memory itself is bad, and an earlier one takes its place: see `flexhinf.loop.controller.memory`.
+
+        Raises
+        ------
+        NumericalFailure
+            If y or the command is not finite, or the estimate or the input would not be.
+        InvalidInput
+            If y or the command does not have the right size; y is None, and there is no estimator.
+        ControllerInUse
+            If another thread is inside a step of this controller.
+        """
+        ready = self._ready or self._prepared()
+        self._ready = None  # no other thread was let in since: Python changes threads at calls only
+        try:
+            measured, remembered = y is not None, self._remembered
+            run, fill_measurement, fill_reference, copy_of_input = ready if measured else self._predicted_step
+            if remembered.waiting and not measured:
+                return remembered.memory[self.memory.places["u"]].copy()
+            try:
+                fill_measurement(y)
+                if reference is not None:
+                    fill_reference(reference)
+            except (ValueError, TypeError, OverflowError) as error:
+                remembered.hold_command()
+                raise self._misfit(y, reference) from error
+            code = run()
+            if code:
+                raise step_failure(code, remembered.fail(code), y, reference)
+            remembered.good(measured)
+            return copy_of_input()
+        finally:
+            self._ready = ready
+
+    def _prepared(self) -> Bound:
+        """The compiled step before the first sample; between samples it is at hand, inside a step it is not."""
+        if self._ready is None:
+            raise ControllerInUse
+        self._ready = None
+        try:
+            return self._bound(measured=True)
+        finally:
+            self._ready = ()
+
+    @property
+    def estimate(self) -> np.ndarray:
+        """x(k|k) of the last step, (n,); NaN before the first good measurement."""
+        return self._remembered.estimate.copy()
+
+    @property
+    def integrals(self) -> np.ndarray:
+        """Integrals of the tracking errors after the last step, (k,)."""
+        return self._memory[self.memory.places["integral"]].copy()
+
+    def reset(self, state: Any = None, input: Any = None) -> None:
+        """Forget: integrals zero, no command, belief initial, with the mean at `state` (n,) if given.
+
+        The input before the first sample is `input` (m,), by default the one that holds the robot where it starts, or
+        zero with ``before_first="zero"``, see `Controller`: it is the output until there is a good measurement, the
+        estimator's first step sees it, and a law with ``start="bumpless"`` continues from it.
+
+        Raises
+        ------
+        InvalidInput
+            If state or input do not fit, or there is no estimator that could take the state.
+        ControllerInUse
+            If another thread is inside a step of this controller.
+        """
+        if self._ready is None:
+            raise ControllerInUse
+        self._remembered.begin(self.initial_memory(state, input))
+
+    @property
+    def _memory(self) -> np.ndarray:
+        """The memory of the last good sample, (s,): not a copy."""
+        return self._remembered.memory
+
+    def _misfit(self, y: Any, reference: Any) -> InvalidInput:
+        return InvalidInput(
+            "The measurement or the command does not fit.",
+            f"expected one measurement for each of {list(self.measured)} and one command for each of "
+            f"{list(self.commanded)}, got y={value_text(y)}, reference={value_text(reference)}",
+            "arrays of these lengths, or plain numbers for one signal",
+        )
+
     # Copies and pickles ---------------------------------------------------------------------------
     def __getstate__(self) -> dict[str, Any]:
         """What the controller is made of, and what it remembers: a copy goes on from there, with memory of its own."""
@@ -377,6 +556,10 @@ class Controller(Running):
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__init__(**state["arguments"])
         self._remembered.restore(state["remembered"])
+
+
+def _ignored(value: Any) -> None:
+    """The measurement of a step without one."""
 
 
 def load_controller(path: str | os.PathLike[str]) -> Controller:

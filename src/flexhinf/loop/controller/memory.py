@@ -17,6 +17,8 @@ the input before the first sample (`Controller.input_before`).
 
 from __future__ import annotations
 
+import copy
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -28,10 +30,6 @@ import numpy as np
 from flexhinf.codegen import Buffer, Copy, Guard, Program, Slice
 from flexhinf.codegen.program import Step
 from flexhinf.errors import InvalidInput, NumericalFailure
-from flexhinf.loop.controller.options import Limits, Mode
-from flexhinf.loop.controller.schedule import inverse_slope
-from flexhinf.loop.controller.step import LawCode
-from flexhinf.plant import Estimator
 from flexhinf.validation import real_array, value_text
 
 Shape = tuple[int, ...]
@@ -39,53 +37,56 @@ Shape = tuple[int, ...]
 
 @dataclass(frozen=True)
 class Layout:
-    """Shapes by name; a list of shapes for a part that is a tuple of arrays.
-
-    Parameters
-    ----------
-    parts : mapping of str to shape or list of shapes
-        In the order of the vector.
-    """
+    """Shapes of the named parts of a flat vector, in its order; a list of shapes for a tuple of arrays."""
 
     parts: Mapping[str, Shape | list[Shape]]
 
+    @staticmethod
+    def of(values: Mapping[str, Any]) -> Layout:
+        """Of arrays by name."""
+        return Layout({
+            name: [np.shape(one) for one in value] if isinstance(value, list) else np.shape(value)
+            for name, value in values.items()
+        })  # fmt: skip
+
     @cached_property
+    def _arrays(self) -> list[tuple[str, Shape, slice]]:
+        """Of each array its part, its shape, and its place in the vector."""
+        arrays, start = [], 0
+        for name, part in self.parts.items():
+            for shape in part if isinstance(part, list) else [part]:
+                stop = start + math.prod(shape)
+                arrays.append((name, shape, slice(start, stop)))
+                start = stop
+        return arrays
+
+    @property
     def size(self) -> int:
         """Length of the vector."""
-        return sum(int(np.prod(shape, dtype=int)) for part in self.parts.values() for shape in _shapes(part))
+        return self._arrays[-1][2].stop
 
     @cached_property
     def places(self) -> dict[str, slice]:
         """Where each part lies in the vector."""
-        places, start = {}, 0
-        for name, part in self.parts.items():
-            size = sum(int(np.prod(shape, dtype=int)) for shape in _shapes(part))
-            places[name] = slice(start, start + size)
-            start += size
+        places: dict[str, slice] = {}
+        for name, _, place in self._arrays:
+            places[name] = slice(places.get(name, place).start, place.stop)
         return places
 
     def named(self, vector: Any) -> SimpleNamespace:
         """The parts of a vector (size,) by name."""
-        start, named = 0, {}
-        for name, part in self.parts.items():
-            arrays = []
-            for shape in _shapes(part):
-                length = int(np.prod(shape, dtype=int))
-                arrays.append(vector[start : start + length].reshape(shape))
-                start += length
-            named[name] = tuple(arrays) if isinstance(part, list) else arrays[0]
+        named: dict[str, Any] = {}
+        for name, shape, place in self._arrays:
+            array = vector[place.start : place.stop].reshape(shape)
+            named[name] = (*named.get(name, ()), array) if isinstance(self.parts[name], list) else array
         return SimpleNamespace(**named)
 
     def pairs(self, values: Mapping[str, Any]) -> list[tuple[Any, slice]]:
         """Every array of named parts, and its place in the vector."""
-        pairs, start = [], 0
+        arrays: list[Any] = []
         for name, part in self.parts.items():
-            arrays = values[name] if isinstance(part, list) else [values[name]]
-            for shape, array in zip(_shapes(part), arrays, strict=True):
-                size = int(np.prod(shape, dtype=int))
-                pairs.append((array, slice(start, start + size)))
-                start += size
-        return pairs
+            arrays += values[name] if isinstance(part, list) else [values[name]]
+        return [(array, place) for array, (_, _, place) in zip(arrays, self._arrays, strict=True)]
 
     def flat(self, values: Mapping[str, Any]) -> np.ndarray:
         """The vector (size,) of named parts; a plain number fills its part.
@@ -96,96 +97,15 @@ class Layout:
             If an array has another shape than its part.
         """
         flat = []
-        for name, part in self.parts.items():
-            arrays = values[name] if isinstance(part, list) else [values[name]]
-            for shape, array in zip(_shapes(part), arrays, strict=True):
-                if np.shape(array) not in ((), shape):
-                    raise InvalidInput(
-                        f"The array {name!r} has the wrong shape.",
-                        f"expected {shape}, got {np.shape(array)}",
-                        "one element for each place",
-                    )
-                flat.append(np.broadcast_to(np.asarray(array), shape).ravel())
+        for (name, shape, _), (array, _) in zip(self._arrays, self.pairs(values)):
+            if np.shape(array) not in ((), shape):
+                raise InvalidInput(
+                    f"The array {name!r} has the wrong shape.",
+                    f"expected {shape}, got {np.shape(array)}",
+                    "one element for each place",
+                )
+            flat.append(np.broadcast_to(np.asarray(array), shape).ravel())
         return np.concatenate(flat)
-
-
-def _shapes(part: Any) -> list[Shape]:
-    return part if isinstance(part, list) else [part]
-
-
-def memory_layout(
-    estimator: Estimator | None, mode: Mode, inputs: int, tracked: int, commanded: int
-) -> Layout:
-    """What is remembered from one step to the next."""
-    k = tracked
-    parts: dict[str, Any] = {}
-    if estimator is not None:
-        parts["belief"] = [np.shape(part) for part in estimator.initial]
-    parts |= {"u": (inputs,), "integral": (k,), "position": (k,), "reference": (commanded,), "started": (1,)}
-    if mode.takes_over:
-        parts["bias"] = (inputs,)
-    if mode.laws > 1:
-        parts["active"] = (mode.laws,)
-    if mode.limits_command:
-        parts["command"] = (k,)
-    return Layout(parts)
-
-
-def data_layout(code: LawCode, estimator: Estimator | None, mode: Mode, tracked: int) -> Layout:
-    """Numbers the step is made of: changing them compiles nothing; those of several laws in rows."""
-    n, m, k = len(code.law.state_names), len(code.law.input_names), tracked
-    several = (mode.laws,) if mode.laws > 1 else ()
-    parts: dict[str, Any] = {"period": (1,), "law": (mode.laws * code.data.size,)}
-    parts |= {"operating_point": (*several, n), "operating_input": (*several, m)}
-    parts |= {"lower": (m,), "upper": (m,), "integral_gain": (*several, m, k)}
-    if estimator is not None:
-        size, p = estimator.plant.n, len(estimator.plant.outputs)
-        parts |= {"parameters": (estimator.plant.parameters.size,)}
-        parts |= {"process_noise": (size, size), "measurement_noise": (p, p)}
-    if mode.takes_over:
-        parts |= {"inverse_slope": (*several, k, m), "decay": (1,)}
-    if mode.laws > 1:
-        parts["closer"] = (1,)
-    if mode.limits_input_rate:
-        parts["input_rate"] = (m,)
-    if mode.limits_command:
-        parts |= {"command_lower": (k,), "command_upper": (k,), "command_rate": (k,)}
-    if mode.has_dead_zone:
-        parts["integral_dead_zone"] = (k,)
-    if mode.bounds_windup:
-        parts |= {"windup_line": (*several, m, k), "windup_spread": (*several, m, k), "windup_limit": (m,)}
-    return Layout(parts)
-
-
-def data_values(
-    codes: list[LawCode],
-    estimator: Estimator | None,
-    mode: Mode,
-    tracked: int,
-    limits: Limits,
-    command: Limits,
-) -> dict[str, Any]:
-    """The numbers of laws, limits and estimator by name."""
-
-    def rows(parts: list[Any]) -> Any:
-        return np.stack(parts) if mode.laws > 1 else parts[0]
-
-    gains = [code.slope[:, len(code.law.state_names) - tracked :] for code in codes]
-    values: dict[str, Any] = {
-        "law": np.concatenate([code.data for code in codes]),
-        "operating_point": rows([code.law.operating_point for code in codes]),
-        "operating_input": rows([code.law.operating_input for code in codes]),
-        "lower": limits.lower, "upper": limits.upper, "input_rate": limits.rate,
-        "command_lower": command.lower, "command_upper": command.upper, "command_rate": command.rate,
-        "integral_gain": rows(gains),
-    }  # fmt: skip
-    if mode.takes_over:
-        values["inverse_slope"] = rows([inverse_slope(gain) for gain in gains])
-    if estimator is not None:
-        values["parameters"] = estimator.plant.parameters.vector()
-        values["process_noise"] = estimator.process_noise
-        values["measurement_noise"] = estimator.measurement_noise
-    return values
 
 
 def filler(buffer: np.ndarray) -> Callable[[Any], None]:
@@ -224,7 +144,7 @@ SPACING = 32
 ROLES = {"y": "in", "r": "in", "data": "in", "memory": "state", "u": "out", "estimate": "out"}
 
 
-class Remembered:
+class StateHistory:
     """The memory of the last good sample, earlier ones, and how many good samples there were since one was kept.
 
     All of it is here, so that a copy goes on with the same bits, and `begin` leaves nothing of before. The exported C
@@ -234,8 +154,10 @@ class Remembered:
     ----------
     memory : (s,) array
         At the start of the design; copied.
-    commanded, states : int
-        Numbers of a command and of an estimate.
+    command : slice
+        Where the last command lies in the memory.
+    states : int
+        Numbers of an estimate.
 
     Attributes
     ----------
@@ -251,8 +173,9 @@ class Remembered:
         Whether the last command holds after the last going back, and not that of the earlier memory.
     """
 
-    def __init__(self, memory: np.ndarray, commanded: int, states: int) -> None:
-        self.memory, self.reference = np.array(memory), np.zeros(max(1, commanded))
+    def __init__(self, memory: np.ndarray, command: slice, states: int) -> None:
+        self.command = command
+        self.memory, self.reference = np.array(memory), np.zeros(max(1, command.stop - command.start))
         self.estimate = np.full(states, np.nan)
         self.designed, self.start, self.older, self.newer = np.tile(memory, (4, 1))
         self.begin(memory)
@@ -265,6 +188,11 @@ class Remembered:
         self.samples = 0
         self.waiting = True
         self.failed = self.holding = self.begun_again = False
+        self.hold_command()
+
+    def hold_command(self) -> None:
+        """Make the command of the last good sample the one that holds."""
+        self.reference[: self.command.stop - self.command.start] = self.memory[self.command]
 
     def good(self, measured: bool) -> None:
         """Note a good sample, and keep every `SPACING`th memory as an earlier one; the oldest is forgotten. Nothing is
@@ -278,11 +206,12 @@ class Remembered:
             self.newer[:] = self.memory
             self.samples, self.begun_again = 0, False
 
-    def fail(self) -> bool:
-        """Note that a step has failed; where one did since the last good sample, go back to an earlier memory, and say
-        so."""
-        if not self.failed:
-            self.failed = True
+    def fail(self, code: int) -> bool:
+        """Note that a step ended with a code, whose command then does not hold. Where its result was bad, for the
+        second time since the last good sample, go back to an earlier memory (True)."""
+        self.hold_command()
+        if code != BAD_RESULT or not self.failed:
+            self.failed = self.failed or code == BAD_RESULT
             return False
         start = np.array_equal(self.older, self.start)
         if start and self.begun_again:  # the start that was told is bad itself
@@ -291,13 +220,15 @@ class Remembered:
         self.begun_again = start
         self.memory[:] = self.older
         self.older[:] = self.newer[:] = self.start
+        if self.holding:
+            self.memory[self.command] = self.reference[: self.command.stop - self.command.start]
+        else:
+            self.hold_command()
         return True
 
     def state(self) -> dict[str, Any]:
         """Everything that is remembered, for `restore`; arrays are copies."""
-        return {
-            name: np.copy(part) if isinstance(part, np.ndarray) else part for name, part in vars(self).items()
-        }
+        return copy.deepcopy(vars(self))
 
     def restore(self, state: Mapping[str, Any]) -> None:
         """Remember what another one of this size did; the arrays that the compiled step writes stay."""

@@ -14,15 +14,9 @@ from flexhinf.validation import real_array, real_number, value_text
 
 
 class Source(NamedTuple):
-    """Where a tracked state is read: of the measurement where it is measured, else of the estimate.
-
-    Attributes
-    ----------
-    place : int
-        In the measurement, or in the estimate.
-    state : int
-        Its place among the states of the plant.
-    """
+    """Where a tracked state is read, and its place among the states of the plant: of the measurement where it is
+    measured, else of the estimate. So the integral removes the error of the measured signal, whatever the estimator's
+    model gets wrong."""
 
     measured: bool
     place: int
@@ -30,8 +24,7 @@ class Source(NamedTuple):
 
     @staticmethod
     def of(name: str, states: Sequence[str], measured: Sequence[str]) -> Source:
-        """The measurement itself where the state is measured, so that the integral removes the error of the
-        measured signal, whatever the estimator's model gets wrong."""
+        """Of a state by name."""
         state = states.index(name)
         return Source(True, measured.index(name), state) if name in measured else Source(False, state, state)
 
@@ -112,12 +105,9 @@ def checked_period(value: Any) -> float:
         return period
     meant = "a period in seconds: 1e-3 for 1 kHz"
     if period > high:
-        hertz, milliseconds = 1.0 / period, 1e-3 * period
-        meant = (
-            f"period={milliseconds:g} if {period:g} ms was meant, or {hertz:g} for a rate of {period:g} Hz"
-            if period >= 10.0
-            else f"period={milliseconds:g} if {period:g} ms was meant"
-        )
+        meant = f"period={1e-3 * period:g} if {period:g} ms was meant"
+        if period >= 10.0:
+            meant += f", or {1.0 / period:g} for a rate of {period:g} Hz"
     raise InvalidInput(
         "The sampling period is out of proportion.",
         f"expected {low:g} s to {high:g} s, got {period:g} s",
@@ -150,7 +140,7 @@ class Limits:
 
     @property
     def texts(self) -> list[str]:
-        """Each range in words."""
+        """Each range, for a summary."""
         return [f"{low:.4g} to {high:.4g}" for low, high in zip(self.lower.tolist(), self.upper.tolist())]
 
     @property
@@ -167,16 +157,8 @@ class Limits:
     def of(
         saturation: Any, inputs: int, rate: Any = None, names: tuple[str, str] = ("saturation", "input_rate")
     ) -> Limits:
-        """From None, a number (±), an array with one number (±) per input, or a tuple (lower, upper) of them.
-
-        Parameters
-        ----------
-        saturation, rate
-            The range, and the largest absolute rate per second: None, a number or (m,).
-        inputs : int
-            m.
-        names : (str, str)
-            What both are called.
+        """Of m signals: the range from None, a number (±), an array with one number (±) each, or a tuple (lower, upper)
+        of them; the largest rate per second from None, a number or (m,). The names are those of both arguments.
 
         Raises
         ------

@@ -5,7 +5,7 @@ When a law takes over, the input continues from the last one: bumpless transfer.
 The integrals are what a law remembers, so they are chosen to make it ask for the input that acts already:
 u* + k(x − x*, e) = u_last, by a fixed number of Broyden's steps [broyden1965] from the integrals as they are and
 the inverse slope at the operating point. What no integral reaches (a law without integrals, fewer integrals than
-inputs, a polynomial without such a root) is held as a bias that fades, so that the input is continuous always.
+inputs, a polynomial without such a root) is held as a bias that decays, so that the input is continuous always.
 Every step is one evaluation of the law, so that it may be a polynomial of any degree; composed kernels make them
 only when a law takes over.
 """
@@ -26,7 +26,7 @@ from flexhinf.polynomial.law import PolynomialLaw
 from flexhinf.scalars import absolute, where
 from flexhinf.validation import real_number, value_text
 
-#: Time constant of the bias that fades, s.
+#: Time constant of the bias that decays, s.
 FADE = 0.5
 
 #: Broyden's steps. One integral needs about five to a relative 1e-12, far from the operating point too.
@@ -39,7 +39,7 @@ FLAT = 1e-9
 ROUNDING = 1e-14
 
 
-def fade_time(fade: Any, mode: Mode) -> float:
+def blend_time(fade: Any, mode: Mode) -> float:
     """The time constant of the bias, s.
 
     Raises
@@ -61,7 +61,7 @@ def inverse_slope(slope: np.ndarray) -> np.ndarray:
     return np.linalg.pinv(slope, rcond=FLAT)
 
 
-def continued(
+def bumpless_transfer(
     run: Any,
     law: Callable[[Any], Any],
     taken: Any,
@@ -103,11 +103,11 @@ def continued(
     n = deviation.shape[0] - growth.shape[0]
     misfit, errors = wanted, deviation[n:]
     with run.when(taken):
-        misfit = run.call(_minus, wanted, feedback)
+        misfit = run.call(np.subtract, wanted, feedback)
 
         def step(errors: Any, misfit: Any, inverse: Any) -> tuple[Any, Any, Any]:
             trial = run.call(_trial, deviation[:n], errors, inverse, misfit)
-            return run.call(_kept, errors, misfit, inverse, trial, law(trial), wanted)
+            return run.call(_better, errors, misfit, inverse, trial, law(trial), wanted)
 
         if growth.shape[0]:
             errors, misfit, _ = run.repeat(STEPS, step, errors, misfit, inverse)
@@ -115,16 +115,12 @@ def continued(
     return run.call(partial(_joined, n), *parts)
 
 
-def _minus(wanted: Any, feedback: Any) -> Any:
-    return wanted - feedback
-
-
 def _trial(states: Any, errors: Any, inverse: Any, misfit: Any) -> Any:
     """The law's argument one step on."""
     return np.concatenate([states, errors + inverse @ misfit])
 
 
-def _kept(
+def _better(
     errors: Any, misfit: Any, inverse: Any, trial: Any, value: Any, wanted: Any
 ) -> tuple[Any, Any, Any]:
     """The better of two, and the inverse slope that explains what the step did (Broyden's good update)."""
@@ -151,7 +147,7 @@ def _joined(
     point: Any,
     decay: Any,
 ) -> tuple[Any, Any, Any, Any]:
-    """What was found where a law takes over, else what was; see `continued`."""
+    """What was found where a law takes over, else what was; see `bumpless_transfer`."""
     new = taken[0] > 0.5
     integral = where(new, errors, deviation[n:]) + point[n:]
     bias = where(new, misfit, decay * bias)
@@ -185,7 +181,13 @@ class Schedule(Law):
 
     def __init__(self, laws: Sequence[Law], hysteresis: float = 0.1) -> None:
         self.laws = _checked(laws)
-        self.hysteresis = _fraction(hysteresis)
+        self.hysteresis = real_number(hysteresis)
+        if not 0.0 <= self.hysteresis < 1.0:
+            raise InvalidInput(
+                "The hysteresis of a schedule is no fraction.",
+                f"expected 0 <= number < 1, got {value_text(hysteresis)}",
+                "hysteresis=0.1: another law must be nearer by 10 %",
+            )
         first = self.laws[0]
         self.state_names, self.input_names = tuple(first.state_names), tuple(first.input_names)
         self.operating_point, self.operating_input = first.operating_point, first.operating_input
@@ -222,18 +224,8 @@ def chosen(
 ) -> tuple[Any, ...]:
     """Which law is active at this sample, and its numbers.
 
-    Parameters
-    ----------
-    places : sequence of int
-        Of the tracked states among all states.
-    r : (k,), or (n + m,) of a moving reference
-        The command.
-    active : (L,)
-        1 for the law that was active, else 0.
-    started : (1,)
-        0 at the first sample, which knows no active law.
-    data : namespace
-        As `Controller.data` lays it out.
+    The command r is (k,), or (n + m,) of a moving reference; `places` are those of the tracked states among all states,
+    `active` (L,) is 1 for the law that was active, `started` (1,) 0 at the first sample, which knows no active law.
 
     Returns
     -------
@@ -298,12 +290,7 @@ def _checked(laws: Any) -> tuple[Law, ...]:
                 f"got {other[0].__name__} {other[1]!r} of {other[2]}",
                 "solve all to the same degree",
             )
-    _check_poses(laws)
-    return laws
-
-
-def _check_poses(laws: Sequence[Law]) -> None:
-    places = [laws[0].state_names.index(name) for name in laws[0].tracked]
+    places = [first.state_names.index(name) for name in first.tracked]
     poses = [tuple(np.asarray(law.operating_point, dtype=float)[places].tolist()) for law in laws]
     if not places or len(set(poses)) < len(poses):
         raise InvalidInput(
@@ -311,17 +298,7 @@ def _check_poses(laws: Sequence[Law]) -> None:
             f"expected tracked positions that differ, got {[list(pose) for pose in poses]}",
             "laws with integrals, each about a pose of its own",
         )
-
-
-def _fraction(hysteresis: Any) -> float:
-    fraction = real_number(hysteresis)
-    if not 0.0 <= fraction < 1.0:
-        raise InvalidInput(
-            "The hysteresis of a schedule is no fraction.",
-            f"expected 0 <= number < 1, got {value_text(hysteresis)}",
-            "hysteresis=0.1: another law must be nearer by 10 %",
-        )
-    return fraction
+    return laws
 
 
 class PaddedLaw(Law):
@@ -338,16 +315,13 @@ class PaddedLaw(Law):
     def __init__(self, law: Law, degrees: tuple[int, ...]) -> None:
         polynomial = law.law_table
         assert polynomial is not None
-        n, own = polynomial.n, polynomial.coefficients
-        parts, start = [], 0
-        for degree in degrees:
-            size = basis.count(n, degree)
-            if degree in polynomial.degrees:
-                parts.append(own[:, start : start + size])
-                start += size
-            else:
-                parts.append(np.zeros((len(own), size)))
-        self.polynomial = PolynomialLaw(n, degrees, np.concatenate(parts, axis=1))
+        n, own = polynomial.n, iter(polynomial.coefficients.T)
+        rows = [
+            next(own) if degree in polynomial.degrees else np.zeros(len(law.input_names))
+            for degree in degrees
+            for _ in range(basis.count(n, degree))
+        ]
+        self.polynomial = PolynomialLaw(n, degrees, np.array(rows).T)
         self.state_names, self.input_names = tuple(law.state_names), tuple(law.input_names)
         self.operating_point, self.operating_input = law.operating_point, law.operating_input
 

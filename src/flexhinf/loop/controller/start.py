@@ -64,13 +64,7 @@ class Windup:
     spread: np.ndarray
 
     def check(self, laws: Sequence[Law]) -> None:
-        """Refuse numbers of a file that do not fit these laws.
-
-        Raises
-        ------
-        InvalidInput
-            If shapes differ, or a number is NaN or, but for limits, infinite.
-        """
+        """Refuse numbers of a file whose shapes do not fit these laws, or that are NaN or, but for limits, infinite."""
         size = (len(laws[0].input_names), len(laws[0].tracked))
         shape = size if len(laws) == 1 else (len(laws), *size)
         fits = [np.shape(part) for part in (self.limit, self.line, self.spread)] == [size[:1], shape, shape]
@@ -84,17 +78,17 @@ class Windup:
     @staticmethod
     def of(laws: Sequence[Law], estimator: Estimator | None, ends: Any) -> Windup:
         """The default for these laws; `ends` are the lower and the upper limits of the inputs, (m,) each."""
-        found = [_bounds(law, estimator) for law in laws]
-        limit = np.max([limit for limit, _, _ in found], axis=0)
-        room = np.max([np.abs(np.asarray(ends) - law.operating_input) for law in laws], axis=(0, 1))
-        lines, spreads = (
-            np.stack([one[part] for one in found]) if len(found) > 1 else found[0][part] for part in (1, 2)
+        limits, lines, spreads = (
+            np.stack(parts) for parts in zip(*(_bounds(law, estimator) for law in laws))
         )
-        return Windup(np.where(room > limit, limit, np.inf), lines, spreads)
+        limit = limits.max(axis=0)
+        room = np.max([np.abs(np.asarray(ends) - law.operating_input) for law in laws], axis=(0, 1))
+        limit = np.where(room > limit, limit, np.inf)
+        return Windup(limit, lines, spreads) if len(laws) > 1 else Windup(limit, lines[0], spreads[0])
 
     @property
     def text(self) -> str:
-        """The bound at the operating point, in words."""
+        """The bound at the operating point, for a summary."""
         sizes = self.limit[np.isfinite(self.limit)]
         return ", ".join(f"at most {size:.4g} more than at rest" for size in sizes)
 
@@ -193,7 +187,7 @@ class FirstInput:
 
     @property
     def text(self) -> str:
-        """What it is, in words."""
+        """What it is, for a summary."""
         return "zero" if self.is_zero else "what holds the robot where the estimate begins"
 
     @cached_property
@@ -236,20 +230,19 @@ def holding_function(plant: Plant) -> Any:
 
     u = −(BᵀB)⁻¹Bᵀ f(x, 0, 0) with B = ∂f/∂u at u = 0: exact where f is affine in u and some u holds x.
     """
-    return share(("holding", plant.code_key), lambda: _holding_function(plant))
 
+    def build() -> Any:
+        import casadi as ca
 
-def _holding_function(plant: Plant) -> Any:
-    import casadi as ca
+        flow = plant.traced_flow
+        x, u, d, p = (ca.SX.sym(name, flow.size1_in(k)) for k, name in enumerate("xudp"))
+        rates = flow(x, u, d, p)
+        none = ca.vertcat(u, d), ca.SX.zeros(u.numel() + d.numel())
+        rates, slope = (ca.substitute(part, *none) for part in (rates, ca.jacobian(rates, u)))
+        held = -ca.solve(ca.mtimes(slope.T, slope), ca.mtimes(slope.T, rates))
+        return drop_empty(ca.Function("holding", [x, p], [ca.densify(held)], {"cse": True}))
 
-    flow = plant.traced_flow
-    x, u, d, p = (ca.SX.sym(name, flow.size1_in(k)) for k, name in enumerate("xudp"))
-    rates = flow(x, u, d, p)
-    slope = ca.jacobian(rates, u)
-    none = ca.vertcat(u, d), ca.SX.zeros(u.numel() + d.numel())
-    rates, slope = (ca.substitute(part, *none) for part in (rates, slope))
-    held = -ca.solve(ca.mtimes(slope.T, slope), ca.mtimes(slope.T, rates))
-    return drop_empty(ca.Function("holding", [x, p], [ca.densify(held)], {"cse": True}))
+    return share(("holding", plant.code_key), build)
 
 
 def _holding_kernel(plant: Plant) -> Any:
@@ -257,10 +250,10 @@ def _holding_kernel(plant: Plant) -> Any:
     buffers = tuple(
         Buffer(name, size, "out" if name == "u" else "in") for name, size in sizes.items() if size
     )
-    places = [Slice(buffer.name, size=buffer.size or 0) for buffer in buffers]
+    *given, held = (Slice(buffer.name, size=buffer.size or 0) for buffer in buffers)
 
     def build() -> Any:
-        call = Call(holding_function(plant), tuple(places[:-1]), (places[-1],))
+        call = Call(holding_function(plant), tuple(given), (held,))
         return compile_program(Program("holding", buffers, (call,), ()))
 
     return share(("holding kernel", plant.code_key), build)

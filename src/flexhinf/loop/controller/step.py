@@ -17,7 +17,7 @@ import numpy as np
 
 from flexhinf.codegen import DIRECT, Block, Composer
 from flexhinf.loop.controller.options import Mode, Source
-from flexhinf.loop.controller.schedule import chosen, continued
+from flexhinf.loop.controller.schedule import bumpless_transfer, chosen
 from flexhinf.plant import Estimator, Law
 from flexhinf.polynomial import basis
 from flexhinf.polynomial.law import PolynomialLaw
@@ -198,7 +198,7 @@ def controller_step(
             run, places, mode, r, memory.active, memory.started, data
         )
     elif mode.takes_over:
-        taken = run.call(_first, memory.started)
+        taken = run.call(partial(np.subtract, 1.0), memory.started)  # 1 at the first sample, else 0
     rest = r[len(estimate) :] if mode.moving else rest
     text, moving = (_error_coordinates, (r,)) if mode.moving else (_deviation, ())
     zone = (data.integral_dead_zone,) if mode.has_dead_zone else ()
@@ -211,8 +211,8 @@ def controller_step(
     feedback = law_of(deviation)
     after = {"position": position, "reference": requested, "command": r, "active": active}
     if mode.takes_over:
-        wanted = run.call(_difference, memory.u, rest)
-        feedback, growth, integral, after["bias"] = continued(
+        wanted = run.call(np.subtract, memory.u, rest)
+        feedback, growth, integral, after["bias"] = bumpless_transfer(
             run, law_of, taken, deviation, feedback, wanted, inverse, growth, memory.bias, point, data.decay
         )
     rates = (memory.u, data.period, data.input_rate) if mode.limits_input_rate else ()
@@ -233,15 +233,6 @@ def controller_step(
 def _split(states: int, r: Any) -> tuple[Any, Any]:
     """State and input of a moving reference, in memory of their own: loops inside a sample may read them."""
     return r[:states], r[states:]
-
-
-def _first(started: Any) -> Any:
-    """1 at the first sample, else 0."""
-    return 1.0 - started
-
-
-def _difference(one: Any, other: Any) -> Any:
-    return one - other
 
 
 def _deviation(

@@ -37,6 +37,10 @@ ESTIMATORS = "flexhinf.estimation"
 #: Most states or inputs of a law that a file may claim.
 MOST_SIGNALS = 1000
 
+#: Options of a controller that are pairs of arrays, by the names of these, and others that are arrays.
+PAIRS = {"saturation": ("lower", "upper"), "command_range": ("command_lower", "command_upper")}
+ARRAYS = ("input_rate", "command_rate", "integral_dead_zone", "before_first")
+
 NAMES = ("states", "inputs", "disturbances", "outputs")
 
 
@@ -159,33 +163,25 @@ def write_controller(
     InvalidInput
         If a law or the estimator cannot be saved (named), or the place cannot be written.
     """
-    several = isinstance(law, Schedule)
-    (lower, upper), plain = options["saturation"], ("moving", "start", "fade")
-    arrays: dict[str, np.ndarray] = {"lower": lower, "upper": upper}
-    if "input_rate" in options:
-        arrays["input_rate"] = options["input_rate"]
-    if "command_range" in options:
-        lower, upper = options["command_range"]
-        rate = options["command_rate"]
-        arrays |= {"command_lower": lower, "command_upper": upper, "command_rate": rate}
-    if "integral_dead_zone" in options:
-        arrays["integral_dead_zone"] = options["integral_dead_zone"]
-    if "windup" in options:
-        arrays |= _prefixed("windup.", vars(options["windup"]))
-    before = options["before_first"]
-    if not isinstance(before, str):
-        arrays["before_first"] = before
-    elif before != "hold":
-        plain = (*plain, "before_first")
+    laws = law.laws if isinstance(law, Schedule) else (law,)
+    arrays: dict[str, np.ndarray] = {}
+    plain: dict[str, Any] = {}
+    for name, option in options.items():
+        if name in PAIRS:
+            arrays |= dict(zip(PAIRS[name], option))
+        elif isinstance(option, Windup):
+            arrays |= _prefixed(f"{name}.", vars(option))
+        elif isinstance(option, np.ndarray):
+            arrays[name] = option
+        elif (name, option) != ("before_first", "hold"):
+            plain[name] = option
     header = {
         "format": FORMAT,
         "version": VERSION,
         "period": period,
-        "options": {name: options[name] for name in plain},
-        "hysteresis": law.hysteresis if several else None,
-        "laws": [
-            _store_law(one, f"laws.{k}.", arrays) for k, one in enumerate(law.laws if several else (law,))
-        ],
+        "options": plain,
+        "hysteresis": law.hysteresis if isinstance(law, Schedule) else None,
+        "laws": [_store_law(one, f"laws.{k}.", arrays) for k, one in enumerate(laws)],
         "estimator": None if estimator is None else _store(estimator, "estimator.", arrays),
     }
     write_arrays(path, "controller", {"header": np.array(json.dumps(header)), **arrays})
@@ -235,15 +231,10 @@ def _assembled(header: dict[str, Any], arrays: dict[str, Any]) -> dict[str, Any]
     law = laws[0] if header["hysteresis"] is None else Schedule(laws, header["hysteresis"])
     estimator = None if header["estimator"] is None else _restore(header["estimator"], "estimator.", arrays)
     whole: dict[str, Any] = {"solution": law, "estimator": estimator, "period": header["period"]}
-    whole["saturation"] = (arrays["lower"], arrays["upper"])
-    if "input_rate" in arrays:
-        whole["input_rate"] = arrays["input_rate"]
-    if "command_rate" in arrays:
-        whole["command_range"] = (arrays["command_lower"], arrays["command_upper"])
-        whole["command_rate"] = arrays["command_rate"]
-    for name in ("integral_dead_zone", "before_first"):
-        if name in arrays:
-            whole[name] = arrays[name]
+    whole |= {name: arrays[name] for name in ARRAYS if name in arrays}
+    for name, ends in PAIRS.items():
+        if ends[0] in arrays:
+            whole[name] = tuple(arrays[end] for end in ends)
     if "windup.limit" in arrays:
         whole["windup"] = Windup(**_below("windup.", arrays))
     return {**whole, **header["options"]}

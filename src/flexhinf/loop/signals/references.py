@@ -5,8 +5,6 @@ more axis. All but `Samples` are NumPy code with `flexhinf.scalars` pieces, so t
 
 `derivatives` are what a feedforward asks for. They are exact, and those from the right where a signal jumps or
 has a kink: a `Step` has none, a `Sine` starts with its speed, a `Quintic` with its jerk.
-
-A reference that moves: for each time the state and the input that belong to the wanted motion.
 """
 
 from __future__ import annotations
@@ -48,12 +46,14 @@ def signal_name(signal: Any, depth: int = 3) -> str:
     """A short description of a command or disturbance, of lists and mappings at most `depth` in one another."""
     if signal is None:
         return "none"
-    if isinstance(signal, (Mapping, list, tuple)) and not depth:
-        return "…"
-    if isinstance(signal, Mapping):
-        return "; ".join(f"{name}: {signal_name(part, depth - 1)}" for name, part in signal.items())
-    if isinstance(signal, (list, tuple)):
-        return "; ".join(signal_name(part, depth - 1) for part in signal)
+    if isinstance(signal, (Mapping, list, tuple)):
+        if not depth:
+            return "…"
+        named = (
+            [(f"{name}: ", part) for name, part in signal.items()] if isinstance(signal, Mapping) else None
+        )
+        parts = [("", part) for part in signal] if named is None else named
+        return "; ".join(f"{label}{signal_name(part, depth - 1)}" for label, part in parts)
     if callable(signal):
         return str(getattr(signal, "name", getattr(signal, "__name__", type(signal).__name__)))
     return f"constant {signal}"
@@ -80,16 +80,6 @@ def checked_order(order: Any, what: str, highest: int | None = None, why: str = 
     return int(order)
 
 
-def _finite(name: str, **numbers: Any) -> None:
-    for key, value in numbers.items():
-        if not np.isfinite(real_number(value)):
-            raise InvalidInput(
-                f"{name} needs finite numbers.",
-                f"got {key}={value_text(value)}",
-                "one number; for several channels a mapping of names to signals",
-            )
-
-
 def checked_samples(times: Any, values: Any, smooth: bool = False) -> tuple[np.ndarray, np.ndarray]:
     """Copies of times (N,) and values (N,) or (N, k), read only; `smooth` ones are for a motion with derivatives.
 
@@ -109,14 +99,13 @@ def checked_samples(times: Any, values: Any, smooth: bool = False) -> tuple[np.n
             "sort the samples and drop repeated times",
         )
     if smooth:
-        check_shortest("samples of a motion", float(np.diff(times).min(initial=np.inf)))
+        _check_shortest("samples of a motion", float(np.diff(times).min(initial=np.inf)))
     for array in (times, values):
         array.setflags(write=False)
     return times, values
 
 
-def check_shortest(what: str, seconds: float) -> None:
-    """Refuse a part of a motion shorter than `SHORTEST`."""
+def _check_shortest(what: str, seconds: float) -> None:
     if seconds < SHORTEST:
         raise InvalidInput(
             f"Two {what} are too near to each other in time.",
@@ -129,14 +118,31 @@ def _stacked(*rows: Any) -> Any:
     return np.stack([np.asarray(row) for row in rows])
 
 
+class _Finite:
+    """A signal whose fields are finite numbers; unless it says otherwise it stands still but for jumps."""
+
+    def __post_init__(self) -> None:
+        for key, value in vars(self).items():
+            if not np.isfinite(real_number(value)):
+                raise InvalidInput(
+                    f"{type(self).__name__} needs finite numbers.",
+                    f"got {key}={value_text(value)}",
+                    "one number; for several channels a mapping of names to signals",
+                )
+
+    def __call__(self, t: Any) -> Any:
+        raise NotImplementedError
+
+    def derivatives(self, t: Any, order: int = 4) -> Any:
+        """The value and zeros, (order + 1, …): at rest on both sides of a jump, which itself has no derivative."""
+        return _stacked(self(t), *[0.0 * t] * checked_order(order, "signal"))
+
+
 @dataclass(frozen=True)
-class Constant:
+class Constant(_Finite):
     """The same value at all times."""
 
     value: float = 0.0
-
-    def __post_init__(self) -> None:
-        _finite("Constant", value=self.value)
 
     @property
     def name(self) -> str:
@@ -147,21 +153,14 @@ class Constant:
         """The value."""
         return self.value + 0.0 * t
 
-    def derivatives(self, t: Any, order: int = 4) -> Any:
-        """The value and zeros, (order + 1, …)."""
-        return _stacked(self(t), *[0.0 * t] * checked_order(order, "constant"))
-
 
 @dataclass(frozen=True)
-class Step:
+class Step(_Finite):
     """`initial` before the time `at` (s), `value` from then on."""
 
     value: float
     at: float = 0.0
     initial: float = 0.0
-
-    def __post_init__(self) -> None:
-        _finite("Step", value=self.value, at=self.at, initial=self.initial)
 
     @property
     def name(self) -> str:
@@ -172,23 +171,12 @@ class Step:
         """The value from `at` on, else `initial`."""
         return where(t >= self.at, self.value, self.initial)
 
-    def derivatives(self, t: Any, order: int = 4) -> Any:
-        """The value and zeros, (order + 1, …): at rest on both sides; the jump itself has no derivative."""
-        return _stacked(self(t), *[0.0 * t] * checked_order(order, "step"))
-
 
 @dataclass(frozen=True)
-class Sine:
-    """offset + amplitude · sin(2π frequency (t − at) + phase) from the time `at` on, `offset` before.
+class Sine(_Finite):
+    """offset + amplitude · sin(2π frequency (t − at) + phase) from the time `at` (s) on, `offset` before.
 
-    Parameters
-    ----------
-    frequency : float
-        Hz.
-    phase : float
-        rad.
-    at : float
-        s.
+    The frequency is in Hz, the phase in rad.
     """
 
     amplitude: float
@@ -196,16 +184,6 @@ class Sine:
     offset: float = 0.0
     phase: float = 0.0
     at: float = 0.0
-
-    def __post_init__(self) -> None:
-        _finite(
-            "Sine",
-            amplitude=self.amplitude,
-            frequency=self.frequency,
-            offset=self.offset,
-            phase=self.phase,
-            at=self.at,
-        )
 
     @property
     def name(self) -> str:
@@ -224,13 +202,13 @@ class Sine:
         sine, cosine = np.sin(angle), np.cos(angle)
         turned = (sine, cosine, -sine, -cosine)
         waves = [
-            self.amplitude * pulsation**k * turned[k % 4] for k in range(checked_order(order, "sine") + 1)
+            self.amplitude * pulsation**k * turned[k % 4] for k in range(1, checked_order(order, "sine") + 1)
         ]
-        return _stacked(self(t), *(where(t >= self.at, wave, 0.0) for wave in waves[1:]))
+        return _stacked(self(t), *(where(t >= self.at, wave, 0.0) for wave in waves))
 
 
 @dataclass(frozen=True)
-class Quintic:
+class Quintic(_Finite):
     """From `start` to `goal` in `duration` seconds from `at` on; zero speed and acceleration at both ends."""
 
     start: float
@@ -239,12 +217,12 @@ class Quintic:
     at: float = 0.0
 
     def __post_init__(self) -> None:
-        _finite("Quintic", start=self.start, goal=self.goal, duration=self.duration, at=self.at)
+        super().__post_init__()
         if self.duration <= 0.0:
             raise InvalidInput(
                 "A quintic needs time.", f"expected duration > 0 s, got {value_text(self.duration)}", "1.0"
             )
-        check_shortest("ends of a quintic", self.duration)
+        _check_shortest("ends of a quintic", self.duration)
 
     @property
     def name(self) -> str:
@@ -277,14 +255,7 @@ class Quintic:
 
 @dataclass(frozen=True, eq=False)
 class Samples:
-    """Linear interpolation of samples, held at both ends.
-
-    Parameters
-    ----------
-    times : (N,) array
-        Increasing, s.
-    values : (N,) array, or (N, k) with one column per channel
-    """
+    """Linear interpolation of values (N,) or (N, k) at increasing times (N,), s; held at both ends."""
 
     times: Any
     values: Any
@@ -302,17 +273,11 @@ class Samples:
         """Between the neighbouring samples."""
         if self.values.ndim == 1:
             return np.interp(t, self.times, self.values)
-        channels = [np.interp(t, self.times, column) for column in self.values.T]
-        return np.stack(channels, axis=-1)
+        return np.stack([np.interp(t, self.times, column) for column in self.values.T], axis=-1)
 
     def derivatives(self, t: Any, order: int = 4) -> Any:
-        """Not defined: the speed of a linear interpolation jumps at every sample.
-
-        Raises
-        ------
-        InvalidInput
-            Except for the value alone (order 0).
-        """
+        """The value alone, (1, …): the speed of a linear interpolation jumps at every sample, so that an order above 0
+        is refused by an InvalidInput."""
         checked_order(
             order, "linear interpolation", 0, "its speed jumps at every sample", "fh.Spline(times, values)"
         )

@@ -12,9 +12,8 @@ import numpy as np
 
 from flexhinf.codegen.noise import normal_numbers
 from flexhinf.errors import InvalidInput
-from flexhinf.loop.signals.jerk_limited import JerkLimited
+from flexhinf.loop.signals.motions import JerkLimited, Spline
 from flexhinf.loop.signals.references import Constant, Moving, Quintic, Samples, Sine, Step
-from flexhinf.loop.signals.waypoints import Spline
 from flexhinf.plant import BlackBox, Plant
 from flexhinf.validation import real_array, value_text
 
@@ -118,21 +117,8 @@ def sample_disturbance(
 ) -> np.ndarray:
     """Values at the start, middle and end of every sub-step, (samples, room, 3, channels); zero beyond the last one.
 
-    Parameters
-    ----------
-    signal, channels
-        As for `sample_signal`.
-    period : float
-        s.
-    samples, parts : int
-        Number of samples, and of sub-steps in each.
-    room : int, optional
-        Sub-steps that there is room for, at least `parts`; so many by default.
-
-    Raises
-    ------
-    InvalidInput
-        As `sample_signal`, and if there would be too many numbers.
+    `parts` are the sub-steps of a sample, and `room` those that there is room for, so many by default; the period is in
+    s. Refused is what `sample_signal` refuses, and what would be too many numbers.
     """
     count, room = samples * parts * 3, parts if room is None else room
     if count * max(1, len(channels)) > MOST_NUMBERS:
@@ -161,11 +147,8 @@ def sample_disturbance(
 def sample_noise(noise: Any, seed: int, samples: int, channels: Sequence[str], sample: int = 0) -> np.ndarray:
     """Measurement noise (samples, channels); `noise` is the standard deviation, one number or one each.
 
-    Raises
-    ------
-    InvalidInput
-        For a deviation that is negative, not finite or of another size; for a seed that is no integer in
-        0 … 2⁶⁴ − 1.
+    Refused are a deviation that is negative, not finite or of another size, and a seed that is no integer in
+    0 … 2⁶⁴ − 1.
     """
     check_seed(seed)
     if noise is None:
@@ -197,13 +180,6 @@ def checked_deviation(noise: Any, channels: Sequence[str]) -> np.ndarray:
 
 
 def standard_normal(seed: int, steps: int, channels: int, sample: int = 0) -> np.ndarray:
-    """Independent N(0, 1) numbers, (steps, channels), see `flexhinf.codegen.noise`.
-
-    Parameters
-    ----------
-    seed : int
-        0 … 2⁶⁴ − 1.
-    sample : int
-        Which plant of a campaign, below 2³².
-    """
+    """Independent N(0, 1) numbers, (steps, channels), for a seed 0 … 2⁶⁴ − 1; `sample` is the plant of a campaign,
+    below 2³²; see `flexhinf.codegen.noise`."""
     return normal_numbers(seed, np.arange(steps)[:, None], np.arange(channels)[None, :], sample)

@@ -1,27 +1,25 @@
 """The closed loop of a true plant, which need not be the one the estimator believes in, and a controller.
 
-A sampled closed loop as a system of python-control.
+A true plant that integrates itself is stepped with the controller, one sample at a time.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 import numpy as np
 
-from flexhinf.errors import InvalidInput
+from flexhinf.errors import InvalidInput, NumericalFailure
 from flexhinf.loop.controller.controller import Controller
-from flexhinf.loop.controller.running import stepped
 from flexhinf.loop.signals.references import signal_name
 from flexhinf.loop.signals.sampling import (
     by_name,
-    sample_disturbance,
     sample_noise,
     sample_signal,
 )
-from flexhinf.loop.simulation.black_box import AT_ONCE, Pacing, Stepped, run_black_box
 from flexhinf.loop.simulation.compiled_runs import (
     LoopCode,
     PreparedRun,
@@ -32,70 +30,115 @@ from flexhinf.loop.simulation.compiled_runs import (
     start_text,
     starting_state,
 )
-from flexhinf.loop.simulation.ensemble import Ensemble, prepared_ensemble
+from flexhinf.loop.simulation.ensemble import Ensemble
 from flexhinf.loop.simulation.metrics import Reduction
-from flexhinf.loop.simulation.program import Channel
+from flexhinf.loop.simulation.program import CONTROL_FAILED, PLANT_FAILED, Channel
 from flexhinf.loop.simulation.trajectory import Trajectory
 from flexhinf.notebook import Summarised, names_text
 from flexhinf.plant import BlackBox, Plant, python_control, rk4_step, sub_steps
 from flexhinf.validation import value_text
 
-if TYPE_CHECKING:
-    import control
+#: How a run ends that was stopped before its last sample.
+STOPPED = -1
 
 
-def loop_to_control(
-    plant: Plant | BlackBox, controller: Controller, channel: Channel, steps: int
-) -> control.NonlinearIOSystem:
-    """Commands ``r_…`` and disturbances in; measurements ``y_…`` and inputs out.
+class Stepped(Protocol):
+    """What is stepped: a `Controller`, or what has the same signals."""
 
-    The state is that of the plant, then the controller's memory (``controller.initial_memory()`` at the start). A
-    period is integrated as in `Loop.run`.
+    def step(self, y: Any, reference: Any) -> np.ndarray:
+        """Input (m,) for a measurement (p,) and a command (k,)."""
+        ...
+
+    @property
+    def estimate(self) -> np.ndarray:
+        """Of the last step, (n,)."""
+        ...
+
+
+@dataclass(frozen=True)
+class Pacing:
+    """When the samples of a run are made.
+
+    Attributes
+    ----------
+    begin : callable
+        Returns when sample k is due; False ends the run before it.
+    end : callable
+        Called when sample k is over, the plant's own step included.
+    """
+
+    begin: Callable[[int], bool]
+    end: Callable[[int], None]
+
+
+#: One sample after the other, as fast as possible.
+AT_ONCE = Pacing(lambda k: True, lambda k: None)
+
+
+def run_black_box(
+    box: BlackBox,
+    controller: Controller,
+    channel: Channel,
+    commands: np.ndarray,
+    noise: np.ndarray,
+    disturbance: Any,
+    times: np.ndarray,
+    start: Any,
+    initial_input: Any,
+    stepped: Stepped | None = None,
+    pacing: Pacing = AT_ONCE,
+) -> tuple[dict[str, np.ndarray], tuple[int, int]]:
+    """Recorded signals, and (code, last step): what the compiled run returns too.
+
+    `stepped`, if given, is stepped as it is in the controller's place. A run that `pacing` ends has the code `STOPPED`.
 
     Raises
     ------
     InvalidInput
-        If the true plant is a black box, or the loop has a delay or quantised sensors.
+        If the initial state, the disturbance or the output do not fit.
     """
-    package = python_control()
-    if not isinstance(plant, Plant) or channel.delay or any(channel.quanta):
+    if stepped is None:
+        stepped = controller.fresh()
+        stepped.reset(input=initial_input)
+    channels = tuple(box.disturbances)
+    d = sample_signal(by_name(disturbance, box), times, channels, "disturbance")
+    before = controller.input_before(initial_input)
+    has_state = bool(box.states)
+    width = {"output": len(controller.measured), "input": len(controller.law.input_names)}
+    width |= {"estimate": len(controller.states)} | ({"state": len(box.states)} if has_state else {})
+    recorded = {name: np.full((len(times), size), np.nan) for name, size in width.items()}
+    recorded |= {"reference": commands, "disturbance": d}
+    told = start is not None or set(controller.states) <= set(box.states)
+    box.reset(starting_state(start, tuple(box.states) or controller.states, controller) if told else None)
+    for k in range(len(times)):
+        if not pacing.begin(k):
+            return recorded, (STOPPED, k - 1)
+        if has_state:
+            recorded["state"][k] = box.state()
+        y = channel.quantised(_measured(box, controller) + noise[k])
+        recorded["output"][k] = y
+        if not np.all(np.isfinite(y)):
+            return recorded, (PLANT_FAILED, k)
+        try:
+            u = stepped.step(y, commands[k] if controller.commanded else None)
+        except NumericalFailure:
+            return recorded, (CONTROL_FAILED, k)
+        recorded["input"][k], recorded["estimate"][k] = u, stepped.estimate
+        late = k - channel.delay
+        box.step(recorded["input"][late] if late >= 0 else before, d[k], controller.period)
+        pacing.end(k)
+    return recorded, (0, len(times) - 1)
+
+
+def _measured(box: Any, controller: Controller) -> np.ndarray:
+    y = np.atleast_1d(np.asarray(box.output(), dtype=float))
+    if y.shape != (len(controller.measured),):
         raise InvalidInput(
-            "The loop has no form in python-control.",
-            f"expected a Plant without delay and quantisation, got {type(plant).__name__} and {channel}",
-            "Loop(plant, controller).to_control()",
+            "The black box does not measure what the controller needs.",
+            f"expected {len(controller.measured)} numbers {list(controller.measured)}, got shape {y.shape}",
+            "output() in the order of the estimator's outputs",
         )
-    n, commanded = plant.n, len(controller.commanded)
-    p = plant.parameters.vector()
-    idle = np.zeros(len(plant.inputs))
-    states = [plant.states.index(name) for name in controller.states] if controller.estimator is None else []
-
-    def measured(x: Any) -> np.ndarray:
-        x = np.asarray(x, dtype=float)
-        return x[states] if states else np.ravel(np.asarray(plant.traced_output(x, idle, p), dtype=float))
-
-    def update(t: float, state: Any, v: Any, params: Any) -> np.ndarray:
-        u, after = stepped(controller, measured(state[:n]), v[:commanded], state[n:])
-        x = np.asarray(state[:n], dtype=float)
-
-        def flow(x: Any, d: Any) -> np.ndarray:
-            return np.ravel(np.asarray(plant.traced_flow(x, u, d, p), dtype=float))
-
-        for _ in range(steps):
-            x = rk4_step(flow, x, (v[commanded:],) * 3, controller.period / steps)
-        return np.concatenate([x, after])
-
-    def output(t: float, state: Any, v: Any, params: Any) -> np.ndarray:
-        y = measured(state[:n])
-        return np.concatenate([y, stepped(controller, y, v[:commanded], state[n:])[0]])
-
-    return package.nlsys(
-        update,
-        output,
-        inputs=[*(f"r_{name}" for name in controller.commanded), *plant.disturbances],
-        outputs=[*(f"y_{name}" for name in controller.measured), *controller.law.input_names],
-        states=[*plant.states, *(f"memory[{k}]" for k in range(controller.memory.size))],
-        dt=controller.period,
-    )
+    return y
 
 
 class Loop(Summarised):
@@ -177,18 +220,59 @@ class Loop(Summarised):
             )
 
     def to_control(self) -> Any:
-        """The sampled closed loop as a system of python-control (``nlsys`` with ``dt``).
+        """The sampled closed loop as a system of python-control (``nlsys`` with ``dt``): commands ``r_…`` and
+        disturbances in; measurements ``y_…`` and inputs out.
 
-        Commands and disturbances in; measurements and inputs out. Without quantisation and delay. Needs the extra
-        ``control``; see `flexhinf.loop.simulation.closed_loop`.
+        The state is that of the plant, then what the controller remembers (`Controller.initial_memory` at the start). A
+        period is integrated as in `run`. Needs the extra ``control``.
 
         Raises
         ------
         InvalidInput
-            If the true plant is a black box.
+            If the true plant is a black box, or the loop has a delay or quantised sensors.
         """
+        package, plant, controller, channel = python_control(), self.true_plant, self.controller, self.channel
+        if not isinstance(plant, Plant) or channel.delay or any(channel.quanta):
+            raise InvalidInput(
+                "The loop has no form in python-control.",
+                f"expected a Plant without delay and quantisation, got {type(plant).__name__} and {channel}",
+                "Loop(plant, controller).to_control()",
+            )
+        n, commanded, steps = plant.n, len(controller.commanded), self.sub_steps
+        p, idle = plant.parameters.vector(), np.zeros(len(plant.inputs))
+        places = None
+        if controller.estimator is None:
+            places = [plant.states.index(name) for name in controller.states]
 
-        return loop_to_control(self.true_plant, self.controller, self.channel, self.sub_steps)
+        def measured(x: Any) -> np.ndarray:
+            x = np.asarray(x, dtype=float)
+            if places is not None:
+                return x[places]
+            return np.ravel(np.asarray(plant.traced_output(x, idle, p), dtype=float))
+
+        def update(t: float, state: Any, v: Any, params: Any) -> np.ndarray:
+            u, after = controller.evaluate(measured(state[:n]), v[:commanded], state[n:])
+            x = np.asarray(state[:n], dtype=float)
+
+            def flow(x: Any, d: Any) -> np.ndarray:
+                return np.ravel(np.asarray(plant.traced_flow(x, u, d, p), dtype=float))
+
+            for _ in range(steps):
+                x = rk4_step(flow, x, (v[commanded:],) * 3, controller.period / steps)
+            return np.concatenate([x, after])
+
+        def output(t: float, state: Any, v: Any, params: Any) -> np.ndarray:
+            y = measured(state[:n])
+            return np.concatenate([y, controller.evaluate(y, v[:commanded], state[n:])[0]])
+
+        return package.nlsys(
+            update,
+            output,
+            inputs=[*(f"r_{name}" for name in controller.commanded), *plant.disturbances],
+            outputs=[*(f"y_{name}" for name in controller.measured), *controller.law.input_names],
+            states=[*plant.states, *(f"memory[{k}]" for k in range(controller.memory.size))],
+            dt=controller.period,
+        )
 
     def summary(self) -> dict[str, str]:
         """True plant and channel, then the controller."""
@@ -317,10 +401,12 @@ class Loop(Summarised):
                 f"expected a flexhinf.plant.BlackBox, got {type(self.true_plant).__name__}",
                 "flexhinf.robot.MuJoCoPlant(robot, ...)",
             )
-        times, signals, settings = self._sampled(reference, disturbance, noise, duration, seed, multi_turn)
+        times, commands, settings = self._commanded(reference, disturbance, noise, duration, multi_turn)
+        settings |= {"seed": seed, "sub_steps": 1}
+        sampled = sample_noise(noise, seed, len(times), self.controller.measured)
         recorded, (code, last) = run_black_box(
-            self.true_plant, self.controller, self.channel, signals, disturbance, times, initial_state, initial_input,
-            stepped, pacing,
+            self.true_plant, self.controller, self.channel, commands, sampled, disturbance, times, initial_state,
+            initial_input, stepped, pacing,
         )  # fmt: skip
         if "state" in recorded and len(times):
             first = recorded["state"][0]
@@ -340,24 +426,10 @@ class Loop(Summarised):
         multi_turn: bool = False,
     ) -> PreparedRun:
         """What `run` would run on a `Plant`, before it is made; arguments as there."""
-        plant, controller, parts, code = self.true_plant, self.controller, self.sub_steps, self.code
-        assert isinstance(plant, Plant)
-        times, signals, settings = self._sampled(reference, disturbance, noise, duration, seed, multi_turn)
-        x, held = (
-            starting_state(initial_state, plant.states, controller),
-            controller.input_before(initial_input),
+        ensemble = self.ensemble(
+            reference, disturbance, noise, duration, initial_state, initial_input, multi_turn=multi_turn
         )
-        settings["start"] = start_text(plant, x, initial_state is not None, controller, held)
-        start = {
-            "x": x, "held": held,
-            "memory": controller.initial_memory(input=initial_input), "data": controller.data_vector,
-            "parameters": plant.parameters.vector(),
-        }  # fmt: skip
-        acting = None
-        if disturbance is not None:
-            given, room = by_name(disturbance, plant), code.sizes.capacity
-            acting = sample_disturbance(given, controller.period, len(times), parts, plant.disturbances, room)
-        return PreparedRun.of(code, start, signals, acting, parts, settings)
+        return ensemble.single(seed, self.sub_steps)
 
     def ensemble(
         self,
@@ -401,56 +473,40 @@ class Loop(Summarised):
             raise InvalidInput(
                 "A black box cannot run in lanes.", "expected a Plant", "Loop.run, one plant after the other"
             )
-        samples = sample_count(duration, self.controller.period)
-        times = np.arange(samples) * self.controller.period
-        held = self.controller.operating_reference if reference is None else reference
-        return prepared_ensemble(
-            self.true_plant,
-            self.controller,
-            self.channel,
-            self._commanded(held, times, multi_turn or reference is None),
-            (disturbance, noise, initial_state, initial_input),
-            (reductions, kept, instants),
-            self._asked_sub_steps,
-            self._settings(reference, disturbance, noise, 0, 0),
-        )
+        _, commands, settings = self._commanded(reference, disturbance, noise, duration, multi_turn)
+        return Ensemble.of(
+            self.true_plant, self.controller, self.channel, commands, settings, disturbance, noise, initial_state,
+            initial_input, self._asked_sub_steps, reductions, kept, instants,
+        )  # fmt: skip
 
-    def _sampled(
-        self, reference: Any, disturbance: Any, noise: Any, duration: float, seed: int, multi_turn: bool
-    ) -> tuple[np.ndarray, dict[str, np.ndarray], dict[str, Any]]:
-        """Times (N,), command (N, k) and noise (N, p), and the settings that a trajectory names."""
-        samples = sample_count(duration, self.controller.period)
-        times = np.arange(samples) * self.controller.period
-        held = self.controller.operating_reference if reference is None else reference
-        signals = {
-            "reference": self._commanded(held, times, multi_turn or reference is None),
-            "noise": sample_noise(noise, seed, samples, self.controller.measured),
-        }
-        return times, signals, self._settings(reference, disturbance, noise, seed, self.sub_steps)
+    def _commanded(
+        self, reference: Any, disturbance: Any, noise: Any, duration: float, multi_turn: bool
+    ) -> tuple[np.ndarray, np.ndarray, dict[str, Any]]:
+        """Times (N,), the command (N, k), and what a trajectory names; what is not named stays at the operating point.
 
-    def _settings(
-        self, reference: Any, disturbance: Any, noise: Any, seed: int, sub_steps: int
-    ) -> dict[str, Any]:
-        """What a trajectory names."""
-        return {
-            "reference": signal_name(reference), "disturbance": signal_name(disturbance),
-            "noise": "none" if noise is None else str(noise), "seed": seed,
-            "period": self.controller.period, "sub_steps": sub_steps, **self.channel.settings(),
-        }  # fmt: skip
-
-    def _commanded(self, reference: Any, times: np.ndarray, multi_turn: bool) -> np.ndarray:
-        """The command (N, k): by name, what is not named stays at the operating point."""
-        names = self.controller.commanded
-        if isinstance(reference, Mapping):
-            held = dict(zip(names, self.controller.operating_reference.tolist()))
-            reference = {**held, **by_name(reference, self.true_plant)}
-        commands = sample_signal(reference, times, names, "reference")
-        models: list[Plant | BlackBox] = [self.true_plant]
-        if self.controller.estimator is not None:
-            models.append(self.controller.estimator.plant)
-        limits = next((plant.limits for plant in models if plant.limits), {})
-        units = {**self.true_plant.units, **models[-1].units}
-        if not multi_turn:
-            check_turns(reference, commands, names, units)
+        Raises
+        ------
+        InvalidInput
+            If a command does not fit, or leaves the range of its state.
+        """
+        controller, plant = self.controller, self.true_plant
+        times = np.arange(sample_count(duration, controller.period)) * controller.period
+        names, given = controller.commanded, reference
+        if reference is None:
+            given = controller.operating_reference
+        elif isinstance(reference, Mapping):
+            held = dict(zip(names, controller.operating_reference.tolist()))
+            given = {**held, **by_name(reference, plant)}
+        commands = sample_signal(given, times, names, "reference")
+        models = [plant] if controller.estimator is None else [plant, controller.estimator.plant]
+        limits = next((model.limits for model in models if model.limits), {})
+        units = {**plant.units, **models[-1].units}
+        if not multi_turn and reference is not None:
+            check_turns(given, commands, names, units)
         check_ranges(commands, times, names, limits, units)
-        return commands
+        settings = {
+            "reference": signal_name(reference), "disturbance": signal_name(disturbance),
+            "noise": "none" if noise is None else str(noise), "seed": 0,
+            "period": controller.period, "sub_steps": 0, **self.channel.settings(),
+        }  # fmt: skip
+        return times, commands, settings

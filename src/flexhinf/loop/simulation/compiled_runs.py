@@ -17,8 +17,9 @@ from flexhinf.errors import InvalidInput
 from flexhinf.loop.controller.controller import Controller
 from flexhinf.loop.controller.options import positive
 from flexhinf.loop.shared import share
-from flexhinf.loop.signals.jerk_limited import JerkLimited
+from flexhinf.loop.signals.motions import JerkLimited
 from flexhinf.loop.signals.references import Constant, Quintic, Sine, Step
+from flexhinf.loop.signals.sampling import check_seed
 from flexhinf.loop.simulation.program import Channel, LoopSizes, loop_program
 from flexhinf.loop.simulation.trajectory import STARTED, Trajectory
 from flexhinf.plant import BlackBox, Plant
@@ -165,25 +166,8 @@ def check_ranges(
     limits: Mapping[str, tuple[float, float]],
     units: Mapping[str, str],
 ) -> None:
-    """Refuse commands (N, k) that leave the range of a state.
-
-    Parameters
-    ----------
-    commands : ndarray, (N, k)
-    times : ndarray, (N,)
-        s.
-    names : sequence of str
-        Of the columns.
-    limits : mapping of str to (float, float)
-        By name; what is not named has none.
-    units : mapping of str to str
-        For the message.
-
-    Raises
-    ------
-    InvalidInput
-        Naming the state, the first time, the value and the range.
-    """
+    """Refuse commands (N, k) at times (N,) that leave the range of a state, by the names of the columns; what has no
+    limits has no range. The InvalidInput names the state, the first time, the value and the range."""
     for name, column in zip(names, commands.T):
         if name not in limits:
             continue
@@ -200,23 +184,10 @@ def check_ranges(
 
 
 def check_turns(reference: Any, commands: np.ndarray, names: Sequence[str], units: Mapping[str, str]) -> None:
-    """Refuse a command beyond 2π rad that somebody wrote as a number: it is degrees more often than several turns.
+    """Refuse commands (N, k) beyond 2π rad that somebody wrote as a number: these are degrees more often than turns.
 
-    Parameters
-    ----------
-    reference : as for `flexhinf.Loop.run`
-        Numbers and the signals of `WRITTEN` are looked at; samples and functions are computed, not written.
-    commands : ndarray, (N, k)
-        What it gives.
-    names : sequence of str
-        Of the columns.
-    units : mapping of str to str
-        Only positions in rad are looked at.
-
-    Raises
-    ------
-    InvalidInput
-        Naming the state, the value, and the same number of degrees in rad.
+    Of the reference, as for `flexhinf.Loop.run`, numbers and the signals of `WRITTEN` are looked at; samples and
+    functions are computed, not written. The InvalidInput names the state, the value, and as many degrees in rad.
     """
     parts = list(reference) if isinstance(reference, (list, tuple)) else [reference] * len(names)
     if isinstance(reference, Mapping):
@@ -233,17 +204,53 @@ def check_turns(reference: Any, commands: np.ndarray, names: Sequence[str], unit
             )
 
 
+def checked_parameters(plant: Plant, parameters: Any) -> np.ndarray:
+    """Rows (N, P) of an array, or of mappings by name; what does not fit the plant is refused."""
+    table = plant.parameters
+    if isinstance(parameters, Sequence) and all(isinstance(row, Mapping) for row in parameters):
+        return table.vectors(parameters)
+    rows = real_array(parameters)
+    if rows.ndim != 2 or rows.shape[1] != table.size or not np.all(np.isfinite(rows)):
+        raise InvalidInput(
+            "The parameters do not fit the plant.",
+            f"expected rows of {table.size} finite numbers for {list(table.names)}, got {value_text(parameters)}",
+            "plant.parameters.vectors([...]), or mappings by name",
+        )
+    return rows
+
+
+def checked_rows(what: str, given: Any, count: int, default: np.ndarray) -> np.ndarray:
+    """Rows (N, k) of finite numbers, by default the same for all; others are refused."""
+    if given is None:
+        return np.broadcast_to(default, (count, len(default)))
+    rows = real_array(given)
+    if rows.shape != (count, len(default)) or not np.all(np.isfinite(rows)):
+        raise InvalidInput(
+            f"The {what} do not fit the plants.",
+            f"expected finite numbers of shape {(count, len(default))}, got {value_text(given)}",
+            "one row for each plant",
+        )
+    return rows
+
+
+def checked_seeds(seeds: Any, count: int) -> tuple[int, ...]:
+    """N seeds of one or of N integers; others are refused."""
+    given = [seeds] * count if np.ndim(seeds) == 0 else list(seeds)
+    for seed in given[:1] if np.ndim(seeds) == 0 else given:
+        check_seed(seed)
+    if len(given) != count:
+        raise InvalidInput(
+            "The seeds do not fit the plants.",
+            f"expected {count} integers, got {len(given)}",
+            "one for each plant",
+        )
+    return tuple(int(seed) for seed in given)
+
+
 @dataclass(frozen=True, eq=False)
 class LoopCode:
-    """What of a loop is compiled: no parameter of plant or law, no time and no signal is in it.
-
-    Attributes
-    ----------
-    key : tuple
-        Loops with the same key share their kernels.
-    plant, controller, channel
-        Of one of these loops.
-    """
+    """What of a loop is compiled: no parameter of plant or law, no time and no signal is in it. Loops with the same key
+    share their kernels; plant, controller and channel are those of one of them."""
 
     key: tuple[object, ...]
     sizes: LoopSizes
@@ -272,10 +279,6 @@ class LoopCode:
         """What runs."""
         build = lambda: loop_program(self.plant, self.controller, self.sizes, self.channel)  # noqa: E731
         return share((*self.key, "program"), build)
-
-    def undisturbed(self, samples: int) -> np.ndarray:
-        """No disturbance, as one array for all runs: pages that are never written take no memory."""
-        return _zeros(samples * self.sizes.capacity * 3 * self.sizes.d)
 
 
 @dataclass(frozen=True, eq=False)
@@ -308,7 +311,8 @@ class PreparedRun:
         cls,
         code: LoopCode,
         start: Mapping[str, np.ndarray],
-        signals: Mapping[str, np.ndarray],
+        commands: np.ndarray,
+        noise: np.ndarray,
         disturbance: np.ndarray | None,
         parts: int,
         settings: dict[str, Any],
@@ -319,19 +323,19 @@ class PreparedRun:
         ----------
         start : mapping of str to array
             x, held (the input that acts before the first sample), memory, data, and the parameters of the true plant.
-        signals : mapping of str to array
-            reference (N, r), noise (N, p).
+        commands, noise : (N, r) and (N, p) arrays
         disturbance : (N, capacity, 3, d) array or None
             See `flexhinf.loop.signals.sampling.sample_disturbance`.
         """
-        samples, period, sizes = len(signals["reference"]), code.controller.period, code.sizes
+        samples, period, sizes = len(commands), code.controller.period, code.sizes
+        acting = np.zeros((samples, sizes.d)) if disturbance is None else disturbance[:, 0, 0].copy()
+        if disturbance is None:  # one array for all runs: pages that are never written take no memory
+            disturbance = _zeros(samples * sizes.capacity * 3 * sizes.d)
         arrays = {
             **start, "u": start["held"].copy(), "truth": np.concatenate([[period / parts], start["parameters"]]),
-            "noise": signals["noise"].ravel(), "reference": signals["reference"].ravel(),
-            "disturbance": code.undisturbed(samples) if disturbance is None else disturbance.ravel(),
+            "noise": noise.ravel(), "reference": commands.ravel(), "disturbance": disturbance.ravel(),
         }  # fmt: skip
-        acting = np.zeros((samples, sizes.d)) if disturbance is None else disturbance[:, 0, 0].copy()
-        recorded = {"reference": signals["reference"], "disturbance": acting}
+        recorded = {"reference": commands, "disturbance": acting}
         return cls(code, np.arange(samples) * period, arrays, recorded, parts, settings)
 
     @property

@@ -17,30 +17,39 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.codegen import Kernel, compile_program
+from flexhinf.codegen import Kernel, aligned, compile_program
 from flexhinf.codegen.noise import seed_key
 from flexhinf.errors import InvalidInput
 from flexhinf.loop.controller.controller import Controller
 from flexhinf.loop.shared import share
-from flexhinf.loop.signals.sampling import by_name, checked_deviation, sample_disturbance, sample_noise
-from flexhinf.loop.simulation.compiled_runs import LoopCode, PreparedRun, capacity, start_text, starting_state
-from flexhinf.loop.simulation.ensemble_plants import (
-    EnsemblePlants,
-    EnsembleResult,
-    Recorded,
-    Task,
-    named_numbers,
+from flexhinf.loop.signals.sampling import (
+    by_name,
+    checked_deviation,
+    sample_disturbance,
+    sample_noise,
+)
+from flexhinf.loop.simulation.compiled_runs import (
+    LoopCode,
+    PreparedRun,
+    capacity,
+    checked_parameters,
+    checked_rows,
+    checked_seeds,
+    operating_state,
+    start_text,
+    starting_state,
 )
 from flexhinf.loop.simulation.metrics import (
     Command,
+    EnsembleResult,
     Place,
     Reduction,
     common_reductions,
     tracking_reductions,
 )
-from flexhinf.loop.simulation.program import Channel, EnsembleOptions, ensemble_program, reduction_program
+from flexhinf.loop.simulation.program import Channel, EnsembleOptions, loop_program, reduction_program
 from flexhinf.loop.simulation.trajectory import Trajectory
-from flexhinf.plant import Plant
+from flexhinf.plant import Plant, fastest_modes, sub_steps
 from flexhinf.validation import value_text
 
 #: Runs side by side in one kernel. Eight numbers are one register of AVX-512 and two of AVX2.
@@ -54,6 +63,36 @@ WORTH = 50_000
 
 #: Values of the disturbance by the number of sub-steps; empty without one.
 Disturbances = Mapping[int, np.ndarray]
+
+
+@dataclass(frozen=True, eq=False)
+class EnsemblePlants:
+    """N plants: parameters (N, P), Runge–Kutta steps of a sample (N,), seeds of the noise, and by buffer what else each
+    has of its own, rows of N."""
+
+    truth: np.ndarray
+    parts: np.ndarray
+    seeds: tuple[int, ...]
+    own: Mapping[str, np.ndarray]
+
+    def __len__(self) -> int:
+        return len(self.truth)
+
+    def some(self, rows: slice) -> EnsemblePlants:
+        """Some of them."""
+        own = {name: values[rows] for name, values in self.own.items()}
+        return EnsemblePlants(self.truth[rows], self.parts[rows], self.seeds[rows], own)
+
+
+@dataclass(frozen=True, eq=False)
+class Recorded:
+    """What N runs leave behind: code and last sample of their `Status` (N,), what the reductions remember (k, N), and
+    signals at some samples (N, T, j), NaN after the last one of a run that failed."""
+
+    codes: np.ndarray
+    steps: np.ndarray
+    remembered: np.ndarray
+    kept: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,6 +138,47 @@ class Ensemble:
     settings: Mapping[str, Any]
     placed: bool
 
+    @staticmethod
+    def of(
+        plant: Plant,
+        controller: Controller,
+        channel: Channel,
+        commands: np.ndarray,
+        settings: Mapping[str, Any],
+        disturbance: Any,
+        noise: Any,
+        initial_state: Any,
+        initial_input: Any,
+        asked_sub_steps: int | None = None,
+        reductions: Sequence[Reduction] = (),
+        kept: Sequence[str] = (),
+        instants: Any = (),
+    ) -> Ensemble:
+        """See `Loop.ensemble`; the commands are (N, r), and trajectories name the settings."""
+        command = Command.of(commands, controller.period)
+        start = {
+            "x": starting_state(initial_state, plant.states, controller),
+            "held": controller.input_before(initial_input),
+            "memory": controller.initial_memory(input=initial_input),
+        }
+        shared = {"data": controller.data_vector, "facts": command.vector()}
+        if commands.size:
+            shared["reference"] = commands.ravel()
+        if noise is not None:
+            shared["deviation"] = np.ascontiguousarray(checked_deviation(noise, controller.measured))
+        tracking = {
+            name: tracking_reductions(tracked_place(plant, controller, name)) for name in controller.judged
+        }
+        known = [
+            (k, plant.states.index(name)) for k, name in enumerate(controller.states) if name in plant.states
+        ]
+        return Ensemble(
+            plant, controller, channel, command, start, shared,
+            None if disturbance is None else by_name(disturbance, plant), tracking,
+            (*common_reductions(known), *reductions), tuple(_signal(plant, controller, name) for name in kept),
+            _instants(instants, command.samples), asked_sub_steps, settings, initial_state is not None,
+        )  # fmt: skip
+
     def run(
         self,
         parameters: Any,
@@ -140,7 +220,22 @@ class Ensemble:
             found = self._alone(plants, threads)
         else:
             found = self._in_lanes(plants, LANES if lanes is None else lanes, threads)
-        return named_numbers(found, plants.parts, self.command, self.tracking, self.common)
+        failed = found.codes != 0
+        diverged_at = np.where(failed, found.steps * self.command.period, np.nan)
+        found.remembered[:, failed] = np.nan
+        start, results = 0, []
+        for several in (*self.tracking.values(), self.common):
+            named: dict[str, np.ndarray] = {}
+            for reduction in several:
+                some = found.remembered[start : start + len(reduction.start)]
+                named |= reduction.result(some, self.command)
+                start += len(reduction.start)
+            results.append({name: _blank(values, failed) for name, values in named.items()})
+        *by_state, common = results
+        tracked = dict(zip(self.tracking, by_state))
+        return EnsembleResult(
+            found.codes, diverged_at, plants.parts, tuple(self.tracking), tracked, common, found.kept
+        )
 
     def trajectories(
         self,
@@ -156,13 +251,16 @@ class Ensemble:
         disturbances = self._disturbances(plants)
         if self._few(plants):
             with ThreadPoolExecutor(THREADS) as pool:
-                runs = pool.map(
+                yield from pool.map(
                     lambda k: self._prepared(plants, disturbances, k, self._settings(plants, k)).alone(),
                     range(len(plants)),
                 )
-                yield from runs
             return
-        kept = [(kind, k) for kind, names in self._names.items() for k in range(len(names))]
+        kept = [
+            (kind, k)
+            for kind, names in _signal_names(self.plant, self.controller).items()
+            for k in range(len(names))
+        ]
         everything = np.arange(self.command.samples)
         whole = replace(self, tracking={}, common=(), kept=tuple(kept), instants=everything)
         for first in range(0, len(plants), THREADS * LANES):
@@ -170,10 +268,24 @@ class Ensemble:
             found = whole._in_lanes(some, LANES, THREADS, disturbances)
             yield from (self._trajectory(some, disturbances, found, k) for k in range(len(some)))
 
-    # Ways to run ----------------------------------------------------------------------------------
+    def single(self, seed: int, parts: int) -> PreparedRun:
+        """The run of the nominal plant, with so many sub-steps, before it is made."""
+        truth, own = self.plant.parameters.vector(), {"x": self.start["x"][None, :]}
+        plants = EnsemblePlants(truth[None, :], np.array([parts]), (seed,), own)
+        start = start_text(self.plant, self.start["x"], self.placed, self.controller, self.start["held"])
+        settings = {**self.settings, "seed": seed, "sub_steps": parts, "start": start}
+        return self._prepared(plants, self._disturbances(plants), 0, settings)
+
+    # Execution modes --------------------------------------------------------------------------------
     def _few(self, plants: EnsemblePlants) -> bool:
         """Whether they are not worth a kernel of their own."""
         return len(plants) < LANES or len(plants) * self.command.samples < WORTH
+
+    def _room(self, count: int) -> Recorded:
+        """For so many runs."""
+        codes, steps = (np.zeros(count, dtype=int) for _ in range(2))
+        kept = np.zeros((count, len(self.instants), len(self.kept)))
+        return Recorded(codes, steps, np.zeros((len(self.remembered), count)), kept)
 
     def _in_lanes(
         self, plants: EnsemblePlants, lanes: int, threads: int, disturbances: Disturbances | None = None
@@ -183,22 +295,67 @@ class Ensemble:
         own = {**plants.own, "truth": truth}
         if "deviation" in self.shared:
             own["key"] = np.array([(0, *seed_key(seed)) for seed in plants.seeds], float).reshape(-1, 3)
-        found = Recorded.of(len(plants), self.remembered, len(self.instants), len(self.kept))
-        start = {**self.start, "step": np.zeros(1), "remembered": self.remembered}
+        found = self._room(len(plants))
         values = self._disturbances(plants) if disturbances is None else disturbances
         for number in np.unique(plants.parts).tolist():
             shared = {**self.shared, **({"disturbance": values[number].ravel()} if values else {})}
-            task = Task(
-                self.kernel(number, lanes), shared, start, own, self.command.samples, number, self.channel.delay,
-                self.instants,
-            )  # fmt: skip
-            task.run(np.flatnonzero(plants.parts == number), found, threads)
+            kernel, rows = self.kernel(number, lanes), np.flatnonzero(plants.parts == number)
+            batches = [rows[k : k + lanes] for k in range(0, len(rows), lanes)]
+            rest, count = iter(batches), max(1, min(threads, len(batches)))
+            with ThreadPoolExecutor(count) as pool:
+                given = (kernel, number, shared, own, rest, found)
+                for work in [pool.submit(self._work, *given) for _ in range(count)]:
+                    work.result()
         return found
+
+    def _work(
+        self,
+        kernel: Kernel,
+        parts: int,
+        shared: Mapping[str, np.ndarray],
+        own: Mapping[str, np.ndarray],
+        rest: Iterator[np.ndarray],
+        found: Recorded,
+    ) -> None:
+        """Batches of rows that no other thread has taken, on arrays of this thread."""
+        samples, lanes, own = self.command.samples, kernel.lanes, dict(own)
+        start = {**self.start, "step": np.zeros(1), "remembered": self.remembered}
+        start = {name: column for name, column in start.items() if name not in own}
+        counts, waiting = {"steps": samples, "parts": parts}, self.channel.delay
+        if waiting:
+            if "held" in own:
+                own["inputs"] = np.tile(own["held"], (1, waiting))
+            else:
+                start["inputs"] = np.tile(start["held"], waiting)
+        sizes = {name: len(column) for name, column in start.items()}
+        sizes |= {name: rows.shape[1] for name, rows in own.items()}
+        if waiting:
+            sizes["inputs"], counts["late"] = (samples + waiting) * sizes["held"], waiting * sizes["held"]
+        sizes["kept"] = samples * len(self.kept)
+        arrays = {name: aligned(size * lanes).reshape(size, lanes) for name, size in sizes.items() if size}
+        run = kernel.bind({**shared, **arrays}, counts)
+        for rows in rest:  # an iterator of a list, from which each thread takes the next
+            count = len(rows)
+            filled = np.append(rows, np.repeat(rows[-1:], lanes - count))  # idle lanes repeat one
+            for name in arrays.keys() & start.keys():
+                arrays[name][: len(start[name])] = start[name][:, None]
+            for name in arrays.keys() & own.keys():
+                arrays[name][: own[name].shape[1]] = own[name][filled].T
+            run()
+            status = run.status
+            ends = np.array([status.code, status.step]).reshape(2, -1)
+            found.codes[rows], found.steps[rows] = ends[:, :count]
+            if "remembered" in arrays:
+                found.remembered[:, rows] = arrays["remembered"][:, :count]
+            if self.kept:
+                kept = arrays["kept"].reshape(samples, len(self.kept), -1)[self.instants]
+                found.kept[rows] = kept[..., :count].transpose(2, 0, 1)
+                for row in rows[found.codes[rows] != 0]:
+                    found.kept[row, self.instants > found.steps[row]] = np.nan
 
     def _alone(self, plants: EnsemblePlants, threads: int) -> Recorded:
         """Each on the kernel of a single run, its signals reduced afterwards."""
-        found = Recorded.of(len(plants), self.remembered, len(self.instants), len(self.kept))
-        disturbances = self._disturbances(plants)
+        found, disturbances = self._room(len(plants)), self._disturbances(plants)
         with ThreadPoolExecutor(threads) as pool:
             runs = pool.map(
                 lambda k: self._prepared(plants, disturbances, k, dict(self.settings)).outcome(),
@@ -221,20 +378,22 @@ class Ensemble:
         parts = int(plants.parts[k])
         code = LoopCode.of(self.plant, self.controller, self.channel, parts)
         own = {**self.start, **{name: rows[k] for name, rows in plants.own.items()}}
-        measured, deviation = self.controller.measured, self.shared.get("deviation")
-        noise = sample_noise(deviation, plants.seeds[k], self.command.samples, measured)
+        deviation, samples = self.shared.get("deviation"), self.command.samples
+        noise = sample_noise(deviation, plants.seeds[k], samples, self.controller.measured)
         start = {name: own[name] for name in ("x", "held", "memory")}
         start |= {"data": self.shared["data"], "parameters": plants.truth[k]}
-        acting = disturbances[parts] * own["load"] if disturbances else None
-        signals = {"reference": self.commands, "noise": noise}
-        return PreparedRun.of(code, start, signals, acting, parts, settings)
+        acting = disturbances[parts] if disturbances else None
+        if acting is not None and "load" in own:
+            acting = acting * own["load"]
+        return PreparedRun.of(code, start, self.commands, noise, acting, parts, settings)
 
     def _trajectory(
         self, plants: EnsemblePlants, disturbances: Disturbances, found: Recorded, k: int
     ) -> Trajectory:
         """Of a run of which all signals were kept."""
-        ends = np.cumsum([len(names) for names in self._names.values()])[:-1]
-        recorded = dict(zip(self._names, np.split(found.kept[k], ends, axis=1)))
+        names = _signal_names(self.plant, self.controller)
+        ends = np.cumsum([len(some) for some in names.values()])[:-1]
+        recorded = dict(zip(names, np.split(found.kept[k], ends, axis=1)))
         acting = np.zeros((self.command.samples, len(self.plant.disturbances)))
         if disturbances:
             acting = disturbances[int(plants.parts[k])][:, 0, 0] * plants.own["load"][k]
@@ -257,19 +416,40 @@ class Ensemble:
         return remembered
 
     # What the runs have -----------------------------------------------------------------------------
-    def _plants(self, *given: Any) -> EnsemblePlants:
-        disturbed = self.disturbance is not None
-        return EnsemblePlants.of(self.plant, self.controller, self.start, self.sub_steps, given, disturbed)
+    def _plants(self, parameters: Any, seeds: Any, states: Any, loads: Any, inputs: Any) -> EnsemblePlants:
+        """From what a user gives to `run`, which see."""
+        plant, controller = self.plant, self.controller
+        truth = checked_parameters(plant, parameters)
+        count = len(truth)
+        own = {"x": checked_rows("initial states", states, count, self.start["x"])}
+        if self.disturbance is not None:
+            own["load"] = checked_rows("loads", loads, count, np.ones(len(plant.disturbances)))
+        elif loads is not None:
+            raise InvalidInput(
+                "There is no disturbance that loads could be factors of.",
+                "expected loads=None",
+                "a disturbance in Loop.ensemble",
+            )
+        if inputs is not None:
+            rows = checked_rows("initial inputs", inputs, count, self.start["held"])
+            memory = [controller.initial_memory(input=row) for row in rows]
+            own["held"] = np.array([controller.input_before(row) for row in rows]).reshape(rows.shape)
+            own["memory"] = np.array(memory).reshape(count, -1)
+        if self.sub_steps is None:  # those of a `Loop` of each plant alone
+            point = operating_state(plant.states, controller)
+            modes = fastest_modes(plant, truth, point, controller.law.operating_input)
+            parts = np.array([sub_steps(controller.period, mode) for mode in modes.tolist()], dtype=int)
+        else:
+            parts = np.full(count, self.sub_steps)
+        return EnsemblePlants(truth, parts, checked_seeds(seeds, count), own)
 
     def _disturbances(self, plants: EnsemblePlants) -> Disturbances:
         """For each number of sub-steps see `sample_disturbance`; empty without a disturbance."""
         if self.disturbance is None:
             return {}
-        command, names = self.command, self.plant.disturbances
+        given = self.disturbance, self.command.period, self.command.samples
         return {
-            parts: sample_disturbance(
-                self.disturbance, command.period, command.samples, parts, names, capacity(parts)
-            )
+            parts: sample_disturbance(*given, parts, self.plant.disturbances, capacity(parts))
             for parts in np.unique(plants.parts).tolist()
         }
 
@@ -284,10 +464,6 @@ class Ensemble:
     def commands(self) -> np.ndarray:
         """The command (N, r)."""
         return self.shared.get("reference", np.zeros(0)).reshape(self.command.samples, -1)
-
-    @property
-    def _names(self) -> dict[str, tuple[str, ...]]:
-        return _signal_names(self.plant, self.controller)
 
     # What is compiled -----------------------------------------------------------------------------
     @cached_property
@@ -310,7 +486,7 @@ class Ensemble:
 
         def build() -> Kernel:
             model = (self.plant, self.controller, code.sizes, self.channel)
-            return compile_program(ensemble_program(*model, self.reductions, options), lanes)
+            return compile_program(loop_program(*model, options, self.reductions), lanes)
 
         updates = tuple(one.code_key for one in self.reductions)
         return share((*code.key, "ensemble", options, updates, lanes), build)
@@ -322,55 +498,6 @@ class Ensemble:
         updates = tuple(one.code_key for one in self.reductions)
         build = lambda: compile_program(reduction_program(sizes, self.reductions))  # noqa: E731
         return share(("reductions", sizes, updates), build)
-
-
-def prepared_ensemble(
-    plant: Plant,
-    controller: Controller,
-    channel: Channel,
-    commands: np.ndarray,
-    run: tuple[Any, Any, Any, Any],
-    wanted: tuple[Sequence[Reduction], Sequence[str], Any],
-    asked_sub_steps: int | None,
-    settings: Mapping[str, Any],
-) -> Ensemble:
-    """See `Loop.ensemble`.
-
-    Parameters
-    ----------
-    commands : (N, r) array
-    run : tuple
-        Disturbance, noise, initial state and initial input, as for `Loop.run`.
-    wanted : tuple
-        A user's reductions, names of signals that are kept, and samples at which they are.
-    settings : mapping
-        What trajectories name.
-    """
-    disturbance, noise, initial_state, initial_input = run
-    command = Command.of(commands, controller.period)
-    start = {
-        "x": starting_state(initial_state, plant.states, controller),
-        "held": controller.input_before(initial_input),
-        "memory": controller.initial_memory(input=initial_input),
-    }
-    shared = {"data": controller.data_vector, "facts": command.vector()}
-    if commands.size:
-        shared["reference"] = commands.ravel()
-    if noise is not None:
-        shared["deviation"] = np.ascontiguousarray(checked_deviation(noise, controller.measured))
-    reductions, names, instants = wanted
-    places = {name: tracked_place(plant, controller, name) for name in controller.judged}
-    tracking = {name: tracking_reductions(place) for name, place in places.items()}
-    known = [
-        (k, plant.states.index(name)) for k, name in enumerate(controller.states) if name in plant.states
-    ]
-    disturbance = None if disturbance is None else by_name(disturbance, plant)
-    return Ensemble(
-        plant, controller, channel, command, start, shared, disturbance, tracking,
-        (*common_reductions(known), *reductions), tuple(_signal(plant, controller, name) for name in names),
-        _instants(instants, command.samples), asked_sub_steps, settings,
-        initial_state is not None,
-    )  # fmt: skip
 
 
 def _signal_names(plant: Plant, controller: Controller) -> dict[str, tuple[str, ...]]:
@@ -410,3 +537,9 @@ def _instants(given: Any, samples: int) -> np.ndarray:
             "numbers of samples, not times",
         )
     return instants
+
+
+def _blank(values: np.ndarray, failed: np.ndarray) -> np.ndarray:
+    values = np.array(values, dtype=float)
+    values[failed] = np.nan
+    return values

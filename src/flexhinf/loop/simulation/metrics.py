@@ -1,17 +1,15 @@
-"""Metrics of a response, from arrays of time and of the true position: of a step, of tracking, of a load.
+"""Metrics of a response: of a step, of tracking, of a load; everything that judges a run uses them.
 
-Everything that judges a run uses these functions, so that each word has one definition.
-
-Numbers about a run that are computed while it goes on: the metrics of `Trajectory.metrics`, and a user's own.
-
-A reduction remembers a few numbers, which every sample changes, so that nothing of the run is stored. Its `update` is
-traced and compiled like a model: NumPy code on any element, choices by `flexhinf.scalars.where`, `maximum` and so on.
+Functions take arrays of time and of the true position. Reductions compute the metrics of `Trajectory.metrics`, and a
+user's own, while runs go on: they remember a few numbers, which every sample changes, so that nothing of the run is
+stored. Their `update` is traced and compiled like a model: NumPy code on any element, choices by
+`flexhinf.scalars.where`, `maximum` and so on.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
@@ -68,17 +66,8 @@ class StepShape:
 
 
 def step_shape(time: np.ndarray, position: np.ndarray, reference: np.ndarray) -> StepShape | None:
-    """The step in a command: from the command (or the position, if it steps at once) to where it ends.
-
-    Parameters
-    ----------
-    time, position, reference : ndarray, (N,)
-
-    Returns
-    -------
-    StepShape or None
-        None for a command that still moves in the last tenth of the run: it is no step.
-    """
+    """The step in a command (N,): from the command (or the position, if it steps at once) to where it ends; None for a
+    command that still moves in the last tenth of the run, which is no step."""
     final = float(reference[-1])
     if np.any(tail_of(reference) != final):
         return None
@@ -89,11 +78,7 @@ def step_shape(time: np.ndarray, position: np.ndarray, reference: np.ndarray) ->
 
 
 def step_metrics(time: np.ndarray, position: np.ndarray, shape: StepShape | None) -> dict[str, float | None]:
-    """Overshoot, settling time and rise time of a step.
-
-    Parameters
-    ----------
-    time, position : ndarray, (N,)
+    """Overshoot, settling time and rise time of a step, from arrays (N,).
 
     Returns
     -------
@@ -120,18 +105,10 @@ def step_metrics(time: np.ndarray, position: np.ndarray, shape: StepShape | None
 def load_metrics(
     time: np.ndarray, position: np.ndarray, *, command: float, step: float, start: float
 ) -> dict[str, float | None]:
-    """What a disturbance does to a position that is held at a command.
+    """What a disturbance does to a position (N,) that is held at a command from `start` (s, inside the run) on.
 
-    Parameters
-    ----------
-    time, position : ndarray, (N,)
-    command : float
-        The command that holds from `start` on.
-    step : float
-        The command's step (signed or not), of which the band of 2 % is taken. Where the command makes no step, a
-        reference step that is stated beside the result.
-    start : float
-        When the disturbance starts, s, inside the run.
+    The band of 2 % is of the command's step, signed or not; where the command makes none, of a reference step that is
+    stated beside the result.
 
     Returns
     -------
@@ -175,32 +152,16 @@ def steady_state_error(position: np.ndarray, reference: np.ndarray) -> float:
 
 @dataclass(frozen=True)
 class LimitCycle:
-    """An oscillation that does not die out.
-
-    Attributes
-    ----------
-    amplitude : float
-        Half of the distance between its extremes.
-    frequency : float or None
-        Hz; None where there is not one whole period.
-    """
+    """An oscillation that does not die out: half of the distance between its extremes, and its frequency, Hz, None
+    where there is not one whole period."""
 
     amplitude: float
     frequency: float | None
 
 
 def limit_cycle(time: np.ndarray, position: np.ndarray) -> LimitCycle:
-    """What still moves in the last half of a run at rest.
-
-    Parameters
-    ----------
-    time, position : ndarray, (N,)
-
-    Returns
-    -------
-    LimitCycle
-        The frequency is that of whole periods between rises through the middle, with hysteresis.
-    """
+    """What still moves in the last half of a run at rest, of arrays (N,). The frequency is that of whole periods
+    between rises through the middle, with hysteresis."""
     time, position = tail_of(time, REST_TAIL), tail_of(position, REST_TAIL)
     low, high = float(position.min()), float(position.max())
     amplitude, deviation = 0.5 * (high - low), position - 0.5 * (high + low)
@@ -341,6 +302,73 @@ class Reduction:
         return (self.update if self.key is None else self.key), len(self.start)
 
 
+@dataclass(frozen=True, eq=False)
+class EnsembleResult:
+    """Numbers of N runs.
+
+    Attributes
+    ----------
+    codes : (N,) array of int
+        0 for a run that came to its end; `CONTROL_FAILED` or `PLANT_FAILED` of `flexhinf.loop.simulation.program`
+        where the controller's or the plant's numbers are no longer finite.
+    diverged_at : (N,) array
+        The time of the last sample of a run that diverged, s; NaN for the others.
+    sub_steps : (N,) array of int
+        Runge–Kutta steps per period.
+    judged : tuple of str
+        Tracked states, see `Controller.judged`.
+    by_state : mapping of str to mapping of str to array
+        For each of them its metrics, (N,).
+    common : mapping of str to array
+        Metrics of the whole run, (N,) or (N, j).
+    kept : (N, T, k) array
+        Signals that are kept, at the instants of the ensemble; NaN after a run diverged.
+    """
+
+    codes: np.ndarray
+    diverged_at: np.ndarray
+    sub_steps: np.ndarray
+    judged: tuple[str, ...]
+    by_state: Mapping[str, Mapping[str, np.ndarray]]
+    common: Mapping[str, np.ndarray]
+    kept: np.ndarray
+
+    @property
+    def completed(self) -> np.ndarray:
+        """Which runs came to their end, (N,) of bool."""
+        return self.codes == 0
+
+    def metrics(self, name: str | None = None) -> dict[str, np.ndarray]:
+        """Metrics (N,) of the first (or the named) tracked state, by the names of `Trajectory.metrics`.
+
+        Where `Trajectory.metrics` has None they are NaN: for a command that is no step, and for runs that diverged. A
+        settling time or a rise time is infinite where the run is not settled, or has not risen, at its end.
+        `estimation_rmse` is (N, j), one column per estimated state whose true value is known.
+
+        Raises
+        ------
+        InvalidInput
+            If this state is not tracked.
+        """
+        if name is None and self.judged:
+            name = self.judged[0]
+        if name is not None and name not in self.by_state:
+            raise InvalidInput(
+                f"{name!r} is not tracked.", f"expected one of {list(self.judged)}", "one of these names"
+            )
+        return {**(self.by_state[name] if name is not None else {}), **self.common}
+
+    def metrics_of(self, k: int, name: str | None = None) -> dict[str, Any]:
+        """Those of the k-th run, with None as in `Trajectory.metrics`."""
+        row = {key: values[k].tolist() for key, values in self.metrics(name).items()}
+        if not self.completed[k]:
+            return dict.fromkeys(row)
+        return {
+            key: value if isinstance(value, list) or np.isfinite(value) else None
+            for key, value in row.items()
+        }
+
+
 def update_all(reductions: Sequence[Reduction], remembered: Any, now: Instant) -> Any:
     """What all reductions remember, one behind the other, after a sample."""
     parts, start = [], 0
@@ -353,12 +381,8 @@ def update_all(reductions: Sequence[Reduction], remembered: Any, now: Instant) -
 
 @dataclass(frozen=True)
 class Place:
-    """Where the true value of a tracked state is found, and its column of the command.
-
-    Attributes
-    ----------
-    kind : {"state", "output", "estimate"}
-    """
+    """Signal ("state", "output" or "estimate") and column of the true value of a tracked state, and its column of the
+    command."""
 
     kind: str
     column: int
@@ -377,13 +401,8 @@ def tracking_reductions(place: Place) -> tuple[Reduction, Reduction]:
 
 
 def common_reductions(known: Sequence[tuple[int, int]]) -> tuple[Reduction, Reduction]:
-    """The other metrics of `Trajectory.metrics`.
-
-    Parameters
-    ----------
-    known : sequence of (int, int)
-        Columns of each estimated state whose true value is known: in the estimate and in the true state.
-    """
+    """The other metrics of `Trajectory.metrics`; `known` are the columns, in the estimate and in the true state, of
+    each estimated state whose true value is known."""
     pairs = tuple(known)
     peak = Reduction((0.0,), _peak, _peak_metric)
     return peak, Reduction((0.0,) * len(pairs), partial(_estimation, pairs), _rms, ("estimation", pairs))
@@ -445,15 +464,8 @@ def _stepped_metrics(
 
 
 def step_reduction(state: int, begin: float, end: float) -> Reduction:
-    """`flexhinf.loop.step_metrics` of a true state that steps from `begin` to `end` at once, whatever the command.
-
-    Parameters
-    ----------
-    state : int
-        Its column.
-    begin, end : float
-        Not equal; data, not code.
-    """
+    """`flexhinf.loop.step_metrics` of a true state (its column) that steps from `begin` to another `end` at once,
+    whatever the command; both are data, not code."""
     start = (begin, *_STEP_START[1:], end)
     return Reduction(start, partial(_fixed_step, state), _fixed_step_metrics, ("fixed step", state))
 

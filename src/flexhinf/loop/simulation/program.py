@@ -32,17 +32,7 @@ WHOLE = 1e-6
 def check_delay(samples: float, period: float, most: int = LONGEST) -> None:
     """Refuse a delay of more samples than a run (or a linear loop, `LONGEST_LINEAR`) can have.
 
-    Parameters
-    ----------
-    samples : float
-        Length of the delay.
-    period : float
-        s.
-
-    Raises
-    ------
-    InvalidInput
-        With the unit that was probably meant.
+    The InvalidInput says the unit that was probably meant.
     """
     if samples <= most * (1.0 + WHOLE):
         return
@@ -72,29 +62,12 @@ class Channel:
 
     @staticmethod
     def of(quantisation: Any, delay: Any, period: float, measured: tuple[str, ...]) -> Channel:
-        """From user's numbers.
-
-        Parameters
-        ----------
-        quantisation : None, float, or (p,) array
-            Step of the measurements.
-        delay : float
-            s; a whole number of periods, at most `LONGEST`.
-        period : float
-            s.
-
-        Raises
-        ------
-        InvalidInput
-            If they do not fit.
-        """
+        """From user's numbers: steps of the measurements (None, one, or (p,)), and the delay, s, a whole number of
+        periods, at most `LONGEST`; what does not fit is refused."""
         steps = np.zeros(0) if quantisation is None else real_array(quantisation)
         late = real_number(delay)
-        if (
-            steps.shape not in ((0,), (), (len(measured),))
-            or not np.all(np.isfinite(steps))
-            or np.any(steps < 0)
-        ):
+        fits = steps.shape in ((0,), (), (len(measured),))
+        if not fits or not np.all(np.isfinite(steps)) or np.any(steps < 0):
             raise InvalidInput(
                 "The quantisation does not fit the measurements.",
                 f"expected one step >= 0 or one for each of {list(measured)}, got {value_text(quantisation)}",
@@ -167,80 +140,8 @@ def measure_function(plant: Plant, controller: Controller, channel: Channel = DI
             return channel.quantised(x[places] + noise)
         return channel.quantised(plant.evaluate_output(x, u, truth[1:]) + noise)
 
-    return trace(
-        measure,
-        plant.n,
-        len(plant.inputs),
-        len(controller.measured),
-        1 + plant.parameters.size,
-        name="measure",
-    )
-
-
-def loop_program(plant: Plant, controller: Controller, sizes: LoopSizes, channel: Channel) -> Program:
-    """The program of one run; `steps` samples, `parts` sub-steps each, room for `capacity` of them.
-
-    The record of the inputs begins with those that act before the first of the run does, `late` elements of them: what
-    acts at a sample is the row that was written a delay ago, so that any delay is data.
-    """
-
-    x, u, truth = _whole("x", sizes.x), _whole("u", sizes.u), _whole("truth", 1 + sizes.parameters)
-    memory, data = _whole("memory", sizes.memory), _whole("data", sizes.data)
-    y, stage = _row("outputs", sizes.y), _stage(sizes)
-    command, estimate = _row("reference", sizes.r), _row("estimates", sizes.estimate)
-    control, scratch = controller.steps(
-        {
-            "y": y[0], "r": command[0] if command else None, "memory": memory[0], "data": data[0],
-            "u": u[0], "estimate": estimate[0],
-        }
-    )  # fmt: skip
-    held, acting = _whole("held", sizes.u), _row("inputs", sizes.u)
-    body = (
-        Copy(x[0], _row("states", sizes.x)[0]),
-        Call(
-            drop_empty(measure_function(plant, controller, channel)),
-            (*x, *held, *_row("noise", sizes.y), *truth),
-            y,
-        ),
-        *control,
-        Copy(u[0], replace(acting[0], shift="late")),
-        Guard(u[0], CONTROL_FAILED),
-        Guard(memory[0], CONTROL_FAILED),
-        Copy(acting[0], held[0]),
-        Repeat("parts", (Call(drop_empty(rk4_function(plant)), (*x, *held, *stage, *truth), x),)),
-        Guard(x[0], PLANT_FAILED),
-    )
-    buffers = [
-        Buffer("x", sizes.x, "state"),
-        Buffer("u", sizes.u, "state"),
-        Buffer("held", sizes.u, "state"),
-        Buffer("memory", sizes.memory, "state"),
-        Buffer("data", sizes.data, "in"),
-        Buffer("truth", 1 + sizes.parameters, "in"),
-        Buffer("noise", None, "in"),
-        Buffer("states", None, "out"),
-        Buffer("outputs", None, "out"),
-        Buffer("inputs", None, "state"),
-        Buffer("estimates", None, "out"),
-    ]
-    buffers += [Buffer("reference", None, "in")] if sizes.r else []
-    buffers += [Buffer("disturbance", None, "in")] if sizes.d else []
-    return Program("closed_loop", (*buffers, *scratch), (Repeat("steps", body),), ("steps", "parts", "late"))
-
-
-def _whole(name: str, size: int) -> tuple[Slice, ...]:
-    return (Slice(name, size=size),) if size else ()
-
-
-def _row(name: str, size: int) -> tuple[Slice, ...]:
-    """The row of a sample."""
-    return (Slice(name, size=size, strides=(size,)),) if size else ()
-
-
-def _stage(sizes: LoopSizes) -> tuple[Slice, ...]:
-    """The disturbances at the start, the middle and the end of a sub-step."""
-    size = 3 * sizes.d
-    return (Slice("disturbance", size=size, strides=(size * sizes.capacity, size)),) if size else ()
+    sizes = (plant.n, len(plant.inputs), len(controller.measured), 1 + plant.parameters.size)
+    return trace(measure, *sizes, name="measure")
 
 
 @dataclass(frozen=True)
@@ -261,120 +162,122 @@ class EnsembleOptions:
     kept: tuple[tuple[str, int], ...]
 
 
-def ensemble_program(
+class _Buffers:
+    """Buffers of a program by name, as they are asked for; those without elements are left out."""
+
+    def __init__(self) -> None:
+        self.named: dict[str, Buffer] = {}
+
+    def whole(self, name: str, size: int, role: Any, shared: bool = False) -> tuple[Slice, ...]:
+        """All of a buffer of so many elements."""
+        if size:
+            self.named[name] = Buffer(name, size, role, shared=shared)
+        return (Slice(name, size=size),) if size else ()
+
+    def row(self, name: str, size: int, role: Any, shared: bool = False) -> tuple[Slice, ...]:
+        """The row of a sample."""
+        if size:
+            self.named[name] = Buffer(name, None, role, shared=shared)
+        return (Slice(name, size=size, strides=(size,)),) if size else ()
+
+
+def loop_program(
     plant: Plant,
     controller: Controller,
     sizes: LoopSizes,
     channel: Channel,
-    reductions: Sequence[Reduction],
-    options: EnsembleOptions,
+    options: EnsembleOptions | None = None,
+    reductions: Sequence[Reduction] = (),
 ) -> Program:
-    """As `loop_program`, with noise that is made and numbers that are reduced on the way; nothing else is recorded.
+    """The program of a run; `steps` samples, `parts` sub-steps each, room for `capacity` of them.
 
-    The command, the data of the law and the disturbance are the same for all lanes; each lane has its own plant, state,
-    noise, and factors of the disturbance.
+    One run, without options, is given its noise and records all signals. Of many runs noise is made and numbers are
+    reduced on the way, and nothing is recorded but what is kept: command, data of the law and disturbance are the same
+    for all lanes; each lane has its own plant, state, noise, and factors of the disturbance.
+
+    The record of the inputs begins with those that act before the first of the run does, `late` elements of them: what
+    acts at a sample is the row that was written a delay ago, so that any delay is data.
     """
-    x, u, truth = _whole("x", sizes.x), _whole("u", sizes.u), _whole("truth", 1 + sizes.parameters)
-    memory, data, y = _whole("memory", sizes.memory), _whole("data", sizes.data), _whole("y", sizes.y)
-    held, step, noise = _whole("held", sizes.u), _whole("step", 1), _whole("noise", sizes.y)
-    command, estimate = _row("reference", sizes.r), _whole("estimate", sizes.estimate)
-    acting_disturbance = _whole("acting", 3 * sizes.d)
+    many, b = options is not None, _Buffers()
+    delayed = options is None or options.delayed
+    x, held = b.whole("x", sizes.x, "state"), b.whole("held", sizes.u, "state")
+    u = b.whole("u", sizes.u, "work" if many else "state")
+    memory, data = b.whole("memory", sizes.memory, "state"), b.whole("data", sizes.data, "in", many)
+    truth = b.whole("truth", 1 + sizes.parameters, "in")
+    command = b.row("reference", sizes.r, "in", many)
+    if options is None:
+        y, noise = b.row("outputs", sizes.y, "out"), b.row("noise", sizes.y, "in")
+        estimate = b.row("estimates", sizes.estimate, "out")
+    else:
+        y, noise = b.whole("y", sizes.y, "work"), b.whole("noise", sizes.y, "work")
+        estimate, step = b.whole("estimate", sizes.estimate, "work"), b.whole("step", 1, "state")
     control, scratch = controller.steps(
         {
             "y": y[0], "r": command[0] if command else None, "memory": memory[0], "data": data[0],
             "u": u[0], "estimate": estimate[0],
         }
     )  # fmt: skip
-    remembered = _whole("remembered", sum(len(reduction.start) for reduction in reductions))
-    reduce = drop_empty(_reduce_function(sizes, reductions))
-    advance = Call(drop_empty(rk4_function(plant)), (*x, *held, *acting_disturbance, *truth), x)
-    acting = _row("inputs", sizes.u)
     body: list[Step] = []
-    if options.noisy:
-        drawn = Slice("normal", size=sizes.y)
-        body.append(Normal(step[0], Slice("key", size=3), drawn))
-        body.append(Call(_product_function(sizes.y, 1), (drawn, Slice("deviation", size=sizes.y)), noise))
-    body.append(
-        Call(drop_empty(measure_function(plant, controller, channel)), (*x, *held, *noise, *truth), y)
-    )
-    body += control
-    if options.kept:
-        observed = (*x, *y, *estimate, u[0])
-        body.append(Call(_kept_function(sizes, options.kept), observed, _row("kept", len(options.kept))))
+    if options is None:
+        body.append(Copy(x[0], b.row("states", sizes.x, "out")[0]))
+    elif options.noisy:
+        key, drawn = b.whole("key", 3, "in"), b.whole("normal", sizes.y, "work")
+        body.append(Normal(step[0], key[0], drawn[0]))
+        deviation = b.whole("deviation", sizes.y, "in", many)
+        body.append(Call(_product_function(sizes.y, 1), (*drawn, *deviation), noise))
+    measure = drop_empty(measure_function(plant, controller, channel))
+    body += [Call(measure, (*x, *held, *noise, *truth), y), *control]
+    if options is not None and options.kept:
+        kept = b.row("kept", len(options.kept), "out")
+        body.append(Call(_kept_function(sizes, options.kept), (*x, *y, *estimate, *u), kept))
+    acting = u
+    if delayed:
+        acting = b.row("inputs", sizes.u, "state")
+        body.append(Copy(u[0], replace(acting[0], shift="late")))
     body += [Guard(u[0], CONTROL_FAILED), Guard(memory[0], CONTROL_FAILED)]
-    observed = (*step, *remembered, *x, *estimate, *y, *u, *command)
-    body.append(Call(reduce, (*observed, Slice("facts", size=1 + 3 * sizes.r)), (*remembered, *step)))
-    if options.delayed:
-        body += [Copy(u[0], replace(acting[0], shift="late")), Copy(acting[0], held[0])]
-    else:
-        body.append(Copy(u[0], held[0]))
-    if options.disturbed:
-        scaled = Call(
-            _product_function(sizes.d, 3), (*_stage(sizes), Slice("load", size=sizes.d)), acting_disturbance
+    if many:
+        remembered = b.whole("remembered", _remembered(reductions), "state")
+        observed = (*step, *remembered, *x, *estimate, *y, *u, *command)
+        facts = b.whole("facts", 1 + 3 * sizes.r, "in", many)
+        body.append(
+            Call(drop_empty(_reduce_function(sizes, reductions)), (*observed, *facts), (*remembered, *step))
         )
-        body.append(Repeat("parts", (scaled, advance)))
-    else:
-        body.append(Repeat("parts", (advance,)))
-    body.append(Guard(x[0], PLANT_FAILED))
-    return Program(
-        "ensemble",
-        (*_ensemble_buffers(sizes, len(remembered) and remembered[0].size, options), *scratch),
-        (Repeat("steps", tuple(body)),),
-        ("steps", "parts", "late") if options.delayed else ("steps", "parts"),
-    )
-
-
-def _ensemble_buffers(sizes: LoopSizes, remembered: int, options: EnsembleOptions) -> list[Buffer]:
-    buffers = [
-        Buffer("x", sizes.x, "state"),
-        Buffer("held", sizes.u, "state"),
-        Buffer("memory", sizes.memory, "state"),
-        Buffer("step", 1, "state"),
-        Buffer("data", sizes.data, "in", shared=True),
-        Buffer("facts", 1 + 3 * sizes.r, "in", shared=True),
-        Buffer("truth", 1 + sizes.parameters, "in"),
-        Buffer("u", sizes.u, "work"),
-        Buffer("y", sizes.y, "work"),
-        Buffer("noise", sizes.y, "work"),
-        Buffer("estimate", sizes.estimate, "work"),
-    ]
-    buffers += [Buffer("remembered", remembered, "state")] if remembered else []
-    buffers += [Buffer("reference", None, "in", shared=True)] if sizes.r else []
-    buffers += [Buffer("acting", 3 * sizes.d, "work")] if sizes.d else []
-    if options.noisy:
-        buffers += [Buffer("key", 3, "in"), Buffer("normal", sizes.y, "work")]
-        buffers += [Buffer("deviation", sizes.y, "in", shared=True)]
-    if options.disturbed:
-        buffers += [Buffer("disturbance", None, "in", shared=True), Buffer("load", sizes.d, "in")]
-    buffers += [Buffer("inputs", None, "state")] if options.delayed else []
-    buffers += [Buffer("kept", None, "out")] if options.kept else []
-    return buffers
+    body.append(Copy(acting[0], held[0]))
+    size, parts = 3 * sizes.d, []
+    stage: tuple[Slice, ...] = ()
+    if size and (options is None or options.disturbed):
+        stage = (Slice("disturbance", size=size, strides=(size * sizes.capacity, size)),)
+        b.named["disturbance"] = Buffer("disturbance", None, "in", shared=many)
+    if many:
+        own, load = b.whole("acting", size, "work"), Slice("load", size=sizes.d)
+        if stage:
+            b.whole("load", sizes.d, "in")
+            parts.append(Call(_product_function(sizes.d, 3), (*stage, load), own))
+        stage = own
+    parts.append(Call(drop_empty(rk4_function(plant)), (*x, *held, *stage, *truth), x))
+    body += [Repeat("parts", tuple(parts)), Guard(x[0], PLANT_FAILED)]
+    counts = ("steps", "parts", "late") if delayed else ("steps", "parts")
+    name = "ensemble" if many else "closed_loop"
+    return Program(name, (*b.named.values(), *scratch), (Repeat("steps", tuple(body)),), counts)
 
 
 def reduction_program(sizes: LoopSizes, reductions: Sequence[Reduction]) -> Program:
-    """The reductions of `ensemble_program` alone, of the recorded signals of one run."""
+    """The reductions of a program of many runs alone, of the recorded signals of one run."""
+    b = _Buffers()
+    step, remembered = b.whole("step", 1, "state"), b.whole("remembered", _remembered(reductions), "state")
     signals = {
-        "state": sizes.x,
-        "estimate": sizes.estimate,
-        "output": sizes.y,
-        "input": sizes.u,
-        "reference": sizes.r,
-    }
-    rows = [piece for name, size in signals.items() for piece in _row(name, size)]
-    own = {"step": 1, "remembered": sum(len(reduction.start) for reduction in reductions)}
-    step, remembered, facts = (
-        *(Slice(name, size=size) for name, size in own.items()),
-        Slice("facts", size=1 + 3 * sizes.r),
-    )
-    reduce = Call(
-        drop_empty(_reduce_function(sizes, reductions)), (step, remembered, *rows, facts), (remembered, step)
-    )
-    buffers = [Buffer(name, None, "in") for name, size in signals.items() if size]
-    buffers += [
-        Buffer("facts", 1 + 3 * sizes.r, "in"),
-        *(Buffer(name, size, "state") for name, size in own.items()),
-    ]
-    return Program("reductions", tuple(buffers), (Repeat("steps", (reduce,)),), ("steps",))
+        "state": sizes.x, "estimate": sizes.estimate, "output": sizes.y, "input": sizes.u, "reference": sizes.r,
+    }  # fmt: skip
+    rows = [piece for name, size in signals.items() for piece in b.row(name, size, "in")]
+    facts = b.whole("facts", 1 + 3 * sizes.r, "in")
+    function = drop_empty(_reduce_function(sizes, reductions))
+    reduce = Call(function, (*step, *remembered, *rows, *facts), (*remembered, *step))
+    return Program("reductions", tuple(b.named.values()), (Repeat("steps", (reduce,)),), ("steps",))
+
+
+def _remembered(reductions: Sequence[Reduction]) -> int:
+    """How many numbers they remember."""
+    return sum(len(reduction.start) for reduction in reductions)
 
 
 def _product_function(size: int, times: int) -> ca.Function:
@@ -401,6 +304,5 @@ def _reduce_function(sizes: LoopSizes, reductions: Sequence[Reduction]) -> ca.Fu
         now = Instant(step[0], x, estimate, y, u, command, facts[0], *rows)
         return (update_all(reductions, kept, now), step + 1.0) if reductions else step + 1.0
 
-    remembered = sum(len(reduction.start) for reduction in reductions)
-    widths = (1, remembered, sizes.x, sizes.estimate, sizes.y, sizes.u, r, 1 + 3 * r)
+    widths = (1, _remembered(reductions), sizes.x, sizes.estimate, sizes.y, sizes.u, r, 1 + 3 * r)
     return trace(reduce, *widths, name="reduce")

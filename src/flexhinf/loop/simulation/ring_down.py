@@ -1,4 +1,4 @@
-"""The oscillations in which a loop comes to rest after a blow, from the recorded runs alone.
+"""The oscillations in which a loop comes to rest after an impulse, from the recorded runs alone.
 
 Near its equilibrium a sampled loop obeys z(k+1) = A z(k), with z all that it remembers: states of the plant, estimate,
 inputs. A is the least-squares fit to all samples of all runs (dynamic mode decomposition [schmid2010]); its eigenvalues
@@ -33,17 +33,8 @@ LASTING = 2.0
 
 @dataclass(frozen=True)
 class Oscillation:
-    """One decaying oscillation in one run.
-
-    Attributes
-    ----------
-    frequency : float
-        |log λ| / 2π, Hz.
-    damping : float
-        −Re/|·| of its exponent; negative where it grows.
-    share : float
-        Amplitude just after the blow, over the peak of the watched signal in which it is largest.
-    """
+    """One decaying oscillation in one run: |log λ| / 2π, Hz; −Re/|·| of its exponent, negative where it grows; and its
+    amplitude just after the impulse, over the peak of the watched signal in which it is largest."""
 
     frequency: float
     damping: float
@@ -52,7 +43,7 @@ class Oscillation:
 
 @dataclass(frozen=True, eq=False)
 class RingDown:
-    """What was found.
+    """The oscillations of several runs.
 
     Attributes
     ----------
@@ -88,7 +79,7 @@ class RingDown:
 
 
 def ring_down(runs: Sequence[np.ndarray], watched: Sequence[Sequence[int]], period: float) -> RingDown:
-    """The oscillations of several runs of one loop, from just after a blow on.
+    """The oscillations of several runs of one loop, from just after an impulse on.
 
     Parameters
     ----------

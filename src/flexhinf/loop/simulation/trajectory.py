@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -20,24 +19,16 @@ from flexhinf.validation import checked_path
 
 if TYPE_CHECKING:
     import xarray as xr
-    from matplotlib.axes import Axes
-
-    from flexhinf.loop.simulation.figure import NotebookFigure
-
+    from matplotlib.figure import Figure
 
 #: Where a run starts that starts as its controller does.
 STARTED = "where the controller starts"
 
 #: Keys of `Trajectory.metrics`.
 METRICS = (
-    "overshoot_percent",
-    "settling_time_s",
-    "rise_time_s",
-    "steady_state_error",
-    "peak_input",
-    "tracking_rmse",
+    "overshoot_percent", "settling_time_s", "rise_time_s", "steady_state_error", "peak_input", "tracking_rmse",
     "estimation_rmse",
-)
+)  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -118,7 +109,11 @@ class Trajectory(Summarised):
         of `program` failed with this code, or before the run was stopped (a negative code)."""
         end, message = (last + 1 if code else len(times)), ""
         if code > 0:
-            message = _divergence(code, times[last])
+            who = "controller's estimate or input" if code == CONTROL_FAILED else "true plant's state"
+            message = (
+                f"The closed loop diverged: at t = {times[last]:g} s the {who} is no longer finite. "
+                "Try a smaller command, a larger gamma, a shorter period or another penalty."
+            )
         kept = {name: values[:end] for name, values in recorded.items()}
         return Trajectory.of(plant, controller, times[:end], kept, settings, message)
 
@@ -187,26 +182,20 @@ class Trajectory(Summarised):
     def _judged_name(self, name: str | None) -> str:
         tracked = [name for name in self.names.get("reference", ()) if name not in self.names["input"]]
         if not self.judged:
-            raise InvalidInput(
-                "Nothing is tracked in this run.",
-                "expected a problem with integrate=(...)",
-                "integrate a state",
-            )
+            expected = "expected a problem with integrate=(...)"
+            raise InvalidInput("Nothing is tracked in this run.", expected, "integrate a state")
         if name is not None and name not in tracked:
             raise InvalidInput(
                 f"{name!r} is not tracked.", f"expected one of {list(tracked)}", "one of these names"
             )
         return self.judged[0] if name is None else name
 
-    def plot(self) -> NotebookFigure:
-        """Tracked states (or all) with command and estimate above, inputs below; angles in degrees.
+    def plot(self) -> Figure:
+        """Tracked states (or all) with command and estimate above, inputs below, angles in degrees: a figure of
+        matplotlib that shows itself in a notebook and needs no pyplot; `Figure.savefig` writes it."""
+        from flexhinf.loop.simulation.figure import plot_run
 
-        Returns
-        -------
-        matplotlib.figure.Figure
-            It shows itself in a notebook and needs no pyplot; `Figure.savefig` writes it.
-        """
-        return _plot(self)
+        return plot_run(self)
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write all signals to one file, whole or not at all; the suffix says the format.
@@ -240,33 +229,13 @@ class Trajectory(Summarised):
             for name, unit, column in zip(self.names[kind], self.units[kind], values.T):
                 labels.append(f"{kind}.{name} [{unit}]" if unit else f"{kind}.{name}")
                 columns.append(column)
-        np.savetxt(
-            path,
-            np.column_stack(columns),
-            "%.17g",
-            ",",
-            header=",".join(map(_csv_cell, labels)),
-            comments="",
-            encoding="utf-8",
-        )
+        head, table = ",".join(map(_csv_cell, labels)), np.column_stack(columns)
+        np.savetxt(path, table, "%.17g", ",", header=head, comments="", encoding="utf-8")
 
     def _write_netcdf(self, path: str) -> None:
-        """`data` without signals that have no columns, as xarray would write it, which takes a third of a second to
-        import."""
-        from scipy.io import netcdf_file
-
-        with netcdf_file(path, "w", version=2) as file:
-            for key, value in {**self.settings, "status": self.status}.items():
-                setattr(file, key, str(value).encode())
-            file.createDimension("time", len(self.time))
-            _variable(file, "time", self.time, ("time",), units="s", long_name="time")
-            for kind in (kind for kind, names in self.names.items() if names):
-                column = f"{kind}_name"
-                file.createDimension(column, len(self.names[kind]))
-                shown = {"units": ", ".join(self.units[kind]), "coordinates": f"{kind}_unit"}
-                _variable(file, kind, self.signals[kind], ("time", column), **shown)
-                _variable(file, column, _letters(self.names[kind]), (column,), _Encoding="utf-8")
-                _variable(file, f"{kind}_unit", _letters(self.units[kind]), (column,), _Encoding="utf-8")
+        """`data` without signals that have no columns."""
+        empty = [f"{kind}_name" for kind, names in self.names.items() if not names]
+        self.data.drop_dims(empty).to_netcdf(path, engine="scipy", format="NETCDF3_64BIT")
 
     def summary(self) -> dict[str, str]:
         """Status, length, and the metrics of the first tracked state."""
@@ -290,90 +259,12 @@ class Trajectory(Summarised):
         return facts
 
     def _repr_html_(self) -> str:
-        return table_html("Trajectory", self.summary()) + self.plot()._repr_html_()
-
-
-def _letters(texts: Sequence[str]) -> np.ndarray:
-    """Texts as rows of bytes, (N, letters)."""
-    encoded = np.array([text.encode() for text in texts])
-    return encoded.view("S1").reshape(len(texts), -1) if encoded.itemsize else np.zeros((len(texts), 1), "S1")
-
-
-def _variable(
-    file: Any, name: str, values: np.ndarray, dimensions: tuple[str, ...], **attributes: str
-) -> None:
-    """A variable of a NetCDF file; rows of bytes get a dimension of their length."""
-    if values.dtype.kind == "S":
-        letters = f"string{values.shape[1]}"
-        if letters not in file.dimensions:
-            file.createDimension(letters, values.shape[1])
-        dimensions = (*dimensions, letters)
-    variable = file.createVariable(name, values.dtype.str[1:].replace("S1", "c"), dimensions)
-    variable[:] = values
-    for key, value in attributes.items():
-        setattr(variable, key, value.encode())
-
-
-def _divergence(code: int, time: float) -> str:
-    who = "controller's estimate or input" if code == CONTROL_FAILED else "true plant's state"
-    return (
-        f"The closed loop diverged: at t = {time:g} s the {who} is no longer finite. "
-        "Try a smaller command, a larger gamma, a shorter period or another penalty."
-    )
+        return table_html("Trajectory", self.summary()) + self.plot()._repr_html_()  # type: ignore[attr-defined]
 
 
 def _csv_cell(text: str) -> str:
     """A text as one cell of a CSV file (RFC 4180)."""
     return '"' + text.replace('"', '""') + '"' if any(mark in text for mark in ',"\n') else text
-
-
-def _plot(run: Trajectory) -> NotebookFigure:
-    import matplotlib
-
-    from flexhinf.loop.simulation.figure import NotebookFigure
-
-    with matplotlib.rc_context({"text.parse_math": False}):  # a dollar sign in a name is no formula
-        figure = NotebookFigure(figsize=(7.0, 5.0), layout="constrained")
-        above, below = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
-        shown = run.judged or run.names["estimate"]
-        for k, name in enumerate(shown):
-            _plot_state(above, run, name, f"C{k}")
-        for k, name in enumerate(run.names["input"]):
-            below.plot(
-                run.time, run.signals["input"][:, k], f"C{k}", label=_label(name, run.units["input"][k])
-            )
-        below.set_xlabel("time in s")
-        _label_axis(above, [_shown_unit(run, name)[1] for name in shown], "states")
-        _label_axis(below, run.units["input"], "inputs")
-        for axes in (above, below):
-            axes.legend(frameon=False)
-            axes.grid(alpha=0.3)
-    return figure
-
-
-def _plot_state(axes: Axes, run: Trajectory, name: str, colour: str) -> None:
-    scale, unit = _shown_unit(run, name)
-    axes.plot(run.time, scale * run.tracked(name), colour, label=_label(name, unit))
-    axes.plot(run.time, scale * run.signal("estimate", name), color="0.1", ls="--", lw=0.8, label="estimated")
-    if name in run.names["reference"]:
-        command = scale * run.signal("reference", name)
-        axes.plot(run.time, command, color="0.4", ls=":", lw=0.9, label="command")
-
-
-def _shown_unit(run: Trajectory, name: str) -> tuple[float, str]:
-    """Factor and unit of a state in the figure: degrees for angles."""
-    unit = dict(zip(run.names["estimate"], run.units["estimate"]))[name]
-    return (180.0 / np.pi, "°") if unit == "rad" else (1.0, unit)
-
-
-def _label_axis(axes: Axes, units: Sequence[str], what: str) -> None:
-    several = list(dict.fromkeys(unit for unit in units if unit))
-    axes.set_ylabel(_label(what, ", ".join(several)))
-
-
-def _label(name: str, unit: str) -> str:
-    words = name.replace("_", " ")
-    return f"{words} in {unit}" if unit else words
 
 
 def _rms(errors: np.ndarray) -> float:

@@ -84,7 +84,6 @@ def frequency_figures(loops: Sequence[Loop], joints: Sequence[str], load: str, p
 
 @house_style()
 def _bode(loops: Sequence[Loop], joints: Sequence[str], load: str, position: str) -> Figure:
-    """Command → link position (magnitude and phase), and torque on the link → link position."""
     figure, (command, phase, torque) = _stacked(3, 8.4)
     for name, style, response, joint in _lines(loops, joints):
         below = response.frequencies <= SHOWN_BAND * np.pi / response.period
@@ -113,7 +112,6 @@ def _bode(loops: Sequence[Loop], joints: Sequence[str], load: str, position: str
 
 @house_style()
 def _sensitivity(loops: Sequence[Loop]) -> Figure:
-    """Largest singular values of S and T, the loop broken at the inputs."""
     figure, (axis,) = _stacked(1, 3.6)
     alone = len(loops) == 1
     lines = [
@@ -139,7 +137,6 @@ def _sensitivity(loops: Sequence[Loop]) -> Figure:
 
 @house_style()
 def _nyquist(loops: Sequence[Loop], joints: Sequence[str]) -> Figure:
-    """The open loop at each input, the others closed, with the circle about −1 that it does not enter."""
     from matplotlib.patches import Circle
 
     figure, ((axis,),) = panels(1, 1, 4.6)
@@ -197,7 +194,6 @@ def _moved(response: FrequencyResponse, joint: int) -> np.ndarray:
 
 
 def _stacked(rows: int, height: float) -> tuple[Any, list[Axes]]:
-    """Panels one above the other over one logarithmic axis of frequency."""
     figure, grid = panels(rows, 1, height, sharex=True)
     axes = [row[0] for row in grid]
     axes[-1].set_xlabel("frequency (Hz)")
@@ -305,7 +301,6 @@ def pole_blocks(design: Design) -> list[Any]:
 
 
 def _modes(design: Design) -> Mapping[str, Sequence[Mode]]:
-    """Without control, with the law on the true state, and of the estimation error where there is one."""
     error = design.evaluation.estimator_modes
     found = {"without control": design.evaluation.open_modes, "law on the true state": design.law_modes}
     return {**found, "estimation error": error} if error else found
@@ -333,9 +328,9 @@ def mode_table(design: Design, brief: bool = False) -> Table:
         Column("loop", key="loop"),
         Column("mode", key="mode"),
         *([Column("mainly", key="joint")] if joints > 1 else []),
-        Column("frequency", "Hz", digits=3, key="frequency", brief="Hz"),
-        Column("damping ratio", digits=3, key="damping", brief="damping"),
-        Column("time constant", "s", key="time", brief=None),
+        Column("frequency", "Hz", digits=4, key="frequency", brief="Hz"),
+        Column("damping ratio", digits=4, key="damping", brief="damping"),
+        Column("time constant", "s", digits=4, key="time", brief=None),
     )
     caption = "Modes that oscillate or do not decay, linearised at the goal, continuous time"
     title = f"γ* of the problem = {design.gamma_star:.5g}, γ = {design.gamma:.5g}\nOscillations at the goal"

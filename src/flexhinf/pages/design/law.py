@@ -153,7 +153,6 @@ def _table(design: Design, loops: Sequence[RigidLoop]) -> Table:
 
 
 def _figure(design: Design, loops: Sequence[RigidLoop]) -> Figure:
-    """Our step and those of the rigid law, in the joint with its largest error in the second half of the runs."""
     e, goal, late = design.evaluation, design.goal, np.zeros(len(design.goal))
     units = units_of(e)
     for loop in loops:

@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
 
-from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.laws import NL_HINF
 from flexhinf.design.result import ComparedLaw, Comparison
 from flexhinf.design.tuning import TradeOff
 from flexhinf.pages.design.requirements import limit_text
 from flexhinf.pages.drawing import (
     figure_block,
+    framed,
     legend_above,
     line_style,
     panels,
@@ -43,7 +43,6 @@ AFTER = 1.3
 RANGE = 30.0
 
 Kind = Literal["input", "small input", "length", "%", "s", "ms", "rad/s", ""]
-Signal = tuple[np.ndarray, np.ndarray]
 
 
 @dataclass(frozen=True)
@@ -117,7 +116,6 @@ SHORT = {
 
 
 def _title(group: str, comparison: Comparison) -> str:
-    """What was run for a group of figures."""
     own, units = comparison.own.evaluation, comparison.units()
     assert own is not None
     runs, setup = own.scenario, own.setup
@@ -158,7 +156,10 @@ def cell(figure: LawFigure, value: float | None, comparison: Comparison) -> str:
     if value is None:
         return "–"
     if np.isinf(value):
-        return _without_number(figure, comparison)
+        own = comparison.own.evaluation
+        if "settling" in figure.key and own is not None and own.scenario is not None:
+            return f"> {own.scenario.step_duration:g}"
+        return "never" if figure.key == "load_recovery_s" else "∞" if figure.better > 0 else "diverges"
     if figure.unit in ("length", "ms", "small input"):
         value *= 1e3
     if figure.unit == "%":
@@ -171,15 +172,6 @@ def cell(figure: LawFigure, value: float | None, comparison: Comparison) -> str:
         return number(value, 2)
     size = 0 if value == 0.0 else int(np.floor(np.log10(abs(value))))
     return number(value, decimals=min(max(2 - size, 0), 3))
-
-
-def _without_number(figure: LawFigure, comparison: Comparison) -> str:
-    own = comparison.own.evaluation
-    if "settling" in figure.key and own is not None and own.scenario is not None:
-        return f"> {own.scenario.step_duration:g}"
-    if figure.key == "load_recovery_s":
-        return "never"
-    return "∞" if figure.better > 0 else "diverges"
 
 
 def best_of(figure: LawFigure, values: Sequence[float | None]) -> tuple[bool, ...]:
@@ -258,133 +250,101 @@ def comparison_tables(comparison: Comparison, width: int = WIDTH) -> list[Any]:
     return [*parts, table]
 
 
-@house_style()
-def responses_figure(comparison: Comparison) -> Figure:
-    """Errors of one joint in step, load and move: one row for each kind of laws, nonlinear H∞ in all."""
-    groups = _groups(comparison)
-    columns = _columns(comparison)
-    figure, grid = panels(len(groups), 3, 0.6 + 2.25 * len(groups), 9.6, sharex="col", sharey="col")
-    for axes, (name, laws) in zip(grid, groups):
-        for axis, column in zip(axes, columns):
-            for law, style in _styles(comparison, laws):
-                time, error = column.signals[law.name]
-                few = thin(time, POINTS)
-                axis.plot(time[few], error[few], label=law.name, **style)
-            reference_line(axis)
-            label(axis, column.label, column.unit)
-        axes[0].set_title(name)
-        axes[2].legend(loc="center left", bbox_to_anchor=(1.0, 0.5), handlelength=1.6)
-    for axis, column in zip(grid[0], columns):
-        axis.set_xlim(*column.times)
-        axis.set_ylim(*column.limits)
-    for axis, column in zip(grid[-1], columns):
-        axis.set_xlabel(column.time)
-    joints = comparison.robot.joint_names
-    which = ", ".join(f"{column.what}: {joints[column.joint]}" for column in columns)
-    return figure_block(
-        "laws", figure,
-        (
-            "Errors of the true link position in the nonlinear loop with estimator and measurement noise. Left: the "
-            "step as the controller is deployed. Middle: the torque on the links at the goal. Right: the planned move, "
-            f"link position minus plan. {comparison.tuned_design.name} is in every row (thick). Axes are the same down "
-            "a column; lines that leave a panel go on.",
-            f"Joints, where the errors are largest: {which}." if len(joints) > 1 else "",
-        ),
-        "Laws in the same runs",
-    )  # fmt: skip
-
-
 @dataclass(frozen=True, eq=False)
-class _Column:
-    """Error of one joint over time, of every law."""
+class ErrorPanel:
+    """Errors of every law over time, by name: times (N,) and errors (N, n), shown times `scale` within `span`."""
 
-    what: str
-    label: str
+    run: str
+    quantity: str
     unit: str
-    time: str
-    errors: dict[str, Signal]
+    errors: dict[str, tuple[np.ndarray, np.ndarray]]
     scale: float
-    times: tuple[float, float]
+    span: tuple[float, float]
+    time: str = "time (s)"
 
     @cached_property
     def joint(self) -> int:
         """Where the median law has the largest error, root mean square."""
-        sizes = [
-            np.sqrt(np.nanmean(np.where(np.isfinite(error), error, np.nan) ** 2, axis=0))
-            for _, error in self.errors.values()
-        ]
-        return int(np.argmax(np.median(sizes, axis=0)))
-
-    @cached_property
-    def signals(self) -> dict[str, Signal]:
-        """Time and error of that joint, in the unit shown."""
-        return {name: (t, self.scale * error[:, self.joint]) for name, (t, error) in self.errors.items()}
+        squares = (np.where(np.isfinite(error), error, np.nan) ** 2 for _, error in self.errors.values())
+        return int(np.argmax(np.median([np.sqrt(np.nanmean(each, axis=0)) for each in squares], axis=0)))
 
     @property
     def limits(self) -> tuple[float, float]:
         """Of the vertical axis: all of what most laws do."""
         inside = []
-        for time, error in self.signals.values():
-            shown = error[(time >= self.times[0]) & (time <= self.times[1]) & np.isfinite(error)]
+        for time, errors in self.errors.values():
+            error = self.scale * errors[:, self.joint]
+            shown = error[(time >= self.span[0]) & (time <= self.span[1]) & np.isfinite(error)]
             inside.append((float(shown.min(initial=0.0)), float(shown.max(initial=0.0))))
-        low, high = (np.array(side) for side in zip(*inside))
+        low, high = np.array(inside).T
         size = float(np.median(high - low))
-        bottom, top = max(float(low.min()), -SHOWN * size), min(float(high.max()), SHOWN * size)
-        margin = 0.06 * max(top - bottom, 1e-12)
-        return bottom - margin, top + margin
+        return framed(np.clip([low.min(), high.max()], -SHOWN * size, SHOWN * size))
 
 
-def _columns(comparison: Comparison) -> tuple[_Column, _Column, _Column]:
-    units, own = comparison.units(), comparison.own.evaluation
+@house_style()
+def responses_figure(comparison: Comparison) -> Figure:
+    """Errors of one joint in step, load and move: one row for each kind of laws, nonlinear H∞ in all."""
+    own, units, joints = comparison.own.evaluation, comparison.units(), comparison.robot.joint_names
     assert own is not None
     assert own.scenario is not None
-    duration = own.scenario.step_duration
+    duration, shown, thick = own.scenario.step_duration, units_of(own), comparison.tuned_design
     settled = [row.metrics.get("step_settling_s") for row in comparison.compared]
     last = max((value for value in settled if value is not None and np.isfinite(value)), default=duration)
     end = min(duration, max(AFTER * last, 0.1 * duration))
-
-    def errors(of: Callable[[LawEvaluation], Signal]) -> dict[str, Signal]:
-        return {row.name: of(row.evaluation) for row in comparison.compared if row.evaluation is not None}
-
-    step = errors(lambda e: (e.step.run.time, e.step.positions - e.step.goal))
-    load = errors(lambda e: (e.load_response.response.run.time - e.load_response.at, _deviation(e)))
-    move = errors(lambda e: (e.move.response.run.time, e.move.error))
-    shown = units_of(own)
-    plan = float(own.move.response.run.time[-1])
-    return (
-        _Column("step", "position − goal", shown.angle, "time (s)", step, shown.scale, (0.0, end)),
-        _Column(
-            "load",
-            "position − goal",
-            units["error"],
-            "time after the load (s)",
-            load,
-            1e3,
-            (-0.05 * end, end),
+    laws = {row.name: row.evaluation for row in comparison.compared if row.evaluation is not None}
+    loads = {name: (e.load_response.at, e.load_response.response) for name, e in laws.items()}
+    steps = {name: (e.step.run.time, e.step.positions - e.step.goal) for name, e in laws.items()}
+    loaded = {name: (run.run.time - at, run.positions - run.goal) for name, (at, run) in loads.items()}
+    moves = {name: (e.move.response.run.time, e.move.error) for name, e in laws.items()}
+    columns = (
+        ErrorPanel("step", "position − goal", shown.angle, steps, shown.scale, (0.0, end)),
+        ErrorPanel(
+            "load", "position − goal", units["error"], loaded, 1e3, (-0.05 * end, end), "time after the load (s)"
         ),
-        _Column("move", "position − plan", units["error"], "time (s)", move, 1e3, (0.0, plan)),
-    )
-
-
-def _deviation(e: LawEvaluation) -> np.ndarray:
-    return e.load_response.response.positions - e.load_response.response.goal
-
-
-def _groups(comparison: Comparison) -> list[tuple[str, list[ComparedLaw]]]:
-    """Laws of each kind beside nonlinear H∞."""
-    found: dict[str, list[ComparedLaw]] = {}
+        ErrorPanel(
+            "move", "position − plan", units["error"], moves, 1e3, (0.0, float(own.move.response.run.time[-1]))
+        ),
+    )  # fmt: skip
+    groups: dict[str, list[str]] = {}
     for row in comparison.compared:
-        if row is not comparison.tuned_design:
-            found.setdefault(row.kind.group, []).append(row)
-    return list(found.items()) or [(comparison.own.kind.group, [])]
-
-
-def _styles(comparison: Comparison, laws: Sequence[ComparedLaw]) -> list[tuple[ComparedLaw, dict[str, Any]]]:
-    """Nonlinear H∞ thick, the others thin above it; a law has the same style in every figure of the page."""
+        if row is not thick:
+            groups.setdefault(row.kind.group, []).append(row.name)
+    groups = groups or {comparison.own.kind.group: []}
     styles = {row.name: line_style(k) for k, row in enumerate(comparison.rows)}
-    thick = comparison.tuned_design
-    own = (thick, {**styles[thick.name], "linewidth": 2.2, "zorder": 2.5})
-    return [own, *((row, {**styles[row.name], "linewidth": 1.2, "zorder": 3.0}) for row in laws)]
+    figure, grid = panels(len(groups), 3, 0.6 + 2.25 * len(groups), 9.6, sharex="col", sharey="col")
+    for axes, (group, names) in zip(grid, groups.items()):
+        for axis, column in zip(axes, columns):
+            for name in (thick.name, *names):
+                time, error = column.errors[name]
+                few = thin(time, POINTS)
+                wide = (
+                    {"linewidth": 2.2, "zorder": 2.5}
+                    if name == thick.name
+                    else {"linewidth": 1.2, "zorder": 3.0}
+                )
+                axis.plot(
+                    time[few], column.scale * error[few, column.joint], label=name, **{**styles[name], **wide}
+                )
+            reference_line(axis)
+            label(axis, column.quantity, column.unit)
+        axes[0].set_title(group)
+        axes[2].legend(loc="center left", bbox_to_anchor=(1.0, 0.5), handlelength=1.6)
+    for top, bottom, column in zip(grid[0], grid[-1], columns):
+        top.set_xlim(*column.span)
+        top.set_ylim(*column.limits)
+        bottom.set_xlabel(column.time)
+    which = ", ".join(f"{column.run}: {joints[column.joint]}" for column in columns)
+    return figure_block(
+        "laws", figure,
+        (
+            "Errors of the true link position in the nonlinear loop with estimator and measurement noise. Left: the "
+            "step as the controller is deployed. Middle: the torque on the links at the goal. Right: the planned move, "
+            f"link position minus plan. {thick.name} is in every row (thick). Axes are the same down "
+            "a column; lines that leave a panel go on.",
+            f"Joints, where the errors are largest: {which}." if len(joints) > 1 else "",
+        ),
+        "Laws in the same runs",
+    )  # fmt: skip
 
 
 @house_style()
@@ -399,38 +359,35 @@ def trade_off_figure(comparison: Comparison, offs: Sequence[TradeOff]) -> Figure
     from matplotlib.ticker import FuncFormatter
 
     figure, ((axis,),) = panels(1, 1, 5.0)
-    place = {row.name: k for k, row in enumerate(comparison.rows)}
+    place, units = {row.name: k for k, row in enumerate(comparison.rows)}, comparison.units()
     for one in finite:
-        _trade_off(axis, one, place[one.name])
+        k, own = place[one.name], one.name == NL_HINF
+        style, marker = line_style(k), "*" if own else "os^Dv<>"[k % 7]
+        curve = np.array([[f.peak_input, 1e3 * f.load_deviation] for f in one.curve]).reshape(-1, 2)
+        axis.plot(*curve.T, **{**style, "linewidth": 1.0, "alpha": 0.7})
+        axis.plot(
+            [one.point.peak_input], [1e3 * one.point.load_deviation], marker, label=one.name, color=style["color"],
+            markersize=13.0 if own else 6.5, linestyle="none", zorder=4.0,
+        )  # fmt: skip
     axis.set_xscale("log")
     axis.set_yscale("log")
-    axis.set_xlabel(f"peak input of the step ({comparison.units()['input']})")
+    axis.set_xlabel(f"peak input of the step ({units['input']})")
     legend_above(figure, axis, 5, columnspacing=1.2)
     peaks = [one.point.peak_input for one in finite]
-    sags = [1e3 * one.point.load_deviation for one in finite]
-    for which, values in ((axis.xaxis, peaks), (axis.yaxis, sags)):
-        which.set_minor_formatter(
+    deviations = [1e3 * one.point.load_deviation for one in finite]
+    for ruler, limit, values in (
+        (axis.xaxis, axis.set_xlim, peaks), (axis.yaxis, axis.set_ylim, deviations)
+    ):  # fmt: skip
+        ruler.set_minor_formatter(
             FuncFormatter(lambda value, _: f"{value:g}" if f"{value:.0e}"[0] in "2357" else "")
         )
-        which.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-        low, high = max(0.7 * min(values), max(values) / RANGE), 1.4 * max(values)
-        axis.set_xlim(low, high) if which is axis.xaxis else axis.set_ylim(low, high)
-    label(axis, "largest deviation under the load", comparison.units()["error"])
+        ruler.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        limit(max(0.7 * min(values), max(values) / RANGE), 1.4 * max(values))
+    label(axis, "largest deviation under the load", units["error"])
     return figure_block(
         "trade-off", figure,
         "Peak input against load deviation; down and to the left is better. A marker is the law as it was tuned. A "
         "line joins the best of all candidates that the tuning of this law ran and that keep the limits of the linear "
         "loop.",
         "Trade-off",
-    )  # fmt: skip
-
-
-def _trade_off(axis: Any, one: TradeOff, k: int) -> None:
-    style, own = line_style(k), one.name == NL_HINF
-    curve = np.array([[f.peak_input, 1e3 * f.load_deviation] for f in one.curve]).reshape(-1, 2)
-    axis.plot(curve[:, 0], curve[:, 1], **{**style, "linewidth": 1.0, "alpha": 0.7})
-    axis.plot(
-        [one.point.peak_input], [1e3 * one.point.load_deviation], "*" if own else "os^Dv<>"[k % 7], label=one.name,
-        color=style["color"], markersize=13.0 if own else 6.5, linestyle="none",
-        zorder=4.0,
     )  # fmt: skip

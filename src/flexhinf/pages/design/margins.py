@@ -80,7 +80,6 @@ def remarks(design: Design) -> Iterator[str]:
 
 
 def _text(e: LawEvaluation) -> str:
-    """How the loop is linearised, and what the sensitivity means."""
     m, own = e.margins, e.state_margins
     text = (
         "The loop at the goal is linearised, sampled, and has its estimator and delay. It is broken at the inputs; "
@@ -156,7 +155,6 @@ def margin_table(e: LawEvaluation) -> Table:
 
 
 def _noise_table(e: LawEvaluation, together: np.ndarray, units: Units) -> Table:
-    """Gain from each sensor to the input that it moves most, the sensor's noise, and their product."""
     noise, gains, plant = e.setup.noise, e.margins.noise_to_input, e.setup.model
     assert noise is not None
     several, rows = len(e.setup.joints) > 1, []
@@ -178,7 +176,6 @@ def _noise_table(e: LawEvaluation, together: np.ndarray, units: Units) -> Table:
 
 
 def _estimation_figure(e: LawEvaluation, units: Units) -> Figure:
-    """True minus estimated positions and velocities in the step."""
     run, n = e.step.run, len(e.setup.joints)
     truth, estimate = (e.setup.robot.layout.whole(run.signals[name].T) for name in ("state", "estimate"))
     error = units.scale * (truth - estimate).T
@@ -245,7 +242,6 @@ def corners_text(e: LawEvaluation) -> str:
 
 
 def _retuning(corners: ToleranceCorners) -> str:
-    """In which directions the noise of the estimator may be changed."""
     free = [f"“{form}”" for form in corners.retunable]
     parts = ", ".join(
         f"with “{form}” at {len(corners.stable_ratios(form))} of {count_text(len(corners.of_form(form)), 'ratio')} only"

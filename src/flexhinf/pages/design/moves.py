@@ -82,7 +82,6 @@ def load_remarks(design: Design) -> Iterator[str]:
 
 
 def _load_figure(e: LawEvaluation, loaded: LoadResponse, name: str, caption: str, title: str) -> Figure:
-    """Deviations of the links from the goal, and inputs, before and under constant torques on the links."""
     units, response, (limits, limit_name) = units_of(e), loaded.response, effort_limit(e)
     unit, scale = units.small
     panels = (
@@ -156,7 +155,6 @@ def payload_remarks(design: Design) -> Iterator[str]:
 
 
 def _payload_text(design: Design) -> str:
-    """How an unknown payload is carried, and what the motors say of it."""
     ranges = ", ".join(
         f"{p.name.removeprefix('payload_mass').strip('_') or 'the link'}: {p.interval[0]:g} to {p.interval[1]:g} kg, "
         f"{p.value:g} kg in the model"
@@ -180,7 +178,6 @@ def _payload_text(design: Design) -> str:
 
 
 def _payload_table(design: Design) -> Table:
-    """A row for each payload, the model's own first."""
     e, (unit, scale), limits = design.evaluation, units_of(design.evaluation).small, design.setup.limits
 
     def row(name: str, step: Response, one: PayloadEvaluation | None, m: Margins) -> tuple[Any, ...]:

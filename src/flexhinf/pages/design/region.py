@@ -89,7 +89,6 @@ def remarks(design: Design) -> Iterator[str]:
 
 
 def _proof(design: Design) -> list[Any]:
-    """The certificates of the law that is used, and how they are proved again; or why there is none."""
     given, box, found = design.proof.certificate, design.proof.box, []
     if given is not None:
         covers = covers_tolerances(design)
@@ -339,7 +338,6 @@ def budget_table(design: Design) -> Table:
 
 
 def _budget_figure(design: Design) -> list[Figure]:
-    """V along the step and its bound, of the loop with all parts; none if it diverged."""
     budget = budget_of(design)[-1].budget
     if not budget.complete:
         return []

@@ -214,7 +214,6 @@ def ring_down_rows(runs: ImpulseRuns) -> list[dict[str, Any]]:
 
 
 def _ring_down_figure(runs: ImpulseRuns) -> Figure:
-    """Velocity of each link over its peak, and the envelope of the least damped oscillation."""
     joints, time, worst = runs.responses[0].joints, runs.responses[0].run.time, runs.worst
     least = runs.least_damped(worst)
     shown = time <= (time[-1] if least is None else SHOWN / least.frequency)

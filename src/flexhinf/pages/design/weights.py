@@ -73,7 +73,6 @@ def blocks(design: Design) -> list[Any]:
 
 # The search for bandwidth and damping -------------------------------------------------------------------
 def _search_blocks(design: Design) -> list[Any]:
-    """How the weights were searched, damping and γ* over the damping weight, and a few candidates."""
     target, search = design.design_problem.target, design.design_problem.search
     assert target is not None
     assert search is not None
@@ -264,7 +263,6 @@ def _inverse(unit: str) -> str:
 
 
 def _weight_blocks(design: Design) -> list[Any]:
-    """One row for each signal, one column for each joint."""
     joints, rows = design.robot.joint_names, dict[str, dict[str, Weight]]()
     effort = np.asarray(design.problem.r2, dtype=float)
     diagonal = np.diagonal(effort) if effort.ndim == 2 else np.atleast_1d(effort)
@@ -325,7 +323,6 @@ def noise_blocks(design: Design) -> list[Any]:
 
 
 def _outcome(search: NoiseSearch, robust: bool) -> str:
-    """What the search reached."""
     if robust:
         return "They were found together with the weights, for the tolerances: see there. The curve is of the same law."
     chosen, beyond, other = search.chosen, "", ""
@@ -397,7 +394,6 @@ def _noise_candidates(search: NoiseSearch) -> list[tuple[NoiseCandidate, str]]:
 
 
 def _noise_figure(design: Design, search: NoiseSearch) -> Figure:
-    """Damping, and compliance, over the noise of each motor, for the candidates that no other one betters."""
     unit = design.setup.model.unit(design.setup.model.inputs[0])
     noises = np.array([one.noises for one in search.trade_off])
     figure, ((left, right),) = panels(1, 2, 3.2)

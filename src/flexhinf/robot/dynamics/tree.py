@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf.errors import InvalidInput
-from flexhinf.validation import HUGE, checked_name, real_array, value_text
+from flexhinf.validation import HUGE, checked_array, checked_name, real_array, value_text
 
 #: Three elements.
 Vector = Sequence[Any]
@@ -85,11 +85,6 @@ def add(a: Vector, b: Vector) -> Vector:
     return tuple(map(plus, a, b))
 
 
-def subtract(a: Vector, b: Vector) -> Vector:
-    """a − b."""
-    return tuple(map(minus, a, b))
-
-
 def opposite(a: Vector) -> Vector:
     """−a."""
     return tuple(minus(0.0, x) for x in a)
@@ -125,17 +120,6 @@ def product(m: Matrix, n: Matrix) -> Matrix:
 def add_matrices(m: Matrix, n: Matrix) -> Matrix:
     """m + n."""
     return tuple(map(add, m, n))
-
-
-def subtract_matrices(m: Matrix, n: Matrix) -> Matrix:
-    """m − n."""
-    return tuple(map(subtract, m, n))
-
-
-def skew(a: Vector) -> Matrix:
-    """[a], with [a] b = a × b."""
-    x, y, z = a
-    return ((0.0, minus(0.0, z), y), (z, 0.0, minus(0.0, x)), (minus(0.0, y), x, 0.0))
 
 
 def rotated_symmetric(r: Matrix, m: Matrix) -> Matrix:
@@ -358,14 +342,8 @@ class Tree:
 
 
 def _three(name: str, value: Sequence[float]) -> np.ndarray:
-    vector = real_array(value)
-    if vector.shape != (3,) or not np.all(np.abs(vector) <= HUGE):
-        raise InvalidInput(
-            f"The {name} is no vector.",
-            f"expected three numbers of at most {HUGE:g}, got {value_text(value)}",
-            "[0, 0, 1]",
-        )
-    return vector
+    numbers = f"three numbers of at most {HUGE:g}"
+    return checked_array(f"The {name} is no vector.", value, (3,), numbers, "[0, 0, 1]", HUGE)
 
 
 def _snap(value: float) -> float:

@@ -13,7 +13,7 @@ from flexhinf.certify.starts import path_start, proved_steps
 from flexhinf.design.certification import CertifiedDegree, Evidence
 from flexhinf.design.specification import Specification
 from flexhinf.design.synthesis.degrees import DegreeChoice
-from flexhinf.pages.certificate_page import certificate_page
+from flexhinf.pages.certificate import certificate_page
 
 ASKED = Specification(pose=(np.pi,))
 WEIGHTS, CHECKED = (75.0, 27.0, 90.0, 27.0, 330.0), np.array([60.0, 0.0, 0.0, 0.0, 300.0])
@@ -26,7 +26,7 @@ def one() -> CertifiedDegree:
     star = fh.smallest_gamma(problem)
     solution = fh.solve_hji(problem, gamma=1.5 * star, degree=2)
     given = solution.certify(1.6 * star, CHECKED, level=1.0e4)
-    choice = DegreeChoice(2, solution, 1.1e4, 1.5, "inequality", 0.0, 0.0, 0.0)
+    choice = DegreeChoice(2, solution, 0.0, 0.0, 0.0, 1.1e4, 1.5, "inequality", True)
     return CertifiedDegree(choice, True, given, proved_steps(solution, given), "", 0.1)
 
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import runpy
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -10,13 +12,20 @@ import numpy as np
 import pytest
 
 import flexhinf as fh
-from flexhinf.analysis.trade_off import TradeOffCurve, TradeOffPoint, scaled_effort, sweep_effort, sweep_gamma
 from flexhinf.hinf import smallest_gamma, solve_hji
 
 LAW: Any = SimpleNamespace()
 
+STUDIES: dict[str, Any] = runpy.run_path(
+    str(Path(__file__).resolve().parents[2] / "docs" / "paper_studies.py")
+)
+TradeOffCurve, TradeOffPoint = STUDIES["TradeOffCurve"], STUDIES["TradeOffPoint"]
+scaled_effort, sweep_effort, sweep_gamma = (
+    STUDIES[name] for name in ("scaled_effort", "sweep_effort", "sweep_gamma")
+)
 
-def curve(*pairs: tuple[float, float]) -> TradeOffCurve:
+
+def curve(*pairs: tuple[float, float]) -> Any:
     points = (TradeOffPoint(float(k), LAW, {"volts": c, "sag": b}) for k, (c, b) in enumerate(pairs))
     return TradeOffCurve("test", "k", tuple(points))
 

@@ -1,0 +1,278 @@
+"""The options of every command beside those of a specification, declared once as its fields are.
+
+A command takes the fields of one class here, and of `Specification` those that it computes with.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from flexhinf.design.campaign_options import CampaignOptions
+from flexhinf.design.options import (
+    ADVANCED,
+    COMPARED,
+    HARDWARE,
+    PROVED,
+    RUN,
+    SAMPLED,
+    TRIED,
+    WAY,
+    WRITTEN,
+    argument,
+    option,
+)
+from flexhinf.design.specification import FIELDS
+from flexhinf.design.units import Duration, Number, Real, Seconds, Text, Threads, Whole
+from flexhinf.paper.settings import PaperSettings
+
+ALL = tuple(FIELDS)
+
+#: Fields that a comparison does not compute with: what only the design is judged by, and its proofs.
+NOT_COMPARED = ("overshoot", "tracking_error", "compare_rigid", "mujoco", "proof_seconds")
+COMPARE_FIELDS = tuple(name for name in FIELDS if name not in NOT_COMPARED)
+
+#: Fields of runs, of which a certificate says nothing.
+NOT_CERTIFIED = (
+    "via", "tracking_error", "angle_unit", "overshoot", "load", "draws", "rays", "proof_seconds", "duration",
+    "compare_rigid", "mujoco", "integral_dead_zone",
+)  # fmt: skip
+CERTIFY_FIELDS = tuple(name for name in FIELDS if name not in NOT_CERTIFIED)
+
+#: Fields that change a run and not its controller.
+RUN_FIELDS = (
+    "pose", "start", "shaping", "move", "tracking_error", "overshoot", "angle_unit", "extras", "delay", "quantisation",
+    "measurement_noise", "load", "duration", "seed",
+)  # fmt: skip
+
+#: An option of its own for the largest input by the kind of drive, beside ``--peak-effort``.
+PEAKS = {
+    "peak_voltage": ("voltage", "V"),
+    "peak_current": ("current", "A"),
+    "peak_torque": ("torque", "N·m or N"),
+}
+
+CONTROLLER = (
+    "design.toml, the folder of a report, or the file of a controller. The controller of a report is taken as it was "
+    "judged; a design.toml without one is designed first."
+)
+DESIGN = "design.toml, the folder of a report, or a robot as for `flexhinf design`."
+REQUIRED = (
+    "What a run must keep to count as a success; again for more. Default: it settles and keeps the limits of the "
+    "design."
+)
+
+
+FOLDER = "Folder of the report; an earlier report there is replaced whole."
+BESIDE = "With a URDF or MJCF: the robot file with spring and motor of each joint."
+
+
+# fmt: off
+@dataclass(frozen=True, kw_only=True)
+class PointOptions:
+    """Where a point of the robot goes, and what the robot carries."""
+
+    payload: Text = option("", HARDWARE,
+        "What the robot carries: 2kg, a range 0..3kg (nominal at its lower end) or 0..1..3kg; @LINK where, :x,y,z its "
+        "centre of mass there (m). Default: the file's own.", "2kg", "kg@link")
+    pose_xyz: Text = option("", WAY,
+        "Goal of a point of the robot in the world, instead of --pose: 0.4,0,0.3 (m) or 400mm,0,300mm. The joints are "
+        "found for it; out of reach is refused, a pose near a singular one told.", "0.4,0,0.3", "x,y,z")
+    tool: Text = option("", WAY,
+        "The point that --pose-xyz, and waypoints with columns x, y, z, are for: LINK:x,y,z, by the name of the link's "
+        "joint, in the link's frame (m). Default: the origin of the last link.", "hand:0,0,0.1", "link:x,y,z")
+
+
+@dataclass(frozen=True, kw_only=True)
+class RobotOptions(PointOptions):
+    """A robot, or a design file over which options win."""
+
+    robot: Text = argument(
+        "A robot file (arm.toml), a URDF, an MJCF file (arm.xml), a name that `flexhinf robots` lists, or a design "
+        "file (design.toml); options win over a design file.")
+    elastic: Text = option("", HARDWARE, BESIDE)
+
+
+@dataclass(frozen=True, kw_only=True)
+class DesignOptions(RobotOptions):
+    """Of ``flexhinf design``."""
+
+    out: Path = option(Path("flexhinf-design"), WRITTEN, FOLDER)
+
+
+@dataclass(frozen=True, kw_only=True)
+class CompareOptions(RobotOptions):
+    """Of ``flexhinf compare``."""
+
+    out: Path = option(Path("flexhinf-compare"), WRITTEN, FOLDER)
+    laws: Text = option("", COMPARED,
+        "nl-hinf, nl-hinf-2 … nl-hinf-12 (degree of V), hinf, nlqr, lqr, lqr-gravity, lqg, pd, pd-gravity, pid, "
+        "torque, torque-i, flatness, flatness-i; between commas. Default: all without a degree.", "pd,pid")
+    tune: Text = option("peak", COMPARED,
+        "What the laws share when they are tuned: peak (largest input of the step as deployed: at most the limit asked "
+        "for or the saturation, or that of the design where it is larger), bandwidth (of the linear loop: at most the "
+        "one asked for, or that of the design), or none. Every law keeps the limits of the margins as well, and lets "
+        "no more measurement noise through to the motor than the design.", "bandwidth")
+    same_sensors: bool = option(False, COMPARED,
+        "Every law measures what the design measures; without this option each law has the sensors that its proponents "
+        "would choose, such as an encoder on the motor for a PD.")
+
+
+@dataclass(frozen=True, kw_only=True)
+class CertifyOptions(RobotOptions):
+    """Of ``flexhinf certify``."""
+
+    robot: Text = argument(
+        "A robot file, a name that `flexhinf robots` lists, or a design file (design.toml); options win over a design "
+        "file.", default="")
+    out: Path = option(Path("flexhinf-certificate"), WRITTEN, FOLDER)
+    check: Path | None = option(None, PROVED,
+        "Prove this certificate again, by the independent checker: the file, or the folder of --out.", unit="path")
+    every_cell: bool = option(False, PROVED,
+        "With --check: prove every cell in rationals and balls too, not a sample of them. Degree 2: minutes; degree 6: "
+        "hours.")
+    degree: Whole | None = option(None, PROVED,
+        "Degree of V whose certificate is written.", "4", default="the design's")
+    decay: Real = option(0.0, PROVED,
+        "Rate of decay that is proved too: for disturbances that persist, 1/s.", "0.1", "1/s")
+    observer: Real | None = option(None, PROVED,
+        "Prove output feedback too, with an output-injection observer of this bandwidth, 1/s.", "10", "1/s",
+        default="the true state is fed back")
+    tolerances: bool = option(False, PROVED,
+        "Prove the step of the design for every robot within the tolerances, instead of a region of the nominal one.")
+    threads: Threads = option(2, ADVANCED, "The certificate does not depend on it.", "2")
+
+
+@dataclass(frozen=True, kw_only=True)
+class BatchOptions(CampaignOptions):
+    """Of a campaign and of a comparison of two."""
+
+    tolerance: list[Text] = option(list, SAMPLED,
+        "Another tolerance of a parameter of the robot: stiffness=15% or mass=0.9..1.2; again for more.",
+        "stiffness=15%", "name=x")
+    require: list[Text] = option(list, TRIED, REQUIRED, "overshoot_percent<=5", "metric<=x")
+    workers: Whole = option(0, RUN, "Processes beside this one; 0: this one alone, with two threads.", "4")
+    cluster: Text = option("", RUN, "Address of a scheduler of Dask's, whose workers run the batches.", unit="tcp://…")
+    shard: Text = option("", RUN, "Every n-th batch only, for one of n jobs; then `merge`.", "1/4", "i/n")
+    elastic: Text = option("", HARDWARE, BESIDE)
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunCampaignOptions(BatchOptions):
+    """Of ``flexhinf campaign``."""
+
+    design: Text = argument(
+        f"{DESIGN} The controller of a report is taken as it was judged; without one it is designed first.", "DESIGN")
+    out: Path = option(Path("flexhinf-campaign"), WRITTEN, "Folder of the campaign; the same command goes on there.")
+    worst_case: bool = option(False, TRIED,
+        "Then search the box of tolerances for the worst robot, and say how much worse than the worst sample it is.")
+    metric: list[Text] = option(list, TRIED,
+        "What --worst-case makes as large as it can, `gain` for the worst disturbance; again for more. Default: all "
+        "that a requirement limits, and gain.", "gain")
+    starts: Whole = option(8, TRIED, "Searches of --worst-case for each metric.", "8")
+
+
+@dataclass(frozen=True, kw_only=True)
+class CompareCampaignsOptions(BatchOptions):
+    """Of ``flexhinf campaign compare``."""
+
+    first: Text = argument(DESIGN)
+    second: Text = argument(DESIGN)
+    out: Path = option(Path("flexhinf-pair"), WRITTEN, "Folder of the comparison; the same command goes on there.")
+
+
+@dataclass(frozen=True, kw_only=True)
+class MergeOptions:
+    """Of ``flexhinf campaign merge``."""
+
+    folder: Path = argument("The folder of a campaign.", "DIR")
+    others: list[Path] = argument("Folders with other shards of the same campaign.", "[DIR…]", default=())
+    require: list[Text] = option(list, TRIED, REQUIRED, "overshoot_percent<=5", "metric<=x")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReplayOptions:
+    """Of ``flexhinf campaign replay``."""
+
+    folder: Path = argument("The folder of a campaign.", "DIR")
+    sample: Whole | None = option(None, TRIED, "Its number in the table.", "123")
+    worst_case: Text = option("", TRIED,
+        "Instead of a sample: the robot that --worst-case found for this metric.", unit="metric")
+    out: Path | None = option(None, WRITTEN, "Write all signals: run.csv or run.nc.", unit="path")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExportCOptions:
+    """Of ``flexhinf export c``."""
+
+    source: Text = argument(CONTROLLER, "DESIGN")
+    out: Path = option(Path("flexhinf-c"), WRITTEN, "A new or empty folder.")
+    name: Text = option("", WRITTEN, "A C identifier: of the files, and the beginning of all names.", "arm")
+    real: Text = option("double", HARDWARE, "Type of all numbers: double or float.", "float")
+    period: Text = option("", HARDWARE,
+        "Period of your firmware's loop; refused if it is not the design's.", "1ms", "s")
+    flash: Text = option("", HARDWARE,
+        "Room for code and constants, such as 32kB; refused if they need more. The code is counted for a Cortex-M4F, "
+        "where arm-none-eabi-gcc is installed.", "32kB")
+    ram: Text = option("", HARDWARE, "Room for the state, such as 8kB; refused if it needs more.", "8kB")
+    force: bool = option(False, WRITTEN, "Write into a folder that is not empty.")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExportFmuOptions:
+    """Of ``flexhinf export fmu``."""
+
+    source: Text = argument(CONTROLLER, "DESIGN")
+    out: Path = option(Path("flexhinf.fmu"), WRITTEN, "The file that is written.")
+    name: Text = option("", WRITTEN, "A C identifier: the model's name.", "arm")
+    plant: bool = option(False, WRITTEN, "The elastic robot instead of the controller, with the design's extras.")
+
+
+@dataclass(frozen=True, kw_only=True)
+class CompileOptions:
+    """Of ``flexhinf compile``."""
+
+    source: Text = argument(CONTROLLER, "DESIGN")
+    out: Path = option(Path("flexhinf-controller.so"), WRITTEN, "The file that is written.")
+    processor: Text = option("portable", HARDWARE,
+        "On which it runs: portable (PCs since about 2015), any (older ones too, ten times slower), or native (those "
+        "that have all that this one has). Others refuse it.", "native")
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunOptions(PointOptions):
+    """Of ``flexhinf run``."""
+
+    source: Text = argument(
+        "design.toml or the folder of a report, whose controller is taken as it was judged; a design.toml without one "
+        "is designed first.", "DESIGN")
+    mujoco: bool = option(False, HARDWARE, "Drive the elastic robot in MuJoCo (needs flexhinf[mujoco]).")
+    library: Path | None = option(None, HARDWARE,
+        "Step this shared library of `flexhinf compile` instead of the controller in Python.", unit="path")
+    perturb: list[Text] = option(list, HARDWARE,
+        "Another number in the robot that is driven: stiffness=-20%, friction_elbow=0.4. Several times.",
+        "stiffness=-20%", "name=value")
+    load: Number | None = option(None, TRIED, "Torque on every link from --load-at on: 0.5.", "0.5",
+        "N·m or N", default="none")
+    load_at: Seconds | None = option(None, TRIED, "When the load begins.", "1s", "s", default="in the middle")
+    noise: bool = option(True, HARDWARE, "Whether measurements have noise.")
+    duration: Duration | None = option(None, RUN, "Length of the run: 3s.", "3s", "s",
+        zero="the default", default="that of the design file, or 5 s; of a move its time and half of it again")
+    realtime: bool = option(True, RUN, "Whether samples wait for the clock, or follow each other as fast as possible.")
+    priority: Whole | None = option(None, RUN, "Of SCHED_FIFO, 1 to 99, where the system permits it.", "80",
+        default="none")
+    core: Whole | None = option(None, RUN, "Processor core that the loop is kept on.", "1", default="any")
+    view: bool = option(False, WRITTEN, "Show the robot in MuJoCo's viewer meanwhile.")
+    log: list[Path] = option(list, WRITTEN,
+        "Write everything to a file: .csv or .parquet (PlotJuggler), .mcap (Foxglove). Several times.", "run.csv",
+        "path")
+    record: list[Path] = option(list, WRITTEN,
+        "Write a film of links and motors: .mp4 or .gif. Several times.", "arm.gif", "path")
+
+
+@dataclass(frozen=True, kw_only=True)
+class PaperOptions(PaperSettings):
+    """Of ``flexhinf paper``."""
+
+    out: Path = option(Path("flexhinf-paper"), WRITTEN, FOLDER)
+# fmt: on

@@ -1,0 +1,467 @@
+"""Motions from rest to rest: time-optimal within limits, through samples, through waypoints at stated times."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from flexhinf.errors import InvalidInput
+from flexhinf.loop.signals.references import Quintic, checked_order, checked_samples
+from flexhinf.validation import HUGE, real_array, value_text
+
+# Jerk-limited motion [berscheid2021] --------------------------------------------------------------------
+LIMITS = ("velocity", "acceleration", "jerk")
+
+
+@dataclass(frozen=True, eq=False)
+class RestToRest:
+    """A motion between two positions at rest, whose jerk is piecewise constant, or a moving average of such a motion.
+
+    Parameters
+    ----------
+    start, goal : float
+        What rounding leaves of the way to the goal is made up for by a scale.
+    lengths, jerks : ndarray, (K,)
+        Of the phases of constant jerk, s and unit/s³.
+    average : float
+        T of the moving average over the last T seconds, s; none for zero. Its jerk rises by (j(t) − j(t − T))/T, which
+        is constant between the corners of both.
+    """
+
+    start: float
+    goal: float
+    lengths: np.ndarray
+    jerks: np.ndarray
+    average: float
+
+    @cached_property
+    def times(self) -> np.ndarray:
+        """Corners of the piecewise constant highest derivative, s from the start."""
+        corners = np.concatenate([[0.0], np.cumsum(self.lengths)])
+        return np.unique(np.concatenate([corners, corners + self.average]))
+
+    @cached_property
+    def _curve(self) -> Any:
+        """The position as SciPy's piecewise polynomial: the highest derivative, integrated from rest."""
+        from scipy.interpolate import PPoly
+
+        middle = (self.times[1:] + self.times[:-1]) / 2.0
+        rate, order = self._jerk(middle), 3
+        if self.average:
+            rate, order = (rate - self._jerk(middle - self.average)) / self.average, 4
+        curve = PPoly(rate[None, :], self.times).antiderivative(order)
+        curve.c *= (self.goal - self.start) / float(curve(self.times[-1]))
+        curve.c[-1] += self.start
+        return curve
+
+    def _jerk(self, t: np.ndarray) -> np.ndarray:
+        """Of the phases, zero before and after them."""
+        phase = np.searchsorted(np.cumsum(self.lengths), t, side="right")
+        return np.where(t < 0.0, 0.0, np.append(self.jerks, 0.0)[phase])
+
+    def __call__(self, t: np.ndarray, order: int) -> np.ndarray:
+        """The derivative of an order at times (N,), from the right where it jumps; at rest before and after."""
+        inside = (t >= self.times[0]) & (t < self.times[-1])
+        outside = np.where(t < self.times[0], self.start, self.goal) if order == 0 else np.zeros(np.shape(t))
+        if self.goal == self.start:
+            return outside
+        return np.where(inside, self._curve(np.clip(t, *self.times[[0, -1]]), nu=order), outside)
+
+
+@dataclass(frozen=True)
+class JerkLimited:
+    """From rest at `start` to rest at `goal`, from `at` on, as fast as the limits allow.
+
+    Several channels arrive together. The motion is made by the ruckig library and kept as polynomials, so that
+    values and derivatives are exact. Without smoothing the jerk jumps, and a feedforward of elastic joints would
+    need pulses of its input; the moving average over `smoothing` seconds makes the snap finite, keeps all limits
+    and takes so much longer.
+
+    Parameters
+    ----------
+    start, goal : float or (k,)
+        With arrays the values have one column per channel.
+    velocity, acceleration, jerk : float or (k,)
+        Largest absolute values, positive.
+    at : float
+        s.
+    smoothing : float
+        Length of the moving average, s; none for zero.
+
+    Raises
+    ------
+    InvalidInput
+        For limits that are not positive, or shapes that do not fit.
+    """
+
+    start: Any
+    goal: Any
+    velocity: Any
+    acceleration: Any
+    jerk: Any
+    at: float = 0.0
+    smoothing: float = 0.0
+
+    def __post_init__(self) -> None:
+        arrays = {name: _numbers(name, getattr(self, name)) for name in ("start", "goal", *LIMITS)}
+        sizes = {array.size for array in arrays.values() if array.ndim}
+        if len(sizes) > 1 or 0 in sizes:
+            raise InvalidInput(
+                "The channels of a motion differ in number.",
+                f"expected one number or k each, got { ({name: a.shape for name, a in arrays.items()}) }",
+                "one start, goal and limit per channel; one number counts for all",
+            )
+        for name in LIMITS:
+            if not np.all(arrays[name] > 0.0):
+                raise InvalidInput(
+                    f"The limit of {name} must be positive.",
+                    f"expected > 0, got {getattr(self, name)!r}",
+                    "the largest absolute value that is allowed",
+                )
+        for name in ("at", "smoothing"):
+            value = _numbers(name, getattr(self, name))
+            if value.ndim or (name == "smoothing" and value < 0.0):
+                raise InvalidInput(
+                    f"The time {name!r} of a motion is not usable.",
+                    f"expected one number{' >= 0' if name == 'smoothing' else ''}, got {getattr(self, name)!r}",
+                    "seconds",
+                )
+            arrays[name] = value
+        for name, array in arrays.items():  # tuples, so that equal motions are equal
+            object.__setattr__(self, name, tuple(array.tolist()) if array.ndim else float(array))
+
+    @property
+    def name(self) -> str:
+        """A short description."""
+        smooth = f", smoothed over {self.smoothing:g} s" if self.smoothing else ""
+        ends = (
+            f"({', '.join(f'{v:.6g}' for v in end)})" if isinstance(end, tuple) else f"{end:.6g}"
+            for end in (self.start, self.goal)
+        )
+        return f"jerk-limited from {' to '.join(ends)} in {self.duration:.4g} s{smooth}"
+
+    @property
+    def duration(self) -> float:
+        """From `at` to the goal, s, smoothing included."""
+        return max(float(channel.times[-1]) for channel in self._channels)
+
+    @cached_property
+    def _channels(self) -> tuple[RestToRest, ...]:
+        arrays = (np.atleast_1d(getattr(self, name)) for name in ("start", "goal", *LIMITS))
+        start, goal, *limits = (array.tolist() for array in np.broadcast_arrays(*arrays))
+        phases = _phases([b - a for a, b in zip(start, goal)], limits)
+        return tuple(RestToRest(a, b, t, j, self.smoothing) for a, b, (t, j) in zip(start, goal, phases))
+
+    def __call__(self, t: Any) -> Any:
+        """The position."""
+        return self._derivative(t, 0)
+
+    def derivatives(self, t: Any, order: int = 4) -> Any:
+        """The value and its time derivatives, (order + 1, …), from the right where they jump.
+
+        Raises
+        ------
+        InvalidInput
+            For an order above 3, or 4 with smoothing: the next derivative is not finite.
+        """
+        bound = (3, "its jerk jumps", "JerkLimited(..., smoothing=0.05)")
+        if self.smoothing:
+            bound = (4, "its snap jumps", "an order of at most 4")
+        order = checked_order(order, "jerk-limited motion", *bound)
+        return np.stack([self._derivative(t, k) for k in range(order + 1)])
+
+    def _derivative(self, t: Any, order: int) -> Any:
+        since = np.asarray(t, dtype=float) - self.at
+        columns = [channel(since, order) for channel in self._channels]
+        several = any(isinstance(getattr(self, name), tuple) for name in ("start", "goal", *LIMITS))
+        return np.stack(columns, axis=-1) if several else columns[0]
+
+
+def _phases(ways: list[float], limits: list[list[float]]) -> list[Any]:
+    """Lengths and jerks of each channel's seven phases.
+
+    ruckig's tolerances are absolute, so it is asked in units of the longest way and of the longest time that one limit
+    alone makes a way take; both are powers of two, so that nothing is rounded.
+    """
+    from ruckig import InputParameter, Result, Ruckig, RuckigError, Trajectory
+
+    k, way, bounds = len(ways), np.array(ways), np.array(limits)
+    request, found = InputParameter(k), Trajectory(k)
+    with np.errstate(over="ignore", under="ignore", invalid="ignore"):  # refused below
+        length = _power(np.abs(way).max())
+        time = _power(np.max((np.abs(way) / bounds) ** (1.0 / np.array([[1.0], [2.0], [3.0]]))))
+        scaled, jerk = bounds * [[time], [time**2], [time**3]] / length, length / time**3
+    request.target_position = (way / length).tolist()  # from rest at zero
+    request.max_velocity, request.max_acceleration, request.max_jerk = scaled.tolist()
+    try:
+        result = Ruckig(k).calculate(request, found)
+    except RuckigError:
+        result = Result.Error
+    if result not in (Result.Working, Result.Finished) or not 0.0 < jerk < np.inf:
+        raise InvalidInput(
+            "No motion was found within the limits.",
+            f"got {result} for ways of {ways} with velocity, acceleration and jerk {limits}",
+            "limits of a size that fits the way",
+        )
+    return [(time * np.array(profile.t), jerk * np.array(profile.j)) for profile in found.profiles[0]]
+
+
+def _power(value: np.float64) -> np.float64:
+    """The power of two next below; 1 for what has none."""
+    fine = 0.0 < value < np.inf
+    return np.ldexp(1.0, np.frexp(value)[1] - 1) if fine else np.float64(1.0)
+
+
+def _numbers(name: str, value: Any) -> np.ndarray:
+    array = real_array(value)
+    if array.ndim > 1 or not np.all(np.isfinite(array)):
+        raise InvalidInput(
+            "A jerk-limited motion needs finite numbers.",
+            f"got {name}={value!r}",
+            "one number, or one per channel",
+        )
+    return array
+
+
+# Through samples [deboor2001] -----------------------------------------------------------------------------
+#: Degree: interpolation takes one number per sample, rest at both ends four more each.
+DEGREE = 9
+
+
+@dataclass(frozen=True, eq=False)
+class _Sampled:
+    """A motion through values (N,) or (N, k), one column per channel, at increasing times (N,), s."""
+
+    times: Any
+    values: Any
+
+    def __post_init__(self) -> None:
+        times, values = checked_samples(self.times, self.values, smooth=True)
+        object.__setattr__(self, "times", times)
+        object.__setattr__(self, "values", values)
+
+    @property
+    def duration(self) -> float:
+        """From the first sample to the last, s."""
+        return float(self.times[-1] - self.times[0])
+
+    def _resting(self, t: np.ndarray, rows: list[Any]) -> np.ndarray:
+        """Values and derivatives (K, …) of which all but the values are zero before and after the motion."""
+        moving = (t > self.times[0]) & (t < self.times[-1])
+        moving = moving.reshape((*t.shape, *(1,) * (self.values.ndim - 1)))
+        return np.stack([rows[0], *(np.where(moving, row, 0.0) for row in rows[1:])])
+
+
+@dataclass(frozen=True, eq=False)
+class Spline(_Sampled):
+    """The spline of degree nine through samples, held at both ends, with four continuous derivatives everywhere.
+
+    All four are zero at both ends. Between the samples it may go a little beyond them, as every smooth curve
+    through them; `Samples` does not.
+
+    Parameters
+    ----------
+    times : (N,) array
+        Increasing, s.
+    values : (N,) array, or (N, k) with one column per channel
+
+    Raises
+    ------
+    InvalidInput
+        If the samples do not describe a function of time.
+    """
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if np.abs(self.values).max() > HUGE:
+            raise InvalidInput(
+                "The values of a spline are out of all proportion.",
+                f"expected a magnitude of at most {HUGE:g}, got {np.abs(self.values).max():g}",
+                "values in SI units",
+            )
+
+    @property
+    def name(self) -> str:
+        """A short description."""
+        return f"spline through {len(self.times)} samples over {self.duration:g} s"
+
+    @cached_property
+    def _curve(self) -> Any:
+        """SciPy's spline over the time in units of the mean distance of the samples, which keeps it well scaled."""
+        from scipy.interpolate import make_interp_spline
+
+        rest = [(k, np.zeros(self.values.shape[1:])) for k in range(1, 5)]
+        where = (self.times - self.times[0]) / self._unit
+        return make_interp_spline(where, self.values, DEGREE, bc_type=(rest, rest))
+
+    @property
+    def _unit(self) -> float:
+        return self.duration / max(1, len(self.times) - 1)
+
+    def __call__(self, t: Any) -> Any:
+        """The position."""
+        return self.derivatives(t, 0)[0]
+
+    def derivatives(self, t: Any, order: int = 4) -> Any:
+        """The value and its time derivatives, (order + 1, …).
+
+        Raises
+        ------
+        InvalidInput
+            For an order above 4, which jumps at the ends.
+        """
+        order = checked_order(order, "spline", 4, "the fifth jumps at its ends", "an order of at most 4")
+        t = np.asarray(t, dtype=float)
+        if len(self.times) == 1:
+            shape = (*t.shape, *self.values.shape[1:])
+            return np.stack([np.broadcast_to(self.values[0], shape), *[np.zeros(shape)] * order])
+        where = (np.clip(t, self.times[0], self.times[-1]) - self.times[0]) / self._unit
+        return self._resting(t, [self._curve(where, nu=k) / self._unit**k for k in range(order + 1)])
+
+
+# Through waypoints ----------------------------------------------------------------------------------------
+#: How the way between two waypoints is covered, and what a short description says of it.
+PROFILES = {
+    "spline": "spline through", "through": "smoothly through", "quintic": "quintic from stop to stop of",
+    "jerk-limited": "jerk-limited from stop to stop of",
+}  # fmt: skip
+
+#: A jerk-limited way of length 1 that takes UNIT_TIME / rate seconds with these limits times rate, rate² and rate³.
+VELOCITY, ACCELERATION, JERK = 0.4, 0.4, 0.8
+UNIT_TIME = 1.0 / VELOCITY + VELOCITY / ACCELERATION + ACCELERATION / JERK
+
+#: Largest slope at a waypoint over the smaller of the mean slopes beside it: up to there the way between two waypoints
+#: has no reversal.
+STEEPEST = 1.25
+
+#: Most waypoints that a motion stops at: each has a profile of its own.
+MOST_STOPS = 1000
+
+
+@dataclass(frozen=True, eq=False)
+class Waypoints(_Sampled):
+    """From rest at the first waypoint to rest at the last one, through all others, each at its time.
+
+    Parameters
+    ----------
+    times : (N,) array
+        Increasing, s.
+    values : (N,) array, or (N, k) with one column per channel
+    profile : {"spline", "through", "quintic", "jerk-limited"}
+        spline and through pass through the waypoints with four continuous derivatives. spline is that of `Spline`, best
+        for many samples of a smooth motion; between few waypoints it may go far beyond them. through never leaves the
+        range between two neighbouring waypoints: a polynomial of degree nine from each to the next, with slopes by the
+        harmonic mean [fritsch1984], and without acceleration at the waypoints.
+        The other two stop at every waypoint and go straight to the next one, all channels together: by `Quintic`, or by
+        `JerkLimited`.
+    smoothing : float
+        Length of the moving average of jerk-limited motions, s; every way between two waypoints must take longer.
+
+    Raises
+    ------
+    InvalidInput
+        If the samples do not describe a function of time, there is no such profile, there are more than 1000 stops, or
+        a way is shorter than the smoothing.
+    """
+
+    profile: str = "spline"
+    smoothing: float = 0.0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not isinstance(self.profile, str) or self.profile not in PROFILES:
+            raise InvalidInput(
+                "There is no such profile of a motion.",
+                f"expected one of {list(PROFILES)}, got {value_text(self.profile)}",
+                "profile='jerk-limited'",
+            )
+        if self.profile in ("spline", "through"):
+            return
+        if len(self.times) > MOST_STOPS:
+            raise InvalidInput(
+                "A motion stops at too many waypoints.",
+                f"expected at most {MOST_STOPS}, got {len(self.times)}",
+                "profile='spline', which passes through them",
+            )
+        shortest = float(np.diff(self.times).min(initial=np.inf))
+        if self.profile == "jerk-limited" and not 0.0 <= self.smoothing < shortest:
+            raise InvalidInput(
+                "The smoothing of a motion does not fit its waypoints.",
+                f"expected 0 s to less than the shortest way of {shortest:.4g} s, got {value_text(self.smoothing)} s",
+                "waypoints further apart in time, or profile='spline'",
+            )
+
+    @property
+    def name(self) -> str:
+        """A short description."""
+        return f"{PROFILES[self.profile]} {len(self.times)} waypoints in {self.duration:.4g} s"
+
+    def __call__(self, t: Any) -> Any:
+        """The position."""
+        return self.derivatives(t, 0)[0]
+
+    def derivatives(self, t: Any, order: int = 4) -> Any:
+        """The value and its time derivatives, (order + 1, …), from the right where they jump.
+
+        Raises
+        ------
+        InvalidInput
+            For an order above the profile's highest finite derivative: 4 of a spline and of smoothed jerk-limited
+            motions, 3 without smoothing. The jerk of a quintic jumps at every stop, as `Quintic` says.
+        """
+        t, what = np.asarray(t, dtype=float), "motion through waypoints"
+        if self.profile == "spline":
+            return self._spline.derivatives(t, order)
+        if self.profile == "through":
+            order = checked_order(order, what, 4, "the fifth jumps", "an order of at most 4")
+            inside = np.clip(t, self.times[0], self.times[-1])
+            return self._resting(t, [self._smooth(inside, nu=k) for k in range(order + 1)])
+        order = checked_order(order, what)
+        found = np.zeros((order + 1, *t.shape, *self.values.shape[1:]))
+        found[0] += self.values[0]
+        for way, covered in zip(np.diff(self.values, axis=0), self._covered):
+            found += np.multiply.outer(covered.derivatives(t, order), way)
+        return found
+
+    @cached_property
+    def _spline(self) -> Spline:
+        return Spline(self.times, self.values)
+
+    @cached_property
+    def _smooth(self) -> Any:
+        """SciPy's piecewise polynomial with the slopes of `_slopes`; its next three derivatives are zero there."""
+        from scipy.interpolate import BPoly
+
+        nothing = np.zeros((3, *self.values.shape[1:]))
+        if len(self.times) == 1:
+            return BPoly(self.values[None, :], [self.times[0], self.times[0] + 1.0])
+        both = zip(self.values, self._slopes)
+        return BPoly.from_derivatives(self.times, [[value, slope, *nothing] for value, slope in both])
+
+    @property
+    def _slopes(self) -> np.ndarray:
+        """At the waypoints: zero at both ends and at reversals, else the harmonic mean of the neighbouring ones."""
+        steps = np.diff(self.times).reshape((-1, *(1,) * (self.values.ndim - 1)))
+        mean, slopes = np.diff(self.values, axis=0) / steps, np.zeros(self.values.shape)
+        before, after = mean[:-1], mean[1:]
+        same = before * after > 0.0
+        product, total = np.where(same, before * after, 0.0), np.where(same, before + after, 1.0)
+        most = STEEPEST * np.minimum(np.abs(before), np.abs(after))
+        slopes[1:-1] = np.clip(2.0 * product / total, -most, most)
+        return slopes
+
+    @cached_property
+    def _covered(self) -> tuple[Quintic | JerkLimited, ...]:
+        """For each way between two waypoints, the part of it that is covered: from 0 to 1."""
+        pairs = zip(self.times[:-1].tolist(), np.diff(self.times).tolist())
+        if self.profile == "quintic":
+            return tuple(Quintic(0.0, 1.0, length, at=begin) for begin, length in pairs)
+        return tuple(self._jerk_limited(begin, length) for begin, length in pairs)
+
+    def _jerk_limited(self, begin: float, length: float) -> JerkLimited:
+        rate = UNIT_TIME / (length - self.smoothing)
+        limits = VELOCITY * rate, ACCELERATION * rate**2, JERK * rate**3
+        return JerkLimited(0.0, 1.0, *limits, at=begin, smoothing=self.smoothing)

@@ -1,0 +1,515 @@
+"""The page of a certificate: the theorem with its hypotheses, region, steps inside, budget, gain from both sides."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+from itertools import pairwise
+from textwrap import wrap
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from flexhinf.certify import Certificate
+from flexhinf.certify.pictures import LimitSlice, Slice, StartSurface
+from flexhinf.certify.theorem import AUTHOR, common_unit, persistent_bound, theorem_parts
+from flexhinf.design.certification import CertifiedDegree, Evidence
+from flexhinf.design.specification import Specification
+from flexhinf.pages.drawing import DASHED, figure_block, law_name, reference_line, thin
+from flexhinf.pages.proof import RULES
+from flexhinf.report import (
+    INK,
+    MUTED,
+    SERIES,
+    Bullets,
+    Column,
+    Figure,
+    KeyNumber,
+    Listing,
+    Note,
+    Page,
+    Paragraph,
+    Provenance,
+    Section,
+    Setting,
+    Settings,
+    Status,
+    Table,
+    at_least,
+    at_most,
+    house_style,
+    label,
+    legend,
+    new_figure,
+    number,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure as Canvas
+
+
+#: A run is drawn until |x1| has stayed below this share of the step, and half as long again.
+SETTLED, LONGER = 0.01, 1.5
+
+#: What ends a sampled level, in short.
+_LIMITS = {"inequality": "r = 0", "V stops increasing": "V grows no more"}
+
+#: Signs of a page instead of those of a terminal.
+SIGNS = (
+    ("<=", "≤"), ("dV/dt", "V̇"), ("gamma^2", "γ²"), ("gamma_e^2", "γₑ²"), ("gamma_e", "γₑ"), ("gamma", "γ"),
+    ("R2^(1/2)", "√R2"), ("1/2 ", "½ "), ("^2", "²"), ("v'R2", "vᵀR2"), ("-R2^-1 g2'V_x'", "−R2⁻¹g2ᵀVₓᵀ"),
+    ("e0'X e0", "e₀ᵀXe₀"), ("e0", "e₀"), (" - ", " − "), ("≤ -", "≤ −"), ("(-", "(−"),
+    (", -", ", −"), ("pi", "π"), ("*", "·"), ("_", " "),
+)  # fmt: skip
+
+_FORMULA = re.compile(r"\w+ = ")  # R2, an input's law, V
+
+
+def certificate_page(
+    found: Sequence[CertifiedDegree],
+    one: CertifiedDegree,
+    shown: Evidence,
+    s: Specification,
+    command: Sequence[str],
+) -> Page:
+    """Everything on one page.
+
+    Parameters
+    ----------
+    found : sequence of CertifiedDegree
+        All degrees.
+    one : CertifiedDegree
+        The one whose certificate is shown.
+    command : sequence of str
+        That makes the page again.
+    """
+    given = shown.certificate
+    with house_style():
+        sections = [
+            *_theorem(given),
+            Section("Where steps may start", _starts(one, shown), "starts"),
+            *([] if one.box else [Section("Where the level ends", _limit(shown), "limit")]),
+            Section("Steps inside the region", _steps(one, shown), "steps"),
+            Section("What disturbances may cost", _budget(shown), "budget"),
+            Section("The gain from both sides", _gain(shown), "gain"),
+            Section("The law of each degree", _degrees(found), "degrees"),
+            Section("How to check it", CHECK, "check"),
+        ]
+    reach = (
+        f", and steps of up to {_steps_text(given)} stay in the region."
+        if given.starts
+        else " in the region."
+    )
+    who = "all robots of the stated box of parameters" if _is_box(given) else "the nominal robot"
+    channels = ", ".join(d.name.replace("_", " ") for d in given.disturbances)
+    fed = "the true state or the observer's estimates" if given.observer else "the true state"
+    beyond = ", beyond the budget" if given.is_gradient_law else ""
+    return Page(
+        f"Certificate: {given.about.split(',')[0]}",
+        f"{given.about}. For {who}, fed {fed} in continuous time; disturbances: {channels}.",
+        f"Proved: the gain is at most γ = {at_most(given.gamma)}{reach}", sections,
+        Settings({"Certificate": _settings(given)}), Provenance(tuple(command), s.seed), _numbers(one, given),
+        [Status("proved", "By arithmetic that cannot round the wrong way."),
+         Status("not proved", f"Estimator, sampling, hold, delay, limits and noise{beyond}.")],
+    )  # fmt: skip
+
+
+# Numbers --------------------------------------------------------------------------------------------------
+def _is_box(given: Certificate) -> bool:
+    return any(p.low < p.high for p in given.parameters)
+
+
+def _rule(rule: str) -> str:
+    return RULES.get(rule, rule)
+
+
+def _position(given: Certificate) -> tuple[float, str]:
+    """Scale and unit in which positions are drawn: degrees of a joint that turns."""
+    unit = given.states[0].unit
+    return (180.0 / np.pi, "°") if unit == "rad" else (1.0, unit)
+
+
+def _angle(given: Certificate, value: float) -> str:
+    unit = given.states[0].unit
+    if unit == "rad":
+        return f"{at_least(float(np.degrees(value)), decimals=1)}°"
+    return f"{at_least(value, 3)} {unit}"
+
+
+def _steps_text(given: Certificate) -> str:
+    return " or ".join(f"{_angle(given, s.amplitude)} ({_rule(s.rule)})" for s in given.starts)
+
+
+def _peak(unit: str) -> str:
+    return "peak voltage" if unit == "V" else "peak input"
+
+
+def _numbers(one: CertifiedDegree, given: Certificate) -> list[KeyNumber]:
+    effort, attained, share = given.inputs[0].unit, "", ""
+    if given.attained_gain is not None:
+        attained = f"attained by a disturbance: {at_least(given.attained_gain)}"
+    if given.sampled_level is not None:
+        share = f"{100 * given.level / given.sampled_level:.1f} % of the sampled one"
+    found = [
+        KeyNumber("largest proved step", _angle(given, s.amplitude), "", _rule(s.rule)) for s in given.starts
+    ]
+    found.append(KeyNumber("gain, proved", f"≤ {at_most(given.gamma)}", "", attained))
+    found.append(KeyNumber("level of V", at_least(given.level), "", share))
+    for step in one.steps:
+        note, peak = f"nominal robot, {_rule(step.rule)}; not proved", number(float(step.peak_input.max()), 3)
+        found.append(KeyNumber(f"{_peak(effort)}, simulated", peak, effort, note))
+    return found
+
+
+def _settings(given: Certificate) -> list[Setting]:
+    found = [Setting("degree of V", given.degree), Setting("feedback", given.feedback)]
+    found += [Setting("decay α", given.decay, "1/s"), Setting("reach in z", given.reach)]
+    for p in given.parameters:
+        value = p.low if p.low == p.high else f"{number(p.low, 6)} to {number(p.high, 6)}"
+        found.append(Setting(p.name.replace("_", " "), value, p.unit))
+    return found + [Setting(name, value) for name, value in given.provenance.items()]
+
+
+# Theorem --------------------------------------------------------------------------------------------------
+def _theorem(given: Certificate) -> list[Section]:
+    """Its parts, but for what it is about, which stands at the top."""
+    parts = dict(theorem_parts(given, given.stated))
+    region = [f"S is {text}" for text in parts.pop("Region S")]
+    parts["Proved"] = region + parts["Proved"]
+    sections = []
+    for title, lines in parts.items():
+        if title == "Hypotheses":
+            blocks: list[Any] = _hypotheses(lines)
+        elif title == "Proved":  # with numbers of its own, by which the rest names it
+            blocks = [Paragraph(_set(line)) for line in lines]
+        else:
+            blocks = [Bullets(tuple(map(_set, lines)))]
+        anchor = "author" if title == AUTHOR else title.lower().replace(" ", "-")
+        sections.append(Section(title, blocks, anchor))
+    return sections
+
+
+def _hypotheses(texts: Iterable[str]) -> list[Any]:
+    """The plant with its equations in a table, R2, the law and V as they can be copied, then the rest."""
+    rows, formulas, others = [], [], []
+    for text in texts:
+        if text.startswith("d/dt "):
+            name, _, rate = text.removeprefix("d/dt ").partition(" = ")
+            rows.append((_set(name), _set(f"−{rate[1:]}" if rate[0] == "-" else rate)))
+        elif _FORMULA.match(text):
+            formulas.append(Listing("\n".join(wrap(text, 110, subsequent_indent="  "))))
+        else:
+            others.append(_set(text))
+    plant = Table(("state", "its rate"), rows, "", "table-plant", stacks=True)
+    return [Paragraph(others[0]), plant, Bullets(tuple(others[1:])), *formulas]
+
+
+def _set(text: str) -> str:
+    """A sentence of the theorem with the signs of a page."""
+    for plain, sign in SIGNS:
+        text = text.replace(plain, sign)
+    return text
+
+
+# Slices of the region -------------------------------------------------------------------------------------
+def _starts(one: CertifiedDegree, shown: Evidence) -> list[Any]:
+    given, effort = shown.certificate, shown.certificate.inputs[0].unit
+    if not one.steps:
+        return [Paragraph("No steps from rest to rest are stated.")]
+    rows = []
+    for s in one.steps:
+        inputs = (float(values.max()) for values in (s.first_input, s.peak_input))
+        rows.append((_rule(s.rule), _angle(given, s.amplitude), s.overshoot_percent, *inputs))
+    columns = (
+        "start of the integrator", "largest proved step", Column("overshoot", "%", 1),
+        Column("first input", effort, digits=3), Column(_peak(effort), effort, digits=3),
+    )  # fmt: skip
+    caption = "Simulated, not proved: the nominal robot, undisturbed"
+    table = Table(columns, rows, caption, "table-steps", stacks=True)
+    if shown.surface is None:
+        text = (
+            "A step from rest starts at another equilibrium, of each robot its own, with the integrator at which its "
+            "input does not jump. The run is that of the nominal robot."
+        )
+        return [Paragraph(text), table]
+    text = (
+        "A step from rest starts at another equilibrium, with an integrator that the controller chooses. Where V is "
+        "smallest the region reaches furthest, and the input jumps; where the input does not jump, V is larger."
+    )
+    return [Paragraph(text), _surface_figure(given, shown.surface), table]
+
+
+def _surface_figure(given: Certificate, surface: StartSurface) -> Figure:
+    """The slice of the region where steps start."""
+    scale, unit = _position(given)
+    figure, axis = _slice(given, surface, scale)
+    for path, start, colour in zip(surface.paths, given.starts, SERIES[2:]):
+        axis.plot(scale * path[:, 0], path[:, 1], color=colour, label=f"starts: {_rule(start.rule)}")
+        axis.plot(scale * path[-1, 0], path[-1, 1], "o", color=colour, markersize=5)
+    axis.set_xlabel(f"step to the goal ({unit})")
+    label(axis, "integral of the error", next(x.unit for x in given.states if x.name.endswith("_integral")))
+    legend(axis)
+    text = (
+        "Equilibria at a distance from the goal, with each value of the integrator: a slice of the proved region, "
+        "which is the part that is connected to the goal (+)."
+    )
+    return figure_block("starts", figure, [text, *_slice_text(given, surface)], "Starts of steps")
+
+
+def _limit(shown: Evidence) -> list[Any]:
+    given, plane = shown.certificate, shown.limit
+    if plane is None:
+        return [Paragraph("Sampling finds no point that limits the level.")]
+    text = (
+        "Sampling looks for points at which the inequality fails, and so says how large a level can be at most; the "
+        f"proof covers all points of V ≤ c = {at_least(given.level, 5)}"
+    )
+    sampled = given.sampled_level
+    text += "." if sampled is None else f", {number(100.0 * given.level / sampled, 4)} % of the sampled one."
+    return [Paragraph(text), _limit_figure(given, plane)]
+
+
+def _limit_figure(given: Certificate, plane: LimitSlice) -> Figure:
+    """The plane in which the sampled level ends."""
+    figure, axis = _slice(given, plane, 1.0)
+    axis.plot(0.0, 1.0, "D", color=INK, markersize=5, label=f"limits the level: {_LIMITS[plane.limit]}")
+    if plane.moved is None:
+        other = "the largest proved start"
+        axis.plot(1.0, 0.0, "o", color=SERIES[2], markersize=5, label=other)
+        axis.set_xlabel(f"share of {other}")
+    else:
+        state = given.states[plane.moved]
+        other = f"the {state.name.replace('_', ' ')} with the other states where V₂ is smallest"
+        axis.set_xlabel(f"{state.name.replace('_', ' ')} ({state.unit})")
+    label(axis, "share of the limiting point", "")
+    legend(axis)
+    where = ", ".join(
+        f"{s.name.replace('_', ' ')} {number(float(v), 3)} {s.unit}".rstrip()
+        for s, v in zip(given.states, plane.point, strict=True)
+    )
+    text = (
+        f"The plane through the goal (+), {other}, and the point at which the sampled level ends: deviation {where}. "
+        "A larger level would have it inside."
+    )
+    return figure_block("limit", figure, [text, *_slice_text(given, plane)], "Where the level ends")
+
+
+def _slice(given: Certificate, one: Slice, scale: float) -> tuple[Canvas, Axes]:
+    """r/V in bands, the proved level's line and the sampled one's, the goal, and the worst point inside."""
+    figure, (axis,) = new_figure(1, height=5.0)
+    inside = one.rate[(one.value <= given.level) & (one.rate < 0.0)]
+    fast = float(np.quantile(inside, 0.15)) if inside.size else -1.0
+    edges = [
+        float(f"{share * fast:.1g}") for share in (1.0, 0.5, 0.2)
+    ]  # round, from the fastest to the slowest
+    across = scale * one.across
+    rate = np.where(one.value < 0.0, np.inf, np.nan_to_num(one.rate, nan=edges[-1]))  # V = 0: the goal
+    bands = list(pairwise([-np.inf, *edges, 0.0]))
+    for (low, high), depth in zip(bands, np.linspace(0.62, 0.12, len(bands))):
+        axis.contourf(across, one.up, rate, levels=[low, high], colors=[SERIES[0]], alpha=depth)
+        name = f"r/V < {number(high, 2)}/s" if high else "r < 0"
+        axis.fill_between([], [], [], color=SERIES[0], alpha=depth, linewidth=0, label=name)
+    if (rate > 0.0).any():
+        style = {"levels": [0.0, np.inf], "colors": [SERIES[1]], "alpha": 0.4}
+        axis.contourf(across, one.up, np.minimum(rate, 1e300), **style)
+        axis.fill_between([], [], [], color=SERIES[1], alpha=0.4, linewidth=0, label="r ≥ 0")
+    axis.contour(across, one.up, one.value, levels=[given.level], colors=[INK], linewidths=1.8)
+    axis.plot([], [], color=INK, linewidth=1.8, label="proved: V ≤ c")
+    if given.sampled_level is not None:
+        style = {"colors": [SERIES[1]], "linewidths": 1.2, "linestyles": [(0, (3.0, 3.0))]}
+        axis.contour(across, one.up, one.value, levels=[given.sampled_level], **style)
+        axis.plot([], [], color=SERIES[1], linewidth=1.2, dashes=(3.0, 3.0), label="sampled level")
+    a, b, _ = one.worst(given.level)
+    axis.plot(scale * a, b, "x", color=INK, markersize=8, markeredgewidth=1.8, label="worst point here")
+    axis.plot(0.0, 0.0, "+", color=INK, markersize=9)
+    axis.grid(False)
+    return figure, axis
+
+
+def _slice_text(given: Certificate, one: Slice) -> list[str]:
+    """What a slice shows of r."""
+    worst, inside = one.worst(given.level)[2], "r is negative wherever V ≤ c"
+    decays = " with the proved decay in r" if given.decay else ""
+    text = f"Colours: r/V{decays}, the rate at which V falls beyond what the gain asks for; "
+    text += f"{inside}, least so at the cross, {number(worst, 2)}/s." if worst < 0.0 else "see the cross."
+    return [text, "" if (one.residual <= 0.0).all() else "Where r ≥ 0 nothing is proved."]
+
+
+# Steps ----------------------------------------------------------------------------------------------------
+def _steps(one: CertifiedDegree, shown: Evidence) -> list[Any]:
+    """The largest proved steps without disturbance, and smaller ones with the worst; none where none is stated."""
+    if not one.steps:
+        return []
+    given, solution = shown.certificate, one.choice.solution
+    value = solution.value if one.box is None else one.box.value
+    scale, unit = _position(given)
+    figure, axes = new_figure(3, height=6.4)
+    for step, colour in zip(one.steps, SERIES[2:]):
+        few, name = thin(step.time), f"starts: {_rule(step.rule)}"
+        time, state = step.time[few], step.state[few]
+        axes[0].plot(time, scale * state[:, 0], color=colour, label=name)
+        axes[1].plot(time, (solution.operating_input + solution.inputs(state))[:, 0], color=colour)
+        axes[2].plot(time, value(state) / given.level, color=colour)
+    _finish(axes, one.steps, unit)
+    label(axes[1], "input", given.inputs[0].unit)
+    caption = (
+        "The largest proved step for each start of the integrator, without disturbance. V falls all the way."
+    )
+    blocks = [figure_block("largest", figure, caption, "Largest steps")]
+    if not shown.worst:
+        return blocks
+    figure, axes = new_figure(3, height=6.4)
+    for run, colour in zip(shown.worst, SERIES[2:]):
+        few, name = thin(run.time), f"starts: {_rule(run.rule)}"
+        bound = (run.value[0] + run.spent[few]) / given.level
+        axes[0].plot(run.time[few], scale * run.state[few, 0], color=colour, label=name)
+        axes[1].plot(run.time[few], np.linalg.norm(run.disturbance[few], axis=1), color=colour)
+        axes[2].plot(run.time[few], run.value[few] / given.level, color=colour)
+        axes[2].plot(run.time[few], bound, color=MUTED, linewidth=1.0, dashes=(2.0, 1.5))
+    _finish(axes, shown.worst, unit)
+    label(axes[1], "|d|", common_unit(given.disturbances))
+    caption = (
+        "Steps of 0.8 of the largest ones with the disturbance that V says is worst, d = g1ᵀV_xᵀ/γ², as long as "
+        "the budget lasts. Thin lines: V(x0) + ½γ²∫|d|², which V stays below."
+    )
+    return [*blocks, figure_block("worst", figure, caption, "Worst disturbance")]
+
+
+def _finish(axes: Sequence[Axes], runs: Iterable[Any], unit: str) -> None:
+    """Goal, level, names of the axes, and how long the runs are drawn."""
+    ends = []
+    for run in runs:
+        moving = np.flatnonzero(np.abs(run.state[:, 0]) > SETTLED * np.abs(run.state[0, 0]))
+        last = LONGER * run.time[moving[-1]] if moving.size else np.inf
+        ends.append(float(min(run.time[-1], last)))
+    axes[0].set_xlim(0.0, max(ends))
+    axes[2].axhline(1.0, color=SERIES[0], dashes=DASHED, linewidth=1.2)
+    reference_line(axes[0])
+    label(axes[0], "position − goal", unit)
+    label(axes[2], "V / c", "")
+    legend(axes[0])
+
+
+# Budget and gain ------------------------------------------------------------------------------------------
+def _budget(shown: Evidence) -> list[Any]:
+    given = shown.certificate
+    text = (
+        "From a start x0 inside, the region holds as long as V(x0) + ½γ²∫|d|² ≤ c. What is left of the level is the "
+        "energy ∫|d|² that disturbances may have"
+    )
+    also = (
+        "; anything that makes the input differ by v from the law (hold, delay, estimator, limits) takes ½∫vᵀR2v "
+        "from the same budget. `flexhinf design` shows what its own loop spends."
+    )
+    rows = []
+    for run in shown.worst:
+        start, left = float(run.value[0]), given.level - float(run.value[0])
+        spent, room = at_most(100.0 * start / given.level, 3), at_least(100.0 * left / given.level, 3)
+        energy = at_least(2.0 * left / given.gamma**2, 3)
+        rows.append((_rule(run.rule), _angle(given, run.amplitude), spent, room, energy))
+    square = _energy_unit(given).strip()
+    columns = (
+        "start of the integrator", "step", Column("V(x0)", "% of c"), Column("left for disturbances", "% of c"),
+        Column("energy ∫|d|² allowed", square),
+    )  # fmt: skip
+    table = Table(columns, rows, "Steps of 0.8 of the largest ones", "table-budget", stacks=True)
+    energy = f"{at_least(2.0 * given.level / given.gamma**2, 3)} {square}".rstrip()
+    last = (
+        "Nothing is proved for disturbances that last for ever: no decay rate was asked for (`--decay 0.2`)."
+    )
+    if given.decay:
+        bound = f"{at_least(persistent_bound(given), 3)} {common_unit(given.disturbances)}"
+        last = (
+            f"Disturbances that last: with the proved rate α = {number(given.decay, 3)}/s the region is invariant for "
+            f"|d(t)| ≤ √(2αc)/γ = {bound} at all times."
+        )
+    return [
+        Paragraph(text + (also if given.is_gradient_law else ".")),
+        *([table] if rows else []),
+        Paragraph(f"From rest at the goal, disturbances may have an energy of {energy} in all."),
+        Paragraph(last),
+    ]
+
+
+def _energy_unit(given: Certificate) -> str:
+    """Of ∫|d|², behind a number."""
+    unit = common_unit(given.disturbances)
+    return f" {unit}²·s" if unit.isalpha() else f" ({unit})²·s" if unit else ""
+
+
+def _gain(shown: Evidence) -> list[Any]:
+    given, attained = shown.certificate, shown.attained
+    if attained is None:
+        return [Paragraph("No disturbance was searched for, so the gain is bounded from above only.")]
+    share = 100.0 * attained.gain / given.gamma
+    where = f" and V up to {number(100.0 * attained.largest_value / given.level, 3)} % of the level"
+    text = (
+        f"√(∫|z|²/∫|d|²) is proved to be at most γ = {at_most(given.gamma, 5)}. A disturbance found by search attains "
+        f"{number(attained.gain, 5)}{' on the nominal robot' if _is_box(given) else ''}, {number(share, 3)} % of it, "
+        f"with an energy of {number(attained.energy, 3)}{_energy_unit(given)}{'' if _is_box(given) else where}. The "
+        "largest gain of motions in the region lies between."
+    )
+    line, (axis,) = new_figure(1, height=1.5)
+    low, high = f"attained: {at_least(attained.gain)}", f"proved: γ = {at_most(given.gamma)}"
+    axis.barh(0.0, attained.gain, height=0.5, color=SERIES[2], alpha=0.55, label=low)
+    between = {"left": attained.gain, "height": 0.5, "color": MUTED, "alpha": 0.35}
+    axis.barh(0.0, given.gamma - attained.gain, **between, label="the largest lies here")
+    axis.axvline(given.gamma, color=SERIES[0], linewidth=2.4, label=high)
+    axis.set_yticks([])
+    axis.set_xlim(0.0, 1.08 * given.gamma)
+    axis.set_xlabel("√(∫|z|²/∫|d|²)")
+    legend(axis)
+    figure, axes = new_figure(2, height=4.6)
+    few = thin(attained.times)
+    for column, signal, colour in zip(attained.disturbance.T, given.disturbances, SERIES):
+        axes[0].plot(attained.times[few], column[few], color=colour, label=signal.name.replace("_", " "))
+    (scale, unit), run = _position(given), attained.trajectory
+    moved = run.signals["state"][:, 0] - run.signals["state"][0, 0]
+    axes[1].plot(run.time[thin(run.time)], scale * moved[thin(run.time)], color=SERIES[2])
+    label(axes[0], "d", common_unit(given.disturbances))
+    label(axes[1], "position − goal", unit)
+    legend(axes[0])
+    ends = "A disturbance was found that attains the lower end; none exceeds the upper one."
+    found = "The disturbance found, from rest at the goal, and the position."
+    return [
+        Paragraph(text),
+        figure_block("gain", line, ends, "Gain"),
+        figure_block("attained", figure, found, "Attained gain"),
+    ]
+
+
+# Degrees and check ----------------------------------------------------------------------------------------
+def _degrees(found: Sequence[CertifiedDegree]) -> list[Any]:
+    rows = []
+    for one in found:
+        given, name, seconds = one.certificate, law_name(one.choice.degree), f"{one.cpu_seconds:.1f}"
+        if given is None:
+            rows.append((name, "–", "–", "–", seconds, one.reason))
+            continue
+        share = "–" if given.sampled_level is None else f"{100.0 * given.level / given.sampled_level:.1f}"
+        steps = _steps_text(given) if given.starts else "–"
+        rows.append((name, at_least(given.level), share, steps, seconds, "used" if one.used else ""))
+    columns = (
+        "law", "proved level of V", Column("of the sampled", "%"), "largest steps", Column("CPU", "s"), "remark",
+    )  # fmt: skip
+    notes = []
+    for low, high in pairwise(found):
+        amplitudes = [one.certificate.step_amplitude for one in (low, high) if one.certificate is not None]
+        if len(amplitudes) == 2 and amplitudes[1] < amplitudes[0]:
+            text = f"Degree {high.choice.degree} proves a smaller step than degree {low.choice.degree}."
+            notes.append(Note(text))
+    return [*notes, Table(columns, rows, "", "table-degrees", stacks=True)]
+
+
+CHECK = (
+    Paragraph(
+        "The certificate's file has every number of the theorem exactly, and nothing of the search. A second program, "
+        "which shares no code with the search, proves it again and says what it proved and what not:"
+    ),
+    Listing("flexhinf certify --check certificate.json"),
+    Paragraph(
+        "It trusts a bound of its own rounding in doubles, but for a random sample of cells. With `--every-cell` it "
+        "proves all of them in exact rationals and balls too: minutes for V of degree 2, hours for degree 6."
+    ),
+)
