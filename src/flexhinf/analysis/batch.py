@@ -4,9 +4,7 @@ Derivatives are taken column by column: a tangent costs a few times the function
 arguments, and the columns of a row run side by side in vector lanes. A whole Jacobian as one trace, some hundred
 thousand operations for a step of a seven-link arm, is never formed.
 
-A law and its slope at many points.
-
-The integrals with which a law holds a goal that is not its operating point.
+Also a law and its slope at many points, and the integrals with which it holds a goal off its operating point.
 """
 
 from __future__ import annotations
@@ -48,19 +46,8 @@ class Rows:
     def __call__(
         self, moving: np.ndarray, held: np.ndarray | None = None, parts: int = 1
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Values and derivatives.
-
-        Parameters
-        ----------
-        moving : (N, a) array
-        held : (N, h) array, or (h,) for the same in all rows
-        parts : int
-            How often, if repeated.
-
-        Returns
-        -------
-        y, slope : (N, r) and (N, r, a) arrays
-        """
+        """Values (N, r) and derivatives (N, r, a) at `moving` (N, a) and `held` (N, h), or (h,) for the same in all
+        rows; `parts` says how often, if repeated."""
         count, a = moving.shape
         arrays: dict[str, Any] = {"moving": moving, "unit": np.eye(a)}
         if held is not None and held.shape[-1]:

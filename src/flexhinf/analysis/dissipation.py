@@ -16,11 +16,8 @@ e is the problem's integral, ė = x_i − r of the true state. The controller's 
 input is limited, and integrates noise. Its start is ours to choose, so e agrees with the controller's integral at the
 end of the run: what limits changed on the way is spent before, and V(x0) is that of this e.
 
-What sampling, delay, estimator and limits spend of a level set, one after the other in the same loop.
-
-The dissipation inequality of the linear part at the corners of the tolerances.
-
-A law of `solve_hji` with the storage V = ½ xᵀ P x to second order and the gain u = K x keeps
+At the corners of the tolerances the inequality is checked for the linear part. A law of `solve_hji` with the storage V
+= ½ xᵀ P x to second order and the gain u = K x keeps
 
     V̇ ≤ ½ γ²|d|² − ½ |z|²   for all x and d   ⟺   Q = P A_K + A_Kᵀ P + CᵀC + Kᵀ R2 K + γ⁻² P B1 B1ᵀ P ≤ 0,
 

@@ -1,7 +1,5 @@
-"""Peaks and zeros of functions of frequency: found on a grid, and refined between its points.
-
-Bode, Nyquist and pole figures of the running loop as numbers: sampled, with its estimator and its own delay.
-"""
+"""Peaks and zeros of functions of frequency, on a grid and refined between its points; and the frequency response of
+the running loop: sampled, with its estimator and its own delay."""
 
 from __future__ import annotations
 
@@ -93,20 +91,11 @@ def _narrowed(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def crossings(
     function: Callable[[np.ndarray], np.ndarray], grid: np.ndarray, values: np.ndarray | None = None
 ) -> list[tuple[int, float]]:
-    """Zeros between neighbouring points of a grid at which a branch changes its sign.
+    """Zeros (branch, frequency) between neighbouring points of an ascending grid (F,) at which a branch changes its
+    sign.
 
-    Parameters
-    ----------
-    function : callable
-        Frequencies (F,) → real values (F, k), one column per branch, each continuous.
-    grid : (F,) array
-        Ascending.
-    values : (F, k) array, optional
-        Of the function on the grid, where they are known.
-
-    Returns
-    -------
-    list of (branch, frequency)
+    The function takes frequencies (F,) to real values (F, k), one column per branch, each continuous; on the grid they
+    may be known.
     """
     values = function(grid) if values is None else values
     rows, branches = sign_changes(values)

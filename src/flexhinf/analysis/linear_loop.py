@@ -1,12 +1,11 @@
-"""The loop near its equilibrium as a linear system, with any delay of the input.
+"""The loop near its equilibrium as a linear system, with any delay of the input, and linear systems in discrete time.
 
 An input delayed by (j + φ) periods changes φ periods after a sample: in the interval from sample k on the plant sees
 u(k − j − 1) for φ periods and u(k − j) for the rest, so the sampled loop is exact for delays between samples too
 [astrom1997].
 
-`Modes` has the multipliers of one period for many true plants.
-
-A linear system in discrete time: its response, its H∞ norm, and what white noise makes of it.
+`DiscreteSystem` has the response, the H∞ norm, and what white noise makes of a system; `Modes` the multipliers of one
+period for many true plants.
 """
 
 from __future__ import annotations
@@ -431,14 +430,8 @@ class _Parts:
 
 
 def with_queue(a: np.ndarray, e: np.ndarray, k: np.ndarray, samples: int) -> np.ndarray:
-    """N loops x⁺ = a x + e v, v(i) = k x(i − samples), with a state for each input that waits, newest first.
-
-    Parameters
-    ----------
-    a, e, k : (N, n, n), (N, n, m) and (N, m, n) arrays
-    samples : int
-        At least 1.
-    """
+    """N loops x⁺ = a x + e v, v(i) = k x(i − samples), with a state for each input that waits, newest first; of arrays
+    (N, n, n), (N, n, m) and (N, m, n), and at least one sample."""
     (count, n, m), queued = e.shape, e.shape[2] * samples
     found = np.zeros((count, n + queued, n + queued))
     found[:, :n, :n], found[:, :n, n + queued - m :] = a, e

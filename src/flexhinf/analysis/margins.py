@@ -1,4 +1,4 @@
-"""How far a loop is from instability, and what noise costs: margins of the linear sampled loop with its estimator.
+"""Margins of the linear sampled loop with its estimator: how far it is from instability, and what noise costs.
 
 The loop is broken at the plant's input::
 
@@ -14,18 +14,15 @@ With the other inputs closed, S_ii = 1/(1 + L_i) and T_ii = L_i/(1 + L_i), so th
 stability with its gain times k = −1/L_i = −S_ii/T_ii wherever that is real and positive. One sweep of the running loop
 therefore shows the peak of S and the gain margins of all inputs.
 
-The largest extra delay that a sampled loop stands, delays between samples included.
+Delay margin: broken at the plant's input, a loop delayed by (j + φ) periods T is z⁻ʲ L_φ(z), with L_φ exact
+(`LinearLoop.held`). It is on the edge where an eigenvalue λ of −z⁻ʲ L_φ is one at z = e^{jωT}. So for a few φ the
+frequencies with |λ(L_φ)| = 1 are found, their phase gives j as a real number, and Newton's method brings ω and the
+delay together. The smallest delay is checked by the multipliers of the closed loop before it, up to 200 samples; should
+any have left the unit circle there, it is bisected down to where they do.
 
-Broken at the plant's input, a loop delayed by (j + φ) periods T is z⁻ʲ L_φ(z), with L_φ exact (`LinearLoop.held`). It
-is on the edge where an eigenvalue λ of −z⁻ʲ L_φ is one at z = e^{jωT}. So for a few φ the frequencies with |λ(L_φ)| = 1
-are found, their phase gives j as a real number, and Newton's method brings ω and the delay together. The smallest delay
-is checked by the multipliers of the closed loop before it, up to 200 samples; should any have left the unit circle
-there, it is bisected down to where they do.
-
-The linear loop as a function of its filter's gain, for a search that asks for hundreds of gains.
-
-A Kalman filter corrects x̂(k|k) = x̂(k|k−1) + L (y − ŷ), and what the controller does next is linear in x̂(k|k). So the
-matrices of its step are affine in L,
+Another gain of the filter, for a search over hundreds of gains (`FilteredLoop`): a Kalman filter corrects x̂(k|k) =
+x̂(k|k−1) + L (y − ŷ), and what the controller does next is linear in x̂(k|k). So the matrices of its step are affine in
+L,
 
     M(L) = M(0) + M_x L (−H, 1),
 
@@ -80,13 +77,8 @@ def delay_margin(loop: LinearLoop) -> tuple[float, float]:
     for _ in range(HALVINGS):
         middle = 0.5 * (low + high)
         low, high = (middle, high) if loop.system(middle).stable else (low, middle)
-    return low - own, _edge(loop, low)
-
-
-def _edge(loop: LinearLoop, delay: float) -> float:
-    """Frequency of the largest multiplier, rad/s."""
-    multipliers = loop.system(delay).multipliers
-    return float(abs(np.angle(multipliers[np.abs(multipliers).argmax()])) / loop.period)
+    multipliers = loop.system(low).multipliers
+    return low - own, float(abs(np.angle(multipliers[np.abs(multipliers).argmax()])) / loop.period)
 
 
 def _guesses(loop: LinearLoop) -> list[tuple[float, float]]:
@@ -296,9 +288,8 @@ class Margins:
         """All inputs' gains may change at once, each by its own real factor between these: (2 ∓ α)/(2 ± α)."""
         if self.disk_margin >= 2.0:
             return 0.0, np.inf
-        return (2.0 - self.disk_margin) / (2.0 + self.disk_margin), (2.0 + self.disk_margin) / (
-            2.0 - self.disk_margin
-        )
+        low = (2.0 - self.disk_margin) / (2.0 + self.disk_margin)
+        return low, (2.0 + self.disk_margin) / (2.0 - self.disk_margin)
 
     @property
     def disk_phase_margin(self) -> float:
@@ -429,18 +420,10 @@ def _gain_margins(
     top: float,
     accuracy: float,
 ) -> np.ndarray:
-    """Largest real factor below one and smallest above, (m, 2).
+    """Largest real factor below one and smallest above, (m, 2), of `factors` k (F, m), complex, by frequency.
 
-    Parameters
-    ----------
-    factors : callable
-        Frequencies (F,) → k (F, m), complex.
-    grid, swept : (F,) and (F, m) arrays
-        Of a sweep.
-    top : float
-        Half the sampling frequency, rad/s, where k is real as it is at ω = 0.
-    accuracy : float
-        Relative, of the frequencies where k is real.
+    `grid` and `swept` are frequencies (F,) and factors of a sweep, `top` is half the sampling frequency, rad/s, where k
+    is real as it is at ω = 0, and the accuracy is that of the frequencies where k is real, relative.
     """
     rows, inputs = sign_changes(np.imag(swept))
     left, right = swept[rows, inputs], swept[rows + 1, inputs]
@@ -506,15 +489,7 @@ POINTS, BELOW = 80, 0.05
 
 
 class FilteredLoop:
-    """A loop whose Kalman filter has any gain.
-
-    Parameters
-    ----------
-    loop : EquilibriumLoop
-        With a Kalman filter.
-    bandwidth : float
-        Of the law, rad/s: the sweep begins at a fraction of it.
-    """
+    """A loop whose Kalman filter has any gain; its sweep begins at a fraction of the law's bandwidth, rad/s."""
 
     def __init__(self, loop: EquilibriumLoop, bandwidth: float) -> None:
         self.loop = loop

@@ -48,16 +48,7 @@ SEARCH_ROUNDS = 200
 
 @dataclass(frozen=True, eq=False)
 class Climbed:
-    """Where a search ended.
-
-    Attributes
-    ----------
-    point : (d,) array
-    evaluations : int
-        Of all searches.
-    together : int
-        How many searches ended at this point.
-    """
+    """Where a search ended: point (d,) and value, evaluations of all searches, and how many ended at this point."""
 
     point: np.ndarray
     value: float
@@ -192,18 +183,8 @@ TURNS = 6
 
 
 class MovedLaw(Law):
-    """A law in deviations from another plant's equilibrium: k(x + δ) − k(δ).
-
-    Parameters
-    ----------
-    problem : GeneralisedPlant
-        Of the other plant, about its equilibrium at the goal.
-
-    Raises
-    ------
-    NumericalFailure
-        If no integrals make the law hold that plant there.
-    """
+    """A law in deviations from the equilibrium of another problem's plant at the goal: k(x + δ) − k(δ). A
+    NumericalFailure says that no integrals make the law hold that plant there."""
 
     def __init__(self, law: Law, problem: GeneralisedPlant) -> None:
         self.law, self.state_names, self.input_names = law, tuple(law.state_names), tuple(law.input_names)
@@ -233,13 +214,8 @@ class MovedLaw(Law):
 
 
 def _balanced(rows: LawRows, moved: np.ndarray, wanted: np.ndarray, n: int) -> np.ndarray:
-    """Deviations (n + k,) near these, their integrals such that the law gives the input (m,) that is wanted.
-
-    Raises
-    ------
-    NumericalFailure
-        If Newton's method does not find them.
-    """
+    """Deviations (n + k,) near these, their integrals such that the law gives the input (m,) that is wanted, by
+    Newton's method; a NumericalFailure where it does not find them."""
     found = moved.copy()
     for _ in range(ITERATIONS):
         value, slope = rows(found[None, :])
@@ -258,17 +234,7 @@ def _balanced(rows: LawRows, moved: np.ndarray, wanted: np.ndarray, n: int) -> n
 
 @dataclass(frozen=True, eq=False)
 class WorstGain:
-    """What was found.
-
-    Attributes
-    ----------
-    point : (d,) array
-        The plant, in the unit box.
-    attained : Attained
-        Its worst disturbance.
-    runs : int
-        Of the search over plants.
-    """
+    """The plant, a point (d,) of the unit box, its worst disturbance, and the runs of the search over plants."""
 
     point: np.ndarray
     attained: Attained

@@ -11,8 +11,6 @@ The gradient ∂∫|z|²/∂d comes from the adjoint of the sampled loop. The st
 and the controller's memory (`SampledController`). With ζ' = F(ζ, d) from sample to sample, λ_k = ∂|z_k|²/∂ζ_k +
 λ_{k+1} ∂F/∂ζ is followed backwards, and the gradient is λ_{k+1} ∂F/∂d. All derivatives along the run are computed at
 once; only the products of the recursion are in turn.
-
-Eq. (3) as a run: disturbances of a problem held between samples, z at the samples, V on the way.
 """
 
 from __future__ import annotations
@@ -72,7 +70,7 @@ class Attained:
 
 
 class DisturbanceRuns:
-    """Runs of a law's loop under the disturbances of its problem.
+    """Runs of a law's loop under the disturbances of its problem, held between samples; Eq. (3) as a run.
 
     Parameters
     ----------
@@ -492,16 +490,8 @@ def worst_disturbance(
 def ascend_inside(
     search: DisturbanceSearch, start: np.ndarray, level: float, turns: int, solution: HJISolution
 ) -> Attained:
-    """The best of all energies tried with which V of a solution stayed below the level; the smallest energy if there
-    is none.
-
-    Parameters
-    ----------
-    start : (N, k) array
-        At the search's period, of any size.
-    solution : HJISolution
-        Whose V, and γ for the first energy.
-    """
+    """The best of all energies tried with which V of a solution, whose γ gives the first energy, stayed below the
+    level; the smallest energy if there is none. The start (N, k) is at the search's period, of any size."""
     energy, best, grows = 2.0 * level / solution.gamma**2, None, None
     for _ in range(ROUNDS):
         found = search.climbed(start, energy, turns, solution)

@@ -28,10 +28,17 @@ typedef char @NAME@_type_of_constants[(sizeof(1.0@F@) == @BYTES@ && sizeof(@REAL
  * the normal ones as 0, directed rounding), gives another answer here. Nothing of it is known before it runs. */
 static int @NAME@_exact(void)
 {
-    const volatile @REAL@ given[] = {
-        1.0@F@, @EPSILON@, @EPSILON@ / 4.0@F@, -0.0@F@, (@REAL@)NAN, HUGE_VAL@SUFFIX@, @SMALLEST@, 5.0@F@, 0.5@F@
-    };
-    const volatile @REAL@ ratio = 5.0@F@ / 6.0@F@;
+    volatile @REAL@ given[9];
+    volatile @REAL@ ratio = 5.0@F@ / 6.0@F@;
+    given[0] = 1.0@F@;
+    given[1] = @EPSILON@;
+    given[2] = @EPSILON@ / 4.0@F@;
+    given[3] = -0.0@F@;
+    given[4] = (@REAL@)NAN;
+    given[5] = HUGE_VAL@SUFFIX@;
+    given[6] = @SMALLEST@;
+    given[7] = 5.0@F@;
+    given[8] = 0.5@F@;
     const @REAL@ one = given[0], step = given[1], small = given[2], zero = given[3], nan = given[4], huge = given[5];
     const @REAL@ other = one + given[1];
     const volatile @REAL@ square = other * other, tiny = given[6] * given[8];

@@ -1,6 +1,4 @@
-"""What a controller remembers between steps and the numbers its step is made of: flat vectors with a layout.
-
-What a running controller remembers, so that no sample can leave it stuck; and its step as a program.
+"""What a controller remembers between steps, so that no sample can leave it stuck; and its step as a program.
 
 A step is a transaction: memory and estimate change where the step's numbers are all finite, and not otherwise. That
 alone does not help against a wild measurement whose numbers are finite: a cubic law makes 1e18 V of 1e6 rad, and the
@@ -246,14 +244,8 @@ def step_program(
 ) -> Program:
     """One step as a transaction: `memory` and `estimate` are written where everything is finite.
 
-    Parameters
-    ----------
-    sizes : mapping of str to int
-        Numbers in each of y, r, data, memory, u and estimate; without y, the step has no measurement.
-    commanded : bool
-        Whether a command is read.
-    steps : callable
-        As `Controller.steps`.
+    `sizes` are those of y, r, data, memory, u and estimate; without y, the step has no measurement. `commanded` says
+    whether a command is read, and `steps` are those of `Controller.steps`.
     """
     roles: dict[str, Any] = {name: role for name, role in ROLES.items() if name in sizes}
     buffers = [Buffer(name, sizes[name], role) for name, role in roles.items()]
@@ -279,13 +271,8 @@ def step_program(
 
 
 def step_failure(code: int, back: bool, y: Any, reference: Any) -> NumericalFailure:
-    """The error of a compiled step that ended with a code; y and the command are those it was given.
-
-    Parameters
-    ----------
-    back : bool
-        Whether an earlier memory has taken the place of the one it ran on.
-    """
+    """The error of a compiled step that ended with a code; y and the command are those it was given, and `back` says
+    whether an earlier memory has taken the place of the one it ran on."""
     if code != BAD_RESULT:
         advice = "another command"
         if code == BAD_MEASUREMENT:

@@ -210,11 +210,8 @@ def _edge(value: Any, inputs: int, name: str, advice: str) -> np.ndarray:
 def command_limits(command_range: Any, command_rate: Any, tracked: Sequence[str], moving: bool) -> Limits:
     """Limits of a standing command, from the arguments of a controller.
 
-    Raises
-    ------
-    InvalidInput
-        If they do not fit, or stand beside a moving reference, whose velocity and input would no longer fit its
-        position; or where nothing is commanded.
+    They are refused if they do not fit, beside a moving reference, whose velocity and input would no longer fit its
+    position, and where nothing is commanded.
     """
     if (command_range is None and command_rate is None) or (tracked and not moving):
         return Limits.of(command_range, len(tracked), command_rate, ("command_range", "command_rate"))
@@ -227,13 +224,8 @@ def command_limits(command_range: Any, command_rate: Any, tracked: Sequence[str]
 
 
 def dead_zone(value: Any, tracked: Sequence[str]) -> np.ndarray | None:
-    """Largest errors (k,) that are not integrated, of a number or one per tracked state; None without any.
-
-    Raises
-    ------
-    InvalidInput
-        If it does not fit, is negative, or nothing is integrated.
-    """
+    """Largest errors (k,) that are not integrated, of a number or one per tracked state; None without any. What does
+    not fit or is negative is refused, and any where nothing is integrated."""
     if value is None:
         return None
     zone = real_array(value)

@@ -40,13 +40,7 @@ ROUNDING = 1e-14
 
 
 def blend_time(fade: Any, mode: Mode) -> float:
-    """The time constant of the bias, s.
-
-    Raises
-    ------
-    InvalidInput
-        If it is not positive, or given though no law ever takes over.
-    """
+    """The time constant of the bias, s; refused if it is not positive, or given though no law ever takes over."""
     if fade is not None and not mode.takes_over:
         raise InvalidInput(
             "A time constant is given for a bias that never is.",
@@ -302,15 +296,7 @@ def _checked(laws: Any) -> tuple[Law, ...]:
 
 
 class PaddedLaw(Law):
-    """A polynomial law with more degrees than occur in it.
-
-    Parameters
-    ----------
-    law : Law
-        With a `law_table`.
-    degrees : tuple of int
-        Ascending; those of the law among them.
-    """
+    """A polynomial law (one with a `law_table`) with more degrees, ascending, than occur in it."""
 
     def __init__(self, law: Law, degrees: tuple[int, ...]) -> None:
         polynomial = law.law_table

@@ -5,14 +5,13 @@ under which what it drives does not accelerate: u with f(x, u, 0) = 0, or the le
 no equilibrium. A state that is told later (`Controller.reset`, ``NAME_start`` of the exported C) gets its own input by
 the same function, with the same bits.
 
-How far integrals may push an input that has no limit of its own, or one so large that it is none.
-
-A sensor that sticks is an error that never ends: without a bound, its integral asks for any input. With limits of the
-input the anti-windup of the step is the bound; without, this one is, and where a limit lies further from the operating
-input than the number w below. What the integrals push is c = K_e (e − e*), with the law's slope K at its operating
-point. At rest at a command r the law needs c = G (r − r*), G = ∂u/∂r − K ∂x/∂r, on the line of equilibria x(r), u(r) of
-the model through the operating point; a nonlinear law, gravity, loads and errors of the model need something more or
-less. So an integral that would push c further from G (r − r*) than
+Also here: how far integrals may push an input that has no limit of its own, or one so large that it is none. A sensor
+that sticks is an error that never ends: without a bound, its integral asks for any input. With limits of the input the
+anti-windup of the step is the bound; without, this one is, and where a limit lies further from the operating input than
+the number w below. What the integrals push is c = K_e (e − e*), with the law's slope K at its operating point. At rest
+at a command r the law needs c = G (r − r*), G = ∂u/∂r − K ∂x/∂r, on the line of equilibria x(r), u(r) of the model
+through the operating point; a nonlinear law, gravity, loads and errors of the model need something more or less. So an
+integral that would push c further from G (r − r*) than
 
     w + S |r − r*|,  w = Σᵢ sᵢ (|∂u/∂rᵢ| + ½ |K ∂x/∂rᵢ|),  S = ½ |G|,
 

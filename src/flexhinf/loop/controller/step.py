@@ -1,9 +1,8 @@
 """One step of a sampled controller: estimator, integrals, law, saturation, as NumPy code.
 
 It is what the compiled kernels run, what `Controller.step` calls and what is exported later. How its functions
-are called is left to a *run*: directly on arrays, or as pieces of a program (`flexhinf.codegen.compose`).
-
-A law as a controller's kernel evaluates it: its own text, or a table of monomials in loops.
+are called is left to a *run*: directly on arrays, or as pieces of a program (`flexhinf.codegen.compose`). The law is
+evaluated by its own text, or as a table of monomials in loops.
 """
 
 from __future__ import annotations
@@ -33,12 +32,7 @@ class LawCode:
 
     From `TABLE` coefficients on, a composed kernel evaluates a polynomial law (`Law.law_table`) in loops, in nested
     form: the table of its coefficients has one row per monomial and one column per input, padded with zero columns so
-    that rows fill vectors.
-
-    Parameters
-    ----------
-    composed : bool
-        Whether the controller is composed of pieces.
+    that rows fill vectors. `composed` says whether the controller is composed of pieces.
     """
 
     law: Law
@@ -87,17 +81,9 @@ class LawCode:
     def on(
         self, run: Any, data: Any, active: Any = None, about: tuple[Any, Any] | None = None
     ) -> Callable[[Any], Any]:
-        """k as a function of a deviation x (n,) on the run.
-
-        Parameters
-        ----------
-        data : (L · size,)
-            Numbers as in `data`, of one law after the other.
-        active : (L,), optional
-            1 for the law that is meant, else 0. By default there is one.
-        about : (state, input), optional
-            The moving reference, (n without integrals,) and (m,); x* and u* by default.
-        """
+        """k as a function of a deviation x (n,) on the run, with numbers (L · size,) as in `data`, of one law after the
+        other, of which `active` (L,) is 1 for the law that is meant, else 0; about the moving reference (n without
+        integrals,) and its input (m,), x* and u* by default."""
         if self.table is not None and isinstance(run, Composer):
             return partial(self._from_table, run, data, active)
         if active is not None:
@@ -155,8 +141,6 @@ def controller_step(
     ----------
     law, estimator : LawCode, Estimator or None
         Without an estimator, y is the state of the plant that the law was designed for.
-    tracked : sequence of Source
-        Where each tracked state is read.
     y, r : (p,) or None, (k,)
         Measurement and command; a moving reference is r = (x_d, u_d), (n + m,). Without a measurement the prediction
         stands for the estimate and for what is measured.

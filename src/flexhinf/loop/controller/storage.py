@@ -45,15 +45,9 @@ NAMES = ("states", "inputs", "disturbances", "outputs")
 
 
 class StoredLaw(Law):
-    """A law from a file: a polynomial, or a traced function.
-
-    Parameters
-    ----------
-    header : mapping
-        ``name`` of the class it was, ``states``, ``inputs``, ``degrees`` of a polynomial or None.
-    arrays : mapping of str to ndarray
-        ``data``, ``point``, ``input``, and the functions' instructions.
-    """
+    """A law from a file: a polynomial, or a traced function. The header has the ``name`` of the class it was,
+    ``states``, ``inputs``, ``degrees`` of a polynomial or None; arrays are ``data``, ``point``, ``input``, and the
+    functions' instructions."""
 
     def __init__(self, header: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> None:
         self.name, self.degree = str(header["name"]), header["degree"]
@@ -97,13 +91,8 @@ class StoredLaw(Law):
         return PolynomialLaw(len(self.state_names), tuple(self._degrees), coefficients)
 
     def check(self) -> None:
-        """Build the functions now, so that what does not fit is refused when it is read.
-
-        Raises
-        ------
-        InvalidInput, ValueError, IndexError, KeyError
-            If the arrays are no functions of these states and inputs.
-        """
+        """Build the functions now, so that arrays that are no functions of these states and inputs are refused when
+        they are read: by an InvalidInput, ValueError, IndexError or KeyError."""
         if self._degrees is None:
             _check_sizes(self._law, [len(self.state_names), self._data.size], len(self.input_names))
         else:
@@ -156,13 +145,7 @@ def write_controller(
     period: float,
     options: dict[str, Any],
 ) -> None:
-    """Write what a controller is made of; `options` are its other arguments by name. See `Controller.save`.
-
-    Raises
-    ------
-    InvalidInput
-        If a law or the estimator cannot be saved (named), or the place cannot be written.
-    """
+    """Write what a controller is made of; `options` are its other arguments by name. See `Controller.save`."""
     laws = law.laws if isinstance(law, Schedule) else (law,)
     arrays: dict[str, np.ndarray] = {}
     plain: dict[str, Any] = {}
@@ -188,13 +171,7 @@ def write_controller(
 
 
 def read_controller(path: str | os.PathLike[str], make: Callable[..., Any]) -> Any:
-    """What `make`, the class `Controller`, makes of the arguments in a file; see `load_controller`.
-
-    Raises
-    ------
-    InvalidInput
-        If the file is not there, is no such file, is damaged, is of another version, or nothing can be made of it.
-    """
+    """What `make`, the class `Controller`, makes of the arguments in a file; see `load_controller`."""
     place = checked_path("The controller's file", path)
     try:
         arrays, whole = read_arrays(place)

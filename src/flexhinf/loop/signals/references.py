@@ -60,13 +60,8 @@ def signal_name(signal: Any, depth: int = 3) -> str:
 
 
 def checked_order(order: Any, what: str, highest: int | None = None, why: str = "", advice: str = "") -> int:
-    """The highest derivative that is wanted; `why` says what is wrong with one above `highest`.
-
-    Raises
-    ------
-    InvalidInput
-        If it is no integer >= 0, or higher than the signal's highest finite derivative.
-    """
+    """The highest derivative that is wanted, refused if it is no integer >= 0, or higher than the signal's highest
+    finite derivative; `why` says what is wrong with that."""
     if isinstance(order, bool) or not isinstance(order, (int, np.integer)) or order < 0:
         raise InvalidInput(
             "The order of a derivative is a number.", f"expected >= 0, got {value_text(order)}", "4"
@@ -82,12 +77,7 @@ def checked_order(order: Any, what: str, highest: int | None = None, why: str = 
 
 def checked_samples(times: Any, values: Any, smooth: bool = False) -> tuple[np.ndarray, np.ndarray]:
     """Copies of times (N,) and values (N,) or (N, k), read only; `smooth` ones are for a motion with derivatives.
-
-    Raises
-    ------
-    InvalidInput
-        If they are not a function of time, or are so near to each other that its derivatives are lost.
-    """
+    Refused are those that are no function of time, or so near to each other that its derivatives are lost."""
     times, values = real_array(times), real_array(values)
     finite = np.all(np.isfinite(times)) and np.all(np.isfinite(values))
     shaped = times.ndim == 1 and len(times) > 0 and values.ndim in (1, 2) and len(values) == len(times)

@@ -173,7 +173,7 @@ class Loop(Summarised):
         delay: float = 0.0,
     ) -> None:
         self.true_plant, self.controller = true_plant, controller
-        self._asked_sub_steps = sub_steps
+        self._given_sub_steps = sub_steps
         if not isinstance(controller, Controller):
             raise InvalidInput(
                 "The loop needs a controller.",
@@ -289,7 +289,7 @@ class Loop(Summarised):
 
     def __getstate__(self) -> dict[str, Any]:
         """For copies and pickles: what the loop is made of, without compiled code."""
-        made = ("true_plant", "controller", "_asked_sub_steps", "channel")
+        made = ("true_plant", "controller", "_given_sub_steps", "channel")
         return {name: vars(self)[name] for name in made}
 
     # What is run ----------------------------------------------------------------------------------
@@ -299,8 +299,8 @@ class Loop(Summarised):
         plant, controller = self.true_plant, self.controller
         if not isinstance(plant, Plant):
             return 1
-        if self._asked_sub_steps is not None:
-            return self._asked_sub_steps
+        if self._given_sub_steps is not None:
+            return self._given_sub_steps
         point = operating_state(plant.states, controller)
         return sub_steps(controller.period, plant.fastest_mode(point, controller.law.operating_input))
 
@@ -476,7 +476,7 @@ class Loop(Summarised):
         _, commands, settings = self._commanded(reference, disturbance, noise, duration, multi_turn)
         return Ensemble.of(
             self.true_plant, self.controller, self.channel, commands, settings, disturbance, noise, initial_state,
-            initial_input, self._asked_sub_steps, reductions, kept, instants,
+            initial_input, self._given_sub_steps, reductions, kept, instants,
         )  # fmt: skip
 
     def _commanded(

@@ -1,7 +1,5 @@
-"""One run on a compiled kernel, with its signals stored; many plants are run by `flexhinf.loop.Ensemble`.
-
-What a run is given, checked before it starts: its length, the initial state, and the size of commands.
-"""
+"""One run on a compiled kernel, with its signals stored; and what runs are given, checked before they start: length,
+initial state, size of commands, parameters and seeds of many plants."""
 
 from __future__ import annotations
 
@@ -117,14 +115,8 @@ def start_text(
 ) -> str:
     """Where a run starts, beside where the controller does, and whether the true plant rests there.
 
-    Parameters
-    ----------
-    x : (n,)
-        Of the run, in the order of the plant's states.
-    given : bool
-        Whether somebody gave it.
-    before : (m,)
-        The input before the first sample.
+    The state x (n,) is that of the run, by the plant's states, which somebody may have `given`; `before` (m,) is the
+    input before the first sample.
     """
     own = _designed_start(controller)
     apart = {name: (value, own[name]) for name, value in zip(plant.states, x.tolist()) if name in own}

@@ -149,7 +149,7 @@ class Ensemble:
         noise: Any,
         initial_state: Any,
         initial_input: Any,
-        asked_sub_steps: int | None = None,
+        given_sub_steps: int | None = None,
         reductions: Sequence[Reduction] = (),
         kept: Sequence[str] = (),
         instants: Any = (),
@@ -176,7 +176,7 @@ class Ensemble:
             plant, controller, channel, command, start, shared,
             None if disturbance is None else by_name(disturbance, plant), tracking,
             (*common_reductions(known), *reductions), tuple(_signal(plant, controller, name) for name in kept),
-            _instants(instants, command.samples), asked_sub_steps, settings, initial_state is not None,
+            _instants(instants, command.samples), given_sub_steps, settings, initial_state is not None,
         )  # fmt: skip
 
     def run(

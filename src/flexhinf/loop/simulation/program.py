@@ -1,7 +1,5 @@
-"""The closed loop as a program: measure, control, integrate the true plant, and again.
-
-What lies between a robot and its controller: the grain of its sensors, and the delay of its inputs.
-"""
+"""The closed loop as a program: measure, control, integrate the true plant, and again; and what lies between a robot
+and its controller: the grain of its sensors, and the delay of its inputs."""
 
 from __future__ import annotations
 
@@ -146,15 +144,8 @@ def measure_function(plant: Plant, controller: Controller, channel: Channel = DI
 
 @dataclass(frozen=True)
 class EnsembleOptions:
-    """What a program of many runs has in it.
-
-    Attributes
-    ----------
-    noisy, disturbed, delayed : bool
-        Whether there are measurement noise, a disturbance, and a delay of the inputs.
-    kept : tuple of (str, int)
-        Signals that are recorded at every sample: "state", "output", "estimate" or "input", and the column.
-    """
+    """Whether a program of many runs has measurement noise, a disturbance and a delay of the inputs, and which signals
+    it records at every sample: "state", "output", "estimate" or "input", and the column."""
 
     noisy: bool
     disturbed: bool
