@@ -91,11 +91,7 @@ def write_file(path: str | os.PathLike[str], what: str, write: Callable[[str], A
             raise OSError("there is a folder, a pipe or a device of this name")
         with part_file(path.parent, f".{path.name}.") as name:
             write(name)
-            with open(name, "rb") as file:
-                os.fsync(file.fileno())
-            mask = os.umask(0)
-            os.umask(mask)
-            os.chmod(name, 0o666 & ~mask)
+            make_durable(name)
             publish(name, path)
     except (OSError, ValueError) as error:  # a ValueError: a NUL in the name
         _raise_interruption(error)
@@ -104,6 +100,15 @@ def write_file(path: str | os.PathLike[str], what: str, write: Callable[[str], A
             f"{path}: {getattr(error, 'strerror', None) or error}",
             "a writable folder that exists",
         ) from error
+
+
+def make_durable(name: str) -> None:
+    """Force a file to the disk, and give it the mode of a file that `open` makes."""
+    with open(name, "rb") as file:
+        os.fsync(file.fileno())
+    mask = os.umask(0)
+    os.umask(mask)
+    os.chmod(name, 0o666 & ~mask)
 
 
 def _raise_interruption(error: BaseException) -> None:

@@ -10,15 +10,14 @@ import pytest
 import flexhinf as fh
 from flexhinf.analysis import margins
 from flexhinf.design import Specification, along_move
-from flexhinf.design.along_move import AlongMove, Least, margins_along, scheduled
+from flexhinf.design.along_move import AlongMove, MarginLimits, along_requirements, margins_along, scheduled
 from flexhinf.design.loop_setup import LoopSetup
-from flexhinf.design.requirements import margins_requirements
 from flexhinf.loop import Schedule, Waypoints
 from flexhinf.plant import Law
 
 Benches = Callable[..., LoopSetup]
 START, GOAL = (0.0, -2.2), (0.4, -0.3)
-LEAST = Least(2.5, 1.8, 0.05)
+LEAST = MarginLimits(2.5, 1.8, 0.05)
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -57,7 +56,7 @@ def test_at_the_goal_the_margins_are_those_of_the_loop_there(setup: LoopSetup, a
 
 def test_the_requirement_is_that_of_the_worst_pose(along: AlongMove) -> None:
     peaks = [one.peak_sensitivity for one in along.margins]
-    lines = {line.what: line for line in margins_requirements(Specification(peak_sensitivity=1.01), along)}
+    lines = {line.what: line for line in along_requirements(Specification(peak_sensitivity=1.01), along)}
     line = lines["peak sensitivity"]
     assert (line.found, line.at) == (max(peaks), along.times[int(np.argmax(peaks))])
     assert (line.met, line.stated_by) == (False, "--peak-sensitivity")
@@ -77,7 +76,7 @@ def test_laws_are_added_at_the_worst_poses_only_where_they_help(
     kept = scheduled(setup, plan, LEAST, another)
     assert (kept[0], asked) == (setup.law, []) if along.share <= 1.0 else asked
     peaks = [one.peak_sensitivity for one in along.margins]
-    strict = Least(0.5 * (peaks[-1] + max(peaks)), 1.01)
+    strict = MarginLimits(0.5 * (peaks[-1] + max(peaks)), 1.01)
     law, better = scheduled(setup, plan, strict, another)
     assert isinstance(law, Schedule)
     assert better.share < margins_along(setup, plan, strict).share

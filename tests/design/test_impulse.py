@@ -14,7 +14,6 @@ from flexhinf.design import Design, Specification
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.impulse import ROOM, ImpulseRuns, impulse_runs, impulse_sizes
 from flexhinf.design.loop_setup import LoopSetup
-from flexhinf.design.requirements import ring_down_requirement
 from flexhinf.pages.design import rest
 
 Setups = Callable[..., LoopSetup]
@@ -68,11 +67,11 @@ def test_a_blow_is_an_impulse_on_one_link_and_the_motors_stay_below_their_limits
 def test_a_loop_that_rings_misses_the_line_with_its_joint(setup_of: Setups) -> None:
     setup = setup_of("planar-two-link", (0.4, 0.6), torque_noise=1e-10)
     runs = struck(setup)
-    line = ring_down_requirement(Specification(damping=0.2), 0.2, runs)
+    line = runs.requirement(Specification(damping=0.2), 0.2)
     assert not line.met
     assert (line.found, line.joint) == (runs.damping, setup.joints[runs.worst])
     assert line.stated_by == "--damping"
-    assert ring_down_requirement(Specification(), 0.5 * runs.damping, runs).met
+    assert runs.requirement(Specification(), 0.5 * runs.damping).met
     rows = rest.ring_down_rows(runs)
     assert [row["joint"] for row in rows] == list(setup.joints)
     row = rows[runs.worst]
@@ -99,7 +98,7 @@ def test_runs_that_leave_the_numbers_are_not_damped(setup_of: Setups) -> None:
     runs = impulse_runs(setup, np.array([1.0]), 20.0)
     assert runs.diverged
     assert runs.damping == -np.inf
-    assert not ring_down_requirement(Specification(), 0.1, runs).met
+    assert not runs.requirement(Specification(), 0.1).met
     design = as_design(setup, runs)
     assert rest.ring_down_blocks(design) == []
     (note,) = rest.ring_down_remarks(design)
@@ -117,8 +116,8 @@ def test_dry_friction_is_part_of_what_is_judged(setup_of: Setups) -> None:
     )
     runs = struck(rough)
     assert runs.damping < 0.8 * struck(free).damping
-    assert runs.found is not None
-    vars(runs)["found"] = replace(runs.found, error=0.3, rests=False)
+    assert runs.ring_down is not None
+    vars(runs)["ring_down"] = replace(runs.ring_down, error=0.3, rests=False)
     assert runs.damping == 0.0
     (note,) = rest.ring_down_remarks(as_design(rough, runs))
     assert "does not decay as a linear one does" in note

@@ -1,7 +1,4 @@
-"""A campaign as a value, and its batches: a pure function of the campaign and the number of the batch.
-
-The rows of a batch: a pure function of the campaign and the number of the batch.
-"""
+"""A campaign as a value, and the rows of its batches: a pure function of the campaign and the number of the batch."""
 
 from __future__ import annotations
 
@@ -55,14 +52,14 @@ INSTANTS, TRACED = 200, 10_000
 TRACE = "trace."
 OWN = ("sample", "seed", "status", "diverged_at_s", "failure")
 
-#: The kind of columns that say of a part what another one says of the whole.
+#: The kind of columns with the metric of a part, as of one joint, of which another column has the worst.
 PART = "part metric"
 
-#: The way of samples that run one by one.
+#: The execution mode of samples that run one by one.
 ALONE = "alone"
 
-#: What a sample may have of its own in the lanes of an ensemble, besides parameters, noise and loads.
-_LANED = frozenset({"initial_state", "initial_input"})
+#: Options that a sample may have of its own in the lanes of an ensemble, besides parameters, noise and loads.
+_BATCHABLE = frozenset({"initial_state", "initial_input"})
 
 #: Samples of the run that tells loops apart.
 PROBE = 100
@@ -70,12 +67,7 @@ PROBE = 100
 
 @dataclass(frozen=True)
 class Column:
-    """A column of the table.
-
-    Attributes
-    ----------
-    kind : {"own", "parameter", "metric", "part metric", "trace"}
-    """
+    """A column of the table; its kind is own, parameter, metric, `PART` or trace."""
 
     name: str
     kind: str
@@ -108,7 +100,7 @@ class Campaign:
     batch : int
         Samples of a batch. No sample depends on it.
     about : mapping of str to str
-        What else is stated of the campaign and compared when it goes on: the specification of a design.
+        Other statements that are compared when the campaign goes on: the specification of a design.
 
     Raises
     ------
@@ -151,7 +143,7 @@ class Campaign:
         self._check_first()
 
     def _check_first(self) -> None:
-        """Prepare the first sample, so that what does not fit is told before any work."""
+        """Prepare the first sample, so that a misfit is an error before any work."""
         (first,) = self.draw.samples([0], self.samples, self.seed)
         names = [*OWN, *first.row(), *(name for metrics in self.metrics for name in metrics.units)]
         clash = sorted({name for name in names if names.count(name) > 1})
@@ -170,7 +162,7 @@ class Campaign:
                 "one of these",
             )
         if not first.failure and isinstance(self.loop.true_plant, Plant):
-            self.prepared(0, first)
+            self.loop_of(first).prepared(**self._arguments(0, first))
 
     @property
     def _kept_names(self) -> list[str]:
@@ -232,52 +224,40 @@ class Campaign:
             plant = plant.with_parameters(**drawn.parameters)
         return self.loop.with_plant(plant)
 
-    def prepared(self, index: int, drawn: Sample) -> Any:
-        """A sample's run, ready to be made."""
-        return self.loop_of(drawn).prepared(**self._arguments(index, drawn))
+    def _arguments(self, index: int, sample: Sample) -> dict[str, Any]:
+        return {**self.options, **sample.options, "seed": sample_seed(self.seed, index)}
 
-    def _arguments(self, index: int, drawn: Sample) -> dict[str, Any]:
-        return {**self.options, **drawn.options, "seed": sample_seed(self.seed, index)}
-
-    def drawn(self, index: int) -> Sample:
-        """What is special about a sample."""
+    def sample(self, index: int) -> Sample:
+        """One sample; InvalidInput if there is none of this number."""
         checked_integer("sample", index, 0, self.samples - 1, "0")
         return self.draw.samples([index], self.samples, self.seed)[0]
 
     def replay(self, index: int) -> Trajectory:
-        """The run of one sample, alone: bit by bit what the campaign ran.
+        """The run of one sample, alone: bit by bit what the campaign ran; InvalidInput where it cannot be run."""
+        sample = self.sample(index)
+        if sample.failure:
+            raise InvalidInput(f"Sample {index} cannot be run.", sample.failure, "another sample")
+        return self.run_of(index, sample)
 
-        Raises
-        ------
-        InvalidInput
-            If there is no such sample, or it could not be run.
-        """
-        drawn = self.drawn(index)
-        if drawn.failure:
-            raise InvalidInput(f"Sample {index} cannot be run.", drawn.failure, "another sample")
-        return self.run_of(index, drawn)
+    def run_of(self, index: int, sample: Sample) -> Trajectory:
+        """The run of any sample, with the noise of sample `index`."""
+        return next(self.trajectories([index], [sample]))
 
-    def run_of(self, index: int, drawn: Sample) -> Trajectory:
-        """The run of a plant in its circumstances, with the noise of sample `index`."""
-        return next(self.trajectories([index], [drawn]))
-
-    def trajectories(self, indices: Sequence[int], drawn: Sequence[Sample]) -> Iterator[Trajectory]:
+    def trajectories(self, indices: Sequence[int], samples: Sequence[Sample]) -> Iterator[Trajectory]:
         """The runs of samples, in their order, with all their signals."""
-        groups: dict[str, list[int]] = {}
-        for place, one in enumerate(drawn):
-            groups.setdefault(self._way(one), []).append(place)
-        alone = groups.pop(ALONE, [])
-        runs: dict[str, Iterator[Trajectory]] = {
-            ALONE: (self.loop_of(drawn[k]).run(**self._arguments(indices[k], drawn[k])) for k in alone)
-        }
-        for way, places in groups.items():
-            given = self.plants([indices[k] for k in places], [drawn[k] for k in places])
-            runs[way] = self._recorder.trajectories(**given)
-        for one in drawn:
-            yield next(runs[self._way(one)])
+        modes = [self._mode(sample) for sample in samples]
+        runs: dict[str, Iterator[Trajectory]] = {}
+        for mode in dict.fromkeys(modes):
+            some = [(index, sample) for index, sample, own in zip(indices, samples, modes) if own == mode]
+            if mode == ALONE:
+                runs[mode] = (self.loop_of(sample).run(**self._arguments(k, sample)) for k, sample in some)
+            else:
+                runs[mode] = self._recorder.trajectories(**self.plants(*zip(*some)))
+        for mode in modes:
+            yield next(runs[mode])
 
     def plants(self, indices: Sequence[int], drawn: Sequence[Sample]) -> dict[str, Any]:
-        """What `Ensemble.run` is given for samples of one way: their plants, seeds, starts and loads."""
+        """Arguments of `Ensemble.run` for samples of one mode: their plants, seeds, starts and loads."""
         states, controller = self.loop.true_plant.states, self.loop.controller
         options = [{**self.options, **one.options} for one in drawn]
         inputs = [one.options["initial_input"] for one in drawn if "initial_input" in one.options]
@@ -300,24 +280,20 @@ class Campaign:
             "loads": np.array(loads) if loaded else None,
         }
 
-    def _way(self, drawn: Sample) -> str:
+    def _mode(self, sample: Sample) -> str:
         """How a sample is run: alone, or beside others that all begin from an input of their own, or all do not."""
-        plain = (
-            isinstance(self.loop.true_plant, Plant) and drawn.plant is None and set(drawn.options) <= _LANED
-        )
-        return ("begun" if "initial_input" in drawn.options else "lanes") if plain else ALONE
+        shared = isinstance(self.loop.true_plant, Plant) and sample.plant is None
+        if not shared or not set(sample.options) <= _BATCHABLE:
+            return ALONE
+        return "with input" if "initial_input" in sample.options else "lanes"
 
-    def ways(self, drawn: Sequence[Sample]) -> dict[str, list[int]]:
-        """Places of the samples by the way they are run; `ALONE` are those of which signals are needed."""
+    def modes(self, samples: Sequence[Sample]) -> dict[str, list[int]]:
+        """Places of the samples by their execution mode; `ALONE` are those of which signals are needed."""
         found: dict[str, list[int]] = {}
-        for place, one in enumerate(drawn):
-            if not one.failure:
-                found.setdefault(ALONE if self.ensemble is None else self._way(one), []).append(place)
+        for place, sample in enumerate(samples):
+            if not sample.failure:
+                found.setdefault(ALONE if self.ensemble is None else self._mode(sample), []).append(place)
         return found
-
-    def laned(self, drawn: Sample) -> bool:
-        """Whether only numbers are kept of a sample: it has no plant, command or disturbance of its own."""
-        return ALONE not in self.ways([drawn])
 
     @cached_property
     def ensemble(self) -> Ensemble | None:
@@ -342,7 +318,7 @@ class Campaign:
         """For other processes: without compiled code."""
         return {name: value for name, value in vars(self).items() if name not in ("ensemble", "_recorder")}
 
-    # What it is -------------------------------------------------------------------------------------------
+    # Its identity -------------------------------------------------------------------------------------------
     @cached_property
     def settings(self) -> dict[str, str]:
         """Everything that the rows depend on, as text by name; two campaigns with the same settings are the same."""
@@ -356,14 +332,14 @@ class Campaign:
 
     @property
     def _first_numbers(self) -> str:
-        """Of the first sample: what tells draws apart whose code is the same, as those of two robots."""
+        """Of the first sample: they distinguish draws of the same code, as those of two robots."""
         (first,) = self.draw.samples([0], self.samples, self.seed)
         return ", ".join(f"{name} {value:.{DIGITS}g}" for name, value in first.row().items())
 
     @property
     def _own_metrics(self) -> dict[str, str]:
-        """What tells the code of a user's metrics from another's."""
-        own = [one for one in self.metrics if not is_ours(one.function)]
+        """Fingerprints of the code of a user's metrics."""
+        own = [one for one in self.metrics if one.function is not None and not is_ours(one.function)]
         return {f"metric {', '.join(one.units)}": fingerprint(one.function) for one in own}
 
     @cached_property
@@ -374,7 +350,7 @@ class Campaign:
 
     @cached_property
     def _probe(self) -> dict[str, str]:
-        """What tells two loops apart that are described alike: controller, plant, and where a short run leads."""
+        """Controller, plant and the end of a short run: they distinguish two loops of the same description."""
         loop, controller = self.loop, self.loop.controller
         found = {
             "period": repr(controller.period), "measured": ", ".join(controller.measured),
@@ -412,13 +388,8 @@ def checked_integer(name: str, value: Any, least: int, most: int, example: str) 
 
 @dataclass(frozen=True, eq=False)
 class Rows:
-    """Rows of some samples.
-
-    Attributes
-    ----------
-    columns : mapping of str to ndarray
-        By name, (N,); a kept signal (N, T) of 32 bits, NaN where it is not kept and after a run diverged.
-    """
+    """Rows of some samples: columns (N,) by name; a kept signal (N, T) of 32 bits, NaN where it is not kept and after a
+    run diverged."""
 
     columns: Mapping[str, np.ndarray]
 
@@ -444,12 +415,7 @@ def run_samples(campaign: Campaign, indices: range) -> Rows:
 
 
 def rows_of(campaign: Campaign, indices: Sequence[int], drawn: Sequence[Sample]) -> Rows:
-    """The rows of plants in circumstances that need not be drawn, each with the noise of a sample.
-
-    Parameters
-    ----------
-    indices : sequence of int
-        Sample of the campaign whose noise each run has; one may stand there several times.
+    """The rows of samples that need not be drawn, each with the noise of the sample of its index in the campaign.
 
     Raises
     ------
@@ -459,13 +425,13 @@ def rows_of(campaign: Campaign, indices: Sequence[int], drawn: Sequence[Sample])
     table = _Table(campaign, indices)
     for place, (index, one) in enumerate(zip(indices, drawn)):
         table.describe(place, index, one)
-    ways = campaign.ways(drawn)
-    alone, place = ways.pop(ALONE, []), 0
+    modes = campaign.modes(drawn)
+    alone, place = modes.pop(ALONE, []), 0
     try:
-        for some in ways.values():
+        for some in modes.values():
             assert campaign.ensemble is not None
-            given = campaign.plants([indices[k] for k in some], [drawn[k] for k in some])
-            table.fill(np.array(some), campaign.ensemble.run(**given))
+            plants = campaign.plants([indices[k] for k in some], [drawn[k] for k in some])
+            table.fill(np.array(some), campaign.ensemble.run(**plants))
         runs = campaign.trajectories([indices[k] for k in alone], [drawn[k] for k in alone])
         for place in alone:
             table.judge(place, next(runs))

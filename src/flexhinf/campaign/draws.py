@@ -1,15 +1,13 @@
-"""Which plant, in which circumstances, is the i-th sample: the same in any batch, order, worker or interruption.
+"""The i-th sample: its plant and circumstances, the same in any batch, order, worker or interruption.
 
 Nothing is drawn from a stream. A sample's numbers follow from the seed of the campaign and its own number alone: by the
 counter-based generator of `flexhinf.codegen.noise`, by a scrambled Sobol sequence, or by a Latin hypercube.
 
-What tells two campaigns apart, as text that is the same in every process: functions of a user, options, numbers.
-
-A campaign goes on with the draw and the metrics that it was begun with. Their names say little: a body that was changed
-has the same one. So the code is hashed as it was compiled (comments, line numbers and the function's docstring do not
-matter; another minor version of Python does), with constants, defaults, what it closes over, globals that it reads, and
-functions and classes of the same package that it calls. Code and objects of other packages, flexhinf among them, go by
-their names: what they do to a draw is seen in its first sample.
+A campaign goes on with the draw and the metrics that it was begun with. Names of functions do not identify them: a body
+that was changed has the same one. So the code is hashed as it was compiled (comments, line numbers and the function's
+docstring do not matter; another minor version of Python does), with constants, defaults, closures, globals that it
+reads, and functions and classes of the same package that it calls. Code and objects of other packages, flexhinf among
+them, go by their names: their effect on a draw is seen in its first sample.
 """
 
 from __future__ import annotations
@@ -300,7 +298,7 @@ _VARIABLE = re.compile(rf"({'|'.join(DISTRIBUTIONS)}) in \[([^\s,]+), ([^\s\]]+)
 
 @dataclass(frozen=True, eq=False)
 class Sample:
-    """What is special about one sample.
+    """The plant and the circumstances of one sample.
 
     Parameters
     ----------
@@ -310,7 +308,7 @@ class Sample:
         Of `Loop.run`: ``initial_state``, ``initial_input``, ``disturbance``, ``reference``, ``noise``; they win over
         the campaign's.
     numbers : mapping of str to float, optional
-        What the sample's row says; by default the parameters, arrays element by element.
+        Of the sample's row; by default the parameters, arrays element by element.
     plant : Plant or BlackBox, optional
         A true plant of its own, for plants without parameters.
     loads : mapping of str to float
@@ -328,18 +326,15 @@ class Sample:
 
     def row(self) -> dict[str, float]:
         """Its numbers by the names of their columns."""
-        if self.numbers is not None:
-            return {name: float(value) for name, value in self.numbers.items()}
-        if isinstance(numbers := getattr(self.parameters, "numbers", None), Mapping):
-            return {name: float(value) for name, value in numbers.items()}
-        found = {}
-        for name, value in self.parameters.items():
-            array = np.asarray(value, dtype=float)
-            if array.ndim == 0:
-                found[name] = float(array)
-            else:
-                found |= {f"{name}_{k + 1}": float(one) for k, one in enumerate(array.ravel())}
-        return found
+        stated = getattr(self.parameters, "numbers", None) if self.numbers is None else self.numbers
+        if isinstance(stated, Mapping):
+            return {name: float(value) for name, value in stated.items()}
+        arrays = {name: np.asarray(value, dtype=float) for name, value in self.parameters.items()}
+        return {
+            f"{name}_{k + 1}" if array.ndim else name: float(value)
+            for name, array in arrays.items()
+            for k, value in enumerate(array.ravel())
+        }
 
 
 class Draw(ABC):
@@ -374,28 +369,22 @@ class FunctionDraw(Draw):
 
     def samples(self, indices: Sequence[int], count: int, seed: int) -> list[Sample]:
         """Each from a generator of its own (Philox 4×64, the number of the sample in its counter)."""
-        found = []
-        for index in indices:
-            bits = np.random.Philox(key=[seed, _FUNCTIONS], counter=[0, 0, 0, index])
-            found.append(_drawn(self.function(np.random.Generator(bits))))
-        return found
+        return [self._sample(np.random.Philox(key=[seed, _FUNCTIONS], counter=[0, 0, 0, k])) for k in indices]
+
+    def _sample(self, bits: np.random.Philox) -> Sample:
+        value = self.function(np.random.Generator(bits))
+        if not isinstance(value, (Sample, Mapping)):
+            raise InvalidInput(
+                "The draw gives no parameters.",
+                f"expected a mapping by name or a Sample, got {value_text(value)}",
+                "{'stiffness': rng.uniform(0.9, 1.1)}",
+            )
+        return value if isinstance(value, Sample) else Sample(value)
 
     @property
     def settings(self) -> Mapping[str, str]:
-        """The name of the function, and what tells its code from another's."""
+        """The name of the function and the digest of its code."""
         return {"draw": fingerprint(self.function)}
-
-
-def _drawn(value: Any) -> Sample:
-    if isinstance(value, Sample):
-        return value
-    if not isinstance(value, Mapping):
-        raise InvalidInput(
-            "The draw gives no parameters.",
-            f"expected a mapping by name or a Sample, got {value_text(value)}",
-            "{'stiffness': rng.uniform(0.9, 1.1)}",
-        )
-    return Sample(value)
 
 
 @dataclass(frozen=True, eq=False)
@@ -445,22 +434,16 @@ class Tolerances(Draw):
     def stated(settings: Mapping[str, str], names: Sequence[str]) -> Tolerances | None:
         """The draw of a campaign's settings whose rows hold its variables of these names, in this order.
 
-        None where a function of a user makes the rows, which settings do not hold.
-
-        Raises
-        ------
-        InvalidInput
-            If no draw is stated so.
+        None where a function of a user makes the rows, which settings do not hold; InvalidInput for a wrong statement.
         """
-        texts = [settings.get(f"variable {name}") for name in names]
-        if not texts or "build" in settings or None in texts or "method" not in settings:
-            return None
-        variables = [Variable.read(name, text or "") for name, text in zip(names, texts)]
+        variables = [Variable.read(name, settings.get(f"variable {name}", "")) for name in names]
         known = [one for one in variables if one is not None]
-        return Tolerances(known, settings["method"]) if len(known) == len(names) else None
+        if not known or len(known) < len(names) or "build" in settings or "method" not in settings:
+            return None
+        return Tolerances(known, settings["method"])
 
     def built(self, numbers: Mapping[str, float]) -> Sample:
-        """The sample of these numbers by name, which need not be drawn."""
+        """The sample of any numbers by name."""
         if self.build is None:
             return Sample(numbers, numbers=numbers)
         try:
@@ -475,7 +458,7 @@ class Tolerances(Draw):
 
     @property
     def settings(self) -> Mapping[str, str]:
-        """The method, every variable, and what tells the code of a user's `build` from another's."""
+        """The method, every variable, and the fingerprint of a user's `build`."""
         own = {} if self.build is None or is_ours(self.build) else {"build": fingerprint(self.build)}
         return {"method": self.method, **{f"variable {v.name}": v.text() for v in self.variables}, **own}
 

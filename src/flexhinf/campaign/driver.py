@@ -1,6 +1,6 @@
-"""The driver of a campaign: runs the batches that are missing, here or in processes of its own, and merges them.
+"""The driver of a campaign: runs the missing batches here, in processes of its own or on a cluster, and merges them.
 
-Batches of a campaign on a cluster of Dask's: the journal stays with the driver, workers only compute.
+The journal stays with the driver; workers only compute.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import os
 import pickle
 import signal
 import threading
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing, contextmanager
@@ -23,14 +23,32 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from flexhinf import __version__
-from flexhinf.campaign.batches import BATCH, TRACED, Campaign, Rows, run_batch
+from flexhinf.campaign.batches import BATCH, TRACED, Campaign, Rows, checked_integer, run_batch
 from flexhinf.campaign.journal import Journal, disk_refusals, labelled
 from flexhinf.campaign.results import MergedTable, merged
 from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.validation import value_text
 
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from flexhinf.loop import Loop
+
+#: Runs batches of a campaign and gives them in any order, each once.
+Executor = Callable[[Campaign, Sequence[int]], Iterator[tuple[int, Rows]]]
+
 #: Batches on the way for each thread of the cluster; and how long a scheduler may take to answer, s.
 AHEAD, PATIENCE = 2, 10.0
+
+#: How often in a row worker processes may die without a batch that is done.
+DEATHS = 5
+
+MOST_WORKERS = 10_000
+
+#: Options of `Loop.run` that a campaign takes.
+_OPTIONS = (
+    "reference", "disturbance", "noise", "duration", "initial_state", "initial_input", "multi_turn",
+)  # fmt: skip
 
 
 def in_cluster(address: str) -> Executor:
@@ -87,23 +105,25 @@ def _connected(address: str) -> Iterator[Any]:
 def _run_on_worker(
     client: Any, address: str, campaign: Campaign, batches: Sequence[int]
 ) -> Iterator[tuple[int, Rows]]:
-    """Batches as they are done, a few for each thread on the way."""
+    """Batches as they are done, `AHEAD` for each thread on the way."""
     import cloudpickle  # type: ignore[import-not-found]
     from distributed import CancelledError, KilledWorker, as_completed  # type: ignore[import-not-found]
 
-    sent, rest, begun, done = cloudpickle.dumps(campaign), iter(batches), {}, as_completed(loop=client.loop)
+    content, pending, done = cloudpickle.dumps(campaign), {}, as_completed(loop=client.loop)
+
+    def submit(batch: int) -> Any:
+        future = client.submit(remote_batch, content, batch, __version__, pure=False)
+        done.add(future)
+        return future
+
     try:
-        while True:
-            room = AHEAD * max(1, sum(client.nthreads().values())) - len(begun)
-            for batch in next_batches(rest, room):
-                future = client.submit(remote_batch, sent, batch, __version__, pure=False)
-                begun[future] = batch
-                done.add(future)
-            if not begun:
-                return
-            future = next(done)
-            rows = future.result()
-            yield begun.pop(future), rows
+        yield from _as_done(
+            submit,
+            lambda: [next(done)],
+            batches,
+            lambda: AHEAD * max(1, sum(client.nthreads().values())),
+            pending,
+        )
     except (CancelledError, KilledWorker, OSError) as error:
         raise FlexhinfError(
             "The cluster was lost, or its workers die; what is written stays.",
@@ -111,8 +131,32 @@ def _run_on_worker(
             "the same command, once the cluster runs again; smaller batches where memory is what workers lack",
         ) from error
     finally:
-        for future in begun:
+        for future in pending:
             future.release()
+
+
+def _as_done(
+    submit: Callable[[int], Any],
+    first_done: Callable[[], Iterable[Any]],
+    batches: Sequence[int],
+    most: Callable[[], int],
+    pending: dict[Any, int],
+) -> Iterator[tuple[int, Rows]]:
+    """Submit batches so that `most()` of them are on the way, and give each as it is done; `pending` has the rest."""
+    rest = iter(batches)
+    while True:
+        for batch in next_batches(rest, most() - len(pending)):
+            pending[submit(batch)] = batch
+        if not pending:
+            return
+        for future in first_done():
+            rows = future.result()
+            yield pending.pop(future), rows
+
+
+def next_batches(batches: Iterator[int], count: int) -> list[int]:
+    """So many of the batches that are left, none for a count below 1."""
+    return list(islice(batches, max(count, 0)))
 
 
 def remote_batch(sent: bytes, batch: int, version: str) -> Rows:
@@ -131,27 +175,9 @@ def _worker_campaign(sent: bytes) -> Campaign:
     return pickle.loads(sent)
 
 
-if TYPE_CHECKING:
-    import xarray as xr
-
-    from flexhinf.loop import Loop
-
-#: Runs batches of a campaign and gives them in any order, each once.
-Executor = Callable[[Campaign, Sequence[int]], Iterator[tuple[int, Rows]]]
-
-#: How often in a row worker processes may die without a batch that is done.
-DEATHS = 5
-
-
 @dataclass(frozen=True)
 class Shard:
-    """Every n-th batch, for one of n jobs.
-
-    Parameters
-    ----------
-    number, of : int
-        1 … of.
-    """
+    """Every n-th batch, for one of n jobs: `number` is 1 … `of`."""
 
     number: int = 1
     of: int = 1
@@ -164,15 +190,9 @@ class Shard:
 
     @staticmethod
     def read(text: str) -> Shard:
-        """Read ``3/8``.
-
-        Raises
-        ------
-        InvalidInput
-            For another text.
-        """
-        number, slash, of = text.partition("/")
-        if not slash or not number.strip().isdecimal() or not of.strip().isdecimal():
+        """Read ``3/8``; InvalidInput for another text."""
+        number, _, of = (part.strip() for part in text.partition("/"))
+        if not (number.isdecimal() and of.isdecimal()):
             raise InvalidInput(
                 "The shard cannot be read.",
                 f"expected i/n, got {value_text(text)}",
@@ -186,23 +206,13 @@ class Shard:
         return "" if self.of == 1 else f"{self.number}-of-{self.of}"
 
     def has(self, batch: int) -> bool:
-        """Whether a batch is its."""
+        """Whether a batch belongs to this shard."""
         return batch % self.of == self.number - 1
 
 
 @dataclass(frozen=True)
 class Report:
-    """What a driver tells on its way.
-
-    Attributes
-    ----------
-    done, total : int
-        Samples of its shard.
-    fresh : int
-        Samples that this driver has run.
-    note : str
-        What must not be missed.
-    """
+    """Progress of a driver: samples of its shard that are done and in all, those that it ran itself, and a warning."""
 
     done: int
     total: int
@@ -218,16 +228,7 @@ def drive(
     executor: Executor | None = None,
     progress: Callable[[Report], None] = lambda report: None,
 ) -> MergedTable | None:
-    """Run the batches of a shard that are missing, and merge the table where all of them are there.
-
-    Parameters
-    ----------
-    journal : Journal
-        Of this campaign.
-    shard : Shard, optional
-        The whole by default.
-    executor : callable, optional
-        What runs the batches; by default this process.
+    """Run the missing batches of a shard (default: all) with an executor (default: this process), and merge the table.
 
     Returns
     -------
@@ -241,14 +242,13 @@ def drive(
     FlexhinfError
         If the disk is full, workers die, or a batch is not run.
     """
-    shard = Shard() if shard is None else shard
+    shard = shard or Shard()
     with journal.driven(shard.name):
         good, bad = journal.shards()
         own = [batch for batch in range(journal.batches) if shard.has(batch)]
-        todo = [batch for batch in own if batch not in good]
-        total = sum(map(journal.size, own))
-        done = total - sum(map(journal.size, todo))
-        fresh = 0
+        missing = [batch for batch in own if batch not in good]
+        total, fresh = sum(map(journal.size, own)), 0
+        done = total - sum(map(journal.size, missing))
         for path, wrong in bad:
             with disk_refusals(journal.folder):
                 path.unlink(missing_ok=True)
@@ -256,7 +256,7 @@ def drive(
                 Report(done, total, fresh, f"{path.name} is {wrong}; it is removed and its samples run again")
             )
         progress(Report(done, total, fresh))
-        with closing(_run(executor or in_this_process, campaign, todo)) as running:
+        with closing(_run(executor or in_this_process, campaign, missing)) as running:
             for batch, rows in running:
                 good[batch] = journal.write(batch, rows)
                 fresh += len(rows)
@@ -273,24 +273,14 @@ def in_this_process(campaign: Campaign, batches: Sequence[int]) -> Iterator[tupl
 
 
 def in_processes(workers: int, note: Callable[[str], None] = lambda text: None) -> Executor:
-    """An executor of so many worker processes: one that is killed costs time and no sample.
-
-    Parameters
-    ----------
-    note : callable, optional
-        Called where a worker died.
+    """An executor of so many worker processes: one that is killed costs time and no sample, and `note` is called.
 
     Raises
     ------
     InvalidInput
         For a number below 1.
     """
-    if isinstance(workers, bool) or not isinstance(workers, int) or workers < 1:
-        raise InvalidInput(
-            "The number of workers is not usable.",
-            f"expected an integer >= 1, got {value_text(workers)}",
-            "2",
-        )
+    checked_integer("workers", workers, 1, MOST_WORKERS, "2")
 
     def run(campaign: Campaign, batches: Sequence[int]) -> Iterator[tuple[int, Rows]]:
         rest, deaths = list(batches), 0
@@ -317,51 +307,45 @@ def _pooled(campaign: Campaign, batches: Sequence[int], workers: int) -> Iterato
     """Batches as they are done, at most two for each worker on the way."""
     context = multiprocessing.get_context("spawn")  # compiled code and threads do not survive a fork
     pool = ProcessPoolExecutor(workers, context, initializer=_begin_worker, initargs=(campaign,))
-    rest, begun = iter(batches), dict[Future[Rows], int]()
+    pending: dict[Future[Rows], int] = {}
     try:
-        while True:
-            for batch in next_batches(rest, 2 * workers - len(begun)):
-                begun[pool.submit(_work, batch)] = batch
-            if not begun:
-                return
-            for future in wait(begun, return_when=FIRST_COMPLETED).done:
-                rows = future.result()
-                yield begun.pop(future), rows
+        yield from _as_done(
+            lambda batch: pool.submit(_work, batch),
+            lambda: wait(pending, return_when=FIRST_COMPLETED).done,
+            batches,
+            lambda: 2 * workers,
+            pending,
+        )
     finally:
         pool.shutdown(wait=True, cancel_futures=True)
-
-
-def next_batches(batches: Iterator[int], count: int) -> list[int]:
-    """So many of the batches that are left, and none for a count below 1; the iterator loses no others."""
-    return list(islice(batches, max(count, 0)))
 
 
 def _run(
     executor: Executor, campaign: Campaign, batches: Sequence[int]
 ) -> Generator[tuple[int, Rows], None, None]:
-    """What an executor makes of these batches, all of them.
+    """All of these batches as an executor gives them.
 
     Raises
     ------
     FlexhinfError
-        If it ends before, or gives a batch that was not asked for, or one again.
+        If it ends before, or gives a batch that was not requested, or one again.
     """
+
+    def lost(found: str) -> FlexhinfError:
+        return FlexhinfError(
+            "Batches of the campaign were not run; what is written stays.",
+            found,
+            "the same command, which runs what is missing; without --cluster and --workers if it happens again",
+        )
+
     left = set(batches)
     for batch, rows in executor(campaign, batches) if batches else ():
         if batch not in left or len(rows) != len(campaign.indices(batch)):
-            raise _lost(f"got batch {batch} with {len(rows)} samples, which was not asked for")
+            raise lost(f"got batch {batch} with {len(rows)} samples, which was not requested")
         left.remove(batch)
         yield batch, rows
     if left:
-        raise _lost(f"expected {len(batches)} batches, got {len(batches) - len(left)}")
-
-
-def _lost(found: str) -> FlexhinfError:
-    return FlexhinfError(
-        "Batches of the campaign were not run; what is written stays.",
-        found,
-        "the same command, which runs what is missing; without --cluster and --workers if it happens again",
-    )
+        raise lost(f"expected {len(batches)} batches, got {len(batches) - len(left)}")
 
 
 _campaign: Campaign | None = None  # of a worker process
@@ -441,8 +425,7 @@ def run_campaign(
     InvalidInput
         Before any work for what does not fit; or for a folder of another campaign.
     """
-    unknown = [name for name in options if name not in _OPTIONS]
-    if unknown:
+    if unknown := [name for name in options if name not in _OPTIONS]:
         raise InvalidInput(
             f"A campaign has no option {unknown[0]!r}.",
             f"expected names out of {list(_OPTIONS)}",
@@ -454,17 +437,12 @@ def run_campaign(
         table = drive(campaign, Journal.opened(Path(folder), campaign), executor=executor, progress=progress)
         assert table is not None
         return table.dataset()
-    found: dict[int, Rows] = {}
+    parts, done = {}, 0
     for index, rows in _run(executor, campaign, range(campaign.batches)):
-        found[index] = rows
-        done = sum(map(len, found.values()))
+        parts[index] = rows.columns
+        done += len(rows)
         progress(Report(done, samples, done))
-    parts = [found[index].columns for index in range(campaign.batches)]
-    rows = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    ordered = [parts[index] for index in range(campaign.batches)]
+    rows = {name: np.concatenate([part[name] for part in ordered]) for name in ordered[0]}
     kept = {name: rows[name][:TRACED] for name in campaign.named("trace")}
     return labelled({**rows, **kept}, campaign.columns, campaign.time, campaign.settings)
-
-
-_OPTIONS = (
-    "reference", "disturbance", "noise", "duration", "initial_state", "initial_input", "multi_turn",
-)  # fmt: skip

@@ -11,29 +11,39 @@ from __future__ import annotations
 
 import errno
 import hashlib
+import math
 import os
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
 from flexhinf.campaign.batches import Campaign, Column, Rows
 from flexhinf.campaign.draws import Tolerances
-from flexhinf.campaign.manifest import made_manifest, read_manifest, sealed
-from flexhinf.campaign.row_checks import numpy_column, wrong_rows
+from flexhinf.campaign.manifest import (
+    MOST_BYTES,
+    made_manifest,
+    numpy_column,
+    read_manifest,
+    read_sealed,
+    sealed,
+    wrong_rows,
+)
 from flexhinf.errors import FlexhinfError, InvalidInput
-from flexhinf.files import locked, note_written, part_file
+from flexhinf.files import locked, make_durable, note_written, part_file
 from flexhinf.validation import checked_path, file_digest
 
 if TYPE_CHECKING:
     import pyarrow as pa
     import xarray as xr
+
+Stored = TypeVar("Stored")
 
 #: Columns of a file that are held in memory at once: what one figure or table compares.
 HELD = 6
@@ -46,13 +56,7 @@ FORMAT: dict[str, Any] = {
 
 
 def check_installed() -> None:
-    """Refuse to keep a campaign on disk without pyarrow.
-
-    Raises
-    ------
-    InvalidInput
-        With how to install it.
-    """
+    """Refuse to keep a campaign on disk without pyarrow."""
     try:
         import pyarrow.parquet  # noqa: F401
     except ImportError as error:
@@ -88,13 +92,7 @@ def parquet_bytes(rows: Mapping[str, np.ndarray], schema: pa.Schema) -> bytes:
 
 
 def read_columns(path: Any, names: Sequence[str] | None = None) -> pa.Table:
-    """Columns of a file, all by default.
-
-    Raises
-    ------
-    InvalidInput
-        If it cannot be read.
-    """
+    """Columns of a file, all by default; InvalidInput if it cannot be read."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
@@ -125,7 +123,7 @@ def _arrow(values: np.ndarray) -> pa.Array:
 
 
 class StoredColumns(Mapping[str, np.ndarray]):
-    """Columns (N,) of a file by name, each read when it is asked for; the last `HELD` ones stay in memory."""
+    """Columns (N,) of a file by name, each read when it is used; the last `HELD` ones stay in memory."""
 
     def __init__(self, path: Any) -> None:
         import pyarrow.parquet as pq
@@ -137,20 +135,18 @@ class StoredColumns(Mapping[str, np.ndarray]):
         """A column; do not write into it."""
         if name not in self.names:
             raise KeyError(name)
-        found = self._held.pop(name, None)
-        if found is None:
-            found = numpy_column(read_columns(self.path, [name]).column(name))
-        self._held[name] = found  # the last one is the youngest
+        values = self._held.pop(name, None)
+        if values is None:
+            values = numpy_column(read_columns(self.path, [name]).column(name))
+        self._held[name] = values  # the last one is the youngest
         while len(self._held) > HELD:
             del self._held[next(iter(self._held))]
-        return found
+        return values
 
     def __iter__(self) -> Iterator[str]:
-        """Names."""
         return iter(self.names)
 
     def __len__(self) -> int:
-        """How many there are."""
         return len(self.names)
 
 
@@ -183,11 +179,7 @@ def write_whole(path: Path, content: bytes, prefix: str | None = None) -> None:
 
 def publish_whole(name: str, path: Path) -> None:
     """Force a file to the disk, and rename it, and force that as well."""
-    with open(name, "rb") as file:
-        os.fsync(file.fileno())
-    mask = os.umask(0)
-    os.umask(mask)
-    os.chmod(name, 0o666 & ~mask)
+    make_durable(name)
     os.replace(name, path)
     if hasattr(os, "O_DIRECTORY"):
         folder = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY)
@@ -228,13 +220,7 @@ _LISTED = 8
 
 @dataclass(frozen=True, eq=False)
 class Journal:
-    """The folder of one campaign.
-
-    Attributes
-    ----------
-    manifest : mapping
-        What its file says.
-    """
+    """The folder of one campaign, and what its manifest says."""
 
     folder: Path
     manifest: Mapping[str, Any]
@@ -242,12 +228,7 @@ class Journal:
     # Opening -----------------------------------------------------------------------------------------------
     @staticmethod
     def read(folder: str | os.PathLike[str], beside: Sequence[str] = ()) -> Journal | None:
-        """The journal in a folder; None where there is none yet.
-
-        Parameters
-        ----------
-        beside : sequence of str
-            Names that may stand there before the manifest does.
+        """The journal in a folder; None where there is none yet, but at most files of the names `beside`.
 
         Raises
         ------
@@ -262,8 +243,8 @@ class Journal:
         try:
             return Journal(place, read_manifest(place / MANIFEST))
         except FileNotFoundError:
-            found = [] if not place.is_dir() else [p.name for p in place.iterdir() if p.name[:1] != "."]
-            strangers = [name for name in found if name not in (SHARDS, *beside)]
+            names = [path.name for path in place.iterdir()] if place.is_dir() else []
+            strangers = [name for name in names if name[:1] != "." and name not in (SHARDS, *beside)]
             if strangers:
                 raise InvalidInput(
                     "The folder holds something that is not a campaign, and is left alone.",
@@ -292,8 +273,8 @@ class Journal:
         command : sequence of str
             That made it, for the reports.
         about : mapping, optional
-            What else reports and replays need; it is not compared. Where it is given, other files of the caller's may
-            be there already.
+            Other information for reports and replays; it is not compared. Where it is given, other files of the
+            caller's may be there already.
 
         Raises
         ------
@@ -304,18 +285,13 @@ class Journal:
         beside = [] if about is None or not place.is_dir() else [path.name for path in place.iterdir()]
         journal = Journal.read(folder, [name for name in beside if name != MANIFEST])
         if journal is None:
-            journal = Journal._made(place, campaign, command, about or {})
+            journal = Journal(place, made_manifest(campaign, command, about or {}))
+            check_installed()
+            with disk_refusals(place):
+                (place / SHARDS).mkdir(parents=True, exist_ok=True)
+                write_whole(place / MANIFEST, sealed(journal.manifest))
         journal.refuse_campaign(campaign)
         return journal
-
-    @staticmethod
-    def _made(place: Path, campaign: Campaign, command: Sequence[str], about: Mapping[str, Any]) -> Journal:
-        manifest = made_manifest(campaign, command, about)
-        check_installed()
-        with disk_refusals(place):
-            (place / SHARDS).mkdir(parents=True, exist_ok=True)
-            write_whole(place / MANIFEST, sealed(manifest))
-        return Journal(place, manifest)
 
     def refuse_campaign(self, campaign: Campaign) -> None:
         """Refuse another campaign than this one; the message says what differs."""
@@ -336,23 +312,18 @@ class Journal:
     def refuse_other(self, settings: Mapping[str, str], partly: bool = False) -> None:
         """Refuse a campaign with other settings, and say which they are; `partly`: these alone are compared."""
         here = self.settings
-        names = dict.fromkeys(settings if partly else (*settings, *here))
-        other = [name for name in names if settings.get(name) != here.get(name)]
-        if other:
-            parts = [
-                f"{n}: {here.get(n, 'not stated')} → {settings.get(n, 'not stated')}" for n in other[:_LISTED]
-            ]
-            more = [f"{len(other) - _LISTED} more"] if len(other) > _LISTED else []
+        differences = differing(here, settings, settings if partly else (*settings, *here), "→")
+        if differences:
             raise InvalidInput(
                 "The folder is that of another campaign; it cannot be taken up again with other settings.",
-                f"{self.folder}; there → now: " + "; ".join([*parts, *more]),
+                f"{self.folder}; there → now: {listed(differences, _LISTED)}",
                 "another folder for these settings, or the settings of this folder again",
             )
 
     # What it says ------------------------------------------------------------------------------------------
     @property
     def settings(self) -> dict[str, str]:
-        """Of the campaign."""
+        """Everything that the rows depend on, as text by name."""
         return dict(self.manifest["settings"])
 
     @property
@@ -362,12 +333,12 @@ class Journal:
 
     @property
     def samples(self) -> int:
-        """Of the campaign."""
+        """How many there are."""
         return int(self.settings["samples"])
 
     @property
     def batches(self) -> int:
-        """Of the campaign."""
+        """How many there are."""
         return -(-self.samples // int(self.settings["batch"]))
 
     @cached_property
@@ -388,14 +359,9 @@ class Journal:
     # Locks -------------------------------------------------------------------------------------------------
     @contextmanager
     def driven(self, part: str = "") -> Iterator[None]:
-        """Keep other drivers of the same part, or of the whole, out for the block.
+        """Keep other drivers of the same part, or of the whole, out for the block; InvalidInput if one is at work.
 
         The lock ends with its process, however that ends. Drivers of different parts work side by side.
-
-        Raises
-        ------
-        InvalidInput
-            If another one is at work.
         """
         lock = self.folder / (f"{LOCK}-{part}" if part else LOCK)
         others = [p for p in self.folder.glob(f"{LOCK}*") if p != lock and (not part or p.name == LOCK)]
@@ -410,13 +376,7 @@ class Journal:
 
     # Shards ------------------------------------------------------------------------------------------------
     def write(self, batch: int, rows: Rows) -> Path:
-        """Write the rows of a batch: whole, or not at all.
-
-        Raises
-        ------
-        FlexhinfError
-            If the disk is full, or refuses for another reason; what was written before stays.
-        """
+        """Write the rows of a batch, whole or not at all; FlexhinfError if the disk is full or refuses."""
         content = parquet_bytes(rows.columns, self._schema(batch=str(batch)))
         name = f"batch-{batch:08d}-{hashlib.sha256(content).hexdigest()[:16]}.parquet"
         path = self.folder / SHARDS / name
@@ -498,11 +458,30 @@ class Journal:
             if match and not self._wrong(path, batch, match[2]):
                 kept = [column.name for column in self.columns if column.kind != "trace"]
                 table = read_columns(path, kept)
-                row = {name: numpy_column(table.column(name))[place] for name in kept}
-                return {
-                    name: value.item() if hasattr(value, "item") else value for name, value in row.items()
-                }
+                return {name: plain_number(numpy_column(table.column(name))[place]) for name in kept}
         return {}
+
+    # Results of the whole campaign -------------------------------------------------------------------------
+    def store(self, name: Path, content: Mapping[str, Any]) -> None:
+        """Write a sealed JSON file beside the rows, whole or not at all; numbers that JSON does not have as text.
+
+        Raises
+        ------
+        InvalidInput
+            If another driver is at work.
+        FlexhinfError
+            If the disk is full.
+        """
+        path = self.folder / name
+        with self.driven(), disk_refusals(self.folder):
+            path.parent.mkdir(exist_ok=True)
+            write_whole(path, sealed(_plain(content)))
+
+    def stored(self, name: Path, kind: type[Stored], most: int = MOST_BYTES) -> Stored:
+        """A dataclass from a file of at most so many bytes that `store` wrote; one of `UNREADABLE` where it is none."""
+        from pydantic import TypeAdapter
+
+        return TypeAdapter(kind).validate_python(read_sealed(self.folder / name, most))
 
     # The whole ---------------------------------------------------------------------------------------------
     def take(self, other: Journal) -> int:
@@ -529,17 +508,12 @@ class Journal:
         return len(fresh)
 
     def merge(self, good: Mapping[int, Path]) -> Path:
-        """Write the table of all samples, batch after batch: the same bytes for the same shards.
-
-        Parameters
-        ----------
-        good : mapping of int to Path
-            Every batch's shard.
+        """Write the table of all samples from every batch's shard, the same bytes for the same shards.
 
         Raises
         ------
         InvalidInput
-            If one is missing.
+            If a batch is missing.
         """
         import pyarrow as pa
         import pyarrow.parquet as pq
@@ -563,6 +537,31 @@ class Journal:
                         group = []
             publish_whole(name, path)
         return path
+
+
+def plain_number(value: Any) -> Any:
+    """A number of NumPy's as one of Python's; another value as it is."""
+    return value.item() if hasattr(value, "item") else value
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, float) and not math.isfinite(value):
+        return str(value)
+    if isinstance(value, Mapping):
+        return {name: _plain(one) for name, one in value.items()}
+    return [_plain(one) for one in value] if isinstance(value, (list, tuple)) else value
+
+
+def differing(a: Mapping[str, str], b: Mapping[str, str], names: Iterable[str], arrow: str) -> list[str]:
+    """Settings of these names that differ, as ``name: a → b``."""
+    pairs = [(name, a.get(name, "not stated"), b.get(name, "not stated")) for name in dict.fromkeys(names)]
+    return [f"{name}: {one} {arrow} {other}" for name, one, other in pairs if one != other]
+
+
+def listed(texts: Sequence[str], most: int) -> str:
+    """The first ones in a line, and how many more there are."""
+    more = [f"{len(texts) - most} more"] if len(texts) > most else []
+    return "; ".join([*texts[:most], *more])
 
 
 def _held(path: Path) -> bool:

@@ -1,6 +1,6 @@
-"""What is said of each run: standard metrics, a user's own functions, and requirements that rows are judged by.
+"""Metrics of a campaign's runs: standard ones, a user's own functions, and requirements by which rows are judged.
 
-How a run ended: it came to its end, it is unstable, it diverged, or it was not run.
+A run comes to its end, is unstable, diverges, or is not run.
 
 A loop whose input is limited, or whose time is short, need not diverge to numbers that are not finite to be unstable.
 So the time from which on command and disturbance stand still is cut into thirds. A tracked state is unstable where its
@@ -41,7 +41,7 @@ COMPLETED, UNSTABLE, DIVERGED, NOT_RUN = "completed", "unstable", "diverged", "n
 #: An oscillation whose swing falls to less than this fraction from one third of the run to the next one is damped.
 UNDAMPED = 0.9
 
-#: What a state remembers: its first value, then the smallest and the largest one in each window, less the command.
+#: Memory of a state: its first value, then the smallest and the largest one in each window, less the command.
 _EMPTY = (0.0, np.inf, -np.inf, np.inf, -np.inf)
 
 
@@ -128,39 +128,40 @@ def _unstable(extremes: np.ndarray, heights: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class Metrics:
-    """Numbers that one function says of a run.
+    """Numbers of a run.
 
     Parameters
     ----------
     units : mapping of str to str
         Unit of each metric by name, "" where it has none.
-    function : callable
+    function : callable or None
         Trajectory → numbers by name, or the number itself where there is one name. It is called for runs that came to
         their end only. Infinity is a number: of a run that never settles. None, or NaN: the run has no such number.
+        None instead of it: runs are made in lanes only.
     reduced : callable, optional
         The same numbers, (N,) by name, of N runs in lanes, of which nothing else is kept. Without it signals of every
         run are stored, and runs are made one by one or a few at a time.
     reductions : sequence of Reduction, optional
         That `reduced` needs beside those of `Loop.ensemble`.
     parts : sequence of str
-        Names among `units` that say of a part what another one says of the whole, as the overshoot of one joint. They
-        are judged like others, and reports show them apart.
+        Names among `units` that belong to a part of what another one is the worst of, as the overshoot of one joint.
+        They are judged like others, and reports show them apart.
     """
 
     units: Mapping[str, str]
-    function: Callable[[Trajectory], Any]
+    function: Callable[[Trajectory], Any] | None
     reduced: Callable[[EnsembleResult], Mapping[str, np.ndarray]] | None = None
     reductions: Sequence[Reduction] = ()
     parts: Sequence[str] = ()
 
     def __call__(self, run: Trajectory) -> dict[str, float]:
-        """The numbers of one run, NaN where it has none.
-
-        Raises
-        ------
-        InvalidInput
-            If the function gives something else.
-        """
+        """The numbers of one run, NaN where it has none; InvalidInput if the function gives something else."""
+        if self.function is None:
+            raise InvalidInput(
+                f"The metrics {list(self.units)} are computed in lanes only.",
+                "expected samples without a plant, command or disturbance of their own",
+                "a draw of parameters, initial states and loads",
+            )
         found = self.function(run)
         if not isinstance(found, Mapping):
             found = dict.fromkeys(self.units, found) if len(self.units) == 1 else {}

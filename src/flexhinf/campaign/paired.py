@@ -1,6 +1,6 @@
-"""Two campaigns on the same samples: differences pair by pair, and what they say of all samples.
+"""Two campaigns on the same samples: differences pair by pair, and their inference for all samples.
 
-What is stated was fixed before any result: of each metric the median of the differences with its exact interval by the
+The statistics were fixed before any result: of each metric the median of the differences with its exact interval by the
 sign test, the fraction of pairs in which either is better, and of success and failure the exact test of McNemar.
 """
 
@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from flexhinf.campaign.batches import PART, Column
+from flexhinf.campaign.journal import differing, listed
 from flexhinf.campaign.metrics import COMPLETED, NOT_RUN, Requirement
 from flexhinf.campaign.results import MergedTable, main_metric, violations
 from flexhinf.campaign.statistics import Interval, success_interval
@@ -27,25 +28,15 @@ if TYPE_CHECKING:
 #: Of every interval, each by itself.
 CONFIDENCE = 0.95
 
-#: Values that agree to this fraction are equal: a difference of rounding would be significant in every pair, and say
-#: nothing. UKF and EKF of a linear arm are 2e-6 of the overshoot apart; what a robot shows differs by far more.
+#: Values that agree to this fraction are equal: a difference of rounding would be significant in every pair, without a
+#: meaning. UKF and EKF of a linear arm are 2e-6 of the overshoot apart; a robot's differences are far larger.
 SAME = 1e-4
 
 #: Settings in which two campaigns on the same samples may differ: those of the law, and of the bookkeeping. A law
 #: without an integral takes no reference, its goal is its operating point.
-_FREE = frozenset(
-    {
-        "version",
-        "batch",
-        "metrics",
-        "signals",
-        "controller",
-        "sub-steps",
-        "short run",
-        "reference",
-        "multi_turn",
-    }
-)
+_FREE = {
+    "version", "batch", "metrics", "signals", "controller", "sub-steps", "short run", "reference", "multi_turn",
+}  # fmt: skip
 _FREE_PREFIX = "design "
 
 #: Differences that a refusal lists.
@@ -91,17 +82,12 @@ class PairedMetric:
     @property
     def medians(self) -> tuple[float, float]:
         """Of a and of b over the pairs, each one of the values; NaN without pairs."""
-        if not len(self.pairs):
-            return math.nan, math.nan
-        first, second = (np.quantile(x[self.pairs], 0.5, method="inverted_cdf") for x in (self.a, self.b))
-        return float(first), float(second)
+        return _median(self.a[self.pairs]), _median(self.b[self.pairs])
 
     @cached_property
     def median(self) -> float:
         """Of the differences, one of them; NaN without pairs."""
-        if not len(self.pairs):
-            return math.nan
-        return float(np.quantile(self.differences, 0.5, method="inverted_cdf"))
+        return _median(self.differences)
 
     @cached_property
     def interval(self) -> tuple[float, float]:
@@ -118,25 +104,32 @@ class PairedMetric:
         return float(found.low), float(found.high)
 
     @property
+    def _gains(self) -> tuple[np.ndarray, np.ndarray]:
+        """By how much a is better in each pair, and b."""
+        worse = -self.differences if self.largest_is_best else self.differences
+        return worse, -worse
+
+    @property
     def better(self) -> tuple[Interval, Interval]:
         """The fractions of pairs in which a is better, and in which b is; the rest is equal."""
-        gain = -self.differences if self.largest_is_best else self.differences  # of a
-        if not len(gain):
-            return Interval(0, 0, 0.0, 1.0, CONFIDENCE), Interval(0, 0, 0.0, 1.0, CONFIDENCE)
-        counts = int((gain > 0.0).sum()), int((gain < 0.0).sum())
-        first, second = (success_interval(count, len(gain), CONFIDENCE) for count in counts)
-        return first, second
+        a, b = (
+            success_interval(int((gain > 0.0).sum()), len(gain), CONFIDENCE)
+            if len(gain)
+            else Interval(0, 0, 0.0, 1.0, CONFIDENCE)
+            for gain in self._gains
+        )
+        return a, b
 
     @cached_property
     def extremes(self) -> tuple[int | None, int | None]:
         """The samples in which a, and in which b, is better by most; None where it never is."""
-        if not len(self.pairs):
-            return None, None
-        gain = -self.differences if self.largest_is_best else self.differences
-        best, least = int(np.argmax(gain)), int(np.argmin(gain))
-        found = (best if gain[best] > 0.0 else None), (least if gain[least] < 0.0 else None)
-        first, second = (None if one is None else int(self.pairs[one]) for one in found)
-        return first, second
+        a, b = (int(self.pairs[np.argmax(gain)]) if np.any(gain > 0.0) else None for gain in self._gains)
+        return a, b
+
+
+def _median(values: np.ndarray) -> float:
+    """One of the values; NaN without any."""
+    return float(np.quantile(values, 0.5, method="inverted_cdf")) if len(values) else math.nan
 
 
 @dataclass(frozen=True)
@@ -144,12 +137,7 @@ class McNemar:
     """Success and failure of pairs, and the exact test that both fail equally often.
 
     McNemar, "Note on the sampling error of the difference between correlated proportions", 1947, with the binomial
-    distribution of the pairs in which only one fails.
-
-    Attributes
-    ----------
-    both_fail, only_a, only_b, neither : int
-        Pairs by which of them fails.
+    distribution of the pairs in which only one fails. The attributes are numbers of pairs by which of them fails.
     """
 
     both_fail: int
@@ -205,20 +193,10 @@ class _Side:
     def named(self, kind: str) -> tuple[str, ...]:
         return tuple(column.name for column in self.columns if column.kind == kind)
 
-    def unit(self, name: str) -> str:
-        return next(column.unit for column in self.columns if column.name == name)
-
 
 @dataclass(frozen=True, eq=False)
 class PairedCampaigns:
-    """Two campaigns on the same samples; made by `compare`.
-
-    Attributes
-    ----------
-    a, b : _Side
-    requirements : tuple of Requirement
-        What a run must keep to count as a success, of both.
-    """
+    """Two campaigns on the same samples, made by `compare`; a run that keeps the requirements is a success."""
 
     a: _Side
     b: _Side
@@ -263,12 +241,13 @@ class PairedCampaigns:
                 "campaigns with the same metrics",
             )
         best = any(one.metric == name and not one.at_most for one in self.requirements)
+        unit = next(column.unit for column in self.a.columns if column.name == name)
         lost = [side.values["status"] != COMPLETED for side in (self.a, self.b)]
         a, b = (
             np.where(one, -math.inf if best else math.inf, side.values[name])
             for one, side in zip(lost, (self.a, self.b))
         )
-        return PairedMetric(name, self.a.unit(name), np.where(lost[0] & lost[1], math.nan, a), b, best)
+        return PairedMetric(name, unit, np.where(lost[0] & lost[1], math.nan, a), b, best)
 
     @cached_property
     def success(self) -> McNemar:
@@ -286,7 +265,7 @@ class PairedCampaigns:
         return int((self.a.values["status"] == NOT_RUN).sum())
 
     def numbers(self, sample: int) -> dict[str, float]:
-        """What is special about a sample, by name."""
+        """Drawn numbers of a sample by name."""
         return {name: float(self.a.values[name][sample]) for name in self.a.named("parameter")}
 
 
@@ -322,13 +301,9 @@ def compare(
 
 def _check_pairs(a: _Side, b: _Side) -> None:
     """Refuse campaigns whose samples are not the same ones."""
-    names = dict.fromkeys((*a.settings, *b.settings))
+    names = [*a.settings, *b.settings]
     bound = [name for name in names if name not in _FREE and not name.startswith(_FREE_PREFIX)]
-    found = [
-        f"{name}: {a.settings.get(name, 'not stated')} ↔ {b.settings.get(name, 'not stated')}"
-        for name in bound
-        if a.settings.get(name) != b.settings.get(name)
-    ]
+    found = differing(a.settings, b.settings, bound, "↔")
     columns = [("sample", "seed", *side.named("parameter")) for side in (a, b)]
     if columns[0] != columns[1]:
         found.append(f"numbers: {list(columns[0][2:])} ↔ {list(columns[1][2:])}")
@@ -341,8 +316,6 @@ def _check_pairs(a: _Side, b: _Side) -> None:
     if found:
         raise InvalidInput(
             "The campaigns are not on the same samples; their differences would not be those of the controllers.",
-            "; ".join(
-                [*found[:_LISTED], *([f"{len(found) - _LISTED} more"] if len(found) > _LISTED else [])]
-            ),
+            listed(found, _LISTED),
             "the same draw, samples, seed, plant, noise and duration for both, and another controller",
         )

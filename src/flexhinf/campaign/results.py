@@ -1,4 +1,4 @@
-"""What the rows of a campaign come to: which samples fail, by which requirement, and which is the worst."""
+"""The judgement of a campaign: which samples fail, by which requirement, and which is the worst."""
 
 from __future__ import annotations
 
@@ -11,7 +11,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from flexhinf.campaign.batches import TRACED, Campaign, run_samples
-from flexhinf.campaign.journal import TABLE, Journal, StoredColumns, labelled, numpy_column, read_columns
+from flexhinf.campaign.journal import (
+    TABLE,
+    Journal,
+    StoredColumns,
+    labelled,
+    numpy_column,
+    plain_number,
+    read_columns,
+)
 from flexhinf.campaign.metrics import COMPLETED, Requirement
 from flexhinf.campaign.statistics import MOST_ROWS, Interval, Sensitivity, sensitivity, success_interval
 from flexhinf.loop import Trajectory
@@ -25,15 +33,7 @@ QUANTILES = (0.0, 0.05, 0.5, 0.95, 1.0)
 
 @dataclass(frozen=True, eq=False)
 class MergedTable:
-    """All rows of a campaign.
-
-    Attributes
-    ----------
-    journal : Journal
-        Whose table was merged.
-    shards : mapping of int to Path
-        By batch, all of them.
-    """
+    """All rows of a journal's campaign; its shards by batch."""
 
     journal: Journal
     shards: Mapping[int, Path]
@@ -53,11 +53,9 @@ class MergedTable:
 
     def trace(self, name: str) -> np.ndarray:
         """A kept signal (R, T) of the runs that it is kept of; NaN after one diverged."""
-        found: list[np.ndarray] = []
-        for batch in range(self.journal.batches):
-            if sum(map(len, found)) < TRACED:
-                found.append(numpy_column(read_columns(self.shards[batch], [name]).column(name)))
-        return np.concatenate(found)[:TRACED]
+        count = min(self.journal.batches, -(-TRACED // self.journal.size(0)))
+        columns = (read_columns(self.shards[batch], [name]).column(name) for batch in range(count))
+        return np.concatenate([numpy_column(column) for column in columns])[:TRACED]
 
     def dataset(self) -> xr.Dataset:
         """The rows as an xarray Dataset; see `run_campaign`."""
@@ -169,23 +167,21 @@ class CampaignJudgement:
         """`QUANTILES` of a metric over the samples that have it, each one of its values; NaN where none has."""
         values = self.column(metric)
         values = values[~np.isnan(values)]
-        return (
-            np.quantile(values, QUANTILES, method="higher")
-            if len(values)
-            else np.full(len(QUANTILES), np.nan)
-        )
+        if not len(values):
+            return np.full(len(QUANTILES), np.nan)
+        return np.quantile(values, QUANTILES, method="higher")
 
     def sensitivity(self, metric: str) -> Sensitivity | None:
         """Which number matters for a metric; see `flexhinf.campaign.sensitivity`."""
         names, values = self.table.names("parameter"), self.column(metric)
         rows = np.flatnonzero(np.isfinite(values))[:MOST_ROWS]
-        numbers = [self.column(name)[rows] for name in names]
-        return sensitivity(
-            names, np.column_stack(numbers) if numbers else np.empty((len(rows), 0)), values[rows]
-        )
+        numbers = np.empty((len(rows), len(names)))
+        for k, name in enumerate(names):
+            numbers[:, k] = self.column(name)[rows]
+        return sensitivity(names, numbers, values[rows])
 
     def numbers(self, sample: int) -> dict[str, float]:
-        """What is special about a sample, by name."""
+        """Drawn numbers of a sample by name."""
         return {name: float(self.column(name)[sample]) for name in self.table.names("parameter")}
 
     @property
@@ -233,6 +229,5 @@ def replayed(campaign: Campaign, journal: Journal, sample: int) -> Replayed:
     """
     run = campaign.replay(sample)
     rows = run_samples(campaign, range(sample, sample + 1))
-    again = {name: column[0] for name, column in rows.columns.items() if column.ndim == 1}
-    plain = {name: value.item() if hasattr(value, "item") else value for name, value in again.items()}
-    return Replayed(sample, run, journal.row(sample), plain)
+    again = {name: plain_number(column[0]) for name, column in rows.columns.items() if column.ndim == 1}
+    return Replayed(sample, run, journal.row(sample), again)

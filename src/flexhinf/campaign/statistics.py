@@ -1,4 +1,4 @@
-"""What the rows of a campaign say: success rate with its interval, and which number matters for a metric."""
+"""Statistics of a campaign's rows: success rate with its interval, and which number matters for a metric."""
 
 from __future__ import annotations
 
@@ -127,13 +127,7 @@ def sensitivity(names: Sequence[str], numbers: np.ndarray, values: np.ndarray) -
 
 @dataclass(frozen=True)
 class _Surrogate:
-    """A polynomial in standardised numbers.
-
-    Attributes
-    ----------
-    squares, products : bool
-        Whether it has the squares, and the products of two, beside the numbers themselves.
-    """
+    """A polynomial in standardised numbers, with or without their squares and the products of two."""
 
     squares: bool
     products: bool
@@ -141,20 +135,14 @@ class _Surrogate:
     @staticmethod
     def fitting(count: int, numbers: int) -> _Surrogate | None:
         """The one with most terms that so many samples allow."""
-        linear, pairs = 1 + numbers, numbers * (numbers - 1) // 2
-        most = min(count // SAMPLES_A_TERM, MOST_TERMS)
-        for surrogate, terms in (
-            (_Surrogate(True, True), linear + numbers + pairs),
-            (_Surrogate(True, False), linear + numbers),
-            (_Surrogate(False, False), linear),
-        ):
-            if terms <= most:
-                return surrogate
-        return None
+        most = min(count // SAMPLES_A_TERM, MOST_TERMS) - 1 - numbers
+        if most < 0:
+            return None
+        return _Surrogate(most >= numbers, most >= numbers + numbers * (numbers - 1) // 2)
 
     @property
     def text(self) -> str:
-        """What it has."""
+        """Its name."""
         if self.products:
             return "a quadratic polynomial"
         return "a quadratic polynomial without products" if self.squares else "a linear polynomial"

@@ -3,26 +3,24 @@
 A metric is maximised over the intervals of the numbers that differ, ends included, with the noise of the sample that is
 the worst of the campaign: the search begins there, so it never ends below it, and what it finds differs from that
 sample by numbers and not by luck. It also begins at other bad samples, at the worst corners, and at random points of
-the box. Noise itself is not searched: it has no bounds.
-
-What searches for the worst plant found, kept in the folder of their campaign: one file for each metric.
+the box. Noise itself is not searched: it has no bounds. Each result is one file in the folder of its campaign.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from flexhinf.analysis.search import box_corners, climb
-from flexhinf.campaign.batches import MOST_SAMPLES, Campaign, checked_integer, rows_of, run_batch
+from flexhinf.campaign.batches import Campaign, checked_integer, rows_of, run_batch
 from flexhinf.campaign.draws import Tolerances
-from flexhinf.campaign.journal import Journal, disk_refusals, write_whole
-from flexhinf.campaign.manifest import UNREADABLE, read_sealed, sealed
+from flexhinf.campaign.journal import Journal
+from flexhinf.campaign.manifest import UNREADABLE
 from flexhinf.campaign.metrics import COMPLETED, known_metric
 from flexhinf.errors import InvalidInput
 from flexhinf.loop import Trajectory
@@ -36,29 +34,20 @@ STARTS, MOST_STARTS, CHUNK = 8, 1000, 256
 #: Stream of the random starts: the samples' own numbers have other keys.
 _STREAM = 0x776F727374
 
-Progress = Callable[[int, float], None]
+#: Folder of the files, inside a campaign's.
+FOLDER = Path("worst-case")
 
 
 @dataclass(frozen=True)
 class FoundPlant:
-    """One plant and what its run came to.
-
-    Attributes
-    ----------
-    numbers : mapping of str to float
-        What is special about it.
-    value : float
-        Of the metric; NaN where the run has none.
-    status : str
-        Of its row.
-    """
+    """One plant by its numbers, its value of the metric (NaN where the run has none) and the status of its run."""
 
     numbers: Mapping[str, float]
     value: float
     status: str = COMPLETED
 
     def size(self, least: bool) -> float:
-        """How bad it is: infinite where it did not come to its end."""
+        """Its value by which plants are compared: infinite where the run did not come to its end."""
         return float(_sizes(np.array([self.value]), np.array([self.status], dtype=object), least)[0])
 
 
@@ -120,19 +109,13 @@ class WorstCase:
         return self.found.size(self.least) > self.sampled.size(self.least)
 
     def run(self, campaign: Campaign, plant: FoundPlant | None = None) -> Trajectory:
-        """The run of the plant found, or of another one with the same noise, with all its signals.
-
-        Raises
-        ------
-        InvalidInput
-            If the plant cannot be run.
-        """
-        drawn = _box(campaign).built((plant or self.found).numbers)
-        if drawn.failure:
+        """The run of the plant found, or of another one with the same noise; InvalidInput where it cannot be run."""
+        sample = _box(campaign).built((plant or self.found).numbers)
+        if sample.failure:
             raise InvalidInput(
-                f"The plant with the worst {self.metric} cannot be run.", drawn.failure, "another metric"
+                f"The plant with the worst {self.metric} cannot be run.", sample.failure, "another metric"
             )
-        return campaign.run_of(self.sample, drawn)
+        return campaign.run_of(self.sample, sample)
 
     def again(self, campaign: Campaign) -> FoundPlant:
         """The plant found, run alone: the same bits as in the search."""
@@ -148,7 +131,7 @@ def worst_case(
     starts: int = STARTS,
     seed: int | None = None,
     nominal: Mapping[str, float] | None = None,
-    progress: Progress = lambda runs, best: None,
+    progress: Callable[[int, float], None] = lambda runs, best: None,
 ) -> WorstCase:
     """Search the box of a campaign's tolerances for the plant with the worst value of a metric.
 
@@ -182,9 +165,9 @@ def worst_case(
     box = _box(campaign)
     known_metric(metric, [column.name for column in campaign.columns if column.judged])
     check_starts(starts)
-    seed = campaign.seed if seed is None else seed
-    checked_integer("seed", seed, 0, 2**63 - 1, "0")
-    names, low, high = _ends(box)
+    seed = checked_integer("seed", campaign.seed if seed is None else seed, 0, 2**63 - 1, "0")
+    names = [variable.name for variable in box.variables]
+    low, high = np.array([(variable.low, variable.high) for variable in box.variables], dtype=float).T
     table = _columns(campaign, rows, [metric, "status", *names])
     points = np.column_stack([table[name] for name in names]).astype(float)
     inside = np.all((points >= low) & (points <= high), axis=1)
@@ -235,7 +218,7 @@ def worst_case(
         {name: one.value for name, one in zip(names, one_back)}, dict(zip(names, zip(low.tolist(), high.tolist()))),
         {name: box.units[name] for name in names},
         starts, together, all_corners, runs + len(others), int((~inside).sum()),
-        search_settings(campaign, metric, least, starts, seed),
+        _settings(campaign, metric, least, starts, seed),
     )  # fmt: skip
 
 
@@ -253,12 +236,6 @@ def _box(campaign: Campaign) -> Tolerances:
             "Tolerances([Variable('stiffness', 0.9, 1.1), …])",
         )
     return campaign.draw
-
-
-def _ends(box: Tolerances) -> tuple[list[str], np.ndarray, np.ndarray]:
-    """Names, and both ends (d,) of the intervals."""
-    low, high = np.array([(v.low, v.high) for v in box.variables], dtype=float).T
-    return [v.name for v in box.variables], low, high
 
 
 def _columns(campaign: Campaign, rows: Mapping[str, Any] | None, names: list[str]) -> dict[str, np.ndarray]:
@@ -299,19 +276,14 @@ def _sizes(values: np.ndarray, status: np.ndarray, least: bool) -> np.ndarray:
     return np.where(status == COMPLETED, sizes, math.inf)
 
 
-def search_settings(campaign: Campaign, metric: str, least: bool, starts: int, seed: int) -> dict[str, str]:
+def _settings(campaign: Campaign, metric: str, least: bool, starts: int, seed: int) -> dict[str, str]:
     """What a search depends on, as text."""
     return {
         "campaign": campaign.digest, "metric": metric, "least": str(least), "starts": str(starts), "seed": str(seed),
     }  # fmt: skip
 
 
-#: Folder of the files, inside a campaign's.
-FOLDER = "worst-case"
-
-_COUNTS = ("sample", "starts", "together", "runs", "outside")
-
-
+# Files in the campaign's folder -----------------------------------------------------------------------------
 def search_worst(
     campaign: Campaign,
     journal: Journal,
@@ -321,12 +293,9 @@ def search_worst(
     least: bool = False,
     starts: int = STARTS,
     seed: int | None = None,
-    nominal: Mapping[str, float] | None = None,
-    progress: Callable[[int, float], None] = lambda runs, best: None,
+    **options: Any,
 ) -> WorstCase:
     """`worst_case`, kept in the campaign's folder: taken from there where it was searched with the same options.
-
-    The file is written whole when the search is done, so an interrupted search leaves nothing behind.
 
     Raises
     ------
@@ -336,24 +305,19 @@ def search_worst(
         If the disk is full.
     """
     seed = campaign.seed if seed is None else seed
-    wanted = search_settings(campaign, metric, least, starts, seed)
     try:
-        if (there := stored_worst(journal, metric)).settings == wanted:
-            return there
+        stored = stored_worst(journal, metric)
+        if stored.settings == _settings(campaign, metric, least, starts, seed):
+            return stored
     except InvalidInput:
         pass  # none, or damaged: it is searched
-    found = worst_case(
-        campaign, metric, rows, least=least, starts=starts, seed=seed, nominal=nominal, progress=progress
-    )
-    path = _path(journal, metric)
-    with journal.driven(), disk_refusals(journal.folder):
-        path.parent.mkdir(exist_ok=True)
-        write_whole(path, sealed(_plain(asdict(found))))
+    found = worst_case(campaign, metric, rows, least=least, starts=starts, seed=seed, **options)
+    journal.store(_path(journal, metric), asdict(found))
     return found
 
 
 def stored_worst(journal: Journal, metric: str) -> WorstCase:
-    """What was found for a metric, from the campaign's folder.
+    """The worst case of a metric from the campaign's folder.
 
     Raises
     ------
@@ -362,7 +326,7 @@ def stored_worst(journal: Journal, metric: str) -> WorstCase:
     """
     path = _path(journal, metric)
     try:
-        found = _read(read_sealed(path))
+        found = journal.stored(path, WorstCase)
         if found.settings["campaign"] != journal.manifest["digest"] or found.metric != metric:
             raise ValueError("it is of another campaign")
         return found
@@ -376,16 +340,16 @@ def stored_worst(journal: Journal, metric: str) -> WorstCase:
     except UNREADABLE as error:
         raise InvalidInput(
             f"The worst case of {metric!r} cannot be read.",
-            f"{path}: {str(error)[:200]}",
+            f"{journal.folder / path}: {str(error)[:200]}",
             "the campaign's command with --worst-case, which searches again",
         ) from error
 
 
 def stored_worsts(journal: Journal) -> list[WorstCase]:
-    """Everything that was found and can be read, in the order of the metrics."""
+    """Every stored worst case that can be read, in the order of the metrics."""
     found = []
     for column in journal.columns:
-        if column.judged and _path(journal, column.name).exists():
+        if column.judged and (journal.folder / _path(journal, column.name)).exists():
             try:
                 found.append(stored_worst(journal, column.name))
             except InvalidInput:
@@ -394,35 +358,6 @@ def stored_worsts(journal: Journal) -> list[WorstCase]:
 
 
 def _path(journal: Journal, metric: str) -> Path:
-    known_metric(metric, [column.name for column in journal.columns if column.judged])
-    return journal.folder / FOLDER / f"{metric}.json"
-
-
-def _plain(value: Any) -> Any:
-    """Every digit of every number; those that JSON does not have as text."""
-    if isinstance(value, float) and not math.isfinite(value):
-        return str(value)
-    if isinstance(value, Mapping):
-        return {name: _plain(one) for name, one in value.items()}
-    return [_plain(one) for one in value] if isinstance(value, (list, tuple)) else value
-
-
-def _read(stated: Mapping[str, Any]) -> WorstCase:
-    """The inverse of `_plain`; one of `UNREADABLE` where it is not one."""
-    given: dict[str, Any] = {one.name: stated[one.name] for one in fields(WorstCase)}
-
-    def plant(one: Mapping[str, Any]) -> FoundPlant:
-        return FoundPlant(
-            {k: float(v) for k, v in one["numbers"].items()}, float(one["value"]), str(one["status"])
-        )
-
-    counts: dict[str, Any] = {
-        name: checked_integer(name, given[name], 0, MOST_SAMPLES, "0") for name in _COUNTS
-    }
-    texts: dict[str, Any] = {name: str(given[name]) for name in ("metric", "unit")}
-    return WorstCase(**given | counts | texts | {
-        "sampled": plant(given["sampled"]), "found": plant(given["found"]), "nominal": plant(given["nominal"]),
-        "alone": {name: float(value) for name, value in given["alone"].items()},
-        "intervals": {name: (float(a), float(b)) for name, (a, b) in given["intervals"].items()},
-        "units": {name: str(unit) for name, unit in given["units"].items()}, "settings": dict(given["settings"]),
-    })  # fmt: skip
+    return (
+        FOLDER / f"{known_metric(metric, [column.name for column in journal.columns if column.judged])}.json"
+    )

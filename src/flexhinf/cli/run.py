@@ -50,7 +50,9 @@ def run_design(context: typer.Context, o: RunOptions) -> None:
     compiled = None if o.library is None else load_compiled(o.library)
     prepared = _prepared(context, o)
     with _view(prepared) if o.view else nullcontext() as watch:
-        run = prepared.make(compiled, o.realtime, o.priority, o.core, watch)
+        run = prepared.make(
+            library=compiled, real_time=o.realtime, priority=o.priority, core=o.core, watch=watch
+        )
     try:
         for path in logs:
             write_log(run, path)

@@ -14,7 +14,9 @@ import numpy as np
 
 from flexhinf.analysis import EquilibriumLoop, Margins, margins
 from flexhinf.design.loop_setup import LoopSetup
+from flexhinf.design.requirements import REQUIREMENTS, Requirement
 from flexhinf.design.responses import Plan
+from flexhinf.design.specification import TOLERANCE, Specification
 from flexhinf.errors import FlexhinfError
 from flexhinf.loop import Schedule
 from flexhinf.plant import Law
@@ -30,23 +32,15 @@ INSTANTS = 400
 
 
 @dataclass(frozen=True)
-class Least:
-    """What the running loop is to have at every pose.
-
-    Attributes
-    ----------
-    peak_sensitivity, gain_margin : float
-        At most, and at least.
-    damping : float or None
-        At least; None where none is required.
-    """
+class MarginLimits:
+    """Limits of the margins at every pose: at most, at least, and at least (None where no damping is required)."""
 
     peak_sensitivity: float
     gain_margin: float
     damping: float | None = None
 
     def shares(self, found: Margins) -> dict[str, float]:
-        """How much of each limit is used: above 1 it is exceeded."""
+        """Share of each limit that is used: above 1 it is exceeded."""
         if not found.stable:
             return dict.fromkeys(("peak_sensitivity", "gain_margin", "damping"), np.inf)
         shares = {
@@ -72,7 +66,7 @@ class AlongMove:
         Which law of a schedule acts at each pose; 0 is the goal's.
     margins : tuple of Margins
         Of the running loop, linearised at each pose.
-    least : Least
+    least : MarginLimits
         What they are to be.
     count : int
         How many laws there are.
@@ -84,7 +78,7 @@ class AlongMove:
     poses: np.ndarray
     laws: tuple[int, ...]
     margins: tuple[Margins, ...]
-    least: Least
+    least: MarginLimits
     count: int = 1
     added: int = 0
 
@@ -104,7 +98,7 @@ class AlongMove:
         return int(np.argmax([max(self.least.shares(one).values()) for one in self.margins]))
 
 
-def margins_along(setup: LoopSetup, plan: Plan, least: Least) -> AlongMove:
+def margins_along(setup: LoopSetup, plan: Plan, least: MarginLimits) -> AlongMove:
     """Margins of the running loop at poses that are evenly apart on the way of a move.
 
     Raises
@@ -124,7 +118,7 @@ def margins_along(setup: LoopSetup, plan: Plan, least: Least) -> AlongMove:
 def scheduled(
     setup: LoopSetup,
     plan: Plan,
-    least: Least,
+    least: MarginLimits,
     another: Callable[[np.ndarray], Law] | None,
     most: int = MOST_LAWS,
 ) -> tuple[Law, AlongMove]:
@@ -175,3 +169,23 @@ def _loop_at(setup: LoopSetup, pose: np.ndarray, law: Law) -> EquilibriumLoop:
         equilibrium=setup.robot.operating_point(pose), moving=True, delay=round(s.delay / s.period),
         positions=setup.model.states[: len(pose)],
     )  # fmt: skip
+
+
+def along_requirements(s: Specification, along: AlongMove) -> list[Requirement]:
+    """Peak sensitivity, gain margin and, where it is required, damping at the worst pose along a move."""
+    laws = f", {along.count} laws" if along.count > 1 else ""
+    where = f"running loop at {len(along.times)} poses along the move{laws}"
+    limits = {
+        "peak_sensitivity": s.peak_sensitivity_limit,
+        "gain_margin": s.gain_margin_limit,
+        "damping": along.least.damping and along.least.damping * (1.0 + TOLERANCE),
+    }
+    worst = {name: along.worst(name) for name in limits}
+    return [
+        REQUIREMENTS[name].judge(
+            s, limit, getattr(along.margins[worst[name]], name), where, at=float(along.times[worst[name]]),
+            criterion="worst pose; linearised about the robot at rest there",
+        )
+        for name, limit in limits.items()
+        if limit
+    ]  # fmt: skip

@@ -120,7 +120,7 @@ def common_box(law: Law, ranges: Ranges) -> Law:
     NotWithinTolerances
         No quadratic V decreases at all corners of the tolerances, whatever the slopes of the plant's functions.
     InvalidInput
-        The plant is none that the method can take.
+        The method does not apply to the plant.
     """
     found = common_value(tolerance_statement(law.solution, law.problem, ranges, 1.0))
     if found is None:
@@ -197,7 +197,13 @@ def prove_box(
     for margin in margins:
         gamma, p = margin * law.gamma, law.p if law.common is None else law.common.p(margin)
         left = seconds - (time.thread_time() - began)
-        watch = _both(time_limit(left if margin == margins[-1] else left / 2.0), progress)
+        limit = time_limit(left if margin == margins[-1] else left / 2.0)
+
+        def watch(cells: int, share: float, limit: Progress = limit) -> None:
+            limit(cells, share)
+            if progress is not None:
+                progress(cells, share)
+
         try:
             certificate = certify_tolerances(
                 law.solution, law.problem, ranges, gamma, step=law.step, scale=law.scale, p=p, about=about,
@@ -221,17 +227,8 @@ def margins_of(law: BoxProof) -> tuple[float, ...]:
     return MARGINS if law.p is None else QUADRATIC_MARGINS
 
 
-def _both(first: Progress, second: Progress | None) -> Progress:
-    def watch(cells: int, share: float) -> None:
-        first(cells, share)
-        if second is not None:
-            second(cells, share)
-
-    return watch
-
-
 def reason_of(error: FlexhinfError) -> str:
-    """What an error found, on one line; of a mistake what it is, since what was found there is a value."""
+    """The reason of an error on one line: its `found`, or `what` where that is an expected and a received value."""
     found = "" if (error.found or "").startswith("expected ") else error.found
     return " ".join((found or error.what).split()).rstrip(".")
 

@@ -10,13 +10,12 @@ import tomlkit
 
 from flexhinf.campaign import Campaign, Journal
 from flexhinf.design.campaign_options import CampaignOptions
-from flexhinf.design.campaign_pair import SIDES, DesignPair
-from flexhinf.design.campaign_setup import DesignCampaign, fields_text
+from flexhinf.design.campaign_setup import SIDES, DesignCampaign, DesignPair, fields_text
 from flexhinf.design.design_file import DESIGN_FILE, load_design, read_request
 from flexhinf.design.design_file_text import request_document
 from flexhinf.design.evaluation import LawEvaluation
-from flexhinf.design.hunting import brought_to_rest
 from flexhinf.design.laws import DESIGN
+from flexhinf.design.limit_cycle import end_limit_cycle
 from flexhinf.design.pipeline import step_duration
 from flexhinf.design.synthesis.steps import synthesise
 from flexhinf.errors import InvalidInput
@@ -39,7 +38,7 @@ PATIENCE = 3600.0
 
 
 def open_campaign(
-    asked: DesignCampaign,
+    request: DesignCampaign,
     folder: str | Path,
     command: Sequence[str] = (),
     progress: Callable[[str], None] = print,
@@ -52,10 +51,9 @@ def open_campaign(
     command : sequence of str
         That made it, for its reports.
     progress : callable
-        Called with what comes next while the controller is designed.
+        Called with each step's name while the controller is designed.
     designed : (Controller, float), optional
-        For a new folder: the controller, and how long its runs are unless the options say so, s; see
-        `designed_controller`.
+        For a new folder: `designed_controller`.
 
     Raises
     ------
@@ -64,7 +62,7 @@ def open_campaign(
     FlexhinfError
         As `flexhinf.design.design`.
     """
-    _ = asked.stated, asked.metrics  # refuses what does not fit
+    _ = request.stated, request.metrics  # refuses what does not fit
     journal = Journal.read(folder, (SETUP,))
     place = Path(folder).expanduser().absolute()
     if journal is None:
@@ -72,51 +70,51 @@ def open_campaign(
         with locked(place / SETUP_LOCK, PATIENCE):
             journal = Journal.read(folder, (SETUP,))  # another driver of a job array may have been quicker
             if journal is None:
-                return _begun(asked, place, command, designed or designed_controller(asked, progress))
-    journal.refuse_other(asked.stated, partly=True)
-    campaign = reopened(asked, journal)
+                return _begun(request, place, command, designed or designed_controller(request, progress))
+    journal.refuse_other(request.stated, partly=True)
+    campaign = reopened(request, journal)
     journal.refuse_campaign(campaign)
     return campaign, journal
 
 
 def _begun(
-    asked: DesignCampaign, place: Path, command: Sequence[str], designed: tuple[Controller, float]
+    request: DesignCampaign, place: Path, command: Sequence[str], designed: tuple[Controller, float]
 ) -> tuple[Campaign, Journal]:
     """Write what makes the campaign again; the manifest comes last."""
     controller, duration = designed
-    duration = duration if asked.options.duration is None else asked.options.duration
-    asked.campaign(controller, duration)  # refuses what does not fit before anything is written
+    duration = duration if request.options.duration is None else request.options.duration
+    request.campaign(controller, duration)  # refuses what does not fit before anything is written
     document = request_document(
-        asked.specification, asked.request.source, asked.request.elastic, place / SETUP, asked.request.payload,
-        asked.request.robot.links.slides,
+        request.specification, request.request.source, request.request.elastic, place / SETUP, request.request.payload,
+        request.request.robot.links.slides,
     )  # fmt: skip
     text = tomlkit.dumps(document)
     write_file(
         place / SETUP / DESIGN_FILE, "design file", lambda name: Path(name).write_text(text, encoding="utf-8")
     )
     controller.save(place / SETUP / CONTROLLER)
-    campaign = asked.campaign(load_controller(place / SETUP / CONTROLLER), duration)
-    o = asked.options
+    campaign = request.campaign(load_controller(place / SETUP / CONTROLLER), duration)
+    o = request.options
     about = {
-        "title": f"Campaign of the robot “{asked.request.robot.name}”", "requirements": list(asked.requirements),
-        "nominal": asked.nominal, "options": {**vars(o), "tolerances": [list(one) for one in o.tolerances]},
+        "title": f"Campaign of the robot “{request.request.robot.name}”", "requirements": list(request.requirements),
+        "nominal": request.nominal, "options": {**vars(o), "tolerances": [list(one) for one in o.tolerances]},
     }  # fmt: skip
     return campaign, Journal.opened(place, campaign, command, about)
 
 
 def designed_controller(
-    asked: DesignCampaign, progress: Callable[[str], None] = print
+    request: DesignCampaign, progress: Callable[[str], None] = print
 ) -> tuple[Controller, float]:
     """The controller and the length of its runs, s: of a report that nobody changed, or designed now.
 
-    What a report holds begins where its step does, so for a move it is designed again, to begin where that does.
+    The controller of a report begins where its step does, so for a move it is designed again, to begin where that does.
 
     Raises
     ------
     FlexhinfError
         As `flexhinf.design.design`.
     """
-    path, plan = asked.file, asked.plan
+    path, plan = request.file, request.plan
     if (
         plan is None
         and path is not None
@@ -125,23 +123,23 @@ def designed_controller(
     ):
         length = read_toml(path, "design file").get("result", {}).get("duration")
         if isinstance(length, float) and fields_text(load_design(path)[1]) == fields_text(
-            asked.specification
+            request.specification
         ):
             return load_controller(path.parent / CONTROLLER), length
-    robot, s = asked.request.robot, asked.specification
+    robot, s = request.request.robot, request.specification
     synthesis = synthesise(robot, s, progress)
-    setup = brought_to_rest(synthesis.setup(robot, s))[0]
+    setup = end_limit_cycle(synthesis.setup(robot, s))[0]
     length = step_duration(LawEvaluation(DESIGN, setup), synthesis)
     if plan is None:
         return setup.bumpless_controller, length
     periods = round((plan.duration + length) / s.period)
-    return setup.controller(asked.ends[0], moving=True), periods * s.period
+    return setup.controller(request.ends[0], moving=True), periods * s.period
 
 
-def reopened(asked: DesignCampaign, journal: Journal) -> Campaign:
+def reopened(request: DesignCampaign, journal: Journal) -> Campaign:
     """The campaign of a folder, with the controller that is there."""
     controller = load_controller(journal.folder / SETUP / CONTROLLER)
-    return asked.campaign(controller, float(journal.settings["duration"]))
+    return request.campaign(controller, float(journal.settings["duration"]))
 
 
 def stored_campaign(folder: str | Path) -> tuple[Campaign, Journal]:
@@ -159,9 +157,9 @@ def stored_campaign(folder: str | Path) -> tuple[Campaign, Journal]:
             f"expected a folder that `flexhinf campaign` wrote, got {folder}",
             "its --out; a campaign from Python replays with Campaign(...).replay(sample)",
         )
-    asked = stored_request(journal)
-    journal.refuse_other(asked.stated, partly=True)
-    return reopened(asked, journal), journal
+    request = stored_request(journal)
+    journal.refuse_other(request.stated, partly=True)
+    return reopened(request, journal), journal
 
 
 def stored_request(journal: Journal) -> DesignCampaign:
@@ -198,7 +196,7 @@ def open_pair(
     commands : two sequences of str
         That make each campaign, for its reports.
     progress : callable
-        Called with what comes next while controllers are designed.
+        Called with each step's name while controllers are designed.
 
     Raises
     ------
@@ -222,17 +220,14 @@ def _designed(
     pair: DesignPair, place: Path, progress: Callable[[str], None]
 ) -> list[tuple[Controller, float] | None]:
     """Controllers that are not in the folder yet, with the longer of both steps, or that of the run which is there."""
-    there = [Journal.read(place / name, (SETUP,)) for name in SIDES]
-    for asked, journal in zip((pair.a, pair.b), there):
+    sides = [(side, Journal.read(place / name, (SETUP,))) for side, name in zip((pair.a, pair.b), SIDES)]
+    for side, journal in sides:
         if journal is not None:  # refused before the other one is designed
-            journal.refuse_other(asked.stated, partly=True)
-    found = [
-        None if journal else designed_controller(one, progress)
-        for one, journal in zip((pair.a, pair.b), there)
-    ]
-    begun = [float(journal.settings["duration"]) for journal in there if journal]
-    duration = begun[0] if begun else float(np.max([given[1] for given in found if given]))
-    return [None if given is None else (given[0], duration) for given in found]
+            journal.refuse_other(side.stated, partly=True)
+    designed = [None if journal else designed_controller(side, progress) for side, journal in sides]
+    begun = [float(journal.settings["duration"]) for _, journal in sides if journal]
+    duration = begun[0] if begun else float(np.max([one[1] for one in designed if one]))
+    return [None if one is None else (one[0], duration) for one in designed]
 
 
 def _check_folder(place: Path) -> None:
@@ -241,12 +236,8 @@ def _check_folder(place: Path) -> None:
         raise InvalidInput(
             "A comparison needs a folder, and there is a file.", f"got {place}", "another name"
         )
-    strangers = [
-        path.name
-        for path in (place.iterdir() if place.is_dir() else ())
-        if path.name[:1] != "." and path.name not in _OWN
-    ]
-    if strangers:
+    names = [path.name for path in place.iterdir()] if place.is_dir() else []
+    if strangers := [name for name in names if name[:1] != "." and name not in _OWN]:
         raise InvalidInput(
             "The folder holds something that is not a comparison of campaigns, and is left alone.",
             f"expected no folder, an empty one, or one with {', '.join(_OWN)}; got {sorted(strangers)[:3]} in {place}",

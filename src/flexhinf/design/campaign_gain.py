@@ -13,7 +13,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -21,8 +20,7 @@ from flexhinf.analysis import Attained, worst_disturbance
 from flexhinf.analysis.search import MovedLaw, worst_gain
 from flexhinf.analysis.worst_disturbance import DisturbanceRuns
 from flexhinf.campaign import Journal
-from flexhinf.campaign.journal import disk_refusals, write_whole
-from flexhinf.campaign.manifest import UNREADABLE, read_sealed, sealed
+from flexhinf.campaign.manifest import UNREADABLE
 from flexhinf.certify import Certificate
 from flexhinf.certify.box_gain import linear_part
 from flexhinf.design.attenuation import LONGEST, MOST_STATES, STEPS, Attenuation
@@ -33,10 +31,8 @@ from flexhinf.errors import InvalidInput
 from flexhinf.hinf import HJISolution
 from flexhinf.plant import Estimator, GeneralisedPlant, Penalty
 
-#: File of what was found, in the campaign's folder.
-FILE = Path("worst-case") / "disturbance.json"
-
-_MOST_FILE = 100_000_000
+#: File of the results, in the campaign's folder, and its bytes at most.
+FILE, _MOST_FILE = Path("worst-case") / "disturbance.json", 100_000_000
 
 #: States of the problem of one joint.
 STATES = 5
@@ -53,7 +49,7 @@ ESTIMATOR_TURNS = 6
 
 @dataclass(frozen=True)
 class GainRow:
-    """One disturbance and what it attained.
+    """One disturbance and the gain that it attained.
 
     Attributes
     ----------
@@ -96,57 +92,51 @@ class GainRow:
 
 
 @dataclass(frozen=True)
-class FoundGains:
-    """Everything that was searched of one design.
-
-    Attributes
-    ----------
-    rows : tuple of GainRow
-        None where nothing was searched.
-    unproved : str
-        Why no γ is proved of the law; empty where one is.
-    """
+class GainResults:
+    """All gains of one design: no rows where nothing was searched; why no γ is proved, empty where one is."""
 
     rows: tuple[GainRow, ...] = ()
     unproved: str = ""
+    campaign: str = ""
 
 
-def searches_gain(asked: DesignCampaign) -> bool:
+def searches_gain(request: DesignCampaign) -> bool:
     """Whether a disturbance is searched for: not with so many states that one ascent takes minutes."""
-    return STATES * len(asked.request.robot.joint_names) <= MOST_STATES
+    return STATES * len(request.request.robot.joint_names) <= MOST_STATES
+
+
+@dataclass(frozen=True, eq=False)
+class _Claim:
+    """A problem whose gain is searched, the level of V that keeps the state, and γ with its claim for each robot."""
+
+    pair: str
+    problem: GeneralisedPlant
+    level: float
+    gamma: float
+    nominal: str
+    worst: str
 
 
 @dataclass(frozen=True, eq=False)
 class GainSearch:
-    """The searches of one design.
+    """The searches of one design; `horizon` is the length of the disturbances, s."""
 
-    Attributes
-    ----------
-    horizon : float
-        Of the disturbances, s.
-    """
-
-    asked: DesignCampaign
-    made: Synthesis
+    request: DesignCampaign
+    synthesis: Synthesis
     horizon: float
+    progress: Callable[[str], None] = lambda text: None
 
     @staticmethod
-    def of(asked: DesignCampaign, duration: float, progress: Callable[[str], None]) -> GainSearch:
-        """The design is solved again: z and V are not in a controller's file.
-
-        Raises
-        ------
-        FlexhinfError
-            As `flexhinf.design.synthesise`.
-        """
-        made = synthesise(asked.request.robot, asked.specification, progress)
-        return GainSearch(asked, made, min(LONGEST, STEPS * duration))
+    def of(request: DesignCampaign, duration: float, progress: Callable[[str], None]) -> GainSearch:
+        """The design is solved again: z and V are not in a controller's file; raises as `synthesise`."""
+        synthesis = synthesise(request.request.robot, request.specification, progress)
+        return GainSearch(request, synthesis, min(LONGEST, STEPS * duration), progress)
 
     # Robots ---------------------------------------------------------------------------------------------
     @cached_property
     def box(self) -> tuple[tuple[str, ...], np.ndarray, np.ndarray]:
         """Names of the robot's numbers that differ and both ends (d,) of their intervals."""
-        variables = [v for v in self.asked.variables if v.name in self.asked.robot.nominal]
+        variables = [v for v in self.request.variables if v.name in self.request.robot.nominal]
         low, high = np.array([(v.low, v.high) for v in variables], dtype=float).reshape(-1, 2).T
         return tuple(v.name for v in variables), low, high
 
@@ -159,177 +149,144 @@ class GainSearch:
     def nominal(self) -> np.ndarray:
         """The nominal robot in the unit box (d,)."""
         names, low, high = self.box
-        values = np.array([self.asked.robot.nominal[name] for name in names])
+        values = np.array([self.request.robot.nominal[name] for name in names])
         return np.clip((values - low) / np.where(high > low, high - low, 1.0), 0.0, 1.0)
 
     def problem_of(self, problem: GeneralisedPlant, numbers: Mapping[str, float]) -> GeneralisedPlant:
-        """A problem with another robot, about that robot's equilibrium at the goal.
-
-        Raises
-        ------
-        FlexhinfError
-            If no input holds it there.
-        """
-        robot = self.asked.robot
+        """A problem with another robot, about that robot's equilibrium at the goal; FlexhinfError where it has none."""
+        robot = self.request.robot
         values = robot.plant_parameters(robot.nominal | dict(numbers))
-        x, u = robot.operating_point(self.made.goal, (), values)
-        known = problem.plant.parameters.known(values)
-        return replace(problem, plant=problem.plant.with_parameters(**known), pose=None, equilibrium=(x, u))
+        equilibrium = robot.operating_point(self.synthesis.goal, (), values)
+        plant = problem.plant.with_parameters(**problem.plant.parameters.known(values))
+        return replace(problem, plant=plant, pose=None, equilibrium=equilibrium)
 
-    # Pairs of z and d -----------------------------------------------------------------------------------
+    # Claims ---------------------------------------------------------------------------------------------
     @property
     def law(self) -> HJISolution:
         """At the goal."""
-        return self.made.solution
+        return self.synthesis.solution
 
     @property
     def estimator(self) -> Estimator | None:
         """The design's, about the goal."""
-        return self.made.setup(self.asked.request.robot, self.asked.specification).estimator(self.made.goal)
+        setup = self.synthesis.setup(self.request.request.robot, self.request.specification)
+        return setup.estimator(self.synthesis.goal)
 
     @cached_property
     def proof(self) -> DesignProof:
         """What is proved of the law."""
-        robot, s = self.asked.request.robot, self.asked.specification
-        return prove_design(robot, s, self.made, math.nan, Attenuation(None, ()))
-
-    @property
-    def certificate(self) -> Certificate | None:
-        """None where nothing is proved."""
-        return self.proof.certificate
-
-    @property
-    def boxed(self) -> bool:
-        """Whether the proof is about all robots within the robot's own tolerances."""
-        return self.certificate is not None and any(p.low < p.high for p in self.certificate.parameters)
+        robot, s = self.request.request.robot, self.request.specification
+        return prove_design(robot, s, self.synthesis, math.nan, Attenuation(None, ()))
 
     @cached_property
-    def level(self) -> float:
-        """Of the law's V, inside which a disturbance keeps the state; small where no region was sampled."""
-        chosen = self.made.chosen
-        if chosen.looked and 0.0 < chosen.level < math.inf:
-            return float(chosen.level)
-        robot, n = self.asked.request.robot, len(self.law.plant_states)
-        away = np.zeros(len(self.law.state_names))
-        away[:n] = robot.operating_point(self.made.start)[0] - self.law.operating_point[:n]
-        return SMALL * float(self.law.value(away))
+    def designed(self) -> _Claim:
+        """z, d and γ of the synthesis, on the sampled region, or for small disturbances where none was sampled."""
+        chosen, level = self.synthesis.chosen, self.synthesis.chosen.level
+        if not (chosen.looked and 0.0 < level < math.inf):
+            robot, n = self.request.request.robot, len(self.law.plant_states)
+            away = np.zeros(len(self.law.state_names))
+            away[:n] = robot.operating_point(self.synthesis.start)[0] - self.law.operating_point[:n]
+            level = SMALL * self.law.value(away)
+        gamma = self.law.gamma
+        return _Claim("synthesis", self.synthesis.problem, float(level), gamma, "designed", "not claimed")
 
-    def proved_problem(self, certificate: Certificate) -> tuple[GeneralisedPlant, float] | None:
-        """z and d of the proof, and its level in the law's V; None where z is no matrix times x."""
-        if self.made.proved is not None and self.boxed:
-            return self.made.proved.problem, certificate.level / self.made.proved.scale
+    @cached_property
+    def proved(self) -> _Claim | None:
+        """z, d and γ of the proof, its level in the law's V; None without a proof, or where z is no matrix times x."""
+        certificate, law = self.proof.certificate, self.synthesis.proved
+        if certificate is None:
+            return None
+        boxed = any(p.low < p.high for p in certificate.parameters)
+        options = self.request.options
+        worst = "proved" if boxed and not options.tolerances and options.payload is None else ""
+        if law is not None and boxed:
+            problem, level = law.problem, certificate.level / law.scale
+        elif (own := self._with_penalty(certificate)) is not None:
+            problem, level = own, certificate.level
+        else:
+            return None
+        return _Claim("proof", problem, level, certificate.gamma, "proved", worst)
+
+    def _with_penalty(self, certificate: Certificate) -> GeneralisedPlant | None:
+        """The law's problem with the penalty of a certificate, where that is linear in the state."""
         problem = self.law.problem
         linear = all(sum(powers) == 1 for row in certificate.penalty for powers, _ in row)
         if not linear or not isinstance(problem, GeneralisedPlant):
             return None
         matrix = linear_part(certificate.penalty, len(self.law.state_names))
-        return replace(problem, penalty=Penalty(matrix, np.array(certificate.r2))), certificate.level
+        return replace(problem, penalty=Penalty(matrix, np.array(certificate.r2)))
 
     # Searches -------------------------------------------------------------------------------------------
-    def found(self, progress: Callable[[str], None]) -> FoundGains:
-        """Every search, in turn."""
-        gamma, made = self.law.gamma, self.made
-        found = self._rows_of(
-            made.problem, self.level, "synthesis", gamma, ("designed", "not claimed"), progress
-        )
-        estimator = self._with_estimator(found[0], progress)
-        found += [] if estimator is None else [estimator]
-        progress("proof")
-        certificate = self.certificate
-        proved = None if certificate is None else self.proved_problem(certificate)
-        if certificate is not None and proved is not None:
-            covered = self.boxed and not self.asked.options.tolerances and self.asked.options.payload is None
-            claims = ("proved", "proved" if covered else "")
-            found += self._rows_of(*proved, "proof", certificate.gamma, claims, progress)
-        bent = "" if proved is not None else "z of the proof is not linear in the state"
-        return FoundGains(tuple(found), self.proof.reason or bent)
+    def results(self) -> GainResults:
+        """Every search, in turn: the synthesis' claim, the loop with its estimator, the proof's claim."""
+        rows = self._rows(self.designed)
+        if self.estimator is not None:
+            rows.append(self._estimator_row(rows[0]))
+        self.progress("proof")
+        if self.proved is not None:
+            rows += self._rows(self.proved)
+        bent = "" if self.proved is not None else "z of the proof is not linear in the state"
+        return GainResults(tuple(rows), self.proof.reason or bent)
 
-    def _rows_of(
-        self,
-        problem: GeneralisedPlant,
-        level: float,
-        pair: str,
-        gamma: float,
-        claims: tuple[str, str],
-        progress: Callable[[str], None],
-    ) -> list[GainRow]:
-        """The nominal robot, and the worst one where something is said of it."""
-        s = self.asked.specification
-        progress(f"worst disturbance of the nominal robot, z and d of the {pair}")
+    def _rows(self, claim: _Claim) -> list[GainRow]:
+        """The nominal robot, and the worst one where γ is said of it."""
+        s, problem = self.request.specification, claim.problem
+        self.progress(f"worst disturbance of the nominal robot, z and d of the {claim.pair}")
         first = worst_disturbance(
-            problem, self.law, None, s.period, level=level, horizon=self.horizon, seed=s.seed
+            problem, self.law, None, s.period, level=claim.level, horizon=self.horizon, seed=s.seed
         )
-        begun = self.numbers(self.nominal)
-        rows = [self._row("nominal", "true state", pair, first, gamma, claims[0], begun, problem)]
-        if claims[1] and self.box[0]:
-            progress(f"worst disturbance of the worst robot, z and d of the {pair}")
+        rows = [_row("nominal", "true state", claim, claim.nominal, first, self.numbers(self.nominal))]
+        if claim.worst and self.box[0]:
+            self.progress(f"worst disturbance of the worst robot, z and d of the {claim.pair}")
             generator = np.random.Generator(np.random.Philox(key=[s.seed, 0]))
             worst = worst_gain(
                 lambda point: self.problem_of(problem, self.numbers(point)), self.law, self.nominal, first,
-                level=level, period=s.period, horizon=self.horizon,
+                level=claim.level, period=s.period, horizon=self.horizon,
                 starts=generator.random((RANDOM, len(self.box[0]))),
             )  # fmt: skip
-            numbers = self.numbers(worst.point)
             rows.append(
-                self._row("worst", "true state", pair, worst.attained, gamma, claims[1], numbers, problem)
+                _row("worst", "true state", claim, claim.worst, worst.attained, self.numbers(worst.point))
             )
         return rows
 
-    def _with_estimator(self, first: GainRow, progress: Callable[[str], None]) -> GainRow | None:
+    def _estimator_row(self, first: GainRow) -> GainRow:
         """The nominal robot with the design's estimator, a disturbance of the same energy."""
-        s, problem = self.asked.specification, self.made.problem
-        estimator = self.estimator
-        if estimator is None:
-            return None
-        progress("worst disturbance of the loop with the estimator")
+        s = self.request.specification
+        self.progress("worst disturbance of the loop with the estimator")
         attained = worst_disturbance(
-            problem, self.law, estimator, s.period, energy=first.energy, horizon=self.horizon,
+            self.synthesis.problem, self.law, self.estimator, s.period, energy=first.energy, horizon=self.horizon,
             turns=ESTIMATOR_TURNS, starts=1, seed=s.seed,
         )  # fmt: skip
-        return self._row(
-            "nominal", "estimator", "synthesis", attained, first.gamma, "not claimed", first.numbers, problem
-        )
-
-    @staticmethod
-    def _row(
-        robot: str,
-        loop: str,
-        pair: str,
-        attained: Attained,
-        gamma: float,
-        claim: str,
-        numbers: Mapping[str, float],
-        problem: GeneralisedPlant,
-    ) -> GainRow:
-        return GainRow(
-            robot, loop, pair, attained.gain, gamma, claim, attained.energy, dict(numbers),
-            tuple(problem.disturbance_names), tuple(attained.times.tolist()),
-            tuple(map(tuple, attained.disturbance.tolist())),
-        )  # fmt: skip
+        return _row("nominal", "estimator", self.designed, "not claimed", attained, first.numbers)
 
     def again(self, row: GainRow) -> float:
         """The gain of a row's disturbance, run alone."""
-        s, problem = self.asked.specification, self.made.problem
-        certificate = self.certificate if row.pair == "proof" else None
-        if certificate is not None and (proved := self.proved_problem(certificate)) is not None:
-            problem = proved[0]
-        law, estimator = self.law, None
-        if row.loop == "estimator":
-            estimator = self.estimator
+        claim = self.proved if row.pair == "proof" else None
+        problem = self.synthesis.problem if claim is None else claim.problem
+        law = self.law
         if row.robot == "worst":
             problem = self.problem_of(problem, row.numbers)
             law = MovedLaw(self.law, problem)
-        runs = DisturbanceRuns(problem, law, estimator, s.period, self.horizon)
+        estimator = self.estimator if row.loop == "estimator" else None
+        runs = DisturbanceRuns(problem, law, estimator, self.request.specification.period, self.horizon)
         return runs.attained(np.array(row.disturbance)).gain
+
+
+def _row(
+    robot: str, loop: str, claim: _Claim, what: str, attained: Attained, numbers: Mapping[str, float]
+) -> GainRow:
+    return GainRow(
+        robot, loop, claim.pair, attained.gain, claim.gamma, what, attained.energy, dict(numbers),
+        tuple(claim.problem.disturbance_names), tuple(attained.times.tolist()),
+        tuple(map(tuple, attained.disturbance.tolist())),
+    )  # fmt: skip
 
 
 # Kept in the campaign's folder ------------------------------------------------------------------------------
 def search_gain(
-    asked: DesignCampaign, journal: Journal, progress: Callable[[str], None] = lambda text: None
-) -> FoundGains:
+    request: DesignCampaign, journal: Journal, progress: Callable[[str], None] = lambda text: None
+) -> GainResults:
     """The rows of `GainSearch`, kept in the campaign's folder: taken from there where they were found already.
-
-    The file is written whole when all searches are done, so an interrupted one leaves nothing behind.
 
     Raises
     ------
@@ -338,39 +295,25 @@ def search_gain(
     FlexhinfError
         As the synthesis; or if the disk is full.
     """
-    if not searches_gain(asked):
+    if not searches_gain(request):
         raise InvalidInput(
             "The worst disturbance is not searched for robots of so many joints.",
-            f"expected at most {MOST_STATES // STATES}, got {len(asked.request.robot.joint_names)}",
+            f"expected at most {MOST_STATES // STATES}, got {len(request.request.robot.joint_names)}",
             "--metric with a metric of the runs, as overshoot_percent",
         )
-    there = stored_gains(journal)
-    if there.rows:
-        return there
-    found = GainSearch.of(asked, float(journal.settings["duration"]), progress).found(progress)
-    content = {"campaign": journal.manifest["digest"], **asdict(found)}
-    with journal.driven(), disk_refusals(journal.folder):
-        (journal.folder / FILE).parent.mkdir(exist_ok=True)
-        write_whole(journal.folder / FILE, sealed(content))
-    return found
+    stored = stored_gains(journal)
+    if stored.rows:
+        return stored
+    results = GainSearch.of(request, float(journal.settings["duration"]), progress).results()
+    results = replace(results, campaign=journal.manifest["digest"])
+    journal.store(FILE, asdict(results))
+    return results
 
 
-def stored_gains(journal: Journal) -> FoundGains:
-    """What a campaign's folder has; no rows where nothing was searched, or the file is damaged."""
+def stored_gains(journal: Journal) -> GainResults:
+    """The results in a campaign's folder; no rows where nothing was searched, or the file is damaged."""
     try:
-        content = read_sealed(journal.folder / FILE, _MOST_FILE)
-        if content["campaign"] != journal.manifest["digest"]:
-            return FoundGains()
-        return FoundGains(tuple(_row(one) for one in content["rows"]), str(content["unproved"]))
+        results = journal.stored(FILE, GainResults, _MOST_FILE)
     except UNREADABLE:
-        return FoundGains()
-
-
-def _row(one: Mapping[str, Any]) -> GainRow:
-    """A row of the file; one of `UNREADABLE` where it is none."""
-    return GainRow(**dict(one) | {
-        "gain": float(one["gain"]), "gamma": float(one["gamma"]), "energy": float(one["energy"]),
-        "numbers": {str(name): float(value) for name, value in one["numbers"].items()},
-        "names": tuple(map(str, one["names"])), "times": tuple(map(float, one["times"])),
-        "disturbance": tuple(tuple(map(float, row)) for row in one["disturbance"]),
-    })  # fmt: skip
+        return GainResults()
+    return results if results.campaign == journal.manifest["digest"] else GainResults()

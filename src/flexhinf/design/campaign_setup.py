@@ -1,15 +1,11 @@
-"""The campaign of a design: its step or move on robots within their tolerances, with its controller as it is.
-
-Figures of the runs of a design's campaign, of a run's signals or of runs in lanes, with the same numbers.
-"""
+"""The campaign of a design: its step or move on robots within their tolerances; and two designs on the same samples."""
 
 from __future__ import annotations
 
 import re
-from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -17,230 +13,29 @@ import numpy as np
 
 from flexhinf.campaign import (
     Campaign,
-    Metrics,
+    CampaignJudgement,
+    PairedCampaigns,
     Sample,
     Tolerances,
     Variable,
 )
+from flexhinf.campaign.journal import listed
 from flexhinf.design.campaign_options import CampaignOptions
 from flexhinf.design.design_file import DesignRequest, plain
-from flexhinf.design.joint_limits import JointLimits, joint_limits
+from flexhinf.design.joint_limits import joint_limits
 from flexhinf.design.loop_setup import LoopPlants
-from flexhinf.design.monte_carlo import move_reductions, position_columns, step_reductions
+from flexhinf.design.monte_carlo import RunMetrics
 from flexhinf.design.plans import has_integrals, move_reference, stated_move, step_command
 from flexhinf.design.requirements import final_limits, tracking_limits
-from flexhinf.design.responses import LOAD_START, Plan, Response, plan_ends, start_and_goal
+from flexhinf.design.responses import LOAD_START, Plan, plan_ends, start_and_goal
 from flexhinf.design.specification import FIELDS, Specification
 from flexhinf.errors import InvalidInput
-from flexhinf.loop import Controller, EnsembleResult, Loop, Reduction, Step, Trajectory
+from flexhinf.loop import Controller, Loop, Step
 from flexhinf.loop.simulation.compiled_runs import sample_count
-from flexhinf.loop.simulation.metrics import steady_state_error
 from flexhinf.robot import Parameter, Robot, load_robot
 from flexhinf.robot.elastic import inactive_parameters
 from flexhinf.robot.signals import UNITS, signal_names
 from flexhinf.validation import value_text
-
-
-@dataclass(frozen=True)
-class JointFigure:
-    """A figure that joints have: its unit for each joint, and which of them have it."""
-
-    units: Sequence[str]
-    joints: Sequence[int]
-
-    @property
-    def unit(self) -> str:
-        """Of the worst of all joints; empty where they differ."""
-        return self.units[0] if len(set(self.units)) == 1 else ""
-
-
-@dataclass(frozen=True, eq=False)
-class RunMetrics(ABC):
-    """Figures of a run of all joints, each the worst of them, and where there are several those of each joint."""
-
-    limits: JointLimits
-
-    # What a step, or a move, has of its own -----------------------------------------------------------
-    @property
-    @abstractmethod
-    def own(self) -> dict[str, JointFigure]:
-        """Its figures, the main one first."""
-
-    @abstractmethod
-    def of_run(self, run: Trajectory) -> tuple[Response, Sequence[Mapping[str, Any]]]:
-        """A run, and for each joint all its figures by name; None where it does not come to one."""
-
-    @abstractmethod
-    def of_many(self, common: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-        """Its figures of N runs by name, (N, n); what is said of a joint that has none does not count."""
-
-    @abstractmethod
-    def reductions(self, commanded: Sequence[str], pairs: Any) -> list[Reduction]:
-        """What is kept of runs in lanes for `of_many`."""
-
-    # What both have -----------------------------------------------------------------------------------
-    @property
-    def every(self) -> range:
-        """All joints."""
-        return range(len(self.limits.joints))
-
-    @cached_property
-    def figures(self) -> dict[str, JointFigure]:
-        """Its own, then peaks."""
-        peaks = {"peak_input": self.limits.effort_units, "peak_speed": self.limits.speed_units}
-        return {**self.own, **{name: JointFigure(units, self.every) for name, units in peaks.items()}}
-
-    @property
-    def units(self) -> dict[str, str]:
-        """By name; a fraction of a limit only where there is one."""
-        found = {name: figure.unit for name, figure in self.figures.items()}
-        found["estimation_error"] = JointFigure(self.limits.position_units, self.every).unit
-        found |= {"input_limit_use": ""} if self.limits.limits_peak else {}
-        found |= {"speed_limit_use": ""} if self.limits.limits_speed else {}
-        return found | {name: self.figures[kind].units[k] for name, (kind, k) in self._parts.items()}
-
-    @cached_property
-    def _parts(self) -> dict[str, tuple[str, int]]:
-        """Figures of single joints, where there are several: what it is, and of which joint."""
-        several = self.figures.items() if len(self.every) > 1 else ()
-        names = self.limits.joints
-        return {f"{kind}_{names[k]}": (kind, k) for kind, figure in several for k in figure.joints}
-
-    def __call__(self, run: Trajectory) -> dict[str, float]:
-        """Of one run."""
-        response, rows = self.of_run(run)
-        values = {
-            kind: {k: np.inf if rows[k][kind] is None else float(rows[k][kind]) for k in figure.joints}
-            for kind, figure in self.figures.items()
-        }
-        found = {kind: max(each.values(), default=np.nan) for kind, each in values.items()}
-        found |= {name: values[kind][k] for name, (kind, k) in self._parts.items()}
-        found["estimation_error"] = max(
-            (
-                float(np.abs(run.signal("estimate", name) - run.signal("state", name)).max())
-                for name in signal_names("link_position", self.limits.joints)
-                if name in run.names["estimate"]
-            ),
-            default=np.nan,
-        )
-        found["input_limit_use"] = self.limits.input_use(response).share
-        found["speed_limit_use"] = self.limits.speed_use(response).share
-        return {name: found[name] for name in self.units}
-
-    # In lanes -----------------------------------------------------------------------------------------
-    def metrics(self, states: Sequence[str], estimated: Sequence[str], commanded: Sequence[str]) -> Metrics:
-        """For a campaign, of runs in lanes too.
-
-        Parameters
-        ----------
-        states, estimated, commanded : sequence of str
-            Of the true plant, of the estimate and of the command.
-        """
-        names = [name for name in signal_names("link_position", self.limits.joints) if name in estimated]
-        pairs = tuple((tuple(estimated).index(name), tuple(states).index(name)) for name in names)
-        reductions = self.reductions(commanded, pairs)
-        return Metrics(self.units, self, partial(self._reduced, bool(pairs)), reductions, tuple(self._parts))
-
-    def _reduced(self, estimated: bool, found: EnsembleResult) -> dict[str, np.ndarray]:
-        """As of one run, of N runs."""
-        effort, speed = found.common["effort"], found.common["speed"]
-        nothing = np.full(len(found.codes), np.nan)
-        every = {**self.of_many(found.common), "peak_input": effort, "peak_speed": speed}
-        values = {
-            kind: every[kind][:, list(figure.joints)].max(axis=1) if len(figure.joints) else nothing
-            for kind, figure in self.figures.items()
-        }
-        values["estimation_error"] = found.common["estimate"] if estimated else nothing
-        values["input_limit_use"] = (effort / self.limits.peak).max(axis=1)
-        values["speed_limit_use"] = (speed / self.limits.speed).max(axis=1)
-        return values | {name: every[kind][:, k] for name, (kind, k) in self._parts.items()}
-
-
-@dataclass(frozen=True, eq=False)
-class StepMetrics(RunMetrics):
-    """Of a step from start to goal (n,), rad or m: what `Response` and `JointLimits` say."""
-
-    start: np.ndarray
-    goal: np.ndarray
-
-    @property
-    def own(self) -> dict[str, JointFigure]:
-        """Of the joints that move, and where every joint ends."""
-        moving = np.flatnonzero(self.start != self.goal).tolist()
-        kinds = {"overshoot_percent": "%", "settling_time_s": "s", "rise_time_s": "s"}
-        found = {name: JointFigure([unit] * len(self.goal), moving) for name, unit in kinds.items()}
-        return {**found, "steady_state_error": JointFigure(self.limits.position_units, self.every)}
-
-    def of_run(self, run: Trajectory) -> tuple[Response, Sequence[Mapping[str, Any]]]:
-        """As `Response` says."""
-        response = Response(run, self.goal, self.start, self.limits.joints)
-        return response, response.metrics
-
-    def of_many(self, common: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-        """As `step_reductions` say."""
-        late = common["late_error"]
-        found = {
-            kind: np.stack([common.get(f"{k} {kind}", late[:, k]) for k in self.every], axis=1)
-            for kind in ("overshoot_percent", "settling_time_s", "rise_time_s")
-        }
-        return {**found, "steady_state_error": late}
-
-    def reductions(self, commanded: Sequence[str], pairs: Any) -> list[Reduction]:
-        """Of the step."""
-        return step_reductions(self.start, self.goal, pairs)
-
-
-@dataclass(frozen=True, eq=False)
-class MoveMetrics(RunMetrics):
-    """Of a move: what `Move` and `JointLimits` say.
-
-    Parameters
-    ----------
-    tracking, final : (n,)
-        Largest distances from the move, and from its end after it, rad or m.
-    """
-
-    plan: Plan
-    tracking: np.ndarray
-    final: np.ndarray
-
-    @property
-    def own(self) -> dict[str, JointFigure]:
-        """How far from the move, and from its end after it; and both as fractions of what is required."""
-        lengths, shares = self.limits.position_units, [""] * len(self.every)
-        kinds = {
-            "tracking_error": lengths, "tracking_error_use": shares,
-            "final_error": lengths, "final_error_use": shares,
-        }  # fmt: skip
-        return {name: JointFigure(units, self.every) for name, units in kinds.items()}
-
-    def of_run(self, run: Trajectory) -> tuple[Response, Sequence[Mapping[str, Any]]]:
-        """As `Move` says, with the command of the run, which is the move at its samples."""
-        begin, end = plan_ends(self.plan)
-        response = Response(run, end, begin, self.limits.joints)
-        rows = []
-        for k, name in enumerate(signal_names("link_position", self.limits.joints)):
-            position, command = response.positions[:, k], run.signal("reference", name)
-            largest, final = float(np.abs(position - command).max()), steady_state_error(position, command)
-            shares = {
-                "tracking_error_use": largest / self.tracking[k],
-                "final_error_use": final / self.final[k],
-            }
-            rows.append(response.metrics[k] | {"tracking_error": largest, "final_error": final, **shares})
-        return response, rows
-
-    def of_many(self, common: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-        """As `move_reductions` say."""
-        error, late = common["tracking_error"], common["late_error"]
-        return {
-            "tracking_error": error, "tracking_error_use": error / self.tracking,
-            "final_error": late, "final_error_use": late / self.final,
-        }  # fmt: skip
-
-    def reductions(self, commanded: Sequence[str], pairs: Any) -> list[Reduction]:
-        """Of the move."""
-        return move_reductions(position_columns(commanded, self.limits.joints), pairs)
-
 
 _PERCENT = re.compile(r"\s*([\d.eE+-]+)\s*%\s*\Z")
 _RANGE = re.compile(r"\s*([-+\d.eE]+?)\s*\.\.\s*([-+\d.eE]+)\s*\Z")
@@ -248,16 +43,9 @@ _RANGE = re.compile(r"\s*([-+\d.eE]+?)\s*\.\.\s*([-+\d.eE]+)\s*\Z")
 
 @dataclass(frozen=True, eq=False)
 class RobotDraw:
-    """From numbers of a sample to its robot, in equilibrium where it starts.
+    """From numbers of a sample to its true robot with `extras`, in equilibrium where it starts.
 
-    Parameters
-    ----------
-    robot : Robot
-        The true one.
-    start : (n,)
-        Where the estimator believes it, rad or m.
-    extras : tuple of str
-        Of the true plant.
+    The estimator believes it at `start` (n,), rad or m.
     """
 
     robot: Robot
@@ -282,13 +70,7 @@ ERROR, TORQUE = "initial_error", "link_torque"
 
 @dataclass(frozen=True, eq=False)
 class DesignCampaign:
-    """A design and the campaign that is asked for.
-
-    Parameters
-    ----------
-    file : Path or None
-        The design file it came from. Of a report that nobody changed the controller is taken as it was judged.
-    """
+    """A design and its campaign; the controller of a report `file` that nobody changed is taken as it was judged."""
 
     request: DesignRequest
     options: CampaignOptions
@@ -301,13 +83,7 @@ class DesignCampaign:
 
     @cached_property
     def robot(self) -> Robot:
-        """The true robot with the tolerances of the campaign.
-
-        Raises
-        ------
-        InvalidInput
-            For a parameter that the robot does not have, or one that does not act.
-        """
+        """The true robot with the tolerances of the campaign; InvalidInput for a parameter that does not act."""
         robot = self.request.robot
         if self.options.payload is not None:
             robot = load_robot(self.request.source, self.request.elastic, payload=self.options.payload)
@@ -325,13 +101,7 @@ class DesignCampaign:
 
     @cached_property
     def plan(self) -> Plan | None:
-        """The move that the design is judged along; None for a step.
-
-        Raises
-        ------
-        InvalidInput
-            As `stated_move`.
-        """
+        """The move that the design is judged along, as `stated_move`; None for a step."""
         return stated_move(self.request.robot, self.specification)
 
     @cached_property
@@ -343,13 +113,7 @@ class DesignCampaign:
 
     @cached_property
     def variables(self) -> tuple[Variable, ...]:
-        """What differs from sample to sample.
-
-        Raises
-        ------
-        InvalidInput
-            If nothing does.
-        """
+        """Numbers that differ from sample to sample; InvalidInput if none does."""
         o, robot = self.options, self.robot
         slides = robot.links.slides
         off = inactive_parameters(self.specification.extras, robot.joint_names)
@@ -375,13 +139,7 @@ class DesignCampaign:
 
     @property
     def stated(self) -> dict[str, str]:
-        """The design and the campaign as text by name: known before anything is designed.
-
-        Raises
-        ------
-        InvalidInput
-            For what does not fit the robot.
-        """
+        """The design and the campaign as text by name: known before anything is designed; InvalidInput for a misfit."""
         o, s, (start, goal) = self.options, self.specification, self.ends
         length = {}
         if o.duration is not None:
@@ -434,10 +192,10 @@ class DesignCampaign:
         """Of each run."""
         s, limits = self.specification, joint_limits(self.request.robot, self.specification)
         if self.plan is None:
-            return StepMetrics(limits, *self.ends)
+            return RunMetrics.of_step(limits, *self.ends)
         instants = np.arange(0.0, self.plan.duration + 0.5 * s.period, s.period)
         ways = np.ptp(np.reshape(self.plan(instants), (len(instants), -1)), axis=0)
-        return MoveMetrics(limits, self.plan, tracking_limits(s, limits, ways), final_limits(limits, ways))
+        return RunMetrics.of_move(limits, tracking_limits(s, limits, ways), final_limits(limits, ways))
 
     @property
     def requirements(self) -> tuple[str, ...]:
@@ -477,3 +235,84 @@ def _spread(parameter: Parameter, text: str) -> Parameter:
         f"--tolerance {parameter.name}=10%, or --tolerance {parameter.name}={0.9 * parameter.value:g}.."
         f"{1.1 * parameter.value:g}",
     )
+
+
+# Two designs on the same samples ------------------------------------------------------------------------------
+#: Folders of the two campaigns in that of their comparison.
+SIDES = ("a", "b")
+
+#: Fields of a specification that say on what robot, with which sensors and motors the law runs; all others say which
+#: law that is. Start, goal and limits are compared as numbers.
+SHARED = ("measured", "measurement_noise", "quantisation", "period", "delay", "extras", "move")
+
+#: Differences that a refusal lists.
+_LISTED = 6
+
+
+@dataclass(frozen=True, eq=False)
+class DesignPair:
+    """Two designs with the same options, robots, sensors, motors and step; InvalidInput says what differs."""
+
+    a: DesignCampaign
+    b: DesignCampaign
+
+    def __post_init__(self) -> None:
+        found = [
+            f"{name}: {one} ↔ {other}"
+            for name, one, other in _differing(*map(_circumstances, (self.a, self.b)))
+        ]
+        if not found and not _same_plant(self.a, self.b):
+            found = ["the equations of the robots, which have the same parameters"]
+        if found:
+            raise InvalidInput(
+                "The designs are not for the same robot, sensors, motors and step; their runs cannot be compared "
+                "sample by sample.",
+                listed(found, _LISTED),
+                "designs that differ in preset, weights, degrees, γ or estimator only",
+            )
+
+    @property
+    def differences(self) -> list[tuple[str, str, str]]:
+        """Fields of the specifications that differ, and their values in a and in b."""
+        return _differing(*(fields_text(side.specification) for side in (self.a, self.b)))
+
+    @property
+    def requirements(self) -> tuple[str, ...]:
+        """Those of the first design, by which both are judged."""
+        return self.a.requirements
+
+
+@dataclass(frozen=True, eq=False)
+class PairResult:
+    """Two designs that were run on the same samples: each judged by the same requirements, and both compared."""
+
+    pair: DesignPair
+    folder: Path
+    names: tuple[str, str]
+    judged: tuple[CampaignJudgement, CampaignJudgement]
+    paired: PairedCampaigns
+    command: tuple[str, ...] = ()
+
+
+def _differing(a: Mapping[str, str], b: Mapping[str, str]) -> list[tuple[str, str, str]]:
+    """Names whose values differ, with both values."""
+    pairs = [(name, a.get(name, "default"), b.get(name, "default")) for name in dict.fromkeys((*a, *b))]
+    return [pair for pair in pairs if pair[1] != pair[2]]
+
+
+def _circumstances(side: DesignCampaign) -> dict[str, str]:
+    """Everything stated of a campaign but what the law is."""
+    limits = side.metrics.limits
+    plain = {name: text for name, text in side.stated.items() if not name.startswith("design ")}
+    fields = {name: text for name, text in fields_text(side.specification).items() if name in SHARED}
+    return {
+        **plain, **fields, "true state fed back": str(side.specification.estimator == "none"),
+        "limits of the inputs": str(limits.peak.tolist()), "saturation": str(limits.saturation.tolist()),
+        "limits of the speeds": str(limits.speed.tolist()),
+    }  # fmt: skip
+
+
+def _same_plant(a: DesignCampaign, b: DesignCampaign) -> bool:
+    """Whether the true robots have the same equations."""
+    codes = [one.robot.plant(one.specification.measured, extras=one.specification.extras) for one in (a, b)]
+    return codes[0].code_key == codes[1].code_key

@@ -1,11 +1,7 @@
-"""From a robot and a specification to certificates.
+"""Certificates of a design: regions of its laws, its step for all tolerances, and the proof that a design carries.
 
-`certify_design` takes the laws of all degrees that a design solves, and as long as it takes; what a design itself
-carries is in `flexhinf.design.certification`.
-
-What a design carries of proofs: its law's region for the nominal robot, and its step for all tolerances.
-
-Both are found within a stated time of CPU, or a sentence says why not.
+`certify_design` takes the laws of all degrees that a design solves, and as long as it takes. What a design itself
+carries is found within a stated time of CPU, or a sentence says why not.
 """
 
 from __future__ import annotations
@@ -53,9 +49,6 @@ from flexhinf.robot import Robot
 Progress = Callable[[str], None]
 Share = Callable[[int, float], None]
 
-#: wanted step alone has this room above V where it starts.
-SHARES, ROOM = (0.999, 0.98, 0.9), 1.05
-
 #: CPU seconds that the proof for all tolerances of one degree may take in `certify_design`.
 BOX_SECONDS = 120.0
 
@@ -63,7 +56,7 @@ BOX_SECONDS = 120.0
 LONGEST_SEARCH = 20.0
 
 
-#: What is left for a robot of several joints; {} is the way to ask for it.
+#: Advice for a robot of several joints; {} is the call or command.
 SAMPLED_ADVICE = (
     "{}, which samples a region of the linear law, looks at the corners of the tolerances and at sampled robots, and "
     "proves nothing"
@@ -76,20 +69,16 @@ class SeveralJoints(InvalidInput):
 
 @dataclass(frozen=True, eq=False)
 class CertifiedDegree:
-    """What is proved of the law of one degree of V.
+    """The proof of the law of one degree of V, which is `used` by the design or not.
 
     Attributes
     ----------
-    used : bool
-        Whether it is the degree that the design uses.
     certificate : Certificate or None
-        None where nothing was proved.
+        None where nothing was proved; then `reason` says why.
     steps : tuple of ProvedStep
         Runs from the largest proved starts.
-    reason : str
-        Why nothing was proved, else empty.
     box : BoxProof or None
-        What the certificate is of, where it is for all robots within the tolerances.
+        The subject of the certificate, where it is for all robots within the tolerances.
     """
 
     choice: DegreeChoice
@@ -112,16 +101,14 @@ def certify_design(
     tolerances: bool = False,
     threads: int = 1,
 ) -> tuple[CertifiedDegree, ...]:
-    """The laws of a design at its goal, and what is proved of each, with the true state fed back.
+    """The laws of a design at its goal, and the proof of each, with the true state fed back.
 
     Parameters
     ----------
     s : Specification
-        Its `checked_gamma_ratio` and `checked_penalty` state what is proved.
-    progress : callable
-        Called with the name of each step before it begins.
-    share : callable
-        Called with the cells done and the estimated share of a proof, many times.
+        Its `checked_gamma_ratio` and `checked_penalty` state the claim.
+    progress, share : callable
+        Called with the name of each step before it begins; with the cells done and the estimated share of a proof.
     decay, observer
         As `HJISolution.certify`.
     tolerances : bool
@@ -147,44 +134,48 @@ def certify_design(
             "expected parameters with a tolerance, got none",
             "tolerance = 10 beside a value in the robot's file, or leave out `tolerances`",
         )
-    made = synthesise(robot, s, progress)
-    if tolerances or made.proved is not None:
-        return tuple(_box_degrees(robot, s, made, progress, share, threads))
-    gamma = s.checked_gamma_ratio * made.design_problem.gamma_star
-    penalty = checked_penalty(s, made.design_problem)
-    goal = goal_text(robot, made.goal)
+    synthesis = synthesise(robot, s, progress)
+    if tolerances or synthesis.proved is not None:
+        return tuple(_box_degrees(robot, s, synthesis, progress, share, threads))
+    gamma = s.checked_gamma_ratio * synthesis.design_problem.gamma_star
+    penalty = checked_penalty(s, synthesis.design_problem)
+    goal = goal_text(robot, synthesis.goal)
     found = []
-    for choice in made.choices:
+    for choice in synthesis.choices:
         progress(f"degree {choice.degree}: proof")
         began, certificate, steps, reason = time.process_time(), None, (), ""
         solution, about = choice.solution, f"{robot.name}, goal {goal}, degree {choice.degree} of V"
         margin = solution.checked_margin(gamma, penalty)
         if margin.definite:
             try:
-                asked = {"decay": decay, "about": about, "observer": observer}
-                certificate = certify(solution, gamma, penalty, **asked, threads=threads, progress=share)
+                certificate = certify(
+                    solution, gamma, penalty, decay=decay, about=about, observer=observer, threads=threads,
+                    progress=share,
+                )  # fmt: skip
                 steps = proved_steps(solution, certificate)
             except NumericalFailure as error:  # of this degree; another may be proved
                 reason = error.found
         else:
             reason = margin.reason()
         seconds = time.process_time() - began
-        found.append(CertifiedDegree(choice, choice is made.chosen, certificate, steps, reason, seconds))
+        found.append(CertifiedDegree(choice, choice is synthesis.chosen, certificate, steps, reason, seconds))
     return tuple(found)
 
 
 def _box_degrees(
-    robot: Robot, s: Specification, made: Synthesis, progress: Progress, share: Share, threads: int
+    robot: Robot, s: Specification, synthesis: Synthesis, progress: Progress, share: Share, threads: int
 ) -> Iterator[CertifiedDegree]:
     """The law of each degree with the design's step, for all robots within the tolerances."""
-    problem = measured_problem(robot, made.goal, s)
+    problem = measured_problem(robot, synthesis.goal, s)
     ranges = parameter_ranges(robot, problem.plant)
-    for choice in made.choices:
+    for choice in synthesis.choices:
         progress(f"degree {choice.degree}: proof for all tolerances")
-        began, used, reason = time.process_time(), choice is made.chosen, ""
-        box: BoxProof | None = made.proved
+        began, used, reason = time.process_time(), choice is synthesis.chosen, ""
+        box: BoxProof | None = synthesis.proved
         if box is None:
-            law = BoxProof(solution=choice.solution, problem=problem, step=float((made.goal - made.start)[0]))
+            law = BoxProof(
+                solution=choice.solution, problem=problem, step=float((synthesis.goal - synthesis.start)[0])
+            )
             try:
                 law = sampled_box(law, ranges)
                 box = prove_box(robot, law, ranges, seconds=BOX_SECONDS, threads=threads, progress=share)
@@ -199,17 +190,13 @@ def _box_degrees(
 def proved(
     found: tuple[CertifiedDegree, ...], degree: int | None, tolerances: bool = False
 ) -> CertifiedDegree:
-    """The one whose certificate is wanted: that of a degree, or of the design.
-
-    Raises
-    ------
-    InvalidInput
-        It was not solved, or nothing was proved of it.
-    """
-    wanted = [one for one in found if (one.used if degree is None else one.choice.degree == degree)]
+    """The proof of a degree, or of the one that the design uses; InvalidInput where there is none."""
+    wanted = next(
+        (one for one in found if (one.used if degree is None else one.choice.degree == degree)), None
+    )
     others = [one.choice.degree for one in found if one.certificate is not None]
-    if not wanted or wanted[0].certificate is None:
-        reason = wanted[0].reason if wanted else "it was not solved"
+    if wanted is None or wanted.certificate is None:
+        reason = wanted.reason if wanted else "it was not solved"
         what = "the degree that the design uses" if degree is None else f"degree {degree}"
         if tolerances:
             raise NotWithinTolerances(
@@ -222,21 +209,19 @@ def proved(
             f"--degree {others[-1]}, of which a level is proved" if others
             else "weights on all states, and a smaller `checked_penalty`, so that r < 0 has a margin near the goal",
         )  # fmt: skip
-    return wanted[0]
+    return wanted
 
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """What is shown beside the theorem.
+    """Figures and the lower bound of the gain beside a theorem.
 
     Attributes
     ----------
     certificate : Certificate
         With the attained gain, where a disturbance was found.
-    surface : StartSurface or None
-        V and r where steps start.
-    limit : LimitSlice or None
-        V and r in a plane through the point that limits the sampled level.
+    surface, limit : StartSurface, LimitSlice or None
+        V and r where steps start, and in a plane through the point that limits the sampled level.
     worst : tuple of WorstStep
         A smaller step with the worst disturbance, for each rule of the integrators' start.
     attained : Attained or None
@@ -284,23 +269,19 @@ PROOF_SHARES, PROOF_ROOM = (0.999, 0.98, 0.9), 1.05
 
 @dataclass(frozen=True, eq=False)
 class DesignProof:
-    """What is proved of the law that a design uses, nominal and with the true state fed back.
+    """The proof of the law that a design uses, nominal and with the true state fed back.
 
     Attributes
     ----------
     certificate : Certificate or None
-        None where nothing was proved.
-    reason : str
-        Why nothing was proved, else empty.
+        None where nothing was proved; then `reason` says why.
     start : float
         V where the step starts, with the integrals that the controller chooses; nan without a certificate.
     budget : tuple of BudgetTerm
         Of the design's step, against the proved level; none for a box of parameters, whose V is not that of the law.
     box : BoxProof or None
-        What is proved beside it for all robots within the tolerances: the step, with another V and for the z of
-        `measured_problem`; None where nothing is, and for the preset proved, whose `certificate` is that.
-    box_reason : str
-        Why nothing is, else empty.
+        The step for all robots within the tolerances, with another V and for the z of `measured_problem`; None where
+        that is not proved (`box_reason` says why), and for the preset proved, whose `certificate` is that.
     """
 
     certificate: Certificate | None
@@ -323,17 +304,14 @@ class DesignProof:
 
 
 class StepProof(NamedTuple):
-    """What is proved of the step that is asked for, as the controller starts it: terminal, page, status and
-    design.json take it from here.
+    """Whether the requested step is proved, as the controller starts it: terminal, page, status and design.json.
 
     Attributes
     ----------
     proved : bool
         With the true state fed back, in continuous time; for which robots, `text` says.
-    text : str
-        A sentence.
     missing : tuple of str
-        What fails of a proof or of the sampled check, for the status; empty where neither was made of it.
+        Failures of a proof or of the sampled check, for the status; empty where neither was made of it.
     """
 
     proved: bool
@@ -353,39 +331,38 @@ def step_proof(proof: DesignProof, chosen: DegreeChoice, inside: bool | None) ->
     """
     given, loop = proof.certificate, "the step with sampling, estimator and limits"
     if proof.box is not None or proof.inside:
-        box = proof.box is not None or any(p.low < p.high for p in given.parameters) if given else True
-        whom = "every robot within the tolerances" if box else "the nominal robot"
-        text = f"The step that is asked for is proved, for {whom}"
-        if given is not None and not proof.inside:
-            return StepProof(
-                True, f"{text}, but starts outside the region that is proved for the nominal robot's own V.",
-                (f"{loop}, to which the proof for all tolerances does not extend",),
-            )  # fmt: skip
-        if proof.lasts:
-            return StepProof(True, f"{text}.", ())
-        if proof.budget:
-            return StepProof(True, f"{text}.", (f"{loop}, which spends more than the proved level",))
+        box = proof.box is not None or given is None or any(p.low < p.high for p in given.parameters)
+        text = "The step that is asked for is proved, for "
+        text += "every robot within the tolerances" if box else "the nominal robot"
         which = "the proof for all tolerances" if proof.box is not None else "this proof"
-        return StepProof(True, f"{text}.", (f"{loop}, to which {which} does not extend",))
+        missing = (f"{loop}, to which {which} does not extend",)
+        if given is not None and not proof.inside:
+            text += ", but starts outside the region that is proved for the nominal robot's own V"
+        elif proof.lasts:
+            missing = ()
+        elif proof.budget:
+            missing = (f"{loop}, which spends more than the proved level",)
+        return StepProof(True, f"{text}.", missing)
+    text, missing = "Nothing is proved of the step that is asked for", ()
     if given is not None:
-        text = "Nothing is proved of the step that is asked for: it starts outside the proved region"
-        text += ", inside the sampled one." if inside else "."
-        return StepProof(False, text, ("the step starts outside the proved region",))
-    text = "Nothing is proved of the step that is asked for"
-    if not chosen.looked:
-        return StepProof(False, f"{text}, and no region was sampled.", ())
-    if np.isnan(chosen.level):
+        where = ", inside the sampled one" if inside else ""
+        text += f": it starts outside the proved region{where}"
+        missing = ("the step starts outside the proved region",)
+    elif not chosen.looked:
+        text += ", and no region was sampled"
+    elif np.isnan(chosen.level):
         why = chosen.limit.removeprefix("no region: ").rstrip(".")
-        return StepProof(False, f"{text}, and the sampled check gives no region ({why}).", ())
-    if inside is False:
-        text = f"{text}: it starts outside the sampled region."
-        return StepProof(False, text, ("the step starts outside the sampled region",))
-    text = f"{text}: it starts inside a region that is sampled."
-    return StepProof(False, text, ())
+        text += f", and the sampled check gives no region ({why})"
+    elif inside is False:
+        text += ": it starts outside the sampled region"
+        missing = ("the step starts outside the sampled region",)
+    else:
+        text += ": it starts inside a region that is sampled"
+    return StepProof(False, f"{text}.", missing)
 
 
 def prove_design(
-    robot: Robot, s: Specification, made: Synthesis, start: float, worth: Attenuation
+    robot: Robot, s: Specification, synthesis: Synthesis, start: float, worth: Attenuation
 ) -> DesignProof:
     """Prove the sampled region of a design's law, or a smaller one that still holds its step.
 
@@ -398,12 +375,12 @@ def prove_design(
     worth : Attenuation
         Whose budget is compared with the proved level.
     """
-    chosen, began = made.chosen, time.thread_time()
+    chosen, began = synthesis.chosen, time.thread_time()
     attained = None if worth.attained is None else worth.attained.gain
-    if made.proved is not None and made.proved.certificate is not None:
-        given = replace(made.proved.certificate, attained_gain=attained)
-        return DesignProof(given, start=start, cpu_seconds=made.proved.cpu_seconds)
-    refused = _refused(s, made)
+    if synthesis.proved is not None and synthesis.proved.certificate is not None:
+        given = replace(synthesis.proved.certificate, attained_gain=attained)
+        return DesignProof(given, start=start, cpu_seconds=synthesis.proved.cpu_seconds)
+    refused = _refused(s, synthesis)
     if refused:
         return DesignProof(None, refused)
     levels = [share * chosen.level for share in PROOF_SHARES]
@@ -412,7 +389,7 @@ def prove_design(
     while levels:
         left = s.proof_seconds - (time.thread_time() - began)
         try:
-            found = _proved_within(robot, s, made, levels.pop(0), left / 2.0 if levels else left)
+            found = _proved_within(robot, s, synthesis, levels.pop(0), left / 2.0 if levels else left)
         except OutOfTime:
             reasons.append(f"no proof was found within {s.proof_seconds:g} s of CPU time")
             levels = levels[-1:]  # the smallest takes the least time
@@ -427,19 +404,23 @@ def prove_design(
     return DesignProof(None, reasons[0], cpu_seconds=time.thread_time() - began)
 
 
-def with_tolerances(robot: Robot, s: Specification, made: Synthesis, proof: DesignProof) -> DesignProof:
+def with_tolerances(robot: Robot, s: Specification, synthesis: Synthesis, proof: DesignProof) -> DesignProof:
     """The same with the step proved for all robots within the tolerances, where the time that is left is enough.
 
     It is tried for linear laws of robots of one joint, where a region is proved or sampled too.
     """
-    if made.proved is not None or not robot.uncertain or _refused(s, made):
+    if synthesis.proved is not None or not robot.uncertain or _refused(s, synthesis):
         return proof
-    if made.solution.degree > 2:
-        reason = f"a law of degree {made.solution.degree - 1} is not tried; --degrees 2, or --preset proved"
+    if synthesis.solution.degree > 2:
+        reason = (
+            f"a law of degree {synthesis.solution.degree - 1} is not tried; --degrees 2, or --preset proved"
+        )
         return replace(proof, box_reason=reason)
-    problem = measured_problem(robot, made.goal, s)
+    problem = measured_problem(robot, synthesis.goal, s)
     ranges = parameter_ranges(robot, problem.plant)
-    law = BoxProof(solution=made.solution, problem=problem, step=float((made.goal - made.start)[0]))
+    law = BoxProof(
+        solution=synthesis.solution, problem=problem, step=float((synthesis.goal - synthesis.start)[0])
+    )
     try:
         law = common_box(law, ranges)
         left = max(s.proof_seconds - proof.cpu_seconds, 0.0)
@@ -448,27 +429,27 @@ def with_tolerances(robot: Robot, s: Specification, made: Synthesis, proof: Desi
         return replace(proof, box_reason=reason_of(error))
 
 
-def _refused(s: Specification, made: Synthesis) -> str:
+def _refused(s: Specification, synthesis: Synthesis) -> str:
     """Why no proof is tried; empty where one is."""
-    states = len(made.solution.state_names)
+    states = len(synthesis.solution.state_names)
     if states > MOST_STATES:
         return f"a proof is made in at most {MOST_STATES} states, and this law has {states}"
     if not s.proof_seconds:
         return "no proof was asked for (--proof-seconds 0)"
-    if made.law is not made.solution:
+    if synthesis.law is not synthesis.solution:
         return "the law is a schedule of several poses"
-    if not (made.chosen.looked and 0.0 < made.chosen.level < np.inf):
+    if not (synthesis.chosen.looked and 0.0 < synthesis.chosen.level < np.inf):
         return "there is no sampled region to prove"
     return ""
 
 
 def _proved_within(
-    robot: Robot, s: Specification, made: Synthesis, level: float, seconds: float
+    robot: Robot, s: Specification, synthesis: Synthesis, level: float, seconds: float
 ) -> Certificate:
     """A certificate of one level; raises `OutOfTime` after so many seconds of this thread."""
-    gamma = s.checked_gamma_ratio * made.design_problem.gamma_star
+    gamma = s.checked_gamma_ratio * synthesis.design_problem.gamma_star
     return certify(
-        made.solution, gamma, checked_penalty(s, made.design_problem), level,
-        about=f"{robot.name}, goal {goal_text(robot, made.goal)}, degree {made.chosen.degree} of V",
+        synthesis.solution, gamma, checked_penalty(s, synthesis.design_problem), level,
+        about=f"{robot.name}, goal {goal_text(robot, synthesis.goal)}, degree {synthesis.chosen.degree} of V",
         progress=time_limit(seconds),
     )  # fmt: skip

@@ -6,7 +6,7 @@ The robot that is driven may be another than the controller was designed for: wi
 from __future__ import annotations
 
 import difflib
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -15,11 +15,15 @@ import numpy as np
 
 from flexhinf.design.loop_setup import LoopPlants
 from flexhinf.design.plans import has_integrals, move_reference, stated_move, step_command
-from flexhinf.design.requirements import Requirement, move_requirements, step_requirements
+from flexhinf.design.requirements import (
+    REQUIREMENTS,
+    Requirement,
+    move_requirements,
+    step_requirements,
+)
 from flexhinf.design.responses import Move, Plan, Response, plan_ends, start_and_goal
 from flexhinf.design.specification import Specification
 from flexhinf.errors import InvalidInput
-from flexhinf.export.compiled import CompiledController
 from flexhinf.export.realtime import RealTimeRun, run_realtime
 from flexhinf.loop import Controller, Loop, Step
 from flexhinf.robot import MuJoCoPlant, Robot
@@ -38,17 +42,8 @@ WHERE = "this run, on MuJoCo's robot"
 
 @dataclass(frozen=True)
 class Conditions:
-    """What a run has beside its design.
-
-    Attributes
-    ----------
-    noise : bool
-        Whether measurements have the noise that the specification states.
-    load : float or None
-        Torque on every link, N·m or N.
-    load_at : float or None
-        When it begins, s; in the middle of the run by default.
-    """
+    """Circumstances of a run: whether measurements have the stated noise, and a torque on every link (N·m or N) from
+    the time `load_at` (s) on, by default from the middle of the run."""
 
     noise: bool = True
     load: float | None = None
@@ -61,12 +56,10 @@ class DeployedRun:
 
     Attributes
     ----------
-    robot : Robot
-        The one that is driven.
+    robot, box : Robot, MuJoCoPlant
+        The driven one, and in MuJoCo.
     plants : LoopPlants
         Of the robot that the controller was designed for: sensors, noise and limits.
-    box : MuJoCoPlant
-        The robot that is driven, in MuJoCo.
     start, goal : (n,)
         Link positions, rad or m.
     plan : Plan or None
@@ -87,18 +80,9 @@ class DeployedRun:
     arguments: dict[str, Any]
     conditions: Conditions
 
-    def make(
-        self,
-        library: CompiledController | None = None,
-        real_time: bool = True,
-        priority: int | None = None,
-        core: int | None = None,
-        watch: Callable[[], bool] | None = None,
-    ) -> RealTimeRun:
-        """Make the run; parameters as those of `flexhinf.run_realtime`, which raises what this raises."""
-        return run_realtime(
-            self.loop, **self.arguments, library=library, real_time=real_time, priority=priority, core=core, watch=watch
-        )  # fmt: skip
+    def make(self, **options: Any) -> RealTimeRun:
+        """Make the run; other options and errors are those of `flexhinf.run_realtime`."""
+        return run_realtime(self.loop, **self.arguments, **options)
 
     @cached_property
     def joints(self) -> tuple[str, ...]:
@@ -106,11 +90,11 @@ class DeployedRun:
         return self.robot.joint_names
 
     def response(self, run: RealTimeRun) -> Response:
-        """The run with its figures for each joint."""
+        """The run with its metrics for each joint."""
         return Response(run.trajectory, self.goal, self.start, self.joints)
 
     def requirements(self, run: RealTimeRun) -> list[Requirement]:
-        """What the specification requires of a run, and that every input was there in time."""
+        """The requirements of the specification, and that every input was there in time."""
         limits, response = self.plants.limits, self.response(run)
         if self.plan is None:
             lines = step_requirements(self.specification, limits, response, WHERE)
@@ -119,10 +103,7 @@ class DeployedRun:
             lines = [replace(line, where=WHERE) for line in lines]
         if not run.timing.real_time:
             return lines
-        missed = Requirement(
-            "missed deadlines", 0.0, 100.0 * float(np.mean(run.timing.missed)), "%", True, WHERE,
-            "samples whose input was not there before the next sample was due",
-        )  # fmt: skip
+        missed = REQUIREMENTS["deadlines"].judge(None, 0.0, 100.0 * float(np.mean(run.timing.missed)), WHERE)
         return [missed, *lines]
 
 
@@ -137,14 +118,12 @@ def prepare_run(
 
     Parameters
     ----------
-    controller : Controller
+    controller, designed : Controller, (Robot, Specification)
         Of the design.
-    designed : Robot and Specification
-        What it was designed for.
     robot : Robot
         The one that is driven.
     specification : Specification
-        Of the run: start, goal or move, shaping, duration, extras, noise, seed, and what is judged.
+        Of the run: start, goal or move, shaping, duration, extras, noise, seed, and limits.
 
     Raises
     ------
@@ -175,10 +154,9 @@ def prepare_run(
         "disturbance": _loads(robot, conditions, duration),
     }  # fmt: skip
     if not np.allclose(begun, start, rtol=0.0, atol=1e-12):  # the controller is told, as firmware would be
-        told = model.operating_point(start)
-        arguments |= {"initial_input": told[1]} if not controller.first_input.is_zero else {}
-        if controller.estimator is not None:
-            arguments["initial_estimate"] = told[0]
+        state, held = model.operating_point(start)
+        arguments |= {"initial_input": held} if not controller.first_input.is_zero else {}
+        arguments |= {"initial_estimate": state} if controller.estimator is not None else {}
     loop = Loop(box, controller, quantisation=plants.quantisation, delay=s.delay)
     return DeployedRun(robot, s, plants, controller, box, loop, start, goal, plan, arguments, conditions)
 

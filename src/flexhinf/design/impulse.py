@@ -1,4 +1,4 @@
-"""A blow on each joint of the resting loop, one run a joint: how the running loop comes to rest, and how damped.
+"""An impulse on each joint of the resting loop, one run a joint: the damping of the running loop's ring-down.
 
 An impulse of torque on a link makes its velocity jump, by M⁻¹ at the goal. So a run begins at the goal with that
 velocity; neither law nor estimator knows of it. Without measurement noise, which would hide what is left of the decay.
@@ -13,8 +13,11 @@ import numpy as np
 
 from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.problem.modes import JointScales
+from flexhinf.design.requirements import REQUIREMENTS, Requirement, of_several
 from flexhinf.design.responses import Response, default_load
-from flexhinf.loop.simulation.ring_down import FITS, Oscillation, RingDown, ring_down
+from flexhinf.design.specification import Specification
+from flexhinf.loop.simulation.ring_down import FITS, Oscillation, RingDown
+from flexhinf.loop.simulation.ring_down import ring_down as fit_ring_down
 
 #: An impulse is this fraction of the default load, times the time in which the joint's vibration goes through one
 #: radian: it twists the spring by about 3 % of the motor's largest torque in the step, where the loop is nearly linear.
@@ -29,13 +32,13 @@ PERIODS = 10.0
 #: Most samples of a delay that the fit remembers.
 MOST_LAGS = 20
 
-#: What is left of the blow is told after so many periods of the least damped oscillation.
+#: The remaining velocity is measured after so many periods of the least damped oscillation.
 AFTER = 3.0
 
 
 @dataclass(frozen=True, eq=False)
 class ImpulseRuns:
-    """One run a joint, at rest at the goal until the blow at time 0.
+    """One run a joint, at rest at the goal until the impulse at time 0.
 
     Attributes
     ----------
@@ -61,7 +64,7 @@ class ImpulseRuns:
         return any(response.diverged_at is not None for response in self.responses)
 
     @cached_property
-    def found(self) -> RingDown | None:
+    def ring_down(self) -> RingDown | None:
         """Oscillations of each run, in velocities and input of its own joint; None where one diverged."""
         if self.diverged:
             return None
@@ -72,10 +75,10 @@ class ImpulseRuns:
             columns = [n + joint, count - n + joint]
             name = names["state"][n + joint].replace("link_", "motor_")
             watched.append([*columns, *([names["state"].index(name)] if name in names["state"] else [])])
-        return ring_down(runs, watched, self.responses[0].run.settings["period"])
+        return fit_ring_down(runs, watched, self.responses[0].run.settings["period"])
 
     def _deviations(self, response: Response) -> np.ndarray:
-        """What the loop remembers: state, estimate, and inputs of the last samples, the newest last."""
+        """State, estimate, and inputs of the last samples, the newest last: what the loop remembers."""
         signals = response.run.signals
         inputs = signals["input"] - self.input
         before = [
@@ -89,32 +92,40 @@ class ImpulseRuns:
     @property
     def damping(self) -> float:
         """Smallest damping ratio of all runs; −∞ where one diverged."""
-        return -np.inf if self.found is None else self.found.damping
+        return -np.inf if self.ring_down is None else self.ring_down.damping
 
     @property
     def worst(self) -> int:
-        """The joint whose blow shows it."""
-        if self.found is None:
+        """The joint of the impulse that shows it."""
+        if self.ring_down is None:
             return next(k for k, response in enumerate(self.responses) if response.diverged_at is not None)
-        return self.found.worst
+        return self.ring_down.worst
+
+    def requirement(self, s: Specification, damping: float) -> Requirement:
+        """That the running loop comes to rest after an impulse as damped as every oscillation must be."""
+        where = (
+            "nonlinear loop at rest at the goal, struck on one joint after the other, nominal robot, no noise"
+        )
+        joint = of_several(self.responses[0].joints, self.worst)
+        return REQUIREMENTS["ring_down"].judge(s, damping, self.damping, where, joint=joint)
 
     @property
     def exponential(self) -> bool:
         """Whether the runs are decaying oscillations, as those of a linear loop."""
-        return self.found is not None and self.found.error <= FITS
+        return self.ring_down is not None and self.ring_down.error <= FITS
 
     def least_damped(self, joint: int) -> Oscillation | None:
-        """Of the run with the blow on a joint; None where nothing oscillates."""
-        seen = () if self.found is None else self.found.oscillations[joint]
-        return seen[0] if seen else None
+        """Of the run with the impulse on a joint; None where nothing oscillates."""
+        oscillations = () if self.ring_down is None else self.ring_down.oscillations[joint]
+        return oscillations[0] if oscillations else None
 
     def velocity(self, joint: int) -> np.ndarray:
-        """Velocity (N,) of the link that was struck, over its peak."""
+        """Velocity (N,) of the link with the impulse, over its peak."""
         own = self.responses[joint].velocities[:, joint]
         return own / np.abs(own).max()
 
     def left(self, joint: int) -> float | None:
-        """Largest velocity of the struck link after `AFTER` periods of its least damped oscillation, over its peak;
+        """Largest velocity of that link, over its peak, after `AFTER` periods of its least damped oscillation;
         None where nothing oscillates, or the run is shorter."""
         oscillation, response = self.least_damped(joint), self.responses[joint]
         if oscillation is None or response.run.time[-1] * oscillation.frequency < AFTER:

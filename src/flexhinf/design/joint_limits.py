@@ -1,8 +1,7 @@
-"""What each joint must keep: the limits of inputs, speeds and positions, from the specification or the robot."""
+"""Limits of the inputs, speeds and positions of each joint, from the specification or the robot."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -20,7 +19,7 @@ ROBOT = "the robot's file"
 
 
 class LimitUse(NamedTuple):
-    """How much of a limit a run uses, in the joint and at the moment where it uses most of it.
+    """Use of a limit by a run, in the joint and at the moment where it is largest.
 
     Attributes
     ----------
@@ -119,39 +118,41 @@ class JointLimits:
     def input_use(self, response: Response, limits: np.ndarray | None = None) -> LimitUse:
         """Of the peak, or other limits (n,) of the inputs."""
         limits = self.peak if limits is None else limits
-        return self._use(response, lambda run: run.inputs, limits, self.effort_units)
+        return self._use(response, response.inputs, limits, self.effort_units)
 
     def speed_use(self, response: Response) -> LimitUse:
         """Of the speed."""
-        return self._use(response, lambda run: run.velocities, self.speed, self.speed_units)
+        return self._use(response, response.velocities, self.speed, self.speed_units)
 
     def beyond_range(self, response: Response) -> LimitUse:
-        """How far outside of its range (lower, upper) a joint gets, rad or m: at most the limit 0 for none.
-
-        The joint is the one that is furthest outside.
-        """
+        """Largest distance of a joint outside of its range (lower, upper), rad or m; the limit is 0."""
         if response.diverged_at is not None:
             return LimitUse(np.inf, 0.0, "", self.position_units[0], None)
         q = response.positions
         beyond = np.maximum(np.maximum(self.lower - q, q - self.upper), 0.0)
-        row, joint = divmod(int(np.argmax(beyond)), beyond.shape[1])
-        found, at = float(beyond[row, joint]), float(response.run.time[row])
-        return LimitUse(found, 0.0, self.joints[joint], self.position_units[joint], at)
+        return self._largest(response, beyond, beyond, np.zeros(len(self.joints)), self.position_units)
 
     def _use(
-        self,
-        response: Response,
-        signal: Callable[[Response], np.ndarray],
-        limits: np.ndarray,
-        units: tuple[str, ...],
+        self, response: Response, signal: np.ndarray, limits: np.ndarray, units: tuple[str, ...]
     ) -> LimitUse:
         if response.diverged_at is not None:
             tightest = int(np.argmin(limits))
             return LimitUse(np.inf, float(limits[tightest]), "", units[tightest], None)
-        values = np.abs(signal(response))
-        row, joint = divmod(int(np.argmax(values / limits)), values.shape[1])
-        value, limit = float(values[row, joint]), float(limits[joint])
-        return LimitUse(value, limit, self.joints[joint], units[joint], float(response.run.time[row]))
+        values = np.abs(signal)
+        return self._largest(response, values / limits, values, limits, units)
+
+    def _largest(
+        self,
+        run: Response,
+        shares: np.ndarray,
+        values: np.ndarray,
+        limits: np.ndarray,
+        units: tuple[str, ...],
+    ) -> LimitUse:
+        """The value (N, n) at the largest share (N, n), with its joint and its time."""
+        row, joint = divmod(int(np.argmax(shares)), shares.shape[1])
+        value, at = float(values[row, joint]), float(run.run.time[row])
+        return LimitUse(value, float(limits[joint]), self.joints[joint], units[joint], at)
 
 
 def joint_limits(robot: Robot, s: Specification) -> JointLimits:

@@ -187,7 +187,7 @@ class LoopSetup(LoopPlants):
     linear_model : bool
         Whether the estimator's model is the linearisation at the goal: a linear Kalman filter.
     chosen_zone : (n,), optional
-        Errors that are not integrated where the specification states none; see `flexhinf.design.hunting`.
+        Errors that are not integrated where the specification states none; see `flexhinf.design.limit_cycle`.
     quiet : bool
         Whether runs of the nominal robot have no measurement noise; those of sampled robots, and the noise at the
         motors, have it in any case.

@@ -1,16 +1,21 @@
-"""The same run on many robots sampled within their tolerances, with the controller as it was designed."""
+"""Metrics of a step or a move of all joints on many robots at once, and a design's own sampled robots.
+
+The metrics are reductions, computed while each run goes on; the controller stays as it was designed.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
 
+from flexhinf.campaign import Metrics
+from flexhinf.design.joint_limits import JointLimits
 from flexhinf.design.loop_setup import LoopSetup
-from flexhinf.loop import Instant, Reduction
+from flexhinf.loop import EnsembleResult, Instant, Reduction
 from flexhinf.loop.simulation.metrics import Command, step_reduction
 from flexhinf.robot.signals import signal_names
 from flexhinf.scalars import maximum, where
@@ -245,3 +250,130 @@ def _named_move_sizes(n: int, kept: np.ndarray, command: Command) -> dict[str, n
 def _kept(samples: int) -> np.ndarray:
     """Numbers (T,) of samples, evenly apart."""
     return np.arange(0, samples, max(1, -(-samples // KEPT)))
+
+
+# Metrics of a campaign's runs -----------------------------------------------------------------------------
+@dataclass(frozen=True)
+class JointMetric:
+    """A metric that joints have: its unit for each joint, and the joints that have it."""
+
+    units: Sequence[str]
+    joints: Sequence[int]
+
+    @property
+    def unit(self) -> str:
+        """Of the worst of all joints; empty where they differ."""
+        return self.units[0] if len(set(self.units)) == 1 else ""
+
+
+@dataclass(frozen=True, eq=False)
+class RunMetrics:
+    """Metrics of a run of all joints, each the worst of them, and where there are several those of each joint.
+
+    Attributes
+    ----------
+    own : mapping of str to JointMetric
+        Metrics of this kind of run; the first is the primary one.
+    values : callable
+        Numbers of the reductions to `own` by name, (N, n); of a joint that has none any number.
+    reductions : callable
+        Names of the command, and columns of estimated and true positions, to the reductions.
+    """
+
+    limits: JointLimits
+    own: Mapping[str, JointMetric]
+    values: Callable[[Mapping[str, np.ndarray]], dict[str, np.ndarray]]
+    reductions: Callable[[Sequence[str], Sequence[tuple[int, int]]], list[Reduction]]
+
+    @staticmethod
+    def of_step(limits: JointLimits, start: np.ndarray, goal: np.ndarray) -> RunMetrics:
+        """Of a step from start to goal (n,), rad or m: of the joints that move, and where every joint ends."""
+        n, moving = len(goal), np.flatnonzero(start != goal).tolist()
+        kinds = {"overshoot_percent": "%", "settling_time_s": "s", "rise_time_s": "s"}
+        own = {name: JointMetric([unit] * n, moving) for name, unit in kinds.items()}
+        own["steady_state_error"] = JointMetric(limits.position_units, range(n))
+        reductions = partial(_step_reductions_of, start, goal)
+        return RunMetrics(limits, own, partial(_step_values, tuple(kinds)), reductions)
+
+    @staticmethod
+    def of_move(limits: JointLimits, tracking: np.ndarray, final: np.ndarray) -> RunMetrics:
+        """Of a move: largest distances from it, and from its end after it; and as fractions of those required (n,)."""
+        joints, shares = range(len(limits.joints)), [""] * len(limits.joints)
+        units = {
+            "tracking_error": limits.position_units, "tracking_error_use": shares,
+            "final_error": limits.position_units, "final_error_use": shares,
+        }  # fmt: skip
+        own = {name: JointMetric(each, joints) for name, each in units.items()}
+        reductions = partial(_move_reductions_of, limits.joints)
+        return RunMetrics(limits, own, partial(_move_values, tracking, final), reductions)
+
+    @cached_property
+    def joint_metrics(self) -> dict[str, JointMetric]:
+        """Its own, then peaks."""
+        limits, every = self.limits, range(len(self.limits.joints))
+        peaks = {"peak_input": limits.effort_units, "peak_speed": limits.speed_units}
+        return {**self.own, **{name: JointMetric(units, every) for name, units in peaks.items()}}
+
+    @property
+    def units(self) -> dict[str, str]:
+        """By name; a fraction of a limit only where there is one."""
+        found = {name: metric.unit for name, metric in self.joint_metrics.items()}
+        found["estimation_error"] = JointMetric(self.limits.position_units, ()).unit
+        found |= {"input_limit_use": ""} if self.limits.limits_peak else {}
+        found |= {"speed_limit_use": ""} if self.limits.limits_speed else {}
+        return found | {name: self.joint_metrics[kind].units[k] for name, (kind, k) in self._parts.items()}
+
+    @cached_property
+    def _parts(self) -> dict[str, tuple[str, int]]:
+        """Metrics of single joints, where there are several: which metric, and of which joint."""
+        names = self.limits.joints
+        several = self.joint_metrics.items() if len(names) > 1 else ()
+        return {f"{kind}_{names[k]}": (kind, k) for kind, metric in several for k in metric.joints}
+
+    def metrics(self, states: Sequence[str], estimated: Sequence[str], commanded: Sequence[str]) -> Metrics:
+        """For a campaign whose true plant, estimate and command have these names."""
+        names = [name for name in signal_names("link_position", self.limits.joints) if name in estimated]
+        pairs = tuple((tuple(estimated).index(name), tuple(states).index(name)) for name in names)
+        reductions = self.reductions(commanded, pairs)
+        return Metrics(self.units, None, partial(self._reduced, bool(pairs)), reductions, tuple(self._parts))
+
+    def _reduced(self, estimated: bool, found: EnsembleResult) -> dict[str, np.ndarray]:
+        """Of N runs (N,) by name."""
+        effort, speed = found.common["effort"], found.common["speed"]
+        nothing = np.full(len(found.codes), np.nan)
+        every = {**self.values(found.common), "peak_input": effort, "peak_speed": speed}
+        worst = {
+            kind: every[kind][:, list(metric.joints)].max(axis=1) if len(metric.joints) else nothing
+            for kind, metric in self.joint_metrics.items()
+        }
+        worst["estimation_error"] = found.common["estimate"] if estimated else nothing
+        worst["input_limit_use"] = (effort / self.limits.peak).max(axis=1)
+        worst["speed_limit_use"] = (speed / self.limits.speed).max(axis=1)
+        return worst | {name: every[kind][:, k] for name, (kind, k) in self._parts.items()}
+
+
+def _step_reductions_of(start: np.ndarray, goal: np.ndarray, commanded: Any, pairs: Any) -> list[Reduction]:
+    return step_reductions(start, goal, pairs)
+
+
+def _move_reductions_of(joints: Sequence[str], commanded: Any, pairs: Any) -> list[Reduction]:
+    return move_reductions(position_columns(commanded, joints), pairs)
+
+
+def _step_values(kinds: Sequence[str], common: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    late = common["late_error"]
+    joints = range(late.shape[1])
+    found = {
+        kind: np.stack([common.get(f"{k} {kind}", late[:, k]) for k in joints], axis=1) for kind in kinds
+    }
+    return {**found, "steady_state_error": late}
+
+
+def _move_values(
+    tracking: np.ndarray, final: np.ndarray, common: Mapping[str, np.ndarray]
+) -> dict[str, np.ndarray]:
+    error, late = common["tracking_error"], common["late_error"]
+    return {
+        "tracking_error": error, "tracking_error_use": error / tracking, "final_error": late,
+        "final_error_use": late / final,
+    }  # fmt: skip

@@ -4,36 +4,34 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import NamedTuple
 
 import numpy as np
 
+from flexhinf.design.along_move import along_requirements
 from flexhinf.design.attenuation import attenuation, searches_disturbance
-from flexhinf.design.carrying import Carried, carried_payloads
 from flexhinf.design.certification import prove_design, with_tolerances
 from flexhinf.design.criterion import check_mode, criterion_for, reference_metrics, stated_limits
 from flexhinf.design.evaluation import LawEvaluation
-from flexhinf.design.hunting import RestRun, brought_to_rest
 from flexhinf.design.joint_limits import joint_limits
 from flexhinf.design.laws import DESIGN, LawFactory, LawKind, law_kind, law_names
+from flexhinf.design.limit_cycle import LimitCycleCheck, end_limit_cycle
 from flexhinf.design.loop_setup import LoopSetup
+from flexhinf.design.payload import PayloadEvaluation, evaluate_payloads, payload_requirements
 from flexhinf.design.plans import plan_move, stated_move
 from flexhinf.design.problem.modes import JointScales, closed_loop, modes_of
 from flexhinf.design.problem.presets import preset_of, required_damping
 from flexhinf.design.requirements import (
     Requirement,
     behaviour_requirements,
-    carrying_requirements,
     corner_requirement,
-    hunting_requirement,
     margin_requirements,
     move_requirements,
-    ring_down_requirement,
     sample_requirements,
     step_requirements,
 )
 from flexhinf.design.responses import (
     COMPARED_SAMPLES,
+    SAMPLES,
     Response,
     Scenario,
     default_load,
@@ -98,12 +96,12 @@ def design(robot: Robot, specification: Specification, progress: Progress | None
         check_expressed(s.extras)
     progress("equilibrium, and weights")
     synthesis = synthesise(robot, s, progress)
-    setup, rest = brought_to_rest(synthesis.setup(robot, s))
+    setup, rest = end_limit_cycle(synthesis.setup(robot, s))
     progress("margins of the running loop")
     linear = LawEvaluation(DESIGN, setup)
     modes = _law_modes(linear, synthesis)
     progress("compile the closed loop, and run the step")
-    scenario, step = _scenario(linear, synthesis, _duration(setup, modes), sample_count)
+    scenario, step = _scenario(linear, synthesis, _duration(setup, modes), SAMPLES)
     evaluation = linear.in_scenario(scenario, step)
     evaluation.compute(
         "margins"
@@ -114,19 +112,22 @@ def design(robot: Robot, specification: Specification, progress: Progress | None
         evaluation.compute("corners", "frequency_response")
         progress("the worst disturbance, and the dissipation budget of the step")
         worth = attenuation(setup, synthesis, scenario.step_duration)
-        mujoco = _on_mujoco(setup, scenario, progress) if s.mujoco else None
+        mujoco = None
+        if s.mujoco:
+            progress("the step on MuJoCo's plant")
+            mujoco = setup.step(scenario.step_duration, plant=setup.mujoco_plant(setup.goal))
         progress("load, move and sampled robots")
         rigid = rigid.result()
-    progress("what the robot carries")
-    loads = carried_payloads(evaluation)
-    lines = tuple(_requirements(evaluation, synthesis, mujoco, rest, loads))
+    progress("payloads at the ends of their ranges")
+    payloads = evaluate_payloads(evaluation)
+    lines = tuple(_requirements(evaluation, synthesis, mujoco, rest, payloads))
     start = _start_value(setup, synthesis)
     inside = start <= synthesis.chosen.level if synthesis.sampled else None
     progress("proof of the region")
     proof = with_tolerances(robot, s, synthesis, prove_design(robot, s, synthesis, start, worth))
     return Design(
         robot=robot, specification=s, synthesis=synthesis, evaluation=evaluation, attenuation=worth, inside=inside,
-        proof=proof, mujoco=mujoco, rigid=rigid, rest=rest, carried=loads, law_modes=modes, requirements=lines,
+        proof=proof, mujoco=mujoco, rigid=rigid, rest=rest, payloads=payloads, law_modes=modes, requirements=lines,
         status=status_of(lines, evaluation, synthesis.chosen, worth, inside, proof),
     )  # fmt: skip
 
@@ -159,7 +160,7 @@ def _scenario(
     linear: LawEvaluation,
     synthesis: Synthesis,
     duration: float,
-    count: Callable[[Robot, int, Specification], int],
+    samples: Sequence[tuple[int, int]],
 ) -> tuple[Scenario, Response]:
     """What every law is run with, and the design's own step; its peak without noise sets the load."""
     setup, s, robot = linear.setup, linear.setup.specification, linear.setup.robot
@@ -176,7 +177,8 @@ def _scenario(
     plan = stated or plan_move(
         robot, s, setup.start, setup.goal, _followed(linear, synthesis), float(scales.vibration.min()), held
     )
-    robots = sample_robots(robot, count(robot, len(synthesis.problem.state_names), s), s.seed)
+    count = sample_count(robot, len(synthesis.problem.state_names), s, samples)
+    robots = sample_robots(robot, count, s.seed)
     rest = duration if stated else None
     return Scenario(duration, load, 2.0 * duration, plan, robots, taken, rest), step
 
@@ -193,15 +195,7 @@ def _start_value(setup: LoopSetup, synthesis: Synthesis) -> float:
     """V where the step starts, with the integrals that the controller chooses; nan where there is no region."""
     if not synthesis.sampled and synthesis.proved is None:
         return float("nan")
-    law, proved = synthesis.solution, synthesis.proved
-    x = setup.departure(law)
-    return float(law.value(x)) if proved is None else float(proved.value(x))
-
-
-def _on_mujoco(setup: LoopSetup, scenario: Scenario, progress: Progress) -> Response:
-    """The step on the same robot in MuJoCo."""
-    progress("the step on MuJoCo's plant")
-    return setup.step(scenario.step_duration, plant=setup.mujoco_plant(setup.goal))
+    return float((synthesis.proved or synthesis.solution).value(setup.departure(synthesis.solution)))
 
 
 def _rigid(evaluation: LawEvaluation, synthesis: Synthesis) -> RigidComparison | None:
@@ -219,41 +213,37 @@ def _requirements(
     evaluation: LawEvaluation,
     synthesis: Synthesis,
     mujoco: Response | None,
-    rest: RestRun | None,
-    loads: tuple[Carried, ...],
+    rest: LimitCycleCheck | None,
+    payloads: tuple[PayloadEvaluation, ...],
 ) -> list[Requirement]:
     """The specification line by line: the running loop first, then runs, then tolerances."""
-    s, target = evaluation.setup.specification, synthesis.design_problem.target
-    judged = _law_requirements(evaluation)
-    lines = judged.margins
+    setup, target = evaluation.setup, synthesis.design_problem.target
+    s, limits = setup.specification, setup.limits
+    lines, step, robots = _law_requirements(evaluation)
     damping = None if target is None else required_damping(s, target)
     if target is not None and damping is not None:
-        joints = evaluation.setup.joints
-        damped = evaluation.least_damped_joint
-        lines += behaviour_requirements(s, target.bandwidth, damping, evaluation.margins, joints, damped)
-        lines.append(ring_down_requirement(s, damping, evaluation.ring_down))
-    limits = evaluation.setup.limits
-    lines += judged.step
+        least_damped = evaluation.least_damped_joint
+        lines += behaviour_requirements(
+            s, target.bandwidth, damping, evaluation.margins, setup.joints, least_damped
+        )
+        lines.append(evaluation.ring_down.requirement(s, damping))
+    lines += step
     if mujoco is not None:
         lines += step_requirements(s, limits, mujoco, "the step on MuJoCo's plant")
-    lines += move_requirements(s, limits, evaluation.move, synthesis.along)
+    lines += move_requirements(s, limits, evaluation.move)
+    if s.move is not None and synthesis.along is not None:
+        lines += along_requirements(s, synthesis.along)
     if rest is not None:
-        lines.append(hunting_requirement(rest, limits.position_units))
-    for load in loads:
-        lines += carrying_requirements(s, limits, load, damping)
-    return lines + judged.robots
+        lines.append(rest.requirement(limits.position_units))
+    for payload in payloads:
+        lines += payload_requirements(s, limits, payload, damping)
+    return lines + robots
 
 
-class _Judged(NamedTuple):
-    """Requirements of one law in its loop: margins, the step of the nominal robot, corners and sampled robots."""
-
-    margins: list[Requirement]
-    step: list[Requirement]
-    robots: list[Requirement]
-
-
-def _law_requirements(evaluation: LawEvaluation) -> _Judged:
-    """What `design` and `compare` both require of a law."""
+def _law_requirements(
+    evaluation: LawEvaluation,
+) -> tuple[list[Requirement], list[Requirement], list[Requirement]]:
+    """What `design` and `compare` both require of a law: margins, the nominal step, corners and sampled robots."""
     setup = evaluation.setup
     s, limits, linear = setup.specification, setup.limits, not evaluation.linear_failure
     unlimited = evaluation.unlimited_step if limits.limits_peak else None
@@ -262,15 +252,9 @@ def _law_requirements(evaluation: LawEvaluation) -> _Judged:
         robots.append(corner_requirement(evaluation.corners))
     if evaluation.step_samples is not None:
         robots += sample_requirements(s, limits, evaluation.step_samples)
-    return _Judged(
-        margin_requirements(s, evaluation.margins, setup.joints) if linear else [],
-        step_requirements(s, limits, evaluation.step, "the step, nominal robot", unlimited),
-        robots,
-    )
-
-
-def _unit(synthesis: Synthesis) -> str:
-    return synthesis.problem.plant.unit(synthesis.problem.input_names[0])
+    margins = margin_requirements(s, evaluation.margins, setup.joints) if linear else []
+    step = step_requirements(s, limits, evaluation.step, "the step, nominal robot", unlimited)
+    return margins, step, robots
 
 
 #: What the preset `robust` adds: channels, the weights of the whole loop, and their noise levels.
@@ -283,11 +267,18 @@ PROVED_STAGES = 6 + 1
 def stages(robot: Robot, specification: Specification) -> int:
     """About how many steps of work a design has, for a progress bar."""
     s, states = specification, 5 * len(robot.joint_names)
+    robust = ROBUST_STAGES * (preset_of(robot, s) == "robust")
+    return (
+        8 + _synthesis_stages(robot, s) + s.mujoco + robust + searches_disturbance(states, rays_of(states, s))
+    )
+
+
+def _synthesis_stages(robot: Robot, s: Specification) -> int:
+    """Those of the laws, with one for each pose of a schedule and one for the search of an effort limit."""
     preset, limits = preset_of(robot, s), joint_limits(robot, s)
-    solved = PROVED_STAGES if preset == "proved" else synthesis_stages(states, s)
-    more = (preset in ("damped", "robust") and (limits.limits_peak or limits.limits_speed)) + s.mujoco
-    more += ROBUST_STAGES * (preset == "robust")
-    return 8 + solved + len(s.via) + more + searches_disturbance(states, rays_of(states, s))
+    limited = preset in ("damped", "robust") and (limits.limits_peak or limits.limits_speed)
+    solved = PROVED_STAGES if preset == "proved" else synthesis_stages(5 * len(robot.joint_names), s)
+    return solved + len(s.via) + limited
 
 
 # Comparison ---------------------------------------------------------------------------------------------
@@ -343,12 +334,12 @@ def compare(
     check_mode(tune, "tune='peak'")
     progress("equilibrium, and weights")
     synthesis = synthesise(robot, s, progress)
-    setup, _ = brought_to_rest(synthesis.setup(robot, s))
+    setup, _ = end_limit_cycle(synthesis.setup(robot, s))
     progress("what all laws share: load, move, criterion")
     linear = LawEvaluation(DESIGN, setup, other_noise=False)
-    scenario, step = _scenario(linear, synthesis, step_duration(linear, synthesis), _compared_samples)
+    scenario, step = _scenario(linear, synthesis, step_duration(linear, synthesis), COMPARED_SAMPLES)
     own = linear.in_scenario(scenario, step)
-    unit = _unit(synthesis)
+    unit = synthesis.problem.plant.unit(synthesis.problem.input_names[0])
     criterion = criterion_for(
         tune,
         reference_metrics(own),
@@ -357,19 +348,13 @@ def compare(
         unit,
         setup.position_resolution(),
     )
-    tuner = Tuner(LawFactory(synthesis, _mean(linear, synthesis)), own, criterion, same_sensors)
+    bandwidth = float(
+        np.exp(np.mean(np.log(_followed(linear, synthesis))))
+    )  # where searches over bandwidths begin
+    tuner = Tuner(LawFactory(synthesis, bandwidth), own, criterion, same_sensors)
     tuned = tuner.tune_all(kinds, laws or (), progress)
     rows = tuple(_row(kind, tuned[kind.name], progress) for kind in kinds)
     return Comparison(robot, s, synthesis, criterion, rows, scenario)
-
-
-def _compared_samples(robot: Robot, states: int, s: Specification) -> int:
-    return sample_count(robot, states, s, COMPARED_SAMPLES)
-
-
-def _mean(linear: LawEvaluation, synthesis: Synthesis) -> float:
-    """Geometric mean of the joints' bandwidths, rad/s: where searches over bandwidths begin."""
-    return float(np.exp(np.mean(np.log(_followed(linear, synthesis)))))
 
 
 def _row(kind: LawKind, tuned: TunedLaw | str, progress: Progress) -> ComparedLaw:
@@ -385,22 +370,11 @@ def _row(kind: LawKind, tuned: TunedLaw | str, progress: Progress) -> ComparedLa
     if evaluation.scenario.robots:
         progress(f"{kind.name}: {len(evaluation.scenario.robots)} robots within their tolerances")
     evaluation.compute("metrics")
-    judged = _law_requirements(evaluation)
-    return ComparedLaw(kind, tuned, (*judged.margins, *judged.step, *judged.robots))
+    margins, step, robots = _law_requirements(evaluation)
+    return ComparedLaw(kind, tuned, (*margins, *step, *robots))
 
 
 def comparison_stages(robot: Robot, s: Specification, laws: Sequence[str] | None = None) -> int:
     """About how many steps of work a comparison has, for a progress bar."""
-    states = 5 * len(robot.joint_names)
-    preset = preset_of(robot, s)
-    solved = PROVED_STAGES if preset == "proved" else synthesis_stages(states, s)
-    each = 5 if sample_count(robot, states, s) else 4
-    searched = preset in ("damped", "robust")
-    limits = joint_limits(robot, s)
-    return (
-        3
-        + (searched and (limits.limits_peak or limits.limits_speed))
-        + solved
-        + len(s.via)
-        + each * len(law_names(laws))
-    )
+    each = 5 if sample_count(robot, 5 * len(robot.joint_names), s) else 4
+    return 3 + _synthesis_stages(robot, s) + each * len(law_names(laws))

@@ -1,9 +1,8 @@
-"""What a specification requires, against what the loop achieves: one line each.
+"""Requirements of a specification against what the loop achieves, and the one place where it is decided which are met.
 
-Whether a requirement is met is decided here and nowhere else. Bandwidth, damping, peak sensitivity and gain margin are
+`REQUIREMENTS` has a row for each: what it is called, how it is measured, its unit, whether its limit is an upper one,
+and the field of the specification that states the limit. Bandwidth, damping, peak sensitivity and gain margin are
 judged on the running loop: sampled, with the estimator and the delay, and with the extras that can be linearised.
-
-What a move must keep: a stated one is tracked, comes to rest and keeps the limits; a planned one only the last.
 """
 
 from __future__ import annotations
@@ -11,18 +10,15 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from flexhinf.analysis import Margins, ToleranceCorners
-from flexhinf.design.along_move import AlongMove
-from flexhinf.design.carrying import Carried
-from flexhinf.design.hunting import RestRun
-from flexhinf.design.impulse import ImpulseRuns
 from flexhinf.design.joint_limits import ROBOT, JointLimits, LimitUse
 from flexhinf.design.monte_carlo import MonteCarlo
 from flexhinf.design.responses import Move, Response
-from flexhinf.design.specification import FIELDS, RINGS, TOLERANCE, Specification, SpecificationError
+from flexhinf.design.specification import FIELDS, TOLERANCE, Specification, SpecificationError
 from flexhinf.loop.simulation.metrics import SETTLING_BAND
 
 #: The requirement of the links' speeds.
@@ -43,7 +39,7 @@ class Requirement:
     at_most : bool
         Whether `limit` is an upper limit; otherwise a lower one.
     where : str
-        What was looked at.
+        The run or loop that was judged.
     criterion : str
         How `found` is defined.
     stated_by : str
@@ -100,6 +96,79 @@ class Requirement:
         )
 
 
+@dataclass(frozen=True)
+class Definition:
+    """A row of the table of requirements; `field` of the specification states its limit, "" where none does."""
+
+    what: str
+    criterion: str
+    unit: str = ""
+    at_most: bool = True
+    field: str = ""
+
+    def judge(
+        self, s: Specification | None, limit: float, found: float, where: str, **more: Any
+    ) -> Requirement:
+        """The requirement with its numbers; `more` are other fields of it, instead of those of the row."""
+        stated = {"stated_by": stating_option(s, self.field)} if s is not None and self.field else {}
+        row: dict[str, Any] = {"unit": self.unit, "criterion": self.criterion} | stated | more
+        return Requirement(self.what, float(limit), float(found), at_most=self.at_most, where=where, **row)
+
+
+REQUIREMENTS = {
+    "bandwidth": Definition(
+        "bandwidth", "where |command → link position| is 3 dB below its value at rest", "rad/s", False, "bandwidth"
+    ),
+    "damping": Definition(
+        "damping of oscillations", "smallest damping ratio of every oscillation, the estimator's included",
+        at_most=False, field="damping",
+    ),
+    "ring_down": Definition(
+        "damping in the ring-down",
+        "smallest damping ratio of every oscillation that makes up 5 % of the struck joint's velocity or input",
+        at_most=False, field="damping",
+    ),
+    "peak_sensitivity": Definition(
+        "peak sensitivity", "largest singular value of S at the plant's inputs, over all frequencies",
+        field="peak_sensitivity",
+    ),
+    "gain_margin": Definition(
+        "gain margin", "smallest factor, up or down, of one input's gain that makes the loop unstable", at_most=False,
+        field="gain_margin",
+    ),
+    "corners": Definition("unstable corners", "corners with a pole outside the unit circle"),
+    "overshoot": Definition(
+        "overshoot", "largest of all joints, per cent of the joint's own step", "%", field="overshoot"
+    ),
+    "unsettled": Definition(
+        "runs that do not settle", "runs that diverge, or are outside ±2 % of the step at their end"
+    ),
+    "peak": Definition("peak input", "largest |input| of all motors"),
+    "speed": Definition(SPEED, "|velocity| of the link nearest to its limit"),
+    "range": Definition("distance beyond a joint's range", "largest of all true link positions"),
+    "tracking": Definition(
+        "tracking error",
+        "largest distance of a true link position from the move, of the joint nearest to its limit",
+        field="tracking_error",
+    ),
+    "final": Definition(
+        "distance after the move",
+        "largest distance from the end of the move in the last tenth of the run; required: 2 % of the joint's way",
+    ),
+    "limit_cycle": Definition(
+        "hunting at rest",
+        "largest amplitude of a link position in the last half; the limit is three standard deviations of a measured "
+        "position, or one step of its sensor",
+    ),
+    "load_step": Definition(
+        "remaining sag", "largest deviation of a link in the last tenth; the limit is 2 % of its step"
+    ),
+    "deadlines": Definition(
+        "missed deadlines", "samples whose input was not there before the next sample was due", "%"
+    ),
+}  # fmt: skip
+
+
 def all_met(lines: Sequence[Requirement]) -> bool:
     """Whether every requirement is met."""
     return all(line.met for line in lines)
@@ -117,21 +186,21 @@ def peak_option(unit: str, source: str = "") -> str:
     return ROBOT if source == ROBOT else named.get(unit, "--peak-torque")
 
 
+def of_several(joints: Sequence[str], joint: str | int) -> str:
+    """The name of a joint where there are several; otherwise empty."""
+    return "" if len(joints) < 2 else joints[joint] if isinstance(joint, int) else joint
+
+
+# The linear loop --------------------------------------------------------------------------------------------
 def margin_requirements(
     s: Specification, margins: Margins, joints: Sequence[str] = ("",)
 ) -> list[Requirement]:
     """Peak sensitivity and gain margin of the running loop; `joints` are those of the inputs."""
     return [
-        Requirement(
-            "peak sensitivity", s.peak_sensitivity_limit, margins.peak_sensitivity, "", True, RUNNING,
-            "largest singular value of S at the plant's inputs, over all frequencies",
-            stating_option(s, "peak_sensitivity"),
-        ),
-        Requirement(
-            "gain margin", s.gain_margin_limit, margins.gain_margin, "", False, RUNNING,
-            "smallest factor, up or down, of one input's gain that makes the loop unstable",
-            stating_option(s, "gain_margin"),
-            joints[margins.weakest_input] if len(joints) > 1 else "",
+        REQUIREMENTS["peak_sensitivity"].judge(s, s.peak_sensitivity_limit, margins.peak_sensitivity, RUNNING),
+        REQUIREMENTS["gain_margin"].judge(
+            s, s.gain_margin_limit, margins.gain_margin, RUNNING,
+            joint=joints[margins.weakest_input] if len(joints) > 1 else "",
         ),
     ]  # fmt: skip
 
@@ -157,32 +226,23 @@ def behaviour_requirements(
     """
     fraction = np.nan_to_num(margins.bandwidth / bandwidth, nan=0.0)
     worst = int(np.argmin(fraction))
-    found = float(np.nan_to_num(margins.bandwidth[worst], nan=0.0))
+    found = np.nan_to_num(margins.bandwidth[worst], nan=0.0)
     return [
-        Requirement(
-            "bandwidth", float(bandwidth[worst]), found, "rad/s", False, RUNNING,
-            "where |command → link position| is 3 dB below its value at rest", stating_option(s, "bandwidth"),
-            joints[worst] if len(joints) > 1 else "",
+        REQUIREMENTS["bandwidth"].judge(s, bandwidth[worst], found, RUNNING, joint=of_several(joints, worst)),
+        REQUIREMENTS["damping"].judge(
+            s, damping, margins.damping, RUNNING, joint=of_several(joints, least_damped)
         ),
-        Requirement(
-            "damping of oscillations", damping, margins.damping, "", False, RUNNING,
-            "smallest damping ratio of every oscillation, the estimator's included", stating_option(s, "damping"),
-            least_damped if len(joints) > 1 else "",
-        ),
-    ]  # fmt: skip
+    ]
 
 
-def ring_down_requirement(s: Specification, damping: float, runs: ImpulseRuns) -> Requirement:
-    """That the running loop comes to rest after a blow as damped as every oscillation must be."""
-    joints = runs.responses[0].joints
-    return Requirement(
-        "damping in the ring-down", damping, runs.damping, "", False,
-        "nonlinear loop at rest at the goal, struck on one joint after the other, nominal robot, no noise",
-        "smallest damping ratio of every oscillation that makes up 5 % of the struck joint's velocity or input",
-        stating_option(s, "damping"), joints[runs.worst] if len(joints) > 1 else "",
-    )  # fmt: skip
+def corner_requirement(corners: ToleranceCorners) -> Requirement:
+    """That no corner of the tolerances is unstable with the design's own estimator."""
+    which = f"all {corners.count} corners" if corners.complete else f"{corners.count} sampled corners"
+    where = f"{which} of the tolerances, running loop with this design's R^v"
+    return REQUIREMENTS["corners"].judge(None, 0.0, corners.unstable, where)
 
 
+# Runs -------------------------------------------------------------------------------------------------------
 def step_requirements(
     s: Specification,
     limits: JointLimits,
@@ -190,25 +250,18 @@ def step_requirements(
     where: str,
     unlimited: Response | None = None,
 ) -> list[Requirement]:
-    """Overshoot of one run, and what it uses of the joints' limits.
+    """Overshoot of one run, and how much it uses of the joints' limits.
 
     Parameters
     ----------
     unlimited : Response, optional
         The same run without limits of the inputs, for the peak that a limit would hide.
     """
-    several = len(response.joints) > 1
-    overshoot = response.overshoot
-    lines = [
-        Requirement(
-            "overshoot", s.overshoot, overshoot.value, "%", True, where,
-            "largest of all joints, per cent of the joint's own step", stating_option(s, "overshoot"),
-            overshoot.joint if several else "",
-        )
-    ]  # fmt: skip
-    demanded = response if unlimited is None else unlimited
+    worst = response.overshoot
+    joint = of_several(response.joints, worst.joint)
+    overshoot = REQUIREMENTS["overshoot"].judge(s, s.overshoot, worst.value, where, joint=joint)
     free = limits.saturated is not None and unlimited is not None
-    return [*lines, *limit_requirements(limits, response, where, demanded, unlimited=free)]
+    return [overshoot, *limit_requirements(limits, response, where, unlimited or response, unlimited=free)]
 
 
 def limit_requirements(
@@ -233,116 +286,48 @@ def limit_requirements(
     """
     found = []
     if limits.limits_peak:
-        use = limits.input_use(response if demanded is None else demanded)
+        use = limits.input_use(demanded or response)
         found.append(_peak(limits, use, where, ", without limits of the inputs" if unlimited else ""))
     if limits.limits_speed:
-        found.append(_speed(limits, limits.speed_use(response), where))
+        found.append(_limit("speed", limits, limits.speed_use(response), where, limits.speed_source))
     found = [line for line in found if always or not line.met]
     beyond = limits.beyond_range(response)
     if 0.0 < beyond.value < np.inf:
-        found.append(
-            Requirement(
-                "distance beyond a joint's range", 0.0, beyond.value, beyond.unit, True, where,
-                "largest of all true link positions", ROBOT, _named(limits, beyond.joint), beyond.at,
-            )
-        )  # fmt: skip
+        found.append(_limit("range", limits, beyond, where, ROBOT))
     return found
 
 
 def _peak(limits: JointLimits, use: LimitUse, where: str, how: str = "") -> Requirement:
-    return Requirement(
-        "peak input", use.limit, use.value, use.unit, True, where, f"largest |input| of all motors{how}"
-        if np.ptp(limits.peak) == 0.0 else f"|input| of the motor that is nearest to its limit{how}",
-        peak_option(use.unit, limits.peak_source), _named(limits, use.joint), use.at,
+    nearest = "|input| of the motor that is nearest to its limit"
+    criterion = REQUIREMENTS["peak"].criterion if np.ptp(limits.peak) == 0.0 else nearest
+    option = peak_option(use.unit, limits.peak_source)
+    return _limit("peak", limits, use, where, option, criterion=f"{criterion}{how}")
+
+
+def _limit(
+    name: str, limits: JointLimits, use: LimitUse, where: str, source: str, **more: Any
+) -> Requirement:
+    """The requirement of a limit of the joints, with how much of it is used."""
+    return REQUIREMENTS[name].judge(
+        None, use.limit, use.value, where, unit=use.unit, stated_by=source, joint=of_several(limits.joints, use.joint),
+        at=use.at, **more,
     )  # fmt: skip
-
-
-def _speed(limits: JointLimits, use: LimitUse, where: str) -> Requirement:
-    return Requirement(
-        SPEED, use.limit, use.value, use.unit, True, where, "|velocity| of the link nearest to its limit",
-        limits.speed_source, _named(limits, use.joint), use.at,
-    )  # fmt: skip
-
-
-def _named(limits: JointLimits, joint: str) -> str:
-    """The joint where there are several."""
-    return joint if len(limits.joints) > 1 else ""
-
-
-def corner_requirement(corners: ToleranceCorners) -> Requirement:
-    """That no corner of the tolerances is unstable with the design's own estimator."""
-    which = f"all {corners.count} corners" if corners.complete else f"{corners.count} sampled corners"
-    return Requirement(
-        "unstable corners", 0.0, float(corners.unstable), "", True,
-        f"{which} of the tolerances, running loop with this design's R^v",
-        "corners with a pole outside the unit circle",
-    )  # fmt: skip
-
-
-def hunting_requirement(run: RestRun, units: Sequence[str]) -> Requirement:
-    """That dry friction and integral action keep no joint moving; `units` are those of the link positions."""
-    joints, worst = run.response.joints, run.worst
-    where = "long run at rest, nominal robot with dry friction, no noise"
-    return Requirement(
-        "hunting at rest", run.limit, float(run.amplitudes[worst]), units[worst], True, where,
-        "largest amplitude of a link position in the last half; the limit is three standard deviations of a measured "
-        "position, or one step of its sensor", joint=joints[worst] if len(joints) > 1 else "",
-    )  # fmt: skip
-
-
-def carrying_requirements(
-    s: Specification, limits: JointLimits, carried: Carried, damping: float | None
-) -> list[Requirement]:
-    """With a payload that the model does not know: the step, gripping it at the goal, and whether the loop rings.
-
-    `damping` is what is required of every oscillation with the model's payload; with others the loop must not ring.
-    """
-    what = f"with {carried.mass:.3g} kg of payload"
-    lines = step_requirements(s, limits, carried.step, f"the step {what}")
-    if damping is not None:
-        lines.append(
-            Requirement(
-                "damping of oscillations", min(RINGS, damping), carried.margins.damping, "", False,
-                f"running loop at the goal {what}", "smallest damping ratio; below 0.1 a loop rings",
-            )
-        )  # fmt: skip
-    if carried.gripped is None:
-        return lines
-    where, remaining = f"gripping {carried.mass:.3g} kg at the goal", carried.remaining
-    joint = limits.joints.index(remaining.joint) if remaining.joint else 0
-    lines.append(
-        Requirement(
-            "remaining sag", SETTLING_BAND * float(carried.gripped.reference_step[joint]), remaining.value,
-            limits.position_units[joint], True, where,
-            "largest deviation of a link in the last tenth; the limit is 2 % of its step",
-            joint=_named(limits, remaining.joint),
-        )
-    )  # fmt: skip
-    return lines + limit_requirements(limits, carried.gripped.response, where, always=False)
 
 
 def sample_requirements(s: Specification, limits: JointLimits, samples: MonteCarlo) -> list[Requirement]:
     """The worst of the robots sampled within their tolerances."""
     where = f"the worst of {len(samples)} robots sampled within their tolerances"
+    joint = samples.joint_of_worst_overshoot
     lines = [
-        Requirement(
-            "runs that do not settle", 0.0, float(samples.unsettled), "", True, where,
-            "runs that diverge, or are outside ±2 % of the step at their end",
-        ),
-        Requirement(
-            "overshoot", s.overshoot, float(samples.overshoot.max()), "%", True, where,
-            "largest of all joints, per cent of the joint's own step", stating_option(s, "overshoot"),
-            samples.joint_of_worst_overshoot,
-        ),
-    ]  # fmt: skip
+        REQUIREMENTS["unsettled"].judge(None, 0.0, samples.unsettled, where),
+        REQUIREMENTS["overshoot"].judge(s, s.overshoot, samples.overshoot.max(), where, joint=joint),
+    ]
     if limits.limits_peak:
-        lines.append(
-            _peak(limits, _sampled_use(limits, samples.inputs, limits.peak, limits.effort_units), where)
-        )
+        use = _sampled_use(limits, samples.inputs, limits.peak, limits.effort_units)
+        lines.append(_peak(limits, use, where))
     if limits.limits_speed:
-        lines.append(
-            _speed(limits, _sampled_use(limits, samples.speeds, limits.speed, limits.speed_units), where)
-        )
+        use = _sampled_use(limits, samples.speeds, limits.speed, limits.speed_units)
+        lines.append(_limit("speed", limits, use, where, limits.speed_source))
     return lines
 
 
@@ -357,6 +342,7 @@ def _sampled_use(
     return LimitUse(float(values[row, joint]), float(most[joint]), limits.joints[joint], units[joint], None)
 
 
+# Moves ------------------------------------------------------------------------------------------------------
 #: Default limit of the tracking error, as a fraction of the joint's way along the move.
 TRACKING_FRACTION = 0.05
 
@@ -369,58 +355,21 @@ ROUNDING = 1e-9
 STATED, PLANNED = "the stated move, nominal robot", "the planned move"
 
 
-def move_requirements(
-    s: Specification, limits: JointLimits, move: Move, along: AlongMove | None = None
-) -> list[Requirement]:
-    """Lines of the specification about the move; of one that is planned and not stated, only exceeded limits.
-
-    Parameters
-    ----------
-    along : AlongMove, optional
-        Margins at poses on the way; they are judged too.
-    """
+def move_requirements(s: Specification, limits: JointLimits, move: Move) -> list[Requirement]:
+    """Lines of the specification about the move; of one that is planned and not stated, only exceeded limits."""
     if s.move is None:
         return limit_requirements(limits, move.response, PLANNED, always=False)
-    most, option = tracking_limits(s, limits, move.ways), stating_option(s, "tracking_error")
-    return [
-        _nearest(
-            limits, move, "tracking error", "largest_error", most, option,
-            "largest distance of a true link position from the move, of the joint nearest to its limit",
-        ),
-        _nearest(
-            limits, move, "distance after the move", "final_error", final_limits(limits, move.ways), "default",
-            "largest distance from the end of the move in the last tenth of the run; required: 2 % of the joint's way",
-        ),
-        *limit_requirements(limits, move.response, STATED),
-        *([] if along is None else margins_requirements(s, along)),
-    ]  # fmt: skip
-
-
-def margins_requirements(s: Specification, along: AlongMove) -> list[Requirement]:
-    """Peak sensitivity, gain margin and, where it is required, damping at the worst pose along a move."""
-    laws = f", {along.count} laws" if along.count > 1 else ""
-    where = f"running loop at {len(along.times)} poses along the move{laws}"
-    limits = {
-        "peak_sensitivity": ("peak sensitivity", s.peak_sensitivity_limit),
-        "gain_margin": ("gain margin", s.gain_margin_limit),
-        "damping": (
-            "damping of oscillations",
-            along.least.damping and along.least.damping * (1.0 + TOLERANCE),
-        ),
-    }
-    lines = []
-    for figure, (what, limit) in limits.items():
-        if limit:
-            k = along.worst(figure)
-            found = float(getattr(along.margins[k], figure))
-            lines.append(
-                Requirement(
-                    what, limit, found, "", figure == "peak_sensitivity", where,
-                    "worst pose; linearised about the robot at rest there", stating_option(s, figure),
-                    at=float(along.times[k]),
-                )
-            )  # fmt: skip
-    return lines
+    rows, lines = move.metrics, []
+    for name, key, most in (
+        ("tracking", "largest_error", tracking_limits(s, limits, move.ways)),
+        ("final", "final_error", final_limits(limits, move.ways)),
+    ):
+        values = np.array([row[key] for row in rows])
+        joint = int(np.argmax(values / most)) if rows else int(np.argmin(most))
+        unit, found = limits.position_units[joint], values[joint] if rows else np.inf
+        named = of_several(limits.joints, joint)
+        lines.append(REQUIREMENTS[name].judge(s, most[joint], found, STATED, unit=unit, joint=named))
+    return [*lines, *limit_requirements(limits, move.response, STATED)]
 
 
 def tracking_limits(s: Specification, limits: JointLimits, ways: np.ndarray) -> np.ndarray:
@@ -459,19 +408,3 @@ def _counted(limits: JointLimits, ways: np.ndarray) -> np.ndarray:
     units = np.array(limits.position_units)
     largest = np.array([ways[units == unit].max() for unit in units])
     return np.maximum(ways, LEAST_WAY * np.where(largest > ROUNDING, largest, 0.1))
-
-
-def _nearest(
-    limits: JointLimits, move: Move, what: str, key: str, most: np.ndarray, option: str, criterion: str
-) -> Requirement:
-    """The line of the joint whose figure is nearest to its own limit (n,)."""
-    rows = move.metrics
-    if not rows:
-        joint, found = int(np.argmin(most)), np.inf
-    else:
-        values = np.array([row[key] for row in rows])
-        joint = int(np.argmax(values / most))
-        found = float(values[joint])
-    name = limits.joints[joint] if len(limits.joints) > 1 else ""
-    unit, limit = limits.position_units[joint], float(most[joint])
-    return Requirement(what, limit, found, unit, True, STATED, criterion, option, name)

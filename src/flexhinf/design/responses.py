@@ -1,9 +1,7 @@
-"""What runs of a loop come to: the response to a step, to a load torque, and along a planned move.
+"""Responses of a loop to a step, to a load torque and along a planned move; and the scenario that every law is run in.
 
-What every law is tested with: durations, the load, the planned move, and the sampled robots.
-
-All of it is fixed once, by the design's own law, and given to every evaluation: laws that are compared see the same
-command, load, move, robots and seeds.
+The scenario is fixed once, by the design's own law: laws that are compared see the same command, load, move, robots and
+seeds.
 """
 
 from __future__ import annotations
@@ -135,14 +133,9 @@ def sample_robots(robot: Robot, count: int, seed: int) -> tuple[Mapping[str, Any
 
 @dataclass(frozen=True)
 class Worst:
-    """The worst value of all joints, and in which joint it is.
+    """The worst value of all joints and its joint.
 
-    Attributes
-    ----------
-    value : float
-        Infinite where a run diverged, or where a joint never settles.
-    joint : str
-        Empty where the run diverged.
+    The value is infinite where a run diverged (then the joint is empty), or where a joint never settles.
     """
 
     value: float
@@ -166,15 +159,7 @@ def worst_of(rows: list[dict[str, Any]], key: str) -> Worst:
 
 @dataclass(frozen=True, eq=False)
 class Response:
-    """One run.
-
-    Attributes
-    ----------
-    run : Trajectory
-        To its end, or to where it diverged.
-    goal, start : (n,)
-        Link positions, rad or m.
-    """
+    """One run to its end, or to where it diverged; goal and start are link positions (n,), rad or m."""
 
     run: Trajectory
     goal: np.ndarray
@@ -209,7 +194,7 @@ class Response:
 
     @cached_property
     def metrics(self) -> list[dict[str, Any]]:
-        """Figures of each joint's true link position; an empty list where the run diverged.
+        """Metrics of each joint's true link position; an empty list where the run diverged.
 
         Keys: joint, overshoot_percent, settling_time_s, rise_time_s (these three only of joints that move; None: not
         within the run), steady_state_error, peak_input, peak_speed, input_noise.
@@ -220,16 +205,12 @@ class Response:
         for k, (name, begin, end) in enumerate(zip(self.joints, self.start, self.goal)):
             position, u = self.positions[:, k], self.inputs[:, k]
             shape = step_metrics(self.run.time, position, StepShape(float(begin), float(end), 0.0))
-            rows.append(
-                {
-                    "joint": name,
-                    **(shape if begin != end else {}),
-                    "steady_state_error": steady_state_error(position, np.full(len(position), end)),
-                    "peak_input": float(np.abs(u).max()),
-                    "peak_speed": float(np.abs(self.velocities[:, k]).max()),
-                    "input_noise": float(tail_of(u).std()),
-                }
-            )
+            rows.append({
+                "joint": name, **(shape if begin != end else {}),
+                "steady_state_error": steady_state_error(position, np.full(len(position), end)),
+                "peak_input": float(np.abs(u).max()), "peak_speed": float(np.abs(self.velocities[:, k]).max()),
+                "input_noise": float(tail_of(u).std()),
+            })  # fmt: skip
         return rows
 
     @property
@@ -281,16 +262,15 @@ class LoadResponse:
         Keys: joint, load, peak_deviation, recovery_time_s (from the load's beginning to the last time outside 2 % of
         the reference step; None: not within the run), remaining_error (largest deviation in the last tenth).
         """
-        if self.response.diverged_at is not None:
+        run = self.response
+        if run.diverged_at is not None:
             return []
-        time, rows = self.response.run.time, []
-        for k, (name, goal) in enumerate(zip(self.response.joints, self.response.goal)):
-            figures = load_metrics(
-                time, self.response.positions[:, k], command=float(goal), step=float(self.reference_step[k]),
-                start=self.at,
-            )  # fmt: skip
-            rows.append({"joint": name, "load": float(self.load[k]), **figures})
-        return rows
+        columns = zip(run.joints, self.load, run.positions.T, run.goal, self.reference_step)
+        return [
+            {"joint": name, "load": float(load)}
+            | load_metrics(run.run.time, position, command=float(goal), step=float(step), start=self.at)
+            for name, load, position, goal, step in columns
+        ]
 
 
 class Plan(Protocol):
@@ -355,19 +335,15 @@ class Move:
         peak_input, peak_speed, final_error (the largest in the last tenth of the run)."""
         if self.response.diverged_at is not None:
             return []
+        rows = zip(self.response.metrics, self.response.positions.T, self.planned.T)
         return [
             {
-                "joint": row["joint"],
-                "largest_error": float(np.abs(position - planned).max()),
-                "rms_error": float(np.sqrt(np.mean((position - planned) ** 2))),
-                "peak_input": row["peak_input"],
-                "peak_speed": row["peak_speed"],
-                "final_error": steady_state_error(position, planned),
+                "joint": row["joint"], "largest_error": float(np.abs(position - planned).max()),
+                "rms_error": float(np.sqrt(np.mean((position - planned) ** 2))), "peak_input": row["peak_input"],
+                "peak_speed": row["peak_speed"], "final_error": steady_state_error(position, planned),
             }
-            for row, position, planned in zip(
-                self.response.metrics, self.response.positions.T, self.planned.T
-            )
-        ]
+            for row, position, planned in rows
+        ]  # fmt: skip
 
 
 def plan_ends(plan: Plan) -> tuple[np.ndarray, np.ndarray]:
@@ -378,13 +354,5 @@ def plan_ends(plan: Plan) -> tuple[np.ndarray, np.ndarray]:
 def run_response(
     loop: Loop, goal: np.ndarray, start: np.ndarray, joints: tuple[str, ...], **options: Any
 ) -> Response:
-    """Run a loop; a run that diverges is a result too: the run so far, and when.
-
-    Parameters
-    ----------
-    goal, start : (n,)
-        Link positions.
-    **options
-        Of `Loop.run`.
-    """
+    """Run a loop between link positions (n,), with options of `Loop.run`; a run that diverges is a result too."""
     return Response(loop.run(**options), goal, start, joints)

@@ -1,7 +1,4 @@
-"""What a design and a comparison come to: everything that their reports show.
-
-The status of a design: what is not met, not proved, or risky though no requirement covers it.
-"""
+"""Results of a design and of a comparison, and the status of a design: not met, not proved, risky."""
 
 from __future__ import annotations
 
@@ -15,17 +12,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from flexhinf.design.attenuation import Attenuation
-from flexhinf.design.carrying import Carried
 from flexhinf.design.certification import DesignProof, StepProof, step_proof
 from flexhinf.design.evaluation import LawEvaluation
-from flexhinf.design.hunting import RestRun
+from flexhinf.design.limit_cycle import LimitCycleCheck
 from flexhinf.design.loop_setup import LoopSetup
+from flexhinf.design.payload import PayloadEvaluation
 from flexhinf.design.problem.modes import Mode
 from flexhinf.design.problem.presets import DesignProblem
-from flexhinf.design.requirements import RINGS, Requirement, all_met
+from flexhinf.design.requirements import Requirement, all_met
 from flexhinf.design.responses import Response, Scenario
 from flexhinf.design.rigid import RigidComparison
-from flexhinf.design.specification import TOLERANCE, Specification
+from flexhinf.design.specification import RINGS, TOLERANCE, Specification
 from flexhinf.design.synthesis.degrees import DegreeChoice, shrinking
 from flexhinf.design.synthesis.noise import NoiseSearch
 from flexhinf.design.synthesis.steps import Synthesis
@@ -55,19 +52,17 @@ PAGES = "flexhinf.pages"
 
 @dataclass(frozen=True)
 class Status:
-    """What a reader must know first.
+    """The first lines of a report.
 
     Attributes
     ----------
-    not_met : tuple of str
-        Requirements that the loop misses.
-    not_proved : tuple of str
-        What was only sampled, or found by search.
+    not_met, not_proved : tuple of str
+        Requirements that the loop misses; claims that were only sampled, or found by search.
     risky : tuple of str
-        What no requirement covers, and what nevertheless endangers the loop.
+        Dangers for the loop that no requirement covers.
     scope : str
-        What limits are met within the tolerance only, and what the requirements were judged for, where that is less
-        than the robot and its tolerances; else empty.
+        Limits that are met within the tolerance only, and the robots of the judgement, where those are less than all
+        within the tolerances; else empty.
     """
 
     not_met: tuple[str, ...] = ()
@@ -103,37 +98,38 @@ def status_of(
     """The status of a design."""
     setup = evaluation.setup
     degrees = setup.specification.in_degrees and not any(setup.robot.links.slides)
-    missing = [line.shown(degrees) for line in lines if not line.met]
     names = [line.what for line in lines]
-    missed = tuple(dict.fromkeys(_missed(line, names.count(line.what) > 1) for line in missing))
+    missed = dict.fromkeys(
+        _missed(line.shown(degrees), names.count(line.what) > 1) for line in lines if not line.met
+    )
     narrow = dict.fromkeys(line.what for line in lines if line.within_tolerance)
     scope = [
         f"{what}: {100.0 * TOLERANCE:g} % past its limit at most, which counts as met" for what in narrow
     ]
     if evaluation.corners is None:
         scope.append("no tolerance stated: only the nominal robot was judged")
-    risks = tuple(_risks(lines, evaluation))
-    return Status(missed, tuple(_not_proved(chosen, worth, inside, proof)), risks, "; ".join(scope))
+    unproved = _not_proved(chosen, worth, inside, proof)
+    return Status(tuple(missed), unproved, tuple(_risks(lines, evaluation)), "; ".join(scope))
+
+
+def _not_proved(
+    chosen: DegreeChoice, worth: Attenuation, inside: bool | None, proof: DesignProof
+) -> tuple[str, ...]:
+    """Failures of a proof, or of the sampled check."""
+    missing = step_proof(proof, chosen, inside).missing
+    if proof.certificate is None and proof.box is None and not worth.lasts:
+        missing = (*missing, "the dissipation budget of the step does not last")
+    return missing
 
 
 def _missed(line: Requirement, places: bool) -> str:
-    """What was found and required; also where, if it is judged in several places."""
+    """Value and limit; also where, if it is judged in several places."""
     sign = "≤" if line.at_most else "≥"
     unit = line.unit_text
     joint = f" in {line.joint}" if line.joint else ""
     joint += "" if line.at is None else f" at {line.at:.3g} s"
     place = f"; {line.where}" if places else ""
     return f"{line.what} {line.found:.3g}{unit}{joint} (required {sign} {line.limit:.3g}{unit}{place})"
-
-
-def _not_proved(
-    chosen: DegreeChoice, worth: Attenuation, inside: bool | None, proof: DesignProof
-) -> list[str]:
-    """What fails of a proof, or of the sampled check; what is proved at all the verdict says beside it."""
-    found = list(step_proof(proof, chosen, inside).missing)
-    if proof.certificate is None and proof.box is None and not worth.lasts:
-        found.append("the dissipation budget of the step does not last")
-    return found
 
 
 def _risks(lines: Sequence[Requirement], evaluation: LawEvaluation) -> list[str]:
@@ -182,12 +178,10 @@ def _risks(lines: Sequence[Requirement], evaluation: LawEvaluation) -> list[str]
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class Design(Summarised):
-    """A synthesised law, its evaluation in the loop, and whether it is what was asked for.
+    """A synthesised law for a robot and a specification, its evaluation in the loop, and the judgement of both.
 
     Attributes
     ----------
-    robot, specification
-        What was asked for.
     synthesis : Synthesis
         Weights, problem, solutions of several degrees, and the law.
     evaluation : LawEvaluation
@@ -197,14 +191,14 @@ class Design(Summarised):
     inside : bool or None
         Whether the step starts inside the sampled region of the solution; None if no region was sampled.
     proof : DesignProof
-        What is proved of the law that is used, and of the step.
+        Of the law that is used, and of the step.
     mujoco : Response or None
-        The step on MuJoCo's plant, if asked for.
+        The step on MuJoCo's plant, if requested.
     rigid : RigidComparison or None
         The rigid design on the same robot, fed the true state.
-    rest : RestRun or None
+    rest : LimitCycleCheck or None
         The long run at rest with dry friction; None for a robot that states none.
-    carried : tuple of Carried
+    payloads : tuple of PayloadEvaluation
         The runs with payloads at the ends of their ranges; none for a robot without such a range.
     law_modes : tuple of Mode
         Of the law alone: continuous, with the true state fed back.
@@ -219,15 +213,15 @@ class Design(Summarised):
     proof: DesignProof
     mujoco: Response | None
     rigid: RigidComparison | None
-    rest: RestRun | None
-    carried: tuple[Carried, ...] = ()
+    rest: LimitCycleCheck | None
+    payloads: tuple[PayloadEvaluation, ...] = ()
     law_modes: tuple[Mode, ...]
     requirements: tuple[Requirement, ...]
     status: Status
 
     @property
     def step_proof(self) -> StepProof:
-        """What is proved of the step that is asked for."""
+        """Whether the requested step is proved."""
         return step_proof(self.proof, self.chosen, self.inside)
 
     def summary(self) -> dict[str, str]:

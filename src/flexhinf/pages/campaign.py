@@ -19,7 +19,7 @@ from flexhinf.campaign import (
 )
 from flexhinf.campaign.batches import PART, TRACE
 from flexhinf.campaign.metrics import COMPLETED, DIVERGED, NOT_RUN, UNDAMPED, UNSTABLE
-from flexhinf.design.campaign_gain import FoundGains, stored_gains
+from flexhinf.design.campaign_gain import GainResults, stored_gains
 from flexhinf.files import write_file
 from flexhinf.loop import Trajectory
 from flexhinf.pages.campaign_text import (
@@ -170,7 +170,7 @@ def _key_numbers(judged: CampaignJudgement) -> list[KeyNumber]:
     return found
 
 
-def _statuses(judged: CampaignJudgement, cases: Sequence[WorstCase], gains: FoundGains) -> list[Status]:
+def _statuses(judged: CampaignJudgement, cases: Sequence[WorstCase], gains: GainResults) -> list[Status]:
     """How many samples fail, which requirements a robot that was found misses, and gains that no theorem allows."""
     found = (
         [Status("not met", f"{judged.failures} of {judged.count} samples fail.")] if judged.failures else []
@@ -368,7 +368,7 @@ def _worst_figure(judged: CampaignJudgement, case: WorstCase, runs: PlantRun) ->
 
 
 # Worst disturbance -------------------------------------------------------------------------------------------
-def _worst_disturbance(judged: CampaignJudgement, found: FoundGains) -> list[Any]:
+def _worst_disturbance(judged: CampaignJudgement, found: GainResults) -> list[Any]:
     """What each search attained, against the level that belongs to it."""
     rows = found.rows
     if not rows:

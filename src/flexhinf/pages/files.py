@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from flexhinf.analysis import FrequencyResponse, Margins
-from flexhinf.design.carrying import Carried
 from flexhinf.design.estimators import noise_variances
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.joint_limits import ROBOT
+from flexhinf.design.payload import PayloadEvaluation
 from flexhinf.design.problem.modes import Mode
 from flexhinf.design.requirements import Requirement
 from flexhinf.design.responses import Response
@@ -316,15 +316,15 @@ def _runs(design: Design) -> dict[str, Any]:
         "draws": _samples(e),
         "ring_down": {
             **_picked(ring_down, "damping", "diverged"),
-            "fit_error": ring_down.found and ring_down.found.error,
+            "fit_error": ring_down.ring_down and ring_down.ring_down.error,
             "joints": ring_down_rows(ring_down),
         },
         "load": {"at_s": e.load_response.at, **_run(e.load_response.response, e.load_response.metrics)},
         "move": {"duration_s": e.move.plan.duration, **_run(e.move.response, e.move.metrics)},
-        "payload": [_payload(one) for one in design.carried],
+        "payload": [_payload(one) for one in design.payloads],
         "rest": rest
         and {
-            **_picked(rest, "extras", "limit", "hunts", "dead_zone"),
+            **_picked(rest, "extras", "limit", "dead_zone", hunts="oscillates"),
             "amplitudes_without_dead_zone": None if rest.without is None else rest.without.amplitudes,
             "duration_s": float(rest.response.run.time[-1]),
             "diverged_at_s": rest.response.diverged_at,
@@ -342,12 +342,12 @@ def _runs(design: Design) -> dict[str, Any]:
     }
 
 
-def _payload(one: Carried) -> dict[str, Any]:
+def _payload(one: PayloadEvaluation) -> dict[str, Any]:
     """With masses in the true robot that the model does not know."""
     return {
         "masses_kg": dict(one.masses),
         "step": _run(one.step),
-        "gripped": one.gripped and _run(one.gripped.response, one.gripped.metrics),
+        "gripped": one.load_step and _run(one.load_step.response, one.load_step.metrics),
         "margins": _margins(one.margins),
         "weighed_kg": one.weighed and one.weighed.masses,
         "hidden_by_friction_kg": one.weighed and one.weighed.hidden,

@@ -210,7 +210,7 @@ def _headline(design: Design) -> str:
             f"{_worst(design, 'settling', 's')}; the largest overshoot is {_worst(design, 'overshoot', '%', 2)}, the "
             f"largest input {_worst(design, 'peak', units_of(e).effort)}."
         )
-    if design.carried:
+    if design.payloads:
         parts.append(moves.payload_text(design))
     return " ".join([*parts, proof_text(design)])
 
@@ -292,7 +292,7 @@ def design_tables(design: Design) -> list[Terminal]:
         requirements.requirements_of(design),
         requirements.input_table(design),
         *([step.spread_table(e)] if e.step_samples is not None and len(e.step_samples) else []),
-        *([rest.rest_table(design, run)] if run is not None and run.hunts and run.cycles else []),
+        *([rest.rest_table(design, run)] if run is not None and run.oscillates and run.cycles else []),
         margins.margin_table(e),
         frequency.mode_table(design, brief=True),
         *([] if e.corners is None else [margins.corner_table(e)]),

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.design.along_move import AlongMove, Least, scheduled
+from flexhinf.design.along_move import AlongMove, MarginLimits, scheduled
 from flexhinf.design.design_file import check_stated_units
 from flexhinf.design.estimators import EstimatorNoise, sensor_steps
 from flexhinf.design.joint_limits import ROBOT, JointLimits, integral_dead_zone, joint_limits
@@ -198,7 +198,7 @@ class _Steps(Task):
         self.progress("margins along the move")
         problem, most = synthesis.design_problem, 1.0 + TOLERANCE
         damping = None if problem.target is None else required_damping(self.s, problem.target)
-        least = Least(
+        least = MarginLimits(
             most * self.s.peak_sensitivity_limit, self.s.gain_margin_limit / most, damping and damping / most
         )
 

@@ -11,8 +11,8 @@ import numpy as np
 
 from flexhinf.analysis import FrequencyResponse
 from flexhinf.design.problem.modes import Mode
-from flexhinf.design.requirements import RINGS
 from flexhinf.design.result import Design
+from flexhinf.design.specification import RINGS
 from flexhinf.loop.simulation.metrics import damping_ratio
 from flexhinf.pages.drawing import (
     DASHED,

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from flexhinf.design.problem.modes import Mode
-from flexhinf.design.requirements import RINGS
 from flexhinf.design.responses import Response
 from flexhinf.design.result import Design
 from flexhinf.design.rigid import RigidLoop
+from flexhinf.design.specification import RINGS
 from flexhinf.pages.design.frequency import vibration_damping
 from flexhinf.pages.design.step import spring_torques, stiffness_of
 from flexhinf.pages.drawing import (

@@ -10,11 +10,11 @@ import numpy as np
 
 from flexhinf.analysis import Margins
 from flexhinf.design.along_move import MOST_LAWS, AlongMove
-from flexhinf.design.carrying import Carried
 from flexhinf.design.evaluation import LawEvaluation
-from flexhinf.design.requirements import RINGS, carrying_requirements
+from flexhinf.design.payload import PayloadEvaluation, payload_requirements
 from flexhinf.design.responses import LoadResponse, Response
 from flexhinf.design.result import Design
+from flexhinf.design.specification import RINGS
 from flexhinf.pages.design.step import effort_limit, peak_text, stiffness_of
 from flexhinf.pages.drawing import (
     Panel,
@@ -97,42 +97,44 @@ def _load_figure(e: LawEvaluation, loaded: LoadResponse, name: str, caption: str
 # Payloads ------------------------------------------------------------------------------------------------
 def payload_blocks(design: Design) -> list[Any]:
     """What the robot carries, the heaviest payload as it is gripped, and a table; none without a range of masses."""
-    if not design.carried:
+    if not design.payloads:
         return []
-    one, figures = design.carried[-1], []
-    if one.gripped is not None:
+    one, figures = design.payloads[-1], []
+    if one.load_step is not None:
         caption = (
-            f"At rest at the goal the robot grips {number(one.mass, 3)} kg at {one.gripped.at:g} s (dotted): the "
+            f"At rest at the goal the robot grips {number(one.mass, 3)} kg at {one.load_step.at:g} s (dotted): the "
             "weight beyond what the model carries acts on all links at once. Neither law nor estimator knows of it."
         )
         title = "Gripping the heaviest payload"
-        figures.append(_load_figure(design.evaluation, one.gripped, "payload", caption, title))
+        figures.append(_load_figure(design.evaluation, one.load_step, "payload", caption, title))
     return [Paragraph(_payload_text(design)), *figures, _payload_table(design)]
 
 
 def payload_text(design: Design) -> str:
     """The heaviest payload in one sentence."""
-    one, (unit, scale) = design.carried[-1], units_of(design.evaluation).small
+    one, (unit, scale) = design.payloads[-1], units_of(design.evaluation).small
     if one.step.diverged_at is not None:
         return f"With {number(one.mass, 3)} kg of payload, which the model does not know, the step diverges."
     text = (
         f"With {number(one.mass, 3)} kg of payload, which the model does not know, the step overshoots by "
         f"{number(one.step.overshoot.value, 2)} %"
     )
-    if one.gripped is None:
+    if one.load_step is None:
         return f"{text}."
     back = "and is not back within 2 % of its step in the run"
     if np.isfinite(one.recovery.value):
         back = f"and is back within 2 % of its step after {number(one.recovery.value, 2)} s"
-    where = f" ({one.sag.joint})" if len(design.robot.joint_names) > 1 else ""
-    sag = f"{number(scale * one.sag.value, 2)}{'' if unit == '°' else ' '}{unit}"
+    where = f" ({one.deflection.joint})" if len(design.robot.joint_names) > 1 else ""
+    sag = f"{number(scale * one.deflection.value, 2)}{'' if unit == '°' else ' '}{unit}"
     return f"{text}; gripping it the robot sags by {sag}{where} {back}."
 
 
 def payload_remarks(design: Design) -> Iterator[str]:
     """A payload that is not carried, or not as required."""
-    for one in design.carried:
-        if one.step.diverged_at is not None or (one.gripped and one.gripped.response.diverged_at is not None):
+    for one in design.payloads:
+        if one.step.diverged_at is not None or (
+            one.load_step and one.load_step.response.diverged_at is not None
+        ):
             yield (
                 f"The loop diverges with {number(one.mass, 3)} kg of payload. Try a nominal mass nearer to it, "
                 "LOWER..NOMINAL..UPPER, or a lower `--bandwidth`."
@@ -140,8 +142,8 @@ def payload_remarks(design: Design) -> Iterator[str]:
             return
     places = {
         line.where
-        for one in design.carried
-        for line in carrying_requirements(design.specification, design.setup.limits, one, RINGS)
+        for one in design.payloads
+        for line in payload_requirements(design.specification, design.setup.limits, one, RINGS)
     }
     missed = [line.what for line in design.requirements if not line.met and line.where in places]
     if missed:
@@ -163,7 +165,7 @@ def _payload_text(design: Design) -> str:
         f"Payload on {ranges}. Law and estimator know the model's mass alone. Integral action compensates the rest of "
         "the weight."
     )
-    weighed = design.carried[-1].weighed
+    weighed = design.payloads[-1].weighed
     if weighed is None:
         return text
     said = ", ".join(f"{number(mass, 3)} kg" for mass in weighed.masses.values())
@@ -178,17 +180,17 @@ def _payload_text(design: Design) -> str:
 def _payload_table(design: Design) -> Table:
     e, (unit, scale), limits = design.evaluation, units_of(design.evaluation).small, design.setup.limits
 
-    def row(name: str, step: Response, one: Carried | None, m: Margins) -> tuple[Any, ...]:
+    def row(name: str, step: Response, one: PayloadEvaluation | None, m: Margins) -> tuple[Any, ...]:
         used = limits.input_use(step).value if limits.limits_peak else step.peak_input
         gripped: list[float | None] = [None, None, None]
-        if one is not None and one.gripped is not None:
-            gripped = [scale * one.sag.value, one.recovery.value, scale * one.remaining.value]
+        if one is not None and one.load_step is not None:
+            gripped = [scale * one.deflection.value, one.recovery.value, scale * one.remaining.value]
         figures = [step.overshoot.value, step.settling.value, used, *gripped]
         return (name, *finite([*figures, m.damping, m.peak_sensitivity, m.gain_margin]))
 
     known = sum(p.value for p in design.robot.uncertain if p.name.startswith("payload_mass"))
     rows = [row(f"{number(known, 3)} kg, as in the model", e.step, None, e.margins)]
-    rows += [row(f"{number(one.mass, 3)} kg", one.step, one, one.margins) for one in design.carried]
+    rows += [row(f"{number(one.mass, 3)} kg", one.step, one, one.margins) for one in design.payloads]
     columns = (
         "payload", Column("overshoot", "%", 2), Column("settling", "s", 3),
         Column("peak input", units_of(e).effort), Column("sag when gripped", unit), Column("back after", "s", 2),

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.design.hunting import WIDEST, RestRun
 from flexhinf.design.impulse import AFTER, ImpulseRuns
+from flexhinf.design.limit_cycle import WIDEST, LimitCycleCheck
 from flexhinf.design.problem.presets import preset_of
 from flexhinf.design.result import Design
 from flexhinf.loop.simulation.metrics import REST_TAIL, tail_of
@@ -43,12 +43,12 @@ def remarks(design: Design) -> Iterator[str]:
             f"So errors up to {_zone(design, run)} are not integrated; they may remain. "
             "`--integral-dead-zone` states another zone, 0 none."
         )
-    if run is None or not run.hunts:
+    if run is None or not run.oscillates:
         return
     if not run.cycles:
         yield "The long run at rest with the robot's dry friction diverges."
         return
-    joints = [_motion(design, run, k) for k in run.hunting]
+    joints = [_motion(design, run, k) for k in run.oscillating]
     extras = ",".join(dict.fromkeys((*s.extras, *(name for name in run.extras if name in DRY))))
     both = all(
         any(name.startswith(side) for name in s.measured) for side in ("link_position", "motor_position")
@@ -75,12 +75,12 @@ def remarks(design: Design) -> Iterator[str]:
     )
 
 
-def _motion(design: Design, run: RestRun, joint: int) -> str:
+def _motion(design: Design, run: LimitCycleCheck, joint: int) -> str:
     cycle = run.cycles[joint]
     return f"{run.response.joints[joint]} by ±{_length(design, cycle.amplitude, 3)} ({_frequency(cycle.frequency)})"
 
 
-def _zone(design: Design, run: RestRun) -> str:
+def _zone(design: Design, run: LimitCycleCheck) -> str:
     """The dead zone of the integrals of a run, of the joints that have one."""
     joints, sizes = run.response.joints, [] if run.dead_zone is None else run.dead_zone.tolist()
     where = [f" in {joint}" if len(joints) > 1 else "" for joint in joints]
@@ -100,7 +100,7 @@ def _frequency(frequency: float | None) -> str:
     return f"{number(frequency, 3)} Hz{slow}"
 
 
-def _figure(design: Design, run: RestRun) -> Figure:
+def _figure(design: Design, run: LimitCycleCheck) -> Figure:
     response, units = run.response, units_of(design.evaluation)
     unit, scale = units.small
     time, positions, inputs = (
@@ -132,7 +132,7 @@ def _extremes(time: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndar
     return np.array(times), np.array(rows)
 
 
-def rest_rows(run: RestRun) -> list[dict[str, Any]]:
+def rest_rows(run: LimitCycleCheck) -> list[dict[str, Any]]:
     """Of each joint: amplitude and frequency of what still moves, and the remaining error; none of a run that
     diverged."""
     return [
@@ -146,7 +146,7 @@ def rest_rows(run: RestRun) -> list[dict[str, Any]]:
     ]
 
 
-def rest_table(design: Design, run: RestRun) -> Table:
+def rest_table(design: Design, run: LimitCycleCheck) -> Table:
     """Amplitude, frequency and remaining error of each joint."""
     unit, scale = units_of(design.evaluation).small
     rows = [
@@ -178,16 +178,16 @@ def rest_table(design: Design, run: RestRun) -> Table:
 def ring_down_blocks(design: Design) -> list[Any]:
     """Figure and table; nothing where a run diverged."""
     runs = design.evaluation.ring_down
-    return [] if runs.found is None else [_ring_down_figure(runs), _ring_down_table(design, runs)]
+    return [] if runs.ring_down is None else [_ring_down_figure(runs), _ring_down_table(design, runs)]
 
 
 def ring_down_remarks(design: Design) -> Iterator[str]:
     """A run that diverges, or that is no decaying oscillation."""
     runs = design.evaluation.ring_down
-    if runs.found is None:
+    if runs.ring_down is None:
         yield f"After a blow on {runs.responses[runs.worst].joints[runs.worst]} at the goal the loop diverges."
     elif not runs.exponential:
-        left = "comes to rest" if runs.found.rests else "does not come to rest"
+        left = "comes to rest" if runs.ring_down.rests else "does not come to rest"
         yield (
             "After a blow the loop does not decay as a linear one does (dry friction, backlash or limits), and "
             f"{left}; the damping ratios are those of the nearest decaying oscillations."
@@ -196,7 +196,7 @@ def ring_down_remarks(design: Design) -> Iterator[str]:
 
 def ring_down_rows(runs: ImpulseRuns) -> list[dict[str, Any]]:
     """Of each joint: impulse, largest deviation of its link, least damped oscillation, and what is left of it."""
-    rows, found = [], runs.found
+    rows, found = [], runs.ring_down
     for k, response in enumerate(runs.responses):
         least = runs.least_damped(k)
         deviation = float(np.abs(response.positions[:, k] - response.goal[k]).max())
@@ -248,7 +248,7 @@ def _ring_down_table(design: Design, runs: ImpulseRuns) -> Table:
         Column("its frequency", "Hz", 3, key="frequency_Hz"),
         Column(f"left after {AFTER:g} periods", "%", 2, key="left", scale=100.0),
     )
-    error = 0.0 if runs.found is None else runs.found.error
+    error = 0.0 if runs.ring_down is None else runs.ring_down.error
     caption = (
         "An impulse on the link, the loop at rest at the goal. Damping ratio: the least of the oscillations that make "
         f"up {100.0 * VISIBLE:g} % of the joint's own velocity or input, fitted to all samples of all runs; fit and "

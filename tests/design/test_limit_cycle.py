@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from flexhinf.design import Design, Specification
-from flexhinf.design.hunting import brought_to_rest, rest_run
+from flexhinf.design.limit_cycle import check_limit_cycle, end_limit_cycle
 from flexhinf.design.loop_setup import LoopSetup
-from flexhinf.design.requirements import hunting_requirement
 from flexhinf.design.synthesis.steps import synthesise
 from flexhinf.errors import InvalidInput
 from flexhinf.loop import JerkLimited
@@ -32,25 +31,25 @@ def with_options(setup: LoopSetup, **options) -> LoopSetup:
 
 
 def test_hunting_is_found_with_its_joint_amplitude_and_period(setup):
-    run = rest_run(setup)
+    run = check_limit_cycle(setup)
     assert run is not None
-    assert run.hunting == (0,)
+    assert run.oscillating == (0,)
     assert run.extras == ("coulomb_friction",)
     assert 1e-3 < run.cycles[0].amplitude < 1.5e-3
     assert run.cycles[0].frequency is not None
     assert (
         15.0 < 1.0 / run.cycles[0].frequency < 60.0
     )  # it leaves an unstable equilibrium: the time is ill-conditioned
-    line = hunting_requirement(run, ("rad", "rad"))
+    line = run.requirement(("rad", "rad"))
     assert not line.met
     assert (line.joint, line.limit) == ("shoulder", pytest.approx(3e-4))
 
 
 def test_a_dead_zone_as_wide_as_the_hunting_ends_it(setup):
-    changed, run = brought_to_rest(setup)
+    changed, run = end_limit_cycle(setup)
     assert run is not None
     assert run.without is not None
-    assert (run.without.hunts, run.hunts) == (True, False)
+    assert (run.without.oscillates, run.oscillates) == (True, False)
     np.testing.assert_array_equal(changed.dead_zone, [1e-3, 0.0])  # at most a hundredth of the step
     np.testing.assert_array_equal(changed.bumpless_controller.integral_dead_zone, [1e-3, 0.0])
     assert run.amplitudes.max() < 0.2 * run.without.amplitudes.max()
@@ -66,16 +65,16 @@ def test_a_dead_zone_as_wide_as_the_hunting_ends_it(setup):
     (note,) = rest.remarks(cast(Design, design))
     assert "Errors up to 1 mrad in shoulder left unintegrated do not end it: shoulder by ±" in note
     assert "no dead zone above 1 % of the joint's step" in note
-    kept, stated = brought_to_rest(with_options(setup, integral_dead_zone=0.0))
+    kept, stated = end_limit_cycle(with_options(setup, integral_dead_zone=0.0))
     assert stated is not None
-    assert stated.hunts
+    assert stated.oscillates
     assert kept.dead_zone is None
 
 
 def test_friction_in_the_model_of_the_estimator_ends_it_too(setup):
-    known = rest_run(with_options(setup, extras="coulomb_friction", friction_model=True))
+    known = check_limit_cycle(with_options(setup, extras="coulomb_friction", friction_model=True))
     assert known is not None
-    assert not known.hunts
+    assert not known.oscillates
 
 
 def test_linear_figures_are_those_without_friction(setup):
@@ -87,12 +86,12 @@ def test_linear_figures_are_those_without_friction(setup):
 
 def test_a_robot_without_dry_friction_has_no_such_run(setup):
     none = {f"coulomb_friction_{joint}": 0.0 for joint in setup.joints}
-    assert rest_run(replace(setup, robot=setup.robot.with_values(none))) is None
+    assert check_limit_cycle(replace(setup, robot=setup.robot.with_values(none))) is None
 
 
 def test_a_stated_zone_that_does_not_fit_is_refused(setup):
     with pytest.raises(InvalidInput, match="expected one number, or one for each of"):
-        rest_run(with_options(setup, integral_dead_zone=(1e-3, 1e-3, 1e-3)))
+        check_limit_cycle(with_options(setup, integral_dead_zone=(1e-3, 1e-3, 1e-3)))
 
 
 class PlainFeedforward(LoopSetup):
@@ -117,7 +116,7 @@ def test_feedforward_with_friction_follows_the_move_better(setup):
 
 def test_every_report_says_who_hunts(setup):
     """The section of the page, its note, the table of the terminal and the numbers, from the run alone."""
-    run = rest_run(setup)
+    run = check_limit_cycle(setup)
     assert run is not None
     design = SimpleNamespace(
         rest=run,
@@ -148,12 +147,12 @@ def test_the_papers_arm_with_its_motor_measured_comes_to_rest_with_a_dead_zone_o
     options = {**MOTORS, "extras": "coulomb_friction"}
     s = Specification(**options)
     setup = synthesise(robot, s, lambda text: None).setup(robot, s)
-    changed, run = brought_to_rest(setup)
+    changed, run = end_limit_cycle(setup)
     assert run is not None
     assert run.without is not None
     assert run.without.amplitudes[0] == pytest.approx(1.08e-3, rel=0.05)
     assert run.amplitudes[0] < 0.3e-3
     np.testing.assert_array_equal(changed.dead_zone, [1e-3])
-    known = rest_run(replace(setup, specification=Specification(**options, friction_model=True)))
+    known = check_limit_cycle(replace(setup, specification=Specification(**options, friction_model=True)))
     assert known is not None
-    assert known.hunts
+    assert known.oscillates

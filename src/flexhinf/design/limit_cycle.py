@@ -1,12 +1,13 @@
-"""A long run at rest after the step: whether dry friction and integral action keep a joint moving (hunting).
+"""A long run at rest after the step: whether dry friction and integral action keep a joint in a limit cycle (hunting).
 
 A joint that dry friction holds beside the command stays there until the integral of the error has broken it loose; it
-passes the command, and is held on the other side. No linear figure shows that. The remedy is a dead zone of the
-integrals as wide as the hunting: docs/design.md has what it costs, and what else was measured.
+passes the command, and is held on the other side. No linear metric shows that. The remedy is a dead zone of the
+integrals as wide as the cycle: docs/design.md has its cost, and what else was measured.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -14,6 +15,7 @@ import numpy as np
 
 from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.plans import has_integrals
+from flexhinf.design.requirements import REQUIREMENTS, Requirement, of_several
 from flexhinf.design.responses import Response
 from flexhinf.loop.simulation.metrics import LimitCycle, limit_cycle, steady_state_error
 from flexhinf.plant import sub_steps
@@ -39,7 +41,7 @@ WIDEST, WIDENED = 0.01, 2
 
 
 @dataclass(frozen=True, eq=False)
-class RestRun:
+class LimitCycleCheck:
     """The step, followed for long without measurement noise, on a true plant whose dry friction holds.
 
     Attributes
@@ -47,15 +49,13 @@ class RestRun:
     extras : tuple of str
         Of its true plant: those of the specification, and the dry friction that the robot states.
     limit : float
-        Largest amplitude that is no hunting, rad or m.
+        Largest amplitude that is no limit cycle, rad or m.
     sharp : bool
-        Whether dry friction holds what rests; smoothed, as with rigid joints, it creeps, and may hide hunting.
+        Whether dry friction holds a resting joint; smoothed, as with rigid joints, it creeps, and may hide a cycle.
     dead_zone : (n,) or None
         Of the integrals in this run, rad or m.
-    without : RestRun or None
-        The run without the dead zone, where that was chosen against hunting.
-    tried : RestRun or None
-        The run with the widest dead zone that was tried and did not end the hunting.
+    without, tried : LimitCycleCheck or None
+        The run without the dead zone, where that ended the cycle; that with the widest one, where none did.
     """
 
     response: Response
@@ -63,16 +63,14 @@ class RestRun:
     limit: float
     sharp: bool = True
     dead_zone: np.ndarray | None = None
-    without: RestRun | None = None
-    tried: RestRun | None = None
+    without: LimitCycleCheck | None = None
+    tried: LimitCycleCheck | None = None
 
     @cached_property
     def cycles(self) -> tuple[LimitCycle, ...]:
-        """What still moves in the last half of the run, of each link position; none where the run diverged."""
-        if self.response.diverged_at is not None:
-            return ()
-        time = self.response.run.time
-        return tuple(limit_cycle(time, q) for q in self.response.positions.T)
+        """Motion of each link position in the last half of the run; none where the run diverged."""
+        diverged, time = self.response.diverged_at is not None, self.response.run.time
+        return () if diverged else tuple(limit_cycle(time, q) for q in self.response.positions.T)
 
     @cached_property
     def errors(self) -> np.ndarray:
@@ -93,25 +91,32 @@ class RestRun:
         return int(np.argmax(self.amplitudes))
 
     @property
-    def hunts(self) -> bool:
-        """Whether any joint does, or the run diverged."""
-        return bool(self.hunting)
-
-    @property
-    def hunting(self) -> tuple[int, ...]:
-        """Joints that move by more than the limit."""
+    def oscillating(self) -> tuple[int, ...]:
+        """Joints that move by more than the limit; all where the run diverged."""
         return tuple(np.flatnonzero(self.amplitudes > self.limit).tolist())
 
+    @property
+    def oscillates(self) -> bool:
+        """Whether any joint does."""
+        return bool(self.oscillating)
 
-def brought_to_rest(setup: LoopSetup) -> tuple[LoopSetup, RestRun | None]:
-    """The loop with a dead zone of its integrals where it hunts without, and its run at rest.
+    def requirement(self, units: Sequence[str]) -> Requirement:
+        """That dry friction and integral action keep no joint moving; `units` are those of the link positions."""
+        worst = self.worst
+        return REQUIREMENTS["limit_cycle"].judge(
+            None, self.limit, self.amplitudes[worst], "long run at rest, nominal robot with dry friction, no noise",
+            unit=units[worst], joint=of_several(self.response.joints, worst),
+        )  # fmt: skip
 
-    The zone is as wide as the hunting of the joint, then twice that, and at most `WIDEST` of the step. One that does
-    not end the hunting is not kept.
+
+def end_limit_cycle(setup: LoopSetup) -> tuple[LoopSetup, LimitCycleCheck | None]:
+    """The loop, with a dead zone of its integrals where that ends a limit cycle, and its run at rest.
+
+    The zone is as wide as the cycle of the joint, then twice that, and at most `WIDEST` of the step.
     """
-    first = rest_run(setup)
+    first = check_limit_cycle(setup)
     stated = setup.specification.integral_dead_zone is not None
-    if first is None or stated or not (first.hunts and first.cycles and has_integrals(setup.law)):
+    if first is None or stated or not (first.oscillates and first.cycles and has_integrals(setup.law)):
         return setup, first
     step = np.abs(setup.goal - setup.start)
     most = WIDEST * np.where(step > 0.0, step, step.max())
@@ -120,15 +125,15 @@ def brought_to_rest(setup: LoopSetup) -> tuple[LoopSetup, RestRun | None]:
         wanted = np.where(run.amplitudes > run.limit, np.maximum(run.amplitudes, 2.0 * zone), zone)
         zone = np.array([float(f"{size:.1e}") for size in np.minimum(wanted, most)])
         changed = replace(setup, chosen_zone=zone)
-        run = rest_run(changed)
+        run = check_limit_cycle(changed)
         if run is None or not run.cycles:
             break
-        if not run.hunts:
+        if not run.oscillates:
             return changed, replace(run, without=first)
     return setup, replace(first, tried=run)
 
 
-def rest_run(setup: LoopSetup) -> RestRun | None:
+def check_limit_cycle(setup: LoopSetup) -> LimitCycleCheck | None:
     """The run; None for a robot without dry friction, or with none above zero."""
     s = setup.specification
     dry = stated_friction(setup.robot.plant_parameters())
@@ -144,4 +149,6 @@ def rest_run(setup: LoopSetup) -> RestRun | None:
     quiet = setup.without_noise  # noise is a dither that may hide what sticks
     response = quiet.step(min(LENGTH, samples * s.period), plant=plant, sub_steps=parts)
     zone = setup.dead_zone if has_integrals(setup.law) else None
-    return RestRun(response, extras, setup.position_resolution(DEVIATIONS), plant.arrest is not None, zone)
+    return LimitCycleCheck(
+        response, extras, setup.position_resolution(DEVIATIONS), plant.arrest is not None, zone
+    )

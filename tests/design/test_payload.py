@@ -13,11 +13,10 @@ import pytest
 import flexhinf as fh
 from flexhinf.analysis import margins
 from flexhinf.design import Design, Specification
-from flexhinf.design.carrying import carried, carried_payloads
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.loop_setup import LoopSetup
+from flexhinf.design.payload import evaluate_payload, evaluate_payloads, payload_requirements
 from flexhinf.design.problem.presets import choose
-from flexhinf.design.requirements import carrying_requirements
 from flexhinf.design.responses import Scenario
 from flexhinf.design.synthesis.noise import search_noise
 from flexhinf.pages.design import moves
@@ -39,24 +38,24 @@ def evaluation() -> LawEvaluation:
 
 
 def test_both_ends_of_the_range_are_carried(evaluation: LawEvaluation) -> None:
-    light, heavy = carried_payloads(evaluation)
+    light, heavy = evaluate_payloads(evaluation)
     assert (light.mass, heavy.mass) == (0.0, pytest.approx(0.1))
-    assert light.gripped is None  # the model carries more
-    assert heavy.gripped is not None
+    assert light.load_step is None  # the model carries more
+    assert heavy.load_step is not None
     # What is gripped pulls the link down by 0.08 kg at the payload's lever, and the integral lifts it again.
-    assert heavy.gripped.load[0] == pytest.approx(-0.08 * 9.81 * 0.12 * np.sin(GOAL[0]), rel=1e-6)
-    lowest = heavy.gripped.response.positions[:, 0].min()
-    assert heavy.sag.value == pytest.approx(GOAL[0] - lowest)
-    assert heavy.sag.value > 1e-3
-    assert heavy.remaining.value < 0.01 * heavy.sag.value
+    assert heavy.load_step.load[0] == pytest.approx(-0.08 * 9.81 * 0.12 * np.sin(GOAL[0]), rel=1e-6)
+    lowest = heavy.load_step.response.positions[:, 0].min()
+    assert heavy.deflection.value == pytest.approx(GOAL[0] - lowest)
+    assert heavy.deflection.value > 1e-3
+    assert heavy.remaining.value < 0.01 * heavy.deflection.value
     for one in (light, heavy):
         assert one.weighed is not None
         assert one.weighed.masses[NAME] == pytest.approx(one.mass, abs=1e-3)
 
 
 def test_the_models_own_payload_has_the_loops_own_figures(evaluation: LawEvaluation) -> None:
-    own = carried(evaluation, {NAME: 0.02})
-    assert own.gripped is None
+    own = evaluate_payload(evaluation, {NAME: 0.02})
+    assert own.load_step is None
     assert own.margins.damping == pytest.approx(evaluation.margins.damping, rel=1e-6)
     assert own.margins.peak_sensitivity == pytest.approx(evaluation.margins.peak_sensitivity, rel=1e-6)
     np.testing.assert_allclose(own.step.positions, evaluation.step.positions, atol=1e-9)
@@ -64,20 +63,20 @@ def test_the_models_own_payload_has_the_loops_own_figures(evaluation: LawEvaluat
 
 def test_a_robot_without_a_range_carries_nothing_untold(evaluation: LawEvaluation) -> None:
     known = SimpleNamespace(setup=SimpleNamespace(robot=fh.load_robot("vertical-rig", payload="0.1kg")))
-    assert carried_payloads(cast(LawEvaluation, known)) == ()
+    assert evaluate_payloads(cast(LawEvaluation, known)) == ()
 
 
 def test_what_is_too_heavy_is_not_met_and_every_report_says_so(evaluation: LawEvaluation) -> None:
     setup = evaluation.setup
-    heavy, far = carried_payloads(evaluation)[-1], carried(evaluation, {NAME: 3.0})
-    rows = {one: carrying_requirements(setup.specification, setup.limits, one, 0.2) for one in (heavy, far)}
+    heavy, far = evaluate_payloads(evaluation)[-1], evaluate_payload(evaluation, {NAME: 3.0})
+    rows = {one: payload_requirements(setup.specification, setup.limits, one, 0.2) for one in (heavy, far)}
     assert all(line.met for line in rows[heavy])
     assert {line.what for line in rows[heavy]} == {"overshoot", "damping of oscillations", "remaining sag"}
     assert not all(line.met for line in rows[far])
     design = cast(
         Design,
         SimpleNamespace(
-            carried=(far,), evaluation=evaluation, setup=setup, robot=setup.robot, requirements=rows[far],
+            payloads=(far,), evaluation=evaluation, setup=setup, robot=setup.robot, requirements=rows[far],
             specification=setup.specification,
         ),
     )  # fmt: skip
@@ -87,7 +86,7 @@ def test_what_is_too_heavy_is_not_met_and_every_report_says_so(evaluation: LawEv
     assert "0 to 0.1 kg, 0.02 kg in the model" in page
     assert "<svg" in page
     assert "3 kg" in moves.payload_text(design)
-    none = cast(Design, SimpleNamespace(carried=(), requirements=()))
+    none = cast(Design, SimpleNamespace(payloads=(), requirements=()))
     assert moves.payload_blocks(none) == list(moves.payload_remarks(none)) == []
 
 
