@@ -39,6 +39,7 @@ def test_example_two_link_arm(repository: Path) -> None:
     assert errors["final_error_rad"] < 0.002 < errors["largest_error_rad"] < 0.4
 
 
+@pytest.mark.slow
 def test_a_row_of_the_regions_page_is_computed_again(repository: Path) -> None:
     example = runpy.run_path(str(repository / "examples" / "region_of_validity.py"))
     page = (repository / "docs" / "regions.md").read_text(encoding="utf-8").splitlines()

@@ -27,6 +27,7 @@ def module(repository: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) ->
         del sys.modules[name]
 
 
+@pytest.mark.slow
 def test_a_step_leaves_nothing_and_collects_nothing(module: Any, tmp_path: Path) -> None:
     """Two links: an earlier memory, kept every 32 samples, has more bytes than a step may have at once."""
     stream = module.Stream("planar-two-link", 2)

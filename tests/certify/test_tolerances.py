@@ -108,6 +108,7 @@ def test_ranges_are_the_tolerances_of_the_tables() -> None:
     assert ranges(0.1)["mass"] == pytest.approx((0.995, 1.005))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("goal", "share", "step"), [(90, 0.02, 0.15), (180, 0.02, 0.2)])
 def test_a_part_of_the_tolerances_is_proved_with_plain_weights_and_the_whole_is_refused(
     goal: int, share: float, step: float
@@ -120,6 +121,7 @@ def test_a_part_of_the_tolerances_is_proved_with_plain_weights_and_the_whole_is_
         certify_tolerances(found, problem(goal), ranges(), gamma, step=step, most_cells=20_000)
 
 
+@pytest.mark.slow
 def test_the_input_of_each_robot_does_not_jump_at_its_start() -> None:
     found, about = solution(90, 2), problem(90)
     proved = certify_tolerances(found, about, ranges(0.02), 1.8 * found.gamma, step=0.15)

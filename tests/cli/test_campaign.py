@@ -211,6 +211,7 @@ def test_requirements_decide_the_exit_code(judged: Path, capsys: pytest.CaptureF
     assert "flexhinf campaign replay runs --sample" in page
 
 
+@pytest.mark.slow
 def test_the_worst_robot_is_searched_kept_and_replayed(
     judged: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -42,6 +42,7 @@ def judged(folder: Path) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_two_estimators_on_the_same_robots(judged: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(WORDS) == 0
     text = "".join(capsys.readouterr())
@@ -61,6 +62,7 @@ def test_two_estimators_on_the_same_robots(judged: Path, capsys: pytest.CaptureF
     assert "the same bits" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_samples_that_are_not_independent_have_neither_test_nor_interval(
     judged: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

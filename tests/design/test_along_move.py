@@ -64,6 +64,7 @@ def test_the_requirement_is_that_of_the_worst_pose(along: AlongMove) -> None:
     assert "damping of oscillations" in lines
 
 
+@pytest.mark.slow
 def test_laws_are_added_at_the_worst_poses_only_where_they_help(
     setup: LoopSetup, plan: Waypoints, along: AlongMove, setup_of: Benches
 ) -> None:

@@ -30,6 +30,7 @@ def judged(design: Any) -> Any:
     return replace(design.setup, quiet=True).step(1e-3 * (SAMPLES - 1)).run
 
 
+@pytest.mark.slow
 @pytest.mark.oracle
 def test_the_exported_c_begins_as_the_judged_step(designed: Any, tmp_path: Path) -> None:
     run, controller = judged(designed), designed.controller()

@@ -95,6 +95,7 @@ def test_what_is_not_proved_says_why(made: Any, changes: dict, asked: dict, reas
     assert not found.lasts
 
 
+@pytest.mark.slow
 def test_a_degree_that_is_not_proved_does_not_stop_the_others(
     made: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -110,6 +110,7 @@ def test_a_law_without_a_tuning_within_the_limits_is_named_with_its_reason_and_h
     assert all(row.tuned.feasible for row in found.compared if row.tuned)
 
 
+@pytest.mark.slow
 # What all laws share --------------------------------------------------------------------------------------
 def test_every_law_gets_the_same_plants_commands_and_loads(rig: Comparison) -> None:
     own = rig.own.evaluation
@@ -193,6 +194,7 @@ def test_one_law_has_the_same_figures_in_a_design_and_in_a_comparison(
         assert line == judged[line.what, line.where]
 
 
+@pytest.mark.slow
 def test_delay_and_quantisation_reach_all_laws(made: Callable[..., Comparison]) -> None:
     worn = made(["lqr"], "none", draws=0, delay=0.02, quantisation=1e-3)
     for row in worn.compared:

@@ -30,6 +30,7 @@ def as_design(setup: LoopSetup, runs: ImpulseRuns) -> Design:
     return cast(Design, SimpleNamespace(evaluation=evaluation))
 
 
+@pytest.mark.slow
 @pytest.mark.oracle
 @pytest.mark.parametrize(
     ("name", "goal", "noise"), [("paper", (1.2,), 1e-5), ("paper", (1.2,), 1e-10), ("cart", (0.1, 0.3), 1e-6)]

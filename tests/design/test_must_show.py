@@ -81,6 +81,7 @@ def test_steps_of_the_papers_arm_overshoot_little_and_stay_below_60_volts(
     assert np.abs(response.positions[-1000:] - response.goal).max() < np.deg2rad(0.05)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("goal", GOALS)
 @pytest.mark.parametrize("preset", PRESETS)
 def test_so_do_the_arms_within_the_tolerances(
@@ -107,6 +108,7 @@ def test_margins_and_corners_of_the_running_loop_are_those_required(
     assert len(found.corners.forms) == 4  # it is said which other R^v were looked at
 
 
+@pytest.mark.slow
 def test_the_papers_own_weights_do_none_of_this(robot_of: Named) -> None:
     """So the tests above can fail: corners are unstable, and samples overshoot. That all of these settle is due to the
     noise levels, which are searched joint by joint."""
@@ -166,6 +168,7 @@ def tracking_error(
     return error, float(np.abs(run.signals["input"]).max())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("begin", [0.0, np.pi])
 @pytest.mark.parametrize("degree", [2, 6])
 @pytest.mark.parametrize("preset", PRESETS)

@@ -159,6 +159,7 @@ def test_mujocos_plant_does_what_ours_does(name: str, measured: tuple[str, ...],
     assert "MuJoCo&#x27;s plant" in design_files(result, ["flexhinf"])["index.html"]
 
 
+@pytest.mark.slow
 def test_torques_can_disturb_instead_of_the_command() -> None:
     result = quick("planar-two-link", disturbances=("link_torque", "motor_torque"))
     assert result.problem.disturbance_names == (
@@ -283,6 +284,7 @@ motor = { motor_inertia = 0.02, friction = 0.1 }
 """
 
 
+@pytest.mark.slow
 def test_a_joints_limit_in_the_search_for_a_disturbance_is_a_result(tmp_path: Any) -> None:
     """The command is the disturbance; one that left the limits was refused, and with it the whole design."""
     file = tmp_path / "pendulum.toml"

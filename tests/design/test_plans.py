@@ -21,6 +21,7 @@ Benches = Callable[..., LoopSetup]
 WAY = {"time": [0.0, 0.8, 2.0], "elbow": [0.0, 0.4, -0.3], "shoulder": [0.2, 0.5, 0.4]}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shaping", ["quintic", "jerk-limited"])
 def test_a_shaped_step_needs_less_and_arrives_without_a_jump(setup_of: Benches, shaping: str) -> None:
     jump = setup_of("planar-two-link", (0.4, 0.6), (-0.2, 0.2))

@@ -42,6 +42,7 @@ def test_the_largest_step_is_the_one_that_the_limit_leaves() -> None:
     assert 18.0 < found.peak_effort <= 20.0
 
 
+@pytest.mark.slow
 def test_a_limit_that_no_law_keeps_is_said() -> None:
     with pytest.raises(InvalidInput, match=r"(?s)No step could be proved.*takes an input of 3[0-9.]+\n"):
         search_proved_step(

@@ -52,6 +52,7 @@ def test_with_stiff_springs_the_rigid_law_does_what_it_was_made_for(side: str) -
     assert np.allclose(np.sort_complex(slow), np.sort_complex(wanted), rtol=1e-4)
 
 
+@pytest.mark.slow
 def test_on_elastic_joints_it_is_unstable_from_the_links_and_rings_from_the_motors() -> None:
     robot = fh.load_robot("seven-link")
     problem = robot.problem()

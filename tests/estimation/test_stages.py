@@ -42,7 +42,13 @@ def composed_step(estimator):
 @BOTH
 @pytest.mark.parametrize(
     ("n", "p", "period", "stages"),
-    [(3, 1, 0.02, 4), (9, 4, 0.02, 4), (9, 4, 0.5, 8), (28, 7, 0.02, 4), (33, 8, 0.02, 4)],
+    [
+        (3, 1, 0.02, 4),
+        (9, 4, 0.02, 4),
+        (9, 4, 0.5, 8),
+        pytest.param(28, 7, 0.02, 4, marks=pytest.mark.slow),
+        pytest.param(33, 8, 0.02, 4, marks=pytest.mark.slow),
+    ],
 )
 def test_on_a_linear_plant_they_are_the_kalman_filter(kalman, kind, n, p, period, stages):
     case = kalman.case(n, 2, p, seed=n, scale=1e-2, period=period)

@@ -24,6 +24,7 @@ def metrics(reproduction: Reproduction) -> dict[str, Any]:
     return json.loads(reproduction.files["metrics.json"])
 
 
+@pytest.mark.slow
 def test_the_files_are_those_of_the_report(reproduction: Reproduction) -> None:
     assert set(reproduction.files) == {"index.html", "metrics.json", *(f"figure_{n}.svg" for n in FIGURES)}
 

@@ -75,6 +75,7 @@ def check(case: Case, found: SearchResult, wanted: TargetBehaviour) -> None:
         assert min(size for joint, size in at_edge if joint == j) < np.sqrt(0.5)  # no faster than asked
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "share", "damping"),
     [

@@ -46,6 +46,7 @@ SEEDS = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "seed"), SEEDS)
 def test_a_long_step_against_gravity_takes_the_cubic_law(name: str, seed: int) -> None:
     used, (linear, cubic, quintic), _ = decided(fh.load_robot(name), pose="90deg", start=0.0, seed=seed)

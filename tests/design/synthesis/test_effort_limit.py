@@ -80,6 +80,7 @@ def test_sampled_robots_are_run_at_the_first_and_at_the_found_bandwidth_only(
     assert looked[0] > 15.0 >= looked[1]
 
 
+@pytest.mark.slow
 def test_an_asked_bandwidth_is_refused_and_what_is_advised_does(robot_of: Named) -> None:
     robot = robot_of("paper")
     with pytest.raises(InvalidInput) as refused:

@@ -75,6 +75,7 @@ def found_target(synthesis: Synthesis) -> np.ndarray:
     return target.bandwidth
 
 
+@pytest.mark.slow
 def test_where_nothing_is_better_the_design_is_that_of_damped(
     robot_of: Callable[[str], Any], only_uncertain: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
