@@ -155,7 +155,11 @@ def docstring_blocks(example: Path) -> list[Block]:
     return [Block(name, number, "sh", f"{line}\n") for number, line in enumerate(lines, 1)]
 
 
-PAGES = [REPOSITORY / "README.md", REPOSITORY / "CONTRIBUTING.md", *sorted((REPOSITORY / "docs").glob("*.md"))]
+PAGES = [
+    REPOSITORY / "README.md",
+    REPOSITORY / "CONTRIBUTING.md",
+    *sorted((REPOSITORY / "docs").glob("*.md")),
+]
 EXAMPLES = sorted((REPOSITORY / "examples").glob("*.py"))
 BLOCKS = [block for page in PAGES for block in blocks_of(page)]
 BLOCKS += [block for example in EXAMPLES for block in docstring_blocks(example)]

@@ -196,10 +196,11 @@ def test_the_fragment_of_the_documentation_compiles(
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("arithmetic", ["ARM_PLAIN", "ARM_FUSED"])
 @pytest.mark.parametrize("real", ["double", "float"])
-def test_cppcheck_finds_nothing(real: str, exported: dict[str, Path]) -> None:
+def test_cppcheck_finds_nothing(real: str, arithmetic: str, exported: dict[str, Path]) -> None:
     checks = ("--enable=warning,style,performance,portability", "--std=c99", "--error-exitcode=1", "--quiet")
-    assert run(tool("cppcheck"), *checks, "arm.c", folder=exported[real]) == ""
+    assert run(tool("cppcheck"), *checks, f"-D{arithmetic}", "arm.c", folder=exported[real]) == ""
 
 
 @pytest.mark.parametrize("real", ["double", "float"])

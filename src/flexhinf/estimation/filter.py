@@ -229,7 +229,7 @@ class RecursiveFilter(Estimator):
 
     # What an estimator is -------------------------------------------------------------------------
     @abc.abstractmethod
-    def time_update_on(self, run: Any, belief: Any, u: Any, p: Any, process_noise: Any) -> Any:
+    def time_stages(self, run: Any, belief: Any, u: Any, p: Any, process_noise: Any) -> Any:
         """x(k|k) → x(k+1|k), pure, on any element; p is the vector of parameters.
 
         Parameters
@@ -259,6 +259,11 @@ class RecursiveFilter(Estimator):
         shown = run.columns(applied, root, c)
         return correction(run, (belief.mean, root), (expected, shown), weights, y, measurement_noise)
 
+    # Text and composed form stand apart: a subclass that changes the text is composed of it (`use_default_form`).
+    def time_update_on(self, run: Any, belief: Any, u: Any, p: Any, process_noise: Any) -> Any:
+        """`time_stages`."""
+        return self.time_stages(run, belief, u, p, process_noise)
+
     def measurement_update_on(
         self, run: Any, belief: Any, y: Any, u: Any, p: Any, measurement_noise: Any
     ) -> Any:
@@ -267,7 +272,7 @@ class RecursiveFilter(Estimator):
 
     def time_update(self, belief: Any, u: Any, p: Any, process_noise: Any) -> Any:
         """x(k|k) → x(k+1|k), pure, on any element; p has the parameters as attributes."""
-        return self.time_update_on(DIRECT, belief, u, self.plant.parameters.flat(p), process_noise)
+        return self.time_stages(DIRECT, belief, u, self.plant.parameters.flat(p), process_noise)
 
     def measurement_update(self, belief: Any, y: Any, u: Any, p: Any, measurement_noise: Any) -> Any:
         """x(k|k−1) → x(k|k), likewise."""

@@ -191,7 +191,7 @@ class UnscentedKalmanFilter(RecursiveFilter):
         n, points = self.plant.n, 2 * self.plant.n + 1
         return points * (self.stages * self.sub_steps * self.plant.traced_flow.n_instructions() + n * n)
 
-    def time_update_on(self, run: Any, belief: Any, u: Any, p: Any, process_noise: Any) -> Any:
+    def time_stages(self, run: Any, belief: Any, u: Any, p: Any, process_noise: Any) -> Any:
         """Steps 1 to 4: x(k|k) → x(k+1|k)."""
         points = self.points(run, belief.mean, run.cholesky(belief.covariance))  # 1
         moved = self.inside(run, run.sweep(self.moved, points, u, p))  # 2
@@ -326,7 +326,7 @@ class ExtendedKalmanFilter(RecursiveFilter):
         """Derivative of `sub_step` at x along a direction, (n,)."""
         return apply(self._tangent, x, direction, u, p)[0]
 
-    def time_update_on(self, run: Any, belief: Any, u: Any, p: Any, process_noise: Any) -> Gaussian:
+    def time_stages(self, run: Any, belief: Any, u: Any, p: Any, process_noise: Any) -> Gaussian:
         """x(k|k) → x(k+1|k): F(x̂, u) and A P Aᵀ + R^v with A = ∂F/∂x."""
         mean, spread = belief.mean, run.cholesky(belief.covariance)
         for _ in range(self.sub_steps):

@@ -227,7 +227,7 @@ class OutputInjectionObserver(RecursiveFilter):
         return np.linalg.pinv(weight @ self._sensors) @ weight
 
     # The updates -----------------------------------------------------------------------------------
-    def time_update_on(self, run: Any, belief: Any, u: Any, p: Any, process_noise: Any) -> Any:
+    def time_stages(self, run: Any, belief: Any, u: Any, p: Any, process_noise: Any) -> Any:
         """x(k|k) → x(k+1|k), along φ as it is at the beginning of the period."""
         injection = run.call(self._injected, belief.measured, u, p, belief.drift)
         mean = run.call(_driven, belief.mean, injection, belief.transition, belief.hold)
