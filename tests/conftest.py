@@ -160,3 +160,10 @@ def bounded_work() -> Callable[[int], AbstractContextManager[None]]:
             assert calls <= most, f"{calls} calls"
 
     return bounded
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """The example of `flexhinf.compare` tunes a law: as slow as such tests are."""
+    for item in items:
+        if item.name == "flexhinf.design.pipeline.compare":
+            item.add_marker(pytest.mark.slow)

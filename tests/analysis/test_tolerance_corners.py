@@ -151,6 +151,7 @@ def test_the_worst_corner_grows_as_the_traced_loop_there(
         assert found.designed.rates[k] == pytest.approx(math.log(expected) / PERIOD, abs=1e-5)
 
 
+@pytest.mark.slow
 def test_the_estimators_noise_is_named_and_swept(made: SimpleNamespace, arm: Robot) -> None:
     """A damped law: stable at all corners as designed, not with noise on the link's torque alone."""
     weights = {"link_position": 60.0, "link_position_integral": 300.0, "joint_torque_rate": 3e-3}

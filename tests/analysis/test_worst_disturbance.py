@@ -57,6 +57,7 @@ def test_gradient_by_differences_of_the_arm(
     differs(runs, 0.3 * np.random.default_rng(0).normal(size=(151, runs.channels)), (0, 1, 37, 148, 149))
 
 
+@pytest.mark.slow
 @pytest.mark.oracle
 def test_gradient_by_differences_of_two_links(
     made: SimpleNamespace, two_link: Robot, both: GeneralisedPlant, two_link_law: HJISolution

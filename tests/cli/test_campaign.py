@@ -62,6 +62,7 @@ def said(capsys: pytest.CaptureFixture[str]) -> str:
     return "".join(capsys.readouterr())
 
 
+@pytest.mark.slow
 def test_run_again_and_replay(judged: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(WORDS) in (0, 1)
     text = said(capsys)
@@ -376,6 +377,7 @@ def test_the_folder_of_a_report_is_taken_as_its_design_file(
     assert design_file_of("./paper") == Path("paper/design.toml")
 
 
+@pytest.mark.slow
 def test_without_a_report_it_is_designed_first(folder: Path, arm: str) -> None:
     (folder / "arm.toml").write_text(arm)
     (folder / "design.toml").write_text(

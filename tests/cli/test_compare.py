@@ -42,6 +42,7 @@ def test_one_table_one_page_and_the_numbers(folder: Path, capsys: pytest.Capture
     assert "--laws &#x27;pd, lqr&#x27;" in page
 
 
+@pytest.mark.slow
 def test_one_set_of_sensors_for_all(folder: Path) -> None:
     assert main([*WORDS, "--laws", "pd", "--same-sensors"]) == 0
     found = json.loads((folder / "flexhinf-compare" / "comparison.json").read_text(encoding="utf-8"))

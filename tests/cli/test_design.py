@@ -53,6 +53,7 @@ def test_the_exit_code_says_whether_the_specification_is_met(
     assert missed[0]["found"] > 0.5
 
 
+@pytest.mark.slow
 def test_a_behaviour_is_asked_for_and_every_line_of_it_is_told(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -74,12 +75,14 @@ def test_a_behaviour_is_asked_for_and_every_line_of_it_is_told(
     assert again in text_of(folder)
 
 
+@pytest.mark.slow
 def test_the_observer_can_be_asked_for(folder: Path) -> None:
     assert main(["design", "vertical-rig", "--estimator", "observer", "--process-noise", "1e-9", *QUICK]) == 0
     assert tomllib.loads(text_of(folder, "design.toml"))["design"]["estimator"] == "observer"
     assert "observer" in text_of(folder)
 
 
+@pytest.mark.slow
 def test_what_cannot_be_met_is_refused_with_the_best_found(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -92,6 +95,7 @@ def test_what_cannot_be_met_is_refused_with_the_best_found(
     assert list(folder.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_an_interrupted_design_leaves_what_was_there(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -107,6 +111,7 @@ def test_an_interrupted_design_leaves_what_was_there(
     assert {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()} == before
 
 
+@pytest.mark.slow
 def test_a_tolerance_that_looks_like_a_fraction_is_warned_of_in_terminal_and_report(
     arm: str, folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -47,6 +47,7 @@ def test_the_same_design_is_made_again(arm: str, folder: Path) -> None:
     assert numbers(first) == numbers(again)
 
 
+@pytest.mark.slow
 def test_the_weights_that_were_found_make_the_same_law(folder: Path) -> None:
     main(["design", "vertical-rig", "--bandwidth", "4", "--damping", "0.4", *QUICK])
     first, found = numbers(folder / "flexhinf-design"), file_of(folder / "flexhinf-design")["result"]

@@ -52,6 +52,7 @@ def test_the_exported_c_begins_as_the_judged_step(designed: Any, tmp_path: Path)
     )  # nothing holds an arm that hangs, whatever holds it at the goal
 
 
+@pytest.mark.slow
 def test_a_silent_encoder_at_boot_leaves_the_arm_hanging(designed: Any, tmp_path: Path) -> None:
     """In C, in Python, and in the state that a run on a robot starts from."""
     controller = designed.controller()

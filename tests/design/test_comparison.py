@@ -18,6 +18,9 @@ from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.result import Comparison
 from flexhinf.errors import InvalidInput, NumericalFailure
 
+#: Whole comparisons; quick ones are made by the tests of the page and of the command.
+pytestmark = pytest.mark.slow
+
 QUICK: dict[str, Any] = {
     "rays": 0, "degrees": (4,), "estimator": "ekf", "draws": 3, "duration": 3.0, "torque_noise": 1e-7,
 }  # fmt: skip

@@ -34,7 +34,7 @@ from flexhinf.hinf import solve_hji
 NAMES = [name for name in DEFAULT_LAWS if name != DESIGN]
 
 
-@pytest.fixture(scope="module", params=["paper", "robust"])
+@pytest.fixture(scope="module", params=["paper", pytest.param("robust", marks=pytest.mark.slow)])
 def factory(request: Any) -> LawFactory:
     s = Specification(
         pose=(0.8,), start=(0.3,), degrees=(4,), rays=0, preset=request.param, torque_noise=1e-7

@@ -93,6 +93,7 @@ def test_so_do_the_arms_within_the_tolerances(
     assert samples.peak.max() <= 60.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("goal", GOALS)
 @pytest.mark.parametrize("preset", PRESETS)
 def test_margins_and_corners_of_the_running_loop_are_those_required(

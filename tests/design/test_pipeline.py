@@ -100,6 +100,7 @@ def test_the_rigid_design_fails_on_it_from_the_link_side(two: Design) -> None:
     assert np.abs(late).max() > 3 * np.abs(motor.response.positions[-200:] - two.goal).max()
 
 
+@pytest.mark.slow
 def test_the_report_has_the_numbers_and_their_sources(two: Design) -> None:
     files = design_files(two, ["flexhinf", "design", "planar-two-link", "--pose", "0.6,0.3"], ["A warning."])
     page = files["index.html"]
@@ -169,6 +170,7 @@ def test_torques_can_disturb_instead_of_the_command() -> None:
     assert both.problem.disturbance_names[0] == "link_position_shoulder_command"
 
 
+@pytest.mark.slow
 def test_any_mix_can_be_measured_and_what_hides_a_mode_is_refused() -> None:
     mixed = quick("planar-two-link", measured=("motor_position", "joint_torque", "link_velocity_elbow"))
     assert mixed.evaluation.step.metrics[1]["steady_state_error"] < 1e-2
@@ -188,6 +190,7 @@ def test_a_vibration_that_the_motors_hardly_show_is_told_before_it_rings() -> No
     assert min(mode.damping for mode in seen if mode.vibration) > 0.01
 
 
+@pytest.mark.slow
 @pytest.mark.oracle
 def test_the_estimators_modes_are_those_of_the_filter_that_runs() -> None:
     result = quick("vertical-rig", estimator="ekf", torque_noise=1e-7)

@@ -38,6 +38,7 @@ def by_hand(time: np.ndarray, q: np.ndarray, u: np.ndarray, begin: float, end: f
     }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "goal", "start"), [("paper", (np.pi / 2,), (0.0,)), ("cart", (0.1, 0.3), (0.15, -0.1))]
 )

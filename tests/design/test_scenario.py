@@ -69,6 +69,7 @@ def test_the_nominal_robot_follows_the_plan_exactly(
     assert errors[1] < 0.15 * errors[0]
 
 
+@pytest.mark.slow
 def test_figures_of_merit_are_those_of_the_trajectory(setup_of: Benches) -> None:
     setup = setup_of("planar-two-link", (0.4, 0.6), (0.1, 0.8))
     move = setup.move(planned(setup, np.array([5.0, 5.0])))

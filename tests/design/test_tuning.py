@@ -74,6 +74,7 @@ def pd(rig: Tuner) -> Any:
         return rig.tune(law_kind("pd"))
 
 
+@pytest.mark.slow
 @pytest.mark.oracle
 def test_a_tuned_law_keeps_every_limit_in_a_loop_of_our_own(rig: Tuner, pd: Any) -> None:
     """Margins from the loop transfer on a grid, and the peak from a loop that is put together here."""
@@ -141,6 +142,7 @@ def test_with_the_true_state_there_are_no_sensors_and_no_noise_levels(
     assert set(found.parameters) == {"bandwidth", "damping"}
 
 
+@pytest.mark.slow
 def test_a_law_that_contains_another_one_is_not_tuned_worse(
     rig: Tuner, monkeypatch: pytest.MonkeyPatch
 ) -> None:

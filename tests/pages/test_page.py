@@ -153,6 +153,7 @@ def test_what_does_not_apply_has_no_section(report_design: Make) -> None:
     assert "figure-arm" not in page.html()  # its link has no length
 
 
+@pytest.mark.slow
 def test_the_search_is_shown_with_the_candidate_that_is_used(report_design: Make) -> None:
     design = report_design("met")
     rows, search = candidate_table(design).rows, design.design_problem.search
@@ -166,6 +167,7 @@ def test_the_search_is_shown_with_the_candidate_that_is_used(report_design: Make
     assert f"evaluated {len(weights)} candidates" in text_of(design, "weights")
 
 
+@pytest.mark.slow
 def test_the_robust_preset_says_what_its_tolerances_cost(report_design: Make) -> None:
     design = report_design("robust")
     r = design.design_problem.robustness
@@ -187,6 +189,7 @@ def test_the_limit_of_the_input_is_drawn_or_named(report_design: Make) -> None:
     assert "±60" not in text_of(report_design("rings"), "step")
 
 
+@pytest.mark.slow
 def test_the_spread_is_that_of_the_samples(report_design: Make) -> None:
     design = report_design("met")
     samples = design.evaluation.step_samples
@@ -236,6 +239,7 @@ def test_margins_stand_beside_those_of_the_true_state(report_design: Make) -> No
     assert {len(row) for row in alone} == {2}
 
 
+@pytest.mark.slow
 def test_the_corners_are_named_with_their_form_of_process_noise(report_design: Make) -> None:
     e = report_design("rings").evaluation
     assert e.corners is not None

@@ -27,6 +27,7 @@ def study(setup: PaperSetup) -> ToleranceStudy:
     return ToleranceStudy.of(setup, setup.nonlinear)
 
 
+@pytest.mark.slow
 def test_all_2048_corners_are_counted_by_goal_and_form(study: ToleranceStudy) -> None:
     assert study.count("corner") == 2048
     counts = {goal: unstable_of(study.chosen[goal], "corner") for goal in GOALS}

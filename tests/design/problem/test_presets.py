@@ -152,6 +152,7 @@ def test_every_robot_of_the_catalogue_gets_a_damped_loop_without_being_told_how(
     assert game.target.bandwidth == pytest.approx(BANDWIDTH_FRACTION * held, rel=1e-9)
 
 
+@pytest.mark.slow
 # Disturbances ---------------------------------------------------------------------------------------
 @pytest.mark.parametrize("preset", ["paper", "damped", "robust"])
 @pytest.mark.parametrize(
@@ -255,6 +256,7 @@ def test_what_robustness_costs_is_the_norm_of_two_loops_of_the_nominal_robot(
     assert told.nominal_gain < told.robust_gain < game.gamma
 
 
+@pytest.mark.slow
 @pytest.mark.oracle
 @pytest.mark.parametrize(("name", "away"), [("paper", 0.1), ("cart", 0.002)])
 def test_the_nonlinear_law_dissipates_for_every_robot_of_the_channels_near_the_goal(
