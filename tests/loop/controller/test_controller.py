@@ -235,3 +235,11 @@ def test_bad_controllers_are_refused(made, change, word):
     with pytest.raises(InvalidInput, match=word) as caught:
         change(made)
     assert caught.value.advice
+
+
+@pytest.mark.parametrize("name", ["process_noise", "measurement_noise"])
+def test_an_array_of_another_shape_is_refused_by_name(made, name):
+    estimator = made.ukf()
+    vars(estimator)[name] = np.eye(7)
+    with pytest.raises(InvalidInput, match=name):
+        Controller(made.law, estimator).step(0.1, 1.0)

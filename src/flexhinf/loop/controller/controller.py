@@ -270,14 +270,19 @@ class Controller(Summarised):
         gains = [code.slope[:, len(self.states) :] for code in codes]
         values: dict[str, Any] = {
             "period": [self.period], "law": np.concatenate([code.data for code in codes]),
-            "operating_point": rows([law.operating_point for law in laws]),
-            "operating_input": rows([law.operating_input for law in laws]),
+            "operating_point": rows(
+                [_shaped("operating_point", law.operating_point, len(law.state_names)) for law in laws]
+            ),
+            "operating_input": rows(
+                [_shaped("operating_input", law.operating_input, len(law.input_names)) for law in laws]
+            ),
             "lower": limits.lower, "upper": limits.upper, "integral_gain": rows(gains),
         }  # fmt: skip
         if estimator is not None:
             values["parameters"] = estimator.plant.parameters.vector()
-            values["process_noise"] = estimator.process_noise
-            values["measurement_noise"] = estimator.measurement_noise
+            n, p = estimator.plant.n, len(estimator.plant.outputs)
+            values["process_noise"] = _shaped("process_noise", estimator.process_noise, n, n)
+            values["measurement_noise"] = _shaped("measurement_noise", estimator.measurement_noise, p, p)
         if mode.takes_over:
             values["inverse_slope"] = rows([inverse_slope(gain) for gain in gains])
             values["decay"] = [np.exp(-self.period / self.fade)]
@@ -572,3 +577,15 @@ def load_controller(path: str | os.PathLike[str]) -> Controller:
         another version.
     """
     return read_controller(path, Controller)
+
+
+def _shaped(name: str, value: Any, *shape: int) -> np.ndarray:
+    """An array of a law or an estimator of this shape, or one number for all its elements."""
+    array = np.asarray(value, dtype=float)
+    if array.shape not in ((), shape):
+        raise InvalidInput(
+            f"The array {name!r} has the wrong shape.",
+            f"expected {shape}, got {array.shape}",
+            "one element for each place",
+        )
+    return np.broadcast_to(array, shape)
