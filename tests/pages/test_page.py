@@ -19,14 +19,13 @@ from flexhinf.design.requirements import Requirement
 from flexhinf.design.responses import Response
 from flexhinf.design.result import Status
 from flexhinf.pages import design_page
-from flexhinf.pages.design import region
-from flexhinf.pages.design.frequency import mode_table
-from flexhinf.pages.design.margins import corner_rows, corner_table, corners_text, margin_table
-from flexhinf.pages.design.region import level_table, widest_step
+from flexhinf.pages.design.frequency import corner_rows, corner_table, corners_text, margin_table
+from flexhinf.pages.design.law import mode_table
+from flexhinf.pages.design.region import level_table, region, widest_step
 from flexhinf.pages.design.requirements import found_text, limit_text, requirement_table
 from flexhinf.pages.design.step import histogram_bins, spread_table
 from flexhinf.pages.design.weights import candidate_table, robust_table
-from flexhinf.pages.drawing import joint_table
+from flexhinf.pages.drawing import drawn, joint_table
 from flexhinf.pages.page import remarks, title_of
 from flexhinf.pages.settings import design_settings
 from flexhinf.report import Cell, Column, Table, number
@@ -92,9 +91,8 @@ def test_the_page_says_which_step_the_region_allows(report_design: Make) -> None
     robot = SimpleNamespace(links=SimpleNamespace(limits=[(0.0, 3.0), None, (-1.0, 2.5)]))
     limited: Any = SimpleNamespace(robot=robot, goal=np.array([1.0, 5.0, 1.0]))
     assert widest_step(limited) == 1.5
-    text = "".join(block.html() for block in region.blocks(design))
-    assert "integrals at which V is smallest" in text
-    assert "left of the level" not in text
+    text = "".join(block.html() for block in drawn(region(design)))
+    assert 'id="table-region"' in text
 
 
 def test_one_joint_is_not_named(report_design: Make) -> None:
@@ -172,7 +170,7 @@ def test_the_robust_preset_says_what_its_tolerances_cost(report_design: Make) ->
     design = report_design("robust")
     r = design.design_problem.robustness
     assert r is not None
-    (_, plain, robust, cost), (_, gain, robust_gain, _) = robust_table(design).rows
+    (_, plain, robust, cost), (_, gain, robust_gain, _) = robust_table(r).rows
     assert (plain, robust) == (r.nominal_gamma_star, r.gamma_star)
     assert (gain, robust_gain) == (r.nominal_gain, r.robust_gain)
     text = text_of(design, "weights")
