@@ -11,7 +11,7 @@ import pytest
 import flexhinf as fh
 from flexhinf.design import Design
 from flexhinf.pages.design.frequency import Loop, frequency_figures
-from flexhinf.pages.design.law import PoleGroup, poles_figure
+from flexhinf.pages.design.law import poles_figure
 from flexhinf.pages.design.step import arm_figure, instants
 from flexhinf.pages.drawing import Panel, framed, thin
 from flexhinf.report import new_figure
@@ -67,9 +67,9 @@ def test_frequency_figures_draw_a_line_for_each_loop(report_design: Make) -> Non
 
 def test_poles_of_every_group_are_drawn() -> None:
     groups = [
-        PoleGroup("open", np.array([0.0, -1.0 + 9.0j, -1.0 - 9.0j]), "o", "#0072b2", hollow=True),
-        PoleGroup("closed", np.array([-5.0, -3.0 + 3.0j]), "x", "#d55e00"),
-        PoleGroup("none", np.array([]), "^", "#009e73"),
+        ("open", np.array([0.0, -1.0 + 9.0j, -1.0 - 9.0j]), {"marker": "o", "markerfacecolor": "none"}),
+        ("closed", np.array([-5.0, -3.0 + 3.0j]), {"marker": "x"}),
+        ("none", np.array([]), {"marker": "^"}),
     ]
     svg = poles_figure(groups).svg
     assert "open" in svg

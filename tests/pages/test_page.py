@@ -28,7 +28,7 @@ from flexhinf.pages.design.weights import candidate_table, robust_table
 from flexhinf.pages.drawing import drawn, joint_table
 from flexhinf.pages.page import remarks, title_of
 from flexhinf.pages.settings import design_settings
-from flexhinf.report import Cell, Column, Table, number
+from flexhinf.report import Cell, Column, number
 
 Make = Callable[[str], Design]
 ORDER = [
@@ -98,9 +98,12 @@ def test_the_page_says_which_step_the_region_allows(report_design: Make) -> None
 def test_one_joint_is_not_named(report_design: Make) -> None:
     design = report_design("met")
     assert "mainly" not in mode_table(design).html()
-    single = joint_table(Table(("joint", Column("way", "°"), "ends"), [("joint", 5.73, None)]))
+    columns = (Column("way", "°", key="way", scale=2.0), Column("ends", key="ends"))
+    single = joint_table(columns, [{"joint": "a", "way": 2.865, "ends": None}], "", "")
     assert single.rows == [("way", "5.73°"), ("ends", "–")]
-    assert joint_table(Table(("joint", Column("way", "°")), [("a", 1.0), ("b", 2.0)])).stacks
+    both = joint_table(columns, [{"joint": "a", "way": 1.0}, {"joint": "b", "way": 2.0}], "", "")
+    assert both.rows == [("a", 2.0, None), ("b", 4.0, None)]
+    assert both.stacks
     settings = {row.name: row.unit for row in design_settings(design)["Synthesis"]}
     assert settings["pose"] == "rad"
 

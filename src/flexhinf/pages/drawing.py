@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -20,6 +20,7 @@ from flexhinf.report import (
     SERIES,
     WIDTH,
     Block,
+    Column,
     Figure,
     Note,
     Table,
@@ -152,6 +153,18 @@ def time_figure(
     if len(joints) > 1 or planned:
         legend(axes[0])
     return figure, axes
+
+
+def time_block(
+    name: str, time: np.ndarray, joints: Sequence[str], panels: Sequence[Panel], caption: str, title: str,
+    height: float | None = None, mark: float | None = None, **style: Any,
+) -> Figure:  # fmt: skip
+    """Panels over one axis of time as a figure of a page; `mark` is a time with a dotted line."""
+    figure, axes = time_figure(time, joints, panels, height, **style)
+    if mark is not None:
+        for axis in axes:
+            vertical_line(axis, mark)
+    return figure_block(name, figure, caption, title)
 
 
 @house_style()
@@ -392,18 +405,21 @@ def finite(value: Any) -> Any:
 _OPTION = re.compile(r"`[^`]*`|--[a-z]+(?:-[a-z]+)*")
 
 
-def joint_table(table: Table) -> Table:
+def joint_table(
+    columns: Sequence[Column], records: Sequence[Mapping[str, Any]], caption: str, name: str, title: str = ""
+) -> Table:
     """A table with a row for each joint, its name first; of a single joint a row for each column, without the name."""
-    if len(table.rows) != 1:
-        return replace(table, stacks=True)
+    if len(records) != 1:
+        columns = (Column("joint", key="joint"), *columns)
+        return Table.of(columns, records, caption, name, stacks=True, title=title)
     rows = []
-    for column, value in list(zip(table.heads, table.rows[0]))[1:]:
-        text = value or "–"
+    for column, value in zip(columns, Table.of(columns, records).rows[0]):
+        text: Any = value or "–"
         if value is not None and not isinstance(value, str):
             unit = column.unit if column.unit == "°" else f" {column.unit}"
             text = f"{number(float(value))}{unit}".strip()  # pyright: ignore[reportArgumentType]
         rows.append((column.name, text))
-    return replace(table, columns=("", "value"), rows=rows)
+    return Table(("", "value"), rows, caption, name, title=title)
 
 
 def note(text: str) -> Note:

@@ -26,7 +26,7 @@ from flexhinf.pages.drawing import (
     panels,
     range_text,
     reference_line,
-    time_figure,
+    time_block,
     units_of,
 )
 from flexhinf.report import (
@@ -73,9 +73,8 @@ def margins(design: Design) -> Blocks:
     m, own, s, joints = e.margins, e.state_margins, e.setup.specification, e.setup.joints
     yield from _margin_notes(e)
     text = (
-        "The loop at the goal is linearised, sampled, and has its estimator and delay. It is broken at the inputs; "
-        "with several inputs a gain margin is that of one input while the others stay, and the disk margin lets all "
-        "inputs change at once."
+        "The loop at the goal, linearised, sampled, with estimator and delay, is broken at the inputs. A gain margin "
+        "is that of one input while the others stay; the disk margin lets all change at once."
     )
     if m.stable:
         text += f" The sensitivity peaks at {number(m.peak_sensitivity, 3)} ({_hertz(m.sensitivity_frequency)} Hz)"
@@ -216,9 +215,10 @@ def _estimation_figure(e: LawEvaluation) -> Figure:
         Panel(name, units.rate if k % 2 else units.angle, error[:, k * n : (k + 1) * n])
         for k, name in enumerate(names)
     ]
-    figure, _ = time_figure(run.time, e.setup.joints, shown, 7.4, linewidth=0.9)
     caption = "True minus estimated state of every joint in the step."
-    return figure_block("estimate", figure, caption, "Estimation error")
+    return time_block(
+        "estimate", run.time, e.setup.joints, shown, caption, "Estimation error", 7.4, linewidth=0.9
+    )
 
 
 # Frequency responses ------------------------------------------------------------------------------------
@@ -241,8 +241,8 @@ def frequency_figures(loops: Sequence[Loop], joints: Sequence[str], load: str, p
 
 @house_style()
 def _bode(loops: Sequence[Loop], joints: Sequence[str], load: str, position: str) -> Figure:
-    figure, (command, phase, torque) = _stacked(3, 8.4)
-    for name, style, response, joint in _lines(loops, joints):
+    (figure, (command, phase, torque)), lines = _stacked(3, 8.4), _lines(loops, joints)
+    for name, style, response, joint in lines:
         below = response.frequencies <= SHOWN_BAND * np.pi / response.period
         hertz = response.frequencies[below] / (2.0 * np.pi)
         followed = response.command[below, joint, joint]
@@ -258,12 +258,10 @@ def _bode(loops: Sequence[Loop], joints: Sequence[str], load: str, position: str
     label(torque, f"torque → link\n(dB of {position}/({load}))", "")
     if len(loops) > 1 or len(joints) > 1:
         legend(command)
-    which = "" if len(loops) == 1 or len(joints) == 1 else f" Joint: {joints[_worst(loops)]}."
+    which = "" if len(loops) == 1 or len(joints) == 1 else f" Joint: {joints[lines[0][3]]}."
     return figure_block(
         "bode", figure,
-        f"{RUNNING} Magnitude and phase from the commanded to the true link position (dotted: 0 dB, and −3 dB, where "
-        f"the bandwidth is read), and magnitude from a torque on the link to its position.{which}",
-        "Bode diagram",
+        f"{RUNNING} Dotted: 0 dB, and −3 dB, where the bandwidth is read.{which}", "Bode diagram",
     )  # fmt: skip
 
 
@@ -283,13 +281,9 @@ def _sensitivity(loops: Sequence[Loop]) -> Figure:
     _bounded(axis)
     label(axis, f"largest singular value{'' if alone else ' of S'}", "dB")
     legend(axis)
-    second = "; T: how much an error of the model is amplified" if alone else ""
-    return figure_block(
-        "sensitivity", figure,
-        f"{RUNNING} S: how much the loop amplifies a disturbance at the motors (above 0 dB: more than without "
-        f"control){second}. Dotted: 0 dB.",
-        "Sensitivity",
-    )  # fmt: skip
+    second = "; T: an error of the model" if alone else ""
+    caption = f"{RUNNING} S: how much the loop amplifies a disturbance at the motors{second}. Dotted: 0 dB."
+    return figure_block("sensitivity", figure, caption, "Sensitivity")
 
 
 @house_style()
@@ -307,41 +301,29 @@ def _nyquist(loops: Sequence[Loop], joints: Sequence[str]) -> Figure:
     axis.plot([-1.0], [0.0], "+", color=INK, markersize=9.0, label="−1")
     if len(loops) == 1:
         radius = min(distances)
-        axis.add_patch(
-            Circle((-1.0, 0.0), radius, fill=False, color=INK, linewidth=1.0, linestyle=(0, DASHED))
-        )
+        circle = Circle((-1.0, 0.0), radius, fill=False, color=INK, linewidth=1.0, linestyle=(0, DASHED))
+        axis.add_patch(circle)
         closest = f" The dashed circle about −1 has the smallest distance, {radius:.2f}."
-    axis.set_xlim(-NYQUIST, 0.6 * NYQUIST)
-    axis.set_ylim(-0.5 * NYQUIST, 0.5 * NYQUIST)
-    axis.set_aspect("equal")
-    axis.set_xlabel("real part")
-    label(axis, "imaginary part", "")
+    axis.set(xlim=(-NYQUIST, 0.6 * NYQUIST), ylim=(-0.5 * NYQUIST, 0.5 * NYQUIST), aspect="equal")
+    axis.set(xlabel="real part", ylabel="imaginary part")
     legend(axis)
     others = " The loops at the other inputs are closed." if len(joints) > 1 else ""
-    return figure_block(
-        "nyquist", figure,
-        f"{RUNNING} The loop opened at one input, positive frequencies, negative feedback.{others}{closest} "
-        "Curves that leave the frame go on.",
-        "Nyquist diagram",
-    )  # fmt: skip
+    caption = (
+        f"{RUNNING} The loop opened at one input, positive frequencies, negative feedback.{others}{closest}"
+    )
+    return figure_block("nyquist", figure, caption, "Nyquist diagram")
 
 
 def _lines(
     loops: Sequence[Loop], joints: Sequence[str]
 ) -> list[tuple[str, dict[str, Any], FrequencyResponse, int]]:
-    """Name, style, response and joint of each line."""
-    if len(loops) == 1:
-        response = loops[0].response
-        names = joints if len(joints) > 1 else [loops[0].name]
-        return [(name, line_style(k), response, k) for k, name in enumerate(names)]
-    joint = _worst(loops)
-    return [(loop.name, line_style(loop.style), loop.response, joint) for loop in loops]
-
-
-def _worst(loops: Sequence[Loop]) -> int:
-    """The joint that a torque on its link moves most, in the first loop."""
+    """Name, style, response and joint of each line; of several loops the joint that a torque moves most in the 1st."""
     first = loops[0].response
-    return int(np.argmax([np.abs(_moved(first, joint)).max() for joint in range(len(first.positions))]))
+    if len(loops) == 1:
+        names = joints if len(joints) > 1 else [loops[0].name]
+        return [(name, line_style(k), first, k) for k, name in enumerate(names)]
+    joint = int(np.argmax([np.abs(_moved(first, joint)).max() for joint in range(len(first.positions))]))
+    return [(loop.name, line_style(loop.style), loop.response, joint) for loop in loops]
 
 
 def _moved(response: FrequencyResponse, joint: int) -> np.ndarray:
@@ -385,9 +367,8 @@ def corners(design: Design) -> Blocks:
         )
     yield Paragraph(corners_text(e))
     yield Paragraph(
-        f"{'All' if found.complete else 'Sampled'} corners: every uncertain parameter at one end of its tolerance, "
-        "all of them together, products of tolerances included. For each the sampled loop at the goal, with estimator "
-        "and delay, is linearised; robots between the corners are not covered."
+        f"{'All' if found.complete else 'Sampled'} corners: every uncertain parameter at one end of its tolerance, all "
+        "together. For each the loop is linearised at the goal; robots between the corners are not covered."
     )
     if found.swept:
         yield Paragraph(_retuning(found))
@@ -437,16 +418,15 @@ def corner_rows(e: LawEvaluation) -> list[dict[str, Any]]:
     state, then for every form and ratio q/Rⁿ of Rᵛ."""
     corners, alone = e.corners, e.setup.specification.estimator == "none"
     assert corners is not None
-    loops: list[tuple[str, float | None, GrowthRates]] = [
-        ("true state" if alone else "as designed", None, corners.designed)
+    loops: list[tuple[str, float | None, GrowthRates | None]] = [
+        ("true state" if alone else "as designed", None, corners.designed),
+        ("true state", None, None if alone else e.state_corners),
     ]
-    if not alone and e.state_corners is not None:
-        loops.append(("true state", None, e.state_corners))
     loops += [
         (form, ratio, rates) for form in corners.forms for ratio, rates in corners.of_form(form).items()
     ]
     rows = []
-    for form, ratio, rates in loops:
+    for form, ratio, rates in ((form, ratio, rates) for form, ratio, rates in loops if rates is not None):
         growth = rates.rates[rates.kinds == "corner"]
         unstable, percent = int((growth >= 0.0).sum()), 100.0 * rates.share("corner")
         row = {

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -73,60 +72,45 @@ ROUNDING = 1e-13
 
 
 # Poles --------------------------------------------------------------------------------------------------
-@dataclass(frozen=True, eq=False)
-class PoleGroup:
-    """Poles (1/s) of one loop, with its marker."""
-
-    name: str
-    poles: np.ndarray
-    marker: str
-    colour: str
-    hollow: bool = False
+#: Poles (1/s) of a loop: its name, and how Matplotlib draws them.
+PoleGroup = tuple[str, np.ndarray, dict[str, Any]]
 
 
 @house_style()
 def poles_figure(groups: Sequence[PoleGroup]) -> Figure:
     """The s-plane near the imaginary axis, and damping over frequency for all poles."""
     figure, ((plane, damping),) = panels(1, 2, 3.6)
-    groups = [group for group in groups if len(group.poles)]
-    poles = np.concatenate([group.poles for group in groups[:2]])  # without control, and with the law
+    groups = [group for group in groups if len(group[1])]
+    poles = np.concatenate([each for _, each, _ in groups[:2]])  # without control, and with the law
     oscillating = np.abs(poles[np.abs(np.imag(poles)) > 0.0])
     size = ROOM * float(oscillating.max() if len(oscillating) else np.abs(poles).max(initial=1.0))
     dotted = {"color": MUTED, "linewidth": 0.8, "linestyle": DOTTED, "zorder": 0.5}
     for ray in RAYS:
         plane.plot([0.0, -ray * 2.0 * size], [0.0, np.sqrt(1.0 - ray**2) * 2.0 * size], **dotted)
     low = -0.05
-    for group in groups:
-        style: dict[str, Any] = {
-            "color": group.colour, "markersize": 6.0, "linestyle": "none", "marker": group.marker,
-            "markerfacecolor": "none" if group.hollow else group.colour,
-        }  # fmt: skip
-        upper = group.poles[np.imag(group.poles) >= 0.0]
+    for name, each, marks in groups:
+        style: dict[str, Any] = {"markersize": 6.0, "linestyle": "none", **marks}
+        upper = each[np.imag(each) >= 0.0]
         plane.plot(np.real(upper), np.imag(upper), **style)
         hertz = np.abs(upper) / (2.0 * np.pi)
         ratio = damping_ratio(upper[hertz > SLOWEST])
         low = min([low, *(value - 0.05 for value in ratio.tolist() if value > -1.0 + 1e-9)])
-        damping.plot(hertz[hertz > SLOWEST], ratio, label=group.name, **style)
+        damping.plot(hertz[hertz > SLOWEST], ratio, label=name, **style)
     right = min(size, float(np.real(poles).max(initial=0.0)))
-    plane.set_xlim(-size, max(0.12 * size, 1.15 * right))
-    plane.set_ylim(-0.03 * size, size)
-    plane.set_xlabel("Re λ (1/s)")
+    plane.set(xlim=(-size, max(0.12 * size, 1.15 * right)), ylim=(-0.03 * size, size))
+    plane.set(xlabel="Re λ (1/s)", ylabel="Im λ (rad/s)")
     vertical_line(plane, 0.0)
-    label(plane, "Im λ", "rad/s")
     frequency_axis(damping)
     damping.margins(x=0.06)
-    damping.set_ylim(max(low, -1.05), 1.08)
     damping.axhspan(-2.0, 0.0, color=SERIES[1], alpha=0.08, linewidth=0)
-    damping.set_xlabel("frequency |λ|/2π (Hz)")
+    damping.set(ylim=(max(low, -1.05), 1.08), xlabel="frequency |λ|/2π (Hz)", ylabel="damping ratio")
     reference_line(damping)
-    label(damping, "damping ratio", "")
     legend_above(figure, damping, 2)
     return figure_block(
         "poles", figure,
-        "Left: poles λ in the s-plane, upper half, near the imaginary axis (faster ones on the right only); dotted "
-        f"rays have damping ratio {', '.join(f'{ray:g}' for ray in RAYS)}. Right: damping ratio −Re λ/|λ| over "
-        "frequency of all poles; 1 decays without oscillating, below zero (shaded) grows. Poles at zero are left out "
-        "on the right.",
+        "Left: poles λ in the s-plane, upper half, near the imaginary axis; dotted rays have damping ratio "
+        f"{', '.join(f'{ray:g}' for ray in RAYS)}. Right: damping ratio −Re λ/|λ| over frequency of all poles but "
+        "those at zero; 1 decays without oscillating, below zero (shaded) grows.",
         "Poles",
     )  # fmt: skip
 
@@ -136,17 +120,19 @@ def poles(design: Design) -> Blocks:
     yield from _pole_notes(design)
 
     def figure() -> Figure:
-        looks = ((MUTED, "o", True), (SERIES[0], "o", False), (SERIES[2], "^", False))
+        looks = (
+            {"marker": "o", "color": MUTED, "markerfacecolor": "none"}, {"marker": "o", "color": SERIES[0]},
+            {"marker": "^", "color": SERIES[2]},
+        )  # fmt: skip
         groups = [
-            PoleGroup(name, _eigenvalues(modes), marker, colour, hollow)
-            for (name, modes), (colour, marker, hollow) in zip(_modes(design).items(), looks)
+            (name, _eigenvalues(modes), look) for (name, modes), look in zip(_modes(design).items(), looks)
         ]
         if design.specification.estimator != "none":
-            running = design.evaluation.frequency_response.poles
-            groups.append(PoleGroup("running loop (sampled, estimator, delay)", running, "x", SERIES[1]))
+            running, look = design.evaluation.frequency_response.poles, {"marker": "x", "color": SERIES[1]}
+            groups.append(("running loop (sampled, estimator, delay)", running, look))
         for loop, marker in zip(design.rigid.loops if design.rigid else (), ("1", "2")):
-            name = f"rigid law, {loop.side} side"
-            groups.append(PoleGroup(name, _eigenvalues(loop.modes), marker, SERIES[3]))
+            look = {"marker": marker, "color": SERIES[3]}
+            groups.append((f"rigid law, {loop.side} side", _eigenvalues(loop.modes), look))
         return poles_figure(groups)
 
     yield figure
@@ -214,17 +200,16 @@ def _pole_notes(design: Design) -> Blocks:
         return
     worst, target = min(error, key=lambda mode: mode.damping), design.design_problem.target
     where = in_joint(worst.joint, design.robot.joint_names)
+    what = f"The estimator's error at {worst.frequency:.3g} Hz{where} has a damping ratio"
     if worst.damping < HARDLY_SEEN:
         yield note(
-            f"The estimator's error at {worst.frequency:.3g} Hz{where} has a damping ratio of "
-            f"{worst.damping:.1g} only, and noise keeps it ringing, in the robot too. Measure link positions or joint "
-            "torques, or raise --process-noise."
+            f"{what} of {worst.damping:.1g} only, and noise keeps it ringing, in the robot too. Measure link positions "
+            "or joint torques, or raise --process-noise."
         )
     elif target is not None and worst.damping < target.damping:
         yield note(
-            f"The estimator's error at {worst.frequency:.3g} Hz{where} has a damping ratio of "
-            f"{worst.damping:.2g}, less than required of the law. After a disturbance that the model does not know the "
-            "loop rings with it. Try a larger --torque-noise, or another sensor (--measured)."
+            f"{what} of {worst.damping:.2g}, less than required of the law: after unknown disturbances the loop rings "
+            "with it. Try a larger --torque-noise, or another sensor (--measured)."
         )
 
 
@@ -238,11 +223,10 @@ def law(design: Design) -> Blocks:
     """The law in words, with its linear gain and the equilibrium about which it acts."""
     solution, problem, via = design.solution, design.problem, design.specification.via
     if design.specification.compare_rigid and design.rigid is None:
-        yield note(
-            "No rigid design was made: of a robot with rigid joints of its own it says nothing new."
-            if design.robot.rigid
-            else "No rigid design was made: a penalty that is code cannot be applied to a rigid robot."
-        )
+        why = "a penalty that is code cannot be applied to a rigid robot"
+        if design.robot.rigid:
+            why = "of a robot with rigid joints of its own it says nothing new"
+        yield note(f"No rigid design was made: {why}.")
     text = (
         f"V of degree {solution.degree} solves the Hamilton–Jacobi–Isaacs equation at γ = {number(solution.gamma, 5)} "
         f"about the goal, as a power series. The law has degree {solution.degree - 1} in {len(solution.P)} states, "
@@ -260,15 +244,19 @@ def law(design: Design) -> Blocks:
     motors = design.robot.layout.whole(x)[2 * n : 3 * n]
     torques = finite(stiffness_of(problem.plant, design.robot, np.nan) * (motors - x[:n]))
     inputs = problem.operating_input.tolist()
-    rows = list(zip(design.robot.joint_names, units.scale * x[:n], units.scale * motors, torques, inputs))
+    rows = [
+        {"joint": joint, "link": link, "motor": motor, "torque": torque, "input": effort}
+        for joint, link, motor, torque, effort in zip(
+            design.robot.joint_names, x[:n].tolist(), motors.tolist(), torques, inputs
+        )
+    ]
     columns = (
-        Column("joint"),
-        Column("link position", units.angle, 4),
-        Column("motor position, seen from the link", units.angle, 4),
-        Column("spring torque", units.spring, 3),
-        Column("input", units.effort, 3),
+        Column("link position", units.angle, 4, key="link", scale=units.scale),
+        Column("motor position, seen from the link", units.angle, 4, key="motor", scale=units.scale),
+        Column("spring torque", units.spring, 3, key="torque"),
+        Column("input", units.effort, 3, key="input"),
     )
-    yield joint_table(Table(columns, rows, "Equilibrium at the goal", "table-rest"))
+    yield joint_table(columns, rows, "Equilibrium at the goal", "table-rest")
     gains = np.where(np.abs(solution.gain) < ROUNDING * np.abs(solution.gain).max(), 0.0, solution.gain)
     cells = [
         (name.replace("_", " "), *(number(float(value)) for value in gains[:, i]))
@@ -286,10 +274,9 @@ def rigid(design: Design) -> Blocks:
         return
     loops = design.rigid.loops
     yield Paragraph(
-        "The same weights, γ/γ* and degree on a model with infinitely stiff springs, link and reflected rotor "
-        "inertia as one, and that law on the elastic robot. On a rigid robot position and velocity are the same on "
-        "both sides of the springs; here they are not. The rigid law gets the true values without noise, more than "
-        f"it would have. Its γ is {number(design.rigid.gamma)}, of the rigid problem."
+        "The same weights, γ/γ* and degree on a model with infinitely stiff springs, and that law on the elastic "
+        "robot, where it gets the true position and velocity of one side of the springs without noise, more than it "
+        f"would have. Its γ is {number(design.rigid.gamma)}, of the rigid problem."
     )
     fed = "estimator" if design.specification.estimator != "none" else "true state"
     ours = "stable" if all(mode.stable for mode in design.law_modes) else "unstable"
@@ -342,16 +329,17 @@ def _rigid_figure(design: Design, loops: Sequence[RigidLoop]) -> Figure:
     runs += [(f"rigid law, fed from the {loop.side} side", loop.response) for loop in loops]
     figure, axes = new_figure(3, height=6.6)
     for order, (text, response) in enumerate(runs):
-        few = thin(response.run.time)
+        few, line = (
+            thin(response.run.time),
+            {"color": SERIES[order], "linewidth": 1.4, "zorder": 3.0 - 0.1 * order},
+        )
         signals = (
             units.scale * (response.positions[few, joint] - goal[joint]),
             spring_torques(e, response)[few, joint],
             response.inputs[few, joint],
         )
         for k, (axis, signal) in enumerate(zip(axes, signals)):
-            axis.plot(
-                response.run.time[few], signal, label=text, color=SERIES[order], linewidth=1.4, zorder=3.0 - 0.1 * order
-            )  # fmt: skip
+            axis.plot(response.run.time[few], signal, label=text, **line)
             if k and not order:  # where our law stays: a rigid law that diverges would hide it
                 axis.set_ylim(*framed(signal, 0.75))
     axes[0].set_xlim(0.0, float(e.step.run.time[-1]))
@@ -365,7 +353,6 @@ def _rigid_figure(design: Design, loops: Sequence[RigidLoop]) -> Figure:
     where = f", joint {e.setup.joints[joint]}, where it does worst" if len(goal) > 1 else ""
     return figure_block(
         "rigid", figure,
-        f"The same step with the rigid design{where}, fed the true position and velocity of one side without noise. "
-        "Lines that leave the panels go on.",
+        f"The same step with the rigid design{where}. Lines that leave the panels go on.",
         "Rigid design",
     )  # fmt: skip

@@ -62,11 +62,10 @@ def region(design: Design) -> Blocks:
     if proved is None:
         yield Paragraph(
             "Of every degree: the largest level set of V in which no violation of the dissipation inequality was "
-            f"found, along random rays and by ascent from many starts: {_strength(design)}. The checked pair is weaker "
-            f"than the designed one: γ = {design.specification.checked_gamma_ratio:g} γ* and the penalty under "
-            "Settings. It covers the law with the true state, not the estimator. The largest step moves all joints "
-            "alike and starts with the integrals at which V is smallest. A controller starts with those at which the "
-            "input does not jump, so V is larger there, and a shorter step may begin outside the level set."
+            f"found, along random rays and by ascent: {_strength(design)}. Checked is a weaker pair than the designed "
+            f"one, γ = {design.specification.checked_gamma_ratio:g} γ* and the penalty under Settings, for the law "
+            "with the true state. The largest step moves all joints alike and starts with the integrals at which V is "
+            "smallest; a controller starts with those at which the input does not jump, where V is larger."
         )
         yield _region_table(design)
     if attained is not None and proved is not None:
@@ -79,12 +78,11 @@ def region(design: Design) -> Blocks:
         )
     elif attained is not None:
         yield Paragraph(
-            "γ bounds √(∫|z|²/∫|d|²) from above for the law with the true state fed back, as long as the state stays "
-            "in a region where the inequality holds. A search for the worst disturbance gives a lower bound: "
-            f"{number(attained.gain)}, {number(100.0 * attained.gain / design.gamma, 3)} % of γ, with an energy "
-            f"∫|d|² of {number(attained.energy, 3)} and V up to {number(attained.largest_value)} of "
-            f"{number(design.chosen.level)}. The true value lies between the two, or above γ where the sampled region "
-            "is wrong."
+            "γ bounds √(∫|z|²/∫|d|²) from above for the law with the true state fed back, in a region where the "
+            f"inequality holds. A search for the worst disturbance found {number(attained.gain)}, "
+            f"{number(100.0 * attained.gain / design.gamma, 3)} % of γ, with an energy ∫|d|² of "
+            f"{number(attained.energy, 3)} and V up to {number(attained.largest_value)} of "
+            f"{number(design.chosen.level)}. The true value lies between the two, or above γ where the region is wrong."
         )
     if attained is not None or proved is not None:
         yield level_table(design)
@@ -131,8 +129,7 @@ def _proof(design: Design) -> Blocks:
         )
         yield Paragraph(
             f"{level} proved in {number(design.proof.cpu_seconds, 2)} s of CPU with exact (outward rounded) "
-            "arithmetic; the theorem with all its hypotheses stands in `certificate.json`, which another program "
-            "proves again:"
+            "arithmetic; the theorem stands in `certificate.json`, which another program proves again:"
         )
         yield Listing("flexhinf certify --check certificate.json")
         yield Paragraph(
@@ -141,9 +138,8 @@ def _proof(design: Design) -> Blocks:
         )
     if box is not None:
         yield Paragraph(
-            f"The proof for all robots within the tolerances took {number(box.cpu_seconds, 2)} s of CPU. Its V "
-            "is another one, found by matrix inequalities for the whole box, so its level and the budget below do not "
-            "compare:"
+            f"The proof for all robots within the tolerances took {number(box.cpu_seconds, 2)} s of CPU. Its V is "
+            "another one, so its level and the budget below do not compare:"
         )
         yield Listing(f"flexhinf certify --check {BOX_FILE}")
     elif reason := design.proof.box_reason.rstrip("."):
@@ -216,8 +212,7 @@ def _region_table(design: Design) -> Table:
         Column("limited by", brief=None), "residual", Column("solve", "ms", 1), Column("check", "s", 1),
     )  # fmt: skip
     caption = (
-        "Step: of all joints alike from one equilibrium to another, started inside the level set with the integrals "
-        "at which V is smallest, not those of the controller"
+        "Step: of all joints alike from one equilibrium to another, with the integrals at which V is smallest"
     )
     title = (
         f"{textwrap.fill(_degree_text(design), WIDTH)}\nRegion of each solution: {_strength(design)}\n"
@@ -275,9 +270,9 @@ def budget_rows(design: Design) -> list[dict[str, Any]]:
 def _budget_text(design: Design) -> str:
     row = budget_rows(design)[-1]
     text = (
-        "Dissipation budget. Whatever makes the input differ by v from the law's own (on the true state, at every "
-        "instant) uses ½∫vᵀR2v of the level. While V(x0) and this stay below the level, V does too, and the "
-        "inequality holds for the controller as it runs. For the step of the nominal robot, extras left out, "
+        "Dissipation budget. What makes the input differ by v from the law's own, on the true state at every instant, "
+        "uses ½∫vᵀR2v of the level. While V(x0) and this stay below it, the inequality holds for the controller as it "
+        "runs. For the step of the nominal robot, extras left out, "
     )
     if row["spent"] is None or not np.isfinite(row["spent"]):
         return f"{text}the loop with all its parts diverges."

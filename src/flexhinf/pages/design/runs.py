@@ -33,9 +33,9 @@ from flexhinf.pages.drawing import (
     note,
     pose_text,
     reference_line,
+    time_block,
     time_figure,
     units_of,
-    vertical_line,
 )
 from flexhinf.report import MUTED, SERIES, Column, Figure, Paragraph, Table, label, new_figure, number
 from flexhinf.robot.elastic import DRY
@@ -65,14 +65,11 @@ def load(design: Design) -> Blocks:
     if run.response.diverged_at is not None:
         yield note("With torques on the links the loop diverges. Try a smaller `--load`.")
     elif slow:
-        yield note(
-            f"With constant torques on the links, {' and '.join(slow)} {'is' if len(slow) == 1 else 'are'} still more "
-            "than 2 % of the step away from the goal at the end of the load run."
+        away = (
+            f"{' and '.join(slow)} {'is' if len(slow) == 1 else 'are'} still more than 2 % of the step away"
         )
-    begins = (
-        f"The robot is in equilibrium at the goal. At {run.at:g} s (dotted) constant torques begin to act"
-    )
-    caption = f"{begins} on all links at once. Neither law nor estimator knows of them."
+        yield note(f"With constant torques on the links, {away} from the goal at the end of the load run.")
+    caption = f"From {run.at:g} s on (dotted) constant torques, unknown to law and estimator, act on all links at once."
     yield lambda: _load_figure(e, run, "load", caption, "Torques on the links")
     unit, scale = units.small
     rows = [
@@ -80,7 +77,6 @@ def load(design: Design) -> Blocks:
         for row, k in zip(run.metrics, stiffness_of(e.setup.model, e.setup.robot, np.inf))
     ]
     columns = (
-        Column("joint", key="joint"),
         Column("torque on the link", units.load, key="load"),
         Column("twist of its spring", unit, key="twist", scale=scale),
         Column("largest deviation", unit, key="peak_deviation", scale=scale),
@@ -88,10 +84,10 @@ def load(design: Design) -> Blocks:
         Column("remaining deviation", unit, key="remaining_error", scale=scale),
     )
     how = (
-        "Twist: of the spring under this torque alone. Recovered: within 2 % of the joint's step from start to goal "
-        "from then on. Remaining: largest in the last tenth of the time under load"
+        "Twist: under this torque alone. Recovered: within 2 % of the joint's step from start to goal from then on. "
+        "Remaining: largest in the last tenth of the time under load"
     )
-    yield joint_table(Table.of(columns, rows, how, "table-load"))
+    yield joint_table(columns, rows, how, "table-load")
 
 
 def _load_figure(e: LawEvaluation, loaded: LoadResponse, name: str, caption: str, title: str) -> Figure:
@@ -101,10 +97,7 @@ def _load_figure(e: LawEvaluation, loaded: LoadResponse, name: str, caption: str
         Panel("link position − goal", unit, scale * (response.positions - response.goal), zero=True),
         Panel("input", units.effort, response.inputs, limits=limits, limit_name=limit_name),
     )
-    figure, axes = time_figure(response.run.time, response.joints, panels)
-    for axis in axes:
-        vertical_line(axis, loaded.at)
-    return figure_block(name, figure, caption, title)
+    return time_block(name, response.run.time, response.joints, panels, caption, title, mark=loaded.at)
 
 
 # Payloads ------------------------------------------------------------------------------------------------
@@ -122,10 +115,7 @@ def payload(design: Design) -> Blocks:
         f"{p.value:g} kg in the model"
         for p in masses
     )
-    text = (
-        f"Payload on {ranges}. Law and estimator know the model's mass alone. Integral action compensates the rest of "
-        "the weight."
-    )
+    text = f"Payload on {ranges}. Law and estimator know the model's mass alone; integral action compensates the rest."
     if (weighed := heaviest.weighed) is not None:
         found, hidden = (
             [f"{number(mass, 3)} kg" for mass in weighed.masses.values()],
@@ -140,8 +130,8 @@ def payload(design: Design) -> Blocks:
     e, grip = design.evaluation, heaviest.load_step
     if grip is not None:
         caption = (
-            f"At rest at the goal the robot grips {number(heaviest.mass, 3)} kg at {grip.at:g} s (dotted): the weight "
-            "beyond what the model carries acts on all links at once. Neither law nor estimator knows of it."
+            f"At the goal the robot grips {number(heaviest.mass, 3)} kg at {grip.at:g} s (dotted): the weight beyond "
+            "the model's, unknown to law and estimator, acts on all links at once."
         )
         yield lambda: _load_figure(e, grip, "payload", caption, "Gripping the heaviest payload")
     (unit, scale), limits = units_of(e).small, design.setup.limits
@@ -163,8 +153,8 @@ def payload(design: Design) -> Blocks:
         Column("gain margin", "", 2),
     )  # fmt: skip
     how = (
-        "Step, gripping, and the running loop at the goal, with the payload in the true robot. Worst joints; the peak "
-        "input is that of the motor nearest to its limit. Back: within 2 % of the joint's step from then on"
+        "With the payload in the true robot. Worst joints; the peak input is that of the motor nearest to its limit. "
+        "Back: within 2 % of the joint's step from then on"
     )
     yield Table(columns, rows, how, "table-payload", stacks=True)
 
@@ -212,10 +202,8 @@ def move(design: Design) -> Blocks:
     e, planned, units = design.evaluation, design.evaluation.move, units_of(design.evaluation)
     response, (unit, scale), s = planned.response, units.small, design.evaluation.setup.specification
     if response.diverged_at is not None:
-        yield note(
-            "The loop diverges while it follows the planned move. Ask for a slower move, a smaller step or a lower "
-            "`--bandwidth`."
-        )
+        advice = "Ask for a slower move, a smaller step or a lower `--bandwidth`."
+        yield note(f"The loop diverges while it follows the planned move. {advice}")
     duration = f"{planned.plan.duration:.3g} s"
     about = f"The stated move takes {duration} ({planned.plan.name})."
     if s.move is None:
@@ -237,13 +225,8 @@ def move(design: Design) -> Blocks:
             Panel("link position − plan", unit, scale * planned.error, zero=True),
             Panel("input", units.effort, response.inputs, limits=limits, limit_name=limit_name),
         )
-        caption = (
-            "Link positions and the plan (dotted), the difference of the two, and the inputs. The inputs jump where "
-            "the fourth derivative of the plan does."
-        )
-        return figure_block(
-            "move", time_figure(response.run.time, e.setup.joints, panels, 6.6)[0], caption, "The move"
-        )
+        caption = "Link positions and the plan (dotted), their difference, and the inputs."
+        return time_block("move", response.run.time, e.setup.joints, panels, caption, "The move", 6.6)
 
     yield figure
     rows = [
@@ -251,7 +234,6 @@ def move(design: Design) -> Blocks:
         for row, way in zip(planned.metrics, planned.ways)
     ]
     columns = (
-        Column("joint", key="joint"),
         Column("way", units.angle, key="way", scale=units.scale),
         Column("largest error", unit, key="largest_error", scale=scale),
         Column("of the way", "%", 2, key="relative", scale=100.0),
@@ -261,10 +243,10 @@ def move(design: Design) -> Blocks:
         Column("peak speed", units.rate, key="peak_speed", scale=units.scale),
     )
     caption = (
-        "Errors of the true link positions from the plan. Way: between the extreme positions of the plan. Error at the "
-        "end: largest in the last tenth of the run"
+        "True link positions from the plan. Way: between its extremes. Error at the end: largest in the last tenth of "
+        "the run"
     )
-    yield joint_table(Table.of(columns, rows, caption, "table-move"))
+    yield joint_table(columns, rows, caption, "table-move")
 
 
 def margins_along(design: Design) -> Blocks:
@@ -287,8 +269,8 @@ def margins_along(design: Design) -> Blocks:
         )
         laws = f"{along.count} laws are scheduled{added}; the one whose pose is nearest to the command acts"
     yield Paragraph(
-        f"The running loop, estimator included, linearised about the robot at rest at {len(along.times)} poses that "
-        f"are evenly apart on the way of the move: {laws}. Velocities along the move are not in it."
+        f"The running loop, linearised about the robot at rest at {len(along.times)} poses that are evenly apart on "
+        f"the way of the move: {laws}. Velocities along the move are not in it."
     )
     yield lambda: _along_figure(along)
     slides, degrees, rows = design.robot.links.slides, units_of(design.evaluation).degrees, []
@@ -325,10 +307,7 @@ def _along_figure(along: AlongMove) -> Figure:
             reference_line(axis, limit)
         label(axis, text, "")
     colours = " The colour of a point is that of the law that acts there." if along.count > 1 else ""
-    caption = (
-        "Least damping ratio of all oscillations, peak of |S| and gain margin at poses along the move. Dotted: what is "
-        f"required, with its tolerance.{colours}"
-    )
+    caption = f"At poses along the move. Dotted: what is required, with its tolerance.{colours}"
     return figure_block("along", figure, caption, "Margins along the move")
 
 
@@ -350,7 +329,6 @@ def ring_down(design: Design) -> Blocks:
     yield lambda: _ring_down_figure(runs)
     unit, scale = units.small
     columns = (
-        Column("joint", key="joint"),
         Column("impulse", f"{units.load}·s", key="impulse"),
         Column("largest deviation", unit, key="peak_deviation", scale=scale),
         Column("least damping ratio", "", 3, key="damping"),
@@ -358,12 +336,12 @@ def ring_down(design: Design) -> Blocks:
         Column(f"left after {AFTER:g} periods", "%", 2, key="left", scale=100.0),
     )
     caption = (
-        "An impulse on the link, the loop at rest at the goal. Damping ratio: the least of the oscillations that make "
-        f"up {100.0 * VISIBLE:g} % of the joint's own velocity or input, fitted to all samples of all runs; fit and "
+        "Damping ratio: the least of the oscillations that make up "
+        f"{100.0 * VISIBLE:g} % of the joint's own velocity or input, fitted to all samples of all runs; fit and "
         f"runs differ by {number(100.0 * runs.ring_down.error, 2)} % of the peak at most. Left: largest velocity of "
         "the link from then on, of its peak"
     )
-    yield joint_table(Table.of(columns, ring_down_rows(runs), caption, "table-ring-down"))
+    yield joint_table(columns, ring_down_rows(runs), caption, "table-ring-down")
 
 
 def ring_down_rows(runs: ImpulseRuns) -> list[dict[str, Any]]:
@@ -472,7 +450,6 @@ def long_run(design: Design) -> Blocks:
         for row in long_run_rows(run)
     ]
     columns = (
-        Column("joint", key="joint"),
         Column("amplitude", unit, key="amplitude", scale=scale),
         Column("frequency", key="frequency"),
         Column("remaining error", unit, key="remaining_error", scale=scale),
@@ -484,7 +461,7 @@ def long_run(design: Design) -> Blocks:
         "distance between the extremes in the last half. Remaining error: largest in the last tenth"
     )
     title = f"{run.response.run.time[-1]:.3g} s at rest with dry friction: hunting" if run.oscillates else ""
-    yield joint_table(Table.of(columns, rows, caption, "table-hunting", title=title))
+    yield joint_table(columns, rows, caption, "table-hunting", title)
 
 
 def _frequency(frequency: float | None) -> str:
@@ -525,8 +502,7 @@ def _long_run_figure(design: Design, run: LimitCycleCheck) -> Figure:
         f"The last half of {response.run.time[-1]:.3g} s at the goal, without measurement noise. Dry friction is "
         f"{friction}. An amplitude beyond {units.small_text(run.limit, 3)} is hunting."
     )
-    figure = time_figure(few, response.joints, panels)[0]
-    return figure_block("rest", figure, caption, "At rest with dry friction")
+    return time_block("rest", few, response.joints, panels, caption, "At rest with dry friction")
 
 
 def _extremes(time: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

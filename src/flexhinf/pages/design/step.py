@@ -29,7 +29,7 @@ from flexhinf.pages.drawing import (
     panels,
     reference_line,
     settling_text,
-    time_figure,
+    time_block,
     units_of,
 )
 from flexhinf.plant import Plant
@@ -79,10 +79,8 @@ def step(design: Design) -> Blocks:
         if extra not in extras and any(name.startswith(begins) for name in names)
     ]
     if left:
-        yield note(
-            f"The robot states numbers of {listed(left).replace('_', ' ')} that the true plant of this report "
-            f"leaves out. `--extras {','.join(left)}` includes them."
-        )
+        what = f"numbers of {listed(left).replace('_', ' ')} that the true plant of this report leaves out"
+        yield note(f"The robot states {what}. `--extras {','.join(left)}` includes them.")
     if e.step.diverged_at is not None:
         when = number(e.step.diverged_at, 3)
         yield note(f"The step diverges at {when} s. Start nearer to the goal, or change the weights.")
@@ -113,7 +111,6 @@ def step(design: Design) -> Blocks:
     error = Column("steady-state error", units.angle, key="steady_state_error", scale=units.scale)
     peak = Column("peak input", units.effort, key="peak_input")
     columns = (
-        Column("joint", key="joint"),
         Column("from", units.angle, key="from", scale=units.scale),
         Column("to", units.angle, key="to", scale=units.scale),
         overshoot,
@@ -126,7 +123,7 @@ def step(design: Design) -> Blocks:
         "True link positions. Settling: to ±2 % of the joint's own step. Steady-state error: largest in the last tenth "
         "of the run. Input noise: standard deviation there"
     )
-    yield joint_table(Table.of(columns, rows, caption, "table-step"))
+    yield joint_table(columns, rows, caption, "table-step")
     if design.mujoco is not None:
         plants = {"ours": e.step, "MuJoCo's": design.mujoco}
         rows = [{**row, "plant": plant} for plant, response in plants.items() for row in response.metrics]
@@ -208,13 +205,11 @@ def _step_figure(e: LawEvaluation, units: Units) -> Figure:
     bound = "" if limit is None else f" ({name}, beyond the panel)"
     if shown[2].limit_sides:
         bound = f" (dashed: {name})"
-    return figure_block(
-        "step", time_figure(time, e.setup.joints, shown, 6.6)[0],
-        f"The step from the start pose to the goal in the nonlinear loop, {fed}"
-        f"{'' if command is None else f', its command {command.name}'}: link positions as distance "
-        f"from the goal (dotted), torques of the springs, and inputs as applied{bound}.",
-        "Step response",
-    )  # fmt: skip
+    caption = (
+        f"Nonlinear loop, {fed}{'' if command is None else f', its command {command.name}'}: link positions as "
+        f"distance from the goal (dotted), torques of the springs, and inputs as applied{bound}."
+    )
+    return time_block("step", time, e.setup.joints, shown, caption, "Step response", 6.6)
 
 
 def difference_text(design: Design) -> str:
@@ -283,8 +278,8 @@ def arm_figure(
     label(axes[0], names[1], "m")
     return figure_block(
         "arm", figure,
-        "The arm at five instants of the step. The angle between a link and its motor, seen from the link side of the "
-        "gear, is the twist of the spring. A last link is drawn to twice the distance of its centre of mass.",
+        "The angle between a link and its motor, seen from the link side of the gear, is the twist of the spring. A "
+        "last link is drawn to twice the distance of its centre of mass.",
         "The arm during the step",
     )  # fmt: skip
 
@@ -334,9 +329,9 @@ def samples(design: Design) -> Blocks:
         for what, k in worst.items()
     )
     yield Paragraph(
-        f"{len(robot.uncertain)} parameters of the robot are sampled uniformly within their tolerances, {len(drawn)} "
-        "times. Controller and estimator stay as designed for the nominal robot; every robot has its own measurement "
-        f"noise. A sample says nothing about the robots between.{''.join(which)}"
+        f"{len(robot.uncertain)} parameters are sampled uniformly within their tolerances, {len(drawn)} times, each "
+        "with its own measurement noise. The controller stays as designed for the nominal robot. A sample says nothing "
+        f"about the robots between.{''.join(which)}"
     )
     if np.isfinite(drawn.positions).all(axis=(1, 2)).any():
         yield lambda: _bands(e, drawn)
@@ -409,17 +404,14 @@ def _histograms(e: LawEvaluation, samples: MonteCarlo) -> Figure:
         if limit is not None and float(values.max()) > 0.5 * limit:
             axis.axvline(limit, color=INK, linewidth=1.0, dashes=DASHED)
     caption = (
-        "How many robots have which overshoot, settling time and peak input (the worst joint of each). The orange "
-        "line is the nominal robot, the dashed one a limit that is near or exceeded."
+        "Worst joint of each robot. Orange: the nominal robot. Dashed: a limit that is near or exceeded."
     )
     return figure_block("spread", figure, caption, "Spread of the sampled robots")
 
 
 def histogram_bins(values: np.ndarray, grain: float) -> np.ndarray:
-    """Edges of bins over values; where these are multiples of a grain, such as the period, so is the bins' width.
-
-    Bins that are not would hold now more, now fewer of the possible values, and look like a comb.
-    """
+    """Edges of bins over values; where these are multiples of a grain, such as the period, so is the bins' width: other
+    bins would hold now more, now fewer of the possible values, and look like a comb."""
     count = min(20, max(5, len(values) // 5))
     if not grain:
         return np.histogram_bin_edges(values, count)

@@ -79,12 +79,11 @@ def _search(design: Design) -> Blocks:
     assert target is not None
     assert search is not None
     yield Paragraph(
-        "R2 is fixed. Each joint has a target frequency ω, and all vibrations share one damping weight ζ. For each ζ "
-        f"the target frequencies are moved until every joint has its bandwidth of {range_text(target.bandwidth)} "
-        f"rad/s; ζ grows from 0 until every oscillation has a damping ratio of {target.damping:g}, and is bisected to "
-        f"the smallest such value. The search evaluated {count_text(len(search.candidates), 'candidate')} on the "
-        "linear part with the true state fed back. Each is judged by its worst over the nominal robot and corners of "
-        "its tolerances, so the nominal robot gets more damping than the target."
+        "R2 is fixed. For each damping weight ζ of all vibrations the target frequency ω of every joint is moved until "
+        f"it has its bandwidth of {range_text(target.bandwidth)} rad/s; ζ is the smallest with which every oscillation "
+        f"has a damping ratio of {target.damping:g}. The search evaluated "
+        f"{count_text(len(search.candidates), 'candidate')} on the linear part with the true state fed back, each by "
+        "its worst over the nominal robot and corners of its tolerances."
     )
 
     def figure() -> Figure:
@@ -106,10 +105,7 @@ def _search(design: Design) -> Blocks:
             axis.set(xlabel="largest damping weight ζ", ylabel=quantity)
         left.set_ylim(bottom=0.0)
         legend_above(canvas, left, 3)
-        caption = (
-            "Candidates at the required bandwidth: the smallest damping ratio of an oscillation, and γ*, over the "
-            "largest damping weight ζ. The dotted line is the ζ that is used."
-        )
+        caption = "Candidates at the required bandwidth. The dotted line is the ζ that is used."
         return figure_block("search", canvas, caption, "Search for the weights")
 
     yield figure
@@ -150,9 +146,8 @@ def whole_loop(design: Design) -> Blocks:
         return
     text = (
         f"From the preset damped, {count_text(found.count, 'loop')} with other weights, noise levels and channels of "
-        "the tolerances were tried, with the estimator, for the largest factor of all tolerances up to which no corner "
-        "is unstable; with no more overshoot at the corners than with damped, the same limits of the running loop, and "
-        f"at most {NOISE:g} times the noise at each motor. "
+        "the tolerances were tried for the largest factor of all tolerances up to which no corner is unstable, with no "
+        f"more overshoot at the corners, the same limits, and at most {NOISE:g} times the noise at each motor. "
     )
     if found.better:
         text += (
@@ -227,10 +222,9 @@ def _robust_text(r: Robustness) -> str:
     scalings = (f"{group.replace('_', ' ')} {range_text(ends)}" for group, ends in sorted(r.scalings.items()))
     return (
         f"{r.channels} channels stand for the tolerances, and the problem has a solution for {covered}{beyond}. The "
-        "channels are linear in each tolerance: the level holds on the linear part, with the true state fed back, for "
-        "robots that such channels describe. Products of tolerances (for example mass times length) change a robot by "
-        f"more than its channels:{products} Scalings s of the channels, each seen s times and acting 1/s times as "
-        f"strongly: {', '.join(scalings)}."
+        "channels are linear in each tolerance: the level holds on the linear part, with the true state fed back. "
+        f"Products of tolerances change a robot by more than its channels:{products} Scalings s of the channels, each "
+        f"seen s times and acting 1/s times as strongly: {', '.join(scalings)}."
     )
 
 
@@ -293,11 +287,10 @@ def noise_levels(design: Design) -> Blocks:
     }
     used = [f"{range_text(np.ravel(v), 2)} on {where}" for where, v in levels.items() if np.any(v)]
     text = (
-        "Rᵛ, the variance of the process noise per sample that the estimator assumes: "
-        f"{', '.join(used) or '0'} ({noise.source}). Rⁿ of a measured position: "
-        f"{number(design.specification.measurement_noise, 3)}. A vibration that the estimator takes for undisturbed "
-        "rings in its error, so a larger Rᵛ damps the running loop, and gives it margins back; it costs noise at the "
-        "motors."
+        f"Rᵛ, the variance of the process noise per sample that the estimator assumes: {', '.join(used) or '0'} "
+        f"({noise.source}). Rⁿ of a measured position: {number(design.specification.measurement_noise, 3)}. A "
+        "vibration that the estimator takes for undisturbed rings in its error, so a larger Rᵛ damps the running loop, "
+        "and gives it margins back; it costs noise at the motors."
     )
     if search is None:
         yield Paragraph(text)
@@ -355,10 +348,9 @@ def _hardly_seen(design: Design, search: NoiseSearch) -> Blocks:
     zero = np.sqrt(scales.stiffness[worst] / scales.link_inertia[worst]) / (2.0 * np.pi)
     yield Paragraph(
         "Only the motors are measured. Of a vibration their positions show the part M/(M + J) of the twist, "
-        f"{part[worst]:.2g} in joint {setup.joints[worst]}, and nothing where the link swings on its spring while the "
-        f"motor stands still ({zero:.3g} Hz there). Near that zero the error of any estimator stays undamped unless "
-        "the link is taken to be strongly disturbed, which amplifies the noise of the sensors. More damping takes a "
-        "sensor of the link or of the joint's torque, or a less noisy one."
+        f"{part[worst]:.2g} in joint {setup.joints[worst]}, and nothing where the link swings while the motor stands "
+        f"still ({zero:.3g} Hz there): near that zero the error of any estimator stays undamped unless noise is "
+        "amplified. More damping takes a sensor of the link or of the joint's torque, or a less noisy one."
     )
 
 
@@ -411,15 +403,19 @@ def _noise_figure(design: Design, search: NoiseSearch) -> Figure:
         left.axhline(required, color=INK, linewidth=1.0, dashes=DASHED)
     if len(design.robot.joint_names) > 1:
         legend_above(figure, left, 7)
-    return figure_block(
-        "noise-trade-off", figure,
-        f"What noise at the motors buys. Of {search.count} choices of Rᵛ with a stable loop, dots are those that "
-        "no other one betters in noise, damping and compliance at once, one dot for each motor; squares: used"
-        f"{', diamonds: the default levels' if len(marks) > 1 else ' (the default levels)'}. "
-        "A choice to the left of the squares breaks another limit (see the table), or yields more to a load."
-        f"{'' if target is None else ' The dashed line is the damping that is required.'}",
-        "Noise at the motors against damping and load stiffness",
-    )  # fmt: skip
+    used = (
+        "squares: used, diamonds: the default levels"
+        if len(marks) > 1
+        else "squares: used (the default levels)"
+    )
+    caption = (
+        f"Of {search.count} choices of Rᵛ with a stable loop, dots are those that no other one betters in noise, "
+        f"damping and compliance at once, one dot for each motor; {used}. A choice to the left of the squares breaks "
+        "another limit (see the table), or yields more to a "
+        f"load.{'' if target is None else ' Dashed: the damping that is required.'}"
+    )
+    title = "Noise at the motors against damping and load stiffness"
+    return figure_block("noise-trade-off", figure, caption, title)
 
 
 def noise_table(design: Design) -> Table:
