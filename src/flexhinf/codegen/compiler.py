@@ -48,17 +48,9 @@ _NAME = re.compile(r"[0-9a-f]{64}\.o")
 def cached(parts: tuple[str, ...], make: Callable[[], bytes], load: Callable[[bytes], Any] = bytes) -> Any:
     """What is loaded from object code in the cache, or from code that is made and kept.
 
-    Parameters
-    ----------
-    parts : tuple of str
-        Everything that the code depends on.
-    make : callable
-        Makes the code; called when no usable file is there.
-    load : callable
-        Loads it. What it raises for a file's code means that the file is replaced. By default the code is returned.
+    `parts`: Everything that the code depends on. `make`: Makes the code; called when no usable file is there. `load`:
+    Loads it. What it raises for a file's code means that the file is replaced. By default the code is returned.
 
-    Notes
-    -----
     Never raises for the cache's own sake: a folder that cannot be written only costs time.
     """
     key, directory = _key(parts), folder()
@@ -104,10 +96,7 @@ def _key(parts: tuple[str, ...]) -> bytes:
 def _read(path: Path, key: bytes) -> bytes | None:
     """The code in a file; None where there is no file.
 
-    Raises
-    ------
-    OSError, ValueError
-        What is wrong with it.
+    Raises OSError, ValueError: what is wrong with it.
     """
     try:
         with open(path, "rb", opener=_without_waiting) as file:
@@ -197,24 +186,10 @@ if hasattr(os, "register_at_fork"):
 def compile_program(program: Program, lanes: int = 1) -> Kernel:
     """Compile a program for this processor.
 
-    Parameters
-    ----------
-    lanes : int
-        W ≥ 1 runs at once, in the lanes of vector registers; 8 suits most processors.
+    `lanes`: W ≥ 1 runs at once, in the lanes of vector registers; 8 suits most processors. Raises InvalidInput: lanes
+    that are not a positive integer. Raises Unsupported: an operation without machine code, or a machine on which LLVM
+    does not work.
 
-    Returns
-    -------
-    Kernel
-
-    Raises
-    ------
-    InvalidInput
-        Lanes that are not a positive integer.
-    Unsupported
-        An operation without machine code, or a machine on which LLVM does not work.
-
-    Notes
-    -----
     The bits of a result depend neither on W nor on the optimisation: products are fused into sums by our own
     rule, no operation may be reordered, and sin and cos are the same sequence of operations for any W.
     """
@@ -259,13 +234,7 @@ _SHORT_ENTRY = ctypes.PYFUNCTYPE(ctypes.c_int64, ctypes.c_void_p)
 
 
 class NativeKernel(Kernel):
-    """Machine code of a program.
-
-    Parameters
-    ----------
-    code : Code
-        Made from this program for these lanes.
-    """
+    """Machine code of a program."""
 
     def __init__(self, program: Program, lanes: int, code: Code) -> None:
         super().__init__(program, lanes)
@@ -289,12 +258,8 @@ class NativeKernel(Kernel):
 class BoundCode(partial):
     """The entry with its one argument: calling it runs no Python code at all.
 
-    Attributes
-    ----------
-    keep : tuple
-        The kernel, the arrays and the context, alive as long as this object.
-    outcome : (2·lanes,) array of int
-        Codes and steps of the last call.
+    `keep`: The kernel, the arrays and the context, alive as long as this object. `outcome`: codes and steps of
+    the last call, (2·lanes,).
     """
 
     keep: tuple

@@ -31,23 +31,11 @@ def check_lanes(program: Program, lanes: int) -> None:
 def check_arrays(program: Program, arrays: Mapping[str, np.ndarray], lanes: int) -> dict[str, np.ndarray]:
     """The arrays of the program's buffers, in its order.
 
-    Parameters
-    ----------
-    arrays : mapping
-        One C-contiguous float64 array per buffer that is not "work". With one lane any shape of `size`
-        elements is taken (a trajectory may be given as (steps, n)); with W lanes the last axis of a buffer
-        that is not shared is the lane, so its shape is (size, W) or (…, W).
-
-    Returns
-    -------
-    dict of str to ndarray
-        The same array objects.
-
-    Raises
-    ------
-    InvalidInput
-        Missing or unknown name; wrong type, dtype, layout or number of elements; a read-only array to be
-        written; a written array that shares memory with another one.
+    `arrays`: One C-contiguous float64 array per buffer that is not "work". With one lane any shape of `size` elements
+    is taken (a trajectory may be given as (steps, n)); with W lanes the last axis of a buffer that is not shared is
+    the lane, so its shape is (size, W) or (…, W). Returns the same array objects. Raises InvalidInput: missing or
+    unknown name; wrong type, dtype, layout or number of elements; a read-only array to be written; a written array
+    that shares memory with another one.
     """
     expected = {buffer.name: buffer for buffer in program.buffers if buffer.role != "work"}
     if set(arrays) != set(expected):
@@ -67,10 +55,7 @@ def check_arrays(program: Program, arrays: Mapping[str, np.ndarray], lanes: int)
 def check_counts(program: Program, counts: Mapping[str, int]) -> dict[str, int]:
     """The counts of the program, in its order.
 
-    Raises
-    ------
-    InvalidInput
-        Missing or unknown name, or a value that is not an integer ≥ 0.
+    Raises InvalidInput: missing or unknown name, or a value that is not an integer ≥ 0.
     """
     if set(counts) != set(program.counts):
         raise InvalidInput(
@@ -97,17 +82,8 @@ def check_counts(program: Program, counts: Mapping[str, int]) -> dict[str, int]:
 def check_reach(program: Program, lengths: Mapping[str, int], counts: Mapping[str, int]) -> None:
     """Every slice stays inside its buffer for these counts.
 
-    Parameters
-    ----------
-    lengths : mapping
-        Elements per lane of every buffer, work included.
-    counts : mapping
-        As returned by `check_counts`.
-
-    Raises
-    ------
-    InvalidInput
-        A slice would leave its buffer; the message says by how much.
+    `lengths`: Elements per lane of every buffer, work included. `counts`: As returned by `check_counts`. Raises
+    InvalidInput: A slice would leave its buffer; the message says by how much.
     """
     for step, loops in program.steps():
         turns = [counts[count] if isinstance(count, str) else count for count in loops]
@@ -175,12 +151,8 @@ def _check_apart(program: Program, pairs: list[tuple[Buffer, np.ndarray]]) -> No
 class Status:
     """How a run ended.
 
-    Attributes
-    ----------
-    code : int, or (lanes,) array of int
-        0, or the code of the first `Guard` that failed; one per lane when the kernel has several.
-    step : int, or (lanes,) array of int
-        Index of the outermost loop at that moment (0 outside of loops); -1 where the code is 0.
+    `code`: 0, or the code of the first `Guard` that failed; an array (lanes,) when the kernel has several.
+    `step`: index of the outermost loop at that moment (0 outside of loops); -1 where the code is 0.
     """
 
     code: int | np.ndarray
@@ -208,13 +180,8 @@ class BoundKernel(Protocol):
 class Kernel(ABC):
     """A program ready to run on one or more lanes.
 
-    Attributes
-    ----------
-    lanes : int
-        W; with W > 1 every buffer that is not shared has the lane as its last (fastest) axis.
+    `lanes`: W; with W > 1 every buffer that is not shared has the lane as its last (fastest) axis.
 
-    Notes
-    -----
     With one lane a run stops at the guard that fails. With several, the lane that failed is marked and its
     numbers mean nothing from there on, while the others go on undisturbed; the run stops when all have
     failed.
@@ -227,22 +194,9 @@ class Kernel(ABC):
     def run(self, arrays: Mapping[str, np.ndarray], counts: Mapping[str, int] | None = None) -> Status:
         """Check the arrays, run once, and say how it ended.
 
-        Parameters
-        ----------
-        arrays : mapping of str to ndarray
-            One C-contiguous float64 array per buffer that is not "work"; "out" and "state" are written in
-            place.
-        counts : mapping of str to int
-            Turns of every loop of the program.
-
-        Returns
-        -------
-        Status
-
-        Raises
-        ------
-        InvalidInput
-            Arrays or counts that do not fit the program.
+        `arrays`: One C-contiguous float64 array per buffer that is not "work"; "out" and "state" are written in place.
+        `counts`: Turns of every loop of the program. Raises InvalidInput: arrays or counts that do not fit the
+        program.
         """
         bound = self.bind(arrays, counts)
         bound()
@@ -253,21 +207,9 @@ class Kernel(ABC):
     ) -> BoundKernel:
         """Check the arrays once; return a callable without arguments that runs on them and returns the code.
 
-        Parameters
-        ----------
-        arrays, counts
-            As for `run`.
-        short : bool
-            A call takes microseconds: other Python threads wait for it, where otherwise they go on meanwhile. Giving
-            up the interpreter's lock costs 50 ns, and up to its switching interval (5 ms) to get it back.
-
-        The callable keeps the arrays alive and reads whatever they hold when it is called. One bound kernel
-        is for one thread at a time; bind again for another.
-
-        Raises
-        ------
-        InvalidInput
-            Arrays or counts that do not fit the program.
+        `arrays`, `counts`: As for `run`. `short`: A call takes microseconds: other Python threads wait for it, where
+        otherwise they go on meanwhile. Giving up the interpreter's lock costs 50 ns, and up to its switching interval
+        (5 ms) to get it back. Raises InvalidInput: arrays or counts that do not fit the program.
         """
         checked = check_arrays(self.program, arrays, self.lanes)
         turns = check_counts(self.program, counts or {})

@@ -39,12 +39,7 @@ def level(operations: int) -> int:
 class Host:
     """The processor that runs this process.
 
-    Attributes
-    ----------
-    triple, cpu, features : str
-        As LLVM names them.
-    version : str
-        Of llvmlite and of LLVM.
+    `triple`, `cpu`, `features`: As LLVM names them. `version`: Of llvmlite and of LLVM.
     """
 
     triple: str
@@ -61,19 +56,8 @@ class Host:
 class Code:
     """Machine code loaded into this process; released when the object is.
 
-    Parameters
-    ----------
-    image : bytes
-        An object file for this host.
-    entry : str
-        Name of the function to find.
-    library : dict of str to str
-        C library functions that it needs.
-
-    Attributes
-    ----------
-    address : int
-        Of the entry.
+    `image`: An object file for this host. `entry`: Name of the function to find. `library`: C library functions that
+    it needs. `address`: Of the entry.
     """
 
     def __init__(self, image: bytes, entry: str, library: dict[str, str]) -> None:
@@ -99,14 +83,7 @@ def host() -> Host:
 def assemble(text: str, level: int) -> bytes:
     """Optimise LLVM text and return an object file for this host.
 
-    Parameters
-    ----------
-    level : int
-        See `level`.
-
-    Returns
-    -------
-    bytes
+    `level`: See `level`.
     """
     with llvm.create_context() as context, llvm.parse_assembly(text, context) as module:
         module.verify()
@@ -145,19 +122,8 @@ _NAMES = {"win32": ("ucrtbase", "msvcrt"), "darwin": ("libm.dylib",)}
 def addresses(library: dict[str, str]) -> dict[str, int]:
     """Where each function lies.
 
-    Parameters
-    ----------
-    library : dict of str to str
-        Name used in the machine code to name in the C library.
-
-    Returns
-    -------
-    dict of str to int
-
-    Raises
-    ------
-    Unsupported
-        A function that this C library does not have.
+    `library`: Name used in the machine code to name in the C library. Raises Unsupported: A function that this C
+    library does not have.
     """
     return {emitted: _address(name) for emitted, name in library.items()}
 

@@ -48,17 +48,7 @@ def seed_key(seed: int) -> tuple[int, int]:
 
 
 def philox(counter: tuple[Any, Any, Any, Any], key: tuple[int, int]) -> tuple[np.ndarray, ...]:
-    """Four random words of 32 bits for each counter.
-
-    Parameters
-    ----------
-    counter : four integers below 2³², or integer arrays that broadcast
-    key : two integers below 2³²
-
-    Returns
-    -------
-    four arrays of uint64 with values below 2³²
-    """
+    """Four random words of 32 bits for each counter."""
     words = [np.asarray(c).astype(np.uint64) for c in np.broadcast_arrays(*counter)]
     factors = [np.uint64(factor) for factor in MULTIPLIERS]
     for turn in range(ROUNDS):

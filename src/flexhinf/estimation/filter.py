@@ -34,10 +34,7 @@ SEMIDEFINITE = 1e-13
 def covariance_matrix(value: Any, size: int, what: str, definite: bool = False) -> np.ndarray:
     """A covariance from a number, a diagonal or a matrix.
 
-    Raises
-    ------
-    InvalidInput
-        If it is not symmetric positive semidefinite (positive definite if `definite`) of this size.
+    Raises InvalidInput: if it is not symmetric positive semidefinite (positive definite if `definite`) of this size.
     """
     array = real_array(value)
     if array.shape not in ((), (1,), (size,), (size, size)):
@@ -93,15 +90,8 @@ def correction(
     Joseph's form. The right-hand side is a sum of squares where no weight is negative: however much a measurement
     says, rounding cannot make it indefinite. The difference on the left can.
 
-    Parameters
-    ----------
-    prior : ((n,), (n, s))
-        Mean of the state, and deviations dᵢ.
-    outputs : ((p,), (p, s))
-        Mean of the outputs, and deviations sᵢ.
-    weights : (s,)
-    y, noise : (p,) and (p, p)
-        Measurement, and R^n.
+    `prior`: ((n,), (n, s)), mean of the state, and deviations dᵢ. `outputs`: ((p,), (p, s)), mean of the outputs, and
+    deviations sᵢ. `weights`: (s,). `y`, `noise`: (p,) and (p, p), measurement, and R^n.
     """
     mean, gain, _, innovation, p_yy = gained(run, prior, outputs, weights, y, noise)
     left = run.columns(_left, (prior[1], outputs[1]), gain)

@@ -35,18 +35,9 @@ from flexhinf.validation import read_only, real_array, real_number, value_text
 class SigmaPoints:
     """The scaled unscented transform of n variables.
 
-    Parameters
-    ----------
-    n : int
-        Number of variables; there are 2n + 1 points.
-    alpha, beta, kappa : float
-        Table 3. λ = α²(n + κ) − n; the paper's γ = √(n + λ) of Eq. (10) is `spread` here, because γ is also
-        the attenuation level.
-
-    Raises
-    ------
-    InvalidInput
-        If the spread is not a positive number.
+    `n`: Number of variables; there are 2n + 1 points. `alpha`, `beta`, `kappa`: Table 3. λ = α²(n + κ) − n; the
+    paper's γ = √(n + λ) of Eq. (10) is `spread` here, because γ is also the attenuation level. Raises InvalidInput: if
+    the spread is not a positive number.
     """
 
     n: int

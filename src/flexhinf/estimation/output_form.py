@@ -27,16 +27,9 @@ OTHER = "UnscentedKalmanFilter, which takes any plant"
 def output_form(plant: Plant, about: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
     """A (n, n) and H (p, n) of a plant with its nominal parameters and no disturbance.
 
-    Parameters
-    ----------
-    about : (n,) array, optional
-        State at which φ(·, 0) has no slope; the origin by default.
-
-    Raises
-    ------
-    InvalidInput
-        If the plant does not have the form: which states enter nonlinearly, and what to measure in addition. If it
-        has no linearisation at `about`.
+    `about`: (n,), state at which φ(·, 0) has no slope; the origin by default. Raises InvalidInput: if the plant does
+    not have the form: which states enter nonlinearly, and what to measure in addition. If it has no linearisation at
+    `about`.
     """
     slopes = _Slopes(plant)
     slopes.check_output()

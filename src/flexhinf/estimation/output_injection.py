@@ -45,19 +45,10 @@ DOUBLINGS = 64
 class InjectedGaussian(NamedTuple):
     """A belief with what the injection needs; numbers of the observer are data, so that kernels are shared.
 
-    Attributes
-    ----------
-    mean, covariance : (n,) and (n, n)
-    measured : (n,)
-        The smallest state with the last output, of those that have it.
-    injection : (n,)
-        φ at the beginning of the period.
-    moved : (1,)
-        1 after a time update, 0 before the first one and after a measurement update.
-    drift, transition, hold, ramp : (n, n)
-        A, Φ, Γ, Γ₁.
-    gain, lift : (n, p)
-        L, and what makes `measured` of an output.
+    `mean`, `covariance`: (n,) and (n, n). `measured`: (n,), the smallest state with the last output, of those that
+    have it. `injection`: (n,), φ at the beginning of the period. `moved`: (1,), 1 after a time update, 0 before the
+    first one and after a measurement update. `drift`, `transition`, `hold`, `ramp`: (n, n), A, Φ, Γ, Γ₁. `gain`,
+    `lift`: (n, p), L, and what makes `measured` of an output.
     """
 
     mean: Any
@@ -323,12 +314,7 @@ def first_order_hold(drift: np.ndarray, period: float) -> FirstOrderHold:
     All three are blocks of one exponential [vanloan1978]. Where φ is not straight, what is left out is at most
     T³/12 |φ̈| in one period, to leading order.
 
-    Parameters
-    ----------
-    drift : (n, n) array
-        A, 1/s.
-    period : float
-        T, s.
+    `drift`: (n, n), A, 1/s. `period`: T, s.
     """
     from scipy.linalg import expm
 

@@ -120,10 +120,7 @@ def cortex_m4_bytes(code: ControllerCode) -> int | None:
 def build(sources: dict[str, str], folder: Path, flags: tuple[str, ...]) -> Path:
     """Compile and link files of C in a folder that is there; the path of what comes of it.
 
-    Raises
-    ------
-    InvalidInput
-        If there is none (``CC``, cc, gcc, clang), or it fails.
+    Raises InvalidInput: if there is none (``CC``, cc, gcc, clang), or it fails.
     """
     names = (os.environ.get("CC", "cc"), "cc", "gcc", "clang")
     compiler = next(filter(None, map(shutil.which, names)), None)
@@ -158,10 +155,7 @@ def loaded(image: bytes, beside: Path) -> ctypes.CDLL:
     private copy named by content, which is removed at once. Where nothing in the directory for temporary files may be
     run, the copy is made in the folder `beside`.
 
-    Raises
-    ------
-    OSError
-        If it cannot be loaded.
+    Raises OSError: if it cannot be loaded.
     """
     name = hashlib.sha256(image).hexdigest()
     for folder in (None, beside):

@@ -47,10 +47,7 @@ LONGEST = 31  # characters that every linker keeps apart
 def checked_identifier(name: object) -> str:
     """A name for functions and files.
 
-    Raises
-    ------
-    InvalidInput
-        If it is no identifier of C, is reserved, or is too long.
+    Raises InvalidInput: if it is no identifier of C, is reserved, or is too long.
     """
     good = isinstance(name, str) and re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", name) is not None
     if not good or str(name).lower() in RESERVED or len(str(name)) > LONGEST:
@@ -103,10 +100,7 @@ MISSING_LIMIT = 10
 class ControllerCode:
     """The C of a controller.
 
-    Parameters
-    ----------
-    name : str
-        A C identifier, checked; all names begin so.
+    `name`: A C identifier, checked; all names begin so.
     """
 
     controller: Controller

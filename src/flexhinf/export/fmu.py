@@ -62,14 +62,8 @@ class Variable:
 class Model:
     """What an FMU is made of.
 
-    Attributes
-    ----------
-    period : float
-        Smallest communication step, s; others are whole multiples.
-    variables : tuple of Variable
-        Those of a kind in the order of their references.
-    sources : dict of str to str
-        Files of C without the shell; GUID is still to be put in.
+    `period`: Smallest communication step, s; others are whole multiples. `variables`: Those of a kind in the order of
+    their references. `sources`: Files of C without the shell; GUID is still to be put in.
     """
 
     name: str

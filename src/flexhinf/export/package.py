@@ -82,10 +82,7 @@ def export_c(
 def checked_folder(folder: str | os.PathLike[str], force: bool) -> Path:
     """The absolute path of a folder that may be written.
 
-    Raises
-    ------
-    InvalidInput
-        If it is a file, or is not empty and `force` is not set.
+    Raises InvalidInput: if it is a file, or is not empty and `force` is not set.
     """
     path = checked_path("The folder", folder).absolute()
     if path.exists() and not path.is_dir():
@@ -120,19 +117,10 @@ def write_files(folder: Path, files: Mapping[str, str | bytes]) -> None:
 def check_room(controller: Controller, real: str, period: str = "", flash: str = "", ram: str = "") -> None:
     """Refuse a controller that does not fit a firmware.
 
-    Parameters
-    ----------
-    real : {"double", "float"}
-    period : str
-        Of the firmware's loop, such as "1ms"; empty for any.
-    flash, ram : str
-        Room for code and constants, and for the state, such as "32kB"; empty for any. The code is counted for a
-        Cortex-M4F where arm-none-eabi-gcc is installed.
-
-    Raises
-    ------
-    InvalidInput
-        If the period is another one, or code, constants or state are larger.
+    `period`: Of the firmware's loop, such as "1ms"; empty for any. `flash`, `ram`: Room for
+    code and constants, and for the state, such as "32kB"; empty for any. The code is counted for a Cortex-M4F where
+    arm-none-eabi-gcc is installed. Raises InvalidInput: if the period is another one, or code, constants or state are
+    larger.
     """
     if period and abs(_quantity(period, SECONDS) - controller.period) > 1e-9 * controller.period:
         raise InvalidInput(
@@ -207,12 +195,7 @@ def controller_files(
 class Accuracy:
     """How far the inputs of the C are from those of the simulation, over the test vector.
 
-    Attributes
-    ----------
-    allowed : float
-        By the test vector, relative to each input's largest value.
-    text : str
-        The same for the README.
+    `allowed`: By the test vector, relative to each input's largest value. `text`: The same for the README.
     """
 
     allowed: float
@@ -222,10 +205,7 @@ class Accuracy:
 def _accuracy(code: ControllerCode, run: Recording) -> Accuracy:
     """In float it is measured with this machine's C compiler, if there is one.
 
-    Raises
-    ------
-    InvalidInput
-        If more is lost than a test vector may allow.
+    Raises InvalidInput: if more is lost than a test vector may allow.
     """
     most = TOLERANCE[code.real.name]
     if code.real.name == "double":

@@ -65,16 +65,9 @@ def named_instructions() -> str:
 def compiler_flags(processor: str) -> tuple[str, ...]:
     """What tells gcc and clang for which processors to compile.
 
-    Parameters
-    ----------
-    processor : {"portable", "any", "native"}
-        PCs since about 2015 (AVX2 and fused multiply-adds; on a machine without them, as "any"), the oldest ones of
-        the platform, or those with all that this one has. Other platforms than PCs have the first two in common.
-
-    Raises
-    ------
-    InvalidInput
-        For another word.
+    `processor`: {"portable", "any", "native"}, PCs since about 2015 (AVX2 and fused multiply-adds; on a machine
+    without them, as "any"), the oldest ones of the platform, or those with all that this one has. Other platforms than
+    PCs have the first two in common. Raises InvalidInput: for another word.
     """
     if processor not in ("portable", "any", "native"):
         raise InvalidInput(
@@ -91,12 +84,7 @@ def compiler_flags(processor: str) -> tuple[str, ...]:
 
 
 def check_instructions(needed: Iterable[str], name: str) -> None:
-    """Refuse machine code that this processor would end with SIGILL.
-
-    Raises
-    ------
-    InvalidInput
-    """
+    """Refuse machine code that this processor would end with SIGILL."""
     needed = set(needed)
     if needed and (missing := sorted(needed - instructions())):
         raise InvalidInput(

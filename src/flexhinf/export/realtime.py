@@ -427,10 +427,7 @@ def _stopping() -> Iterator[list[int]]:
 def undisturbed(priority: int | None, core: int | None) -> Iterator[tuple[str, ...]]:
     """No garbage collection, exact sleeps, and the priority and the core that the system permits; then as before.
 
-    Yields
-    ------
-    tuple of str
-        What was permitted and what was not, in sentences.
+    Yields what was permitted and what was not, in sentences.
     """
     told, undo = [], []
     if priority is not None:

@@ -34,10 +34,7 @@ _LAST_BIT = float(np.finfo(float).eps)
 def equation_residuals(problem: ScaledProblem, value: Parts) -> dict[int, float]:
     """Left-hand side of Eq. (8) by degree, relative to the largest of its four terms (root mean squares at points).
 
-    Parameters
-    ----------
-    value : dict degree → ndarray
-        Tensor entries of V, in the states of the problem.
+    `value`: Tensor entries of V, in the states of the problem.
     """
     used = {k - 1 for k in value} | {*problem.f, *problem.g, *problem.q}
     powers = monomials(_points(problem.n), {k for k in used if k <= problem.degree})
@@ -97,18 +94,11 @@ def degree_errors(
 ) -> dict[int, float]:
     """Estimated error of each degree, relative to its largest coefficient.
 
-    Parameters
-    ----------
-    value : dict degree → ndarray
-    growth : float
-        ‖dP/d log γ‖/‖P‖, the relative change of P with that of γ.
-    largest : float
-        Largest eigenvalue of P in balanced states.
-    other : dict degree → ndarray, optional
-        V of the moved problem. Without it the estimate is 16 (k − 1) ε (1 + growth² + largest), without the square
-        for degree 2: the form is that of the two ways in which P is lost at γ* (growth ~ δ^(−½) where eigenvalues
-        reach the imaginary axis, largest ~ 1/δ where P grows without bound; coefficients of higher degree lose
-        ε/δ in both), the factor bounds nearly all of what was measured on random plants.
+    `growth`: ‖dP/d log γ‖/‖P‖, the relative change of P with that of γ. `largest`: Largest eigenvalue of P in balanced
+    states. `other`: V of the moved problem. Without it the estimate is 16 (k − 1) ε (1 + growth² + largest), without
+    the square for degree 2: the form is that of the two ways in which P is lost at γ* (growth ~ δ^(−½) where
+    eigenvalues reach the imaginary axis, largest ~ 1/δ where P grows without bound; coefficients of higher degree lose
+    ε/δ in both), the factor bounds nearly all of what was measured on random plants.
     """
     if other is None:
         power = {k: growth if k == 2 else growth**2 for k in value}
@@ -136,10 +126,7 @@ def with_accuracy(
 def check_errors(records: Sequence[DegreeRecord], gamma: float, growth: float) -> None:
     """Refuse a degree of which no digits are left.
 
-    Raises
-    ------
-    NumericalFailure
-        With the degree, its estimated error, and what can still be had.
+    Raises NumericalFailure: with the degree, its estimated error, and what can still be had.
     """
     for record in records:
         if not (np.isnan(record.error) or record.error <= _LARGEST_ERROR):

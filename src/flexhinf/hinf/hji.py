@@ -108,18 +108,9 @@ _CGROUPS, _OWN_GROUPS = Path("/sys/fs/cgroup"), Path("/proc/self/cgroup")
 def estimate_memory(size: tuple[int, int, int, int], degree: int, expanded: bool = False) -> int:
     """Bytes needed at the peak by `solve_hji`, tables included.
 
-    Parameters
-    ----------
-    size : tuple of int
-        States, disturbances, inputs, penalised outputs.
-    degree : int
-        Degree of V.
-    expanded : bool
-        With the Taylor expansion of the plant's code in states, inputs and disturbances together, whose index tuples
-        stay.
+    `size`: States, disturbances, inputs, penalised outputs. `degree`: Degree of V. `expanded`: With the Taylor
+    expansion of the plant's code in states, inputs and disturbances together, whose index tuples stay.
 
-    Notes
-    -----
     The largest arrays are the two half-transformed tensors count(n, k−s) × count(n, s) of a change of
     variables, the insertion tables, and the gradients of the lower degrees.
     """
@@ -147,10 +138,8 @@ def check_cost(size: tuple[int, int, int, int], degree: int, expanded: bool = Fa
     """Memory in bytes, as `estimate_memory`; refuses what would not fit twice in the memory that is available, and
     what would take more than about a day.
 
-    Raises
-    ------
-    InvalidInput
-        With the estimate, what is available, and the highest degree that fits and takes less than about ten minutes.
+    Raises InvalidInput: with the estimate, what is available, and the highest degree that fits and takes less than
+    about ten minutes.
     """
 
     def needed(degree: int) -> int:
@@ -362,16 +351,9 @@ def _solution(problem: Problem, gamma: float, degree: int) -> HJISolution:
 class _Solved:
     """One pass of the algorithm.
 
-    Attributes
-    ----------
-    value : dict degree → ndarray
-        Tensor entries in the scaled states.
-    condition : float
-        Condition number of the closed loop's eigenvectors, in the states the recursion ran in.
-    growth : float
-        ‖dP/d log γ‖/‖P‖ in scaled states.
-    largest : float
-        Largest eigenvalue of P in scaled states.
+    `value`: Tensor entries in the scaled states. `condition`: Condition number of the closed loop's eigenvectors, in
+    the states the recursion ran in. `growth`: ‖dP/d log γ‖/‖P‖ in scaled states. `largest`: Largest eigenvalue of P in
+    scaled states.
     """
 
     scaling: Scaling

@@ -31,12 +31,7 @@ Parts = dict[int, np.ndarray]
 class Scaling:
     """x = `state` * ξ (elementwise) and V = `value`² W.
 
-    Attributes
-    ----------
-    state : ndarray, shape (n,)
-        Powers of two.
-    value : float
-        A power of two: g1 and g2 are multiplied by it, h divided by it.
+    `state`: (n,), powers of two. `value`: A power of two: g1 and g2 are multiplied by it, h divided by it.
     """
 
     state: np.ndarray
@@ -56,9 +51,7 @@ def balance(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> Scaling:
     The diagonal similarity is kept symplectic up to one factor: diag(D⁻¹, D) on state and costate, and the
     factor evens out the two off-diagonal blocks.
 
-    Parameters
-    ----------
-    a, b, c : ndarray, shapes (n, n), (n, inputs), (outputs, n)
+    `a`, `b`, `c`: (n, n), (n, inputs), (outputs, n).
     """
     from scipy.linalg import matrix_balance
 
@@ -83,13 +76,8 @@ class ScaledProblem:
     The columns are g1/γ with sign +1 and g2 L⁻ᵀ with sign −1, where R2 = L Lᵀ; q = ½ hᵀh. So both quadratic
     terms of Eq. (8) are sums of squares of *scalar* polynomials V_x g_c, as many as there are channels.
 
-    Attributes
-    ----------
-    n, degree : int
-        States, and degree of V.
-    f, g, q : dict degree → ndarray
-        Monomial coefficients, shapes (n, count), (n, channels, count), (count,).
-    signs : ndarray, shape (channels,)
+    `n`, `degree`: States, and degree of V. `f`, `g`, `q`: Monomial coefficients, shapes (n, count), (n, channels,
+    count), (count,). `signs`: (channels,).
     """
 
     n: int
@@ -155,9 +143,7 @@ def check_problem(problem: object) -> None:
 class LinearPart:
     """ẋ = A x + B1 d + B2 v, z = (C x, v): the input is in units of its own penalty, v = lu.
 
-    Attributes
-    ----------
-    a, b1, b2, c : ndarray, shapes (n, n), (n, md), (n, m), (s, n)
+    `a`, `b1`, `b2`, `c`: (n, n), (n, md), (n, m), (s, n).
     """
 
     a: np.ndarray
@@ -170,10 +156,7 @@ class LinearPart:
     def of(cls, plant: PolynomialPlant) -> LinearPart:
         """Degree-1 part of the expansion.
 
-        Raises
-        ------
-        InvalidInput
-            A number so large that products of squares are not finite.
+        Raises InvalidInput: A number so large that products of squares are not finite.
         """
         b2 = np.linalg.solve(np.linalg.cholesky(plant.r2), plant.g2_parts[0][:, :, 0].T).T
         linear = cls(plant.f_parts[1], plant.g1_parts[0][:, :, 0], b2, plant.h_parts[1], plant.state_names)
@@ -229,15 +212,8 @@ def check_standing_assumptions(
 ) -> None:
     """(A, g2) stabilisable and (h, A) detectable.
 
-    Parameters
-    ----------
-    a, b, c : ndarray, shapes (n, n), (n, m), (s, n)
-        Balanced A, g2 and ∂h/∂x.
-
-    Raises
-    ------
-    NotStabilisable, NotDetectable
-        With the mode and the state it lives in.
+    `a`, `b`, `c`: (n, n), (n, m), (s, n), balanced A, g2 and ∂h/∂x. Raises NotStabilisable, NotDetectable: with the
+    mode and the state it lives in.
     """
     modes = np.linalg.eigvals(a)
     lasting = modes[(modes.real >= -_DECAYS * len(a) * np.linalg.norm(a)) & (modes.imag >= 0)]

@@ -49,14 +49,8 @@ Output = Callable[[np.ndarray, np.ndarray], np.ndarray]
 class CheckedPair:
     """The pair that is checked instead of the designed one.
 
-    Attributes
-    ----------
-    gamma : float
-        The checked attenuation level.
-    output : callable
-        The checked h from x (N, n) and the designed h (N, s).
-    text : str
-        How the pair differs from the designed one.
+    `gamma`: The checked attenuation level. `output`: The checked h from x (N, n) and the designed h (N, s). `text`:
+    How the pair differs from the designed one.
     """
 
     gamma: float

@@ -38,14 +38,8 @@ _SLACK = (
 class Stops:
     """Where rays stopped.
 
-    Attributes
-    ----------
-    level, radius : ndarray, shape (N,)
-        V at the last good point (inf for a ray that did not stop), and the radius.
-    point : ndarray, shape (N, n)
-    broken : ndarray of bool, shape (N,)
-        Whether r > 0 there; otherwise V stopped increasing.
-    direction : ndarray, shape (N, n)
+    `level`, `radius`: (N,), V at the last good point (inf for a ray that did not stop), and the radius. `point`: (N,
+    n). `broken`: (N,), whether r > 0 there; otherwise V stopped increasing. `direction`: (N, n).
     """
 
     level: np.ndarray
@@ -68,15 +62,8 @@ class Stops:
 class Rays:
     """Directions with the gradient of every part of V on them.
 
-    Attributes
-    ----------
-    direction : ndarray, shape (N, n)
-    degrees : ndarray of int, shape (K,)
-        Degrees of V that occur.
-    slopes : ndarray, shape (N, K, n)
-        V_k,x(v).
-    values : ndarray, shape (N, K)
-        V_k(v) = V_k,x(v) v / k, by Euler.
+    `direction`: (N, n). `degrees`: (K,), degrees of V that occur. `slopes`: (N, K, n), V_k,x(v). `values`: (N, K),
+    V_k(v) = V_k,x(v) v / k, by Euler.
     """
 
     direction: np.ndarray
@@ -108,10 +95,7 @@ class Rays:
 class Inequality:
     """r(x) ≤ 0 with the exact fields, for a checked attenuation level and penalty.
 
-    Attributes
-    ----------
-    output : callable
-        The checked h from x (N, n) and the designed h (N, s).
+    `output`: The checked h from x (N, n) and the designed h (N, s).
     """
 
     solution: ValueFunction
@@ -230,16 +214,8 @@ _BOX, _BOXES = 0.2, 20  # half width of a box in which V is minimised, in units 
 class Landscape:
     """q and its gradient in scaled coordinates y, for the inequality or for the growth of V along rays.
 
-    Attributes
-    ----------
-    scale : ndarray, shape (n, n)
-        T of x = T y.
-    level : float
-        c; may be infinite.
-    largest : float
-        Bound on every state.
-    growth : bool
-        Whether q is −x·V_x/|y|² instead of r/|y|².
+    `scale`: (n, n), T of x = T y. `level`: c; may be infinite. `largest`: Bound on every state. `growth`: Whether q is
+    −x·V_x/|y|² instead of r/|y|².
     """
 
     inequality: Inequality

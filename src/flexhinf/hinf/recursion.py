@@ -45,12 +45,7 @@ from flexhinf.polynomial.transform import change_variables
 
 @dataclass(frozen=True)
 class BoundedStates:
-    """x = `to_x` y and y = `to_y` x, in extended precision.
-
-    Attributes
-    ----------
-    to_x, to_y : ndarray of longdouble, shape (n, n)
-    """
+    """x = `to_x` y and y = `to_y` x, both (n, n) in extended precision."""
 
     to_x: np.ndarray
     to_y: np.ndarray
@@ -107,17 +102,10 @@ class BoundedStates:
 class DegreeRecord:
     """How one degree of V was found.
 
-    Attributes
-    ----------
-    method : str
-        "Riccati", "eigenbasis", "eigenbasis, refined", "Schur", or "zero by parity".
-    residual : float
-        Of Eq. (8) at this degree with the V that is returned, relative to the largest of its terms there.
-    seconds : float
-        Wall time.
-    error : float
-        Estimate of the largest error of a coefficient, relative to the largest coefficient of this degree; nan where
-        none was made.
+    `method`: "Riccati", "eigenbasis", "eigenbasis, refined", "Schur", or "zero by parity". `residual`: Of Eq. (8) at
+    this degree with the V that is returned, relative to the largest of its terms there. `seconds`: Wall time. `error`:
+    Estimate of the largest error of a coefficient, relative to the largest coefficient of this degree; nan where none
+    was made.
     """
 
     degree: int
@@ -132,23 +120,11 @@ def solve_degrees(
 ) -> tuple[Parts, tuple[DegreeRecord, ...], float]:
     """All degrees of V in scaled coordinates.
 
-    Parameters
-    ----------
-    riccati : RiccatiSolution
-        Of the scaled linear part.
-    seconds : float
-        What the Riccati equation took, for the record.
-    advance : callable
-        Told each degree once it is done.
-
-    Returns
-    -------
-    value : dict degree → ndarray, shape (count(n, degree),)
-        Tensor entries, of degree 2 in the precision of P; vanishing degrees are missing.
-    records : tuple of DegreeRecord
-        Their residuals are those of the linear equation of each degree, relative to A_cl, V_k and right-hand side.
-    condition : float
-        Condition number of the closed loop's eigenvectors.
+    `riccati`: Of the scaled linear part. `seconds`: What the Riccati equation took, for the record. `advance`: Told
+    each degree once it is done. Returns `value`, dict degree → (count(n, degree),): Tensor entries, of degree 2 in the
+    precision of P; vanishing degrees are missing. Returns `records`, Their residuals are those of the linear equation
+    of each degree, relative to A_cl, V_k and right-hand side. Returns `condition`, Condition number of the closed
+    loop's eigenvectors.
     """
     n, p = problem.n, riccati.p.astype(float)
     equation = HomologicalEquation(riccati.closed_loop)

@@ -25,16 +25,9 @@ _ROUNDING = 4 * float(np.finfo(np.longdouble).eps)  # relative residual that no 
 class RiccatiSolution:
     """A stabilising solution P ≥ 0.
 
-    Attributes
-    ----------
-    p : ndarray, shape (n, n)
-        In extended precision (where the machine has it) once it is polished.
-    closed_loop : ndarray, shape (n, n)
-        A + M P, both the law and the worst disturbance applied.
-    residual : float
-        Norm of the left-hand side relative to the largest of its terms.
-    form : pair of ndarray, optional
-        Real Schur form of the closed loop before the last Newton step: close enough for a sensitivity.
+    `p`: (n, n), in extended precision (where the machine has it) once it is polished. `closed_loop`: (n, n), A + M P,
+    both the law and the worst disturbance applied. `residual`: Norm of the left-hand side relative to the largest of
+    its terms. `form`: Real Schur form of the closed loop before the last Newton step: close enough for a sensitivity.
     """
 
     p: np.ndarray
@@ -46,13 +39,9 @@ class RiccatiSolution:
 def solve_riccati(a: np.ndarray, m: np.ndarray, q: np.ndarray) -> RiccatiSolution | None:
     """Stabilising P ≥ 0 to about 1e-10, or None where there is none; `polish` makes it exact.
 
-    Parameters
-    ----------
-    a, m, q : ndarray, shape (n, n)
-        In balanced coordinates. `m` is symmetric and indefinite, `q` symmetric positive semidefinite.
+    `a`, `m`, `q`: (n, n), in balanced coordinates. `m` is symmetric and indefinite, `q` symmetric positive
+    semidefinite.
 
-    Notes
-    -----
     Feasibility is lost in two ways as γ falls: eigenvalues of the Hamiltonian matrix reach the imaginary
     axis, or the stable subspace loses its graph form (P grows without bound and comes back negative). Both
     are looked at.
@@ -97,12 +86,7 @@ def polish(a: np.ndarray, m: np.ndarray, q: np.ndarray, p: np.ndarray) -> Riccat
     P M P cancels where P is large, so P, residual and closed loop are formed in extended precision (where the
     machine has it); the steps themselves need no more than double.
 
-    Parameters
-    ----------
-    a, m, q : ndarray, shape (n, n)
-        As for `solve_riccati`.
-    p : ndarray, shape (n, n)
-        A first approximation.
+    `a`, `m`, `q`: (n, n), as for `solve_riccati`. `p`: (n, n), A first approximation.
     """
     a, m, q, p = (matrix.astype(np.longdouble) for matrix in (a, m, q, p))
     p, form = (p + p.T) / 2, None  # no step would take an antisymmetric part away
@@ -129,10 +113,7 @@ def polish(a: np.ndarray, m: np.ndarray, q: np.ndarray, p: np.ndarray) -> Riccat
 def sensitivity(riccati: RiccatiSolution, change: np.ndarray) -> np.ndarray:
     """ΔP for a small change ΔM of M: A_clᵀ ΔP + ΔP A_cl = −P ΔM P, shape (n, n).
 
-    Parameters
-    ----------
-    change : ndarray, shape (n, n)
-        ΔM, symmetric.
+    `change`: (n, n), ΔM, symmetric.
     """
     p = riccati.p.astype(float)
     form = riccati.form or _schur(riccati.closed_loop)

@@ -107,18 +107,8 @@ def equilibrium_state(
 ) -> np.ndarray:
     """Deviation (n,) at which every rate but the integrals' vanishes, given the moved states.
 
-    Parameters
-    ----------
-    moved : ndarray, shape (n,)
-        Deviation of the moved states, zero elsewhere.
-    integral : ndarray of bool, shape (n,)
-        Integral states; they keep the guess.
-    guess : ndarray, shape (n,), optional
-
-    Raises
-    ------
-    NumericalFailure
-        No equilibrium was found there.
+    `moved`: (n,), deviation of the moved states, zero elsewhere. `integral`: (n,), integral states; they keep the
+    guess. `guess`: (n,). Raises NumericalFailure: no equilibrium was found there.
     """
     n, _, m, _ = solution.expansion.size
     given = integral | (moved != 0)

@@ -387,14 +387,8 @@ EXACT_INPUT_MATRIX = (GeneralisedPlant, PolynomialPlant)
 class GradientLaw:
     """−R2⁻¹ g2(x)ᵀ V_xᵀ with the coefficients of V_x as data.
 
-    Attributes
-    ----------
-    slopes : PolynomialLaw
-        V_x, one row per state.
-    input_matrix : callable
-        g2 at one deviation (n,) on any element, (n, m).
-    price : ndarray, shape (m, m)
-        R2⁻¹.
+    `slopes`: V_x, one row per state. `input_matrix`: g2 at one deviation (n,) on any element, (n, m). `price`: (m, m),
+    R2⁻¹.
     """
 
     slopes: PolynomialLaw

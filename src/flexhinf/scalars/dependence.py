@@ -45,14 +45,8 @@ ELEMENTARY = {
 def switches(expressions: ca.SX, z: ca.SX, poles: bool = True) -> ca.SX:
     """What decides, in operations that are not smooth or have poles, (s, 1): where one is zero, code may switch.
 
-    Parameters
-    ----------
-    expressions : casadi.SX
-    z : casadi.SX, (k, 1)
-        All symbols of the expressions.
-    poles : bool
-        With those of quotients and tangents, beyond which a bounded function of them goes on elsewhere, and branch
-        points of roots and inverse sines.
+    `z`: casadi.SX, (k, 1), all symbols of the expressions. `poles`: With those of quotients and tangents, beyond which
+    a bounded function of them goes on elsewhere, and branch points of roots and inverse sines.
     """
     function = ca.Function("walked", [z], [ca.densify(ca.vec(expressions))])
     work: dict[int, ca.SX] = {}
@@ -112,12 +106,8 @@ def linear(function: ca.Function) -> bool:
 def varying(entries: ca.SX, z: ca.SX, scale: ca.SX) -> np.ndarray:
     """Which entries (r, c) are not constant in z, as booleans.
 
-    Parameters
-    ----------
-    entries : casadi.SX, (r, c)
-    z : casadi.SX, (k, 1)
-    scale : casadi.SX, (r, c)
-        Size of the terms that each entry is made of: what rounding is compared with.
+    `entries`: casadi.SX, (r, c). `z`: casadi.SX, (k, 1). `scale`: casadi.SX, (r, c), size of the terms that each entry
+    is made of: what rounding is compared with.
     """
     flat, sizes = ca.densify(ca.vec(entries)), ca.densify(ca.vec(scale))
     if not flat.numel():

@@ -456,22 +456,9 @@ def jets(point: Any, degree: int) -> np.ndarray:
 def terms(array: Any, n: int, degree: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The terms that an array of jets and numbers has (a number is a constant polynomial).
 
-    Parameters
-    ----------
-    array : array_like of Jet or float, shape (...)
-    n, degree : int
-        Variables and degree of the jets.
-
-    Returns
-    -------
-    rows, monomials : ndarray of int, shape (N,)
-        Flat place of the element, and number of the monomial in its dense coefficient vector.
-    values : ndarray, shape (N,)
-
-    Raises
-    ------
-    InvalidInput
-        For an element that is neither, or a jet with other variables or another degree.
+    `array`: of jets or numbers, any shape. `n`, `degree`: Variables and degree of the jets. Returns `rows, monomials`,
+    (N,): Flat place of the element, and number of the monomial in its dense coefficient vector. Returns `values` (N,).
+    Raises InvalidInput: for an element that is neither, or a jet with other variables or another degree.
     """
     array = np.asarray(array, dtype=object)
     home = space(n, degree)

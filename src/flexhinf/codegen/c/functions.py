@@ -32,12 +32,7 @@ from flexhinf.errors import InvalidInput
 
 @dataclass(frozen=True)
 class Real:
-    """``double`` or ``float``.
-
-    Parameters
-    ----------
-    name : {"double", "float"}
-    """
+    """``double`` or ``float``."""
 
     name: Literal["double", "float"]
 
@@ -60,10 +55,7 @@ class Real:
 def constant(value: float, real: Real) -> str:
     """A number as C writes it; read back, it is the nearest one of this type.
 
-    Raises
-    ------
-    InvalidInput
-        If it is NaN, or lies beyond the type.
+    Raises InvalidInput: if it is NaN, or lies beyond the type.
     """
     if math.isinf(value):
         huge = f"HUGE_VAL{real.suffix.upper()}"
@@ -178,25 +170,13 @@ def function_text(
 ) -> str:
     """The definition of ``static void name(in₀, …, out₀, …)``.
 
-    Parameters
-    ----------
-    function : casadi.Function
-    lanes : int
-        0 for any number of them, which is then the last argument ``count``: of a function without library calls, and
-        with one element in every moving argument and result. For more than one, element e of a moving argument or of
-        a result is the row ``[e * lanes + lane]``, and no result may lie where an argument does. For one, every store
-        comes after every load, so that results may take the place of arguments.
-    moving : tuple of bool
-        Which arguments differ from lane to lane.
-    calls : mapping, optional
-        Names of our own C functions for an operation, by CasADi's opcode.
-    rows : callable, optional
-        The name of such a function of all lanes, (x, out…), for the opcodes of its results in ascending order.
-
-    Raises
-    ------
-    Unsupported
-        An operation that is not in the table.
+    `lanes`: 0 for any number of them, which is then the last argument ``count``: of a function without library calls,
+    and with one element in every moving argument and result. For more than one, element e of a moving argument or of a
+    result is the row ``[e * lanes + lane]``, and no result may lie where an argument does. For one, every store comes
+    after every load, so that results may take the place of arguments. `moving`: Which arguments differ from lane to
+    lane. `calls`: Names of our own C functions for an operation, by CasADi's opcode. `rows`: The name of such a
+    function of all lanes, (x, out…), for the opcodes of its results in ascending order. Raises Unsupported: an
+    operation that is not in the table.
     """
     flow = read_dataflow(function, OPERATIONS, fused=True)
     writer = _Function(flow, real, lanes, moving or (False,) * function.n_in(), calls or {}, rows)

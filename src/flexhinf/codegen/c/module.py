@@ -38,17 +38,8 @@ SINES = {casadi.OP_SIN: "sin", casadi.OP_COS: "cos"}
 class Translator:
     """Collects the functions of one or more programs; what two of them share is written once.
 
-    Parameters
-    ----------
-    prefix : str
-        An identifier; every function's name begins so.
-    lanes : int
-        Columns of a matrix that a function is evaluated for at once, side by side, where there are so many.
-
-    Attributes
-    ----------
-    functions : dict of str to str
-        Name to text, in an order in which C can read it.
+    `prefix`: An identifier; every function's name begins so. `lanes`: Columns of a matrix that a function is evaluated
+    for at once, side by side, where there are so many. `functions`: Name to text, in an order in which C can read it.
     """
 
     def __init__(self, prefix: str, real: Real, lanes: int = 1) -> None:
@@ -65,10 +56,7 @@ class Translator:
         Every buffer is a pointer in the order of the program, work buffers included: the caller gives them, and they
         are not cleared.
 
-        Raises
-        ------
-        Unsupported
-            A step or an operation for which there is no C here.
+        Raises Unsupported: A step or an operation for which there is no C here.
         """
         full = f"{self.prefix}_{name}"
         body = list(self._body(program.body, []))

@@ -61,12 +61,7 @@ class Tile:
 class Algebra:
     """Emits the loops.
 
-    Parameters
-    ----------
-    loop : callable
-        (first, end, body): a loop over first ≤ k < end.
-    fused : bool
-        The target has a fused multiply-add.
+    `loop`: (first, end, body): a loop over first ≤ k < end. `fused`: The target has a fused multiply-add.
     """
 
     writer: Writer
@@ -140,10 +135,7 @@ class Algebra:
     ) -> list[tuple[str, int, str]]:
         """Σ_k<count factors(k)ᵀ r_k, beginning with zeros or with what is in a matrix.
 
-        Returns
-        -------
-        list of (str, int, str)
-            Place of a vector's first element in the tile's matrix, elements, and their sums.
+        Returns for each vector the place of its first element in the tile's matrix, its length, and its sums.
         """
         vectors = [(self.ahead(tile.j, first), n) for first, n in self._vectors(tile.width)]
         cells = []
@@ -362,12 +354,8 @@ _SUMS = 4  # of a guard, as many as the latency of an addition asks for
 class Guards:
     """Emits guards.
 
-    Parameters
-    ----------
-    each : callable
-        (turns, body): a loop, or its turns written out if they are few.
-    codes, steps : str
-        Where the code of each lane, and the step at which it failed, are kept; a label ``finish`` ends the run.
+    `each`: (turns, body): a loop, or its turns written out if they are few. `codes`, `steps`: Where the code of each
+    lane, and the step at which it failed, are kept; a label ``finish`` ends the run.
     """
 
     writer: Writer
@@ -440,10 +428,7 @@ class Nested:
     Each degree's rows are read in their order, whatever the loops: measured, several innermost sums side by side wait
     less for each other, and longer for what they read from many places.
 
-    Parameters
-    ----------
-    n, values, columns : int
-        Variables, polynomials, and numbers of a row of the table.
+    `n`, `values`, `columns`: Variables, polynomials, and numbers of a row of the table.
     """
 
     algebra: Algebra

@@ -28,14 +28,8 @@ MANY = 3
 class Operation:
     """One value: a constant, an input element, or an operation on earlier values.
 
-    Attributes
-    ----------
-    code : int
-        CasADi's opcode, or a fused operation.
-    arguments : tuple of int
-        Earlier values; for OP_INPUT (argument, element).
-    constant : float
-        Value of an OP_CONST.
+    `code`: CasADi's opcode, or a fused operation. `arguments`: Earlier values; for OP_INPUT (argument, element).
+    `constant`: Value of an OP_CONST.
     """
 
     code: int
@@ -47,12 +41,8 @@ class Operation:
 class Dataflow:
     """A function as values and what leaves it.
 
-    Attributes
-    ----------
-    operations : list of Operation
-        Value k is the result of operation k. None where a product was fused away.
-    outputs : list of (int, int, int)
-        (result, element, value).
+    `operations`: Value k is the result of operation k. None where a product was fused away. `outputs`:
+    (result, element, value).
     """
 
     operations: list[Operation | None]
@@ -62,22 +52,8 @@ class Dataflow:
 def read_dataflow(function: casadi.Function, supported: Container[int], fused: bool) -> Dataflow:
     """Read the instructions of an SX function.
 
-    Parameters
-    ----------
-    function : casadi.Function
-    supported : container of int
-        Opcodes that can be emitted.
-    fused : bool
-        Fuse a product with the one sum that uses it (the target has a fused multiply-add).
-
-    Returns
-    -------
-    Dataflow
-
-    Raises
-    ------
-    Unsupported
-        Naming the first opcode that is not supported.
+    `supported`: Opcodes that can be emitted. `fused`: Fuse a product with the one sum that uses it (the target has a
+    fused multiply-add). Raises Unsupported: naming the first opcode that is not supported.
     """
     operations: list[Operation | None] = []
     outputs: list[tuple[int, int, int]] = []

@@ -23,14 +23,9 @@ BLOCK = 8
 class Packer:
     """Copies neighbouring columns of a matrix into elements of as many lanes, and back.
 
-    Parameters
-    ----------
-    each : callable
-        (turns, body): a loop, or its turns written out if they are few.
-    wide : Lanes
-        Of the packed elements; in a kernel of several lanes these are the kernel's, and a column goes alone.
-    left : int
-        Columns; lanes without one are zero.
+    `each`: (turns, body): a loop, or its turns written out if they are few. `wide`: Of the packed elements; in a
+    kernel of several lanes these are the kernel's, and a column goes alone. `left`: Columns; lanes without one are
+    zero.
     """
 
     writer: Writer
@@ -104,28 +99,10 @@ def emit_function(
 ) -> int:
     """Add ``void name(in₀, …, out₀, …)`` over pointers to the module.
 
-    Parameters
-    ----------
-    function : casadi.Function
-    lanes : Lanes
-        Numbers that travel together in one element.
-    shared : tuple of bool
-        Which arguments hold one number for all lanes.
-    fused : bool
-        The target has a fused multiply-add.
+    `lanes`: Numbers that travel together in one element. `shared`: Which arguments hold one number for all lanes.
+    `fused`: The target has a fused multiply-add. Returns number of operations. Raises Unsupported: an operation that
+    is not in the table.
 
-    Returns
-    -------
-    int
-        Number of operations.
-
-    Raises
-    ------
-    Unsupported
-        An operation that is not in the table.
-
-    Notes
-    -----
     Every store comes after every load, so a result may overwrite an argument; the pointers carry no
     ``noalias``.
 

@@ -58,12 +58,8 @@ _SMALL = 200  # operations of a function that is put where it is called
 class Module:
     """LLVM text and what it needs to be linked.
 
-    Attributes
-    ----------
-    library : dict of str to str
-        Emitted name to the name of the C library function behind it.
-    operations : int
-        Operations in the traced functions, a measure of the time to compile.
+    `library`: Emitted name to the name of the C library function behind it. `operations`: Operations in the traced
+    functions, a measure of the time to compile.
     """
 
     text: str
@@ -74,21 +70,8 @@ class Module:
 def emit_module(program: Program, lanes: int, fused: bool = True) -> Module:
     """Write the LLVM module of a program.
 
-    Parameters
-    ----------
-    lanes : int
-        W ≥ 1.
-    fused : bool
-        The target has a fused multiply-add.
-
-    Returns
-    -------
-    Module
-
-    Raises
-    ------
-    Unsupported
-        A traced function holds an operation that is not in the table.
+    `lanes`: W ≥ 1. `fused`: The target has a fused multiply-add. Raises Unsupported: A traced function holds an
+    operation that is not in the table.
     """
     return _Emitter(program, lanes, fused).emit()
 

@@ -29,12 +29,8 @@ from flexhinf.codegen.program import PREFIX
 def emit_normal(caller: Writer, step: str, channel: int, key: Sequence[str]) -> str:
     """Emit a number N(0, 1); returns the name of the result.
 
-    Parameters
-    ----------
-    step : str
-        Name of a 64-bit integer below 2³².
-    key : sequence of str
-        Names of the sample, and of the low and the high word of the seed, likewise.
+    `step`: Name of a 64-bit integer below 2³². `key`: Names of the sample, and of the low and the high word of the
+    seed, likewise.
     """
     lanes = caller.lanes
     counter = (step, lanes.whole(channel), *key)

@@ -17,10 +17,7 @@ PURE = "nounwind willreturn memory(none)"
 class Lanes:
     """How a number looks in the text when W of them travel together.
 
-    Parameters
-    ----------
-    width : int
-        W ≥ 1.
+    `width`: W ≥ 1.
     """
 
     width: int
@@ -69,14 +66,8 @@ class Lanes:
 class ModuleText:
     """What a module collects while functions are written: definitions, declarations, and names to link.
 
-    Attributes
-    ----------
-    definitions : dict of str to str
-        Function name to text, in the order of writing.
-    declarations : dict of str to str
-        Intrinsics and foreign functions.
-    library : dict of str to str
-        Emitted name of a C library function to its own name.
+    `definitions`: Function name to text, in the order of writing. `declarations`: Intrinsics and foreign functions.
+    `library`: Emitted name of a C library function to its own name.
     """
 
     lanes: Lanes
@@ -91,15 +82,8 @@ class ModuleText:
 class Writer:
     """Body of one function: appends lines, hands out names.
 
-    Parameters
-    ----------
-    lanes : Lanes, optional
-        Those of the module by default.
-
-    Attributes
-    ----------
-    first, lines : list of str
-        What is allocated, which belongs at the start of the function, and the text after it.
+    `lanes`: Those of the module by default. `first`, `lines`: What is allocated, which belongs at the start of the
+    function, and the text after it.
     """
 
     def __init__(self, module: ModuleText, lanes: Lanes | None = None) -> None:
