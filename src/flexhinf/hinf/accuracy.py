@@ -111,29 +111,29 @@ def degree_errors(
     return errors
 
 
-def with_accuracy(
-    records: Sequence[DegreeRecord], residuals: dict[int, float], errors: dict[int, float]
+def checked_records(
+    records: Sequence[DegreeRecord],
+    residuals: dict[int, float],
+    errors: dict[int, float],
+    gamma: float,
+    growth: float,
 ) -> tuple[DegreeRecord, ...]:
-    """The records with the residual of Eq. (8) and the error; degrees that vanish have neither."""
+    """The records with the residual of Eq. (8) and the error; degrees that vanish have neither.
+
+    Raises NumericalFailure for a degree of which no digits are left, with its estimated error.
+    """
+    for degree, error in errors.items():
+        if error > _LARGEST_ERROR:
+            lower = f", or degree {degree - 1}" if degree > 2 else ""
+            raise NumericalFailure(
+                f"V of degree {degree} is not determined by the data at this attenuation level.",
+                f"expected an error of its coefficients below {_LARGEST_ERROR:g}, got about {error:.1g} at "
+                f"gamma = {gamma:.15g}, where P changes by {growth:.1g} times the relative change of gamma",
+                f"a gamma further above gamma*{lower}",
+            )
     return tuple(
         replace(record, residual=residuals[record.degree], error=errors[record.degree])
         if record.degree in errors
         else record
         for record in records
     )
-
-
-def check_errors(records: Sequence[DegreeRecord], gamma: float, growth: float) -> None:
-    """Refuse a degree of which no digits are left.
-
-    Raises NumericalFailure: with the degree, its estimated error, and what can still be had.
-    """
-    for record in records:
-        if not (np.isnan(record.error) or record.error <= _LARGEST_ERROR):
-            lower = f", or degree {record.degree - 1}" if record.degree > 2 else ""
-            raise NumericalFailure(
-                f"V of degree {record.degree} is not determined by the data at this attenuation level.",
-                f"expected an error of its coefficients below {_LARGEST_ERROR:g}, got about {record.error:.1g} at "
-                f"gamma = {gamma:.15g}, where P changes by {growth:.1g} times the relative change of gamma",
-                f"a gamma further above gamma*{lower}",
-            )

@@ -80,7 +80,7 @@ from time import perf_counter
 import numpy as np
 
 from flexhinf.errors import InfeasibleGamma, InvalidInput, NumericalFailure
-from flexhinf.hinf.accuracy import check_errors, degree_errors, equation_residuals, moved, with_accuracy
+from flexhinf.hinf.accuracy import checked_records, degree_errors, equation_residuals, moved
 from flexhinf.hinf.linear_part import (
     LinearPart,
     Parts,
@@ -258,10 +258,8 @@ def degree_progress(n: int, degree: int) -> Iterator[Callable[[int], None]]:
 
 
 _SMALL = 5_000  # coefficients of the highest degree up to which bounded states cost little: f is full in them
-_LARGE_P = (
-    64.0,
-    1e3,
-)  # eigenvalue of P in balanced states from which V is found in bounded ones: small, large problems
+#: Eigenvalue of P in balanced states from which V is found in bounded ones: small, large problems.
+_LARGE_P = 64.0, 1e3
 _LARGE_GROWTH = 2.0  # ‖dP/d log γ‖/‖P‖ from which it is: γ below about 1.2 γ*
 _DOUBTFUL_GROWTH = 100.0  # the same, from which the error is measured: γ below about 1.005 γ*
 _DOUBTFUL_P = 1e4  # eigenvalue of P in balanced states from which it is
@@ -312,10 +310,23 @@ def solve_hji(problem: Problem, gamma: float, degree: int) -> HJISolution:
     >>> bool(abs(2 * solution.coefficients(2)[(2,)] - (1 + (1 + s) ** 0.5) / s) < 1e-13)
     True
     """
-    gamma, degree = _checked_gamma(gamma), _checked_degree(degree)
+    level = real_number(gamma) if isinstance(gamma, Real) and not isinstance(gamma, bool) else math.nan
+    if not level > 0:
+        raise InvalidInput(
+            "The attenuation level gamma is not a positive number.",
+            f"expected gamma > 0 (math.inf for no disturbance), got {value_text(gamma)}",
+            "a multiple of smallest_gamma(problem), for example 2; where that is 0 the disturbance does not reach z "
+            "(is it used in flow?), and any gamma > 0 will do",
+        )
+    if not isinstance(degree, Integral) or isinstance(degree, bool) or not 2 <= degree <= _HIGHEST:
+        raise InvalidInput(
+            f"The degree of V is not an integer from 2 to {_HIGHEST}.",
+            f"expected 2, 3, 4, …, got {value_text(degree)}",
+            "4 gives a cubic law; 2 gives the linear one",
+        )
     check_problem(problem)
     try:
-        return _solution(problem, gamma, degree)
+        return _solution(problem, level, int(degree))
     except MemoryError as error:
         raise InvalidInput(
             f"Degree {degree} in {len(problem.state_names)} states does not fit in memory.",
@@ -326,25 +337,48 @@ def solve_hji(problem: Problem, gamma: float, degree: int) -> HJISolution:
 
 def _solution(problem: Problem, gamma: float, degree: int) -> HJISolution:
     """As `solve_hji`, of what is checked."""
-    plant = _expansion(problem, degree)
-    memory = check_cost(plant.size, degree, expanded=not isinstance(problem, PolynomialPlant))
+    expanded = not isinstance(problem, PolynomialPlant)
+    if expanded:  # the expansion itself may already not fit
+        size = len(problem.state_names), len(getattr(problem, "disturbance_names", ())), len(problem.r2), 0
+        check_cost(size, degree, expanded)
+    plant = problem.expand(degree - 1)
+    memory = check_cost(plant.size, degree, expanded)
     linear = LinearPart.of(plant)
     linear.check()
     with degree_progress(len(plant.state_names), degree) as advance:
         solved = _solve(plant, linear, gamma, degree, advance)
     if solved is None:
-        raise _infeasible(linear, gamma)
+        gamma_star = linear_smallest_gamma(linear)
+        if math.isfinite(gamma) and gamma <= gamma_star * (1 + 1e-8):
+            raise InfeasibleGamma(gamma, gamma_star)
+        raise NumericalFailure(
+            "The Riccati equation was not solved.",
+            f"gamma = {gamma:.10g} is above gamma* = {gamma_star:.10g}, but no stabilising solution was found",
+            "a gamma further above gamma*, or better scaled weights",
+        )
     if not all(np.isfinite(part).all() for part in solved.value.values()):
         raise NumericalFailure(
             "The solution left the finite numbers.",
             f"expected finite coefficients through degree {degree}, got infinite ones at gamma = {gamma:.6g}",
             "a gamma further above gamma*, or a lower degree",
         )
-    errors = degree_errors(solved.value, solved.growth, solved.largest, _nearby(plant, gamma, degree, solved))
-    records = with_accuracy(solved.records, equation_residuals(solved.problem, solved.value), errors)
-    check_errors(records, gamma, solved.growth)
-    parts, p = _unscaled(solved.value, solved.scaling)
-    return HJISolution(gamma, degree, p, plant, problem, parts, records, solved.condition, memory)
+    other = None
+    if solved.growth > _DOUBTFUL_GROWTH or solved.largest > _DOUBTFUL_P:
+        other = _nearby(plant, gamma, degree, solved)
+    errors = degree_errors(solved.value, solved.growth, solved.largest, other)
+    records = checked_records(
+        solved.records, equation_residuals(solved.problem, solved.value), errors, gamma, solved.growth
+    )
+    # monomial coefficients in the plant's own units, from tensor entries in scaled ones, and P
+    n, scaling = len(plant.state_names), solved.scaling
+    powers = monomials(1.0 / scaling.state[None, :], solved.value)
+    parts = {
+        k: (entries * basis.multiplicity(n, k) * powers[k][0] * scaling.value**2).astype(float)
+        for k, entries in solved.value.items()
+    }
+    half = np.zeros((n, n))
+    half[np.triu_indices(n)] = parts[2]
+    return HJISolution(gamma, degree, half + half.T, plant, problem, parts, records, solved.condition, memory)
 
 
 @dataclass(frozen=True)
@@ -414,10 +448,8 @@ def _growth(
     return float(np.linalg.norm(change)) / size if size > 0 else 0.0
 
 
-def _nearby(plant: PolynomialPlant, gamma: float, degree: int, solved: _Solved) -> Parts | None:
-    """V, in the same scaled states, of the problem with every number moved in its last bit; None where not needed."""
-    if solved.growth <= _DOUBTFUL_GROWTH and solved.largest <= _DOUBTFUL_P:
-        return None
+def _nearby(plant: PolynomialPlant, gamma: float, degree: int, solved: _Solved) -> Parts:
+    """V, in the same scaled states, of the problem with every number moved in its last bit."""
     rng = np.random.default_rng(0)
     stretch = rng.uniform(0.7, 1.4, len(plant.state_names))
     plant, gamma = moved(plant, rng), float(np.nextafter(gamma, np.inf))
@@ -432,56 +464,3 @@ def _nearby(plant: PolynomialPlant, gamma: float, degree: int, solved: _Solved) 
 def linear_law(problem: Problem, gamma: float) -> HJISolution:
     """The linear H∞ law: `solve_hji` at degree 2."""
     return solve_hji(problem, gamma, 2)
-
-
-def _checked_gamma(gamma: float) -> float:
-    number = real_number(gamma) if isinstance(gamma, Real) and not isinstance(gamma, bool) else math.nan
-    if not number > 0:
-        raise InvalidInput(
-            "The attenuation level gamma is not a positive number.",
-            f"expected gamma > 0 (math.inf for no disturbance), got {value_text(gamma)}",
-            "a multiple of smallest_gamma(problem), for example 2; where that is 0 the disturbance does not reach z "
-            "(is it used in flow?), and any gamma > 0 will do",
-        )
-    return number
-
-
-def _checked_degree(degree: int) -> int:
-    if not isinstance(degree, Integral) or isinstance(degree, bool) or not 2 <= degree <= _HIGHEST:
-        raise InvalidInput(
-            f"The degree of V is not an integer from 2 to {_HIGHEST}.",
-            f"expected 2, 3, 4, …, got {value_text(degree)}",
-            "4 gives a cubic law; 2 gives the linear one",
-        )
-    return int(degree)
-
-
-def _expansion(problem: Problem, degree: int) -> PolynomialPlant:
-    if not isinstance(problem, PolynomialPlant):
-        size = len(problem.state_names), len(getattr(problem, "disturbance_names", ())), len(problem.r2), 0
-        check_cost(size, degree, expanded=True)  # the expansion itself may already not fit
-    return problem.expand(degree - 1)
-
-
-def _infeasible(linear: LinearPart, gamma: float) -> Exception:
-    gamma_star = linear_smallest_gamma(linear)
-    if math.isfinite(gamma) and gamma <= gamma_star * (1 + 1e-8):
-        return InfeasibleGamma(gamma, gamma_star)
-    return NumericalFailure(
-        "The Riccati equation was not solved.",
-        f"gamma = {gamma:.10g} is above gamma* = {gamma_star:.10g}, but no stabilising solution was found",
-        "a gamma further above gamma*, or better scaled weights",
-    )
-
-
-def _unscaled(parts: Parts, scaling: Scaling) -> tuple[Parts, np.ndarray]:
-    """Monomial coefficients in the plant's own units, from tensor entries in scaled ones, and P."""
-    n = len(scaling.state)
-    powers = monomials(1.0 / scaling.state[None, :], parts)
-    value = {
-        k: (entries * basis.multiplicity(n, k) * powers[k][0] * scaling.value**2).astype(float)
-        for k, entries in parts.items()
-    }
-    half = np.zeros((n, n))
-    half[np.triu_indices(n)] = value[2]
-    return value, half + half.T

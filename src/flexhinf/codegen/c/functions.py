@@ -20,8 +20,10 @@ import casadi
 import numpy as np
 
 from flexhinf.codegen.emit.dataflow import (
+    LIBRARY,
     MULTIPLY_ADD,
     MULTIPLY_SUBTRACT,
+    SINGLE,
     SUBTRACT_PRODUCT,
     Dataflow,
     Operation,
@@ -74,86 +76,46 @@ def constant(value: float, real: Real) -> str:
     return text + real.suffix
 
 
-Rule = Callable[..., str]
-"""(type, text of each operand) → expression."""
-
-
-def _infix(sign: str) -> Rule:
-    return lambda real, left, right: f"{left} {sign} {right}"
-
-
-def _function(name: str) -> Rule:
-    return lambda real, *operands: f"{name}{real.suffix}({', '.join(operands)})"
-
-
-def _truth(sign: str) -> Rule:
-    return lambda real, left, right: _number(real, f"{left} {sign} {right}")
-
-
-def _number(real: Real, condition: str) -> str:
-    return f"({condition}) ? {constant(1.0, real)} : {constant(0.0, real)}"
-
-
-def _set(real: Real, value: str) -> str:
-    """Whether a number stands for "true": NaN does, as in C."""
-    return f"{value} != {constant(0.0, real)}"
-
-
-def _logical(sign: str) -> Rule:
-    return lambda real, left, right: _number(real, f"({_set(real, left)}) {sign} ({_set(real, right)})")
-
-
-def _extremum(sign: str) -> Rule:
-    """fmin, fmax of C: a NaN loses, the first operand wins a tie."""
-    return lambda real, left, right: f"({right} {sign} {left} || isnan({left})) ? {right} : {left}"
-
-
-def _sign(real: Real, value: str) -> str:
-    zero, one = constant(0.0, real), constant(1.0, real)
-    return f"({value} < {zero}) ? -{one} : (({value} > {zero}) ? {one} : {value})"
-
-
-#: Functions of ``<math.h>``, by CasADi's names; those of `WITHOUT_CALL` are single instructions.
-FUNCTIONS = (
-    "sqrt", "fabs", "floor", "ceil", "copysign", "sin", "cos", "tan", "asin", "acos", "atan", "atan2", "sinh", "cosh",
-    "tanh", "asinh", "acosh", "atanh", "exp", "expm1", "log", "log1p", "pow", "hypot", "fmod", "remainder", "erf",
+#: Functions that are written here instead of called where numbers are double; and functions of two numbers.
+SINES = {casadi.OP_SIN: "sin", casadi.OP_COS: "cos"}
+OF_TWO = (
+    casadi.OP_ATAN2, casadi.OP_POW, casadi.OP_CONSTPOW, casadi.OP_HYPOT, casadi.OP_FMOD, casadi.OP_REMAINDER,
+    casadi.OP_COPYSIGN,
 )  # fmt: skip
-WITHOUT_CALL = ("fabs", "floor", "ceil", "copysign")
 
-OPERATIONS: dict[int, Rule] = {
-    MULTIPLY_ADD: lambda real, left, right, plus: f"FMA({left}, {right}, {plus})",
-    MULTIPLY_SUBTRACT: lambda real, left, right, minus: f"FMA({left}, {right}, -{minus})",
-    SUBTRACT_PRODUCT: lambda real, left, right, minuend: f"FMA(-{left}, {right}, {minuend})",
-    casadi.OP_ASSIGN: lambda real, value: value,
-    casadi.OP_ADD: _infix("+"),
-    casadi.OP_SUB: _infix("-"),
-    casadi.OP_MUL: _infix("*"),
-    casadi.OP_DIV: _infix("/"),
-    casadi.OP_NEG: lambda real, value: f"-{value}",
-    casadi.OP_SQ: lambda real, value: f"{value} * {value}",
-    casadi.OP_TWICE: lambda real, value: f"{value} + {value}",
-    casadi.OP_INV: lambda real, value: f"{constant(1.0, real)} / {value}",
-    casadi.OP_SIGN: _sign,
-    casadi.OP_FMIN: _extremum("<"),
-    casadi.OP_FMAX: _extremum(">"),
-    casadi.OP_LT: _truth("<"),
-    casadi.OP_LE: _truth("<="),
-    casadi.OP_EQ: _truth("=="),
-    casadi.OP_NE: _truth("!="),
-    casadi.OP_NOT: lambda real, value: _number(real, f"{value} == {constant(0.0, real)}"),
-    casadi.OP_AND: _logical("&&"),
-    casadi.OP_OR: _logical("||"),
-    casadi.OP_IF_ELSE_ZERO: lambda real, flag, value: (
-        f"({_set(real, flag)}) ? {value} : {constant(0.0, real)}"
-    ),
-    casadi.OP_CONSTPOW: _function("pow"),
-    **{getattr(casadi, f"OP_{name.upper()}"): _function(name) for name in FUNCTIONS},
+#: Expressions of operands {0}, {1}, … and of {one} and {zero}; {f} ends the names of functions of the type.
+OPERATIONS: dict[int, str] = {
+    **{code: f"{name}{{f}}({{0}})" for code, name in {**LIBRARY, **SINGLE, **SINES}.items()},
+    **{code: f"{LIBRARY.get(code, 'copysign')}{{f}}({{0}}, {{1}})" for code in OF_TWO},
+    MULTIPLY_ADD: "FMA({0}, {1}, {2})",
+    MULTIPLY_SUBTRACT: "FMA({0}, {1}, -{2})",
+    SUBTRACT_PRODUCT: "FMA(-{0}, {1}, {2})",
+    casadi.OP_ASSIGN: "{0}",
+    casadi.OP_ADD: "{0} + {1}",
+    casadi.OP_SUB: "{0} - {1}",
+    casadi.OP_MUL: "{0} * {1}",
+    casadi.OP_DIV: "{0} / {1}",
+    casadi.OP_NEG: "-{0}",
+    casadi.OP_SQ: "{0} * {0}",
+    casadi.OP_TWICE: "{0} + {0}",
+    casadi.OP_INV: "{one} / {0}",
+    casadi.OP_SIGN: "({0} < {zero}) ? -{one} : (({0} > {zero}) ? {one} : {0})",
+    # fmin, fmax of C: a NaN loses, the first operand wins a tie
+    casadi.OP_FMIN: "({1} < {0} || isnan({0})) ? {1} : {0}",
+    casadi.OP_FMAX: "({1} > {0} || isnan({0})) ? {1} : {0}",
+    casadi.OP_LT: "({0} < {1}) ? {one} : {zero}",
+    casadi.OP_LE: "({0} <= {1}) ? {one} : {zero}",
+    casadi.OP_EQ: "({0} == {1}) ? {one} : {zero}",
+    casadi.OP_NE: "({0} != {1}) ? {one} : {zero}",
+    casadi.OP_NOT: "({0} == {zero}) ? {one} : {zero}",
+    # NaN stands for "true", as in C
+    casadi.OP_AND: "(({0} != {zero}) && ({1} != {zero})) ? {one} : {zero}",
+    casadi.OP_OR: "(({0} != {zero}) || ({1} != {zero})) ? {one} : {zero}",
+    casadi.OP_IF_ELSE_ZERO: "({0} != {zero}) ? {1} : {zero}",
 }
 
-#: Operations that call the mathematical library.
-LIBRARY = {casadi.OP_CONSTPOW} | {
-    getattr(casadi, f"OP_{name.upper()}") for name in FUNCTIONS if name not in WITHOUT_CALL
-}
+#: Operations that call the mathematical library; the others are single instructions.
+CALLS = {*LIBRARY, *SINES, casadi.OP_SQRT}
 
 
 INDENT = "    "
@@ -221,7 +183,7 @@ class _Function:
             yield f"{INDENT}{self.real.name} w{k}[{self.lanes}];"
         for level in range(last + 1):
             here = [k for k in sorted(needed) if levels.get(k) == level]
-            plain = [k for k in here if self.flow.operations[k].code not in LIBRARY]  # type: ignore[union-attr]
+            plain = [k for k in here if self.flow.operations[k].code not in CALLS]  # type: ignore[union-attr]
             called = [k for k in here if k not in set(plain)]
             yield from self._loop(self._lines(plain, kept, level == last))
             rows = [k for k in called if self._of_rows(k)]
@@ -308,11 +270,11 @@ class _Function:
             for argument in operation.arguments:
                 source = self.flow.operations[argument]
                 if argument in levels and source is not None:
-                    level = max(level, levels[argument] + (source.code in LIBRARY))
+                    level = max(level, levels[argument] + (source.code in CALLS))
             levels[k] = level
         ends = [levels.get(value, 0) for _, _, value in self.flow.outputs]
         if any(
-            levels.get(value) == max(ends) and self.flow.operations[value].code in LIBRARY  # type: ignore[union-attr]
+            levels.get(value) == max(ends) and self.flow.operations[value].code in CALLS  # type: ignore[union-attr]
             for _, _, value in self.flow.outputs
         ):
             levels[-1] = max(levels.values()) + 1  # a loop for the results alone
@@ -326,7 +288,7 @@ class _Function:
         def mark(argument: int, level: int, library: bool) -> None:
             source = self.flow.operations[argument]
             if argument in levels and source is not None:
-                other = levels[argument] != level or (source.code in LIBRARY) != library
+                other = levels[argument] != level or (source.code in CALLS) != library
                 if other:
                     kept.add(argument)
 
@@ -334,7 +296,7 @@ class _Function:
             operation = self.flow.operations[k]
             if k in levels and operation is not None:
                 for argument in operation.arguments:
-                    mark(argument, levels[k], operation.code in LIBRARY)
+                    mark(argument, levels[k], operation.code in CALLS)
         for _, _, value in self.flow.outputs:
             mark(value, last, False)
         return kept
@@ -366,4 +328,5 @@ class _Function:
         operands = [self._operand(argument, row, here) for argument in operation.arguments]
         if operation.code in self.calls:
             return f"{self.calls[operation.code]}({operands[0]})"
-        return OPERATIONS[operation.code](self.real, *operands)
+        one, zero = constant(1.0, self.real), constant(0.0, self.real)
+        return OPERATIONS[operation.code].format(*operands, one=one, zero=zero, f=self.real.suffix)

@@ -9,7 +9,7 @@ import casadi
 from flexhinf.codegen.c import algebra
 from flexhinf.codegen.c.algebra import function as sine_function
 from flexhinf.codegen.c.algebra import row_function
-from flexhinf.codegen.c.functions import INDENT, LIBRARY, Real, constant, function_text
+from flexhinf.codegen.c.functions import CALLS, INDENT, SINES, Real, constant, function_text
 from flexhinf.codegen.memory import COLUMN, Columns, Slice, overlap, whole
 from flexhinf.codegen.program import (
     Call,
@@ -30,9 +30,6 @@ from flexhinf.scalars import drop_empty
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
-
-#: Functions that are written here instead of called, by CasADi's opcode.
-SINES = {casadi.OP_SIN: "sin", casadi.OP_COS: "cos"}
 
 
 class Translator:
@@ -334,7 +331,7 @@ def _elementwise(step: Map) -> bool:
     simple = all(piece.size == 1 for piece in pieces if isinstance(piece, Columns))
     codes = {step.function.instruction_id(k) for k in range(step.function.n_instructions())}
     apart = not any(overlap(whole(one), result.whole) for one in step.inputs for result in step.outputs)
-    return simple and apart and not codes & LIBRARY
+    return simple and apart and not codes & CALLS
 
 
 def _times(counter: str, stride: int) -> str:

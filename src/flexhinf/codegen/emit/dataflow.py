@@ -20,6 +20,18 @@ MULTIPLY_ADD = -1  # a·b + c
 MULTIPLY_SUBTRACT = -2  # a·b - c
 SUBTRACT_PRODUCT = -3  # c - a·b, arguments (a, b, c)
 
+#: Functions of the C library by opcode; and those of them that are single instructions.
+LIBRARY: dict[int, str] = {casadi.OP_CONSTPOW: "pow"} | {
+    getattr(casadi, f"OP_{name.upper()}"): name
+    for name in (
+        "tan", "asin", "acos", "atan", "atan2", "sinh", "cosh", "tanh", "asinh", "acosh", "atanh", "exp", "expm1",
+        "log", "log1p", "pow", "hypot", "fmod", "remainder", "erf",
+    )
+}  # fmt: skip
+SINGLE: dict[int, str] = {
+    getattr(casadi, f"OP_{name.upper()}"): name for name in ("sqrt", "fabs", "floor", "ceil", "copysign")
+}
+
 #: Quotients by one number from which they share its reciprocal, whatever it is.
 MANY = 3
 
@@ -72,9 +84,10 @@ def read_dataflow(function: casadi.Function, supported: Container[int], fused: b
         elif code in supported:
             operation = Operation(code, tuple(register[argument] for argument in arguments))
         else:
+            names = [name for name in dir(casadi) if name.startswith("OP_") and getattr(casadi, name) == code]
             raise Unsupported(
                 f"Function '{function.name()}' cannot be compiled.",
-                f"the operation {_operation_name(code)} has no machine code here",
+                f"the operation {names[0] if names else code} has no machine code here",
             )
         register[results[0]] = len(operations)
         operations.append(operation)
@@ -151,9 +164,3 @@ def _fuse(operations: list[Operation | None], outputs: list[tuple[int, int, int]
         elif (pair := factors(left)) is not None:
             operations[k] = Operation(MULTIPLY_ADD if add else MULTIPLY_SUBTRACT, (*pair, right))
             operations[left] = None
-
-
-def _operation_name(code: int) -> str:
-    return next(
-        (name for name in dir(casadi) if name.startswith("OP_") and getattr(casadi, name) == code), str(code)
-    )
