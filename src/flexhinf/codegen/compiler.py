@@ -130,30 +130,23 @@ def _is_ours(info: os.stat_result) -> bool:
 
 
 def _write(path: Path, key: bytes, image: bytes) -> None:
+    """Write the file, and remove the oldest files of ours beyond `_MOST_FILES`."""
     try:
         path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
         with part_file(path.parent, "flexhinf-") as temporary:
             with open(temporary, "wb") as file:
                 file.write(_MAGIC + key + hashlib.sha256(image).digest() + image)
             os.replace(temporary, path)
-        _prune(path.parent)
+        files = {other: os.lstat(other) for other in path.parent.iterdir()}
+        ours = [other for other, info in files.items() if _NAME.fullmatch(other.name) and _is_ours(info)]
+        ours.sort(key=lambda other: files[other].st_mtime)
+        for other in ours[: max(0, len(ours) - _MOST_FILES)]:
+            with open(other, "rb", opener=_without_waiting) as file:
+                has_magic = file.read(len(_MAGIC)) == _MAGIC
+            if has_magic:
+                other.unlink(missing_ok=True)
     except OSError:
         return
-
-
-def _prune(directory: Path) -> None:
-    """Remove the oldest files of ours beyond `_MOST_FILES`."""
-    files = {path: os.lstat(path) for path in directory.iterdir()}
-    ours = [path for path, info in files.items() if _NAME.fullmatch(path.name) and _is_ours(info)]
-    ours.sort(key=lambda path: files[path].st_mtime)
-    for path in ours[: max(0, len(ours) - _MOST_FILES)]:
-        if _has_magic(path):
-            path.unlink(missing_ok=True)
-
-
-def _has_magic(path: Path) -> bool:
-    with open(path, "rb", opener=_without_waiting) as file:
-        return file.read(len(_MAGIC)) == _MAGIC
 
 
 #: Held while something is compiled or loaded, and while this process is forked: LLVM has global state, which a child
@@ -193,39 +186,42 @@ def compile_program(program: Program, lanes: int = 1) -> Kernel:
     The bits of a result depend neither on W nor on the optimisation: products are fused into sums by our own
     rule, no operation may be reordered, and sin and cos are the same sequence of operations for any W.
     """
+    from importlib.metadata import version
+
     check_lanes(program, lanes)
     try:
         with _LOCK:
-            return _compile(program, lanes)
+            from flexhinf.codegen import machine
+
+            host = machine.host()
+
+            def load(code: bytes) -> NativeKernel:
+                library, _, image = code.partition(b"\n")
+                return NativeKernel(program, lanes, machine.Code(image, ENTRY, json.loads(library)))
+
+            def make() -> bytes:
+                """The C functions that are needed, on a line, and the object code."""
+                from flexhinf.codegen.emit import emit_module
+
+                module = emit_module(program, lanes, host.fused)
+                image = machine.assemble(module.text, machine.level(module.operations))
+                return json.dumps(module.library).encode() + b"\n" + image
+
+            made_by = (
+                host.triple,
+                host.cpu,
+                host.features,
+                host.version,
+                emitter_digest(),
+                version("flexhinf"),
+            )
+            return cached((fingerprint(program), str(lanes), *made_by), make, load)
     except (ImportError, OSError, RuntimeError) as reason:
         raise Unsupported(
             f"Program '{program.name}' cannot be compiled.",
             f"llvmlite does not work here ({reason})",
             "python -m pip install --force-reinstall llvmlite",
         ) from reason
-
-
-def _compile(program: Program, lanes: int) -> Kernel:
-    from importlib.metadata import version
-
-    from flexhinf.codegen import machine
-
-    host = machine.host()
-
-    def load(code: bytes) -> NativeKernel:
-        library, _, image = code.partition(b"\n")
-        return NativeKernel(program, lanes, machine.Code(image, ENTRY, json.loads(library)))
-
-    def make() -> bytes:
-        """The C functions that are needed, on a line, and the object code."""
-        from flexhinf.codegen.emit import emit_module
-
-        module = emit_module(program, lanes, host.fused)
-        level = machine.level(module.operations)
-        return json.dumps(module.library).encode() + b"\n" + machine.assemble(module.text, level)
-
-    made_by = (host.triple, host.cpu, host.features, host.version, emitter_digest(), version("flexhinf"))
-    return cached((fingerprint(program), str(lanes), *made_by), make, load)
 
 
 #: The entry called without and with the interpreter's lock.

@@ -9,6 +9,7 @@ import operator
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import combinations
 from typing import Protocol
 
 import numpy as np
@@ -47,9 +48,39 @@ def check_arrays(program: Program, arrays: Mapping[str, np.ndarray], lanes: int)
             "one array per buffer that is not 'work' (the kernel makes those itself)",
         )
     for name, buffer in expected.items():
-        _check_array(program.name, buffer, arrays[name], lanes)
-    _check_apart(program, [(buffer, arrays[name]) for name, buffer in expected.items()])
+        width = 1 if buffer.shared else lanes
+        if found := _misfit(arrays[name], buffer, width):
+            elements = "any number of" if buffer.size is None else str(buffer.size)
+            wanted = f" with a last axis of {lanes} lanes" if width > 1 else ""
+            raise InvalidInput(
+                f"The array for buffer '{name}' of '{program.name}' cannot be used.",
+                f"expected a C-contiguous float64 array of {elements} elements{wanted}, got {found}",
+                "numpy.ascontiguousarray(…, dtype=float)",
+            )
+    for first, second in combinations(expected.values(), 2):
+        written = first.role != "in" or second.role != "in"
+        if written and np.may_share_memory(arrays[first.name], arrays[second.name]):
+            raise InvalidInput(
+                f"Two buffers of '{program.name}' lie in the same memory.",
+                f"the arrays for '{first.name}' and '{second.name}' overlap, and one of them is written",
+                "a copy, or one buffer with the role 'state' for both",
+            )
     return {name: arrays[name] for name in expected}
+
+
+def _misfit(array: object, buffer: Buffer, width: int) -> str:
+    """What an array is that a buffer of so many lanes cannot take; empty for one that fits."""
+    if not isinstance(array, np.ndarray):
+        return type(array).__name__
+    found = f"{array.dtype} of shape {array.shape}"
+    if not array.flags.c_contiguous:
+        return f"{found}, not contiguous"
+    if not (array.flags.writeable or buffer.role == "in"):
+        return f"{found}, read-only, but the program writes to it"
+    fits = array.size % width == 0 and buffer.size in (None, array.size // width)
+    fits = fits and (width == 1 or (array.ndim >= 2 and array.shape[-1] == width))
+    usable = array.dtype == np.float64 and array.dtype.isnative and array.flags.aligned
+    return "" if fits and usable else found
 
 
 def check_counts(program: Program, counts: Mapping[str, int]) -> dict[str, int]:
@@ -101,49 +132,6 @@ def check_reach(program: Program, lengths: Mapping[str, int], counts: Mapping[st
                     f"{piece} with counts {dict(counts)} reaches elements {first} to {end}, "
                     f"the array has {lengths[piece.buffer]} (per lane)",
                     "a longer array or a smaller count",
-                )
-
-
-def length(buffer: Buffer, array: np.ndarray, lanes: int) -> int:
-    """Elements per lane of a checked array."""
-    return array.size if buffer.shared else array.size // lanes
-
-
-def _check_array(program: str, buffer: Buffer, array: object, lanes: int) -> None:
-    lane_axis = lanes > 1 and not buffer.shared
-    elements = "any number of" if buffer.size is None else str(buffer.size)
-    expected = f"a C-contiguous float64 array of {elements} elements" + (
-        f" with a last axis of {lanes} lanes" if lane_axis else ""
-    )
-    if not isinstance(array, np.ndarray):
-        found = type(array).__name__
-    else:
-        found = f"{array.dtype} of shape {array.shape}"
-        width = lanes if lane_axis else 1
-        fits = array.size % width == 0 and (buffer.size is None or array.size == buffer.size * width)
-        if lane_axis and (array.ndim < 2 or array.shape[-1] != lanes):
-            fits = False
-        if not array.flags.c_contiguous:
-            found += ", not contiguous"
-        elif not (array.flags.writeable or buffer.role == "in"):
-            found += ", read-only, but the program writes to it"
-        elif array.dtype == np.float64 and array.dtype.isnative and array.flags.aligned and fits:
-            return
-    raise InvalidInput(
-        f"The array for buffer '{buffer.name}' of '{program}' cannot be used.",
-        f"expected {expected}, got {found}",
-        "numpy.ascontiguousarray(…, dtype=float)",
-    )
-
-
-def _check_apart(program: Program, pairs: list[tuple[Buffer, np.ndarray]]) -> None:
-    for k, (first, one) in enumerate(pairs):
-        for second, other in pairs[k + 1 :]:
-            if (first.role != "in" or second.role != "in") and np.may_share_memory(one, other):
-                raise InvalidInput(
-                    f"Two buffers of '{program.name}' lie in the same memory.",
-                    f"the arrays for '{first.name}' and '{second.name}' overlap, and one of them is written",
-                    "a copy, or one buffer with the role 'state' for both",
                 )
 
 
@@ -213,12 +201,12 @@ class Kernel(ABC):
         """
         checked = check_arrays(self.program, arrays, self.lanes)
         turns = check_counts(self.program, counts or {})
-        lengths = {
-            buffer.name: buffer.size or 0
-            if buffer.role == "work"
-            else length(buffer, checked[buffer.name], self.lanes)
-            for buffer in self.program.buffers
-        }
+        lengths = {}
+        for buffer in self.program.buffers:
+            if buffer.role == "work":
+                lengths[buffer.name] = buffer.size or 0
+            else:
+                lengths[buffer.name] = checked[buffer.name].size // (1 if buffer.shared else self.lanes)
         check_reach(self.program, lengths, turns)
         return self._bind(checked, turns, short)
 

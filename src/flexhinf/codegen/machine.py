@@ -13,9 +13,6 @@ import llvmlite.binding as llvm
 
 from flexhinf.codegen.program import Unsupported
 
-_LARGE = 20_000  # operations
-
-
 #: What is done to LLVM's own text, in this order. The emitter shares subexpressions and writes straight lines in
 #: loops: what is left are the columns in hand, addresses, and small loops. Measured, all of level 3 gives the same
 #: speed in up to twice the time, and each run of it leaves 0.2 MB and more in the process, which llvmlite never frees.
@@ -32,7 +29,7 @@ def level(operations: int) -> int:
     For a large program this is what takes the time: measured, level 1 gave the same speed as level 3 in four fifths
     of the time, and level 0 ran five times slower.
     """
-    return 3 if operations <= _LARGE else 1
+    return 3 if operations <= 20_000 else 1
 
 
 @dataclass(frozen=True)
@@ -64,8 +61,10 @@ class Code:
         builder = llvm.JITLibraryBuilder().add_object_img(image).add_current_process().export_symbol(entry)
         for name, address in addresses(library).items():
             builder.import_symbol(name, address)
-        # A linker of its own: what one linker has once linked leaves 10 KB in it for ever.
-        self._linker = _linker()
+        # A linker of its own: what one linker has once linked leaves 10 KB in it for ever. JITLink keeps the sections
+        # of an object together; the older linker takes memory wherever there is some, and where code and constants
+        # then are more than 2 GB apart, in a process with large arrays, it aborts the process.
+        self._linker = llvm.create_lljit_compiler(_target(0), use_jit_link=True)
         self._resources = builder.link(self._linker, "flexhinf")
         self.address: int = self._resources[entry]
 
@@ -88,19 +87,14 @@ def assemble(text: str, level: int) -> bytes:
     with llvm.create_context() as context, llvm.parse_assembly(text, context) as module:
         module.verify()
         target = _target(level)
-        _optimise(module, target)
+        with (
+            llvm.create_pass_builder(target, llvm.create_pipeline_tuning_options()) as builder,
+            llvm.create_new_module_pass_manager() as passes,
+        ):
+            for name in _PASSES:
+                getattr(passes, f"add_{name}_pass")()
+            passes.run(module, builder)
         return target.emit_object(module)
-
-
-def _optimise(module: llvm.ModuleRef, target: llvm.TargetMachine) -> None:
-    """Run `_PASSES` over the module."""
-    with (
-        llvm.create_pass_builder(target, llvm.create_pipeline_tuning_options()) as builder,
-        llvm.create_new_module_pass_manager() as passes,
-    ):
-        for name in _PASSES:
-            getattr(passes, f"add_{name}_pass")()
-        passes.run(module, builder)
 
 
 def _target(level: int) -> llvm.TargetMachine:
@@ -108,12 +102,6 @@ def _target(level: int) -> llvm.TargetMachine:
     return llvm.Target.from_triple(machine.triple).create_target_machine(
         cpu=machine.cpu, features=machine.features, opt=level, reloc="pic", codemodel="small"
     )
-
-
-def _linker() -> llvm.LLJIT:
-    # JITLink keeps the sections of an object together. The older linker takes memory wherever there is some; in a
-    # process with large arrays code and constants can end up more than 2 GB apart, and it then aborts the process.
-    return llvm.create_lljit_compiler(_target(0), use_jit_link=True)
 
 
 _NAMES = {"win32": ("ucrtbase", "msvcrt"), "darwin": ("libm.dylib",)}

@@ -14,7 +14,7 @@ from flexhinf.errors import InvalidInput, NumericalFailure
 from flexhinf.plant import Estimator, Gaussian, Plant, eight_stages, rk4_stages, sub_steps
 from flexhinf.plant.protocols import use_default_form
 from flexhinf.scalars import cholesky, jacobian, solve_lower, solve_lower_transposed
-from flexhinf.scalars.dependence import elementary
+from flexhinf.scalars.trace import elementary
 from flexhinf.validation import (
     checked_array,
     checked_positive,

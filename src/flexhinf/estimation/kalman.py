@@ -27,7 +27,7 @@ from flexhinf.errors import InvalidInput
 from flexhinf.estimation.filter import RecursiveFilter, correction, gained, rooted
 from flexhinf.plant import Gaussian, Plant
 from flexhinf.scalars import apply, cholesky, clip, trace
-from flexhinf.scalars.dependence import linear
+from flexhinf.scalars.trace import linear
 from flexhinf.validation import read_only, real_array, real_number, value_text
 
 

@@ -80,17 +80,26 @@ from time import perf_counter
 import numpy as np
 
 from flexhinf.errors import InfeasibleGamma, InvalidInput, NumericalFailure
-from flexhinf.hinf.accuracy import checked_records, degree_errors, equation_residuals, moved
 from flexhinf.hinf.linear_part import (
     LinearPart,
     Parts,
+    RiccatiSolution,
     ScaledProblem,
     Scaling,
     check_problem,
     linear_smallest_gamma,
+    polish,
+    sensitivity,
 )
-from flexhinf.hinf.recursion import BoundedStates, DegreeRecord, solve_degrees
-from flexhinf.hinf.riccati import RiccatiSolution, polish, sensitivity
+from flexhinf.hinf.recursion import (
+    BoundedStates,
+    DegreeRecord,
+    checked_records,
+    degree_errors,
+    equation_residuals,
+    moved,
+    solve_degrees,
+)
 from flexhinf.hinf.solution import HJISolution
 from flexhinf.plant.polynomial_plant import PolynomialPlant, Problem
 from flexhinf.polynomial import basis

@@ -29,9 +29,8 @@ from flexhinf.hinf.value_function import ValueFunction
 _BISECTIONS = 40
 _TOGETHER = 64  # points that are evaluated at once at least: of few rays several points each
 _ROUNDING = 1e-11  # r up to this, relative to the largest of its terms, counts as zero
-_SLACK = (
-    2.0  # rays are followed to this many times the lowest level found, to have several starts for the ascent
-)
+#: Rays are followed to this many times the lowest level found, to have several starts for the ascent.
+_SLACK = 2.0
 
 
 @dataclass(frozen=True)
@@ -51,11 +50,6 @@ class Stops:
     def chosen(self, places: Sequence[int] | np.ndarray) -> Stops:
         """Some of the rays."""
         return Stops(*(getattr(self, name)[places] for name in Stops.__dataclass_fields__))
-
-    @classmethod
-    def none(cls, n: int) -> Stops:
-        """No rays in `n` states."""
-        return cls(np.zeros(0), np.zeros(0), np.zeros((0, n)), np.zeros(0, bool), np.zeros((0, n)))
 
 
 @dataclass(frozen=True)
@@ -138,13 +132,6 @@ class Inequality:
         priced = np.einsum("ai,aij->aj", slope, g2) @ self.solution.input_price
         return f + np.einsum("aij,aj->ai", g1, disturbance) - np.einsum("aij,aj->ai", g2, priced)
 
-    def stopped(self, rays: Rays, radius: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """V, whether r > 0, and whether V has stopped increasing, at one radius per ray, each (N,)."""
-        x, value, slope, radial = rays.at(radius)
-        terms = self.terms(x, slope)
-        broken = ~(terms.sum(axis=0) <= _ROUNDING * np.abs(terms).max(axis=0))
-        return value, broken, ~(radial > 0)
-
     def follow(
         self, directions: np.ndarray, radii: np.ndarray, growth: float, largest: float, cap: float
     ) -> Stops:
@@ -179,10 +166,12 @@ class Inequality:
     def _along(
         self, rays: Rays, chosen: np.ndarray, radii: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """What `stopped` gives, at several radii (M, K) on each chosen ray, (M, K) each."""
-        points = self.stopped(rays.chosen(np.repeat(chosen, radii.shape[1])), radii.ravel())
-        value, violated, turned = (each.reshape(radii.shape) for each in points)
-        return value, violated, turned
+        """V, whether r > 0, and whether V has stopped increasing, at radii (M, K) on each chosen ray, (M, K) each."""
+        x, value, slope, radial = rays.chosen(np.repeat(chosen, radii.shape[1])).at(radii.ravel())
+        terms = self.terms(x, slope)
+        violated = ~(terms.sum(axis=0) <= _ROUNDING * np.abs(terms).max(axis=0))
+        turned = ~(radial > 0)
+        return value.reshape(radii.shape), violated.reshape(radii.shape), turned.reshape(radii.shape)
 
     def _pinpoint(
         self, rays: Rays, good: np.ndarray, bad: np.ndarray, broken: np.ndarray

@@ -273,8 +273,13 @@ def sample_region(
             "the defaults",
         )
     margin, pair = checked_margin(solution, gamma, penalty), checked_pair(solution, gamma, penalty)
-    if not margin.definite and not (_is_linear(solution) and margin.semidefinite):
-        return None
+    if not margin.definite:
+        plant, linear = solution.problem, False
+        if isinstance(plant, PolynomialPlant) and set(solution.value_parts) == {2}:
+            highest = max(plant.f_parts), max(plant.h_parts), max(plant.g1_parts), max(plant.g2_parts)
+            linear = highest == (1, 1, 0, 0)  # r is its quadratic part everywhere
+        if not (linear and margin.semidefinite):
+            return None
     search = _Search(Inequality(solution, pair.gamma, pair.output), np.random.default_rng(seed), largest)
     with np.errstate(all="ignore"):
         contact = search.lowest(rays)
@@ -285,15 +290,6 @@ def sample_region(
         limit, point = ("inequality" if contact.broken[0] else "V stops increasing"), contact.point[0]
         level = level if contact.radius[0] > search.first else 0.0
     return SampledCheck(solution, pair.gamma, pair.text, level, point, limit, rays, seed, float(largest))
-
-
-def _is_linear(solution: ValueFunction) -> bool:
-    """Whether r is its quadratic part everywhere: a linear plant and penalty, and a quadratic V."""
-    plant = solution.problem
-    if not isinstance(plant, PolynomialPlant) or set(solution.value_parts) != {2}:
-        return False
-    highest = max(plant.f_parts), max(plant.h_parts), max(plant.g1_parts), max(plant.g2_parts)
-    return highest == (1, 1, 0, 0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -339,7 +335,15 @@ class _Search:
 
     def touched(self, found: Stops, best: Stops) -> Stops:
         """The lowest contact of a level set with the violations at which rays stopped."""
-        for place in self._apart(found):
+        sphere, chosen = self.inequality.on_sphere(found.direction), []
+        for place in np.argsort(
+            found.level
+        ):  # those that stopped lowest, no two in nearly the same direction
+            if not np.isfinite(found.level[place]) or len(chosen) == _TOUCHES:
+                break
+            if all(sphere[place] @ sphere[other] < _APART for other in chosen):
+                chosen.append(int(place))
+        for place in chosen:
             stop = found.chosen([place])
             landscape = self.landscape(float(stop.level[0]), not stop.broken[0])
             y = touching_point(landscape, np.linalg.solve(landscape.scale, stop.point[0]))
@@ -368,7 +372,7 @@ class _Search:
             rays.append(self.inequality.directions(self.inequality.on_sphere(points)))
         directions = np.concatenate(rays)
         if not len(directions):
-            return Stops.none(self.states)
+            return Stops(*(np.zeros(shape) for shape in (0, 0, (0, self.states), 0, (0, self.states))))
         found = self.follow(directions, level, growth=1.04)
         return found.chosen(np.flatnonzero(found.level < level * (1 - _LOWER)))
 
@@ -377,14 +381,3 @@ class _Search:
         root = self.inequality.root
         size = np.sqrt(2 * level) if np.isfinite(level) else self.largest / float(np.abs(root).max())
         return Landscape(self.inequality, root * size, level, self.largest, growth)
-
-    def _apart(self, found: Stops) -> list[int]:
-        """The rays that stopped lowest, no two of them in nearly the same direction."""
-        sphere = self.inequality.on_sphere(found.direction)
-        chosen: list[int] = []
-        for place in np.argsort(found.level):
-            if not np.isfinite(found.level[place]) or len(chosen) == _TOUCHES:
-                break
-            if all(sphere[place] @ sphere[other] < _APART for other in chosen):
-                chosen.append(int(place))
-        return chosen

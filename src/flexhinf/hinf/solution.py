@@ -20,9 +20,8 @@ import numpy as np
 
 from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.files import read_arrays, write_arrays
-from flexhinf.hinf.accuracy import DOUBTFUL
 from flexhinf.hinf.margin import CheckedMargin, CheckedPenalty, checked_margin
-from flexhinf.hinf.recursion import DegreeRecord
+from flexhinf.hinf.recursion import DOUBTFUL, DegreeRecord
 from flexhinf.hinf.sampled import SampledCheck, sample_region
 from flexhinf.hinf.value_function import ValueFunction
 from flexhinf.notebook import names_text, number_text

@@ -2,7 +2,7 @@
 
 Model code run on jets gives its Taylor coefficients about a point, exactly, with no finite differences.
 What is not listed here raises: it never guesses. Functions that are not smooth are refused by name
-(`flexhinf.scalars.piecewise`, and every comparison).
+(`flexhinf.scalars.symbol`, and every comparison).
 
 A truncated power series in one variable, usually time, whose coefficients are any elements.
 

@@ -26,7 +26,6 @@ from flexhinf.codegen.emit.dataflow import (
     SINGLE,
     SUBTRACT_PRODUCT,
     Dataflow,
-    Operation,
     read_dataflow,
 )
 from flexhinf.errors import InvalidInput
@@ -146,14 +145,10 @@ def function_text(
     arguments = [f"const {real.name} *{restrict}in{k}" for k in range(function.n_in())]
     arguments += [f"{real.name} *{restrict}out{k}" for k in range(function.n_out())]
     arguments += ["int count"] * (lanes == 0)
-    used = {op.arguments[0] for op in flow.operations if op is not None and op.code == casadi.OP_INPUT}
+    used = {op.arguments[0] for op in flow.operations.values() if op.code == casadi.OP_INPUT}
     unused = [f"{INDENT}(void)in{k};" for k in range(function.n_in()) if k not in used]
     body = writer.single() if lanes == 1 else writer.several()
     return "\n".join([f"static void {name}({', '.join(arguments)})", "{", *body, *unused, "}"])
-
-
-def _is(operation: Operation | None, code: int) -> bool:
-    return operation is not None and operation.code == code
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,62 +163,59 @@ class _Function:
     def single(self) -> Iterator[str]:
         """Straight lines."""
         needed = self._needed()
-        for k, operation in enumerate(self.flow.operations):
-            if k in needed and operation is not None and operation.code != casadi.OP_CONST:
-                yield f"{INDENT}const {self.real.name} v{k} = {self._expression(operation, 'v', set())};"
+        for k, operation in self.flow.operations.items():
+            if k in needed and operation.code != casadi.OP_CONST:
+                yield f"{INDENT}const {self.real.name} v{k} = {self._expression(k, 'v', set())};"
         for result, element, value in self.flow.outputs:
             yield f"{INDENT}out{result}[{element}] = {self._operand(value, 'v', set())};"
 
     def several(self) -> Iterator[str]:
-        """Loops over the lanes, cut where the library is called."""
-        levels, needed = self._levels(), self._needed()
+        """Loops over the lanes, cut where the library is called; one call may be of all lanes at once."""
+        operations, levels, needed = self.flow.operations, self._levels(), self._needed()
         last = max(levels.values(), default=0)
         kept = self._kept(levels, needed)
         for k in sorted(kept):
             yield f"{INDENT}{self.real.name} w{k}[{self.lanes}];"
         for level in range(last + 1):
             here = [k for k in sorted(needed) if levels.get(k) == level]
-            plain = [k for k in here if self.flow.operations[k].code not in CALLS]  # type: ignore[union-attr]
-            called = [k for k in here if k not in set(plain)]
-            yield from self._loop(self._lines(plain, kept, level == last))
-            rows = [k for k in called if self._of_rows(k)]
-            yield from self._loop(self._lines([k for k in called if k not in set(rows)], kept, False))
-            yield from self._row_calls(rows)
+            called = [k for k in here if operations[k].code in CALLS]
+            rows = [k for k in called if self._is_of_rows(k)]
+            yield from self._loop([k for k in here if k not in set(called)], kept, level == last)
+            yield from self._loop([k for k in called if k not in set(rows)], kept, False)
+            # a sine and a cosine of one argument are one call
+            of: dict[int, dict[int, int]] = {}  # argument → operation → value
+            for k in rows:
+                of.setdefault(operations[k].arguments[0], {})[operations[k].code] = k
+            for argument, values in of.items():
+                assert self.rows is not None
+                source, place = operations[argument], f"w{argument}"
+                if source.code == casadi.OP_INPUT and self.moving[source.arguments[0]]:
+                    k, element = source.arguments
+                    place = f"in{k} + {element * self.lanes}" if element else f"in{k}"
+                places = "".join(f", w{values[code]}" for code in sorted(values))
+                yield f"{INDENT}{self.rows(tuple(sorted(values)))}({place}{places});"
 
-    def _row_calls(self, rows: list[int]) -> Iterator[str]:
-        """The calls for all lanes at once; a sine and a cosine of one argument are one call."""
-        of: dict[int, dict[int, int]] = {}  # argument → operation → value
-        for k in rows:
-            operation = self.flow.operations[k]
-            assert operation is not None
-            of.setdefault(operation.arguments[0], {})[operation.code] = k
-        for argument, values in of.items():
-            assert self.rows is not None
-            places = "".join(f", w{values[code]}" for code in sorted(values))
-            yield f"{INDENT}{self.rows(tuple(sorted(values)))}({self._row_of(argument)}{places});"
+    def _is_of_rows(self, k: int) -> bool:
+        """Whether one call computes the value for all lanes: its argument moves."""
+        operation = self.flow.operations[k]
+        source = self.flow.operations[operation.arguments[0]]
+        held = source.code == casadi.OP_INPUT and not self.moving[source.arguments[0]]
+        known = self.rows is not None and operation.code in self.calls
+        return known and not held and source.code != casadi.OP_CONST
 
-    def _loop(self, lines: list[str]) -> Iterator[str]:
-        if lines:
-            yield f"{INDENT}for (int l = 0; l < {self.lanes or 'count'}; ++l) {{"
-            yield from (INDENT * 2 + line for line in lines)
-            yield f"{INDENT}}}"
-
-    def _lines(self, values: list[int], kept: set[int], last: bool) -> list[str]:
+    def _loop(self, values: list[int], kept: set[int], last: bool) -> Iterator[str]:
         """One loop: its values, those of them that are kept, and at the end the results."""
         here, lines, loaded = set(values), [], set()
 
         def load(arguments: tuple[int, ...]) -> None:
             for k in arguments:
-                operation = self.flow.operations[k]
-                if operation is not None and operation.code == casadi.OP_INPUT and k not in loaded:
+                if self.flow.operations[k].code == casadi.OP_INPUT and k not in loaded:
                     loaded.add(k)
-                    lines.append(f"const {self.real.name} v{k} = {self._expression(operation, 'v', set())};")
+                    lines.append(f"const {self.real.name} v{k} = {self._expression(k, 'v', set())};")
 
         for k in values:
-            operation = self.flow.operations[k]
-            assert operation is not None
-            load(operation.arguments)
-            lines.append(f"const {self.real.name} v{k} = {self._expression(operation, 'w', here | loaded)};")
+            load(self.flow.operations[k].arguments)
+            lines.append(f"const {self.real.name} v{k} = {self._expression(k, 'w', here | loaded)};")
             if k in kept:
                 lines.append(f"w{k}[l] = v{k};")
         if last:
@@ -232,74 +224,42 @@ class _Function:
                 f"out{result}[{self._row(element)}] = {self._operand(value, 'w', here | loaded)};"
                 for result, element, value in self.flow.outputs
             ]
-        return lines
-
-    def _of_rows(self, k: int) -> bool:
-        """Whether one call computes the value for all lanes."""
-        operation = self.flow.operations[k]
-        if operation is None or self.rows is None or operation.code not in self.calls:
-            return False
-        source = self.flow.operations[operation.arguments[0]]
-        held = _is(source, casadi.OP_CONST) or (
-            _is(source, casadi.OP_INPUT) and not self.moving[source.arguments[0]]  # type: ignore[union-attr]
-        )
-        return not held
-
-    def _row_of(self, value: int) -> str:
-        """Where the numbers of all lanes stand."""
-        operation = self.flow.operations[value]
-        if (
-            operation is not None
-            and operation.code == casadi.OP_INPUT
-            and self.moving[operation.arguments[0]]
-        ):
-            argument, element = operation.arguments
-            return f"in{argument} + {element * self.lanes}" if element else f"in{argument}"
-        return f"w{value}"
+        if lines:
+            yield f"{INDENT}for (int l = 0; l < {self.lanes or 'count'}; ++l) {{"
+            yield from (INDENT * 2 + line for line in lines)
+            yield f"{INDENT}}}"
 
     def _row(self, element: int) -> str:
         return f"{element * self.lanes} + l" if element else "l"
 
     def _levels(self) -> dict[int, int]:
         """The loop of each operation: after every library call that it depends on."""
-        levels: dict[int, int] = {}
-        for k, operation in enumerate(self.flow.operations):
-            if operation is None or operation.code in (casadi.OP_CONST, casadi.OP_INPUT):
-                continue
-            level = 0
-            for argument in operation.arguments:
-                source = self.flow.operations[argument]
-                if argument in levels and source is not None:
-                    level = max(level, levels[argument] + (source.code in CALLS))
-            levels[k] = level
-        ends = [levels.get(value, 0) for _, _, value in self.flow.outputs]
-        if any(
-            levels.get(value) == max(ends) and self.flow.operations[value].code in CALLS  # type: ignore[union-attr]
-            for _, _, value in self.flow.outputs
-        ):
+        operations, levels = self.flow.operations, {}
+        for k, operation in operations.items():
+            if operation.code not in (casadi.OP_CONST, casadi.OP_INPUT):
+                before = [
+                    levels[argument] + (operations[argument].code in CALLS)
+                    for argument in operation.arguments
+                    if argument in levels
+                ]
+                levels[k] = max(before, default=0)
+        results = [value for _, _, value in self.flow.outputs]
+        end = max((levels.get(value, 0) for value in results), default=0)
+        if any(levels.get(value) == end and operations[value].code in CALLS for value in results):
             levels[-1] = max(levels.values()) + 1  # a loop for the results alone
         return levels
 
     def _kept(self, levels: dict[int, int], needed: set[int]) -> set[int]:
         """Values that another loop needs."""
-        kept = set()
-        last = max(levels.values(), default=0)
-
-        def mark(argument: int, level: int, library: bool) -> None:
-            source = self.flow.operations[argument]
-            if argument in levels and source is not None:
-                other = levels[argument] != level or (source.code in CALLS) != library
-                if other:
-                    kept.add(argument)
-
-        for k in needed:
-            operation = self.flow.operations[k]
-            if k in levels and operation is not None:
-                for argument in operation.arguments:
-                    mark(argument, levels[k], operation.code in CALLS)
-        for _, _, value in self.flow.outputs:
-            mark(value, last, False)
-        return kept
+        operations = self.flow.operations
+        uses = [(value, max(levels.values(), default=0), False) for _, _, value in self.flow.outputs]
+        for k in needed & levels.keys():
+            uses += [(a, levels[k], operations[k].code in CALLS) for a in operations[k].arguments]
+        return {
+            value
+            for value, level, called in uses
+            if value in levels and (levels[value] != level or (operations[value].code in CALLS) != called)
+        }
 
     def _needed(self) -> set[int]:
         """Values that some result depends on."""
@@ -308,19 +268,20 @@ class _Function:
         while stack:
             value = stack.pop()
             operation = self.flow.operations[value]
-            if value not in needed and operation is not None:
+            if value not in needed:
                 needed.add(value)
                 stack.extend(operation.arguments if operation.code != casadi.OP_INPUT else ())
         return needed
 
     def _operand(self, value: int, row: str, here: set[int]) -> str:
         operation = self.flow.operations[value]
-        if operation is not None and operation.code == casadi.OP_CONST:
+        if operation.code == casadi.OP_CONST:
             text = constant(operation.constant, self.real)
             return f"({text})" if text.startswith("-") else text
         return f"w{value}[l]" if row == "w" and value not in here else f"v{value}"
 
-    def _expression(self, operation: Operation, row: str, here: set[int]) -> str:
+    def _expression(self, value: int, row: str, here: set[int]) -> str:
+        operation = self.flow.operations[value]
         if operation.code == casadi.OP_INPUT:
             argument, element = operation.arguments
             several = self.lanes != 1 and self.moving[argument]

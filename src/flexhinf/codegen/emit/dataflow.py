@@ -53,12 +53,13 @@ class Operation:
 class Dataflow:
     """A function as values and what leaves it.
 
-    `operations`: Value k is the result of operation k. None where a product was fused away. `outputs`:
-    (result, element, value).
+    `operations`: Value k is the result of operation k; products that were fused away are missing. `outputs`:
+    (result, element, value). `size`: operations before products were fused.
     """
 
-    operations: list[Operation | None]
+    operations: dict[int, Operation]
     outputs: list[tuple[int, int, int]]
+    size: int
 
 
 def read_dataflow(function: casadi.Function, supported: Container[int], fused: bool) -> Dataflow:
@@ -67,7 +68,7 @@ def read_dataflow(function: casadi.Function, supported: Container[int], fused: b
     `supported`: Opcodes that can be emitted. `fused`: Fuse a product with the one sum that uses it (the target has a
     fused multiply-add). Raises Unsupported: naming the first opcode that is not supported.
     """
-    operations: list[Operation | None] = []
+    operations: list[Operation] = []
     outputs: list[tuple[int, int, int]] = []
     register: dict[int, int] = {}
     for k in range(function.n_instructions()):
@@ -92,14 +93,15 @@ def read_dataflow(function: casadi.Function, supported: Container[int], fused: b
         register[results[0]] = len(operations)
         operations.append(operation)
     operations, outputs = _share_reciprocals(operations, outputs)
+    kept = dict(enumerate(operations))
     if fused:
-        _fuse(operations, outputs)
-    return Dataflow(operations, outputs)
+        _fuse(kept, outputs)
+    return Dataflow(kept, outputs, len(operations))
 
 
 def _share_reciprocals(
-    operations: list[Operation | None], outputs: list[tuple[int, int, int]]
-) -> tuple[list[Operation | None], list[tuple[int, int, int]]]:
+    operations: list[Operation], outputs: list[tuple[int, int, int]]
+) -> tuple[list[Operation], list[tuple[int, int, int]]]:
     """The same values with one division for all quotients by one number.
 
     Only by an argument of the function (a mass, an inertia), by a square root (a pivot of Cholesky's), which may
@@ -107,23 +109,21 @@ def _share_reciprocals(
     that is below 6e-309 is infinite, which a square root other than zero never is, and neither an argument nor an
     inertia should be.
     """
-    quotients = Counter(
-        operation.arguments[1] for operation in operations if operation and operation.code == casadi.OP_DIV
-    )
+    quotients = Counter(op.arguments[1] for op in operations if op.code == casadi.OP_DIV)
 
     def shared(divisor: int) -> bool:
         if quotients[divisor] >= MANY:
             return True
         operation = operations[divisor]
-        if operation is not None and operation.code == casadi.OP_IF_ELSE_ZERO:
+        if operation.code == casadi.OP_IF_ELSE_ZERO:
             operation = operations[operation.arguments[1]]
-        return operation is not None and operation.code in (casadi.OP_INPUT, casadi.OP_SQRT)
+        return operation.code in (casadi.OP_INPUT, casadi.OP_SQRT)
 
-    written: list[Operation | None] = []
+    written: list[Operation] = []
     places: list[int] = []
     reciprocals: dict[int, int] = {}
     for operation in operations:
-        if operation is not None and operation.code != casadi.OP_INPUT:
+        if operation.code != casadi.OP_INPUT:
             divisor = operation.arguments[1] if operation.code == casadi.OP_DIV else -1
             operation = replace(operation, arguments=tuple(places[a] for a in operation.arguments))
             if quotients[divisor] > 1 and shared(divisor):
@@ -136,31 +136,28 @@ def _share_reciprocals(
     return written, [(result, element, places[value]) for result, element, value in outputs]
 
 
-def _fuse(operations: list[Operation | None], outputs: list[tuple[int, int, int]]) -> None:
-    uses = [0] * len(operations)
-    for operation in operations:
-        if operation is not None and operation.code != casadi.OP_INPUT:
-            for argument in operation.arguments:
-                uses[argument] += 1
-    for _, _, value in outputs:
-        uses[value] += 1
+def _fuse(operations: dict[int, Operation], outputs: list[tuple[int, int, int]]) -> None:
+    uses = Counter(value for _, _, value in outputs)
+    for operation in operations.values():
+        if operation.code != casadi.OP_INPUT:
+            uses.update(operation.arguments)
 
-    def factors(value: int) -> tuple[int, int] | None:
-        product = operations[value]
+    def factors(value: int) -> tuple[int, ...] | None:
+        product = operations.get(value)
         if product is None or uses[value] != 1:
             return None
         if product.code == casadi.OP_MUL:
-            return product.arguments[0], product.arguments[1]
-        return (product.arguments[0], product.arguments[0]) if product.code == casadi.OP_SQ else None
+            return product.arguments
+        return product.arguments * 2 if product.code == casadi.OP_SQ else None
 
-    for k, operation in enumerate(operations):
-        if operation is None or operation.code not in (casadi.OP_ADD, casadi.OP_SUB):
+    for k, operation in list(operations.items()):
+        if operation.code not in (casadi.OP_ADD, casadi.OP_SUB):
             continue
         left, right = operation.arguments
         add = operation.code == casadi.OP_ADD
         if (pair := factors(right)) is not None:
             operations[k] = Operation(MULTIPLY_ADD if add else SUBTRACT_PRODUCT, (*pair, left))
-            operations[right] = None
+            del operations[right]
         elif (pair := factors(left)) is not None:
             operations[k] = Operation(MULTIPLY_ADD if add else MULTIPLY_SUBTRACT, (*pair, right))
-            operations[left] = None
+            del operations[left]

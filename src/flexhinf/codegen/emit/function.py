@@ -111,14 +111,14 @@ def emit_function(
     If an angle turns out to be too far for it, all is done again by the second. The bits are the same.
     """
     flow = read_dataflow(function, OPCODES, fused)
-    turning = any(operation and operation.code in NEAR for operation in flow.operations)
+    turning = any(operation.code in NEAR for operation in flow.operations.values())
     if lanes.width > 1 and turning:
         far = f"{name}_far"
         _define(module, far, function, flow, lanes, shared, "noinline optnone cold")
         _define(module, name, function, flow, lanes, shared, far=far)
     else:
         _define(module, name, function, flow, lanes, shared)
-    return len(flow.operations)
+    return flow.size
 
 
 def _define(
@@ -133,20 +133,18 @@ def _define(
 ) -> None:
     """Write the function; if `far` names one beside it, as a straight line, from which only far angles lead there."""
     writer = Writer(module, lanes)
-    values: list[str] = []
+    values: dict[int, str] = {}
     angles: list[str] = []
-    for operation in flow.operations:
-        if operation is None:
-            values.append("")
-        elif operation.code == casadi.OP_CONST:
-            values.append(lanes.constant(operation.constant))
+    for k, operation in flow.operations.items():
+        if operation.code == casadi.OP_CONST:
+            values[k] = lanes.constant(operation.constant)
         elif operation.code == casadi.OP_INPUT:
             argument, element = operation.arguments
-            values.append(load(writer, f"%in{argument}", element, shared[argument]))
+            values[k] = load(writer, f"%in{argument}", element, shared[argument])
         else:
             operands = [values[argument] for argument in operation.arguments]
             near = bool(far) and operation.code in NEAR
-            values.append((NEAR if near else OPCODES)[operation.code](writer, *operands))
+            values[k] = (NEAR if near else OPCODES)[operation.code](writer, *operands)
             angles += operands if near else []
     pointers = [f"ptr %in{k}" for k in range(function.n_in())]
     pointers += [f"ptr %out{k}" for k in range(function.n_out())]
