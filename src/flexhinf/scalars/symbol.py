@@ -202,11 +202,7 @@ def _empty_like(*arrays: Any) -> np.ndarray:
 def gram(columns: np.ndarray, weights: Any, other: np.ndarray | None = None) -> np.ndarray:
     """Σ wᵢ aᵢ bᵢᵀ over columns; exactly symmetric when `other` is not given.
 
-    Parameters
-    ----------
-    columns, other : ndarray, (n, s), (m, s)
-        Columns aᵢ and bᵢ (bᵢ = aᵢ by default).
-    weights : ndarray, (s,)
+    `columns`, `other`: (n, s), (m, s), columns aᵢ and bᵢ (bᵢ = aᵢ by default). `weights`: (s,).
     """
     weighted = columns * weights
     if other is not None:

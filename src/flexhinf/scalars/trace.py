@@ -10,7 +10,7 @@ random points with probability one.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -24,6 +24,19 @@ from flexhinf.validation import is_real, value_text
 
 #: CasADi's operations by number and by name; files hold the names.
 NAMES = {getattr(ca, name): name for name in dir(ca) if name.startswith("OP_")}
+
+#: Of a function: opcode, places in the work vector that are read and written (for arguments and results: which one, and
+#: where in it), and the value of a constant.
+Instruction = tuple[int, list[int], list[int], float]
+
+
+def instructions(function: ca.Function) -> Iterator[Instruction]:
+    """The instructions of a scalar-expanded (SX) function, in order."""
+    for k in range(function.n_instructions()):
+        code = function.instruction_id(k)
+        constant = function.instruction_constant(k) if code == ca.OP_CONST else 0.0
+        yield code, list(function.instruction_input(k)), list(function.instruction_output(k)), constant
+
 
 COLUMNS = ("first", "second", "result", "value")
 
@@ -48,24 +61,14 @@ ONE_OPERAND = -1
 def function_arrays(function: ca.Function) -> dict[str, np.ndarray]:
     """The instructions of a scalar-expanded (SX) function.
 
-    Parameters
-    ----------
-    function : casadi.Function
-        As `trace` makes it: dense columns as arguments and results.
-
-    Returns
-    -------
-    dict
-        ``operation`` (K,) names; ``first``, ``second``, ``result`` (K,) places in a work vector, or, for arguments
-        and results, which one and where in it; ``value`` (K,) constants; ``sizes`` of arguments, then of results;
-        ``arguments``, how many there are.
+    `function`: As `trace` makes it: dense columns as arguments and results. Returns ``operation`` (K,) names;
+    ``first``, ``second``, ``result`` (K,) places in a work vector, or, for arguments and results, which one and where
+    in it; ``value`` (K,) constants; ``sizes`` of arguments, then of results; ``arguments``, how many there are.
     """
     operations, rows = [], []
-    for k in range(function.n_instructions()):
-        code = function.instruction_id(k)
-        read, written = list(function.instruction_input(k)), list(function.instruction_output(k))
+    for code, read, written, constant in instructions(function):
         if code == ca.OP_CONST:
-            row = (0, 0, written[0], function.instruction_constant(k))
+            row = (0, 0, written[0], constant)
         elif code == ca.OP_INPUT:
             row = (read[0], read[1], written[0], 0.0)
         elif code == ca.OP_OUTPUT:
@@ -89,10 +92,7 @@ def function_arrays(function: ca.Function) -> dict[str, np.ndarray]:
 def function_from_arrays(arrays: Mapping[str, np.ndarray], name: str = "stored") -> ca.Function:
     """The function again.
 
-    Raises
-    ------
-    ValueError, IndexError, KeyError
-        If the arrays are no function's.
+    Raises ValueError, IndexError, KeyError: if the arrays are no function's.
     """
     count, sizes = int(arrays["arguments"]), [int(size) for size in arrays["sizes"]]
     if not (0 <= count <= len(sizes) and all(0 <= size <= LONGEST for size in sizes)):
@@ -141,10 +141,7 @@ def unpack(column: ca.SX, shape: tuple[int, ...]) -> np.ndarray:
 def pack(array: Any) -> ca.SX:
     """A dense SX column from an array of symbols and numbers, in C order.
 
-    Raises
-    ------
-    InvalidInput
-        For text, complex numbers and whatever else is no real number.
+    Raises InvalidInput: for text, complex numbers and whatever else is no real number.
     """
     flat = np.asarray(array, dtype=object).ravel()
     strange = next((a for a in flat if not isinstance(a, Symbol) and not is_real(a)), None)
@@ -164,25 +161,10 @@ def trace(
 ) -> ca.Function:
     """Run `function` on symbols and return what it computed as a CasADi function.
 
-    Parameters
-    ----------
-    function : callable
-        Takes one array per entry of `shapes`; returns an array, or a tuple of arrays.
-    shapes : int or tuple of int
-        Shape of each argument.
-    name, names : str
-        Name of the function, and of its arguments.
-
-    Returns
-    -------
-    casadi.Function
-        Every argument and result is a dense column with the C-order flattening of the array; common
-        subexpressions are computed once.
-
-    Raises
-    ------
-    InvalidInput
-        If `function` branches on a symbol or asks for its float value.
+    `function`: Takes one array per entry of `shapes`; returns an array, or a tuple of arrays. `shapes`: Shape of each
+    argument. `name`, `names`: Name of the function, and of its arguments. Returns every argument and result is a dense
+    column with the C-order flattening of the array; common subexpressions are computed once. Raises InvalidInput: if
+    `function` branches on a symbol or asks for its float value.
     """
     labels = list(names) if names is not None else [f"i{k}" for k in range(len(shapes))]
     arguments = [symbols(label, shape) for label, shape in zip(labels, shapes, strict=True)]
@@ -229,11 +211,8 @@ def jacobian(
 ) -> Callable[..., tuple[np.ndarray, np.ndarray]]:
     """Exact value and Jacobian of `function` with respect to its first argument.
 
-    Returns
-    -------
-    callable
-        Called like `function` (first result only), on numbers or symbols; returns the flat value (k,) and the
-        Jacobian (k, n), n the size of the first argument.
+    Returns called like `function` (first result only), on numbers or symbols; returns the flat value (k,) and the
+    Jacobian (k, n), n the size of the first argument.
     """
     traced = trace(function, *shapes, name=name)
     inputs = [ca.SX.sym(f"i{k}", traced.size1_in(k)) for k in range(traced.n_in())]
@@ -269,19 +248,9 @@ def divide(function: ca.Function, moving: Sequence[bool]) -> tuple[ca.Function |
 
     Quotients by what is computed before are products with its reciprocal, which is computed before too.
 
-    Parameters
-    ----------
-    function : casadi.Function
-        As `trace` makes it.
-    moving : sequence of bool
-        Which arguments the rest alone may read.
-
-    Returns
-    -------
-    before : casadi.Function or None
-        Of the other arguments: a column of numbers. None where there is nothing to compute.
-    rest : casadi.Function
-        Of all arguments, and of that column if there is one: the results of the function.
+    `function`: As `trace` makes it. `moving`: Which arguments the rest alone may read. Returns `before`, Of the other
+    arguments: a column of numbers. None where there is nothing to compute. Returns `rest`, Of all arguments, and of
+    that column if there is one: the results of the function.
     """
     arguments = [ca.SX.sym(function.name_in(k), function.size1_in(k)) for k in range(function.n_in())]
     results = [ca.SX.zeros(function.size1_out(k)) for k in range(function.n_out())]
@@ -300,14 +269,12 @@ def divide(function: ca.Function, moving: Sequence[bool]) -> tuple[ca.Function |
             value.name = named(value.sx)
         return value.sx if value.name is None else value.name
 
-    for k in range(function.n_instructions()):
-        code, read = function.instruction_id(k), function.instruction_input(k)
-        written = function.instruction_output(k)
+    for code, read, written, constant in instructions(function):
         if code == ca.OP_OUTPUT:
             results[written[0]][written[1]] = outside(places[read[0]])
             continue
         if code == ca.OP_CONST:
-            value = _Value(ca.SX(function.instruction_constant(k)), False, True)
+            value = _Value(ca.SX(constant), False, True)
         elif code == ca.OP_INPUT:
             value = _Value(arguments[read[0]][read[1]], moving[read[0]], True)
         else:
@@ -381,14 +348,13 @@ def switches(expressions: ca.SX, z: ca.SX, poles: bool = True) -> ca.SX:
     function = ca.Function("walked", [z], [ca.densify(ca.vec(expressions))])
     work: dict[int, ca.SX] = {}
     found: list[ca.SX] = []
-    for k in range(function.n_instructions()):
-        operation, read = function.instruction_id(k), function.instruction_input(k)
+    for operation, read, written, constant in instructions(function):
         if operation == ca.OP_OUTPUT:
             continue
         if operation == ca.OP_INPUT:
             value = z[read[1]]
         elif operation == ca.OP_CONST:
-            value = ca.SX(function.instruction_constant(k))
+            value = ca.SX(constant)
         else:
             operands = [work[place] for place in read]
             if operation in COMPARISONS:
@@ -400,13 +366,13 @@ def switches(expressions: ca.SX, z: ca.SX, poles: bool = True) -> ca.SX:
             elif poles and operation in BRANCHES:
                 found.append(BRANCHES[operation](operands[0]))
             value = (ca.SX.unary if len(operands) == 1 else ca.SX.binary)(operation, *operands)
-        work[function.instruction_output(k)[0]] = value
+        work[written[0]] = value
     return ca.vertcat(*found) if found else ca.SX.zeros(0, 1)
 
 
 def elementary(function: ca.Function) -> bool:
     """Whether a traced function has nothing but arithmetic, sines and cosines."""
-    return all(function.instruction_id(k) in ELEMENTARY for k in range(function.n_instructions()))
+    return all(code in ELEMENTARY for code, *_ in instructions(function))
 
 
 def linear(function: ca.Function) -> bool:
@@ -415,8 +381,7 @@ def linear(function: ca.Function) -> bool:
     The derivative does not say it: that of an angle wrapped by arctan2(sin x, cos x) is one, that of floor(x) zero.
     """
     moves: dict[int, bool] = {}  # of the work vector: whether a number depends on the first argument
-    for k in range(function.n_instructions()):
-        operation, read = function.instruction_id(k), function.instruction_input(k)
+    for operation, read, written, _ in instructions(function):
         if operation == ca.OP_OUTPUT:
             continue
         if operation == ca.OP_INPUT:
@@ -429,7 +394,7 @@ def linear(function: ca.Function) -> bool:
             fixed |= operation == ca.OP_DIV and not operands[1]
             if found and not fixed:
                 return False
-        moves[function.instruction_output(k)[0]] = found
+        moves[written[0]] = found
     return True
 
 

@@ -31,26 +31,14 @@ from flexhinf.codegen.emit.dataflow import (
 from flexhinf.errors import InvalidInput
 
 
-@dataclass(frozen=True)
 class Real:
-    """``double`` or ``float``."""
+    """``double`` or ``float``: the end of constants and of the names of ``<math.h>``, bytes, and the distance from 1 to
+    the next number. Nothing is computed in double in a float build."""
 
-    name: Literal["double", "float"]
-
-    @property
-    def suffix(self) -> str:
-        """Of constants, and of the functions of ``<math.h>``: nothing is computed in double in a float build."""
-        return "" if self.name == "double" else "f"
-
-    @property
-    def bytes(self) -> int:
-        """Of one number."""
-        return 8 if self.name == "double" else 4
-
-    @property
-    def epsilon(self) -> float:
-        """Distance from 1 to the next number."""
-        return float(np.finfo(np.float64 if self.name == "double" else np.float32).eps)
+    def __init__(self, name: Literal["double", "float"]) -> None:
+        self.name = name
+        self.suffix, self.bytes = ("", 8) if name == "double" else ("f", 4)
+        self.epsilon = float(np.finfo(np.float64 if name == "double" else np.float32).eps)
 
 
 def constant(value: float, real: Real) -> str:

@@ -27,6 +27,7 @@ from flexhinf.codegen.program import (
     When,
 )
 from flexhinf.scalars import drop_empty
+from flexhinf.scalars.trace import instructions
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -134,7 +135,7 @@ class Translator:
     def _map(self, step: Map, loops: list[str]) -> Iterator[str]:
         """Columns are gathered from where they lie, `lanes` at once, and put back; single numbers stay."""
         moving = tuple(isinstance(piece, Columns) for piece in step.inputs)
-        codes = {step.function.instruction_id(k) for k in range(step.function.n_instructions())}
+        codes = {code for code, *_ in instructions(step.function)}
         simple = all(piece.size == 1 for piece in (*step.inputs, *step.outputs) if isinstance(piece, Columns))
         apart = not any(overlap(whole(one), result.whole) for one in step.inputs for result in step.outputs)
         if self.lanes > 1 and simple and apart and not codes & CALLS:  # numbers become numbers one by one
@@ -257,7 +258,7 @@ class Translator:
         key = (function.serialize(), lanes, moving)
         if key not in self._names:
             name = f"{self.prefix}_{function.name()}{len(self._names)}"
-            used = {function.instruction_id(k) for k in range(function.n_instructions())}
+            used = {code for code, *_ in instructions(function)}
             calls = {}  # sine and cosine of our own, where they are used; a float build calls the library
             for code, short in SINES.items():
                 if code in used and self.real.name == "double":

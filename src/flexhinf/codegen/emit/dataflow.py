@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import casadi
 
 from flexhinf.codegen.program import Unsupported
+from flexhinf.scalars.trace import instructions
 
 # Fused operations, numbered beside CasADi's own (which are not negative).
 MULTIPLY_ADD = -1  # a·b + c
@@ -71,15 +72,12 @@ def read_dataflow(function: casadi.Function, supported: Container[int], fused: b
     operations: list[Operation] = []
     outputs: list[tuple[int, int, int]] = []
     register: dict[int, int] = {}
-    for k in range(function.n_instructions()):
-        code = function.instruction_id(k)
-        arguments = function.instruction_input(k)
-        results = function.instruction_output(k)
+    for code, arguments, results, constant in instructions(function):
         if code == casadi.OP_OUTPUT:
             outputs.append((results[0], results[1], register[arguments[0]]))
             continue
         if code == casadi.OP_CONST:
-            operation = Operation(code, (), function.instruction_constant(k))
+            operation = Operation(code, (), constant)
         elif code == casadi.OP_INPUT:
             operation = Operation(code, (arguments[0], arguments[1]))
         elif code in supported:

@@ -13,34 +13,17 @@ PURE = "nounwind willreturn memory(none)"
 """Attributes of functions whose result depends on their arguments alone."""
 
 
-@dataclass(frozen=True)
 class Lanes:
-    """How a number looks in the text when W of them travel together.
+    """How a number looks in the text when W ≥ 1 of them travel together.
 
-    `width`: W ≥ 1.
+    `real`, `integer`, `boolean`: Types of a float64, a 64-bit integer and a truth value in every lane. `element`: Type
+    of one array element: its size is exactly W numbers, where a vector's may be padded.
     """
 
-    width: int
-
-    @property
-    def real(self) -> str:
-        """Type of a float64 in every lane."""
-        return self.type("double")
-
-    @property
-    def integer(self) -> str:
-        """Type of a 64-bit integer in every lane."""
-        return self.type("i64")
-
-    @property
-    def boolean(self) -> str:
-        """Type of a truth value in every lane."""
-        return self.type("i1")
-
-    @property
-    def element(self) -> str:
-        """Type of one array element: its size is exactly W numbers, where a vector's may be padded."""
-        return "double" if self.width == 1 else f"[{self.width} x double]"
+    def __init__(self, width: int) -> None:
+        self.width = width
+        self.real, self.integer, self.boolean = map(self.type, ("double", "i64", "i1"))
+        self.element = "double" if width == 1 else f"[{width} x double]"
 
     def type(self, scalar: str) -> str:
         """Type of a scalar in every lane."""
