@@ -49,36 +49,25 @@ class Buffer:
 
     def __post_init__(self) -> None:
         check_identifier(self.name, "buffer")
-        if self.role not in get_args(Role):
-            raise InvalidInput(
-                f"Buffer '{self.name}' has an unknown role.",
-                f"expected one of {', '.join(get_args(Role))}, got {self.role!r}",
-                "'in' for data, 'state' for what is updated in place, 'out' for results, 'work' for scratch",
-            )
-        if self.size is not None and not (is_integer(self.size) and self.size > 0):
-            raise InvalidInput(
-                f"Buffer '{self.name}' has no usable size.",
-                f"expected a positive integer or None, got {self.size!r}",
-                "None when the array given at run time decides",
-            )
-        if self.size is None and self.role == "work":
-            raise InvalidInput(
-                f"Work buffer '{self.name}' has no size.",
-                "the kernel makes work buffers itself and must know how long they are; got size=None",
-                "a size, or the role 'state' with an array of your own",
-            )
-        if not self.cleared and self.role != "work":
-            raise InvalidInput(
-                f"Buffer '{self.name}' is never cleared.",
-                f"only work buffers are, got cleared=False and role {self.role!r}",
-                "cleared=True",
-            )
-        if self.shared and self.role != "in":
-            raise InvalidInput(
-                f"Buffer '{self.name}' cannot be shared.",
-                f"lanes may only share what they all read (role 'in'), got role {self.role!r}",
-                "shared=False",
-            )
+        unsized = self.size is None and self.role == "work"
+        rows = (
+            (self.role not in get_args(Role), f"one of the roles {', '.join(get_args(Role))}"),
+            (
+                self.size is not None and not (is_integer(self.size) and self.size > 0),
+                "a positive size, or None",
+            ),
+            (unsized, "a size of a work buffer, which the kernel makes itself"),
+            (not self.cleared and self.role != "work", "cleared=True: only work buffers are cleared"),
+            (self.shared and self.role != "in", "shared=False: lanes may only share what they all read"),
+        )
+        for wrong, expected in rows:
+            if wrong:
+                advice = (
+                    "Buffer(name, size, role): in is read, state updated in place, out written, work scratch"
+                )
+                raise InvalidInput(
+                    f"A buffer is not usable: {self.name}.", f"expected {expected}, got {self}", advice
+                )
 
 
 @dataclass(frozen=True)

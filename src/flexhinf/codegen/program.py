@@ -98,10 +98,9 @@ class Copy:
 
     def __post_init__(self) -> None:
         if self.source.size != self.target.size:
+            found = f"expected slices of the same size, got source {self.source}, target {self.target}"
             raise InvalidInput(
-                "A copy joins slices of different sizes.",
-                f"source {self.source}, target {self.target}",
-                "slices of the same size",
+                "A copy joins slices of different sizes.", found, "Slice(buffer, offset, size)"
             )
 
 

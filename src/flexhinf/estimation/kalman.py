@@ -46,11 +46,8 @@ class SigmaPoints:
     kappa: float = 0.0
 
     def __post_init__(self) -> None:
-        if not (
-            self.alpha > 0.0
-            and self.n + self.kappa > 0.0
-            and math.isfinite(self.beta + self.alpha + self.kappa)
-        ):
+        finite = math.isfinite(self.beta + self.alpha + self.kappa)
+        if not (self.alpha > 0.0 and self.n + self.kappa > 0.0 and finite):
             raise InvalidInput(
                 "These scaling parameters give no sigma points.",
                 f"expected finite numbers with alpha > 0 and kappa > {-self.n}, got alpha={self.alpha}, "

@@ -57,10 +57,8 @@ is well-conditioned; 60-digit arithmetic and a family with known solution are am
 
 References are keys of docs/references.bib; docs/synthesis.md has examples, times and comparisons.
 
-What a solve will cost, estimated before it starts: memory, and operations for the progress bar.
-
-Estimates of memory are right within a factor of two from about 100 MB on, which a test measures; so what is begun
-must fit twice.
+What a solve will cost, memory and operations, is estimated before it starts: memory within a factor of two from about
+100 MB on, which a test measures; so what is begun must fit twice.
 """
 
 from __future__ import annotations
@@ -162,30 +160,24 @@ def check_cost(size: tuple[int, int, int, int], degree: int, expanded: bool = Fa
     if 2 * memory <= available and seconds <= _DAY:
         return memory
     fits = max(2, bisect_right(range(degree), 1.0, key=lambda k: cost(k) if k > 2 else 0.0) - 1)
+    size = f"{needed(fits) / 1e9:.3g} GB"
     advice = (
-        f"degree {fits} is the highest that fits and takes less than about ten minutes, with about "
-        f"{needed(fits) / 1e9:.3g} GB"
+        f"degree {fits} is the highest that fits and takes less than about ten minutes, with about {size}"
     )
     if 2 * memory > available:
-        raise InvalidInput(
-            f"{what} does not fit in memory.",
+        found = (
             f"about {memory / 1e9:.3g} GB are needed, {available / 1e9:.3g} GB are available, of which half is "
-            "kept for what the estimate may miss",
-            advice,
+            "kept for what the estimate may miss"
         )
-    raise InvalidInput(
-        f"{what} takes too long.",
-        f"expected less than about a day, got about {seconds / _DAY:.2g} days",
-        advice,
-    )
+        raise InvalidInput(f"{what} does not fit in memory.", found, advice)
+    found = f"expected less than about a day, got about {seconds / _DAY:.2g} days"
+    raise InvalidInput(f"{what} takes too long.", found, advice)
 
 
 def available_memory() -> int:
     """Bytes that can be had without swapping, as far as the system tells, and that this process may have."""
-    found = [
-        free for free in (_free_of_machine(), _free_of_process(), *_free_of_groups()) if free is not None
-    ]
-    return max(1, min(found, default=1 << 62))
+    limits = (_free_of_machine(), _free_of_process(), *_free_of_groups())
+    return max(1, min((free for free in limits if free is not None), default=1 << 62))
 
 
 def _free_of_machine() -> int | None:

@@ -6,12 +6,9 @@
 *Scaling.* Units by powers of two, so that nothing is rounded: arms mix 1e4 N·m/rad with radians. With x = D ξ and
 V = s² W the Hamiltonian matrix of the Riccati equation is balanced, and so are the coefficients of every higher degree.
 
-*The quadratic part of Eq. (8)*, a Riccati equation with an indefinite quadratic term,
-
-    AᵀP + PA + Q + P M P = 0,   M = g1 g1ᵀ/γ² − g2 R2⁻¹ g2ᵀ,   A + M P stable,   P ≥ 0.
-
-The stable invariant subspace of the Hamiltonian matrix (ordered real Schur form) gives P to about 1e-10, which would
-cap every higher degree; Newton steps, one Lyapunov equation each, bring it to rounding.
+*The quadratic part of Eq. (8)*, a Riccati equation with an indefinite quadratic term (`flexhinf.hinf.hji`): the stable
+invariant subspace of the Hamiltonian matrix (ordered real Schur form) gives P to about 1e-10, which would cap every
+higher degree; Newton steps, one Lyapunov equation each, bring it to rounding.
 
 *The smallest feasible attenuation level* γ* of Eq. (5), by bisection.
 """

@@ -1,14 +1,7 @@
-"""The recursion over degrees: V_2 from Riccati, every higher V_k from one homological equation.
+"""The recursion over degrees: V_2 from Riccati, every higher V_k from one homological equation (`flexhinf.hinf.hji`).
 
-Insert V = V_2 + V_3 + … into V_x f + q + ½ Σ_c s_c w_c² = 0 with w = V_x g (one polynomial per channel). At
-degree k the unknown V_k appears twice, in V_k,x A x and in w_1 · V_k,x g(0): together V_k,x A_cl x with the
-closed loop A_cl = A + M P. Everything else is known from lower degrees:
-
-    V_k,x A_cl x + Σ_{i<k} V_i,x f_{k+1−i} + q_k + ½ Σ_{a+b=k} s · w_a w_b = 0,
-
-where w_{k−1} is taken without V_k,x g(0).
-
-Degrees whose known part is empty vanish exactly: an odd plant has no V_3, V_5, …
+At degree k the unknown V_k appears twice, in V_k,x A x and in w_1 · V_k,x g(0): together V_k,x A_cl x. Everything else
+is known from lower degrees. Degrees whose known part is empty vanish exactly: an odd plant has no V_3, V_5, …
 
 *States in which V is bounded*, however close γ is to γ* (`BoundedStates`). P may grow without bound as γ falls to γ*,
 in one direction v after the other: vᵀPv ~ 1/δ with δ = γ/γ* − 1. The coefficients of V_k in that direction then grow

@@ -1,15 +1,9 @@
 """Where the truncated solution can be trusted, judged by looking at points: a `SampledCheck`, not a proof.
 
-With the exact fields, u = −R2⁻¹ g2ᵀ V_xᵀ satisfies V̇ ≤ ½ γ²|d|² − ½ |z|² wherever
-
-    r(x) = V_x f + ½ hᵀh + ½ V_x (g1 g1ᵀ/γ² − g2 R2⁻¹ g2ᵀ) V_xᵀ ≤ 0.
-
-A weaker pair than the designed one is checked, see `flexhinf.hinf.margin`. The level is the smallest V at which r
-becomes positive, or V stops increasing along the ray from 0. Rays give an upper bound; ascent from many starts then
-looks for violations inside the level set, and each lowers it (`rays.py`), until two rounds find none. What is
+A weaker pair than the designed one is checked by r(x) ≤ 0, see `flexhinf.hinf.margin`. The level is the smallest V at
+which r becomes positive, or V stops increasing along the ray from 0. Rays give an upper bound; ascent from many starts
+then looks for violations inside the level set, and each lowers it (`rays.py`), until two rounds find none. What is
 found does not depend on the rays that came first.
-
-The largest step between equilibria whose start lies in a level set of V.
 """
 
 from __future__ import annotations

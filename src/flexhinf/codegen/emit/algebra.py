@@ -12,7 +12,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from flexhinf.codegen.emit.function import load
-from flexhinf.codegen.emit.text import Lanes, Writer
+from flexhinf.codegen.emit.opcodes import Lanes, Writer
 from flexhinf.polynomial import basis
 
 TILE, WIDE = 4, 8
@@ -28,18 +28,6 @@ class Operand:
 
     pointer: str
     shared: bool = False
-
-
-@dataclass(frozen=True)
-class Terms:
-    """What is summed: N rows of r and of c numbers, and weights."""
-
-    left: Operand
-    right: Operand
-    weights: Operand | None
-    count: int
-    rows: int
-    columns: int
 
 
 @dataclass(frozen=True)
@@ -70,15 +58,48 @@ class Algebra:
         return self.writer.lanes.width == 1
 
     # Σ_k w_k l_kᵀ r_k + plus -------------------------------------------------------------------------
-    def outer_sum(self, terms: Terms, plus: Operand | None, target: str, symmetric: bool) -> None:
-        """See `flexhinf.codegen.program.OuterSum`: tiles, whose sums stay in registers while k runs."""
+    def outer_sum(
+        self,
+        operands: tuple[Operand, Operand, Operand | None, Operand | None],
+        count: int,
+        shape: tuple[int, int],
+        target: str,
+        symmetric: bool,
+    ) -> None:
+        """See `flexhinf.codegen.program.OuterSum`: tiles, whose sums stay in registers while k runs.
+
+        `operands`: Left, right, weights and plus.
+        """
+        (left, right, weights, plus), (rows, columns) = operands, shape
+
+        def factors_of(i: str, height: int) -> Callable[[str], list[str]]:
+            """Term k's factors of some rows from i on: weighted ones are computed once, for all columns."""
+            source, pitch, start = left, rows, i
+            if weights is not None:
+                memory = self.writer.allocate(f"[{count * height} x {self.writer.lanes.element}]")
+
+                def term(k: str) -> None:
+                    weight = self.load(weights, k, 1)
+                    for first, together in self._vectors(height):
+                        factor = self.load(left, self.at(k, rows, self.ahead(i, first)), together)
+                        product = self.writer_of(together).real("fmul", factor, self.spread(weight, together))
+                        self.store(memory, self.at(k, height, first), product, together)
+
+                self.loop("0", str(count), term)
+                source, pitch, start = Operand(memory), height, "0"
+
+            def factors(k: str) -> list[str]:
+                first = self.at(k, pitch, start)
+                return [self.load(source, self.ahead(first, a), 1) for a in range(height)]
+
+            return factors
 
         def some_rows(i: str, height: int, number: str) -> None:
-            factors = self._factors(terms, i, height)
+            factors = factors_of(i, height)
 
             def tile(j: str, width: int) -> None:
-                place = Tile(i, height, j, width, terms.columns)
-                for cell, together, total in self._tile(place, terms.right, str(terms.count), factors):
+                place = Tile(i, height, j, width, columns)
+                for cell, together, total in self._tile(place, right, str(count), factors):
                     if plus is not None:
                         added = self.load(plus, cell, together)
                         total = self.writer_of(together).real("fadd", total, added)
@@ -89,37 +110,18 @@ class Algebra:
                 tile(i, height)
             else:
                 wide = self.side * max(1, self.side // height)
-                self._blocks(terms.columns, wide, lambda j, width, _: tile(j, width))
+                self._blocks(columns, wide, lambda j, width, _: tile(j, width))
 
-        self._blocks(terms.rows, self.side, some_rows)
+        def mirrored(i: str) -> None:
+            def element(j: str) -> None:
+                value = self.at(j, rows, i)
+                self.store(target, value, self.load(Operand(target), self.at(i, rows, j), 1), 1)
+
+            self.loop("0", i, element)
+
+        self._blocks(rows, self.side, some_rows)
         if symmetric:
-            self._mirror(target, terms.rows)
-
-    def _factors(self, terms: Terms, i: str, height: int) -> Callable[[str], list[str]]:
-        """Term k's factors of some rows from i on: weighted ones are computed once, for all columns."""
-        left, pitch, start = terms.left, terms.rows, i
-        if terms.weights is not None:
-            left, pitch, start = self._weighted(terms, terms.weights, i, height), height, "0"
-
-        def factors(k: str) -> list[str]:
-            first = self.at(k, pitch, start)
-            return [self.load(left, self.ahead(first, a), 1) for a in range(height)]
-
-        return factors
-
-    def _weighted(self, terms: Terms, weights: Operand, i: str, height: int) -> Operand:
-        """w_k l_ki of some rows from i on, (N, height)."""
-        memory = self.writer.allocate(f"[{terms.count * height} x {self.writer.lanes.element}]")
-
-        def term(k: str) -> None:
-            weight = self.load(weights, k, 1)
-            for first, together in self._vectors(height):
-                factor = self.load(terms.left, self.at(k, terms.rows, self.ahead(i, first)), together)
-                product = self.writer_of(together).real("fmul", factor, self.spread(weight, together))
-                self.store(memory, self.at(k, height, first), product, together)
-
-        self.loop("0", str(terms.count), term)
-        return Operand(memory)
+            self.loop("0", str(rows), mirrored)
 
     def _tile(
         self,
@@ -178,15 +180,6 @@ class Algebra:
             found.append((first, together))
             first += together
         return found
-
-    def _mirror(self, target: str, n: int) -> None:
-        def row(i: str) -> None:
-            def element(j: str) -> None:
-                self.store(target, self.at(j, n, i), self.load(Operand(target), self.at(i, n, j), 1), 1)
-
-            self.loop("0", i, element)
-
-        self.loop("0", str(n), row)
 
     # Lᵀ of A = L Lᵀ ----------------------------------------------------------------------------------
     def cholesky(self, source: Operand, target: str, n: int) -> None:

@@ -12,8 +12,7 @@ from functools import reduce
 import casadi
 
 from flexhinf.codegen.emit.dataflow import Dataflow, read_dataflow
-from flexhinf.codegen.emit.opcodes import NEAR, OPCODES, is_far
-from flexhinf.codegen.emit.text import Lanes, ModuleText, Writer
+from flexhinf.codegen.emit.opcodes import NEAR, OPCODES, Lanes, ModuleText, Writer, is_far
 
 BLOCK = 8
 """Columns of a `Map` that travel together in the lanes of a kernel for a single run."""

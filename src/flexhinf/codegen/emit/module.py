@@ -22,10 +22,10 @@ from dataclasses import dataclass
 from functools import reduce
 from typing import TYPE_CHECKING, Any
 
-from flexhinf.codegen.emit.algebra import Algebra, Nested, Operand, Terms
+from flexhinf.codegen.emit.algebra import Algebra, Nested, Operand
 from flexhinf.codegen.emit.function import BLOCK, Packer, emit_function, load, store
 from flexhinf.codegen.emit.normal import emit_normal
-from flexhinf.codegen.emit.text import Lanes, ModuleText, Writer
+from flexhinf.codegen.emit.opcodes import Lanes, ModuleText, Writer
 from flexhinf.codegen.memory import COLUMN, Columns, Slice, whole
 from flexhinf.codegen.program import (
     ENTRY,
@@ -296,15 +296,11 @@ class _Emitter:
         return Operand(self._address(piece, turns), self._shared(piece))
 
     def _outer_sum(self, step: OuterSum, turns: tuple[str, ...]) -> None:
-        left, right, weights, plus = (
-            None if piece is None else self._operand(piece, turns)
-            for piece in (step.left, step.right, step.weights, step.plus)
-        )
-        assert left is not None
-        assert right is not None
+        left, right = self._operand(step.left, turns), self._operand(step.right, turns)
+        weights, plus = (p and self._operand(p, turns) for p in (step.weights, step.plus))
         algebra = Algebra(self.writer, self._loop, self.fused)
-        terms = Terms(left, right, weights, step.count, *step.shape)
-        algebra.outer_sum(terms, plus, self._address(step.target, turns), step.symmetric)
+        target = self._address(step.target, turns)
+        algebra.outer_sum((left, right, weights, plus), step.count, step.shape, target, step.symmetric)
 
     def _polynomial(self, step: Polynomial, turns: tuple[str, ...]) -> None:
         point, table = self._operand(step.point, turns), self._operand(step.table, turns)
