@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 
 from flexhinf.certify.layouts import LANES, LOW, POINTERS, Group, Layout, Shape
-from flexhinf.codegen.emit.text import Lanes, ModuleText, Writer
+from flexhinf.codegen.emit.opcodes import Lanes, ModuleText, Writer
 
 _VECTOR = f"<{LANES} x double>"
 _ATTRIBUTES = 'nounwind "min-legal-vector-width"="512" "prefer-vector-width"="512"'
