@@ -93,7 +93,13 @@ def design_page(
     files : sequence of str
         Names of the files that stand beside the page.
     """
-    sections = []
+    robot, s, sections = design.robot, design.specification, []
+    about = f"{robot.description.rstrip('.')}. " if robot.description else ""
+    measured = ", ".join(s.measured).replace("_", " ") if s.estimator != "none" else "the true state"
+    extras = f" The true plant also has {', '.join(s.extras).replace('_', ' ')}." if s.extras else ""
+    slides, degrees = robot.links.slides, units_of(design.evaluation).degrees
+    start, goal = (pose_text(pose, slides, degrees) for pose in (design.start, design.goal))
+    joints = joint_count(len(robot.joint_names)).capitalize()
     with house_style():  # once for all figures
         for part in PARTS:
             blocks = drawn(part.blocks(design))
@@ -105,11 +111,11 @@ def design_page(
         sections.append(files_section(files))
     return Page(
         title_of(design),
-        _intro(design),
+        f"{about}{joints}, {robot.drive} driven. Measured: {measured}.{extras} Step from {start} to {goal}.",
         _headline(design),
         tuple(sections),
         Settings(design_settings(design)),
-        Provenance(tuple(command), design.specification.seed),
+        Provenance(tuple(command), s.seed),
         _key_numbers(design),
         status_lines(design.status, design.requirements),
     )
@@ -169,19 +175,6 @@ def title_of(design: Design) -> str:
     if name.startswith("degree"):
         kind = f"A nonlinear H∞ law of {name}"
     return f"{kind} for the robot “{design.robot.name}”"
-
-
-def _intro(design: Design) -> str:
-    robot, s = design.robot, design.specification
-    about = f"{robot.description.rstrip('.')}. " if robot.description else ""
-    measured = ", ".join(s.measured).replace("_", " ") if s.estimator != "none" else "the true state"
-    extras = f" The true plant also has {', '.join(s.extras).replace('_', ' ')}." if s.extras else ""
-    degrees = units_of(design.evaluation).degrees
-    start, goal = (pose_text(pose, robot.links.slides, degrees) for pose in (design.start, design.goal))
-    joints = joint_count(len(robot.joint_names)).capitalize()
-    return (
-        f"{about}{joints}, {robot.drive} driven. Measured: {measured}.{extras} Step from {start} to {goal}."
-    )
 
 
 def _headline(design: Design) -> str:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from flexhinf.analysis import FrequencyResponse, GrowthRates, Margins, ToleranceCorners
+from flexhinf.analysis import FrequencyResponse, GrowthRates, Margins
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.result import FEW_PERIODS, NOISE_FRACTION, Design
 from flexhinf.pages.drawing import (
@@ -371,7 +371,24 @@ def corners(design: Design) -> Blocks:
         "together. For each the loop is linearised at the goal; robots between the corners are not covered."
     )
     if found.swept:
-        yield Paragraph(_retuning(found))
+        free = [f"“{form}”" for form in found.retunable]
+        parts = ", ".join(
+            f"with “{form}” at {len(found.stable_ratios(form))} of {count_text(len(found.of_form(form)), 'ratio')} only"
+            for form in found.forms
+            if form not in found.retunable
+        )
+        may = (
+            f"With Rᵛ of the form {' or '.join(free)} no corner is unstable at any ratio tried."
+            if free
+            else ""
+        )
+        some = f" Otherwise that holds {parts}." if parts and free else ""
+        if parts and not free:
+            some = f"No form keeps every corner stable at all ratios tried: that holds {parts}."
+        yield Paragraph(
+            "No paper gives Rᵛ, the process noise that the estimator assumes, and the gain of a filter depends only on "
+            f"its ratio q/Rⁿ and on where q stands. {may}{some} Forms that are not listed were not tried."
+        )
     yield corner_table(e)
 
 
@@ -394,23 +411,6 @@ def corners_text(e: LawEvaluation) -> str:
         grows = f"{'grows' if rate >= 0.0 else 'decays'} with {number(abs(rate), 3)} 1/s"
     changes = changes_text(worst, e.setup.robot, s.extras)
     return f"Measured: {sensors}. {unstable}{other}. The worst corner ({changes}) {grows}."
-
-
-def _retuning(corners: ToleranceCorners) -> str:
-    free = [f"“{form}”" for form in corners.retunable]
-    parts = ", ".join(
-        f"with “{form}” at {len(corners.stable_ratios(form))} of {count_text(len(corners.of_form(form)), 'ratio')} only"
-        for form in corners.forms
-        if form not in corners.retunable
-    )
-    may = f"With Rᵛ of the form {' or '.join(free)} no corner is unstable at any ratio tried." if free else ""
-    some = f" Otherwise that holds {parts}." if parts and free else ""
-    if parts and not free:
-        some = f"No form keeps every corner stable at all ratios tried: that holds {parts}."
-    return (
-        "No paper gives Rᵛ, the process noise that the estimator assumes, and the gain of a filter depends only on its "
-        f"ratio q/Rⁿ and on where q stands. {may}{some} Forms that are not listed were not tried."
-    )
 
 
 def corner_rows(e: LawEvaluation) -> list[dict[str, Any]]:

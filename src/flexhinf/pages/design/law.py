@@ -117,7 +117,30 @@ def poles_figure(groups: Sequence[PoleGroup]) -> Figure:
 
 def poles(design: Design) -> Blocks:
     """Figure, a table of what oscillates or does not decay, and what decays without oscillating."""
-    yield from _pole_notes(design)
+    after = vibration_damping(design.law_modes)
+    if after and min(after) < RINGS:
+        yield note(
+            f"A vibration has a damping ratio of {min(after):.2g} with this law: its weights hardly act on it. "
+            "`--damping 0.3` searches for weights that do."
+        )
+    error = [mode for mode in design.evaluation.estimator_modes if mode.vibration]
+    if error:
+        worst, target = min(error, key=lambda mode: mode.damping), design.design_problem.target
+        where = in_joint(worst.joint, design.robot.joint_names)
+        what = f"The estimator's error at {worst.frequency:.3g} Hz{where} has a damping ratio"
+        if worst.damping < HARDLY_SEEN:
+            yield note(
+                f"{what} of {worst.damping:.1g} only, and noise keeps it ringing, in the robot too. Measure link "
+                "positions or joint torques, or raise --process-noise."
+            )
+        elif target is not None and worst.damping < target.damping:
+            yield note(
+                f"{what} of {worst.damping:.2g}, less than required of the law: after unknown disturbances the loop "
+                "rings with it. Try a larger --torque-noise, or another sensor (--measured)."
+            )
+
+    def eigenvalues(modes: Sequence[Mode]) -> np.ndarray:
+        return np.array([mode.eigenvalue for mode in modes], dtype=complex)
 
     def figure() -> Figure:
         looks = (
@@ -125,14 +148,14 @@ def poles(design: Design) -> Blocks:
             {"marker": "^", "color": SERIES[2]},
         )  # fmt: skip
         groups = [
-            (name, _eigenvalues(modes), look) for (name, modes), look in zip(_modes(design).items(), looks)
+            (name, eigenvalues(modes), look) for (name, modes), look in zip(_modes(design).items(), looks)
         ]
         if design.specification.estimator != "none":
             running, look = design.evaluation.frequency_response.poles, {"marker": "x", "color": SERIES[1]}
             groups.append(("running loop (sampled, estimator, delay)", running, look))
         for loop, marker in zip(design.rigid.loops if design.rigid else (), ("1", "2")):
             look = {"marker": marker, "color": SERIES[3]}
-            groups.append((f"rigid law, {loop.side} side", _eigenvalues(loop.modes), look))
+            groups.append((f"rigid law, {loop.side} side", eigenvalues(loop.modes), look))
         return poles_figure(groups)
 
     yield figure
@@ -144,10 +167,6 @@ def poles(design: Design) -> Blocks:
         many = f"{len(times)} modes decay" if len(times) != 1 else "1 mode decays"
         sentences.append(f"{name.capitalize()}: {many} without oscillating{constants}.")
     yield Paragraph(f"{' '.join(sentences)} The law adds one mode for the integral of each joint's error.")
-
-
-def _eigenvalues(modes: Sequence[Mode]) -> np.ndarray:
-    return np.array([mode.eigenvalue for mode in modes], dtype=complex)
 
 
 def _modes(design: Design) -> Mapping[str, Sequence[Mode]]:
@@ -185,32 +204,6 @@ def mode_table(design: Design, brief: bool = False) -> Table:
     caption = "Modes that oscillate or do not decay, linearised at the goal, continuous time"
     title = f"γ* of the problem = {design.gamma_star:.5g}, γ = {design.gamma:.5g}\nOscillations at the goal"
     return Table.of(columns, rows, caption, "table-modes", title=title)
-
-
-def _pole_notes(design: Design) -> Blocks:
-    """A vibration that rings, in the loop or in the estimation error."""
-    after = vibration_damping(design.law_modes)
-    if after and min(after) < RINGS:
-        yield note(
-            f"A vibration has a damping ratio of {min(after):.2g} with this law: its weights hardly act on it. "
-            "`--damping 0.3` searches for weights that do."
-        )
-    error = [mode for mode in design.evaluation.estimator_modes if mode.vibration]
-    if not error:
-        return
-    worst, target = min(error, key=lambda mode: mode.damping), design.design_problem.target
-    where = in_joint(worst.joint, design.robot.joint_names)
-    what = f"The estimator's error at {worst.frequency:.3g} Hz{where} has a damping ratio"
-    if worst.damping < HARDLY_SEEN:
-        yield note(
-            f"{what} of {worst.damping:.1g} only, and noise keeps it ringing, in the robot too. Measure link positions "
-            "or joint torques, or raise --process-noise."
-        )
-    elif target is not None and worst.damping < target.damping:
-        yield note(
-            f"{what} of {worst.damping:.2g}, less than required of the law: after unknown disturbances the loop rings "
-            "with it. Try a larger --torque-noise, or another sensor (--measured)."
-        )
 
 
 def vibration_damping(modes: Sequence[Mode]) -> list[float]:

@@ -55,7 +55,7 @@ NEAR = 0.05
 
 def region(design: Design) -> Blocks:
     """Level set and step of every degree; the gain found; the budget."""
-    attained, proved, budget = design.attenuation.attained, design.synthesis.proved, budget_of(design)
+    attained, proved = design.attenuation.attained, design.synthesis.proved
     yield from _notes(design)
     yield Paragraph(_degree_text(design))
     yield from _proof(design)
@@ -86,11 +86,8 @@ def region(design: Design) -> Blocks:
         )
     if attained is not None or proved is not None:
         yield level_table(design)
-    if budget:
-        yield Paragraph(_budget_text(design))
-        yield _budget_table(design)
-        if budget[-1].budget.complete:
-            yield lambda: _budget_figure(budget[-1])
+    if budget_of(design):
+        yield from _budget(design)
 
 
 def _notes(design: Design) -> Blocks:
@@ -267,25 +264,21 @@ def budget_rows(design: Design) -> list[dict[str, Any]]:
     ]  # fmt: skip
 
 
-def _budget_text(design: Design) -> str:
-    row = budget_rows(design)[-1]
-    text = (
+def _budget(design: Design) -> Blocks:
+    """What the parts of the controller use of the level; the lower bound of the gain in the title."""
+    records, which = budget_rows(design), "sampled" if design.proof.certificate is None else "proved"
+    last, term = records[-1], budget_of(design)[-1]
+    bounded, outcome = np.isfinite(last["level"]), "the loop with all its parts diverges."
+    if last["spent"] is not None and np.isfinite(last["spent"]):
+        judged = "this is within the budget" if last["kept"] else "the budget is exceeded"
+        against = f", of the {which} level of {number(last['level'])}: {judged}."
+        outcome = f"V(x0) is {number(last['start'])} and {number(last['spent'], 3)} is used"
+        outcome += against if bounded else "; no region was sampled to compare it with."
+    yield Paragraph(
         "Dissipation budget. What makes the input differ by v from the law's own, on the true state at every instant, "
         "uses ½∫vᵀR2v of the level. While V(x0) and this stay below it, the inequality holds for the controller as it "
-        "runs. For the step of the nominal robot, extras left out, "
+        f"runs. For the step of the nominal robot, extras left out, {outcome}"
     )
-    if row["spent"] is None or not np.isfinite(row["spent"]):
-        return f"{text}the loop with all its parts diverges."
-    text += f"V(x0) is {number(row['start'])} and {number(row['spent'], 3)} is used"
-    if not np.isfinite(row["level"]):
-        return f"{text}; no region was sampled to compare it with."
-    which = "the sampled" if design.proof.certificate is None else "the proved"
-    kept = "this is within the budget" if row["kept"] else "the budget is exceeded"
-    return f"{text}, of {which} level of {number(row['level'])}: {kept}."
-
-
-def _budget_table(design: Design) -> Table:
-    """What the parts of the controller use of the level; the lower bound of the gain in the title."""
     rows = [
         {
             **row,
@@ -293,7 +286,7 @@ def _budget_table(design: Design) -> Table:
             "left": row["left"] if np.isfinite(row["left"]) else None,
             "within": ("yes" if row["kept"] else "NO") if np.isfinite(row["level"]) else None,
         }
-        for row in budget_rows(design)
+        for row in records
     ]
     columns = (
         Column("part of the loop", key="text", brief="part"),
@@ -307,7 +300,9 @@ def _budget_table(design: Design) -> Table:
         gain = f"{number(attained.gain)} found (lower bound), γ = {number(design.gamma)} designed"
         title = f"√(∫|z|²/∫|d|²): {gain}\n{title}"
     caption = "Parts are added one after the other"
-    return Table.of(columns, rows, caption, "table-budget", stacks=True, title=title)
+    yield Table.of(columns, rows, caption, "table-budget", stacks=True, title=title)
+    if term.budget.complete:
+        yield lambda: _budget_figure(term)
 
 
 def _budget_figure(term: BudgetTerm) -> Figure:

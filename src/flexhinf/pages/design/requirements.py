@@ -27,7 +27,23 @@ def requirements(design: Design) -> Blocks:
     )  # fmt: skip
     if design.design_problem.target is None:
         yield Paragraph("No bandwidth or damping is required: they result from the weights, which are given.")
-    yield _input_table(design)
+    limits, records = design.setup.limits, []
+    for row in input_rows(design):
+        limit = float(limits.effort[limits.joints.index(row["joint"])]) if row["joint"] else np.inf
+        known = np.isfinite(row["value"])
+        text = f"{number(row['value'], 3)} {row['unit']}" if known else "diverges"
+        percent = 100.0 * row["value"] / limit if known and np.isfinite(limit) else None
+        records.append({**row, "text": text, "joint": row["joint"] or "–", "percent": percent})
+    differ = len(set(limits.effort.tolist())) > 1
+    columns = [
+        Column("in", key="what"), Column("input nearest its limit" if differ else "largest input", key="text"),
+        *([Column("joint", key="joint")] if len(design.setup.joints) > 1 else []),
+        *([Column("of its limit", "%", 1, key="percent", brief=None)] if limits.limits_effort else []),
+    ]  # fmt: skip
+    caption = "Inputs of the motors"
+    if limits.limits_effort:
+        caption += f"; the limit is {effort_text(limits.effort)} {units_of(design.evaluation).effort}"
+    yield Table.of(columns, records, caption, "table-cost", title="Inputs of the motors")
 
 
 def limit_text(line: Requirement) -> str:
@@ -109,24 +125,3 @@ def input_rows(design: Design) -> list[dict[str, Any]]:
             {"what": what, "value": value, "joint": joint if np.isfinite(value) else "", "unit": unit}
         )
     return rows
-
-
-def _input_table(design: Design) -> Table:
-    """The largest input of every run, its joint, and its percentage of that joint's limit."""
-    limits, records = design.setup.limits, []
-    for row in input_rows(design):
-        limit = float(limits.effort[limits.joints.index(row["joint"])]) if row["joint"] else np.inf
-        known = np.isfinite(row["value"])
-        text = f"{number(row['value'], 3)} {row['unit']}" if known else "diverges"
-        percent = 100.0 * row["value"] / limit if known and np.isfinite(limit) else None
-        records.append({**row, "text": text, "joint": row["joint"] or "–", "percent": percent})
-    differ = len(set(limits.effort.tolist())) > 1
-    columns = [
-        Column("in", key="what"), Column("input nearest its limit" if differ else "largest input", key="text"),
-        *([Column("joint", key="joint")] if len(design.setup.joints) > 1 else []),
-        *([Column("of its limit", "%", 1, key="percent", brief=None)] if limits.limits_effort else []),
-    ]  # fmt: skip
-    caption = "Inputs of the motors"
-    if limits.limits_effort:
-        caption += f"; the limit is {effort_text(limits.effort)} {units_of(design.evaluation).effort}"
-    return Table.of(columns, records, caption, "table-cost", title="Inputs of the motors")
