@@ -9,6 +9,7 @@ import abc
 from collections.abc import Mapping
 from functools import cached_property
 from itertools import count
+from operator import attrgetter
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -121,18 +122,10 @@ class Law(Numbered):
         return None
 
     def evaluate_about(self, x: Any, state: Any, input: Any, data: Any) -> Any:
-        """k(x), (m,), for a deviation x (n,), integrals last, from a moving reference.
+        """k(x), (m,), for a deviation x (n,), integrals last, from a moving reference: its state and input.
 
         A law that depends on where it acts overrides this: then u = input + k, k = 0 for x = 0, and `evaluate_law` is
         the same about (x*, u*). By default k is a function of the deviation alone.
-
-        Parameters
-        ----------
-        x : (n,)
-        state, input : (n without integrals,) and (m,)
-            The reference and its input, of any element.
-        data : flat array
-            As `law_data`.
         """
         return self.evaluate_law(x, data)
 
@@ -156,26 +149,10 @@ class ProblemLaw(Law):
     """Base of laws that stand for a `GeneralisedPlant`: names and operating point are the problem's."""
 
     problem: GeneralisedPlant
-
-    @property
-    def state_names(self) -> tuple[str, ...]:
-        """Of the problem."""
-        return self.problem.state_names
-
-    @property
-    def input_names(self) -> tuple[str, ...]:
-        """Of the problem."""
-        return self.problem.input_names
-
-    @property
-    def operating_point(self) -> np.ndarray:
-        """x* of the problem, (n,)."""
-        return self.problem.operating_point
-
-    @property
-    def operating_input(self) -> np.ndarray:
-        """u* of the problem, (m,)."""
-        return self.problem.operating_input
+    state_names: Any = property(attrgetter("problem.state_names"))
+    input_names: Any = property(attrgetter("problem.input_names"))
+    operating_point: Any = property(attrgetter("problem.operating_point"))
+    operating_input: Any = property(attrgetter("problem.operating_input"))
 
 
 class Gaussian(NamedTuple):
@@ -216,12 +193,19 @@ class Estimator(Numbered):
 
     def summary(self) -> dict[str, str]:
         """Model, period and noises."""
+        noises = []
+        for covariance in (self.process_noise, self.measurement_noise):
+            values = np.sqrt(np.diag(covariance))
+            low, high = f"{values.min():.3g}", f"{values.max():.3g}"
+            noises.append(
+                f"standard deviation{'' if low == high else 's'} {low}" + f" to {high}" * (low != high)
+            )
         return {
             "states": names_text(tuple(self.plant.states)),
             "measured": names_text(tuple(self.plant.outputs)),
             "period": number_text(self.period, "s"),
-            "process noise": f"{_deviations(self.process_noise)} per sample",
-            "measurement noise": _deviations(self.measurement_noise),
+            "process noise": f"{noises[0]} per sample",
+            "measurement noise": noises[1],
         }
 
     # To be written --------------------------------------------------------------------------------
@@ -283,13 +267,6 @@ class Estimator(Numbered):
             return tuple(self.measurement_update(type(belief)(*parts), y, u, named, noise))
 
         return type(belief)(*run.call(update, y, u, p, measurement_noise, *belief))
-
-
-def _deviations(covariance: np.ndarray) -> str:
-    """Standard deviations of a covariance in a few words."""
-    values = np.sqrt(np.diag(covariance))
-    low, high = f"{values.min():.3g}", f"{values.max():.3g}"
-    return f"standard deviation {low}" if low == high else f"standard deviations {low} to {high}"
 
 
 class BlackBox(abc.ABC):

@@ -31,16 +31,10 @@ _ACCEPT = 3e-14  # residual above which the eigenvector route is given up
 
 @dataclass(frozen=True)
 class HomologicalSolution:
-    """Solution of one degree.
+    """Solution of one degree: tensor entries (count(n, k),) of V_k.
 
-    Attributes
-    ----------
-    entries : ndarray, shape (count(n, k),)
-        Tensor entries of V_k.
-    method : str
-        "eigenbasis", "eigenbasis, refined" or "Schur".
-    residual : float
-        ‖V_x A x + r‖ / (‖A‖ ‖V‖ + ‖r‖), norms of the tensor entries.
+    The method is "eigenbasis", "eigenbasis, refined" or "Schur"; the residual ‖V_x A x + r‖ / (‖A‖ ‖V‖ + ‖r‖) has norms
+    of the tensor entries.
     """
 
     entries: np.ndarray
@@ -70,12 +64,7 @@ class HomologicalEquation:
         return self.eigenbasis.condition
 
     def solve(self, known: np.ndarray, k: int) -> HomologicalSolution:
-        """V of degree `k`, from the tensor entries of r.
-
-        Parameters
-        ----------
-        known : ndarray, shape (count(n, k),)
-        """
+        """V of degree `k`, from the tensor entries (count(n, k),) of r."""
         if self.condition**k * np.finfo(float).eps < HOPELESS:
             solution = self._by_eigenbasis(known, k)
             if solution.residual <= _ACCEPT:
@@ -137,23 +126,10 @@ _CHUNK = 100_000
 
 
 def substitute(triangular: np.ndarray, known: np.ndarray, k: int) -> np.ndarray:
-    """Tensor entries of V with V_z T z = r.
+    """Tensor entries (count(n, k),) of V with V_z T z = r, T (n, n) upper triangular, from those of r.
 
-    Parameters
-    ----------
-    triangular : ndarray, shape (n, n)
-        T, upper triangular; no sum of k diagonal entries vanishes.
-    known : ndarray, shape (count(n, k),)
-        Tensor entries of r.
-
-    Returns
-    -------
-    ndarray, shape (count(n, k),)
-
-    Notes
-    -----
-    In tensor entries, k times the symmetrised equation reads
-    Σ_m ( T[i_m, i_m] v[i] + Σ_{j < i_m} v[i with i_m replaced by j] T[j, i_m] ) = r[i].
+    No sum of k diagonal entries vanishes. In tensor entries, k times the symmetrised equation reads
+        Σ_m ( T[i_m, i_m] v[i] + Σ_{j < i_m} v[i with i_m replaced by j] T[j, i_m] ) = r[i].
     """
     n = len(triangular)
     tuples, table, removal = basis.indices(n, k), basis.insertion(n, k), basis.removal(n, k)

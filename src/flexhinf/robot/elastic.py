@@ -54,13 +54,7 @@ DEFAULTS = {
 
 
 def checked_extras(extras: Any, inductance: bool, given: Collection[str], robot: str) -> tuple[str, ...]:
-    """The switches that are on, in a fixed order.
-
-    Raises
-    ------
-    InvalidInput
-        For an unknown switch, or one whose number the robot does not state.
-    """
+    """The switches that are on, in a fixed order; an unknown one, or one without its number, is refused."""
     requested: Iterable[str] = (extras,) if isinstance(extras, str) else extras
     requested = {*requested, "inductance"} if inductance else set(requested)
     for name in sorted(requested):
@@ -100,21 +94,14 @@ def spring_torque(twist: Any, rate: Any, p: Any, extras: Collection[str]) -> Any
 
 @dataclass(frozen=True)
 class Engaged:
-    """A state with every spring beyond its backlash: what `Model.engaged` wants of a robot.
-
-    Parameters
-    ----------
-    layout : Layout
-        Of the state.
-    """
+    """A state with every spring beyond its backlash: what `Model.engaged` wants of a robot."""
 
     layout: Any
 
     def __call__(self, x: Any, p: Any) -> Any:
         """The motors turned on by the whole width: out of the dead zone from anywhere inside."""
         moved = np.array(x, dtype=float)
-        motors = self.layout.split(moved)[2]
-        motors += np.asarray(p.backlash, dtype=float)  # a view of the copy
+        self.layout.split(moved)[2][:] += np.asarray(p.backlash, dtype=float)  # a view of the copy
         return moved
 
 
@@ -124,12 +111,7 @@ class Sticking:
 
     Moreau's time stepping: a step of h takes up to F h / J from each motor's velocity, and never turns it round. The
     velocity is taken as lost evenly within the step, so the motor is behind by half of that times h: what sticks does
-    not creep.
-
-    Parameters
-    ----------
-    extras : sequence of str
-        With "stribeck_friction" F is that of the velocity before.
+    not creep. With "stribeck_friction" F is that of the velocity before.
     """
 
     joints: int
@@ -188,42 +170,26 @@ OPTIONAL = ("inductance", *DEFAULTS)
 def required_of_drive(
     drive: str, names: Sequence[str], joints: Sequence[str], rigid: Sequence[str] = ()
 ) -> list[str]:
-    """Names of the parameters that the joints must have; a motor's inertia comes in one of two ways.
-
-    Raises
-    ------
-    InvalidInput
-        For an unknown drive.
-    """
+    """Names of the parameters that the joints must have; a motor's inertia comes in one of two ways."""
     if drive not in DRIVES:
         raise unknown_name("The motors are driven in an unknown way.", drive, DRIVES, "'voltage'")
-    required = []
+    required, count = [], len(joints)
     for joint in joints:
-
-        def own(quantity: str, joint: str = joint) -> str:
-            return per_joint(quantity, joint, len(joints))
-
-        inertia = ("rotor_inertia", "gear_ratio") if own("rotor_inertia") in names else ("motor_inertia",)
+        rotor = per_joint("rotor_inertia", joint, count) in names
+        inertia = ("rotor_inertia", "gear_ratio") if rotor else ("motor_inertia",)
         spring = () if joint in rigid else ("stiffness",)
-        required += [own(quantity) for quantity in (*spring, *inertia, "friction", *CONSTANTS[drive])]
+        quantities = (*spring, *inertia, "friction", *CONSTANTS[drive])
+        required += [per_joint(quantity, joint, count) for quantity in quantities]
     return required
 
 
 def reflected(
     values: Mapping[str, float], drive: str, joints: Sequence[str], rigid: Sequence[str] = ()
 ) -> dict[str, list[float]]:
-    """What the plant's equations need, one number per joint, all seen from the link.
+    """What the plant's equations need, one number per joint (of springs: per elastic joint), all seen from the link.
 
     J = N² J_rotor + J_hub; with a gear τ = η_g η_m N k_t (V − N k_b q̇2) / R, so the constants of the reflected
     motor are η_g η_m N k_t and N k_b. Stiffness, friction and what the joint adds are stated on the link side.
-
-    Parameters
-    ----------
-    values : mapping of str to float
-        The robot's parameters by name.
-    drive : {"voltage", "current", "torque"}
-    rigid : sequence of str
-        Joints without a spring: the numbers of springs are those of the others.
     """
 
     def of(quantity: str, joint: str, default: Any = None) -> float:
@@ -258,14 +224,7 @@ def reflected(
 
 
 def torque_per_input(drive: str, p: Any) -> Any:
-    """Torque of a motor at rest per unit of its input, on the link side: k_t / R for volts, k_t for amperes, or one.
-
-    Parameters
-    ----------
-    drive : {"voltage", "current", "torque"}
-    p : object
-        With the plant's parameters as attributes, see `reflected`.
-    """
+    """Torque of a motor at rest per unit of its input, on the link side: k_t / R for volts, k_t for amperes, or one."""
     if drive == "torque":
         return 1.0
     return p.torque_constant / p.resistance if drive == "voltage" else p.torque_constant
@@ -275,10 +234,7 @@ def torque_per_input(drive: str, p: Any) -> Any:
 class Layout:
     """Where the joints stand in x = (q1 (n), q̇1 (n), q2 (e), q̇2 (e) (, i (n))): e of the n joints are elastic.
 
-    Parameters
-    ----------
-    rigid : tuple of int
-        Joints without a spring, whose rotor turns with the link: q2 = q1.
+    The rotor of a joint in `rigid` turns with the link: q2 = q1.
     """
 
     n: int
@@ -329,15 +285,6 @@ class ElasticFlow:
     x = (q1, q̇1, q2, q̇2 (, i)), each with one entry per joint; d = (d_link, d_motor).
 
     A rigid joint has neither spring nor q2: its row is (M(q1) + J) q̈1 + C q̇1 + G + B q̇1 = τ + d_link + d_motor.
-
-    Parameters
-    ----------
-    links : Pendulum or Arm
-    drive : {"voltage", "current", "torque"}
-    extras : sequence of str
-        Switches of `EXTRAS`.
-    rigid : tuple of int
-        Joints without a spring.
     """
 
     links: Any
@@ -351,14 +298,20 @@ class ElasticFlow:
         n, elastic = layout.n, layout.elastic
         q, dq, theta, dtheta = layout.split(x)
         current, speed = x[layout.mechanical :], layout.motors(dq, dtheta)
-        torque, damping = self._motor(current, u, p)
+        torque, damping = u, p.friction  # the motor's torque, and what multiplies −q̇2
+        if "inductance" in self.extras and self.drive != "torque":
+            torque = p.torque_constant * current
+        elif self.drive != "torque":
+            gain = torque_per_input(self.drive, p)
+            torque, damping = (
+                gain * u,
+                p.friction + (gain * p.back_emf_constant if self.drive == "voltage" else 0.0),
+            )
         if not self.rigid:
             spring = spring_torque(theta - q, dtheta - dq, p, self.extras)
             left = torque - damping * dtheta - friction_torque(dtheta, p, self.extras) - spring + d[n:]
             link_acceleration = self.links.accelerations(q, dq, spring + d[:n], p)
-            motor_acceleration = (
-                1.0 / p.motor_inertia
-            ) * left  # a quotient of parameters alone: computed once
+            motor_acceleration = (1.0 / p.motor_inertia) * left  # a quotient of parameters: computed once
         else:
             spring = spring_torque(theta - q[elastic], dtheta - dq[elastic], p, self.extras)
             driven = torque - damping * speed - friction_torque(speed, p, self.extras) + d[n:]
@@ -370,12 +323,3 @@ class ElasticFlow:
         if "inductance" in self.extras:
             rates.append((u - p.resistance * current - p.back_emf_constant * speed) / p.inductance)
         return np.concatenate(rates)
-
-    def _motor(self, current: Any, u: Any, p: Any) -> tuple[Any, Any]:
-        """The motor's torque, and what multiplies −q̇2."""
-        if self.drive == "torque":
-            return u, p.friction
-        if "inductance" in self.extras:
-            return p.torque_constant * current, p.friction
-        gain = torque_per_input(self.drive, p)
-        return gain * u, p.friction + (gain * p.back_emf_constant if self.drive == "voltage" else 0.0)

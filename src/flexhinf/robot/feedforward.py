@@ -36,23 +36,20 @@ def operating_point(
 ) -> tuple[np.ndarray, np.ndarray]:
     """State x* = (q, 0, q + K⁻¹ G(q), 0 (, i*)) and input u*, in the order of `Robot.plant`.
 
-    Parameters
-    ----------
-    drive : {"voltage", "current", "torque"}
-    q : (n,)
-        Link positions.
-    p : Parameters
-        Of the plant.
-    extras : collection of str
-        With a hardening spring or backlash the twist is that of the spring as it is.
-    layout : Layout
-        Which joints have a spring.
+    With a hardening spring or backlash among the `extras` the twist is that of the spring as it is.
     """
     held = links.gravity_torque(q, p)
     weight = np.asarray(held)[layout.elastic]
     twist = weight / np.atleast_1d(p.stiffness)
     if "spring_hardening" in extras:
-        twist = _hardened_twist(weight, np.atleast_1d(p.stiffness), np.atleast_1d(p.spring_hardening))
+        # K δ + K₃ δ³ = G, each joint by Newton's method from outside: it falls to the only root.
+        stiffness, cubic = np.atleast_1d(p.stiffness), np.atleast_1d(p.spring_hardening)
+        for _ in range(100):
+            error = stiffness * twist + cubic * twist**3 - weight
+            step = error / (stiffness + 3.0 * cubic * twist**2)
+            twist = twist - step
+            if np.all(np.abs(step) <= 1e-16 * np.abs(twist)):
+                break
     if "backlash" in extras:
         # A joint that carries nothing may stand anywhere in its gap: in the middle, not where rounding pushes it.
         carries = np.abs(weight) > ROUNDING * np.sum(p.mass) * abs(p.gravity)
@@ -69,30 +66,12 @@ def operating_point(
     return np.concatenate(states), np.asarray(p.resistance * current, dtype=float)
 
 
-def _hardened_twist(weight: np.ndarray, stiffness: np.ndarray, cubic: np.ndarray) -> np.ndarray:
-    """Solution of K δ + K₃ δ³ = G, each joint by Newton's method from outside: it falls to the only root."""
-    twist = weight / stiffness
-    for _ in range(100):
-        error = stiffness * twist + cubic * twist**3 - weight
-        step = error / (stiffness + 3.0 * cubic * twist**2)
-        twist = twist - step
-        if np.all(np.abs(step) <= 1e-16 * np.abs(twist)):
-            break
-    return twist
-
-
 #: A pose beyond one turn was probably meant in degrees.
 TURN = 2.0 * np.pi * (1.0 + 1e-9)
 
 
 def checked_pose(pose: Any, default: np.ndarray, links: Links, robot: str) -> np.ndarray:
-    """Link positions (n,) from a sequence, a mapping by joint name, a number for one joint, or None.
-
-    Raises
-    ------
-    InvalidInput
-        For an unknown joint, another number of values, or a position outside the joint's limits.
-    """
+    """Link positions (n,) within the limits, from a sequence, a mapping by joint, a number for one joint, or None."""
     names = links.joint_names
     if pose is None:
         pose = default
@@ -137,24 +116,18 @@ def _check_position(
     advice = f"{value:g}deg on the command line and in a specification, np.deg2rad({value:g}) elsewhere; or "
     if limits is None:
         what = f"The pose turns joint {joint!r} by {got}, more than once around."
-        advice += "limits in the robot's file, as a joint that turns more than once around has them"
-        other = (
-            "an angle within one turn, or limits in the robot's file, as a joint that turns further has them"
-        )
+        advice += "limits in the robot's file, as a joint that turns further has them"
+        other = "an angle within one turn, or limits in the robot's file"
     else:
         what = f"The pose is outside the limits of joint {joint!r}."
         advice += "a pose within the limits"
-        other = "a pose within the limits of the joint, which the robot's file states"
-    expected = f"{_rounded(low / size)} to {_rounded(high / size)} {unit}"
+        other = "a pose within the limits, which the robot's file states"
+    expected = f"{low / size:.6g} to {high / size:.6g} {unit}"
     raise InvalidInput(
         what,
         f"expected {expected}, got {got}{'; were degrees meant?' if asked else ''}",
         advice if asked else other,
     )
-
-
-def _rounded(value: float) -> str:
-    return f"{value:.6g}"
 
 
 #: What a real joint adds that the inverse dynamics can follow: torques on the motor that its velocity gives.
@@ -174,20 +147,8 @@ ORDERS = ("q", "dq", "ddq", "dddq", "ddddq")
 class InverseFlow:
     """(q, q̇, q̈, q⃛, q⁗) → (x, u) with ẋ = flow(x, u, 0, p) of `ElasticFlow`, on any element.
 
-    With q⁗ = v a law's wish, u is the input of exact feedback linearisation [spong1987].
-
-    Parameters
-    ----------
-    drive : {"voltage", "current", "torque"}
-    extras : sequence of str
-        Out of `MODELLED`.
-    rigid : tuple of int
-        Joints without a spring: J q̈ + B q̇ + F(q̇) + τ_J = τ.
-
-    Raises
-    ------
-    InvalidInput
-        For an extra that it cannot follow, by name.
+    With q⁗ = v a law's wish, u is the input of exact feedback linearisation [spong1987]. Rigid joints have
+    J q̈ + B q̇ + F(q̇) + τ_J = τ. Extras out of `MODELLED`; others are refused by name.
     """
 
     links: Links
@@ -229,12 +190,8 @@ class InverseFlow:
 def flat_coordinates(links: Links, x: Any, p: Any, layout: Layout) -> tuple[Any, Any, Any, Any]:
     """(q, q̇, q̈, q⃛), (n,) each, of an undisturbed state x = (q1, q̇1, q2, q̇2), on any element.
 
-    They are the coordinates in which `InverseFlow` makes the robot n chains of four integrators.
-
-    Raises
-    ------
-    InvalidInput
-        For a robot with rigid joints, whose accelerations depend on the input.
+    They are the coordinates in which `InverseFlow` makes the robot n chains of four integrators. The state of a robot
+    with rigid joints, whose accelerations depend on the input, does not give them.
     """
     if layout.rigid:
         raise InvalidInput(
@@ -252,14 +209,7 @@ def flat_coordinates(links: Links, x: Any, p: Any, layout: Layout) -> tuple[Any,
 def state_and_input(
     flow: InverseFlow, values: Mapping[str, Any], motion: tuple[np.ndarray, ...]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """x (N, 4n) and u (N, n) of rows (N, n) of positions and four derivatives.
-
-    Parameters
-    ----------
-    values : mapping of str to float or array
-        Parameters of the plant.
-    motion : five (N, n) arrays
-    """
+    """x (N, 4n) and u (N, n) of rows (N, n) of positions and four derivatives, and of the plant's parameters."""
     table = ParameterTable(values)
     shapes = tuple((name, value.shape) for name, value in table.values.items())
     count = len(motion[0])
@@ -284,37 +234,24 @@ def _traced(flow: InverseFlow, shapes: tuple[tuple[str, tuple[int, ...]], ...]) 
 
 
 def motion_rows(motion: tuple[Any, ...], joints: tuple[str, ...]) -> tuple[tuple[np.ndarray, ...], bool]:
-    """Positions and derivatives as five (N, n) arrays, and whether they were one point; None is zero.
-
-    Raises
-    ------
-    InvalidInput
-        For numbers that are not finite, or shapes that do not fit.
-    """
+    """Positions and derivatives as five (N, n) arrays, and whether they were one point; None is zero."""
     arrays = []
     for name, value in zip(ORDERS, motion):
         array = np.zeros(len(joints)) if value is None else np.atleast_1d(real_array(value))
         if array.ndim not in (1, 2) or array.shape[-1] != len(joints) or not np.all(np.isfinite(array)):
+            got = repr(value) if array.size <= 8 else f"shape {array.shape}, or numbers that are not finite"
             raise InvalidInput(
                 f"The motion's {name} does not fit the robot.",
-                f"expected finite numbers, ({len(joints)},) or (N, {len(joints)}) for {list(joints)}, "
-                f"got {_shown(value, array)}",
+                f"expected finite numbers, ({len(joints)},) or (N, {len(joints)}) for {list(joints)}, got {got}",
                 "one column per joint, one row per time",
             )
         arrays.append(array)
     counts = {len(array) for array in arrays if array.ndim == 2}
     if len(counts) > 1:
+        found = f"expected one, got {[array.shape for array in arrays]}"
         raise InvalidInput(
-            "The motion's derivatives have different numbers of times.",
-            f"expected one, got {[array.shape for array in arrays]}",
-            "one row per time in each",
+            "The motion's derivatives have different numbers of times.", found, "one row per time"
         )
     count = counts.pop() if counts else 1
     rows = tuple(np.broadcast_to(array, (count, len(joints))) for array in arrays)
     return rows, all(array.ndim == 1 for array in arrays)
-
-
-def _shown(value: Any, array: np.ndarray) -> str:
-    if array.size > 8:
-        return f"shape {array.shape}" + ("" if np.all(np.isfinite(array)) else ", not all finite")
-    return repr(value)

@@ -349,7 +349,7 @@ class Jet:
         number = _number(other)
         if number is None:
             return NotImplemented
-        return (self * float(univariate.log(number, 0)[0])).exp()
+        return (self * float(univariate.FUNCTIONS["log"](number, 0)[0])).exp()
 
     def _power(self, exponent: float) -> Jet:
         if exponent == 2.0:

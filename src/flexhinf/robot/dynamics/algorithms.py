@@ -38,14 +38,7 @@ from flexhinf.robot.dynamics.tree import (
 class Body(NamedTuple):
     """Inertial parameters of one link, seen from the origin of its aligned frame.
 
-    Attributes
-    ----------
-    mass : element
-        kg.
-    moment : (3,)
-        First moment m c, kg·m.
-    inertia : 3 × 3
-        About the frame's origin, kg·m².
+    Mass, kg; first moment m c (3,), kg·m; inertia 3 × 3 about the frame's origin, kg·m².
     """
 
     mass: Any
@@ -56,49 +49,30 @@ class Body(NamedTuple):
 def bodies_of(tree: Tree, mass: Any, centre_of_mass: Any, inertia: Any) -> list[Body]:
     """Bodies from the parameters of the links.
 
-    Parameters
-    ----------
-    mass : (n,)
-        kg.
-    centre_of_mass : (n, 3)
-        In the link's frame, m.
-    inertia : (n, 6)
-        xx, xy, xz, yy, yz, zz about the centre of mass, in axes parallel to the link's frame, kg·m².
+    Mass (n,), kg; centre of mass (n, 3) in the link's frame, m; inertia (n, 6), xx, xy, xz, yy, yz, zz about the centre
+    of mass, in axes parallel to the link's frame, kg·m².
     """
-    return [
-        _body(joint.alignment, mass[i], list(centre_of_mass[i]), list(inertia[i]))
-        for i, joint in enumerate(tree.joints)
-    ]
-
-
-def _body(alignment: Matrix, mass: Any, centre: Vector, six: Vector) -> Body:
-    xx, xy, xz, yy, yz, zz = six
-    to_aligned = transpose(alignment)
-    x, y, z = apply_transposed(alignment, centre)
-    moment = scaled(mass, (x, y, z))
-    (a, b, c), (_, d, e), (_, _, f) = rotated_symmetric(
-        to_aligned, ((xx, xy, xz), (xy, yy, yz), (xz, yz, zz))
-    )
-    mxx, myy, mzz = times(moment[0], x), times(moment[1], y), times(moment[2], z)
-    b, c = minus(b, times(moment[0], y)), minus(c, times(moment[0], z))  # Steiner: I + m (cᵀc 1 − c cᵀ)
-    e = minus(e, times(moment[1], z))
-    a, d, f = plus(a, plus(myy, mzz)), plus(d, plus(mxx, mzz)), plus(f, plus(mxx, myy))
-    return Body(mass, moment, ((a, b, c), (b, d, e), (c, e, f)))
+    bodies = []
+    for i, joint in enumerate(tree.joints):
+        xx, xy, xz, yy, yz, zz = list(inertia[i])
+        x, y, z = apply_transposed(joint.alignment, list(centre_of_mass[i]))
+        moment = scaled(mass[i], (x, y, z))
+        (a, b, c), (_, d, e), (_, _, f) = rotated_symmetric(
+            transpose(joint.alignment), ((xx, xy, xz), (xy, yy, yz), (xz, yz, zz))
+        )
+        mxx, myy, mzz = times(moment[0], x), times(moment[1], y), times(moment[2], z)
+        b, c = minus(b, times(moment[0], y)), minus(c, times(moment[0], z))  # Steiner: I + m (cᵀc 1 − c cᵀ)
+        e = minus(e, times(moment[1], z))
+        a, d, f = plus(a, plus(myy, mzz)), plus(d, plus(mxx, mzz)), plus(f, plus(mxx, myy))
+        bodies.append(Body(mass[i], moment, ((a, b, c), (b, d, e), (c, e, f))))
+    return bodies
 
 
 # Numbers ----------------------------------------------------------------------------------------------
 def lumped(bodies: Sequence[tuple[float, np.ndarray, np.ndarray]]) -> tuple[float, np.ndarray, np.ndarray]:
-    """Several bodies that move together as one.
+    """Several bodies that move together as one: mass, centre, inertia of each and of the whole.
 
-    Parameters
-    ----------
-    bodies : sequence of (mass, centre, inertia)
-        kg; (3,) m in a common frame; (3, 3) kg·m² about the own centre. The masses have a positive sum.
-
-    Returns
-    -------
-    mass, centre, inertia
-        The same of the whole.
+    Masses in kg, of a positive sum; centres (3,), m, in a common frame; inertias (3, 3), kg·m², about the own centre.
     """
     mass = sum(body[0] for body in bodies)
     centre: Any = sum(body[0] * np.asarray(body[1]) for body in bodies) / mass
@@ -121,23 +95,16 @@ def six_of(matrix: np.ndarray) -> list[float]:
 
 
 class Frame(NamedTuple):
-    """Where an aligned frame is in its parent's.
-
-    Attributes
-    ----------
-    rotation : 3 × 3
-        From this frame's components to the parent's.
-    translation : (3,)
-        In the parent's frame.
-    """
+    """Where an aligned frame is in its parent's: rotation of components to the parent's, and translation in it."""
 
     rotation: Matrix
     translation: Vector
 
-    def to_parent(self, force: Vector, moment: Vector) -> tuple[Vector, Vector]:
-        """A force and a moment about the child's origin, as seen from the parent's."""
-        turned = apply(self.rotation, force)
-        return turned, add(apply(self.rotation, moment), cross(self.translation, turned))
+
+def _to_parent(frame: Frame, force: Vector, moment: Vector) -> tuple[Vector, Vector]:
+    """A force and a moment about the frame's origin, as seen from the parent's."""
+    turned = apply(frame.rotation, force)
+    return turned, add(apply(frame.rotation, moment), cross(frame.translation, turned))
 
 
 def frames_of(tree: Tree, q: Any) -> list[Frame]:
@@ -199,13 +166,8 @@ def inverse_dynamics(
 ) -> list[Any]:
     """Joint torques M(q) q̈ + C(q, q̇) q̇ + G(q) (forces of prismatic joints), [featherstone2008].
 
-    Parameters
-    ----------
-    q, dq, ddq : (n,)
-        Positions, velocities and accelerations of the joints, of any element. With numbers 0.0 for both of the
-        latter only G(q) is computed.
-    gravity : (3,)
-        Acceleration of free fall in the world's frame, m/s².
+    q, dq, ddq are (n,) of any element; with numbers 0.0 for both of the latter only G(q) is computed. `gravity` (3,) is
+    the acceleration of free fall in the world's frame, m/s².
     """
     frames, still = frames_of(tree, q), _Motion(ZERO, ZERO, opposite(gravity), _change(ZERO, ZERO))
     motions: list[_Motion] = []
@@ -214,14 +176,18 @@ def inverse_dynamics(
         before = still if parent < 0 else motions[parent]
         motion = before.carried(frames[i]).moved(joint.slides, dq[i], ddq[i])
         motions.append(motion)
-        wrenches.append(_wrench(bodies[i], motion))
+        mass, moment, inertia = bodies[i]
+        angular, change, linear, spread = motion
+        spin = add(apply(inertia, change), cross(angular, apply(inertia, angular)))
+        force = add(scaled(mass, linear), apply(spread, moment))
+        wrenches.append((force, add(spin, cross(moment, linear))))
     torques: list[Any] = [None] * len(tree)
     for i in reversed(range(len(tree))):
         force, moment = wrenches[i]
         torques[i] = force[2] if tree.joints[i].slides else moment[2]
         parent = tree.parents[i]
         if parent >= 0:
-            force, moment = frames[i].to_parent(force, moment)
+            force, moment = _to_parent(frames[i], force, moment)
             wrenches[parent] = add(wrenches[parent][0], force), add(wrenches[parent][1], moment)
     return torques
 
@@ -229,14 +195,8 @@ def inverse_dynamics(
 class _Motion(NamedTuple):
     """How a frame moves, in its own components.
 
-    Attributes
-    ----------
-    angular, change : (3,)
-        ω, rad/s, and its rate α, rad/s².
-    linear : (3,)
-        Acceleration of the origin less that of free fall, m/s².
-    spread : 3 × 3
-        U = [α] + [ω][ω]: a point r of the link is accelerated by U r more than the origin.
+    `angular` and `change` are ω, rad/s, and its rate α, rad/s²; `linear` is the acceleration of the origin less that of
+    free fall, m/s². `spread` is U = [α] + [ω][ω]: a point r of the link is accelerated by U r more than the origin.
     """
 
     angular: Vector
@@ -279,45 +239,28 @@ def _change(angular: Vector, change: Vector) -> Matrix:
     )
 
 
-def _wrench(body: Body, motion: _Motion) -> tuple[Vector, Vector]:
-    """Force, and moment about the frame's origin, that the body needs for its motion."""
-    angular, change, linear, spread = motion
-    force = add(scaled(body.mass, linear), apply(spread, body.moment))
-    spin = add(apply(body.inertia, change), cross(angular, apply(body.inertia, angular)))
-    return force, add(spin, cross(body.moment, linear))
-
-
 def mass_matrix(tree: Tree, bodies: Sequence[Body], q: Any) -> np.ndarray:
-    """M(q), (n, n) of any element, [featherstone2008].
-
-    Parameters
-    ----------
-    q : (n,)
-        Positions of the joints.
-    """
+    """M(q), (n, n) of any element, at joint positions q (n,), [featherstone2008]."""
     frames = frames_of(tree, q)
     n, composite = len(tree), list(bodies)
     matrix = np.zeros((n, n), dtype=object)
     for i in reversed(range(n)):
-        force, moment = _column(tree.joints[i].slides, composite[i])
+        # Force and moment for a unit acceleration of the joint.
+        mass, (x, y, _), inertia = composite[i]
+        if tree.joints[i].slides:
+            force, moment = (0.0, 0.0, mass), (y, minus(0.0, x), 0.0)
+        else:
+            force, moment = (minus(0.0, y), x, 0.0), tuple(row[2] for row in inertia)
         matrix[i, i] = force[2] if tree.joints[i].slides else moment[2]
         j = i
         while tree.parents[j] >= 0:
-            force, moment = frames[j].to_parent(force, moment)
+            force, moment = _to_parent(frames[j], force, moment)
             j = tree.parents[j]
             matrix[i, j] = matrix[j, i] = force[2] if tree.joints[j].slides else moment[2]
         parent = tree.parents[i]
         if parent >= 0:
             composite[parent] = joined(composite[parent], seen_by_parent(composite[i], frames[i]))
     return matrix
-
-
-def _column(slides: bool, body: Body) -> tuple[Any, Any]:
-    """Force and moment for a unit acceleration of the joint."""
-    x, y, _ = body.moment
-    if slides:
-        return (0.0, 0.0, body.mass), (y, minus(0.0, x), 0.0)
-    return (minus(0.0, y), x, 0.0), tuple(row[2] for row in body.inertia)
 
 
 def forward_dynamics(
@@ -331,18 +274,10 @@ def forward_dynamics(
 ) -> list[Any]:
     """Joint accelerations q̈ = M(q)⁻¹ (τ − C(q, q̇) q̇ − G(q)), [featherstone2008].
 
-    With `regrouped` bodies that is less work, for up to twelve joints, than the articulated-body algorithm, and
-    the chain of operations that wait for each other is half as long.
-
-    Parameters
-    ----------
-    q, dq, torque : (n,)
-        Positions, velocities and torques (forces of prismatic joints) of the joints, of any element.
-    gravity : (3,)
-        Acceleration of free fall in the world's frame, m/s².
-    armature : (n,), optional
-        Inertia that turns (mass that slides) with a joint alone: a rotor behind a rigid gear, M + diag(armature).
-        0.0 for none.
+    With `regrouped` bodies that is less work, for up to twelve joints, than the articulated-body algorithm, and the
+    chain of operations that wait for each other is half as long. `armature` (n,) is inertia that turns (mass that
+    slides) with a joint alone, a rotor behind a rigid gear, M + diag(armature); 0.0 for none. Other arguments as for
+    `inverse_dynamics`.
     """
     n, fewer = len(tree), regrouped(tree, bodies)
     bias = inverse_dynamics(tree, fewer, q, dq, [0.0] * n, gravity)

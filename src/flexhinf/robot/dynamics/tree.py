@@ -250,11 +250,6 @@ class Joint:
         """Whether it is prismatic."""
         return self.kind == "prismatic"
 
-    @property
-    def unit(self) -> str:
-        """Unit of its position."""
-        return "m" if self.slides else "rad"
-
     @cached_property
     def alignment(self) -> Rows:
         """Rotation whose third column is the axis: from the aligned frame to the link's."""
@@ -314,11 +309,9 @@ class Tree:
     @cached_property
     def parents(self) -> tuple[int, ...]:
         """Number of each joint's parent, −1 for the world."""
-        names = self.names
+        numbers = {"world": -1} | {name: place for place, name in enumerate(self.names)}
         return tuple(
-            place - 1
-            if joint.parent is None
-            else (-1 if joint.parent == "world" else names.index(joint.parent))
+            place - 1 if joint.parent is None else numbers[joint.parent]
             for place, joint in enumerate(self.joints)
         )
 
@@ -327,16 +320,11 @@ class Tree:
         """Rotation and translation of each aligned frame at position zero, in its parent's aligned frame."""
         places = []
         for joint, parent in zip(self.joints, self.parents):
-            rotation, translation = (
-                product(joint.placement.rotation, joint.alignment),
-                joint.placement.translation,
-            )
+            place = joint.placement
+            rotation, translation = product(place.rotation, joint.alignment), place.translation
             if parent >= 0:
-                before = self.joints[parent].alignment
-                rotation, translation = (
-                    product(transpose(before), rotation),
-                    apply_transposed(before, translation),
-                )
+                back = transpose(self.joints[parent].alignment)
+                rotation, translation = product(back, rotation), apply(back, translation)
             places.append((_snapped(rotation), _floats(translation)))
         return tuple(places)
 
