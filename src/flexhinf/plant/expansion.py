@@ -73,25 +73,22 @@ def expand_problem(problem: Any, degree: int) -> PolynomialPlant:
     """A `GeneralisedPlant` about its operating point, at the nominal parameters; see its `expand`."""
     n, table = len(problem.state_names), problem.plant.parameters
     parameters = table.named(table.vector())
-    point = problem.operating_point, problem.operating_input, np.zeros(len(problem.disturbance_names))
+    x0, u0, d0 = problem.operating_point, problem.operating_input, np.zeros(len(problem.disturbance_names))
     names = {"input_names": problem.input_names, "disturbance_names": problem.disturbance_names}
-    f, g1, g2 = expand_control_affine(problem.flow, *point, parameters, degree, **names)
+    f, g1, g2 = expand_control_affine(problem.flow, x0, u0, d0, parameters, degree, **names)
     _check_everywhere(problem.plant)
     h = expand(problem.penalty_output, np.zeros(n), parameters, degree)
-
-    def parts(coefficients: np.ndarray, highest: int) -> dict[int, np.ndarray]:
-        return {k: coefficients[..., degree_slice(n, k)] for k in range(highest + 1)}
-
-    fields = (parts(one, degree - lower) for one, lower in ((f, 0), (g1, 1), (g2, 1), (h, 0)))
-    return PolynomialPlant.from_parts(
-        n,
-        *fields,
-        problem.r2,
-        state_names=problem.state_names,
-        operating_point=problem.operating_point,
-        input_names=problem.input_names,
-        operating_input=problem.operating_input,
-    )
+    fields = {
+        name: {k: coefficients[..., degree_slice(n, k)] for k in range(highest + 1)}
+        for name, coefficients, highest in (
+            ("f", f, degree),
+            ("g1", g1, degree - 1),
+            ("g2", g2, degree - 1),
+            ("h", h, degree),
+        )
+    }
+    own = ("r2", "state_names", "operating_point", "input_names", "operating_input")
+    return PolynomialPlant.from_parts(n, **fields, **{name: getattr(problem, name) for name in own})
 
 
 def _check_everywhere(plant: Any) -> None:

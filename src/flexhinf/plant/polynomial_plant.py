@@ -41,11 +41,9 @@ def _numbers(name: str, given: Any) -> np.ndarray:
     try:
         return real_array(given, strict=True)
     except ValueError:
-        raise InvalidInput(
-            f"A coefficient of {name} is not made of numbers.",
-            f"expected an array of real numbers, got {value_text(given)}",
-            "rows of equal length",
-        ) from None
+        found = f"expected an array of real numbers, got {value_text(given)}"
+        what = f"A coefficient of {name} is not made of numbers."
+        raise InvalidInput(what, found, "rows of equal length") from None
 
 
 def parts_from_input(name: str, given: Any, n: int) -> dict[int, np.ndarray]:
@@ -120,10 +118,8 @@ def checked_parts(
     checked: dict[int, np.ndarray] = {}
     for degree, given in sorted(parts.items()):
         part = np.ascontiguousarray(real_array(given))
-        expected = (
-            *("any" if s is None else s for s in (shape if not fits else lead)),
-            basis.count(n, degree),
-        )
+        sizes = ("any" if size is None else size for size in (lead if fits else shape))
+        expected = (*sizes, basis.count(n, degree))
         if not fits or part.shape != expected:
             raise InvalidInput(
                 f"{name} does not fit the plant (n = {n} states).",
@@ -131,9 +127,8 @@ def checked_parts(
                 "f has n rows; g1 and g2 have n rows and one column per input; R2 is (inputs, inputs)",
             )
         if not np.isfinite(part).all():
-            raise InvalidInput(
-                f"{name} has a coefficient that is not finite.", f"at degree {degree}", "check the parameters"
-            )
+            what = f"{name} has a coefficient that is not finite."
+            raise InvalidInput(what, f"at degree {degree}", "check the parameters")
         if degree == lowest or part.any():
             checked[degree] = part
     if lowest not in checked:
@@ -170,11 +165,6 @@ class Problem(Protocol):
              ▲                │
              └──── law ◄──────┘
 
-    Attributes
-    ----------
-    state_names : sequence of str, length n
-    operating_point : ndarray, shape (n,)
-    r2 : ndarray, shape (m, m)
     """
 
     @property
@@ -419,16 +409,17 @@ class PolynomialPlant(Summarised):
 
     def expand(self, degree: int) -> PolynomialPlant:
         """The same plant with f and h truncated after `degree`, g1 and g2 after `degree` − 1."""
-        last = {"f_parts": degree, "g1_parts": degree - 1, "g2_parts": degree - 1, "h_parts": degree}
-        if all(max(getattr(self, name)) <= highest for name, highest in last.items()):
+        last = {"f": degree, "g1": degree - 1, "g2": degree - 1, "h": degree}
+        parts = {name: getattr(self, f"{name}_parts") for name in last}
+        if all(max(parts[name]) <= highest for name, highest in last.items()):
             return self
-        kept = [
-            {k: part for k, part in getattr(self, name).items() if k <= highest}
+        kept = {
+            name: {k: part for k, part in parts[name].items() if k <= highest}
             for name, highest in last.items()
-        ]
-        names = ("state_names", "operating_point", "input_names", "operating_input")
-        named = {name: getattr(self, name) for name in names}
-        return PolynomialPlant.from_parts(len(self.state_names), *kept, self.r2, **named)
+        }
+        own = ("r2", "state_names", "operating_point", "input_names", "operating_input")
+        named = {name: getattr(self, name) for name in own}
+        return PolynomialPlant.from_parts(len(self.state_names), **kept, **named)
 
     @property
     def input_matrix_is_constant(self) -> bool:

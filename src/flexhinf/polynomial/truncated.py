@@ -15,6 +15,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import lru_cache
 from math import comb
+from typing import Any
 from weakref import WeakValueDictionary
 
 import numpy as np
@@ -95,7 +96,7 @@ class Support:
         self.monomials = monomials
         self.edges: list[int] = np.searchsorted(monomials, space.edges).tolist()
         self.has_constant = self.edges[1] > 0
-        self.sums: dict[Support, _Sum] = {}
+        self.sums: dict[Support, tuple[Support, Any, Any]] = {}
         self.products: dict[Support, _Product] = {}
         self.steps: list[_Product] | None = None
 
@@ -103,12 +104,17 @@ class Support:
         """Ranks, in `basis.indices(n, k)`, of the monomials of degree `k`."""
         return self.monomials[self.edges[k] : self.edges[k + 1]] - self.space.edges[k]
 
-    def sum(self, other: Support) -> _Sum:
-        """The union with `other`, and where each of the two is in it."""
+    def sum(self, other: Support) -> tuple[Support, Any, Any]:
+        """The union with `other`, and the places of each of the two in it; None for one that is the union itself."""
         found = self.sums.get(other)
         if found is None:
-            found = self.sums[other] = _Sum(self, other)
-            self.space.remember(found.size)
+            union = np.union1d(self.monomials, other.monomials)
+            support = self.space.support(union)
+            places = (
+                None if one is support else np.searchsorted(union, one.monomials) for one in (self, other)
+            )
+            found = self.sums[other] = (support, *places)
+            self.space.remember(len(union))
         return found
 
     def product(self, other: Support) -> _Product:
@@ -133,29 +139,6 @@ class Support:
         self.steps = steps
         self.space.remember(sum(step.pairs for step in steps))
         return steps
-
-
-class _Sum:
-    """The union of two supports."""
-
-    __slots__ = ("left", "right", "size", "support")
-
-    def __init__(self, a: Support, b: Support) -> None:
-        union = np.union1d(a.monomials, b.monomials)
-        self.support = a.space.support(union)
-        self.size = len(union)
-        #: Places of each one in the union; None for a support that is the union itself.
-        self.left = None if a is self.support else np.searchsorted(union, a.monomials)
-        self.right = None if b is self.support else np.searchsorted(union, b.monomials)
-
-    def __call__(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-        if self.left is None and self.right is None:
-            return a + b
-        result = a.copy() if self.left is None else np.zeros(self.size)
-        if self.left is not None:
-            result[self.left] = a
-        result[slice(None) if self.right is None else self.right] += b
-        return result
 
 
 class _Product:
@@ -204,8 +187,14 @@ def add(a: Support, x: np.ndarray, b: Support, y: np.ndarray) -> tuple[Support, 
     """Sum of two polynomials of one space."""
     if a is b:
         return a, x + y
-    plan = a.sum(b)
-    return plan.support, plan(x, y)
+    support, left, right = a.sum(b)
+    if left is None and right is None:
+        return support, x + y
+    result = x.copy() if left is None else np.zeros(len(support.monomials))
+    if left is not None:
+        result[left] = x
+    result[slice(None) if right is None else right] += y
+    return support, result
 
 
 def multiply(a: Support, x: np.ndarray, b: Support, y: np.ndarray) -> tuple[Support, np.ndarray]:

@@ -14,11 +14,12 @@ import numpy as np
 
 from flexhinf.errors import InvalidInput
 from flexhinf.plant.equilibrium import motion_of
-from flexhinf.robot.dynamics.algorithms import frames_of
+from flexhinf.robot.dynamics import frames_of
 from flexhinf.robot.elastic import DRIVES
+from flexhinf.robot.parameters import checked_limits
 from flexhinf.robot.robot import Robot
 from flexhinf.robot.signals import UNITS, signal_names
-from flexhinf.validation import HUGE, checked_array, checked_positive, real_array, unknown_name, value_text
+from flexhinf.validation import HUGE, checked_array, checked_positive, unknown_name
 
 
 def position_ranges(robot: Robot) -> np.ndarray:
@@ -55,11 +56,14 @@ def check_reference(
         for name, value in (("duration", duration), ("period", period))
     )
     times = np.append(np.arange(0.0, duration, period), duration)
-    names = signal_names("link_position", robot.joint_names)
+    quantities = ("link_position", "link_velocity", DRIVES[robot.drive])
+    names, rates, motors = (signal_names(quantity, robot.joint_names) for quantity in quantities)
     if isinstance(signals, Mapping):
         full = dict(zip(robot.joint_names, names))
         signals = {full.get(name, name): signal for name, signal in signals.items()}
-    fastest = np.array(robot.speed_limits) if speed is None else _per_joint(robot, "speed", speed)
+    fastest = checked_limits(
+        "The speeds", robot.speed_limits if speed is None else speed, robot.joint_names, rates
+    )
     order = 4 if effort is not None else 1 if np.isfinite(fastest).any() else 0
     motion = motion_of(signals, times, order, names)
     low, high = position_ranges(robot)
@@ -75,7 +79,7 @@ def check_reference(
         )
     checks = [(motion[1], fastest, "link_velocity")] if order else []
     if effort is not None:
-        limit = _per_joint(robot, "effort", effort)
+        limit = checked_limits("The efforts", effort, robot.joint_names, motors)
         checks.append((robot.inverse_dynamics(*motion)[1], limit, DRIVES[robot.drive]))
     largest = 0.0
     for rows, limit, quantity in checks:
@@ -119,7 +123,9 @@ def check_holding(
         The operating point.
     """
     x, u = robot.operating_point(pose)
-    limits = np.array(robot.effort_limits) if limit is None else _per_joint(robot, "effort", limit)
+    motors = signal_names(DRIVES[robot.drive], robot.joint_names)
+    stated = robot.effort_limits if limit is None else limit
+    limits = checked_limits("The efforts", stated, robot.joint_names, motors)
     worst = int(np.argmax(np.abs(u) / limits))
     if abs(u[worst]) > limits[worst]:
         unit = UNITS[DRIVES[robot.drive]][robot.links.slides[worst]]
@@ -131,29 +137,6 @@ def check_holding(
             f"a pose nearer to where the arm hangs, a lighter load, or a larger {larger}",
         )
     return x, u
-
-
-def _per_joint(robot: Robot, what: str, stated: Any) -> np.ndarray:
-    """One positive limit of the effort or the speed per joint (n,); may be infinite."""
-    joints = robot.joint_names
-    given = stated
-    if isinstance(stated, Mapping):
-        signal = DRIVES[robot.drive] if what == "effort" else "link_velocity"
-        signals = dict(zip(signal_names(signal, joints), joints))
-        named = {signals.get(name, name): value for name, value in stated.items()}
-        given = [named.pop(joint, np.nan) for joint in joints]
-        given = [np.nan] if named else given
-    try:
-        limits = np.broadcast_to(real_array(given), (len(joints),))
-    except ValueError:
-        limits = np.array([np.nan])
-    if not np.all(limits > 0.0):
-        raise InvalidInput(
-            f"The limit of the {what} does not fit the {'motors' if what == 'effort' else 'joints'}.",
-            f"expected one positive number, or one for each of {list(joints)}, got {value_text(stated)}",
-            f"{what}=60.0",
-        )
-    return limits
 
 
 #: Starts of the search beside the given one; a place counts as reached within this fraction of the robot's size.

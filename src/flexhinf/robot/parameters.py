@@ -144,22 +144,25 @@ def check_parameters(robot: str, parameters: Sequence[Parameter], slides: Mappin
                 )
 
 
-def checked_limits(robot: str, field: str, stated: Any, joints: Sequence[str]) -> tuple[float, ...]:
-    """One number for each joint, positive and in proportion; infinite where no limit is stated."""
-    if stated is None:
-        return (np.inf,) * len(joints)
-    found = stated
-    if isinstance(stated, Sequence) and not isinstance(stated, str):
-        found = [np.inf if limit is None else limit for limit in stated]
-    limits = real_array(found)
+def checked_limits(what: str, stated: Any, joints: Sequence[str], signals: Sequence[str] = ()) -> np.ndarray:
+    """One positive limit per joint (n,); infinite where none is stated.
+
+    Stated as a number or None for each joint, and with `signals` also as a number for all, or by the joints' names or
+    those of their signals.
+    """
+    listed = stated
+    if isinstance(stated, Mapping):
+        named = {dict(zip(signals, joints)).get(name, name): value for name, value in stated.items()}
+        listed = [named.get(joint, np.nan) for joint in joints] if set(named) <= set(joints) else np.nan
+    elif isinstance(stated, Sequence) and not isinstance(stated, str):
+        listed = [np.inf if limit is None else limit for limit in stated]
+    limits = real_array(np.inf if stated is None else listed)
+    limits = np.full(len(joints), limits) if limits.ndim == 0 and (signals or stated is None) else limits
     usable = (limits == np.inf) | ((limits >= 1.0 / HUGE) & (limits <= HUGE))
     if limits.shape != (len(joints),) or not np.all(usable):
-        raise InvalidInput(
-            f"The {field.replace('_', ' ')} of the robot {robot!r} do not fit its joints.",
-            f"expected a number > 0, or None, for each of {list(joints)}, got {value_text(stated)}",
-            f"{field}=[{', '.join(['10.0'] * min(len(joints), 3))}{', …' if len(joints) > 3 else ''}]",
-        )
-    return tuple(limits.tolist())
+        found = f"expected a number > 0, or None, for each of {list(joints)}, got {value_text(stated)}"
+        raise InvalidInput(f"{what} do not fit the joints.", found, f"[{', '.join(['10.0'] * len(joints))}]")
+    return limits
 
 
 def checked_rigid(robot: str, rigid: Sequence[str], joints: Sequence[str]) -> tuple[str, ...]:

@@ -59,8 +59,8 @@ class Link:
                     "x, y, z" if length == 3 else "xx, xy, xz, yy, yz, zz",
                 )
             object.__setattr__(self, name, value)
-        checked_positive("The mass of a link", _value(self.mass), "kg", "its mass")
-        xx, xy, xz, yy, yz, zz = map(_value, self.inertia)
+        checked_positive("The mass of a link", value_of(self.mass), "kg", "its mass")
+        xx, xy, xz, yy, yz, zz = map(value_of, self.inertia)
         moments = np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
         got = f"got {[float(f'{moment:.6g}') for moment in moments]} kg·m²"
         if not moments[0] > 0.0:
@@ -159,7 +159,7 @@ class ElasticJoint:
         if self.rotor_inertia is not None and self.gear_ratio is None:
             raise InvalidInput(
                 "A rotor inertia needs its gear ratio.",
-                f"expected gear_ratio beside rotor_inertia = {_value(self.rotor_inertia):g} kg·m², got none",
+                f"expected gear_ratio beside rotor_inertia = {value_of(self.rotor_inertia):g} kg·m², got none",
                 "gear_ratio = 1 for a direct drive; or motor_inertia, reflected to the link side",
             )
         if self.hub_inertia is not None and self.rotor_inertia is None:
@@ -180,7 +180,7 @@ class ElasticJoint:
         if self.inductance is not None and self.drive == "current":
             raise InvalidInput(
                 "A motor whose input is its current has no use for an inductance.",
-                f"expected no inductance beside torque_constant alone, got {_value(self.inductance):g} H",
+                f"expected no inductance beside torque_constant alone, got {value_of(self.inductance):g} H",
                 "leave it out; or resistance and back_emf_constant, for a motor whose input is a voltage",
             )
 
@@ -192,7 +192,8 @@ class ElasticJoint:
         return "torque" if self.torque_constant is None else "current"
 
 
-def _value(number: Number) -> float:
+def value_of(number: Number) -> float:
+    """Its value, finite."""
     return number.value if isinstance(number, Parameter) else Parameter("of a part", number).value
 
 

@@ -18,18 +18,16 @@ from flexhinf.robot.elastic import (
     DRY,
     ElasticFlow,
     Engaged,
+    InverseFlow,
     Layout,
     Sticking,
     checked_extras,
-    reflected,
-    required_of_drive,
-)
-from flexhinf.robot.feedforward import (
-    InverseFlow,
     checked_pose,
     flat_coordinates,
     motion_rows,
     operating_point,
+    reflected,
+    required_of_drive,
     state_and_input,
 )
 from flexhinf.robot.parameters import (
@@ -112,8 +110,9 @@ class Robot(Summarised):
         home = checked_pose(self.home, np.zeros(len(self.joint_names)), self.links, self.name)
         object.__setattr__(self, "home", tuple(home.tolist()))
         for kind in ("effort_limits", "speed_limits"):
-            limits = checked_limits(self.name, kind, getattr(self, kind), self.joint_names)
-            object.__setattr__(self, kind, limits)
+            what = f"The {kind.replace('_', ' ')} of the robot {self.name!r}"
+            limits = checked_limits(what, getattr(self, kind), self.joint_names)
+            object.__setattr__(self, kind, tuple(limits.tolist()))
 
     # Numbers --------------------------------------------------------------------------------------
     @property

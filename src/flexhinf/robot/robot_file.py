@@ -14,7 +14,7 @@ from flexhinf.robot.arm import Pendulum
 from flexhinf.robot.dynamics import Joint, Placement, Tree
 from flexhinf.robot.mjcf import read_mjcf
 from flexhinf.robot.parameters import INERTIA, Parameter, per_joint, unit_of
-from flexhinf.robot.parts import ElasticJoint, Link, SingleLink, assembled, single_link_robot
+from flexhinf.robot.parts import ElasticJoint, Link, SingleLink, assembled, single_link_robot, value_of
 from flexhinf.robot.payload import SHAPES, Frame, Payload, inertia_of_shape, payload_from_text
 from flexhinf.robot.plausibility import check_angles, check_plausible
 from flexhinf.robot.robot import Robot
@@ -210,7 +210,7 @@ class PartsReader:
         frames = {}
         for joint, link in zip(joints, links):
             centre = (link.length, 0.0, 0.0) if isinstance(link, SingleLink) else link.centre_of_mass
-            x, y, z = (2.0 * (x.value if isinstance(x, Parameter) else float(x)) for x in centre)
+            x, y, z = (2.0 * value_of(x) for x in centre)
             frames[joint.name] = Frame(joint.name, Placement(), tip=(x, y, z))
         carriers = set(Tree(tuple(joints)).parents)
         tips = [joint.name for i, joint in enumerate(joints) if i not in carriers]
@@ -260,15 +260,13 @@ class PartsReader:
         links = []
         for link, name in zip(arm.links, names):
             mass, centre = (self._tolerance(name, quantity) for quantity in ("mass", "centre_of_mass"))
+            centres = [
+                Parameter("centre_of_mass", value_of(x), centre, source=rigid.name)
+                for x in link.centre_of_mass
+            ]
+            inertias = [Parameter("inertia", value_of(x), source=rigid.name) for x in link.inertia]
             links.append(
-                Link(
-                    Parameter("mass", float(link.mass), mass, source=rigid.name),  # type: ignore[arg-type]
-                    [
-                        Parameter("centre_of_mass", float(x), centre, source=rigid.name)
-                        for x in link.centre_of_mass
-                    ],  # type: ignore[arg-type]
-                    [Parameter("inertia", float(x), source=rigid.name) for x in link.inertia],  # type: ignore[arg-type]
-                )
+                Link(Parameter("mass", value_of(link.mass), mass, source=rigid.name), centres, inertias)
             )
         # <limit effort> is a torque: it says nothing about a motor whose input is a voltage or a current.
         efforts = arm.efforts if springs[0].drive == "torque" else None

@@ -11,13 +11,15 @@ import json
 import math
 import warnings
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import fields
 from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 from flexhinf.errors import InvalidInput
-from flexhinf.robot.dynamics.tree import KINDS
+from flexhinf.robot.dynamics import KINDS
 from flexhinf.robot.elastic import DRIVES, SPRING
 from flexhinf.robot.parameters import INERTIA, QUANTITIES
+from flexhinf.robot.parts import ElasticJoint
 from flexhinf.robot.signals import UNITS
 from flexhinf.robot.units import Stated, measured, respelled
 from flexhinf.validation import nearest, real_number, value_text
@@ -267,11 +269,7 @@ _THREE = Key(_list, _METRES, 3)
 _INERTIA_TABLE = Key(_table, inside="inertia")
 
 #: Numbers of a motor, its gear and its friction; its constants say what its input is.
-MOTOR = (
-    "motor_inertia", "rotor_inertia", "hub_inertia", "gear_ratio", "gear_efficiency", "motor_efficiency", "friction",
-    "coulomb_friction", "static_friction", "stribeck_velocity", "friction_smoothing", "resistance", "inductance",
-    "torque_constant", "back_emf_constant",
-)  # fmt: skip
+MOTOR = tuple(one.name for one in fields(ElasticJoint) if one.name not in SPRING)
 
 
 def _quantities(names: tuple[str, ...], required: tuple[str, ...] = ()) -> dict[str, Key]:

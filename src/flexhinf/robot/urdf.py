@@ -14,8 +14,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from flexhinf.errors import InvalidInput, located
-from flexhinf.robot.dynamics import Joint, Placement, lumped, matrix_of, six_of
-from flexhinf.robot.dynamics.tree import KINDS
+from flexhinf.robot.dynamics import KINDS, Joint, Placement, lumped, matrix_of, six_of
 from flexhinf.robot.parameters import INERTIA
 from flexhinf.robot.parts import Link
 from flexhinf.validation import (
