@@ -13,7 +13,6 @@ import numpy as np
 from flexhinf.codegen import Kernel, Program, compile_program
 from flexhinf.errors import InvalidInput
 from flexhinf.loop.controller.controller import Controller
-from flexhinf.loop.controller.options import positive
 from flexhinf.loop.shared import share
 from flexhinf.loop.signals.motions import JerkLimited
 from flexhinf.loop.signals.references import Constant, Quintic, Sine, Step
@@ -21,7 +20,7 @@ from flexhinf.loop.signals.sampling import check_seed
 from flexhinf.loop.simulation.program import Channel, LoopSizes, loop_program
 from flexhinf.loop.simulation.trajectory import STARTED, Trajectory
 from flexhinf.plant import BlackBox, Plant
-from flexhinf.validation import real_array, real_number, value_text
+from flexhinf.validation import checked_positive, real_array, real_number, value_text
 
 #: Longest run, in samples.
 MOST_SAMPLES = 20_000_000
@@ -41,7 +40,7 @@ def sample_count(duration: Any, period: float) -> int:
     InvalidInput
         If the duration, s, is not positive, shorter than a period, or longer than `MOST_SAMPLES` samples.
     """
-    seconds = positive(duration, "duration of a run", "8.0")
+    seconds = checked_positive("The duration of a run", duration, "seconds", "8.0")
     samples = seconds / period + 1.0
     if samples < 1.5:
         raise InvalidInput(
