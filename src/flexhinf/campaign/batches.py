@@ -415,13 +415,7 @@ def run_samples(campaign: Campaign, indices: range) -> Rows:
 
 
 def rows_of(campaign: Campaign, indices: Sequence[int], drawn: Sequence[Sample]) -> Rows:
-    """The rows of samples that need not be drawn, each with the noise of the sample of its index in the campaign.
-
-    Raises
-    ------
-    InvalidInput
-        If a run or a metric is refused.
-    """
+    """The rows of samples that need not be drawn, each with the noise of the sample of its index in the campaign."""
     table = _Table(campaign, indices)
     for place, (index, one) in enumerate(zip(indices, drawn)):
         table.describe(place, index, one)

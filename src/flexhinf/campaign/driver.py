@@ -54,13 +54,8 @@ _OPTIONS = (
 def in_cluster(address: str) -> Executor:
     """An executor on the workers of a scheduler of Dask's, ``tcp://host:8786``.
 
-    A worker that dies costs time: its batches go to the others. A scheduler that dies ends the campaign with what is
-    written; the same call goes on. The workers need flexhinf of the driver's version.
-
-    Raises
-    ------
-    InvalidInput
-        For an address of another form, or where `distributed` is not installed.
+    A worker that dies costs time: its batches go to the others. A scheduler that dies ends the campaign with what
+    is written; the same call goes on. The workers need flexhinf of the driver's version.
     """
     if not isinstance(address, str) or "://" not in address:
         raise InvalidInput(
@@ -273,13 +268,7 @@ def in_this_process(campaign: Campaign, batches: Sequence[int]) -> Iterator[tupl
 
 
 def in_processes(workers: int, note: Callable[[str], None] = lambda text: None) -> Executor:
-    """An executor of so many worker processes: one that is killed costs time and no sample, and `note` is called.
-
-    Raises
-    ------
-    InvalidInput
-        For a number below 1.
-    """
+    """An executor of so many worker processes: one that is killed costs time and no sample, and `note` is called."""
     checked_integer("workers", workers, 1, MOST_WORKERS, "2")
 
     def run(campaign: Campaign, batches: Sequence[int]) -> Iterator[tuple[int, Rows]]:
@@ -323,13 +312,7 @@ def _pooled(campaign: Campaign, batches: Sequence[int], workers: int) -> Iterato
 def _run(
     executor: Executor, campaign: Campaign, batches: Sequence[int]
 ) -> Generator[tuple[int, Rows], None, None]:
-    """All of these batches as an executor gives them.
-
-    Raises
-    ------
-    FlexhinfError
-        If it ends before, or gives a batch that was not requested, or one again.
-    """
+    """All of these batches as an executor gives them."""
 
     def lost(found: str) -> FlexhinfError:
         return FlexhinfError(

@@ -228,13 +228,7 @@ class Journal:
     # Opening -----------------------------------------------------------------------------------------------
     @staticmethod
     def read(folder: str | os.PathLike[str], beside: Sequence[str] = ()) -> Journal | None:
-        """The journal in a folder; None where there is none yet, but at most files of the names `beside`.
-
-        Raises
-        ------
-        InvalidInput
-            If the folder is a file, holds something else, or its manifest is damaged.
-        """
+        """The journal in a folder; None where there is none yet, but at most files of the names `beside`."""
         place = checked_path("The campaign's folder", folder).expanduser().absolute()
         if place.exists() and not place.is_dir():
             raise InvalidInput(
@@ -268,18 +262,9 @@ class Journal:
     ) -> Journal:
         """The journal of this campaign in a folder: made, or taken up again.
 
-        Parameters
-        ----------
-        command : sequence of str
-            That made it, for the reports.
-        about : mapping, optional
-            Other information for reports and replays; it is not compared. Where it is given, other files of the
+        `command`: that made it, for the reports.
+        `about`: other information for reports and replays; it is not compared. Where it is given, other files of the
             caller's may be there already.
-
-        Raises
-        ------
-        InvalidInput
-            As `read`; or the folder is that of another campaign: the message says what differs.
         """
         place = Path(folder).expanduser().absolute()
         beside = [] if about is None or not place.is_dir() else [path.name for path in place.iterdir()]
@@ -391,11 +376,6 @@ class Journal:
         Every byte is looked at by its SHA-256; then the digest of the campaign, the batch, the columns, the numbers
         and seeds of the samples, how runs ended, and what was drawn where the manifest says how. A metric that was
         changed, with the file's name, cannot be told from a run.
-
-        Raises
-        ------
-        InvalidInput
-            If a batch is there twice with different rows, or a folder has the name of a shard.
         """
         good: dict[int, Path] = {}
         bad: list[tuple[Path, str]] = []
@@ -463,15 +443,7 @@ class Journal:
 
     # Results of the whole campaign -------------------------------------------------------------------------
     def store(self, name: Path, content: Mapping[str, Any]) -> None:
-        """Write a sealed JSON file beside the rows, whole or not at all; numbers that JSON does not have as text.
-
-        Raises
-        ------
-        InvalidInput
-            If another driver is at work.
-        FlexhinfError
-            If the disk is full.
-        """
+        """Write a sealed JSON file beside the rows, whole or not at all; numbers that JSON does not have as text."""
         path = self.folder / name
         with self.driven(), disk_refusals(self.folder):
             path.parent.mkdir(exist_ok=True)
@@ -485,13 +457,7 @@ class Journal:
 
     # The whole ---------------------------------------------------------------------------------------------
     def take(self, other: Journal) -> int:
-        """Copy the shards of another folder of the same campaign that are missing here; returns how many.
-
-        Raises
-        ------
-        InvalidInput
-            If it is another campaign, or a shard there is damaged.
-        """
+        """Copy the shards of another folder of the same campaign that are missing here; returns how many."""
         self.refuse_other(other.settings)
         self._refuse_table(other.manifest["digest"], other.columns)
         here, (there, bad) = self.shards()[0], other.shards()
@@ -508,13 +474,7 @@ class Journal:
         return len(fresh)
 
     def merge(self, good: Mapping[int, Path]) -> Path:
-        """Write the table of all samples from every batch's shard, the same bytes for the same shards.
-
-        Raises
-        ------
-        InvalidInput
-            If a batch is missing.
-        """
+        """Write the table of all samples from every batch's shard, the same bytes for the same shards."""
         import pyarrow as pa
         import pyarrow.parquet as pq
 

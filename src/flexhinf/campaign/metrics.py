@@ -212,17 +212,8 @@ STANDARD = Metrics(STANDARD_UNITS, _tracking, _tracking_in_lanes)
 def chosen_metrics(given: Any, tracked: bool) -> tuple[Metrics, ...]:
     """The metrics of a campaign.
 
-    Parameters
-    ----------
-    given : None, mapping of str to callable, Metrics, or sequence of names, Metrics and mappings
-        None: the standard ones, where something is tracked.
-    tracked : bool
-        Whether something is.
-
-    Raises
-    ------
-    InvalidInput
-        For a name that is not one of the standard metrics, two of one name, or none at all.
+    `given`: None (the standard ones, where something is tracked), functions by name, Metrics, or a sequence of names and these.
+    `tracked`: whether something is.
     """
     if given is None:
         return (STANDARD,) if tracked else ()
@@ -278,13 +269,7 @@ class Requirement:
 
     @staticmethod
     def of(text: str, metrics: Sequence[str]) -> Requirement:
-        """Read ``overshoot_percent<=5``.
-
-        Raises
-        ------
-        InvalidInput
-            For a text of another form, an unknown metric, or a limit that is no number.
-        """
+        """Read ``overshoot_percent<=5``."""
         match = _REQUIREMENT.match(text)
         try:
             limit = float(match[3]) if match else math.nan

@@ -47,22 +47,17 @@ _LISTED = 6
 class PairedMetric:
     """One metric of two campaigns, sample by sample.
 
-    A run that does not come to its end is worse than every run that does. A pair of two such runs, or of one that has
-    no such number, is left out.
-
-    Attributes
-    ----------
-    a, b : (N,)
-        Values; infinite, with the sign of what is worse, where only this run does not come to its end; NaN for none.
-    largest_is_best : bool
-        Smaller values are better, unless a requirement states a least value.
+    A run that does not come to its end is worse than every run that does. A pair of two such runs, or of one that
+    has no such number, is left out.
     """
 
     name: str
     unit: str
+    # a, b: (N,). Values; infinite, with the sign of what is worse, where only this run does not come to its end; NaN
+    # for none
     a: np.ndarray
     b: np.ndarray
-    largest_is_best: bool = False
+    largest_is_best: bool = False  # Smaller values are better, unless a requirement states a least value
 
     @cached_property
     def pairs(self) -> np.ndarray:
@@ -227,13 +222,7 @@ class PairedCampaigns:
         return tuple(name for name in self.a.named(kind) if name in there)
 
     def metric(self, name: str) -> PairedMetric:
-        """One metric of both.
-
-        Raises
-        ------
-        InvalidInput
-            If not both campaigns have it.
-        """
+        """One metric of both."""
         if name not in (*self.metrics, *self.parts):
             raise InvalidInput(
                 f"Not both campaigns have a metric {name!r}.",

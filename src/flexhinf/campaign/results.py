@@ -77,10 +77,7 @@ def main_metric(names: Sequence[str]) -> str:
 def violations(values: Mapping[str, np.ndarray], requirements: Sequence[Requirement]) -> np.ndarray:
     """Whether each sample (N) misses each requirement (R); one that is unstable or did not come to its end misses all.
 
-    Parameters
-    ----------
-    values : mapping of str to (N,)
-        Columns of a campaign: status and metrics.
+    `values`: columns of a campaign: status and metrics.
     """
     lost = values["status"] != COMPLETED
     return np.column_stack([lost, *(lost | ~one.met(values[one.metric]) for one in requirements)])[:, 1:]
@@ -196,16 +193,12 @@ class CampaignJudgement:
 
 @dataclass(frozen=True, eq=False)
 class Replayed:
-    """A sample that was run again.
-
-    Attributes
-    ----------
-    recorded, again : mapping
-        Its row in the journal, and that of the run; the first is empty for a sample that is not in it yet.
-    """
+    """A sample that was run again."""
 
     sample: int
     run: Trajectory
+    # recorded, again: Its row in the journal, and that of the run; the first is empty for a sample that is not in it
+    # yet
     recorded: Mapping[str, object]
     again: Mapping[str, object]
 
@@ -220,13 +213,7 @@ def _same(a: object, b: object) -> bool:
 
 
 def replayed(campaign: Campaign, journal: Journal, sample: int) -> Replayed:
-    """Run one sample of a campaign again, alone.
-
-    Raises
-    ------
-    InvalidInput
-        If there is no such sample, or it could not be run.
-    """
+    """Run one sample of a campaign again, alone."""
     run = campaign.replay(sample)
     rows = run_samples(campaign, range(sample, sample + 1))
     again = {name: plain_number(column[0]) for name, column in rows.columns.items() if column.ndim == 1}

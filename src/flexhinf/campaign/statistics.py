@@ -22,16 +22,11 @@ BASE = 1024
 
 @dataclass(frozen=True)
 class Interval:
-    """A fraction with its confidence interval.
-
-    Attributes
-    ----------
-    low, high : float
-        By Clopper and Pearson: exact for independent samples.
-    """
+    """A fraction with its confidence interval."""
 
     successes: int
     count: int
+    # low, high: By Clopper and Pearson: exact for independent samples
     low: float
     high: float
     confidence: float
@@ -69,29 +64,17 @@ def success_interval(successes: int, count: int, confidence: float = 0.95) -> In
 
 @dataclass(frozen=True, eq=False)
 class Sensitivity:
-    """Sobol indices of a polynomial that was fitted to the samples: of the polynomial, not of the loop.
+    """Sobol indices of a polynomial that was fitted to the samples: of the polynomial, not of the loop."""
 
-    Attributes
-    ----------
-    names : tuple of str
-        Numbers that differ from sample to sample, the most important one first.
-    first, total : (p,)
-        Fraction of the polynomial's variance that a number causes alone, and with all others.
-    r_squared : float
-        Fraction of the metric's variance in samples left out of the fit that the polynomial explains. What is left is
-        of higher order, or noise.
-    terms : str
-        What the polynomial has.
-    count : int
-        Samples it was fitted to.
-    """
-
-    names: tuple[str, ...]
+    names: tuple[str, ...]  # Numbers that differ from sample to sample, the most important one first
+    # first, total: (p,). Fraction of the polynomial's variance that a number causes alone, and with all others
     first: np.ndarray
     total: np.ndarray
+    # Fraction of the metric's variance in samples left out of the fit that the polynomial explains. What is left is
+    # of higher order, or noise
     r_squared: float
-    terms: str
-    count: int
+    terms: str  # What the polynomial has
+    count: int  # Samples it was fitted to
 
 
 def sensitivity(names: Sequence[str], numbers: np.ndarray, values: np.ndarray) -> Sensitivity | None:

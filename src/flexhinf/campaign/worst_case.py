@@ -53,48 +53,28 @@ class FoundPlant:
 
 @dataclass(frozen=True)
 class WorstCase:
-    """The worst plant that was found for one metric.
-
-    Attributes
-    ----------
-    least : bool
-        Whether small values are the bad ones.
-    sample : int
-        The worst sample inside the box; every run of the search has its noise.
-    sampled, found, nominal : FoundPlant
-        That sample, the plant that the search found, and the nominal one, with the same noise.
-    alone : mapping of str to float
-        The metric of the plant found with this number alone at its nominal value; NaN where the run has none.
-    intervals : mapping of str to (float, float)
-        The box.
-    units : mapping of str to str
-        Of the numbers.
-    starts, together : int
-        Searches, and how many of them ended at the plant found.
-    all_corners : bool
-        Whether every corner was run.
-    outside : int
-        Samples outside the box, of a normal distribution that is not cut off; they are not compared.
-    settings : mapping of str to str
-        What it depends on.
-    """
+    """The worst plant that was found for one metric."""
 
     metric: str
     unit: str
-    least: bool
-    sample: int
+    least: bool  # Whether small values are the bad ones
+    sample: int  # The worst sample inside the box; every run of the search has its noise
+    # sampled, found, nominal: That sample, the plant that the search found, and the nominal one, with the same noise
     sampled: FoundPlant
     found: FoundPlant
     nominal: FoundPlant
+    # The metric of the plant found with this number alone at its nominal value; NaN where the run has none
     alone: Mapping[str, float]
-    intervals: Mapping[str, tuple[float, float]]
-    units: Mapping[str, str]
+    intervals: Mapping[str, tuple[float, float]]  # The box
+    units: Mapping[str, str]  # Of the numbers
+    # starts, together: Searches, and how many of them ended at the plant found
     starts: int
     together: int
-    all_corners: bool
+    all_corners: bool  # Whether every corner was run
     runs: int
+    # Samples outside the box, of a normal distribution that is not cut off; they are not compared
     outside: int
-    settings: Mapping[str, str]
+    settings: Mapping[str, str]  # What it depends on
 
     @property
     def factor(self) -> float:
@@ -295,15 +275,7 @@ def search_worst(
     seed: int | None = None,
     **options: Any,
 ) -> WorstCase:
-    """`worst_case`, kept in the campaign's folder: taken from there where it was searched with the same options.
-
-    Raises
-    ------
-    InvalidInput
-        As `worst_case`; or another driver is at work.
-    FlexhinfError
-        If the disk is full.
-    """
+    """`worst_case`, kept in the campaign's folder: taken from there where it was searched with the same options."""
     seed = campaign.seed if seed is None else seed
     try:
         stored = stored_worst(journal, metric)
@@ -317,13 +289,7 @@ def search_worst(
 
 
 def stored_worst(journal: Journal, metric: str) -> WorstCase:
-    """The worst case of a metric from the campaign's folder.
-
-    Raises
-    ------
-    InvalidInput
-        If nothing was searched, or the file is damaged or of another campaign.
-    """
+    """The worst case of a metric from the campaign's folder."""
     path = _path(journal, metric)
     try:
         found = journal.stored(path, WorstCase)

@@ -25,15 +25,12 @@ if TYPE_CHECKING:
 def with_options(options: type, fields: Collection[str] = ()) -> Callable[[Any], Any]:
     """A decorator for ``command(context, o)``: its options are those of a class and of fields of a specification.
 
-    All of them are read as text; the command gets the values of the class. An empty text takes back what a design file
-    says.
+    All of them are read as text; the command gets the values of the class. An empty text takes back what a design
+    file says.
 
-    Parameters
-    ----------
-    options : type
-        A dataclass of `flexhinf.cli.options`. Where it declares a field of a specification again, its help is shown.
-    fields : collection of str
-        Fields of a specification that the command computes with.
+    `options`: A dataclass of `flexhinf.cli.options`. Where it declares a field of a specification again, its help is
+        shown.
+    `fields`: fields of a specification that the command computes with.
     """
     own = declared(options)
     known = {name: FIELDS[name] for name in fields} | own
@@ -97,26 +94,14 @@ def _keyword(name: str, kind: Any, made: Any, default: Any) -> inspect.Parameter
 # Reading --------------------------------------------------------------------------------------------
 @dataclass(frozen=True, eq=False)
 class CommandRequest:
-    """What a command is asked for.
-
-    Attributes
-    ----------
-    warnings : list of str
-        Of the robot's file; they belong into the report.
-    """
+    """What a command is asked for."""
 
     request: DesignRequest
-    warnings: list[str]
+    warnings: list[str]  # Of the robot's file; they belong into the report
 
 
 def request_of(context: typer.Context, o: PointOptions, source: str, elastic: str = "") -> CommandRequest:
-    """Robot and specification of a command; prints notes.
-
-    Raises
-    ------
-    InvalidInput
-        For a file or an option that cannot be used.
-    """
+    """Robot and specification of a command; prints notes."""
     read = read_source(source, elastic, _fields(context), o.payload, o.pose_xyz, o.tool)
     _check_drive(context, read.request.robot)
     return read

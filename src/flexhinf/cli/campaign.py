@@ -362,19 +362,11 @@ GAIN = "gain"
 
 @dataclass(frozen=True)
 class WorstSearch:
-    """What is asked for.
+    """What is asked for."""
 
-    Attributes
-    ----------
-    metrics : tuple of (str, bool)
-        Each metric, and whether small values are the bad ones.
-    gain : bool
-        Whether the worst disturbance is searched for too.
-    """
-
-    metrics: tuple[tuple[str, bool], ...]
+    metrics: tuple[tuple[str, bool], ...]  # Each metric, and whether small values are the bad ones
     starts: int
-    gain: bool
+    gain: bool  # Whether the worst disturbance is searched for too
 
     @staticmethod
     def of(
@@ -385,13 +377,7 @@ class WorstSearch:
         requirements: Sequence[Requirement],
         gain: bool,
     ) -> WorstSearch | None:
-        """None where nothing is asked for; `gain`: the disturbance is searched for where no metric is named.
-
-        Raises
-        ------
-        InvalidInput
-            For an unknown metric, options of a search that is not asked for, or nothing to search.
-        """
+        """None where nothing is asked for; `gain`: the disturbance is searched for where no metric is named."""
         from flexhinf.campaign import check_starts, known_metric
 
         if not wanted:

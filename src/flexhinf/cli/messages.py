@@ -68,10 +68,7 @@ def _name_pair(name: str) -> tuple[str, str, str]:
 def error_text(error: FlexhinfError, arguments: Sequence[str] = ()) -> str:
     """An error in three parts, in the syntax of the command line, and with the option that was typed.
 
-    Parameters
-    ----------
-    arguments : sequence of str
-        Words of the command: the limit of the input has a name for each drive beside ``--peak-effort``.
+    `arguments`: words of the command: the limit of the input has a name for each drive beside ``--peak-effort``.
     """
     advice = error.advice
     if isinstance(error, SpecificationError) and error.field in FIELDS and error.example:
@@ -178,10 +175,7 @@ class Progress:
 
     Entering it gives a function that is called with the name of each step before the step begins.
 
-    Parameters
-    ----------
-    total : int
-        Steps.
+    `total`: Steps.
     """
 
     def __init__(self, total: int) -> None:

@@ -54,33 +54,15 @@ class MarginLimits:
 
 @dataclass(frozen=True, eq=False)
 class AlongMove:
-    """Margins at poses along a move.
+    """Margins at poses along a move."""
 
-    Attributes
-    ----------
-    times : (P,)
-        When the move passes the poses, s.
-    poses : (P, n)
-        Link positions, rad or m.
-    laws : tuple of int
-        Which law of a schedule acts at each pose; 0 is the goal's.
-    margins : tuple of Margins
-        Of the running loop, linearised at each pose.
-    least : MarginLimits
-        What they are to be.
-    count : int
-        How many laws there are.
-    added : int
-        How many of them were added because the margins did not hold.
-    """
-
-    times: np.ndarray
-    poses: np.ndarray
-    laws: tuple[int, ...]
-    margins: tuple[Margins, ...]
-    least: MarginLimits
-    count: int = 1
-    added: int = 0
+    times: np.ndarray  # (P,). When the move passes the poses, s
+    poses: np.ndarray  # (P, n). Link positions, rad or m
+    laws: tuple[int, ...]  # Which law of a schedule acts at each pose; 0 is the goal's
+    margins: tuple[Margins, ...]  # Of the running loop, linearised at each pose
+    least: MarginLimits  # What they are to be
+    count: int = 1  # How many laws there are
+    added: int = 0  # How many of them were added because the margins did not hold
 
     def worst(self, figure: str) -> int:
         """The pose at which this figure is nearest to its limit, or furthest beyond it."""
@@ -99,13 +81,7 @@ class AlongMove:
 
 
 def margins_along(setup: LoopSetup, plan: Plan, least: MarginLimits) -> AlongMove:
-    """Margins of the running loop at poses that are evenly apart on the way of a move.
-
-    Raises
-    ------
-    FlexhinfError
-        If a pose has no equilibrium.
-    """
+    """Margins of the running loop at poses that are evenly apart on the way of a move."""
     size = setup.equilibrium_loop().states
     times = _apart(plan, next(count for most, count in POSES if size <= most))
     poses = np.reshape(plan(times), (len(times), -1))
@@ -124,17 +100,9 @@ def scheduled(
 ) -> tuple[Law, AlongMove]:
     """The law, or a schedule with laws at the worst poses of a move, until the margins hold or there are `most` laws.
 
-    Parameters
-    ----------
-    setup : LoopSetup
-        With the law that was designed.
-    another : callable or None
-        Designs a law at a pose (n,); None adds none.
-
-    Returns
-    -------
-    law, along
-        Those with the smallest share of a limit: laws that do not help are not added.
+    `setup`: with the law that was designed.
+    `another`: designs a law at a pose (n,); None adds none.
+    Returns: those with the smallest share of a limit: laws that do not help are not added.
     """
     law, along = setup.law, margins_along(setup, plan, least)
     laws = [law]

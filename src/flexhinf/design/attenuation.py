@@ -26,25 +26,17 @@ STEPS, LONGEST = 2.0, 20.0
 
 @dataclass(frozen=True, eq=False)
 class Attenuation:
-    """What was found.
+    """What was found."""
 
-    Attributes
-    ----------
-    attained : Attained or None
-        The worst disturbance found (a lower bound of the gain) with which V stays below the sampled level, or the one
-        of the preset proved, with the true state fed back; None if none was searched for, or the search failed.
-    budget : tuple of BudgetTerm
-        Of the step; the level is infinite where there is no region. Empty where the step diverges, where it starts
-        outside the region, and with more than `MOST_STATES` states where there is no region: each term takes a
-        compiled loop of its own. Empty for the preset proved: where parameters are uncertain the proved V is not the
-        one whose gradient is the law.
-    failure : str
-        Why the search for a disturbance failed; empty where it did not.
-    """
-
+    # The worst disturbance found (a lower bound of the gain) with which V stays below the sampled level, or the one
+    # of the preset proved, with the true state fed back; None if none was searched for, or the search failed
     attained: Attained | None
+    # Of the step; the level is infinite where there is no region. Empty where the step diverges, where it starts
+    # outside the region, and with more than `MOST_STATES` states where there is no region: each term takes a compiled
+    # loop of its own. Empty for the preset proved: where parameters are uncertain the proved V is not the one whose
+    # gradient is the law
     budget: tuple[BudgetTerm, ...]
-    failure: str = ""
+    failure: str = ""  # Why the search for a disturbance failed; empty where it did not
 
     @property
     def lasts(self) -> bool:

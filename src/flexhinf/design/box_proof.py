@@ -45,37 +45,17 @@ class NotWithinTolerances(InvalidInput):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class BoxProof:
-    """A law with the step that is proved for all robots within the tolerances.
-
-    Attributes
-    ----------
-    problem : GeneralisedPlant
-        Whose disturbance and penalty the gain is of.
-    step : float
-        Rest to rest, to the goal; rad or m, negative from above it.
-    gamma : float
-        Proved; before the proof, what sampling found.
-    scale : float
-        The storage function is scale · V,
-    p : ndarray, shape (n, n), or None
-        or ½ xᵀPx with this P, of a linear law.
-    common : CommonValue or None
-        Where P is from.
-    certificate : Certificate or None
-        None before the proof.
-    cpu_seconds : float
-        That the proof took.
-    """
+    """A law with the step that is proved for all robots within the tolerances."""
 
     solution: HJISolution
-    problem: GeneralisedPlant
-    step: float
-    gamma: float = np.inf
-    scale: float = 1.0
-    p: np.ndarray | None = None
-    common: CommonValue | None = None
-    certificate: Certificate | None = None
-    cpu_seconds: float = 0.0
+    problem: GeneralisedPlant  # Whose disturbance and penalty the gain is of
+    step: float  # Rest to rest, to the goal; rad or m, negative from above it
+    gamma: float = np.inf  # Proved; before the proof, what sampling found
+    scale: float = 1.0  # The storage function is scale · V, with V of the law
+    p: np.ndarray | None = None  # (n, n); of a linear law it is ½ xᵀPx with this P instead
+    common: CommonValue | None = None  # Where P is from
+    certificate: Certificate | None = None  # None before the proof
+    cpu_seconds: float = 0.0  # That the proof took
 
     def value(self, x: np.ndarray) -> Any:
         """The storage function at deviations (n,) or (N, n) from the goal."""
@@ -98,13 +78,7 @@ Law = TypeVar("Law", bound=BoxProof)
 
 
 def step_start(statement: Certificate, solution: HJISolution, step: float) -> Start:
-    """The path of starts of a step without a jump of the input, each robot its own where that has a form.
-
-    Raises
-    ------
-    NotWithinTolerances
-        There is no such path.
-    """
+    """The path of starts of a step without a jump of the input, each robot its own where that has a form."""
     side = 1.0 if step < 0.0 else -1.0
     start = robot_start(statement, side) or tabled_start(solution, statement, abs(step), side)
     if start is None:
@@ -113,15 +87,7 @@ def step_start(statement: Certificate, solution: HJISolution, step: float) -> St
 
 
 def common_box(law: Law, ranges: Ranges) -> Law:
-    """The same with the smallest γ that a common quadratic V of a linear law has, and such a V.
-
-    Raises
-    ------
-    NotWithinTolerances
-        No quadratic V decreases at all corners of the tolerances, whatever the slopes of the plant's functions.
-    InvalidInput
-        The method does not apply to the plant.
-    """
+    """The same with the smallest γ that a common quadratic V of a linear law has, and such a V."""
     found = common_value(tolerance_statement(law.solution, law.problem, ranges, 1.0))
     if found is None:
         raise NotWithinTolerances("no quadratic V decreases at all corners of the tolerances")
@@ -131,15 +97,9 @@ def common_box(law: Law, ranges: Ranges) -> Law:
 def sampled_box(law: Law, ranges: Ranges) -> Law:
     """The same with a γ that is worth a proof, and its storage function.
 
-    For a linear law that is the quadratic V of the smallest gain for all slopes of the plant's functions; otherwise,
-    and where there is none, a multiple of the law's own V, with the smallest γ that no sample of the region refuses.
-
-    Raises
-    ------
-    NotWithinTolerances
-        No γ is left, so that there is nothing to prove.
-    InvalidInput
-        The plant, or the law at this goal, is none that the method can take.
+    For a linear law that is the quadratic V of the smallest gain for all slopes of the plant's functions;
+    otherwise, and where there is none, a multiple of the law's own V, with the smallest γ that no sample of the
+    region refuses.
     """
     if law.solution.degree == 2:
         try:
@@ -172,23 +132,11 @@ def prove_box(
 ) -> Law:
     """The law of `sampled_box` with its certificate, for the smallest of some gains that can be proved.
 
-    Parameters
-    ----------
-    ranges : mapping
-        See `flexhinf.certify.proof.parameter_ranges`.
-    margins : tuple of float, optional
-        γ over that of `sampled_box`, in turn; by default those of its storage function.
-    seconds : float
-        CPU time of this thread for all of them; each may take half of what is left, the last one all.
-    most_cells : int
-        Of one proof.
-    progress : callable, optional
-        As of `certify_tolerances`.
-
-    Raises
-    ------
-    NotWithinTolerances
-        None is proved.
+    `ranges`: see `flexhinf.certify.proof.parameter_ranges`.
+    `margins`: γ over that of `sampled_box`, in turn; by default those of its storage function.
+    `seconds`: CPU time of this thread for all of them; each may take half of what is left, the last one all.
+    `most_cells`: of one proof.
+    `progress`: as of `certify_tolerances`.
     """
     goal = np.asarray(law.problem.operating_point)[:1]
     about = f"{robot.name}, goal {goal_text(robot, goal)}, degree {law.solution.degree} of V"

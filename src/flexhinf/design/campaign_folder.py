@@ -46,21 +46,9 @@ def open_campaign(
 ) -> tuple[Campaign, Journal]:
     """The campaign in a folder: designed and written there, or taken up again with the controller that is there.
 
-    Parameters
-    ----------
-    command : sequence of str
-        That made it, for its reports.
-    progress : callable
-        Called with each step's name while the controller is designed.
-    designed : (Controller, float), optional
-        For a new folder: `designed_controller`.
-
-    Raises
-    ------
-    InvalidInput
-        Before any work, if the folder holds something else, or a campaign with other settings.
-    FlexhinfError
-        As `flexhinf.design.design`.
+    `command`: that made it, for its reports.
+    `progress`: called with each step's name while the controller is designed.
+    `designed`: for a new folder, controller and length of its runs (s) as of `designed_controller`.
     """
     _ = request.stated, request.metrics  # refuses what does not fit
     journal = Journal.read(folder, (SETUP,))
@@ -107,12 +95,8 @@ def designed_controller(
 ) -> tuple[Controller, float]:
     """The controller and the length of its runs, s: of a report that nobody changed, or designed now.
 
-    The controller of a report begins where its step does, so for a move it is designed again, to begin where that does.
-
-    Raises
-    ------
-    FlexhinfError
-        As `flexhinf.design.design`.
+    The controller of a report begins where its step does, so for a move it is designed again, to begin where that
+    does.
     """
     path, plan = request.file, request.plan
     if (
@@ -143,13 +127,7 @@ def reopened(request: DesignCampaign, journal: Journal) -> Campaign:
 
 
 def stored_campaign(folder: str | Path) -> tuple[Campaign, Journal]:
-    """The campaign of a folder as it stands there, for replays: nothing is asked for beside it.
-
-    Raises
-    ------
-    InvalidInput
-        If the folder holds no campaign of a design, or the robot's file was changed since.
-    """
+    """The campaign of a folder as it stands there, for replays: nothing is asked for beside it."""
     journal = Journal.read(folder)
     if journal is None or "options" not in journal.about:
         raise InvalidInput(
@@ -189,21 +167,9 @@ def open_pair(
 ) -> list[tuple[Campaign, Journal]]:
     """The campaigns of both designs in a folder, with runs of the same length: made there, or taken up again.
 
-    Parameters
-    ----------
-    folder : path
-        Of the comparison; the campaigns are in its folders `SIDES`.
-    commands : two sequences of str
-        That make each campaign, for its reports.
-    progress : callable
-        Called with each step's name while controllers are designed.
-
-    Raises
-    ------
-    InvalidInput
-        Before any work, if the folder holds something else, or other campaigns.
-    FlexhinfError
-        As `flexhinf.design.design`.
+    `folder`: of the comparison; the campaigns are in its folders `SIDES`.
+    `commands`: that make each campaign, for its reports.
+    `progress`: called with each step's name while controllers are designed.
     """
     place = checked_path("The comparison's folder", folder).expanduser().absolute()
     _check_folder(place)

@@ -49,41 +49,20 @@ ESTIMATOR_TURNS = 6
 
 @dataclass(frozen=True)
 class GainRow:
-    """One disturbance and the gain that it attained.
+    """One disturbance and the gain that it attained."""
 
-    Attributes
-    ----------
-    robot : {"nominal", "worst"}
-    loop : {"true state", "estimator"}
-    pair : {"synthesis", "proof"}
-        Whose z and d are meant.
-    gain, gamma : float
-        Attained, and the level that it is compared with; √(∫|z|²/∫|d|²).
-    claim : str
-        What γ is: "designed", "proved", or "not claimed" for this robot and loop.
-    energy : float
-        ∫|d|².
-    numbers : mapping of str to float
-        Of the robot.
-    names : tuple of str
-        Of d.
-    times : tuple of float
-        s.
-    disturbance : tuple of tuples of float
-        d, each sample held until the next.
-    """
-
-    robot: str
-    loop: str
-    pair: str
+    robot: str  # {"nominal", "worst"}
+    loop: str  # {"true state", "estimator"}
+    pair: str  # {"synthesis", "proof"}. Whose z and d are meant
+    # gain, gamma: Attained, and the level that it is compared with; √(∫|z|²/∫|d|²)
     gain: float
     gamma: float
-    claim: str
-    energy: float
-    numbers: Mapping[str, float]
-    names: tuple[str, ...]
-    times: tuple[float, ...]
-    disturbance: tuple[tuple[float, ...], ...]
+    claim: str  # What γ is: "designed", "proved", or "not claimed" for this robot and loop
+    energy: float  # ∫|d|²
+    numbers: Mapping[str, float]  # Of the robot
+    names: tuple[str, ...]  # Of d
+    times: tuple[float, ...]  # s
+    disturbance: tuple[tuple[float, ...], ...]  # d, each sample held until the next
 
     @property
     def kept(self) -> bool:
@@ -286,15 +265,7 @@ def _row(
 def search_gain(
     request: DesignCampaign, journal: Journal, progress: Callable[[str], None] = lambda text: None
 ) -> GainResults:
-    """The rows of `GainSearch`, kept in the campaign's folder: taken from there where they were found already.
-
-    Raises
-    ------
-    InvalidInput
-        If the robot has too many joints, or another driver is at work.
-    FlexhinfError
-        As the synthesis; or if the disk is full.
-    """
+    """The rows of `GainSearch`, kept in the campaign's folder: taken from there where they were found already."""
     if not searches_gain(request):
         raise InvalidInput(
             "The worst disturbance is not searched for robots of so many joints.",

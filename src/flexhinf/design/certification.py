@@ -69,24 +69,15 @@ class SeveralJoints(InvalidInput):
 
 @dataclass(frozen=True, eq=False)
 class CertifiedDegree:
-    """The proof of the law of one degree of V, which is `used` by the design or not.
-
-    Attributes
-    ----------
-    certificate : Certificate or None
-        None where nothing was proved; then `reason` says why.
-    steps : tuple of ProvedStep
-        Runs from the largest proved starts.
-    box : BoxProof or None
-        The subject of the certificate, where it is for all robots within the tolerances.
-    """
+    """The proof of the law of one degree of V, which is `used` by the design or not."""
 
     choice: DegreeChoice
     used: bool
-    certificate: Certificate | None
-    steps: tuple[ProvedStep, ...]
+    certificate: Certificate | None  # None where nothing was proved; then `reason` says why
+    steps: tuple[ProvedStep, ...]  # Runs from the largest proved starts
     reason: str
     cpu_seconds: float
+    # The subject of the certificate, where it is for all robots within the tolerances
     box: BoxProof | None = None
 
 
@@ -103,22 +94,12 @@ def certify_design(
 ) -> tuple[CertifiedDegree, ...]:
     """The laws of a design at its goal, and the proof of each, with the true state fed back.
 
-    Parameters
-    ----------
-    s : Specification
-        Its `checked_gamma_ratio` and `checked_penalty` state the claim.
-    progress, share : callable
-        Called with the name of each step before it begins; with the cells done and the estimated share of a proof.
-    decay, observer
-        As `HJISolution.certify`.
-    tolerances : bool
-        Whether the design's step is proved for all robots within the tolerances, instead of a region of the nominal
-        one; so it is with the preset proved.
-
-    Raises
-    ------
-    InvalidInput, InfeasibleGamma, NotStabilisable, NotDetectable
-        As the design does; and InvalidInput for a plant that the method cannot take, by name.
+    `s`: its `checked_gamma_ratio` and `checked_penalty` state the claim.
+    `progress`, `share`: called with the name of each step before it begins; with the cells done and the estimated
+        share of a proof.
+    `decay`, `observer`: as `HJISolution.certify`.
+    `tolerances`: whether the design's step is proved for all robots within the tolerances, instead of a region of the
+        nominal one; so it is with the preset proved.
     """
     if len(robot.joint_names) > 1:
         raise SeveralJoints(
@@ -214,24 +195,15 @@ def proved(
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """Figures and the lower bound of the gain beside a theorem.
+    """Figures and the lower bound of the gain beside a theorem."""
 
-    Attributes
-    ----------
-    certificate : Certificate
-        With the attained gain, where a disturbance was found.
-    surface, limit : StartSurface, LimitSlice or None
-        V and r where steps start, and in a plane through the point that limits the sampled level.
-    worst : tuple of WorstStep
-        A smaller step with the worst disturbance, for each rule of the integrators' start.
-    attained : Attained or None
-        The worst disturbance found by search, from rest at the goal, with which V stays below the proved level.
-    """
-
-    certificate: Certificate
+    certificate: Certificate  # With the attained gain, where a disturbance was found
+    # surface, limit: V and r where steps start, and in a plane through the point that limits the sampled level
     surface: StartSurface | None
     limit: LimitSlice | None
+    # A smaller step with the worst disturbance, for each rule of the integrators' start
     worst: tuple[WorstStep, ...]
+    # The worst disturbance found by search, from rest at the goal, with which V stays below the proved level
     attained: Attained | None
 
 
@@ -269,26 +241,17 @@ PROOF_SHARES, PROOF_ROOM = (0.999, 0.98, 0.9), 1.05
 
 @dataclass(frozen=True, eq=False)
 class DesignProof:
-    """The proof of the law that a design uses, nominal and with the true state fed back.
+    """The proof of the law that a design uses, nominal and with the true state fed back."""
 
-    Attributes
-    ----------
-    certificate : Certificate or None
-        None where nothing was proved; then `reason` says why.
-    start : float
-        V where the step starts, with the integrals that the controller chooses; nan without a certificate.
-    budget : tuple of BudgetTerm
-        Of the design's step, against the proved level; none for a box of parameters, whose V is not that of the law.
-    box : BoxProof or None
-        The step for all robots within the tolerances, with another V and for the z of `measured_problem`; None where
-        that is not proved (`box_reason` says why), and for the preset proved, whose `certificate` is that.
-    """
-
-    certificate: Certificate | None
+    certificate: Certificate | None  # None where nothing was proved; then `reason` says why
     reason: str = ""
+    # V where the step starts, with the integrals that the controller chooses; nan without a certificate
     start: float = float("nan")
+    # Of the design's step, against the proved level; none for a box of parameters, whose V is not that of the law
     budget: tuple[BudgetTerm, ...] = ()
     cpu_seconds: float = 0.0
+    # The step for all robots within the tolerances, with another V and for the z of `measured_problem`; None where
+    # that is not proved (`box_reason` says why), and for the preset proved, whose `certificate` is that
     box: BoxProof | None = None
     box_reason: str = ""
 
@@ -304,30 +267,19 @@ class DesignProof:
 
 
 class StepProof(NamedTuple):
-    """Whether the requested step is proved, as the controller starts it: terminal, page, status and design.json.
+    """Whether the requested step is proved, as the controller starts it: terminal, page, status and design.json."""
 
-    Attributes
-    ----------
-    proved : bool
-        With the true state fed back, in continuous time; for which robots, `text` says.
-    missing : tuple of str
-        Failures of a proof or of the sampled check, for the status; empty where neither was made of it.
-    """
-
-    proved: bool
+    proved: bool  # With the true state fed back, in continuous time; for which robots, `text` says
     text: str
+    # Failures of a proof or of the sampled check, for the status; empty where neither was made of it
     missing: tuple[str, ...]
 
 
 def step_proof(proof: DesignProof, chosen: DegreeChoice, inside: bool | None) -> StepProof:
     """What is proved of the step that is asked for.
 
-    Parameters
-    ----------
-    chosen : DegreeChoice
-        Whose sampled region speaks where nothing is proved.
-    inside : bool or None
-        Whether the step starts inside that; None without one.
+    `chosen`: whose sampled region speaks where nothing is proved.
+    `inside`: whether the step starts inside that; None without one.
     """
     given, loop = proof.certificate, "the step with sampling, estimator and limits"
     if proof.box is not None or proof.inside:
@@ -366,14 +318,9 @@ def prove_design(
 ) -> DesignProof:
     """Prove the sampled region of a design's law, or a smaller one that still holds its step.
 
-    Parameters
-    ----------
-    s : Specification
-        With `proof_seconds`, the CPU time that the search may take.
-    start : float
-        V where the step starts.
-    worth : Attenuation
-        Whose budget is compared with the proved level.
+    `s`: with `proof_seconds`, the CPU time that the search may take.
+    `start`: V where the step starts.
+    `worth`: whose budget is compared with the proved level.
     """
     chosen, began = synthesis.chosen, time.thread_time()
     attained = None if worth.attained is None else worth.attained.gain

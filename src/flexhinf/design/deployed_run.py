@@ -52,32 +52,20 @@ class Conditions:
 
 @dataclass(frozen=True, eq=False)
 class DeployedRun:
-    """A run that is ready to be made.
+    """A run that is ready to be made."""
 
-    Attributes
-    ----------
-    robot, box : Robot, MuJoCoPlant
-        The driven one, and in MuJoCo.
-    plants : LoopPlants
-        Of the robot that the controller was designed for: sensors, noise and limits.
-    start, goal : (n,)
-        Link positions, rad or m.
-    plan : Plan or None
-        The move; None for a step.
-    arguments : dict
-        Of `flexhinf.run_realtime`.
-    """
-
+    # robot, box: The driven one, and in MuJoCo
     robot: Robot
     specification: Specification
-    plants: LoopPlants
+    plants: LoopPlants  # Of the robot that the controller was designed for: sensors, noise and limits
     controller: Controller
     box: MuJoCoPlant
     loop: Loop
+    # start, goal: (n,). Link positions, rad or m
     start: np.ndarray
     goal: np.ndarray
-    plan: Plan | None
-    arguments: dict[str, Any]
+    plan: Plan | None  # The move; None for a step
+    arguments: dict[str, Any]  # Of `flexhinf.run_realtime`
     conditions: Conditions
 
     def make(self, **options: Any) -> RealTimeRun:
@@ -116,19 +104,9 @@ def prepare_run(
 ) -> DeployedRun:
     """A run from start to goal as the controller is deployed, or along a stated move in error coordinates.
 
-    Parameters
-    ----------
-    controller, designed : Controller, (Robot, Specification)
-        Of the design.
-    robot : Robot
-        The one that is driven.
-    specification : Specification
-        Of the run: start, goal or move, shaping, duration, extras, noise, seed, and limits.
-
-    Raises
-    ------
-    InvalidInput
-        If MuJoCo is not installed or does not express the robot, a move leaves a limit, or there is nothing to move.
+    `controller`, `designed`: of the design.
+    `robot`: the one that is driven.
+    `specification`: of the run: start, goal or move, shaping, duration, extras, noise, seed, and limits.
     """
     (model, original), s = designed, specification
     plan = stated_move(model, s)
@@ -203,15 +181,7 @@ def _loads(robot: Robot, conditions: Conditions, duration: float) -> dict[str, S
 def perturbed(robot: Robot, changes: Sequence[str]) -> Robot:
     """The robot with other parameters: ``stiffness=-20%``, ``stiffness_elbow=95``, ``friction=+50%``.
 
-    Parameters
-    ----------
-    changes : sequence of str
-        NAME=VALUE, or NAME=±PERCENT% of the nominal number; a name without a joint is meant for all of them.
-
-    Raises
-    ------
-    InvalidInput
-        For a name that the robot does not have, or what is no number.
+    `changes`: NAME=VALUE, or NAME=±PERCENT% of the nominal number; a name without a joint is meant for all of them.
     """
     values = dict(robot.nominal)
     for text in changes:

@@ -45,12 +45,8 @@ CUSTOMARY = {"rad": "deg", "m": "mm", "rad/s": "deg/s", "m/s": "mm/s", "N·m": "
 def check_stated_units(robot: Robot, s: Specification) -> None:
     """Refuse a length for a joint that turns, an angle for one that slides, and the same of speeds and sensors.
 
-    A number without a unit fits every joint; so does a wrong count of numbers here, which is refused where it is used.
-
-    Raises
-    ------
-    SpecificationError
-        With the joint or the signal, its unit, and the same numbers in units that fit.
+    A number without a unit fits every joint; so does a wrong count of numbers here, which is refused where it is
+    used.
     """
     known = units_of(robot.joint_names, robot.links.slides)
     for field, values, signals in _stated(robot, s):
@@ -123,40 +119,26 @@ DESIGN_FILE = "design.toml"
 
 @dataclass(frozen=True)
 class DesignFile:
-    """What a design file says.
-
-    Attributes
-    ----------
-    robot, elastic, payload : str, str or None, str or None
-        As `load_robot` takes them.
-    fields : dict
-        Of a specification, as the file has them.
-    """
+    """What a design file says."""
 
     path: Path
+    # robot, elastic, payload: As `load_robot` takes them
     robot: str
     elastic: str | None
-    fields: dict[str, Any]
+    fields: dict[str, Any]  # Of a specification, as the file has them
     payload: str | None = None
 
 
 @dataclass(frozen=True, eq=False)
 class DesignRequest:
-    """What a command is asked for.
-
-    Attributes
-    ----------
-    source, elastic, payload : str, str or None, str or None
-        Where the robot came from and what it carries, as `load_robot` takes them.
-    notes : tuple of str
-        What the user should know before the work.
-    """
+    """What a command is asked for."""
 
     robot: Robot
     specification: Specification
+    # source, elastic, payload: Where the robot came from and what it carries, as `load_robot` takes them
     source: str
     elastic: str | None = None
-    notes: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()  # What the user should know before the work
     payload: str | None = None
 
 
@@ -281,13 +263,7 @@ def meant_file(source: str) -> str:
 
 
 def read_design(path: str | Path) -> DesignFile:
-    """A design file, every key and every value of it checked; the robot is not read.
-
-    Raises
-    ------
-    InvalidInput
-        With the file, the key, the value and what is allowed there.
-    """
+    """A design file, every key and every value of it checked; the robot is not read."""
     path = checked_path("The design file", path)
     data = read_toml(path, "design file")
     table = data.get("design")
@@ -399,13 +375,7 @@ def plain(name: str, value: Any) -> Any:
 
 
 def move_of(move: Any) -> dict[str, list[float]]:
-    """The waypoints of a move by name, SI units.
-
-    Raises
-    ------
-    InvalidInput
-        If it is a signal, which is code.
-    """
+    """The waypoints of a move by name, SI units."""
     if isinstance(move, WaypointTable):
         return move.columns()
     raise InvalidInput(
@@ -416,13 +386,7 @@ def move_of(move: Any) -> dict[str, list[float]]:
 
 
 def weights_of(penalty: Any) -> Any:
-    """The weights of a penalty in lists and numbers.
-
-    Raises
-    ------
-    InvalidInput
-        If they are code.
-    """
+    """The weights of a penalty in lists and numbers."""
     states = penalty.states if isinstance(penalty, Penalty) else penalty
     if callable(states):
         raise InvalidInput(

@@ -19,21 +19,14 @@ ROBOT = "the robot's file"
 
 
 class LimitUse(NamedTuple):
-    """Use of a limit by a run, in the joint and at the moment where it is largest.
+    """Use of a limit by a run, in the joint and at the moment where it is largest."""
 
-    Attributes
-    ----------
-    value, limit : float
-        In `unit`; the value is infinite where the run diverged.
-    at : float or None
-        s.
-    """
-
+    # value, limit: In `unit`; the value is infinite where the run diverged
     value: float
     limit: float
     joint: str
     unit: str
-    at: float | None
+    at: float | None  # s
 
     @property
     def share(self) -> float:
@@ -43,31 +36,19 @@ class LimitUse(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class JointLimits:
-    """One number per joint, infinite where there is no limit.
-
-    Attributes
-    ----------
-    peak : (n,)
-        Largest absolute input that is required, V, or N·m (N).
-    saturation : (n,)
-        Limits ± of controller and motors.
-    speed : (n,)
-        Largest absolute velocity of the links, rad/s or m/s.
-    lower, upper : (n,)
-        Ranges of the link positions, rad or m.
-    peak_source, saturation_source, speed_source : str
-        The option that states them, or `ROBOT`.
-    """
+    """One number per joint, infinite where there is no limit."""
 
     joints: tuple[str, ...]
-    peak: np.ndarray
-    saturation: np.ndarray
-    speed: np.ndarray
+    peak: np.ndarray  # (n,). Largest absolute input that is required, V, or N·m (N)
+    saturation: np.ndarray  # (n,). Limits ± of controller and motors
+    speed: np.ndarray  # (n,). Largest absolute velocity of the links, rad/s or m/s
+    # lower, upper: (n,). Ranges of the link positions, rad or m
     lower: np.ndarray
     upper: np.ndarray
     effort_units: tuple[str, ...]
     speed_units: tuple[str, ...]
     position_units: tuple[str, ...]
+    # peak_source, saturation_source, speed_source: The option that states them, or `ROBOT`
     peak_source: str
     saturation_source: str
     speed_source: str
@@ -156,13 +137,7 @@ class JointLimits:
 
 
 def joint_limits(robot: Robot, s: Specification) -> JointLimits:
-    """The limits of a specification, and those of the robot where it states none.
-
-    Raises
-    ------
-    SpecificationError
-        For a number of limits that is not the number of joints.
-    """
+    """The limits of a specification, and those of the robot where it states none."""
     slides, joints = robot.links.slides, robot.joint_names
     low, high = position_ranges(robot)
 
@@ -185,13 +160,7 @@ def joint_limits(robot: Robot, s: Specification) -> JointLimits:
 
 
 def integral_dead_zone(robot: Robot, s: Specification, chosen: np.ndarray | None) -> np.ndarray | None:
-    """Errors (n,) that are not integrated, rad or m: as stated, or `chosen`; None without any.
-
-    Raises
-    ------
-    SpecificationError
-        For a number of sizes that is not the number of joints.
-    """
+    """Errors (n,) that are not integrated, rad or m: as stated, or `chosen`; None without any."""
     zone = chosen if s.integral_dead_zone is None else s.integral_dead_zone
     return None if zone is None or not np.any(zone) else _per_joint(robot, "integral_dead_zone", zone)
 

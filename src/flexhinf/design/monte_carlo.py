@@ -26,39 +26,22 @@ KEPT = 400
 
 @dataclass(frozen=True, eq=False)
 class MonteCarlo:
-    """Figures of N runs, one row per robot.
+    """Figures of N runs, one row per robot."""
 
-    Attributes
-    ----------
-    values : tuple of mapping
-        Parameters of each robot.
-    overshoot : (N,)
-        Largest of all joints, per cent; infinite where the run diverged.
-    settling : (N,)
-        Slowest of all joints, s; infinite where one does not settle in the run.
-    peak : (N,)
-        Largest input of all motors; infinite where the run diverged.
-    overshoot_joints, settling_joints, peak_joints : tuple of str
-        The joints of these worst values; "" where the run diverged, or no joint moves.
-    inputs, speeds : (N, n)
-        Largest input of each motor and speed of each link; infinite where the run diverged.
-    time : (T,)
-        Instants that are kept, s.
-    positions : (N, T, n)
-        Link positions; NaN from where a run diverged.
-    """
-
-    values: tuple[Mapping[str, Any], ...]
-    overshoot: np.ndarray
-    settling: np.ndarray
-    peak: np.ndarray
+    values: tuple[Mapping[str, Any], ...]  # Parameters of each robot
+    overshoot: np.ndarray  # (N,). Largest of all joints, per cent; infinite where the run diverged
+    settling: np.ndarray  # (N,). Slowest of all joints, s; infinite where one does not settle in the run
+    peak: np.ndarray  # (N,). Largest input of all motors; infinite where the run diverged
+    # overshoot_joints, settling_joints, peak_joints: The joints of these worst values; "" where the run diverged, or
+    # no joint moves
     overshoot_joints: tuple[str, ...]
     settling_joints: tuple[str, ...]
     peak_joints: tuple[str, ...]
+    # inputs, speeds: (N, n). Largest input of each motor and speed of each link; infinite where the run diverged
     inputs: np.ndarray
     speeds: np.ndarray
-    time: np.ndarray
-    positions: np.ndarray
+    time: np.ndarray  # (T,). Instants that are kept, s
+    positions: np.ndarray  # (N, T, n). Link positions; NaN from where a run diverged
 
     def __len__(self) -> int:
         return len(self.values)
@@ -99,14 +82,9 @@ def sampled_runs(
 ) -> MonteCarlo:
     """The step of each robot as the controller is deployed, with noise of its own.
 
-    Parameters
-    ----------
-    robots : sequence of mapping
-        Parameters.
-    duration : float
-        s.
-    sub_steps : int
-        Of the true plants: the nominal one's, so that all runs share one kernel.
+    `robots`: parameters.
+    `duration`: s.
+    `sub_steps`: of the true plants: the nominal one's, so that all runs share one kernel.
     """
     n, instants = len(setup.goal), _kept(round(duration / setup.specification.period))
     found = setup.steps(
@@ -161,16 +139,12 @@ def step_reductions(
 ) -> list[Reduction]:
     """What is said of the step of all joints while it runs.
 
-    Of each joint k that moves ``"k overshoot_percent"``, ``"k settling_time_s"`` and ``"k rise_time_s"``, (N,); of all
-    joints ``late_error`` (in the last tenth of the run), ``effort`` and ``speed``, the largest ones, (N, n); and
-    ``estimate``, the largest error of the estimates, (N,).
+    Of each joint k that moves ``"k overshoot_percent"``, ``"k settling_time_s"`` and ``"k rise_time_s"``, (N,); of
+    all joints ``late_error`` (in the last tenth of the run), ``effort`` and ``speed``, the largest ones, (N, n);
+    and ``estimate``, the largest error of the estimates, (N,).
 
-    Parameters
-    ----------
-    start, goal : (n,)
-        Link positions, rad or m.
-    pairs : sequence of (int, int)
-        Columns of an estimated position, and of the true one.
+    `start`, `goal`: (n,), Link positions, rad or m.
+    `pairs`: columns of an estimated position, and of the true one.
     """
     n, moving = len(goal), np.flatnonzero(start != goal).tolist()
     return [
@@ -186,12 +160,8 @@ def move_reductions(columns: Sequence[int], pairs: Sequence[tuple[int, int]] = (
     """What is said of a move while it runs: ``tracking_error``, the largest distances from it, (N, n), and of
     `step_reductions` those of all joints, ``late_error`` as the distance from where the move then is.
 
-    Parameters
-    ----------
-    columns : sequence of int
-        Of the command, in which the link positions are, (n,).
-    pairs
-        As for `step_reductions`.
+    `columns`: of the command, in which the link positions are, (n,).
+    `pairs`: as for `step_reductions`.
     """
     n = len(columns)
     return [
@@ -268,21 +238,13 @@ class JointMetric:
 
 @dataclass(frozen=True, eq=False)
 class RunMetrics:
-    """Metrics of a run of all joints, each the worst of them, and where there are several those of each joint.
-
-    Attributes
-    ----------
-    own : mapping of str to JointMetric
-        Metrics of this kind of run; the first is the primary one.
-    values : callable
-        Numbers of the reductions to `own` by name, (N, n); of a joint that has none any number.
-    reductions : callable
-        Names of the command, and columns of estimated and true positions, to the reductions.
-    """
+    """Metrics of a run of all joints, each the worst of them, and where there are several those of each joint."""
 
     limits: JointLimits
-    own: Mapping[str, JointMetric]
+    own: Mapping[str, JointMetric]  # Metrics of this kind of run; the first is the primary one
+    # Numbers of the reductions to `own` by name, (N, n); of a joint that has none any number
     values: Callable[[Mapping[str, np.ndarray]], dict[str, np.ndarray]]
+    # Names of the command, and columns of estimated and true positions, to the reductions
     reductions: Callable[[Sequence[str], Sequence[tuple[int, int]]], list[Reduction]]
 
     @staticmethod

@@ -53,13 +53,8 @@ def has_integrals(law: Law) -> bool:
 def step_command(robot: Robot, s: Specification, start: np.ndarray, goal: np.ndarray) -> Plan | None:
     """The command of the step from start to goal by the shaping; None for a jump.
 
-    It does not depend on the law, so that laws are compared with the same command: it is made for the stated bandwidth,
-    or for `BANDWIDTH_FRACTION` of the lowest vibration with held motors.
-
-    Raises
-    ------
-    InvalidInput
-        As `plan_move`.
+    It does not depend on the law, so that laws are compared with the same command: it is made for the stated
+    bandwidth, or for `BANDWIDTH_FRACTION` of the lowest vibration with held motors.
     """
     if s.shaping == "jump" or not np.any(goal != start):
         return None
@@ -81,21 +76,10 @@ def plan_move(
 ) -> Plan:
     """The move from start to goal as fast as the loop follows, slower until it keeps the joints' speeds and efforts.
 
-    Parameters
-    ----------
-    robot, s
-        Limits of effort and speed are the specification's, or the robot's.
-    start, goal, bandwidth : (n,)
-        Link positions, rad or m, and rad/s.
-    slowest_vibration : float
-        Its period smooths the plan, rad/s.
-    held : sequence of (m,)
-        Inputs that hold the robot at start and goal, beside which the limit leaves room.
-
-    Raises
-    ------
-    InvalidInput
-        If the move leaves the joints' ranges, or no slower move keeps the other limits.
+    `robot`, `s`: limits of effort and speed are the specification's, or the robot's.
+    `start`, `goal`, `bandwidth`: (n,), Link positions, rad or m, and rad/s.
+    `slowest_vibration`: its period smooths the plan, rad/s.
+    `held`: inputs that hold the robot at start and goal, beside which the limit leaves room.
     """
     limits = joint_limits(robot, s)
     limit = _feedforward_limit(limits, held)
@@ -135,13 +119,8 @@ def _feedforward_limit(limits: JointLimits, held: Sequence[np.ndarray]) -> np.nd
 
 # A stated move -----------------------------------------------------------------------------------------------
 def stated_move(robot: Robot, s: Specification) -> Plan | None:
-    """The move of a specification, checked against the joints' ranges, speeds and efforts; None where none is stated.
-
-    Raises
-    ------
-    InvalidInput
-        For names that are not the joints', and for a move that leaves a limit, with the joint, the time, the value and
-        how much slower the move would keep it.
+    """The move of a specification, checked against the joints' ranges, speeds and efforts; None where none is
+    stated.
     """
     if s.move is None:
         return None

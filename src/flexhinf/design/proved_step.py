@@ -56,28 +56,14 @@ CONTRADICTIONS = {
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ProvedLaw(BoxProof):
-    """The law that was searched for, with its proof.
+    """The law that was searched for, with its proof."""
 
-    Attributes
-    ----------
-    bandwidth : ndarray
-        rad/s.
-    ratio : float
-        γ/γ* of the law's own design.
-    design_problem : DesignProblem
-        Whose solution the law is; its γ is the law's.
-    peak_effort : float
-        Largest |u| of the step on the nominal robot.
-    candidates : int
-        Laws within the limit whose inequality no sample refused.
-    """
-
-    bandwidth: np.ndarray
+    bandwidth: np.ndarray  # rad/s
     damping: float
-    ratio: float
-    design_problem: DesignProblem
-    peak_effort: float = np.inf
-    candidates: int = 1
+    ratio: float  # γ/γ* of the law's own design
+    design_problem: DesignProblem  # Whose solution the law is; its γ is the law's
+    peak_effort: float = np.inf  # Largest |u| of the step on the nominal robot
+    candidates: int = 1  # Laws within the limit whose inequality no sample refused
 
 
 def proved_law(
@@ -93,11 +79,6 @@ def proved_law(
     The proof is about the law with the true state fed back; `admits` may refuse one for what it does with the
     estimator. A robot that states no tolerances is nominal. What the specification states of bandwidth, damping,
     degrees and γ/γ* is not searched for.
-
-    Raises
-    ------
-    InvalidInput
-        A contradiction, more than one joint, or no proof.
     """
     _check(robot, s)
     stated: dict[str, Any] = {} if s.bandwidth is None else {"bandwidths": (1.0,)}

@@ -30,36 +30,19 @@ RUNNING = "running loop at the goal: sampled, with estimator and delay, nominal 
 
 @dataclass(frozen=True)
 class Requirement:
-    """One line of a specification.
-
-    Attributes
-    ----------
-    limit, found : float
-        In `unit`.
-    at_most : bool
-        Whether `limit` is an upper limit; otherwise a lower one.
-    where : str
-        The run or loop that was judged.
-    criterion : str
-        How `found` is defined.
-    stated_by : str
-        The option that states the limit, or "default".
-    joint : str
-        Of the worst value; empty where there is one joint, or where it has none.
-    at : float or None
-        When it occurs, s; None where it has no time.
-    """
+    """One line of a specification."""
 
     what: str
+    # limit, found: In `unit`
     limit: float
     found: float
     unit: str
-    at_most: bool
-    where: str
-    criterion: str
-    stated_by: str = "default"
-    joint: str = ""
-    at: float | None = None
+    at_most: bool  # Whether `limit` is an upper limit; otherwise a lower one
+    where: str  # The run or loop that was judged
+    criterion: str  # How `found` is defined
+    stated_by: str = "default"  # The option that states the limit, or "default"
+    joint: str = ""  # Of the worst value; empty where there is one joint, or where it has none
+    at: float | None = None  # When it occurs, s; None where it has no time
 
     @property
     def met(self) -> bool:
@@ -215,14 +198,9 @@ def behaviour_requirements(
 ) -> list[Requirement]:
     """Bandwidth and damping of the running loop, where weights were searched for them.
 
-    Parameters
-    ----------
-    bandwidth : (n,)
-        Required of each joint, rad/s.
-    damping : float
-        Required of every oscillation.
-    least_damped : str
-        The joint of the smallest damping ratio.
+    `bandwidth`: (n,), Required of each joint, rad/s.
+    `damping`: required of every oscillation.
+    `least_damped`: the joint of the smallest damping ratio.
     """
     fraction = np.nan_to_num(margins.bandwidth / bandwidth, nan=0.0)
     worst = int(np.argmin(fraction))
@@ -252,10 +230,7 @@ def step_requirements(
 ) -> list[Requirement]:
     """Overshoot of one run, and how much it uses of the joints' limits.
 
-    Parameters
-    ----------
-    unlimited : Response, optional
-        The same run without limits of the inputs, for the peak that a limit would hide.
+    `unlimited`: the same run without limits of the inputs, for the peak that a limit would hide.
     """
     worst = response.overshoot
     joint = of_several(response.joints, worst.joint)
@@ -274,15 +249,10 @@ def limit_requirements(
 ) -> list[Requirement]:
     """Peak input, link speed and ranges of one run, each of the joint that uses most of its own limit.
 
-    Parameters
-    ----------
-    demanded : Response, optional
-        The run whose inputs count; by default the same.
-    unlimited : bool
-        Whether that one has no limits of the inputs.
-    always : bool
-        Also where a limit is kept; otherwise only what is exceeded. Ranges are always of the second kind, since a run
-        begins and ends within them.
+    `demanded`: the run whose inputs count; by default the same.
+    `unlimited`: whether that one has no limits of the inputs.
+    `always`: also where a limit is kept; otherwise only what is exceeded. Ranges are always of the second kind, since
+        a run begins and ends within them.
     """
     found = []
     if limits.limits_peak:
@@ -375,15 +345,7 @@ def move_requirements(s: Specification, limits: JointLimits, move: Move) -> list
 def tracking_limits(s: Specification, limits: JointLimits, ways: np.ndarray) -> np.ndarray:
     """Largest tracking error (n,) of each joint, rad or m: as stated, or `TRACKING_FRACTION` of its way.
 
-    Parameters
-    ----------
-    ways : (n,)
-        `Move.ways`.
-
-    Raises
-    ------
-    SpecificationError
-        For a number of limits that is not the number of joints.
+    `ways`: (n,), `Move.ways`.
     """
     if s.tracking_error is None:
         return TRACKING_FRACTION * _counted(limits, ways)

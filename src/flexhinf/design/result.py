@@ -52,22 +52,14 @@ PAGES = "flexhinf.pages"
 
 @dataclass(frozen=True)
 class Status:
-    """The first lines of a report.
+    """The first lines of a report."""
 
-    Attributes
-    ----------
-    not_met, not_proved : tuple of str
-        Requirements that the loop misses; claims that were only sampled, or found by search.
-    risky : tuple of str
-        Dangers for the loop that no requirement covers.
-    scope : str
-        Limits that are met within the tolerance only, and the robots of the judgement, where those are less than all
-        within the tolerances; else empty.
-    """
-
+    # not_met, not_proved: Requirements that the loop misses; claims that were only sampled, or found by search
     not_met: tuple[str, ...] = ()
     not_proved: tuple[str, ...] = ()
-    risky: tuple[str, ...] = ()
+    risky: tuple[str, ...] = ()  # Dangers for the loop that no requirement covers
+    # Limits that are met within the tolerance only, and the robots of the judgement, where those are less than all
+    # within the tolerances; else empty
     scope: str = ""
 
     @property
@@ -323,10 +315,7 @@ class Design(Summarised):
     def controller(self, at: np.ndarray | None = None) -> Controller:
         """A new controller as it is deployed: it takes over without a jump of the input.
 
-        Parameters
-        ----------
-        at : (n,), optional
-            Pose at which it takes over; the start of the step by default.
+        `at`: (n,), Pose at which it takes over; the start of the step by default.
         """
         return self.setup.controller(self.start if at is None else np.atleast_1d(at).astype(float))
 
@@ -337,22 +326,14 @@ class Design(Summarised):
 
 @dataclass(frozen=True, eq=False)
 class ComparedLaw:
-    """One row of a comparison.
-
-    Attributes
-    ----------
-    tuned : TunedLaw or None
-        The law, its parameters and its evaluation; None for a law that could not be made, or tuned within the limits.
-    requirements : tuple of Requirement
-        What the specification requires of margins, step, corners and sampled robots, judged as `design` judges it.
-    failure : str
-        Why there is no evaluation.
-    """
+    """One row of a comparison."""
 
     kind: LawKind
+    # The law, its parameters and its evaluation; None for a law that could not be made, or tuned within the limits
     tuned: TunedLaw | None = None
+    # What the specification requires of margins, step, corners and sampled robots, judged as `design` judges it
     requirements: tuple[Requirement, ...] = ()
-    failure: str = ""
+    failure: str = ""  # Why there is no evaluation
 
     @property
     def name(self) -> str:

@@ -35,24 +35,12 @@ class WaypointError(InvalidInput):
 
 @dataclass(frozen=True)
 class WaypointTable:
-    """Positions of joints at times, not yet of a certain robot.
+    """Positions of joints at times, not yet of a certain robot."""
 
-    Attributes
-    ----------
-    times : tuple of float
-        From 0 on, increasing, s.
-    joints : tuple of str
-        Names of the columns.
-    units : tuple of str
-        Those that were stated; empty where none was.
-    rows : tuple of tuple of float
-        Positions at each time, rad or m.
-    """
-
-    times: tuple[float, ...]
-    joints: tuple[str, ...]
-    units: tuple[str, ...]
-    rows: tuple[tuple[float, ...], ...]
+    times: tuple[float, ...]  # From 0 on, increasing, s
+    joints: tuple[str, ...]  # Names of the columns
+    units: tuple[str, ...]  # Those that were stated; empty where none was
+    rows: tuple[tuple[float, ...], ...]  # Positions at each time, rad or m
 
     def columns(self) -> dict[str, list[float]]:
         """The same by name in SI units, as `waypoints` takes it: for a design file."""
@@ -60,13 +48,7 @@ class WaypointTable:
         return {"time": list(self.times), **dict(zip(self.joints, values))}
 
     def positions(self, joints: Sequence[str], slides: Sequence[bool]) -> np.ndarray:
-        """Positions (N, n) of a robot's joints, in their order.
-
-        Raises
-        ------
-        WaypointError
-            For names that are not the joints', joints without a column, and units of the other kind of joint.
-        """
+        """Positions (N, n) of a robot's joints, in their order."""
         from flexhinf.robot.signals import signal_names  # `flexhinf --help` reads fields, and no robot
 
         full = dict(zip(signal_names("link_position", joints), joints))
@@ -101,15 +83,7 @@ class WaypointTable:
 
 
 def waypoints(value: Any) -> Any:
-    """A `WaypointTable` of a file or of columns by name; a signal with derivatives and a duration stays as it is.
-
-    Raises
-    ------
-    WaypointError
-        For a file or columns that are no waypoints.
-    ValueError
-        For anything else.
-    """
+    """A `WaypointTable` of a file or of columns by name; a signal with derivatives and a duration stays as it is."""
     if isinstance(value, WaypointTable):
         return value
     if isinstance(value, (str, os.PathLike)):
