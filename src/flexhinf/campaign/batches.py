@@ -143,7 +143,6 @@ class Campaign:
         self._check_first()
 
     def _check_first(self) -> None:
-        """Prepare the first sample, so that a misfit is an error before any work."""
         (first,) = self.draw.samples([0], self.samples, self.seed)
         names = [*OWN, *first.row(), *(name for metrics in self.metrics for name in metrics.units)]
         clash = sorted({name for name in names if names.count(name) > 1})
@@ -338,7 +337,6 @@ class Campaign:
 
     @property
     def _own_metrics(self) -> dict[str, str]:
-        """Fingerprints of the code of a user's metrics."""
         own = [one for one in self.metrics if one.function is not None and not is_ours(one.function)]
         return {f"metric {', '.join(one.units)}": fingerprint(one.function) for one in own}
 
@@ -439,8 +437,6 @@ def rows_of(campaign: Campaign, indices: Sequence[int], drawn: Sequence[Sample])
 
 
 class _Table:
-    """The columns of a batch while they are filled."""
-
     def __init__(self, campaign: Campaign, indices: Sequence[int]) -> None:
         self.campaign, count = campaign, len(indices)
         self.columns: dict[str, np.ndarray] = {}

@@ -114,7 +114,6 @@ class _Reader:
         return self.known[id(value)]
 
     def _container(self, value: Any) -> str:
-        """Of arrays, sequences, sets and mappings; empty for other values."""
         if isinstance(value, (set, frozenset)):
             return f"set {sorted(map(self.text, value))}"
         if isinstance(value, np.ndarray):
@@ -126,7 +125,6 @@ class _Reader:
         return ""
 
     def _code(self, value: Any) -> str:
-        """Of functions, classes and modules; empty for other values."""
         if isinstance(value, types.ModuleType):
             return f"module {value.__name__}"
         if isinstance(value, types.MethodType):
@@ -181,7 +179,6 @@ class _Reader:
 
 
 def _globals(code: types.CodeType) -> list[str]:
-    """Names of globals that code reads, and functions inside it."""
     found = {one.argval for one in dis.get_instructions(code) if one.opname in ("LOAD_GLOBAL", "LOAD_NAME")}
     for one in code.co_consts:
         if isinstance(one, types.CodeType):

@@ -100,7 +100,6 @@ def _connected(address: str) -> Iterator[Any]:
 def _run_on_worker(
     client: Any, address: str, campaign: Campaign, batches: Sequence[int]
 ) -> Iterator[tuple[int, Rows]]:
-    """Batches as they are done, `AHEAD` for each thread on the way."""
     import cloudpickle  # type: ignore[import-not-found]
     from distributed import CancelledError, KilledWorker, as_completed  # type: ignore[import-not-found]
 
@@ -293,7 +292,6 @@ def in_processes(workers: int, note: Callable[[str], None] = lambda text: None) 
 
 
 def _pooled(campaign: Campaign, batches: Sequence[int], workers: int) -> Iterator[tuple[int, Rows]]:
-    """Batches as they are done, at most two for each worker on the way."""
     context = multiprocessing.get_context("spawn")  # compiled code and threads do not survive a fork
     pool = ProcessPoolExecutor(workers, context, initializer=_begin_worker, initargs=(campaign,))
     pending: dict[Future[Rows], int] = {}
@@ -312,8 +310,6 @@ def _pooled(campaign: Campaign, batches: Sequence[int], workers: int) -> Iterato
 def _run(
     executor: Executor, campaign: Campaign, batches: Sequence[int]
 ) -> Generator[tuple[int, Rows], None, None]:
-    """All of these batches as an executor gives them."""
-
     def lost(found: str) -> FlexhinfError:
         return FlexhinfError(
             "Batches of the campaign were not run; what is written stays.",

@@ -284,7 +284,6 @@ class Journal:
         self._refuse_table(campaign.digest, campaign.columns)
 
     def _refuse_table(self, digest: str, columns: Sequence[Column]) -> None:
-        """Refuse a campaign of the same settings with other columns or instants."""
         if self.manifest["digest"] != digest:
             names = [[column.name for column in those] for those in (self.columns, columns)]
             other = sorted(set(names[0]) ^ set(names[1]))[:_LISTED]
@@ -402,7 +401,6 @@ class Journal:
         return good, bad
 
     def _wrong(self, path: Path, batch: int, digest: str) -> str:
-        """What is wrong with a shard; empty where nothing is."""
         if not 0 <= batch < self.batches:
             return f"of no batch: there are {self.batches}"
         try:
@@ -525,6 +523,5 @@ def listed(texts: Sequence[str], most: int) -> str:
 
 
 def _held(path: Path) -> bool:
-    """Whether another process holds a lock file."""
     with locked(path) as state:
         return state == "busy"

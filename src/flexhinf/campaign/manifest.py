@@ -96,7 +96,6 @@ def _check_kind(stated: Any) -> None:
 
 
 def _check_entries(stated: Mapping[str, Any]) -> None:
-    """Raise for entries that no campaign has."""
     settings, columns, time = stated["settings"], stated["columns"], stated["time_s"]
     _check("settings", isinstance(settings, dict) and _texts(settings.values()))
     check_counts(*(int(settings[name]) for name in ("samples", "seed", "batch")))

@@ -192,7 +192,6 @@ def _tracking(run: Trajectory) -> dict[str, float | None]:
 
 
 def _tracking_in_lanes(found: EnsembleResult) -> dict[str, np.ndarray]:
-    """As `_tracking`, of N runs."""
     rows = list(found.by_state.values())
     worst = {name: np.fmax.reduce([row[name] for row in rows]) for name in rows[0]}
     errors = found.common["estimation_rmse"]
@@ -212,8 +211,8 @@ STANDARD = Metrics(STANDARD_UNITS, _tracking, _tracking_in_lanes)
 def chosen_metrics(given: Any, tracked: bool) -> tuple[Metrics, ...]:
     """The metrics of a campaign.
 
-    `given`: None (the standard ones, where something is tracked), functions by name, Metrics, or a sequence of names and these.
-    `tracked`: whether something is.
+    `given`: names, `Metrics`, functions by name, or a sequence of these; None: the standard ones, where something is
+        tracked.
     """
     if given is None:
         return (STANDARD,) if tracked else ()

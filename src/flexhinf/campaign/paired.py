@@ -123,7 +123,6 @@ class PairedMetric:
 
 
 def _median(values: np.ndarray) -> float:
-    """One of the values; NaN without any."""
     return float(np.quantile(values, 0.5, method="inverted_cdf")) if len(values) else math.nan
 
 
@@ -289,7 +288,6 @@ def compare(
 
 
 def _check_pairs(a: _Side, b: _Side) -> None:
-    """Refuse campaigns whose samples are not the same ones."""
     names = [*a.settings, *b.settings]
     bound = [name for name in names if name not in _FREE and not name.startswith(_FREE_PREFIX)]
     found = differing(a.settings, b.settings, bound, "↔")

@@ -208,7 +208,6 @@ def check_starts(starts: Any) -> None:
 
 
 def _box(campaign: Campaign) -> Tolerances:
-    """The draw of a campaign, which has intervals."""
     if not isinstance(campaign.draw, Tolerances):
         raise InvalidInput(
             "The samples of this campaign have no box that could be searched.",
@@ -219,7 +218,6 @@ def _box(campaign: Campaign) -> Tolerances:
 
 
 def _columns(campaign: Campaign, rows: Mapping[str, Any] | None, names: list[str]) -> dict[str, np.ndarray]:
-    """Columns (N,) of the rows, which are run where they are not given."""
     if rows is None:
         parts = [run_batch(campaign, batch).columns for batch in range(campaign.batches)]
         return {name: np.concatenate([part[name] for part in parts]) for name in names}
@@ -257,7 +255,6 @@ def _sizes(values: np.ndarray, status: np.ndarray, least: bool) -> np.ndarray:
 
 
 def _settings(campaign: Campaign, metric: str, least: bool, starts: int, seed: int) -> dict[str, str]:
-    """What a search depends on, as text."""
     return {
         "campaign": campaign.digest, "metric": metric, "least": str(least), "starts": str(starts), "seed": str(seed),
     }  # fmt: skip

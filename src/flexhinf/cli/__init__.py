@@ -74,7 +74,6 @@ def _refused(error: Exception) -> int:
 
 
 def _streams() -> list[Any]:
-    """Standard output and error, where they are open."""
     return [stream for stream in (sys.stdout, sys.stderr) if stream is not None and not stream.closed]
 
 

@@ -138,7 +138,6 @@ def design_file_of(source: str) -> Path | None:
 
 
 def _fields(context: typer.Context) -> dict[str, Any]:
-    """Fields of the specification by name, of the options that were given."""
     stated, taken = _stated(context), _command(context).fields
     peaks = [name for name in ("peak_effort", *PEAKS) if name in stated]
     if len(peaks) > 1:
@@ -181,7 +180,6 @@ def _value(field: FieldInfo, value: Any) -> Any:
 
 
 def _check_drive(context: typer.Context, robot: Any) -> None:
-    """Refuse volts for a robot that is driven by torques, and so on."""
     fitting = next(name for name, (drive, _) in PEAKS.items() if drive == robot.drive)
     for name, (drive, _) in PEAKS.items():
         if drive != robot.drive and name in _stated(context):
@@ -214,7 +212,6 @@ def reproduce_command(context: typer.Context, without: Collection[str] = ()) -> 
 
 
 def _command(context: typer.Context) -> Any:
-    """The function of a command, with its `options` and `fields`."""
     return inspect.unwrap(context.command.callback)  # type: ignore[arg-type]
 
 

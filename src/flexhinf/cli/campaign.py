@@ -178,7 +178,6 @@ def _journal(folder: Path) -> Journal:
 
 
 def _campaign_options(o: BatchOptions) -> CampaignOptions:
-    """The options of a campaign without those of the command."""
     from flexhinf.design import CampaignOptions
 
     values: dict[str, Any] = {field.name: getattr(o, field.name) for field in fields(CampaignOptions)}
@@ -187,7 +186,6 @@ def _campaign_options(o: BatchOptions) -> CampaignOptions:
 
 
 def _words(context: typer.Context) -> list[str]:
-    """The command without the name of the group's own one."""
     return [word for k, word in enumerate(reproduce_command(context)) if (k, word) != (2, "run")]
 
 
@@ -202,7 +200,6 @@ def named_tolerance(text: str) -> tuple[str, str]:
 
 
 def _requirements(journal: Journal, given: list[str]) -> list[Any]:
-    """Of the option, or those that the campaign was made with."""
     from flexhinf.campaign import Requirement
 
     metrics = [column.name for column in journal.columns if column.judged]
@@ -210,7 +207,6 @@ def _requirements(journal: Journal, given: list[str]) -> list[Any]:
 
 
 def _finish(table: MergedTable, requirements: list[Any]) -> None:
-    """Report, verdict, exit code."""
     from flexhinf.design import stored_campaign
     from flexhinf.pages import campaign_verdict, replay_command, write_campaign
 
@@ -280,7 +276,6 @@ def _finish_pair(
     tables: list[MergedTable],
     requirements: list[Requirement],
 ) -> None:
-    """The reports, and what the comparison says."""
     from rich.console import Console
 
     from flexhinf.campaign import compare
@@ -346,7 +341,6 @@ def sample_progress(part: str) -> Iterator[Callable[[Report], None]]:
 
 
 def _rate(report: Report, seconds: float) -> str:
-    """Samples per second of this driver, and the time that is left at that rate."""
     if not report.fresh or seconds <= 0.0:
         return ""
     rate = report.fresh / seconds
@@ -463,7 +457,6 @@ def replay_worst(folder: Path, metric: str, out: Path | None) -> Any:
 
 
 def _replay_gain(folder: Path) -> Any:
-    """The worst disturbances, run again."""
     from flexhinf.design import stored_campaign
     from flexhinf.design.campaign_folder import stored_request
     from flexhinf.design.campaign_gain import GainSearch, stored_gains

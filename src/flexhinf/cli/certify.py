@@ -104,7 +104,6 @@ def certify(context: typer.Context, o: CertifyOptions) -> None:
 
 
 def _sampled_instead(context: typer.Context) -> str:
-    """The command that samples a region of the same request."""
     from flexhinf.design.certification import SAMPLED_ADVICE
 
     own = (

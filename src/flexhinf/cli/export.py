@@ -135,7 +135,6 @@ def file_of(source: str) -> Path:
 
 
 def _refuse_robot(source: str, path: Path) -> None:
-    """Refuse a robot, which has no controller yet."""
     from flexhinf.robot import catalogue
 
     robot = path.suffix.lower() in (".toml", ".urdf", ".xml") or source in catalogue()

@@ -144,7 +144,6 @@ def parser_error(error: TyperException, arguments: Sequence[str]) -> str:
 
 
 def _with_option(command: Any, path: str, option: str) -> list[str]:
-    """Commands below a command that have an option."""
     own = [path] if any(option in (*one.opts, *one.secondary_opts) for one in command.params) else []
     inner = getattr(command, "commands", {})
     return own + [

@@ -43,7 +43,6 @@ def _words(o: PaperOptions) -> list[str]:
 
 
 def _print_claims(judged: Sequence[Any], metrics: dict[str, Any]) -> None:
-    """A table of the paper's claims, what fails first, and our own questions below it."""
     from rich.console import Console
     from rich.markup import escape
     from rich.table import Table

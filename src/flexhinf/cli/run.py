@@ -73,7 +73,6 @@ def run_design(context: typer.Context, o: RunOptions) -> None:
 
 @contextmanager
 def _view(prepared: DeployedRun) -> Iterator[Callable[[], bool]]:
-    """MuJoCo's viewer: a function that draws the robot as it stands."""
     from flexhinf.robot.mujoco import MuJoCoView
 
     with MuJoCoView(prepared.robot, prepared.box) as viewer:
@@ -94,7 +93,6 @@ def _write_films(prepared: DeployedRun, run: RealTimeRun, films: list[Path]) -> 
 
 
 def _prepared(context: typer.Context, o: RunOptions) -> DeployedRun:
-    """The run that is asked for; everything is checked, and the controller made where it is not there."""
     from flexhinf.design import load_design
     from flexhinf.design.deployed_run import Conditions, perturbed, prepare_run
     from flexhinf.design.design_file import is_design_file

@@ -68,7 +68,6 @@ def open_campaign(
 def _begun(
     request: DesignCampaign, place: Path, command: Sequence[str], designed: tuple[Controller, float]
 ) -> tuple[Campaign, Journal]:
-    """Write what makes the campaign again; the manifest comes last."""
     controller, duration = designed
     duration = duration if request.options.duration is None else request.options.duration
     request.campaign(controller, duration)  # refuses what does not fit before anything is written
@@ -197,7 +196,6 @@ def _designed(
 
 
 def _check_folder(place: Path) -> None:
-    """Refuse a file, and a folder that holds something else."""
     if place.exists() and not place.is_dir():
         raise InvalidInput(
             "A comparison needs a folder, and there is a file.", f"got {place}", "another name"

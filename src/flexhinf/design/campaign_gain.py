@@ -208,7 +208,6 @@ class GainSearch:
         return GainResults(tuple(rows), self.proof.reason or bent)
 
     def _rows(self, claim: _Claim) -> list[GainRow]:
-        """The nominal robot, and the worst one where γ is said of it."""
         s, problem = self.request.specification, claim.problem
         self.progress(f"worst disturbance of the nominal robot, z and d of the {claim.pair}")
         first = worst_disturbance(

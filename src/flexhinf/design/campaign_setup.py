@@ -295,7 +295,6 @@ class PairResult:
 
 
 def _differing(a: Mapping[str, str], b: Mapping[str, str]) -> list[tuple[str, str, str]]:
-    """Names whose values differ, with both values."""
     pairs = [(name, a.get(name, "default"), b.get(name, "default")) for name in dict.fromkeys((*a, *b))]
     return [pair for pair in pairs if pair[1] != pair[2]]
 
@@ -313,6 +312,5 @@ def _circumstances(side: DesignCampaign) -> dict[str, str]:
 
 
 def _same_plant(a: DesignCampaign, b: DesignCampaign) -> bool:
-    """Whether the true robots have the same equations."""
     codes = [one.robot.plant(one.specification.measured, extras=one.specification.extras) for one in (a, b)]
     return codes[0].code_key == codes[1].code_key

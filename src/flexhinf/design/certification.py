@@ -146,7 +146,6 @@ def certify_design(
 def _box_degrees(
     robot: Robot, s: Specification, synthesis: Synthesis, progress: Progress, share: Share, threads: int
 ) -> Iterator[CertifiedDegree]:
-    """The law of each degree with the design's step, for all robots within the tolerances."""
     problem = measured_problem(robot, synthesis.goal, s)
     ranges = parameter_ranges(robot, problem.plant)
     for choice in synthesis.choices:
@@ -377,7 +376,6 @@ def with_tolerances(robot: Robot, s: Specification, synthesis: Synthesis, proof:
 
 
 def _refused(s: Specification, synthesis: Synthesis) -> str:
-    """Why no proof is tried; empty where one is."""
     states = len(synthesis.solution.state_names)
     if states > MOST_STATES:
         return f"a proof is made in at most {MOST_STATES} states, and this law has {states}"

@@ -164,7 +164,6 @@ def _in_error_coordinates(controller: Controller) -> Controller:
 
 
 def _loads(robot: Robot, conditions: Conditions, duration: float) -> dict[str, Step] | None:
-    """Torques on all links by name."""
     if conditions.load is None:
         return None
     at = LOAD_AT * duration if conditions.load_at is None else conditions.load_at
@@ -204,7 +203,6 @@ def perturbed(robot: Robot, changes: Sequence[str]) -> Robot:
 
 
 def _parameters(robot: Robot, name: str, text: str) -> list[str]:
-    """The robot's parameters that a name stands for."""
     joints = robot.joint_names
     names = [per_joint(name, joint, len(joints)) for joint in joints]
     found = [one for one in (name, *names) if one in robot.nominal]

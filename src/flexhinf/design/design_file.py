@@ -61,7 +61,6 @@ def check_stated_units(robot: Robot, s: Specification) -> None:
 
 
 def _stated(robot: Robot, s: Specification) -> Iterator[tuple[str, Any, Sequence[str]]]:
-    """Fields with their values, and the signals that these are values of."""
     for field, signal in SIGNALS.items():
         yield field, getattr(s, field), signal_names(signal, robot.joint_names)
     for pose in s.via:
@@ -88,7 +87,6 @@ def _parts(values: Any) -> tuple[Any, ...]:
 
 
 def _refusal(field: str, stated: Stated, signal: str, unit: str, example: str) -> SpecificationError:
-    """One value whose unit is not that of its signal."""
     return SpecificationError(
         field,
         f"The {field.replace('_', ' ')} has a unit that {signal!r} does not have.",
@@ -193,7 +191,6 @@ def read_request(
 def _merged(
     file: DesignFile, elastic: str | Path | None, given: Mapping[str, Any], payload: str | None = None
 ) -> DesignRequest:
-    """A design file, and what wins over it."""
     fields = {name: value for name, value in file.fields.items() if name not in given}
     rivals = {
         rival: name
@@ -337,7 +334,6 @@ def _place(path: Path, key: str, value: Any) -> str:
 
 
 def _check_fields(file: str, fields: Mapping[str, Any]) -> None:
-    """Every field on its own and all of them together."""
     try:
         Specification(**fields)
     except SpecificationError as error:

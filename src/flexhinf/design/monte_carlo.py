@@ -218,7 +218,6 @@ def _named_move_sizes(n: int, kept: np.ndarray, command: Command) -> dict[str, n
 
 
 def _kept(samples: int) -> np.ndarray:
-    """Numbers (T,) of samples, evenly apart."""
     return np.arange(0, samples, max(1, -(-samples // KEPT)))
 
 
@@ -300,7 +299,6 @@ class RunMetrics:
         return Metrics(self.units, None, partial(self._reduced, bool(pairs)), reductions, tuple(self._parts))
 
     def _reduced(self, estimated: bool, found: EnsembleResult) -> dict[str, np.ndarray]:
-        """Of N runs (N,) by name."""
         effort, speed = found.common["effort"], found.common["speed"]
         nothing = np.full(len(found.codes), np.nan)
         every = {**self.values(found.common), "peak_input": effort, "peak_speed": speed}

@@ -99,7 +99,6 @@ def plan_move(
 def _planned(
     s: Specification, start: np.ndarray, goal: np.ndarray, rate: np.ndarray, smoothing: float
 ) -> Plan:
-    """One way within the limits of velocity, acceleration and jerk that belong to bandwidths (n,)."""
     if s.shaping == "quintic":
         return Waypoints([0.0, QUINTIC_TIME / float(rate.min())], [start, goal], "quintic")
     way = np.abs(goal - start)

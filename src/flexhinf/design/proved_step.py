@@ -210,7 +210,6 @@ def search_proved_step(
 
 
 def _not_proved(found: Sequence[ProvedLaw], reasons: Sequence[str], limit: float) -> InvalidInput:
-    """The error with the reasons that were met most often."""
     often = sorted(dict.fromkeys(reasons), key=lambda reason: -reasons.count(reason))[:SHOWN]
     within = f"whose step stays within {limit:g} and " if np.isfinite(limit) else ""
     return InvalidInput(
@@ -233,7 +232,6 @@ def _laws(
     base: Specification,
     measured: GeneralisedPlant,
 ) -> list[ProvedLaw]:
-    """The laws of one bandwidth and damping; raises as `choose` where the preset finds no weights."""
     pose = np.asarray(goal, dtype=float)
     start = pose - (np.pi / 2 if step is None else step)
     s = replace(base, pose=tuple(pose), start=tuple(start), preset=preset, damping=damping)
@@ -257,7 +255,6 @@ def _laws(
 
 
 def _within(candidate: ProvedLaw, ranges: Any, step: float | None, limit: float) -> ProvedLaw:
-    """The candidate with its step, the input that this takes, and the sampled γ; raises where there is none."""
     solution, measured = candidate.solution, candidate.problem
     wanted = LONGEST if step is None else step
     statement = tolerance_statement(solution, measured, ranges, 1.0)

@@ -277,7 +277,6 @@ def _peak(limits: JointLimits, use: LimitUse, where: str, how: str = "") -> Requ
 def _limit(
     name: str, limits: JointLimits, use: LimitUse, where: str, source: str, **more: Any
 ) -> Requirement:
-    """The requirement of a limit of the joints, with how much of it is used."""
     return REQUIREMENTS[name].judge(
         None, use.limit, use.value, where, unit=use.unit, stated_by=source, joint=of_several(limits.joints, use.joint),
         at=use.at, **more,
@@ -304,7 +303,6 @@ def sample_requirements(s: Specification, limits: JointLimits, samples: MonteCar
 def _sampled_use(
     limits: JointLimits, values: np.ndarray, most: np.ndarray, units: tuple[str, ...]
 ) -> LimitUse:
-    """Of the values (N, n) that one that uses most of its limit."""
     if not np.isfinite(values).all():  # a run diverged
         joint = int(np.argmin(most))
         return LimitUse(np.inf, float(most[joint]), "", units[joint], None)

@@ -107,7 +107,6 @@ def status_of(
 def _not_proved(
     chosen: DegreeChoice, worth: Attenuation, inside: bool | None, proof: DesignProof
 ) -> tuple[str, ...]:
-    """Failures of a proof, or of the sampled check."""
     missing = step_proof(proof, chosen, inside).missing
     if proof.certificate is None and proof.box is None and not worth.lasts:
         missing = (*missing, "the dissipation budget of the step does not last")

@@ -98,7 +98,6 @@ def waypoints(value: Any) -> Any:
 
 
 def _read(path: Path) -> WaypointTable:
-    """The table of a CSV file."""
     try:
         text = read_text(path, LARGEST, "waypoints as CSV")
     except InvalidInput as error:
@@ -126,7 +125,6 @@ def _read(path: Path) -> WaypointTable:
 def _columns(
     file: str, heading: list[str], rows: list[list[str]], lines: list[int]
 ) -> dict[str, list[float]]:
-    """Numbers by heading."""
     heading = [name.strip() for name in heading]
     if len(set(heading)) < len(heading) or not all(heading):
         raise WaypointError(
@@ -207,7 +205,6 @@ def _heading(text: str) -> tuple[str, str]:
 
 
 def _check_rows(times: np.ndarray, positions: np.ndarray, names: list[str], what: str, place: Any) -> None:
-    """Finite numbers in proportion, and times that increase."""
     both = np.column_stack([times, positions])
     usable = np.abs(both) <= HUGE
     if not usable.all():
