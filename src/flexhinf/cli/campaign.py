@@ -470,5 +470,5 @@ def _replay_gain(folder: Path) -> Any:
             f"expected worst-case/disturbance.json, whole, in {folder}",
             f"the campaign's command with --worst-case --metric {GAIN}",
         )
-    made = GainSearch.of(stored_request(journal), float(journal.settings["duration"]), lambda text: None)
+    made = GainSearch(stored_request(journal), float(journal.settings["duration"]))
     return gain_replay_table(rows, [made.again(row) for row in rows])

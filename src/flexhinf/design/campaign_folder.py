@@ -1,28 +1,333 @@
-"""The folder of a design's campaign: controller and design file, written once, and the campaign made of them again."""
+"""The folder of a design's campaign: controller and design file, written once, and the campaign made of them again.
+
+The campaign of a design: its step or move on robots within their tolerances; and two designs on the same samples.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import tomlkit
 
-from flexhinf.campaign import Campaign, Journal
+from flexhinf.campaign import (
+    Campaign,
+    CampaignJudgement,
+    Journal,
+    PairedCampaigns,
+    Sample,
+    Tolerances,
+    Variable,
+)
+from flexhinf.campaign.journal import listed
 from flexhinf.design.campaign_options import CampaignOptions
-from flexhinf.design.campaign_setup import SIDES, DesignCampaign, DesignPair, fields_text
-from flexhinf.design.design_file import DESIGN_FILE, load_design, read_request
+from flexhinf.design.design_file import DESIGN_FILE, DesignRequest, load_design, plain, read_request
 from flexhinf.design.design_file_text import request_document
 from flexhinf.design.evaluation import LawEvaluation
+from flexhinf.design.joint_limits import joint_limits
 from flexhinf.design.laws import DESIGN
 from flexhinf.design.limit_cycle import end_limit_cycle
+from flexhinf.design.loop_setup import LoopPlants
+from flexhinf.design.monte_carlo import RunMetrics
 from flexhinf.design.pipeline import step_duration
+from flexhinf.design.plans import has_integrals, move_reference, stated_move, step_command
+from flexhinf.design.requirements import final_limits, tracking_limits
+from flexhinf.design.responses import LOAD_START, Plan, plan_ends, start_and_goal
+from flexhinf.design.specification import FIELDS, Specification
 from flexhinf.design.synthesis.steps import synthesise
 from flexhinf.errors import InvalidInput
 from flexhinf.files import locked, write_file
-from flexhinf.loop import Controller, load_controller
+from flexhinf.loop import Controller, Loop, Step, load_controller
+from flexhinf.loop.simulation.compiled_runs import sample_count
 from flexhinf.report import unchanged
-from flexhinf.validation import checked_path, read_toml
+from flexhinf.robot import Parameter, Robot, load_robot
+from flexhinf.robot.elastic import inactive_parameters
+from flexhinf.robot.signals import UNITS, signal_names
+from flexhinf.validation import checked_path, read_toml, value_text
+
+_PERCENT = re.compile(r"\s*([\d.eE+-]+)\s*%\s*\Z")
+_RANGE = re.compile(r"\s*([-+\d.eE]+?)\s*\.\.\s*([-+\d.eE]+)\s*\Z")
+
+
+@dataclass(frozen=True, eq=False)
+class RobotDraw:
+    """From numbers of a sample to its true robot with `extras`, in equilibrium where it starts.
+
+    The estimator believes it at `start` (n,), rad or m.
+    """
+
+    robot: Robot
+    start: np.ndarray
+    extras: tuple[str, ...]
+
+    def __call__(self, numbers: Mapping[str, float]) -> Sample:
+        """The sample; a robot that no input holds where it starts is refused, which is the sample's failure."""
+        known = self.robot.nominal
+        values = self.robot.plant_parameters(known | {k: v for k, v in numbers.items() if k in known})
+        errors = [numbers.get(name, 0.0) for name in signal_names(ERROR, self.robot.joint_names)]
+        x, _ = self.robot.operating_point(self.start + errors, self.extras, values)
+        options: dict[str, Any] = {"initial_state": x}
+        torques = signal_names(TORQUE, self.robot.joint_names)
+        loads = {name: numbers[name] for name in torques if name in numbers}
+        plant = self.robot.plant(extras=self.extras)
+        return Sample(plant.parameters.known(values), options, numbers, loads=loads)
+
+
+ERROR, TORQUE = "initial_error", "link_torque"
+
+
+@dataclass(frozen=True, eq=False)
+class DesignCampaign:
+    """A design and its campaign; the controller of a report `file` that nobody changed is taken as it was judged."""
+
+    request: DesignRequest
+    options: CampaignOptions
+    file: Path | None = None
+
+    @property
+    def specification(self) -> Specification:
+        """Of the design."""
+        return self.request.specification
+
+    @cached_property
+    def robot(self) -> Robot:
+        """The true robot with the tolerances of the campaign; InvalidInput for a parameter that does not act."""
+        robot = self.request.robot
+        if self.options.payload is not None:
+            robot = load_robot(self.request.source, self.request.elastic, payload=self.options.payload)
+        off = inactive_parameters(self.specification.extras, robot.joint_names)
+        for name, spread in self.options.tolerances:
+            parameter = robot[name]
+            if name in off:
+                raise InvalidInput(
+                    f"The parameter {name!r} does not act in this design's true plant.",
+                    f"expected one of its extras {list(self.specification.extras)} or of every plant, got {name!r}",
+                    "the design with --extras for it",
+                )
+            robot = robot.with_parameters(_spread(parameter, spread))
+        return robot
+
+    @cached_property
+    def plan(self) -> Plan | None:
+        """The move that the design is judged along, as `stated_move`; None for a step."""
+        return stated_move(self.request.robot, self.specification)
+
+    @cached_property
+    def ends(self) -> tuple[np.ndarray, np.ndarray]:
+        """Where a run begins, and where it should end (n,), rad or m."""
+        if self.plan is not None:
+            return plan_ends(self.plan)
+        return start_and_goal(self.request.robot, self.specification, None)
+
+    @cached_property
+    def variables(self) -> tuple[Variable, ...]:
+        """Numbers that differ from sample to sample; InvalidInput if none does."""
+        o, robot = self.options, self.robot
+        slides = robot.links.slides
+        off = inactive_parameters(self.specification.extras, robot.joint_names)
+        found = [
+            Variable(p.name, *p.interval, o.distribution, p.unit)
+            for p in robot.uncertain
+            if p.name not in off
+        ]
+        for size, name, signal in (
+            (o.initial_error, ERROR, "link_position"),
+            (o.disturbance, TORQUE, TORQUE),
+        ):
+            units = [UNITS[signal][sliding] for sliding in slides]
+            names = signal_names(name, robot.joint_names) if size else ()
+            found += [Variable(one, -size, size, o.distribution, unit) for one, unit in zip(names, units)]
+        if not found:
+            raise InvalidInput(
+                f"Nothing differs from sample to sample: the robot {robot.name!r} states no tolerance.",
+                "expected a tolerance, a range of the payload, an initial error or a disturbance",
+                "--tolerance stiffness=10%, --payload 0..2kg, --initial-error 0.01, --disturbance 0.5",
+            )
+        return tuple(found)
+
+    @property
+    def stated(self) -> dict[str, str]:
+        """The design and the campaign as text by name: known before anything is designed; InvalidInput for a misfit."""
+        o, s, (start, goal) = self.options, self.specification, self.ends
+        length = {}
+        if o.duration is not None:
+            sample_count(o.duration, s.period)
+            length = {"duration": str(float(o.duration))}
+        fields = {f"design {name}": text for name, text in fields_text(s).items()}
+        robots = {"robot": self.request.robot, "true robot": self.robot}
+        parameters = {
+            f"{which} {p.name}": f"{p.value!r} {p.unit} {p.spread}".strip()
+            for which, robot in robots.items()
+            for p in robot.parameters
+            if which == "robot" or p not in self.request.robot.parameters
+        }
+        drawn = {f"variable {v.name}": v.text() for v in self.variables}
+        return {
+            "samples": str(o.samples), "seed": str(o.seed), "batch": str(o.batch), "method": o.method, **drawn,
+            "start": str(start.tolist()), "goal": str(goal.tolist()), **fields, **parameters, **length,
+        }  # fmt: skip
+
+    def campaign(self, controller: Controller, duration: float) -> Campaign:
+        """The campaign with a controller and runs of this length, s."""
+        s, robot = self.specification, self.robot
+        plants = LoopPlants(robot, s)
+        plant = robot.plant(s.measured, extras=s.extras)
+        loop = Loop(plant, controller, None, quantisation=plants.quantisation, delay=s.delay)
+        options: dict[str, Any] = {"duration": duration}
+        reference = self._reference(controller, plants.dry_friction)
+        options |= {} if reference is None else {"reference": reference}
+        options |= {} if plants.noise is None else {"noise": plants.noise}
+        if self.options.disturbance:  # of one N·m or N; what a sample draws is the factor
+            torques = signal_names(TORQUE, robot.joint_names)
+            options["disturbance"] = dict.fromkeys(torques, Step(1.0, at=LOAD_START * duration))
+        draw = Tolerances(self.variables, self.options.method, RobotDraw(robot, self.ends[0], s.extras))
+        return Campaign(
+            loop, draw, self.options.samples, self.options.seed, options,
+            self.metrics.metrics(plant.states, controller.states, controller.commanded),
+            signal_names("link_position", robot.joint_names), self.options.batch, self.stated,
+        )  # fmt: skip
+
+    def _reference(self, controller: Controller, dry_friction: tuple[str, ...]) -> Any:
+        """The move with its feedforward, the shaped step, or nothing where the law holds its goal."""
+        if self.plan is not None:
+            return move_reference(self.request.robot, self.plan, dry_friction)
+        if not has_integrals(controller.law):
+            return None
+        return step_command(self.request.robot, self.specification, *self.ends)
+
+    @cached_property
+    def metrics(self) -> RunMetrics:
+        """Of each run."""
+        s, limits = self.specification, joint_limits(self.request.robot, self.specification)
+        if self.plan is None:
+            return RunMetrics(limits, self.ends)
+        instants = np.arange(0.0, self.plan.duration + 0.5 * s.period, s.period)
+        ways = np.ptp(np.reshape(self.plan(instants), (len(instants), -1)), axis=0)
+        return RunMetrics(limits, None, (tracking_limits(s, limits, ways), final_limits(limits, ways)))
+
+    @property
+    def requirements(self) -> tuple[str, ...]:
+        """What a run must keep by the design's specification, besides reaching its end."""
+        limits = self.metrics.limits
+        found = ["tracking_error_use<=1", "final_error_use<=1"]
+        if self.plan is None:
+            found = ["settling_time_s<=1e9", f"overshoot_percent<={self.specification.overshoot:g}"]
+        found += ["input_limit_use<=1"] if limits.limits_peak else []
+        return (*found, *(["speed_limit_use<=1"] if limits.limits_speed else []))
+
+    @property
+    def nominal(self) -> dict[str, float]:
+        """Nominal values of the variables."""
+        return {v.name: self.robot.nominal.get(v.name, 0.0) for v in self.variables}
+
+
+def fields_text(s: Specification) -> dict[str, str]:
+    """The fields of a specification that are not at their defaults, as text."""
+    values = {name: (plain(name, getattr(s, name)), plain(name, one.default)) for name, one in FIELDS.items()}
+    return {name: str(value) for name, (value, default) in values.items() if value != default}
+
+
+def _spread(parameter: Parameter, text: str) -> Parameter:
+    """A parameter with another tolerance: ``12%``, or ``0.9..1.2`` in its unit."""
+    percent, ends = _PERCENT.match(text), _RANGE.match(text)
+    try:
+        if percent:
+            return replace(parameter, tolerance=float(percent[1]), range=None)
+        if ends:
+            return replace(parameter, tolerance=0.0, range=(float(ends[1]), float(ends[2])))
+    except ValueError:
+        pass
+    raise InvalidInput(
+        f"The tolerance of {parameter.name!r} cannot be read.",
+        f"expected per cent of its value, or an interval in {parameter.unit or 'its unit'}, got {value_text(text)}",
+        f"--tolerance {parameter.name}=10%, or --tolerance {parameter.name}={0.9 * parameter.value:g}.."
+        f"{1.1 * parameter.value:g}",
+    )
+
+
+# Two designs on the same samples ------------------------------------------------------------------------------
+#: Folders of the two campaigns in that of their comparison.
+SIDES = ("a", "b")
+
+#: Fields of a specification that say on what robot, with which sensors and motors the law runs; all others say which
+#: law that is. Start, goal and limits are compared as numbers.
+SHARED = ("measured", "measurement_noise", "quantisation", "period", "delay", "extras", "move")
+
+#: Differences that a refusal lists.
+_LISTED = 6
+
+
+@dataclass(frozen=True, eq=False)
+class DesignPair:
+    """Two designs with the same options, robots, sensors, motors and step; InvalidInput says what differs."""
+
+    a: DesignCampaign
+    b: DesignCampaign
+
+    def __post_init__(self) -> None:
+        found = [
+            f"{name}: {one} ↔ {other}"
+            for name, one, other in _differing(*map(_circumstances, (self.a, self.b)))
+        ]
+        if not found and not _same_plant(self.a, self.b):
+            found = ["the equations of the robots, which have the same parameters"]
+        if found:
+            raise InvalidInput(
+                "The designs are not for the same robot, sensors, motors and step; their runs cannot be compared "
+                "sample by sample.",
+                listed(found, _LISTED),
+                "designs that differ in preset, weights, degrees, γ or estimator only",
+            )
+
+    @property
+    def differences(self) -> list[tuple[str, str, str]]:
+        """Fields of the specifications that differ, and their values in a and in b."""
+        return _differing(*(fields_text(side.specification) for side in (self.a, self.b)))
+
+    @property
+    def requirements(self) -> tuple[str, ...]:
+        """Those of the first design, by which both are judged."""
+        return self.a.requirements
+
+
+@dataclass(frozen=True, eq=False)
+class PairResult:
+    """Two designs that were run on the same samples: each judged by the same requirements, and both compared."""
+
+    pair: DesignPair
+    folder: Path
+    names: tuple[str, str]
+    judged: tuple[CampaignJudgement, CampaignJudgement]
+    paired: PairedCampaigns
+    command: tuple[str, ...] = ()
+
+
+def _differing(a: Mapping[str, str], b: Mapping[str, str]) -> list[tuple[str, str, str]]:
+    pairs = [(name, a.get(name, "default"), b.get(name, "default")) for name in dict.fromkeys((*a, *b))]
+    return [pair for pair in pairs if pair[1] != pair[2]]
+
+
+def _circumstances(side: DesignCampaign) -> dict[str, str]:
+    """Everything stated of a campaign but what the law is."""
+    limits = side.metrics.limits
+    plain = {name: text for name, text in side.stated.items() if not name.startswith("design ")}
+    fields = {name: text for name, text in fields_text(side.specification).items() if name in SHARED}
+    return {
+        **plain, **fields, "true state fed back": str(side.specification.estimator == "none"),
+        "limits of the inputs": str(limits.peak.tolist()), "saturation": str(limits.saturation.tolist()),
+        "limits of the speeds": str(limits.speed.tolist()),
+    }  # fmt: skip
+
+
+def _same_plant(a: DesignCampaign, b: DesignCampaign) -> bool:
+    codes = [one.robot.plant(one.specification.measured, extras=one.specification.extras) for one in (a, b)]
+    return codes[0].code_key == codes[1].code_key
+
 
 #: Folder of the design file and the controller inside a campaign's, and their names.
 SETUP, CONTROLLER = "setup", "controller"

@@ -2,18 +2,22 @@
 
 `certify_design` takes the laws of all degrees that a design solves, and as long as it takes. What a design itself
 carries is found within a stated time of CPU, or a sentence says why not.
+
+`attenuation` says what the level γ is worth on the running loop. The gain of a disturbance found by search is a lower
+bound. Sampling, delay, estimator and limits use up a part of the region's level (`flexhinf.analysis.dissipation`).
 """
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 
-from flexhinf.analysis import Attained, BudgetTerm, worst_disturbance
+from flexhinf.analysis import Attained, BudgetTerm, budget_terms, worst_disturbance
 from flexhinf.certify.box import parameter_ranges
 from flexhinf.certify.cells import OutOfTime, time_limit
 from flexhinf.certify.certificate import Certificate
@@ -28,17 +32,17 @@ from flexhinf.certify.pictures import (
 )
 from flexhinf.certify.proof import certify, check_decay
 from flexhinf.certify.starts import ProvedStep, longest_run, proved_steps
-from flexhinf.design.attenuation import Attenuation, within_level
-from flexhinf.design.box_proof import (
+from flexhinf.design.loop_setup import LoopSetup
+from flexhinf.design.problem.presets import measured_problem
+from flexhinf.design.proved_step import (
     BoxProof,
     NotWithinTolerances,
+    about_text,
     common_box,
-    goal_text,
     prove_box,
     reason_of,
     sampled_box,
 )
-from flexhinf.design.problem.presets import measured_problem
 from flexhinf.design.specification import Specification
 from flexhinf.design.synthesis.degrees import DegreeChoice
 from flexhinf.design.synthesis.steps import Synthesis, checked_penalty, synthesise
@@ -46,15 +50,84 @@ from flexhinf.errors import FlexhinfError, InvalidInput, NumericalFailure
 from flexhinf.plant import GeneralisedPlant, Penalty
 from flexhinf.robot import Robot
 
+#: With more states no disturbance is searched for: one ascent takes minutes.
+MOST_SEARCHED = 15
+
+#: Length of the disturbances, in lengths of the step response, and at most, s.
+STEPS, LONGEST_DISTURBANCE = 2.0, 20.0
+
+
+@dataclass(frozen=True, eq=False)
+class Attenuation:
+    """What was found."""
+
+    # The worst disturbance found (a lower bound of the gain) with which V stays below the sampled level, or the one
+    # of the preset proved, with the true state fed back; None if none was searched for, or the search failed
+    attained: Attained | None
+    # Of the step; the level is infinite where there is no region. Empty where the step diverges, where it starts
+    # outside the region, and with more than `MOST_SEARCHED` states where there is no region: each term takes a compiled
+    # loop of its own. Empty for the preset proved: where parameters are uncertain the proved V is not the one whose
+    # gradient is the law
+    budget: tuple[BudgetTerm, ...]
+    failure: str = ""  # Why the search for a disturbance failed; empty where it did not
+
+    @property
+    def lasts(self) -> bool:
+        """Whether the region's level lasts for the whole step, all terms of the budget together."""
+        return not self.budget or bool(self.budget[-1].budget.kept)
+
+
+def searches_disturbance(states: int, rays: int) -> bool:
+    """Whether a disturbance is searched for."""
+    return states <= MOST_SEARCHED and rays > 0
+
+
+def attenuation(setup: LoopSetup, synthesis: Synthesis, duration: float) -> Attenuation:
+    """The worst disturbance and the budget, with the chosen solution at the goal.
+
+    `duration`: of the step, s.
+    """
+    s, law, chosen, proved = setup.specification, synthesis.solution, synthesis.chosen, synthesis.proved
+    level = chosen.level if chosen.looked and np.isfinite(chosen.level) and chosen.level > 0.0 else None
+    problem = synthesis.problem
+    if (
+        proved is not None and proved.certificate is not None
+    ):  # the penalty whose gain is proved, and its region
+        problem, level = proved.problem, proved.inner_level
+    attained, failure = None, ""
+    if level is not None and searches_disturbance(len(law.state_names), synthesis.rays):
+        horizon = min(LONGEST_DISTURBANCE, STEPS * duration)
+        try:
+            attained = worst_disturbance(
+                problem, law, None, s.period, level=level, horizon=horizon, seed=s.seed
+            )
+        except FlexhinfError as error:
+            failure = " ".join(str(error).split())
+    terms: tuple[BudgetTerm, ...] = ()
+    if proved is None and (level is not None or len(law.state_names) <= MOST_SEARCHED):
+        x, u = setup.robot.operating_point(setup.start)
+        with suppress(NumericalFailure):
+            terms = tuple(
+                budget_terms(
+                    law, setup.model, s.period, np.inf if level is None else level,
+                    delay=s.delay or None, estimator=setup.estimator(setup.start), saturation=setup.limits.saturated,
+                    start="bumpless", initial_state=x, initial_input=u, duration=duration, noise=setup.noise,
+                    seed=s.seed,
+                )
+            )  # fmt: skip
+    return Attenuation(attained, within_level(terms), failure)
+
+
+def within_level(terms: tuple[BudgetTerm, ...]) -> tuple[BudgetTerm, ...]:
+    """The same; none where the step starts above the level, so that there is nothing to spend."""
+    return () if terms and terms[-1].budget.start > terms[-1].budget.level else terms
+
+
 Progress = Callable[[str], None]
 Share = Callable[[int, float], None]
 
 #: CPU seconds that the proof for all tolerances of one degree may take in `certify_design`.
 BOX_SECONDS = 120.0
-
-#: Longest disturbance that is searched for beside a certificate, s.
-LONGEST_SEARCH = 20.0
-
 
 #: Advice for a robot of several joints; {} is the call or command.
 SAMPLED_ADVICE = (
@@ -120,12 +193,11 @@ def certify_design(
         return tuple(_box_degrees(robot, s, synthesis, progress, share, threads))
     gamma = s.checked_gamma_ratio * synthesis.design_problem.gamma_star
     penalty = checked_penalty(s, synthesis.design_problem)
-    goal = goal_text(robot, synthesis.goal)
     found = []
     for choice in synthesis.choices:
         progress(f"degree {choice.degree}: proof")
         began, certificate, steps, reason = time.process_time(), None, (), ""
-        solution, about = choice.solution, f"{robot.name}, goal {goal}, degree {choice.degree} of V"
+        solution, about = choice.solution, about_text(robot, synthesis.goal, choice.degree)
         margin = solution.checked_margin(gamma, penalty)
         if margin.definite:
             try:
@@ -214,7 +286,7 @@ def evidence(robot: Robot, s: Specification, one: CertifiedDegree) -> Evidence:
     level = given.level if one.box is None else one.box.inner_level
     try:
         assert isinstance(problem, GeneralisedPlant)
-        length = min(LONGEST_SEARCH, longest_run(solution))
+        length = min(LONGEST_DISTURBANCE, longest_run(solution))
         attained = worst_disturbance(
             problem, solution, None, s.period, level=level, horizon=length, seed=s.seed
         )
@@ -335,7 +407,13 @@ def prove_design(
     while levels:
         left = s.proof_seconds - (time.thread_time() - began)
         try:
-            found = _proved_within(robot, s, synthesis, levels.pop(0), left / 2.0 if levels else left)
+            level = levels.pop(0)
+            found = certify(
+                synthesis.solution, s.checked_gamma_ratio * synthesis.design_problem.gamma_star,
+                checked_penalty(s, synthesis.design_problem), level,
+                about=about_text(robot, synthesis.goal, chosen.degree),
+                progress=time_limit(left / 2.0 if levels else left),
+            )  # fmt: skip
         except OutOfTime:
             reasons.append(f"no proof was found within {s.proof_seconds:g} s of CPU time")
             levels = levels[-1:]  # the smallest takes the least time
@@ -386,15 +464,3 @@ def _refused(s: Specification, synthesis: Synthesis) -> str:
     if not (synthesis.chosen.looked and 0.0 < synthesis.chosen.level < np.inf):
         return "there is no sampled region to prove"
     return ""
-
-
-def _proved_within(
-    robot: Robot, s: Specification, synthesis: Synthesis, level: float, seconds: float
-) -> Certificate:
-    """A certificate of one level; raises `OutOfTime` after so many seconds of this thread."""
-    gamma = s.checked_gamma_ratio * synthesis.design_problem.gamma_star
-    return certify(
-        synthesis.solution, gamma, checked_penalty(s, synthesis.design_problem), level,
-        about=f"{robot.name}, goal {goal_text(robot, synthesis.goal)}, degree {synthesis.chosen.degree} of V",
-        progress=time_limit(seconds),
-    )  # fmt: skip

@@ -8,8 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 
 from flexhinf.design.along_move import along_requirements
-from flexhinf.design.attenuation import attenuation, searches_disturbance
-from flexhinf.design.certification import prove_design, with_tolerances
+from flexhinf.design.certification import attenuation, prove_design, searches_disturbance, with_tolerances
 from flexhinf.design.criterion import check_mode, criterion_for, reference_metrics, stated_limits
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.joint_limits import joint_limits

@@ -286,7 +286,7 @@ def _limit(
 def sample_requirements(s: Specification, limits: JointLimits, samples: MonteCarlo) -> list[Requirement]:
     """The worst of the robots sampled within their tolerances."""
     where = f"the worst of {len(samples)} robots sampled within their tolerances"
-    joint = samples.joint_of_worst_overshoot
+    joint = of_several(limits.joints, samples.overshoot_joints[int(np.argmax(samples.overshoot))])
     lines = [
         REQUIREMENTS["unsettled"].judge(None, 0.0, samples.unsettled, where),
         REQUIREMENTS["overshoot"].judge(s, s.overshoot, samples.overshoot.max(), where, joint=joint),

@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from flexhinf.design.attenuation import Attenuation
-from flexhinf.design.certification import DesignProof, StepProof, step_proof
+from flexhinf.design.certification import Attenuation, DesignProof, StepProof, step_proof
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.limit_cycle import LimitCycleCheck
 from flexhinf.design.loop_setup import LoopSetup
