@@ -123,7 +123,7 @@ class GainSearch:
 
     @cached_property
     def box(self) -> tuple[tuple[str, ...], np.ndarray, np.ndarray, np.ndarray]:
-        """Names of the robot's numbers that differ, both ends (d,) of their intervals, and in them the nominal robot."""
+        """Names of the robot's numbers that differ, both ends (d,) of their intervals, the nominal robot in them."""
         robot = self.request.robot
         variables = [v for v in self.request.variables if v.name in robot.nominal]
         low, high = np.array([(v.low, v.high) for v in variables], dtype=float).reshape(-1, 2).T
@@ -164,7 +164,7 @@ class GainSearch:
 
     @cached_property
     def proved(self) -> tuple[_Claim | None, str]:
-        """z, d and γ of the proof, its level in the law's V; None, and why, without one or where z is no matrix times x."""
+        """z, d and γ of the proof, its level in the law's V; or None and why: no proof, or z not linear in x."""
         robot, s, options = self.request.request.robot, self.request.specification, self.request.options
         proof = prove_design(robot, s, self.synthesis, math.nan, Attenuation(None, ()))
         certificate, law, solution = proof.certificate, self.synthesis.proved, self.synthesis.solution
@@ -198,23 +198,17 @@ class GainSearch:
         return GainResults(tuple(rows + ([] if claim is None else self._rows(claim))), unproved)
 
     def _rows(self, claim: _Claim) -> list[GainRow]:
-        s, problem = self.request.specification, claim.problem
+        s, problem, law = self.request.specification, claim.problem, self.synthesis.solution
         self.progress(f"worst disturbance of the nominal robot, z and d of the {claim.pair}")
         first = worst_disturbance(
-            problem,
-            self.synthesis.solution,
-            None,
-            s.period,
-            level=claim.level,
-            horizon=self.horizon,
-            seed=s.seed,
+            problem, law, None, s.period, level=claim.level, horizon=self.horizon, seed=s.seed
         )
         rows = [_row("nominal", "true state", claim, claim.nominal, first, self.numbers(self.box[3]))]
         if claim.worst and self.box[0]:
             self.progress(f"worst disturbance of the worst robot, z and d of the {claim.pair}")
             generator = np.random.Generator(np.random.Philox(key=[s.seed, 0]))
             worst = worst_gain(
-                lambda point: self.problem_of(problem, self.numbers(point)), self.synthesis.solution, self.box[3], first,
+                lambda point: self.problem_of(problem, self.numbers(point)), law, self.box[3], first,
                 level=claim.level, period=s.period, horizon=self.horizon,
                 starts=generator.random((RANDOM, len(self.box[0]))),
             )  # fmt: skip
