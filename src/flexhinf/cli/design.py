@@ -35,7 +35,7 @@ def design(context: typer.Context, o: DesignOptions) -> None:
         result = make_design(request.robot, request.specification, progress)
         progress("report")
         files = pages.design_files(result, reproduce_command(context), read.warnings, ("design.toml",))
-        files["design.toml"] = design_text(result, request.source, request.elastic, folder, request.payload)
+        files["design.toml"] = design_text(result, request, folder)
     write(folder, files)
     for table in pages.design_tables(result):
         Console().print(table)

@@ -11,7 +11,6 @@ from .design_file import DesignRequest as DesignRequest
 from .design_file import design_schema as design_schema
 from .design_file import load_design as load_design
 from .design_file import read_request as read_request
-from .design_file_text import design_text as design_text
 from .estimators import EstimatorNoise as EstimatorNoise
 from .evaluation import LawEvaluation as LawEvaluation
 from .laws import DEFAULT_LAWS as DEFAULT_LAWS
@@ -28,6 +27,7 @@ from .result import ComparedLaw as ComparedLaw
 from .result import Comparison as Comparison
 from .result import Design as Design
 from .result import Status as Status
+from .result import design_text as design_text
 from .specification import Specification as Specification
 from .synthesis.degrees import DegreeChoice as DegreeChoice
 from .synthesis.degrees import shrinking as shrinking

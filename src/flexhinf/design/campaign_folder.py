@@ -26,8 +26,14 @@ from flexhinf.campaign import (
 )
 from flexhinf.campaign.journal import listed
 from flexhinf.design.campaign_options import CampaignOptions
-from flexhinf.design.design_file import DESIGN_FILE, DesignRequest, load_design, plain, read_request
-from flexhinf.design.design_file_text import request_document
+from flexhinf.design.design_file import (
+    DESIGN_FILE,
+    DesignRequest,
+    load_design,
+    plain,
+    read_request,
+    request_document,
+)
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.joint_limits import joint_limits
 from flexhinf.design.laws import DESIGN
