@@ -198,7 +198,7 @@ def worst_case(
         {name: one.value for name, one in zip(names, one_back)}, dict(zip(names, zip(low.tolist(), high.tolist()))),
         {name: box.units[name] for name in names},
         starts, together, all_corners, runs + len(others), int((~inside).sum()),
-        _settings(campaign, metric, least, starts, seed),
+        _identity(campaign, metric, least, starts, seed),
     )  # fmt: skip
 
 
@@ -254,10 +254,9 @@ def _sizes(values: np.ndarray, status: np.ndarray, least: bool) -> np.ndarray:
     return np.where(status == COMPLETED, sizes, math.inf)
 
 
-def _settings(campaign: Campaign, metric: str, least: bool, starts: int, seed: int) -> dict[str, str]:
-    return {
-        "campaign": campaign.digest, "metric": metric, "least": str(least), "starts": str(starts), "seed": str(seed),
-    }  # fmt: skip
+def _identity(campaign: Campaign, metric: str, least: bool, starts: int, seed: int) -> dict[str, str]:
+    given = {"metric": metric, "least": least, "starts": starts, "seed": seed}
+    return {"campaign": campaign.digest, **{name: str(value) for name, value in given.items()}}
 
 
 # Files in the campaign's folder -----------------------------------------------------------------------------
@@ -276,7 +275,7 @@ def search_worst(
     seed = campaign.seed if seed is None else seed
     try:
         stored = stored_worst(journal, metric)
-        if stored.settings == _settings(campaign, metric, least, starts, seed):
+        if stored.settings == _identity(campaign, metric, least, starts, seed):
             return stored
     except InvalidInput:
         pass  # none, or damaged: it is searched

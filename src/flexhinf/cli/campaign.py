@@ -331,7 +331,7 @@ def compare(context: typer.Context, o: CompareCampaignsOptions) -> None:
 
     shard, executor = _shard(o), _executor(o)
     pair = DesignPair(_request(o, o.first), _request(o, o.second))
-    checked = [Requirement.of(text, list(pair.a.metrics.units)) for text in o.require or pair.requirements]
+    checked = [Requirement.of(text, list(pair.a.metrics.units)) for text in o.require or pair.a.requirements]
     words = reproduce_command(context)
     with design_stages() as stage:
         opened = open_pair(pair, o.out, (words, words), stage)

@@ -24,7 +24,7 @@ from flexhinf.campaign import (
     Tolerances,
     Variable,
 )
-from flexhinf.campaign.journal import listed
+from flexhinf.campaign.journal import check_own_folder, differing, listed
 from flexhinf.design.campaign_options import CampaignOptions
 from flexhinf.design.design_file import (
     DESIGN_FILE,
@@ -134,20 +134,14 @@ class DesignCampaign:
     def variables(self) -> tuple[Variable, ...]:
         """Numbers that differ from sample to sample; InvalidInput if none does."""
         o, robot = self.options, self.robot
-        slides = robot.links.slides
         off = inactive_parameters(self.specification.extras, robot.joint_names)
-        found = [
-            Variable(p.name, *p.interval, o.distribution, p.unit)
-            for p in robot.uncertain
-            if p.name not in off
-        ]
-        for size, name, signal in (
-            (o.initial_error, ERROR, "link_position"),
-            (o.disturbance, TORQUE, TORQUE),
-        ):
-            units = [UNITS[signal][sliding] for sliding in slides]
+        acting = [p for p in robot.uncertain if p.name not in off]
+        found = [Variable(p.name, *p.interval, o.distribution, p.unit) for p in acting]
+        sizes = (o.initial_error, ERROR, "link_position"), (o.disturbance, TORQUE, TORQUE)
+        for size, name, signal in sizes:
             names = signal_names(name, robot.joint_names) if size else ()
-            found += [Variable(one, -size, size, o.distribution, unit) for one, unit in zip(names, units)]
+            for one, sliding in zip(names, robot.links.slides):
+                found.append(Variable(one, -size, size, o.distribution, UNITS[signal][sliding]))
         if not found:
             raise InvalidInput(
                 f"Nothing differs from sample to sample: the robot {robot.name!r} states no tolerance.",
@@ -276,11 +270,13 @@ class DesignPair:
     b: DesignCampaign
 
     def __post_init__(self) -> None:
-        found = [
-            f"{name}: {one} ↔ {other}"
-            for name, one, other in _differing(*map(_circumstances, (self.a, self.b)))
+        a, b, sides = _circumstances(self.a), _circumstances(self.b), (self.a, self.b)
+        pairs = differing(a, b, [*a, *b], "default")
+        found = [f"{name}: {one} ↔ {other}" for name, one, other in pairs]
+        codes = [
+            one.robot.plant(one.specification.measured, extras=one.specification.extras) for one in sides
         ]
-        if not found and not _same_plant(self.a, self.b):
+        if not found and codes[0].code_key != codes[1].code_key:
             found = ["the equations of the robots, which have the same parameters"]
         if found:
             raise InvalidInput(
@@ -293,12 +289,8 @@ class DesignPair:
     @property
     def differences(self) -> list[tuple[str, str, str]]:
         """Fields of the specifications that differ, and their values in a and in b."""
-        return _differing(*(fields_text(side.specification) for side in (self.a, self.b)))
-
-    @property
-    def requirements(self) -> tuple[str, ...]:
-        """Those of the first design, by which both are judged."""
-        return self.a.requirements
+        a, b = fields_text(self.a.specification), fields_text(self.b.specification)
+        return differing(a, b, [*a, *b], "default")
 
 
 @dataclass(frozen=True, eq=False)
@@ -313,11 +305,6 @@ class PairResult:
     command: tuple[str, ...] = ()
 
 
-def _differing(a: Mapping[str, str], b: Mapping[str, str]) -> list[tuple[str, str, str]]:
-    pairs = [(name, a.get(name, "default"), b.get(name, "default")) for name in dict.fromkeys((*a, *b))]
-    return [pair for pair in pairs if pair[1] != pair[2]]
-
-
 def _circumstances(side: DesignCampaign) -> dict[str, str]:
     """Everything stated of a campaign but what the law is."""
     limits = side.metrics.limits
@@ -328,11 +315,6 @@ def _circumstances(side: DesignCampaign) -> dict[str, str]:
         "limits of the inputs": str(limits.peak.tolist()), "saturation": str(limits.saturation.tolist()),
         "limits of the speeds": str(limits.speed.tolist()),
     }  # fmt: skip
-
-
-def _same_plant(a: DesignCampaign, b: DesignCampaign) -> bool:
-    codes = [one.robot.plant(one.specification.measured, extras=one.specification.extras) for one in (a, b)]
-    return codes[0].code_key == codes[1].code_key
 
 
 #: Folder of the design file and the controller inside a campaign's, and their names.
@@ -379,22 +361,18 @@ def open_campaign(
 def _begun(
     request: DesignCampaign, place: Path, command: Sequence[str], designed: tuple[Controller, float]
 ) -> tuple[Campaign, Journal]:
-    controller, duration = designed
-    duration = duration if request.options.duration is None else request.options.duration
+    (controller, duration), o, one, setup = designed, request.options, request.request, place / SETUP
+    duration = duration if o.duration is None else o.duration
     request.campaign(controller, duration)  # refuses what does not fit before anything is written
-    document = request_document(
-        request.specification, request.request.source, request.request.elastic, place / SETUP, request.request.payload,
-        request.request.robot.links.slides,
-    )  # fmt: skip
-    text = tomlkit.dumps(document)
-    write_file(
-        place / SETUP / DESIGN_FILE, "design file", lambda name: Path(name).write_text(text, encoding="utf-8")
+    slides = one.robot.links.slides
+    text = tomlkit.dumps(
+        request_document(one.specification, one.source, one.elastic, setup, one.payload, slides)
     )
-    controller.save(place / SETUP / CONTROLLER)
-    campaign = request.campaign(load_controller(place / SETUP / CONTROLLER), duration)
-    o = request.options
+    write_file(setup / DESIGN_FILE, "design file", lambda name: Path(name).write_text(text, encoding="utf-8"))
+    controller.save(setup / CONTROLLER)
+    campaign = request.campaign(load_controller(setup / CONTROLLER), duration)
     about = {
-        "title": f"Campaign of the robot “{request.request.robot.name}”", "requirements": list(request.requirements),
+        "title": f"Campaign of the robot “{one.robot.name}”", "requirements": list(request.requirements),
         "nominal": request.nominal, "options": {**vars(o), "tolerances": [list(one) for one in o.tolerances]},
     }  # fmt: skip
     return campaign, Journal.opened(place, campaign, command, about)
@@ -409,18 +387,12 @@ def designed_controller(
     does.
     """
     path, plan = request.file, request.plan
-    if (
-        plan is None
-        and path is not None
-        and path.name == DESIGN_FILE
-        and unchanged(path.parent, (DESIGN_FILE, CONTROLLER))
-    ):
-        length = read_toml(path, "design file").get("result", {}).get("duration")
-        if isinstance(length, float) and fields_text(load_design(path)[1]) == fields_text(
-            request.specification
-        ):
-            return load_controller(path.parent / CONTROLLER), length
     robot, s = request.request.robot, request.specification
+    report = plan is None and path is not None and path.name == DESIGN_FILE
+    if report and path is not None and unchanged(path.parent, (DESIGN_FILE, CONTROLLER)):
+        length = read_toml(path, "design file").get("result", {}).get("duration")
+        if isinstance(length, float) and fields_text(load_design(path)[1]) == fields_text(s):
+            return load_controller(path.parent / CONTROLLER), length
     synthesis = synthesise(robot, s, progress)
     setup = end_limit_cycle(synthesis.setup(robot, s))[0]
     length = step_duration(LawEvaluation(DESIGN, setup), synthesis)
@@ -482,39 +454,17 @@ def open_pair(
     `progress`: called with each step's name while controllers are designed.
     """
     place = checked_path("The comparison's folder", folder).expanduser().absolute()
-    _check_folder(place)
+    check_own_folder(place, "comparison of campaigns", _OWN)
     place.mkdir(parents=True, exist_ok=True)
     with locked(place / SETUP_LOCK, PATIENCE):
-        designed = _designed(pair, place, progress)
+        sides = [(side, Journal.read(place / name, (SETUP,))) for side, name in zip((pair.a, pair.b), SIDES)]
+        for side, journal in sides:
+            if journal is not None:  # refused before the other one is designed
+                journal.refuse_other(side.stated, partly=True)
+        designed = [None if journal else designed_controller(side, progress) for side, journal in sides]
+        begun = [float(journal.settings["duration"]) for _, journal in sides if journal]
+        duration = begun[0] if begun else float(np.max([one[1] for one in designed if one]))
         return [
-            open_campaign(one, place / name, command, progress, given)
-            for one, name, command, given in zip((pair.a, pair.b), SIDES, commands, designed)
+            open_campaign(side, place / name, command, progress, None if one is None else (one[0], duration))
+            for (side, _), name, command, one in zip(sides, SIDES, commands, designed)
         ]
-
-
-def _designed(
-    pair: DesignPair, place: Path, progress: Callable[[str], None]
-) -> list[tuple[Controller, float] | None]:
-    """Controllers that are not in the folder yet, with the longer of both steps, or that of the run which is there."""
-    sides = [(side, Journal.read(place / name, (SETUP,))) for side, name in zip((pair.a, pair.b), SIDES)]
-    for side, journal in sides:
-        if journal is not None:  # refused before the other one is designed
-            journal.refuse_other(side.stated, partly=True)
-    designed = [None if journal else designed_controller(side, progress) for side, journal in sides]
-    begun = [float(journal.settings["duration"]) for _, journal in sides if journal]
-    duration = begun[0] if begun else float(np.max([one[1] for one in designed if one]))
-    return [None if one is None else (one[0], duration) for one in designed]
-
-
-def _check_folder(place: Path) -> None:
-    if place.exists() and not place.is_dir():
-        raise InvalidInput(
-            "A comparison needs a folder, and there is a file.", f"got {place}", "another name"
-        )
-    names = [path.name for path in place.iterdir()] if place.is_dir() else []
-    if strangers := [name for name in names if name[:1] != "." and name not in _OWN]:
-        raise InvalidInput(
-            "The folder holds something that is not a comparison of campaigns, and is left alone.",
-            f"expected no folder, an empty one, or one with {', '.join(_OWN)}; got {sorted(strangers)[:3]} in {place}",
-            "another folder",
-        )
