@@ -91,7 +91,13 @@ def _every_character() -> Iterator[None]:
     finally:
         for stream, errors in changed:
             if not stream.closed:
-                _let_go(stream)
+                try:
+                    stream.flush()
+                except OSError:  # send to nowhere what stands in its buffer
+                    with suppress(OSError, ValueError):
+                        nowhere = os.open(os.devnull, os.O_WRONLY)
+                        os.dup2(nowhere, stream.fileno())
+                        os.close(nowhere)
                 with suppress(OSError):
                     stream.reconfigure(errors=errors)
 
@@ -105,17 +111,6 @@ def _without_windows() -> Iterator[None]:
     finally:
         if named is not None:
             os.environ["MPLBACKEND"] = named
-
-
-def _let_go(stream: Any) -> None:
-    """Send to nowhere what stands in the buffer of a stream that cannot be written."""
-    try:
-        stream.flush()
-    except OSError:
-        with suppress(OSError, ValueError):
-            nowhere = os.open(os.devnull, os.O_WRONLY)
-            os.dup2(nowhere, stream.fileno())
-            os.close(nowhere)
 
 
 @contextmanager

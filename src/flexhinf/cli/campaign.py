@@ -119,7 +119,7 @@ def _request(o: BatchOptions, source: str) -> DesignCampaign:
             )
         tolerances.append((name.strip(), value.strip()))
     values["tolerances"] = tuple(tolerances)
-    request = read_source(source, o.elastic, {}).request
+    request = read_source(source, o.elastic, {})
     return DesignCampaign(request, CampaignOptions(**values), design_file_of(source))
 
 

@@ -131,6 +131,7 @@ class DesignRequest:
     elastic: str | None = None
     notes: tuple[str, ...] = ()  # What the user should know before the work
     payload: str | None = None
+    warnings: tuple[str, ...] = ()  # Of the robot's file; they belong into the report
 
 
 def load_design(path: str | Path) -> tuple[Robot, Specification]:

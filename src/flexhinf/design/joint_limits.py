@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -81,19 +82,19 @@ class JointLimits:
     @property
     def strongest(self) -> float:
         """The largest limit of an input, by the required peak, or by saturation without one; infinite without any."""
-        limits = self._inputs[np.isfinite(self._inputs)]
-        return float(limits.max()) if len(limits) else np.inf
-
-    @property
-    def _inputs(self) -> np.ndarray:
-        return self.peak if self.limits_peak else self.saturation
+        limits = self.peak if self.limits_peak else self.saturation
+        return (
+            float(np.max(limits[np.isfinite(limits)], initial=-np.inf))
+            if np.isfinite(limits).any()
+            else np.inf
+        )
 
     # What a run uses of them --------------------------------------------------------------------------
     def equivalent_peak(self, response: Response) -> float:
         """Largest input of a run in terms of the `strongest` motor: the largest share of a limit times that one's."""
         if not np.isfinite(self.strongest) or response.diverged_at is not None:
             return response.peak_input
-        use = self.input_use(response, self._inputs)
+        use = self.input_use(response, self.peak if self.limits_peak else self.saturation)
         return use.value if use.limit == self.strongest else use.share * self.strongest
 
     def input_use(self, response: Response, limits: np.ndarray | None = None) -> LimitUse:
@@ -148,7 +149,7 @@ def joint_limits(robot: Robot, s: Specification) -> JointLimits:
         value = getattr(s, name)
         if value is None:
             return np.array(own, dtype=float), ROBOT
-        return _per_joint(robot, name, value), FIELDS[name].option
+        return per_joint(joints, name, value), FIELDS[name].option
 
     peak, peak_source = stated("peak_effort", robot.effort_limits)
     saturation, saturation_source = stated("saturation", robot.effort_limits)
@@ -162,11 +163,13 @@ def joint_limits(robot: Robot, s: Specification) -> JointLimits:
 def integral_dead_zone(robot: Robot, s: Specification, chosen: np.ndarray | None) -> np.ndarray | None:
     """Errors (n,) that are not integrated, rad or m: as stated, or `chosen`; None without any."""
     zone = chosen if s.integral_dead_zone is None else s.integral_dead_zone
-    return None if zone is None or not np.any(zone) else _per_joint(robot, "integral_dead_zone", zone)
+    none = zone is None or not np.any(zone)
+    return None if none else per_joint(robot.joint_names, "integral_dead_zone", zone)
 
 
-def _per_joint(robot: Robot, name: str, value: Any) -> np.ndarray:
-    limits, joints = np.asarray(value, dtype=float), robot.joint_names
+def per_joint(joints: Sequence[str], name: str, value: Any) -> np.ndarray:
+    """A number of a field for each joint (n,); SpecificationError for another count of numbers."""
+    limits = np.asarray(value, dtype=float)
     if limits.shape not in ((), (1,), (len(joints),)):
         raise SpecificationError(
             name,

@@ -81,11 +81,21 @@ def plan_move(
     `slowest_vibration`: its period smooths the plan, rad/s.
     `held`: inputs that hold the robot at start and goal, beside which the limit leaves room.
     """
-    limits = joint_limits(robot, s)
-    limit = _feedforward_limit(limits, held)
+    limits, limit = joint_limits(robot, s), None
+    if limits.limits_effort:  # the largest input (n,) that the feedforward may use of each motor
+        needed = np.abs(held).max(axis=0)
+        limit = needed + EFFORT_FRACTION * np.maximum(0.0, limits.effort - needed)
+    way = np.abs(goal - start)
+    way = np.maximum(way, LEAST_WAY * max(float(way.max()), 1e-6))
     for k in range(STRETCHES):
         rate = np.asarray(bandwidth, dtype=float) / STRETCH**k
-        plan = _planned(s, start, goal, rate, 2.0 * math.pi / slowest_vibration)
+        if s.shaping == "quintic":
+            plan: Plan = Waypoints([0.0, QUINTIC_TIME / float(rate.min())], [start, goal], "quintic")
+        else:
+            plan = JerkLimited(
+                start, goal, VELOCITY * way * rate, ACCELERATION * way * rate**2, JERK * way * rate**3,
+                smoothing=2.0 * math.pi / slowest_vibration,
+            )  # fmt: skip
         try:
             check_reference(robot, plan, plan.duration, limit, s.period, limits.speed)
         except InvalidInput:
@@ -94,26 +104,6 @@ def plan_move(
             continue
         return plan
     raise AssertionError("unreachable")
-
-
-def _planned(
-    s: Specification, start: np.ndarray, goal: np.ndarray, rate: np.ndarray, smoothing: float
-) -> Plan:
-    if s.shaping == "quintic":
-        return Waypoints([0.0, QUINTIC_TIME / float(rate.min())], [start, goal], "quintic")
-    way = np.abs(goal - start)
-    way = np.maximum(way, LEAST_WAY * max(float(way.max()), 1e-6))
-    return JerkLimited(
-        start, goal, VELOCITY * way * rate, ACCELERATION * way * rate**2, JERK * way * rate**3, smoothing=smoothing
-    )  # fmt: skip
-
-
-def _feedforward_limit(limits: JointLimits, held: Sequence[np.ndarray]) -> np.ndarray | None:
-    """The largest input (n,) that the feedforward may use of each motor; None without an effort limit."""
-    if not limits.limits_effort:
-        return None
-    needed = np.abs(held).max(axis=0)
-    return needed + EFFORT_FRACTION * np.maximum(0.0, limits.effort - needed)
 
 
 # A stated move -----------------------------------------------------------------------------------------------
@@ -145,11 +135,8 @@ def stated_move(robot: Robot, s: Specification) -> Plan | None:
     try:
         _check(robot, s, plan, limits, INSTANTS)
     except InvalidInput as error:
-        raise WaypointError(
-            error.what.replace("The reference", "The move"),
-            error.found,
-            _slower(robot, s, limits) or error.advice,
-        ) from None
+        what, advice = error.what.replace("The reference", "The move"), _slower(robot, s, limits)
+        raise WaypointError(what, error.found, advice or error.advice) from None
     return plan
 
 

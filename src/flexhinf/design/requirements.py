@@ -15,10 +15,10 @@ from typing import Any
 import numpy as np
 
 from flexhinf.analysis import Margins, ToleranceCorners
-from flexhinf.design.joint_limits import ROBOT, JointLimits, LimitUse
+from flexhinf.design.joint_limits import ROBOT, JointLimits, LimitUse, per_joint
 from flexhinf.design.monte_carlo import MonteCarlo
 from flexhinf.design.responses import Move, Response
-from flexhinf.design.specification import FIELDS, TOLERANCE, Specification, SpecificationError
+from flexhinf.design.specification import FIELDS, TOLERANCE, Specification
 from flexhinf.loop.simulation.metrics import SETTLING_BAND
 
 #: The requirement of the links' speeds.
@@ -47,12 +47,14 @@ class Requirement:
     @property
     def met(self) -> bool:
         """Whether it is met, within `TOLERANCE`."""
-        return self._keeps(self.limit * (1.0 + TOLERANCE if self.at_most else 1.0 - TOLERANCE))
+        if self.at_most:
+            return bool(self.found <= self.limit * (1.0 + TOLERANCE))
+        return bool(self.found >= self.limit * (1.0 - TOLERANCE))
 
     @property
     def within_tolerance(self) -> bool:
         """Whether the limit itself is missed, by so little that it counts as met."""
-        return self.met and not self._keeps(self.limit)
+        return self.met and not (self.found <= self.limit if self.at_most else self.found >= self.limit)
 
     @property
     def judgement(self) -> str:
@@ -60,9 +62,6 @@ class Requirement:
         if not self.met:
             return "NOT MET"
         return f"met within {100.0 * TOLERANCE:g} %" if self.within_tolerance else "met"
-
-    def _keeps(self, limit: float) -> bool:
-        return bool(self.found <= limit if self.at_most else self.found >= limit)
 
     @property
     def unit_text(self) -> str:
@@ -291,23 +290,22 @@ def sample_requirements(s: Specification, limits: JointLimits, samples: MonteCar
         REQUIREMENTS["unsettled"].judge(None, 0.0, samples.unsettled, where),
         REQUIREMENTS["overshoot"].judge(s, s.overshoot, samples.overshoot.max(), where, joint=joint),
     ]
+
+    def worst(values: np.ndarray, most: np.ndarray, units: tuple[str, ...]) -> LimitUse:
+        if not np.isfinite(values).all():  # a run diverged
+            joint = int(np.argmin(most))
+            return LimitUse(np.inf, float(most[joint]), "", units[joint], None)
+        row, joint = divmod(int(np.argmax(values / most)), values.shape[1])
+        return LimitUse(
+            float(values[row, joint]), float(most[joint]), limits.joints[joint], units[joint], None
+        )
+
     if limits.limits_peak:
-        use = _sampled_use(limits, samples.inputs, limits.peak, limits.effort_units)
-        lines.append(_peak(limits, use, where))
+        lines.append(_peak(limits, worst(samples.inputs, limits.peak, limits.effort_units), where))
     if limits.limits_speed:
-        use = _sampled_use(limits, samples.speeds, limits.speed, limits.speed_units)
+        use = worst(samples.speeds, limits.speed, limits.speed_units)
         lines.append(_limit("speed", limits, use, where, limits.speed_source))
     return lines
-
-
-def _sampled_use(
-    limits: JointLimits, values: np.ndarray, most: np.ndarray, units: tuple[str, ...]
-) -> LimitUse:
-    if not np.isfinite(values).all():  # a run diverged
-        joint = int(np.argmin(most))
-        return LimitUse(np.inf, float(most[joint]), "", units[joint], None)
-    row, joint = divmod(int(np.argmax(values / most)), values.shape[1])
-    return LimitUse(float(values[row, joint]), float(most[joint]), limits.joints[joint], units[joint], None)
 
 
 # Moves ------------------------------------------------------------------------------------------------------
@@ -347,15 +345,7 @@ def tracking_limits(s: Specification, limits: JointLimits, ways: np.ndarray) -> 
     """
     if s.tracking_error is None:
         return TRACKING_FRACTION * _counted(limits, ways)
-    stated, count = np.array(s.tracking_error), len(limits.joints)
-    if len(stated) not in (1, count):
-        raise SpecificationError(
-            "tracking_error",
-            "The tracking error does not fit the joints.",
-            f"expected one number, or one for each of {list(limits.joints)}, got {len(stated)}",
-            example=",".join(f"{one:g}" for one in np.resize(stated, count)),
-        )
-    return np.array(np.broadcast_to(stated, (count,)))
+    return per_joint(limits.joints, "tracking_error", s.tracking_error)
 
 
 def final_limits(limits: JointLimits, ways: np.ndarray) -> np.ndarray:
