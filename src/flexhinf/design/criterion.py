@@ -57,38 +57,22 @@ UNSETTLED = 2.0
 
 @dataclass(frozen=True)
 class LawMetrics:
-    """What a law is tuned by: the largest of all joints; infinite where a run diverged, or did not settle.
-
-    Attributes
-    ----------
-    gain_margin : float
-        Smallest factor by which the gain of one input may not rise or fall.
-    damping : float
-        Smallest damping ratio of all oscillations of the running loop, the estimator's among them; NaN where there
-        is none.
-    input_noise : float
-        RMS of the noisiest input, V or N·m.
-    bandwidth : float
-        Of the slowest joint, rad/s.
-    peak_input, settling : float
-        Of the step as deployed; V or N·m (see `JointLimits.equivalent_peak`), s. NaN where it was not run.
-    load_deviation : float
-        rad or m.
-    move_error : float
-        Largest error behind the jerk-limited reference, rad or m.
-    remaining_error : float
-        Largest error in the last tenth of step, load response or move, rad or m.
-    """
+    """What a law is tuned by: the largest of all joints; infinite where a run diverged, or did not settle."""
 
     peak_sensitivity: float
-    gain_margin: float
+    gain_margin: float  # Smallest factor by which the gain of one input may not rise or fall
+    # Smallest damping ratio of all oscillations of the running loop, the estimator's among them; NaN where
+    # there is none
     damping: float
-    input_noise: float
-    bandwidth: float
+    input_noise: float  # RMS of the noisiest input, V or N·m
+    bandwidth: float  # Of the slowest joint, rad/s
+    # peak_input, settling: Of the step as deployed; V or N·m (see `JointLimits.equivalent_peak`), s. NaN
+    # where it was not run.
     peak_input: float = math.nan
     settling: float = math.nan
-    load_deviation: float = math.nan
-    move_error: float = math.nan
+    load_deviation: float = math.nan  # rad or m
+    move_error: float = math.nan  # Largest error behind the jerk-limited reference, rad or m
+    # Largest error in the last tenth of step, load response or move, rad or m
     remaining_error: float = math.nan
 
 
@@ -165,24 +149,14 @@ def _run(metrics: LawMetrics, evaluation: LawEvaluation, criterion: Criterion | 
 
 @dataclass(frozen=True)
 class Limit:
-    """One limit that all laws keep.
+    """One limit that all laws keep."""
 
-    Attributes
-    ----------
-    metric : str
-        Attribute of `LawMetrics`.
-    least : bool
-        Whether the metric is to be at least the value instead of at most.
-    origin : str
-        Where the value comes from.
-    """
-
-    metric: str
+    metric: str  # Attribute of `LawMetrics`
     label: str
     unit: str
     value: float
-    origin: str
-    least: bool = False
+    origin: str  # Where the value comes from
+    least: bool = False  # Whether the metric is to be at least the value instead of at most
 
     def excess(self, metrics: LawMetrics) -> float:
         """ln of the factor by which it is exceeded; 0 where it is kept."""
@@ -202,27 +176,15 @@ class Limit:
 
 @dataclass(frozen=True)
 class Criterion:
-    """What laws are tuned for.
+    """What laws are tuned for."""
 
-    Attributes
-    ----------
-    mode : {"peak", "bandwidth", "none"}
-    own : LawMetrics
-        Of the design's own law, by which deviation, settling time and errors are divided.
-    linear, shared : tuple of Limit
-        Of the linearised loop; and the one that the user chose, of the runs or of the loop.
-    length : float
-        Of the step, s.
-    resolution : float
-        Deviations and errors below count as this, rad or m.
-    """
-
-    mode: str
-    own: LawMetrics
+    mode: str  # {"peak", "bandwidth", "none"}
+    own: LawMetrics  # Of the design's own law, by which deviation, settling time and errors are divided
+    # linear, shared: Of the linearised loop; and the one that the user chose, of the runs or of the loop
     linear: tuple[Limit, ...]
     shared: tuple[Limit, ...]
-    length: float
-    resolution: float = 0.0
+    length: float  # Of the step, s
+    resolution: float = 0.0  # Deviations and errors below count as this, rad or m
 
     @property
     def limits(self) -> tuple[Limit, ...]:
@@ -300,21 +262,9 @@ def criterion_for(
 ) -> Criterion:
     """The criterion of a comparison.
 
-    Parameters
-    ----------
-    mode : {"peak", "bandwidth", "none"}
-    own : LawMetrics
-        Of the design.
-    length : float
-        Of the step, s.
-    limits : mapping of str to (value, origin)
-        Of the specification, by metric: peak_sensitivity, gain_margin, damping, and peak_input or bandwidth where
-        they were asked for.
-    unit : str
-        Of the inputs.
-    resolution : float
-        Of a position, rad or m: smaller deviations and errors count as this.
-
+    `mode` {"peak", "bandwidth", "none"}. `own`: of the design. `length`: of the step, s. `limits`: of the
+    specification, by metric: peak_sensitivity, gain_margin, damping, and peak_input or bandwidth where they were asked
+    for. `unit`: of the inputs. `resolution`: of a position, rad or m: smaller deviations and errors count as this.
     Raises `InvalidInput` for another mode, or where there is nothing to share: no limit was asked for and the design
     has no such metric.
     """

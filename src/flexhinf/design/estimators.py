@@ -53,23 +53,14 @@ Levels = float | tuple[float, ...]
 
 @dataclass(frozen=True)
 class EstimatorNoise:
-    """R^v of the estimator, a diagonal: variances per sample in the states' units squared.
+    """R^v of the estimator, a diagonal: variances per sample in the states' units squared."""
 
-    Attributes
-    ----------
-    all_states : float
-        On every state.
-    link_velocities, motor_velocities : float or tuple of float
-        Added on the velocities of the links and of the motors, one for all joints or one for each: what a model misses
-        are torques there.
-    source : str
-        Who states these levels: an option, a search, or a default of ours.
-    """
-
-    all_states: float = 0.0
+    all_states: float = 0.0  # On every state
+    # link_velocities, motor_velocities: Added on the velocities of the links and of the motors, one for all
+    # joints or one for each: what a model misses are torques there
     link_velocities: Levels = 0.0
     motor_velocities: Levels = 0.0
-    source: str = "ours"
+    source: str = "ours"  # Who states these levels: an option, a search, or a default of ours
 
     @staticmethod
     def stated(s: Specification) -> EstimatorNoise:

@@ -57,24 +57,15 @@ NEGLIGIBLE = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class LawEvaluation:
-    """One law in one loop.
-
-    Parameters
-    ----------
-    setup : LoopSetup
-        Law, estimator, controller and true plant.
-    scenario : Scenario or None
-        The runs, the same for all laws; without one there are only linear metrics.
-    parameters : mapping of str to float
-        Values that were tuned, by name; empty for a design's own law.
-    other_noise : bool
-        Whether the corners are computed with other R^v too, which takes most of an evaluation's time.
-    """
+    """One law in one loop."""
 
     name: str
-    setup: LoopSetup
+    setup: LoopSetup  # Law, estimator, controller and true plant
+    # The runs, the same for all laws; without one there are only linear metrics
     scenario: Scenario | None = None
+    # Values that were tuned, by name; empty for a design's own law
     parameters: Mapping[str, float] | None = None
+    # Whether the corners are computed with other R^v too, which takes most of an evaluation's time
     other_noise: bool = True
 
     def in_scenario(self, scenario: Scenario, step: Response | None = None) -> LawEvaluation:

@@ -54,25 +54,17 @@ LARGEST_DEGREE = 12
 
 @dataclass(frozen=True)
 class TuningParameter:
-    """One number that is searched for, on a logarithmic scale.
-
-    Attributes
-    ----------
-    start : float or None
-        Where the search begins; None for a number of the design (its bandwidth, its γ/γ*, its degree).
-    lower, upper : float
-        Bounds.
-    relative : bool
-        Whether the bounds are factors of the start.
-    """
+    """One number that is searched for, on a logarithmic scale."""
 
     name: str
     label: str
     unit: str
+    # Where the search begins; None for a number of the design (its bandwidth, its γ/γ*, its degree)
     start: float | None
+    # lower, upper: Bounds
     lower: float
     upper: float
-    relative: bool = False
+    relative: bool = False  # Whether the bounds are factors of the start
 
 
 _BANDWIDTH = TuningParameter("bandwidth", "bandwidth", "rad/s", None, 0.1, 20.0, True)
@@ -111,34 +103,18 @@ _TORQUE, _TORQUE_BOTH = (
 
 @dataclass(frozen=True)
 class LawKind:
-    """What a name stands for.
-
-    Attributes
-    ----------
-    group : str
-        Which panel of the figure it is in.
-    source : str
-        Key into docs/references.bib, or who proposes it.
-    model : str
-        What the law itself has to know of the robot; the estimator knows the whole model.
-    parameters : tuple of TuningParameter
-        All that its gains are made from, and R^v of its estimator.
-    sensors : tuple of tuple of str
-        Sets of measured signals that are tried, and the best kept; empty for those of the design.
-    integral : bool
-        Whether it integrates the error of the link positions.
-    degree : int or None
-        Of V, where the name says it; 0 for the design's degree, or the one that is tuned.
-    """
+    """What a name stands for."""
 
     name: str
     description: str
-    group: str
-    source: str
-    model: str
-    parameters: tuple[TuningParameter, ...]
+    group: str  # Which panel of the figure it is in
+    source: str  # Key into docs/references.bib, or who proposes it
+    model: str  # What the law itself has to know of the robot; the estimator knows the whole model
+    parameters: tuple[TuningParameter, ...]  # All that its gains are made from, and R^v of its estimator
+    # Sets of measured signals that are tried, and the best kept; empty for those of the design
     sensors: tuple[tuple[str, ...], ...] = ()
-    integral: bool = True
+    integral: bool = True  # Whether it integrates the error of the link positions
+    # Of V, where the name says it; 0 for the design's degree, or the one that is tuned
     degree: int | None = None
 
 
@@ -247,18 +223,10 @@ def law_names(names: Sequence[str] | None = None) -> tuple[str, ...]:
 
 @dataclass(frozen=True, eq=False)
 class LawFactory:
-    """Makes laws about the goal of a design, from its model.
+    """Makes laws about the goal of a design, from its model."""
 
-    Parameters
-    ----------
-    synthesis : Synthesis
-        The design's problem, weights, γ and degree.
-    bandwidth : float
-        Where searches over bandwidths begin, rad/s.
-    """
-
-    synthesis: Synthesis
-    bandwidth: float
+    synthesis: Synthesis  # The design's problem, weights, γ and degree
+    bandwidth: float  # Where searches over bandwidths begin, rad/s
 
     @property
     def problem(self) -> GeneralisedPlant:
@@ -317,15 +285,9 @@ class LawFactory:
     def make(self, kind: LawKind, values: Mapping[str, float], degree: int | None = None) -> Law:
         """The law with these values of its parameters.
 
-        Parameters
-        ----------
-        values : mapping of str to float
-            See `start`; R^v of the estimator is none of the law's. A degree is rounded.
-        degree : int, optional
-            Of V, instead of its own.
-
-        Raises `FlexhinfError` if there is no such law: a Riccati equation without a solution, a goal that it does not
-        hold.
+        `values`: see `start`; R^v of the estimator is none of the law's. A degree is rounded. `degree`: of V, instead
+        of its own. Raises `FlexhinfError` if there is no such law: a Riccati equation without a solution, a goal that
+        it does not hold.
         """
         if kind.name == DESIGN or self._is_own(kind, values, degree):
             return self.synthesis.law
@@ -363,20 +325,9 @@ class LawFactory:
 def weighted(problem: GeneralisedPlant, effort: float, integral: float, velocity: float) -> GeneralisedPlant:
     """A problem with other weights: what a linear-quadratic designer turns.
 
-    Parameters
-    ----------
-    effort : float
-        Factor of R2.
-    integral : float
-        Factor of the columns of h(x) that belong to integrals.
-    velocity : float
-        s. A row for each joint is added, this times the weight of its link position times its link velocity; none up
-        to `NO_VELOCITY`.
-
-    Returns
-    -------
-    GeneralisedPlant
-        Its penalty is the matrix ∂h/∂x at the operating point, so scaled.
+    `effort`: factor of R2. `integral`: factor of the columns of h(x) that belong to integrals. `velocity`: s. A row for
+    each joint is added, this times the weight of its link position times its link velocity; none up to `NO_VELOCITY`.
+    Returns GeneralisedPlant: its penalty is the matrix ∂h/∂x at the operating point, so scaled.
     """
     names = problem.state_names
     factors = [integral if name.endswith("_integral") else 1.0 for name in names]

@@ -137,18 +137,10 @@ class LoopPlants:
     ) -> Any:
         """The estimator, its initial mean the robot in equilibrium at a pose (n,); None for "none".
 
-        Parameters
-        ----------
-        at, goal : (n,)
-            The sensors must show every mode at the goal that does not decay.
-        noise : EstimatorNoise
-            Levels of R^v.
-        running : bool
-            As it runs, with the `estimator_model`; otherwise with `model`.
-        linear : bool
-            With the linearisation at the goal: a linear Kalman filter.
-
-        Raises `NotDetectable` if the sensors do not show a mode that does not decay, with the state it is in.
+        `at`, `goal` (n,): the sensors must show every mode at the goal that does not decay. `noise`: levels of R^v.
+        `running`: as it runs, with the `estimator_model`; otherwise with `model`. `linear`: with the linearisation at
+        the goal: a linear Kalman filter. Raises `NotDetectable` if the sensors do not show a mode that does not decay,
+        with the state it is in.
         """
         s, model = self.specification, self.model
         if s.estimator == "none":
@@ -232,14 +224,9 @@ class LoopSetup(LoopPlants):
     def controller(self, at: np.ndarray, moving: bool = False, start: str | None = None) -> Controller:
         """A controller for a run that begins at a pose.
 
-        Parameters
-        ----------
-        at : (n,)
-        moving : bool
-            In error coordinates about a moving reference.
-        start : {"zero", "bumpless"}, optional
-            Integrals at zero, or such that the input continues from what holds the model there; by default the first
-            for a moving reference.
+        `at` (n,). `moving`: in error coordinates about a moving reference. `start` {"zero", "bumpless"}: integrals at
+        zero, or such that the input continues from what holds the model there; by default the first for a moving
+        reference.
         """
         s = self.specification
         start = ("zero" if moving else "bumpless") if start is None else start
@@ -281,12 +268,8 @@ class LoopSetup(LoopPlants):
 
         A command enters through the integrals of a law that has some; a law without follows x_d(q) and u_d(q).
 
-        Parameters
-        ----------
-        estimated : bool
-            With the estimator; otherwise the true state is fed back.
-        values : mapping, optional
-            Parameters of the true plant, which the estimator does not know.
+        `estimated`: with the estimator; otherwise the true state is fed back. `values`: parameters of the true plant,
+        which the estimator does not know.
         """
         s, law, plant = self.specification, self.linear_law, _with_values(self.smooth_plant, values)
         return EquilibriumLoop(
@@ -342,18 +325,9 @@ class LoopSetup(LoopPlants):
     ) -> Response:
         """The step from start to goal as the controller is deployed, without a jump of the input, by `command`.
 
-        Parameters
-        ----------
-        duration : float
-            s.
-        values : mapping, optional
-            Parameters of the true plant, which is in equilibrium at the start with them.
-        seed : int
-            Of the measurement noise, added to the specification's.
-        plant : optional
-            Instead of the true plant: MuJoCo's.
-        sub_steps : int, optional
-            Runge–Kutta steps per period of the true plant.
+        `duration`: s. `values`: parameters of the true plant, which is in equilibrium at the start with them. `seed`:
+        of the measurement noise, added to the specification's. `plant`: instead of the true plant: MuJoCo's.
+        `sub_steps`: runge–Kutta steps per period of the true plant.
         """
         options = {} if self.command is None else {"reference": self.command}
         return self._run(
@@ -403,16 +377,8 @@ class LoopSetup(LoopPlants):
     ) -> EnsembleResult:
         """The step of each robot as the controller is deployed, with noise of its own.
 
-        Parameters
-        ----------
-        robots : sequence of mapping
-            Parameters.
-        duration : float
-            s.
-        sub_steps : int
-            Of the true plants: the nominal one's, so that all runs share one kernel.
-        **options
-            Of `Loop.ensemble`: what is said of the runs.
+        `robots`: parameters. `duration`: s. `sub_steps`: of the true plants: the nominal one's, so that all runs share
+        one kernel. `**options`: of `Loop.ensemble`: what is said of the runs.
         """
         options |= {} if self.command is None else {"reference": self.command}
         return self._run_many(self.bumpless_controller, self.start, robots, duration, sub_steps, **options)

@@ -29,26 +29,14 @@ NO_LIMIT = "no limit"
 
 @dataclasses.dataclass(frozen=True)
 class About:
-    """What people read about a field.
+    """What people read about a field."""
 
-    Attributes
-    ----------
-    group : str
-        One of `GROUPS`; "" for an argument of the command line, which has no name there.
-    example : str
-        As on the command line; the same text is understood in Python and in a design file.
-    zero : str
-        What 0 stands for at the command line, where it is not a number of the range.
-    default : str
-        What is chosen where the default is None.
-    """
-
-    group: str
+    group: str  # One of `GROUPS`; "" for an argument of the command line, which has no name there
     help: str
-    example: str = ""
+    example: str = ""  # As on the command line; the same text is understood in Python and in a design file
     unit: str = ""
-    zero: str = ""
-    default: str = ""
+    zero: str = ""  # What 0 stands for at the command line, where it is not a number of the range
+    default: str = ""  # What is chosen where the default is None
 
     @property
     def text(self) -> str:
@@ -59,24 +47,14 @@ class About:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class FieldInfo:
-    """One field, as the command line, the design file and the docs see it.
-
-    Attributes
-    ----------
-    kind : Any
-        Its type, with how it is read and its range.
-    allowed : str
-        Its range in words.
-    option : str
-        Its option, which has its name; of a flag both, ``--mujoco/--no-mujoco``.
-    """
+    """One field, as the command line, the design file and the docs see it."""
 
     name: str
     about: About
-    kind: Any
-    allowed: str
+    kind: Any  # Its type, with how it is read and its range
+    allowed: str  # Its range in words
     default: Any
-    option: str
+    option: str  # Its option, which has its name; of a flag both, ``--mujoco/--no-mujoco``
 
     @property
     def is_path(self) -> bool:

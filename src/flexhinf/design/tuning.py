@@ -52,31 +52,16 @@ MANY_STATES = 15
 
 @dataclass(frozen=True, eq=False)
 class TunedLaw:
-    """A law, the loop it runs in, and how it was found.
-
-    Attributes
-    ----------
-    evaluation : LawEvaluation
-        Of the law with its sensors, its parameters and its estimator's noise levels.
-    cost : float
-        Of the criterion; 1 for the design.
-    feasible : bool
-        Whether every limit is kept.
-    reason : str
-        Which limits are not kept.
-    tried : tuple of LawMetrics
-        Of all candidates that were run.
-    search : Tuning or None
-        All candidates, those without a run included; None for the design's own law.
-    """
+    """A law, the loop it runs in, and how it was found."""
 
     kind: LawKind
-    evaluation: LawEvaluation
+    evaluation: LawEvaluation  # Of the law with its sensors, its parameters and its estimator's noise levels
     metrics: LawMetrics
-    cost: float
-    feasible: bool
-    reason: str = ""
-    tried: tuple[LawMetrics, ...] = ()
+    cost: float  # Of the criterion; 1 for the design
+    feasible: bool  # Whether every limit is kept
+    reason: str = ""  # Which limits are not kept
+    tried: tuple[LawMetrics, ...] = ()  # Of all candidates that were run
+    # All candidates, those without a run included; None for the design's own law
     search: Tuning | None = None
 
     @property
@@ -118,37 +103,23 @@ class TunedLaw:
 
 @dataclass(frozen=True, eq=False)
 class Tuner:
-    """Tunes laws for the criterion of a comparison.
-
-    Parameters
-    ----------
-    own : LawEvaluation
-        Of the design's own law: its loop, and the scenario of all laws.
-    same_sensors : bool
-        All laws measure what the design measures, whatever their proponents would choose.
-    seed : int
-        Of the searches' samples; the same for all laws.
-    """
+    """Tunes laws for the criterion of a comparison."""
 
     factory: LawFactory
-    own: LawEvaluation
+    own: LawEvaluation  # Of the design's own law: its loop, and the scenario of all laws
     criterion: Criterion
+    # All laws measure what the design measures, whatever their proponents would choose
     same_sensors: bool = False
-    seed: int = 0
+    seed: int = 0  # Of the searches' samples; the same for all laws
 
     def tune_all(
         self, kinds: Sequence[LawKind], wanted: Sequence[str] = (), progress: Progress = lambda text: None
     ) -> dict[str, TunedLaw | str]:
         """All rounds for all laws: the tuned law by name, or why it cannot be made.
 
-        Parameters
-        ----------
-        wanted : sequence of str
-            Names that were asked for: of these, one that cannot be made is a mistake.
-        progress : callable, optional
-            Called with what comes next, three times for each law.
-
-        Raises `InvalidInput` if a law that was asked for does not fit the robot.
+        `wanted`: names that were asked for: of these, one that cannot be made is a mistake. `progress`: called with
+        what comes next, three times for each law. Raises `InvalidInput` if a law that was asked for does not fit the
+        robot.
         """
         found: dict[str, TunedLaw | str] = {}
         for kind in kinds:
@@ -197,16 +168,9 @@ class Tuner:
     def again(self, law: TunedLaw, others: Sequence[TunedLaw], exchange: bool = False) -> TunedLaw:
         """A later round: the search goes on from the best of what was found so far and of other laws' parameters.
 
-        Parameters
-        ----------
-        law : TunedLaw
-            Of the round before.
-        others : sequence of TunedLaw
-            Of this round where they have fewer parameters, else of the one before; those that have a parameter which
-            this law has not do not count.
-        exchange : bool
-            The last round: beside these, the cheapest others with whatever parameters both have, and a simplex from
-            the best.
+        `law`: of the round before. `others`: of this round where they have fewer parameters, else of the one before;
+        those that have a parameter which this law has not do not count. `exchange`: the last round: beside these, the
+        cheapest others with whatever parameters both have, and a simplex from the best.
         """
         if law.kind.name == DESIGN:
             return law
@@ -338,16 +302,8 @@ class Tuner:
     ) -> LawEvaluation:
         """A law with these sensors and parameters, in the scenario of all laws.
 
-        Parameters
-        ----------
-        sensors : tuple of str
-            Measured signals.
-        values : mapping of str to float
-            See `LawFactory.start`.
-        degree : int, optional
-            Of V, instead of the law's own.
-
-        Raises `FlexhinfError` if there is no such law.
+        `sensors`: measured signals. `values`: see `LawFactory.start`. `degree`: of V, instead of the law's own. Raises
+        `FlexhinfError` if there is no such law.
         """
         values = {name: float(round(x)) if name == DEGREE else x for name, x in values.items()}
         own = self.own.setup
@@ -385,19 +341,12 @@ def best_rival(laws: Sequence[TunedLaw]) -> TunedLaw | None:
 
 @dataclass(frozen=True)
 class TradeOff:
-    """Where a law is between what it costs and what it holds.
-
-    Attributes
-    ----------
-    point : LawMetrics
-        Of the law as it was tuned.
-    curve : tuple of LawMetrics
-        Load deviation against peak input, by rising peak input: the best of all candidates that were tried and keep the
-        limits of the linear loop. Of the design's own law only its point.
-    """
+    """Where a law is between what it costs and what it holds."""
 
     name: str
-    point: LawMetrics
+    point: LawMetrics  # Of the law as it was tuned
+    # Load deviation against peak input, by rising peak input: the best of all candidates that were tried and
+    # keep the limits of the linear loop. Of the design's own law only its point.
     curve: tuple[LawMetrics, ...]
 
 

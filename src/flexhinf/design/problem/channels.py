@@ -58,24 +58,12 @@ Design = TypeVar("Design")
 
 @dataclass(frozen=True, eq=False)
 class Channel:
-    """A rank-one part of what a tolerance does.
+    """A rank-one part of what a tolerance does."""
 
-    Attributes
-    ----------
-    quantity : str
-        The parameter without its joint; channels of one quantity and kind share a scaling.
-    torque : (2 joints,)
-        t, at links and motors.
-    by_state : (n,)
-        c, on the plant's states; zero for a channel of the input.
-    by_input : (m,)
-        e; zero for a channel of the state.
-    """
-
-    quantity: str
-    torque: np.ndarray
-    by_state: np.ndarray
-    by_input: np.ndarray
+    quantity: str  # The parameter without its joint; channels of one quantity and kind share a scaling
+    torque: np.ndarray  # (2 joints,): t, at links and motors
+    by_state: np.ndarray  # (n,): c, on the plant's states; zero for a channel of the input
+    by_input: np.ndarray  # (m,): e; zero for a channel of the state
 
     @property
     def group(self) -> tuple[str, str]:
@@ -150,12 +138,7 @@ def _rank_one(quantity: str, ends: np.ndarray, n: int) -> list[Channel]:
 def acting_corners(robot: Robot, goal: np.ndarray, problem: GeneralisedPlant) -> LinearCorners:
     """The problem's plant at the corners of those tolerances that change it, each at its own equilibrium at the goal.
 
-    Parameters
-    ----------
-    goal : (n,)
-        Link positions, rad or m.
-    problem : GeneralisedPlant
-        Without channels of the tolerances.
+    `goal` (n,): link positions, rad or m. `problem`: without channels of the tolerances.
     """
     plant = problem.plant
 
@@ -193,14 +176,8 @@ def enlarge_until_covered(
 ) -> Design:
     """The design with the least enlarged tolerances that no corner breaks; the first one where there is none.
 
-    Parameters
-    ----------
-    first : design
-        Of the tolerances as they are.
-    covered : callable
-        Factor of the tolerances → design; it may raise where the larger tolerances are out of reach.
-    failing : callable
-        Design → corners that break the inequality.
+    `first`: of the tolerances as they are. `covered`: factor of the tolerances → design; it may raise where the larger
+    tolerances are out of reach. `failing`: design → corners that break the inequality.
     """
     for factor in ENLARGED[1:] if failing(first) else ():
         try:
@@ -394,18 +371,10 @@ PREFIX = "tolerance"
 
 @dataclass(frozen=True)
 class UncertainFlow:
-    """ẋ with torques L w at links and motors, beside the robot's own disturbances; L is a parameter.
+    """ẋ with torques L w at links and motors, beside the robot's own disturbances; L is a parameter."""
 
-    Parameters
-    ----------
-    flow : callable
-        The robot's.
-    torques : int
-        Number of the robot's own disturbances: torques at links and motors.
-    """
-
-    flow: Any
-    torques: int
+    flow: Any  # The robot's
+    torques: int  # Number of the robot's own disturbances: torques at links and motors
 
     def __call__(self, x: Any, u: Any, d: Any, p: Any) -> Any:
         """The rates of all states, of any element."""
@@ -436,14 +405,8 @@ def with_channels(plant: Plant, enter: np.ndarray) -> Plant:
 def sized_channels(problem: GeneralisedPlant, nominal: GeneralisedPlant, size: float) -> GeneralisedPlant:
     """A problem whose channels stand for a fraction of the tolerances, as `RobustProblem.parts` has it.
 
-    Parameters
-    ----------
-    problem : GeneralisedPlant
-        With the channels of the whole tolerances.
-    nominal : GeneralisedPlant
-        Without any: what this is for size 0.
-    size : float
-        From 0 to 1: L Lᵀ, the rows that are seen and the price of the inputs are multiplied by it.
+    `problem`: with the channels of the whole tolerances. `nominal`: without any: what this is for size 0. `size`: from
+    0 to 1: L Lᵀ, the rows that are seen and the price of the inputs are multiplied by it.
     """
     if size <= 0.0 or size >= 1.0:
         return nominal if size <= 0.0 else problem

@@ -46,21 +46,11 @@ STANDS_STILL = 1e-7
 
 @dataclass(frozen=True)
 class Mode:
-    """An eigenvalue λ with Im λ ≥ 0, standing for itself and its conjugate.
+    """An eigenvalue λ with Im λ ≥ 0, standing for itself and its conjugate."""
 
-    Attributes
-    ----------
-    eigenvalue : complex
-        1/s.
-    vibration : bool
-        Whether it is a vibration of the springs; otherwise links and motors move together.
-    joint : str
-        Where most of it is.
-    """
-
-    eigenvalue: complex
-    vibration: bool
-    joint: str
+    eigenvalue: complex  # 1/s
+    vibration: bool  # Whether it is a vibration of the springs; otherwise links and motors move together
+    joint: str  # Where most of it is
 
     @property
     def frequency(self) -> float:
@@ -105,14 +95,10 @@ def named_modes(
 ) -> tuple[Mode, ...]:
     """Modes by name, slowest first.
 
-    Parameters
-    ----------
-    values, vectors : (N,), (N, N)
-        Eigenvalues, 1/s, and eigenvectors in columns, of a state that begins with link positions, link
-        velocities, motor positions, motor velocities.
-    stiffness, inertia : (n,), (2n, 2n)
-        Of the springs, and of links and motors; for the fractions of energy. Infinite and zero for a rigid joint and
-        its motor, which counts as its link.
+    `values`, `vectors` (N,), (N, N): eigenvalues, 1/s, and eigenvectors in columns, of a state that begins with link
+    positions, link velocities, motor positions, motor velocities. `stiffness`, `inertia` (n,), (2n, 2n): of the
+    springs, and of links and motors; for the fractions of energy. Infinite and zero for a rigid joint and its motor,
+    which counts as its link.
     """
     fastest = np.abs(values).max(initial=0.0)
     n, found = len(joints), []
@@ -138,12 +124,7 @@ def running_modes(
 ) -> tuple[Mode, ...]:
     """Modes of the running loop with their continuous equivalents log(z)/T, slowest first; see `named_modes`.
 
-    Parameters
-    ----------
-    linear : LinearLoop
-        Sampled, with estimator and delay.
-    joints, stiffness, inertia
-        As of `named_modes`.
+    `linear`: sampled, with estimator and delay. `joints`, `stiffness`, `inertia`: as of `named_modes`.
     """
     return _sampled_modes(*linear.running.modes(), linear.period, joints, stiffness, inertia)
 
@@ -214,28 +195,17 @@ EVERY = Layout(0)
 
 @dataclass(frozen=True, eq=False)
 class JointScales:
-    """What weights are scaled by, at a pose.
+    """What weights are scaled by, at a pose."""
 
-    Attributes
-    ----------
-    stiffness, link_inertia, motor_inertia : (n,)
-        K, M, J of each joint; M is the diagonal of the links' inertia at the pose.
-    damping : (n,)
-        Of each motor, back-EMF included, N·m·s/rad.
-    per_input : (n,)
-        Torque per unit of input.
-    held : float
-        Lowest frequency at which the links vibrate while the motors are held, rad/s.
-    layout : Layout, optional
-        Which joints have a spring, all by default; of the others K is infinite, J zero and part of M.
-    """
-
+    # stiffness, link_inertia, motor_inertia: (n,): k, M, J of each joint; M is the diagonal of the links'
+    # inertia at the pose
     stiffness: np.ndarray
     link_inertia: np.ndarray
     motor_inertia: np.ndarray
-    damping: np.ndarray
-    per_input: np.ndarray
-    held: float
+    damping: np.ndarray  # (n,): of each motor, back-EMF included, N·m·s/rad
+    per_input: np.ndarray  # (n,): torque per unit of input
+    held: float  # Lowest frequency at which the links vibrate while the motors are held, rad/s
+    # Which joints have a spring, all by default; of the others K is infinite, J zero and part of M
     layout: Layout = EVERY
 
     def __post_init__(self) -> None:
@@ -282,12 +252,8 @@ class JointScales:
     def weights(self, target_frequency: np.ndarray, damping: float | np.ndarray) -> dict[str, np.ndarray]:
         """Weight by name, (n,), or (e,) of what elastic joints have.
 
-        Parameters
-        ----------
-        target_frequency : (n,)
-            ω of each joint, rad/s.
-        damping : float or (n,)
-            ζ, of all joints or of each; 0 leaves the rates of the springs' torques free.
+        `target_frequency` (n,): ω of each joint, rad/s. `damping`: ζ, of all joints or of each; 0 leaves the rates of
+        the springs' torques free.
         """
         total = self.link_inertia + self.motor_inertia
         position = target_frequency * np.hypot(total * target_frequency, self.damping) / self.per_input

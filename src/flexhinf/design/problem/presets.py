@@ -74,104 +74,63 @@ def command_of(s: Specification) -> str | None:
 
 @dataclass(frozen=True, eq=False)
 class Robustness:
-    """What the channels of the tolerances cover, and what they cost.
+    """What the channels of the tolerances cover, and what they cost."""
 
-    Attributes
-    ----------
-    fraction : float
-        Of the tolerances, that the channels stand for.
-    gamma_star : float
-        Smallest level for every robot within that fraction.
-    nominal_gamma_star : float
-        Of the same penalty without tolerances.
-    nominal_gain, robust_gain : float
-        Level that the nominal robot attains (linear part) with the gain made without channels, and with them.
-    scalings : mapping of str to (float, float)
-        Smallest and largest s of the channels of each quantity.
-    enlarged : float
-        Factor by which the tolerances of the channels were enlarged, so that products of tolerances are covered too.
-    corners, failing_corners : int
-        Corners of the tolerances at which the inequality of the linear part was checked, each at its own equilibrium,
-        and how many of them break it: with any, each tolerance alone is covered, and not all of them together.
-    all_corners : bool
-        Whether these are all corners; otherwise they are sampled.
-    """
-
-    fraction: float
+    fraction: float  # Of the tolerances, that the channels stand for
     channels: int
-    gamma_star: float
-    nominal_gamma_star: float
+    gamma_star: float  # Smallest level for every robot within that fraction
+    nominal_gamma_star: float  # Of the same penalty without tolerances
+    # nominal_gain, robust_gain: Level that the nominal robot attains (linear part) with the gain made without
+    # channels, and with them
     nominal_gain: float
     robust_gain: float
-    scalings: Mapping[str, tuple[float, float]]
+    scalings: Mapping[str, tuple[float, float]]  # Smallest and largest s of the channels of each quantity
+    # Factor by which the tolerances of the channels were enlarged, so that products of tolerances are covered
+    # too
     enlarged: float
+    # corners, failing_corners: Corners of the tolerances at which the inequality of the linear part was
+    # checked, each at its own equilibrium, and how many of them break it: with any, each tolerance alone is
+    # covered, and not all of them together
     corners: int
     failing_corners: int
-    all_corners: bool
+    all_corners: bool  # Whether these are all corners; otherwise they are sampled
 
 
 @dataclass(frozen=True, eq=False)
 class DesignProblem:
-    """The problem that is solved, and who states it.
+    """The problem that is solved, and who states it."""
 
-    Attributes
-    ----------
-    preset : {"paper", "damped", "robust", "proved", "given"}
-    penalty : Penalty
-        In the robot's names.
-    problem : GeneralisedPlant
-        What is solved, about the goal.
-    nominal : GeneralisedPlant
-        The same without channels of the tolerances.
-    target, search : TargetBehaviour, SearchResult or None
-        What weights were searched for, and how; of a preset that searches.
-    families : Families or None
-        Of the robot within its tolerances, for which weights were searched.
-    channels : ToleranceChannels or None
-        Of the preset robust.
-    """
-
-    preset: str
-    penalty: Penalty
+    preset: str  # {"paper", "damped", "robust", "proved", "given"}
+    penalty: Penalty  # In the robot's names
     source: str
     effort_source: str
-    problem: GeneralisedPlant
-    nominal: GeneralisedPlant
+    problem: GeneralisedPlant  # What is solved, about the goal
+    nominal: GeneralisedPlant  # The same without channels of the tolerances
     gamma_star: float
     gamma: float
+    # target, search: What weights were searched for, and how; of a preset that searches
     target: TargetBehaviour | None = None
     search: SearchResult | None = None
     robustness: Robustness | None = None
-    families: Families | None = None
-    channels: ToleranceChannels | None = None
+    families: Families | None = None  # Of the robot within its tolerances, for which weights were searched
+    channels: ToleranceChannels | None = None  # Of the preset robust
 
 
 @dataclass(frozen=True, eq=False)
 class ToleranceChannels:
-    """The channels of the tolerances, from which problems of any weights and any fraction of the tolerances are made.
-
-    Attributes
-    ----------
-    torques : (2 joints, k) or None
-        Which torques at links and motors are physical disturbances.
-    scalings : Scalings
-        Of the channels, with the fraction of the tolerances for which there is a solution.
-    corners : LinearCorners
-        At which the inequality of the linear part is checked.
-    enlarged : float
-        Factor of all tolerances, so that their products are covered too.
-    """
+    """The channels of the tolerances, from which the problem of any weights and any fraction of them is made."""
 
     robot: Any
     goal: np.ndarray
     s: Specification
     scales: JointScales
     family: LinearFamily
+    # (2 joints, k) or None: which torques at links and motors are physical disturbances
     torques: np.ndarray | None
     tolerances: tuple[Channel, ...]
-    scalings: Scalings
-    corners: LinearCorners
-    enlarged: float = 1.0
+    scalings: Scalings  # Of the channels, with the fraction of the tolerances for which there is a solution
+    corners: LinearCorners  # At which the inequality of the linear part is checked
+    enlarged: float = 1.0  # Factor of all tolerances, so that their products are covered too
 
     def linear(self, target_frequency: np.ndarray, damping: np.ndarray) -> RobustProblem:
         """The linear problem of the weights for ω (n,) and ζ (n,)."""

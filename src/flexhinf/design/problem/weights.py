@@ -42,26 +42,16 @@ ROUGH = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class LinearFamily:
-    """Linearisations of N members, the nominal one first.
+    """Linearisations of N members, the nominal one first."""
 
-    Attributes
-    ----------
-    a, b : (N, n, n), (N, n, m)
-        With one integral per joint as last states.
-    torques : (n, 2 joints)
-        Where torques at links and motors enter, nominal.
-    energy : (stiffness, inertia)
-        Of the nominal robot, to tell vibrations from other modes.
-    period : float
-        s, of the samples at which the law of the nominal robot acts; 0: always.
-    """
-
+    # a, b: (N, n, n), (N, n, m): with one integral per joint as last states
     a: np.ndarray
     b: np.ndarray
-    torques: np.ndarray
+    torques: np.ndarray  # (n, 2 joints): where torques at links and motors enter, nominal
     joints: tuple[str, ...]
+    # (stiffness, inertia): of the nominal robot, to tell vibrations from other modes
     energy: tuple[np.ndarray, np.ndarray]
-    period: float = 0.0
+    period: float = 0.0  # s, of the samples at which the law of the nominal robot acts; 0: always
 
     @cached_property
     def sampled(self) -> tuple[np.ndarray, np.ndarray]:
@@ -108,19 +98,11 @@ class LinearFamily:
 
 @dataclass(frozen=True, eq=False)
 class Families:
-    """Linearisations of one robot about one goal, made when they are first asked for, for any number of searches.
-
-    Parameters
-    ----------
-    goal : (n,)
-        Link positions, rad or m.
-    period : float
-        s, at which the law of the nominal robot acts.
-    """
+    """Linearisations of one robot about one goal, made when they are first asked for, for any number of searches."""
 
     robot: Any
-    goal: np.ndarray
-    period: float
+    goal: np.ndarray  # (n,): link positions, rad or m
+    period: float  # s, at which the law of the nominal robot acts
 
     @cached_property
     def few(self) -> LinearFamily:
@@ -151,23 +133,15 @@ PER_DECADE = 60
 
 @dataclass(frozen=True, eq=False)
 class Behaviour:
-    """The worst over the members of a family.
+    """The worst over the members of a family."""
 
-    Attributes
-    ----------
-    bandwidth : (n,)
-        Of each joint, rad/s: the smallest.
-    damping : float
-        Smallest damping ratio of an oscillation; infinite where nothing oscillates, −∞ for a loop that is unstable.
-    nominal_damping : float
-        Of the nominal robot.
-    joint_damping : (n,)
-        Smallest of the vibrations that are mainly in the spring of each joint; infinite where there is none.
-    """
-
-    bandwidth: np.ndarray
+    bandwidth: np.ndarray  # (n,): of each joint, rad/s: the smallest
+    # Smallest damping ratio of an oscillation; infinite where nothing oscillates, −∞ for a loop that is
+    # unstable
     damping: float
-    nominal_damping: float
+    nominal_damping: float  # Of the nominal robot
+    # (n,): smallest of the vibrations that are mainly in the spring of each joint; infinite where there is
+    # none
     joint_damping: np.ndarray
 
 
@@ -245,20 +219,11 @@ def _crossing(frequencies: np.ndarray, response: np.ndarray) -> np.ndarray:
 # The H∞ gain of the nominal robot -----------------------------------------------------------------------
 @dataclass(frozen=True, eq=False)
 class LinearDesign:
-    """A gain and its levels.
+    """A gain and its levels."""
 
-    Attributes
-    ----------
-    gain : (m, n)
-        u − u* = K x.
-    p : (n, n)
-        V = ½ xᵀ P x.
-    gamma, gamma_star : float
-        Of the design, and the smallest feasible one (to `ROUGH`).
-    """
-
-    gain: np.ndarray
-    p: np.ndarray
+    gain: np.ndarray  # (m, n): u − u* = K x
+    p: np.ndarray  # (n, n): v = ½ xᵀ P x
+    # gamma, gamma_star: Of the design, and the smallest feasible one (to `ROUGH`)
     gamma: float
     gamma_star: float
 
@@ -279,14 +244,8 @@ class LinearProblem:
     ) -> LinearProblem:
         """With h(x) = C x, R2 = I, and disturbances by the command and by torques.
 
-        Parameters
-        ----------
-        rows : (s, n)
-            C.
-        command : bool
-            Whether the command is a disturbance, through ė = q − d.
-        torques : (2 joints, k) or None
-            Which torques at links and motors disturb.
+        `rows` (s, n): C. `command`: whether the command is a disturbance, through ė = q − d. `torques` (2 joints, k) or
+        None: which torques at links and motors disturb.
         """
         a, b2 = family.nominal
         n, joints = len(a), len(family.joints)
@@ -357,18 +316,10 @@ class DampingOutOfReach(InvalidInput):
 
 @dataclass(frozen=True, eq=False)
 class TargetBehaviour:
-    """The behaviour that weights are searched for.
+    """The behaviour that weights are searched for."""
 
-    Attributes
-    ----------
-    bandwidth : (n,)
-        Of each joint at least, rad/s.
-    damping : float
-        Of every oscillation at least.
-    """
-
-    bandwidth: np.ndarray
-    damping: float
+    bandwidth: np.ndarray  # (n,): of each joint at least, rad/s
+    damping: float  # Of every oscillation at least
 
     @property
     def text(self) -> str:
@@ -380,18 +331,10 @@ class TargetBehaviour:
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """Weights that were tried, and what they came to.
+    """Weights that were tried, and what they came to."""
 
-    Attributes
-    ----------
-    target_frequency : (n,)
-        ω of each joint, rad/s.
-    damping_weights : (n,)
-        ζ of each joint.
-    """
-
-    target_frequency: np.ndarray
-    damping_weights: np.ndarray
+    target_frequency: np.ndarray  # (n,): ω of each joint, rad/s
+    damping_weights: np.ndarray  # (n,): ζ of each joint
     design: LinearDesign
     behaviour: Behaviour
 
@@ -422,18 +365,10 @@ def search(
 ) -> SearchResult:
     """The weights with which the linear part behaves as required.
 
-    Parameters
-    ----------
-    synthesis : callable
-        (ω (n,), ζ (n,)) → LinearDesign.
-    held : float
-        Lowest vibration with held motors, rad/s.
-    each : bool
-        Whether the ζ of single joints are lowered at the end.
-    near : Candidate, optional
-        For another bandwidth or damping; the search begins at its ω and ζ in proportion, which saves most of it.
-
-    Raises `InvalidInput` if it cannot be met: which limit binds, and the best that was found.
+    `synthesis`: (ω (n,), ζ (n,)) → LinearDesign. `held`: lowest vibration with held motors, rad/s. `each`: whether the
+    ζ of single joints are lowered at the end. `near`: for another bandwidth or damping; the search begins at its ω and
+    ζ in proportion, which saves most of it. Raises `InvalidInput` if it cannot be met: which limit binds, and the best
+    that was found.
     """
     candidates = _Search(target, family, synthesis, FASTEST * held)
     chosen = (None if near is None else candidates.in_proportion(near)) or candidates.damped()

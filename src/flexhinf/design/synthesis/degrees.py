@@ -38,45 +38,27 @@ RAYS = ((10, 500), (20, 200))
 
 @dataclass(frozen=True)
 class DegreeChoice:
-    """What a degree gives.
+    """What a degree gives."""
 
-    Attributes
-    ----------
-    degree : int
-        Of V; the law has one less.
-    level : float
-        Largest level set {V ≤ level} on which nothing against the dissipation inequality was found (sampled); nan where
-        there is no region, or none was looked for.
-    step_amplitude : float
-        Largest step between equilibria whose start lies in it, in the unit of the tracked states; nan likewise.
-    limit : str
-        What bounds the level set, or why there is none.
-    residual : float
-        Largest relative residual of Eq. (8) in any degree, as measured.
-    solve_seconds, check_seconds : float
-        Wall time.
-    looked : bool
-        Whether the region was sampled; level and step are nan otherwise.
-    acting : float
-        How much this law would change the input along the step of the lowest degree, over its largest value there (both
-        deviations from the goal's); nan where it was not computed.
-    cost : float
-        ∫|z|² of the step without the integrals; infinite if it diverges, nan if it was not run.
-    missed : tuple of str
-        Requirements of the step that a lower degree keeps and this one does not; only of a cheaper step.
-    """
-
-    degree: int
+    degree: int  # Of V; the law has one less
     solution: HJISolution
-    residual: float
+    residual: float  # Largest relative residual of Eq. (8) in any degree, as measured.
+    # solve_seconds, check_seconds: Wall time
     solve_seconds: float
     check_seconds: float = 0.0
+    # Largest level set {V ≤ level} on which nothing against the dissipation inequality was found (sampled);
+    # nan where there is no region, or none was looked for
     level: float = math.nan
+    # Largest step between equilibria whose start lies in it, in the unit of the tracked states; nan likewise
     step_amplitude: float = math.nan
-    limit: str = "not sampled"
-    looked: bool = False
+    limit: str = "not sampled"  # What bounds the level set, or why there is none
+    looked: bool = False  # Whether the region was sampled; level and step are nan otherwise
+    # How much this law would change the input along the step of the lowest degree, over its largest value
+    # there (both deviations from the goal's); nan where it was not computed
     acting: float = math.nan
+    # ∫|z|² of the step without the integrals; infinite if it diverges, nan if it was not run
     cost: float = math.nan
+    # Requirements of the step that a lower degree keeps and this one does not; only of a cheaper step
     missed: tuple[str, ...] = ()
 
 
@@ -106,14 +88,8 @@ def solve_degrees(
 ) -> Iterator[DegreeChoice]:
     """Solve to each degree; no region is sampled.
 
-    Parameters
-    ----------
-    problem : GeneralisedPlant
-        About the goal pose: a step to the goal starts at a deviation from it.
-    progress : callable
-        Called with what comes next, once per degree.
-
-    Raises `InfeasibleGamma` or `InvalidInput` as `solve_hji`.
+    `problem`: about the goal pose: a step to the goal starts at a deviation from it. `progress`: called with what comes
+    next, once per degree. Raises `InfeasibleGamma` or `InvalidInput` as `solve_hji`.
     """
     for degree in degrees:
         progress(f"degree {degree}: solve")
@@ -129,13 +105,8 @@ def with_region(
 ) -> DegreeChoice:
     """The same with its region sampled.
 
-    Parameters
-    ----------
-    gamma : float
-        Of the inequality that is checked; it must be weaker than the designed one, see `HJISolution.sampled_region`.
-    penalty : optional
-        Of the inequality that is checked; 0.9 times the designed one by default.
-
+    `gamma`: of the inequality that is checked; it must be weaker than the designed one, see
+    `HJISolution.sampled_region`. `penalty`: of the inequality that is checked; 0.9 times the designed one by default.
     Raises `InvalidInput` as `HJISolution.sampled_region`.
     """
     start, solution = time.perf_counter(), choice.solution
@@ -161,19 +132,11 @@ def try_degrees(
 ) -> Iterator[DegreeChoice]:
     """Solve to each degree and sample the region where the solution holds.
 
-    Parameters
-    ----------
-    problem, degrees, progress
-        As of `solve_degrees`.
-    gamma_ratio, checked_gamma_ratio : float
-        γ/γ* of the design, and of the inequality that is checked.
-    checked_penalty, rays, seed
-        As of `with_region`; without rays no region is sampled.
-    gamma_star : float, optional
-        Of which the ratios are, where it is not the problem's own: that of a robust problem, for all robots within the
-        tolerances.
-
-    Raises `InfeasibleGamma` or `InvalidInput` as `solve_hji` and `HJISolution.sampled_region`.
+    `problem`, `degrees`, `progress`: as of `solve_degrees`. `gamma_ratio`, `checked_gamma_ratio`: γ/γ* of the design,
+    and of the inequality that is checked. `checked_penalty`, `rays`, `seed`: as of `with_region`; without rays no
+    region is sampled. `gamma_star`: of which the ratios are, where it is not the problem's own: that of a robust
+    problem, for all robots within the tolerances. Raises `InfeasibleGamma` or `InvalidInput` as `solve_hji` and
+    `HJISolution.sampled_region`.
     """
     gamma_star = smallest_gamma(problem) if gamma_star is None else gamma_star
     for choice in solve_degrees(problem, degrees, gamma_ratio * gamma_star, progress):
@@ -209,12 +172,8 @@ def choose_degree(
 ) -> tuple[DegreeChoice, tuple[DegreeChoice, ...]]:
     """The degree that is used, and all of them by rising degree, with what their steps cost.
 
-    Parameters
-    ----------
-    setup : LoopSetup
-        The loop of the design, whatever its law.
-    problem : GeneralisedPlant
-        The nominal problem about the goal, whose penalty is the cost.
+    `setup`: the loop of the design, whatever its law. `problem`: the nominal problem about the goal, whose penalty is
+    the cost.
     """
     lowest, *higher = sorted(choices, key=lambda choice: choice.degree)
     if (
@@ -244,17 +203,8 @@ def step_cost(
     Each law chooses its own integrals at the start of a step, such that the input does not jump. They are no part of
     what the robot does, and count as zero.
 
-    Parameters
-    ----------
-    problem : GeneralisedPlant
-        Its penalty and R2.
-    at : (x, u), optional
-        State (as the run has it) and input of the equilibrium; the problem's by default.
-
-    Returns
-    -------
-    float
-        Infinite where the run diverged.
+    `problem`: its penalty and R2. `at` (x, u): state (as the run has it) and input of the equilibrium; the problem's by
+    default. Returns float: infinite where the run diverged.
     """
     if response.diverged_at is not None:
         return float("inf")

@@ -62,34 +62,21 @@ NOISE_COUNTS, LIMITED_COUNTS = 0.25, 4.0
 
 @dataclass(frozen=True, eq=False)
 class NoiseCandidate:
-    """Levels that were tried, and the running loop with them.
-
-    Attributes
-    ----------
-    compliance : float
-        Peak of |load torque → link position| over that of the law fed the true state.
-    noises : (m,)
-        RMS of each input, V or N·m.
-    missed : mapping of str to float
-        ln(metric/limit) of each of `LIMITS` that is missed by more than a requirement allows.
-    avoidable : mapping of str to float
-        The same beyond what the law fed the true state misses, and every candidate of the families.
-    unstable : int or None
-        Corners of the tolerances; None without tolerances, and where they were not looked at.
-    noise_counts : float
-        What the limit of the noise counts beside the others.
-    """
+    """Levels that were tried, and the running loop with them."""
 
     levels: EstimatorNoise
     peak_sensitivity: float
     gain_margin: float
     damping: float
-    compliance: float
-    noises: np.ndarray
+    compliance: float  # Peak of |load torque → link position| over that of the law fed the true state
+    noises: np.ndarray  # (m,): RMS of each input, V or N·m
+    # ln(metric/limit) of each of `LIMITS` that is missed by more than a requirement allows
     missed: Mapping[str, float]
+    # The same beyond what the law fed the true state misses, and every candidate of the families
     avoidable: Mapping[str, float]
+    # Corners of the tolerances; None without tolerances, and where they were not looked at
     unstable: int | None = None
-    noise_counts: float = NOISE_COUNTS
+    noise_counts: float = NOISE_COUNTS  # What the limit of the noise counts beside the others
 
     @property
     def input_noise(self) -> float:
@@ -119,24 +106,14 @@ class NoiseCandidate:
 
 @dataclass(frozen=True, eq=False)
 class NoiseSearch:
-    """The outcome, and the trade-off round it.
-
-    Attributes
-    ----------
-    default : NoiseCandidate or None
-        The default levels; None where the loop is unstable with them.
-    trade_off : tuple of NoiseCandidate
-        Those that no other one betters in noise, damping and compliance at once, the quietest first.
-    count : int
-        Candidates with a stable loop.
-    unreachable : tuple of str
-        Those of `LIMITS` that the law misses with the true state fed back too, or every choice of levels.
-    """
+    """The outcome, and the trade-off round it."""
 
     chosen: NoiseCandidate
-    default: NoiseCandidate | None
+    default: NoiseCandidate | None  # The default levels; None where the loop is unstable with them
+    # Those that no other one betters in noise, damping and compliance at once, the quietest first
     trade_off: tuple[NoiseCandidate, ...]
-    count: int
+    count: int  # Candidates with a stable loop
+    # Those of `LIMITS` that the law misses with the true state fed back too, or every choice of levels
     unreachable: tuple[str, ...]
 
 
@@ -205,20 +182,10 @@ def search_noise(
 ) -> NoiseSearch | None:
     """The levels with the least noise at the motors that keep every limit, or those that miss the limits least.
 
-    Parameters
-    ----------
-    setup : LoopSetup
-        Its law about the goal; the linear part is all that matters.
-    damping : float, optional
-        Required of every oscillation of the running loop.
-    levels : EstimatorNoise, optional
-        Found elsewhere: they are taken, and shown beside those of the search.
-
-    Returns
-    -------
-    NoiseSearch or None
-        None where the levels are stated or no Kalman filter uses them, the loop has no equilibrium at the goal, or no
-        levels make it stable.
+    `setup`: its law about the goal; the linear part is all that matters. `damping`: required of every oscillation of
+    the running loop. `levels`: found elsewhere: they are taken, and shown beside those of the search. Returns
+    NoiseSearch or None: none where the levels are stated or no Kalman filter uses them, the loop has no equilibrium at
+    the goal, or no levels make it stable.
     """
     s = setup.specification
     if s.estimator not in ("ukf", "ekf") or s.process_noise is not None or s.torque_noise is not None:

@@ -53,43 +53,22 @@ LOWERINGS, BANDWIDTH_POWER, NOISE_POWER = 3, 2.0, 1.5
 
 @dataclass(frozen=True, eq=False)
 class Synthesis:
-    """The law of a design.
+    """The law of a design."""
 
-    Attributes
-    ----------
-    goal, start : (n,)
-        Link positions of the step, rad or m.
-    design_problem : DesignProblem
-        Penalty, disturbances and level, with their sources.
-    noise_search : NoiseSearch or None
-        How the noise levels of the estimator were found; None where they are stated.
-    choices : tuple of DegreeChoice
-        Every degree that was solved.
-    chosen : DegreeChoice
-        The degree that is used.
-    rays : int
-        Rays in which regions were sampled.
-    law : Law
-        The chosen solution, or a schedule with those of other poses.
-    along : AlongMove or None
-        Margins of the running loop along the stated move; None without one.
-    robust : WholeLoopSearch or None
-        How weights and noise levels were found for the tolerances; of the preset robust.
-    proved : ProvedLaw or None
-        The law with its certificate for all tolerances; of the preset proved.
-    """
-
+    # goal, start: (n,): link positions of the step, rad or m
     goal: np.ndarray
     start: np.ndarray
-    design_problem: DesignProblem
+    design_problem: DesignProblem  # Penalty, disturbances and level, with their sources
+    # How the noise levels of the estimator were found; None where they are stated
     noise_search: NoiseSearch | None
-    choices: tuple[DegreeChoice, ...]
-    chosen: DegreeChoice
-    rays: int
-    law: Law
-    along: AlongMove | None = None
+    choices: tuple[DegreeChoice, ...]  # Every degree that was solved
+    chosen: DegreeChoice  # The degree that is used
+    rays: int  # Rays in which regions were sampled
+    law: Law  # The chosen solution, or a schedule with those of other poses
+    along: AlongMove | None = None  # Margins of the running loop along the stated move; None without one
+    # How weights and noise levels were found for the tolerances; of the preset robust
     robust: WholeLoopSearch | None = None
-    proved: ProvedLaw | None = None
+    proved: ProvedLaw | None = None  # The law with its certificate for all tolerances; of the preset proved
 
     @property
     def solution(self) -> HJISolution:

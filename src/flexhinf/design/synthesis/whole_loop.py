@@ -73,28 +73,15 @@ SLOWEST = 0.5
 
 @dataclass(frozen=True, eq=False)
 class LoopJudgement:
-    """A law with its estimator in the loop, as the search judges it.
+    """A law with its estimator in the loop, as the search judges it."""
 
-    Attributes
-    ----------
-    scale : float
-        Factor of all tolerances at which the first corner is unstable, at most `MOST`.
-    corner : int
-        That corner, of the corners of `tolerance_corners`; −1 for none.
-    overshoot : float
-        Largest of all joints and of the corners that were looked at, per cent.
-    noises : (m,)
-        RMS of each input that the measurement noise causes, V or N·m; zeros with the true state fed back.
-    used : float
-        Largest share of a limit of input or speed that a step used; 0 without limits.
-    """
-
-    scale: float
-    corner: int
-    overshoot: float
+    scale: float  # Factor of all tolerances at which the first corner is unstable, at most `MOST`
+    corner: int  # That corner, of the corners of `tolerance_corners`; −1 for none
+    overshoot: float  # Largest of all joints and of the corners that were looked at, per cent
     margins: Margins
+    # (m,): RMS of each input that the measurement noise causes, V or N·m; zeros with the true state fed back
     noises: np.ndarray
-    used: float
+    used: float  # Largest share of a limit of input or speed that a step used; 0 without limits
 
 
 @dataclass(frozen=True, eq=False)
@@ -328,33 +315,20 @@ class Search:
 
 @dataclass(frozen=True, eq=False)
 class WholeLoopSearch:
-    """What was found, beside the preset `damped` that it began with.
+    """What was found, beside the preset `damped` that it began with."""
 
-    Attributes
-    ----------
-    damped, found : LoopJudgement
-        The same where nothing better was found.
-    frequency, damping : float
-        Factors of ω and ζ of all joints, over those of `damped`.
-    links, motors : float
-        Factors of the noise levels.
-    fraction : float
-        Of what the channels can cover.
-    count : int
-        Candidates.
-    corner : str
-        The corner at which the loop becomes unstable first, by its changes.
-    """
-
+    # damped, found: The same where nothing better was found
     damped: LoopJudgement
     found: LoopJudgement
+    # frequency, damping: Factors of ω and ζ of all joints, over those of `damped`
     frequency: float
     damping: float
+    # links, motors: Factors of the noise levels
     links: float
     motors: float
-    fraction: float
-    count: int
-    corner: str
+    fraction: float  # Of what the channels can cover
+    count: int  # Candidates
+    corner: str  # The corner at which the loop becomes unstable first, by its changes
 
     @property
     def better(self) -> bool:
