@@ -38,28 +38,29 @@ RAYS = ((10, 500), (20, 200))
 
 @dataclass(frozen=True)
 class DegreeChoice:
-    """What a degree gives."""
+    """A degree of V with its solution, its sampled region and the cost of its step; nan and inf as each field says.
 
-    degree: int  # Of V; the law has one less
+    The region is the largest level set {V ≤ level} on which nothing against the dissipation inequality was found.
+    """
+
+    degree: int  # of V; the law has one less
     solution: HJISolution
-    residual: float  # Largest relative residual of Eq. (8) in any degree, as measured.
-    # solve_seconds, check_seconds: Wall time
-    solve_seconds: float
-    check_seconds: float = 0.0
-    # Largest level set {V ≤ level} on which nothing against the dissipation inequality was found (sampled);
-    # nan where there is no region, or none was looked for
-    level: float = math.nan
-    # Largest step between equilibria whose start lies in it, in the unit of the tracked states; nan likewise
-    step_amplitude: float = math.nan
-    limit: str = "not sampled"  # What bounds the level set, or why there is none
-    looked: bool = False  # Whether the region was sampled; level and step are nan otherwise
-    # How much this law would change the input along the step of the lowest degree, over its largest value
-    # there (both deviations from the goal's); nan where it was not computed
-    acting: float = math.nan
-    # ∫|z|² of the step without the integrals; infinite if it diverges, nan if it was not run
-    cost: float = math.nan
-    # Requirements of the step that a lower degree keeps and this one does not; only of a cheaper step
-    missed: tuple[str, ...] = ()
+    residual: float  # largest relative residual of Eq. (8) in any degree, as measured
+    solve_seconds: float  # wall time, s
+    check_seconds: float = 0.0  # wall time, s
+    level: float = math.nan  # of the region; nan where there is none, or none was looked for
+    step_amplitude: float = (
+        math.nan
+    )  # largest step that starts in the region, in the unit of the tracked states
+    limit: str = "not sampled"  # what bounds the level set, or why there is none
+    looked: bool = False  # whether the region was sampled
+    acting: float = math.nan  # change of the input along the step of the lowest degree, see `_Trial.acting`
+    cost: float = (
+        math.nan
+    )  # ∫|z|² of the step without the integrals; inf if it diverges, nan if it was not run
+    missed: tuple[
+        str, ...
+    ] = ()  # requirements that the costlier step of a lower degree meets, and this one misses
 
 
 def tried_degrees(states: int, s: Specification) -> tuple[int, ...]:
@@ -86,11 +87,7 @@ def solve_degrees(
     gamma: float,
     progress: Callable[[str], None] = lambda text: None,
 ) -> Iterator[DegreeChoice]:
-    """Solve to each degree; no region is sampled.
-
-    `problem`: about the goal pose: a step to the goal starts at a deviation from it. `progress`: called with what comes
-    next, once per degree. Raises `InfeasibleGamma` or `InvalidInput` as `solve_hji`.
-    """
+    """Solve the problem about the goal to each degree; no region is sampled. Raises as `solve_hji`."""
     for degree in degrees:
         progress(f"degree {degree}: solve")
         start = time.perf_counter()
@@ -103,12 +100,7 @@ def solve_degrees(
 def with_region(
     choice: DegreeChoice, gamma: float, penalty: object = None, rays: int = 500, seed: int = 0
 ) -> DegreeChoice:
-    """The same with its region sampled.
-
-    `gamma`: of the inequality that is checked; it must be weaker than the designed one, see
-    `HJISolution.sampled_region`. `penalty`: of the inequality that is checked; 0.9 times the designed one by default.
-    Raises `InvalidInput` as `HJISolution.sampled_region`.
-    """
+    """The same with the region of this inequality sampled, see `HJISolution.sampled_region`."""
     start, solution = time.perf_counter(), choice.solution
     check = solution.sampled_region(gamma=gamma, penalty=penalty, rays=rays, seed=seed)  # type: ignore[arg-type]
     if check is None:
@@ -170,18 +162,15 @@ INSTANTS = 2000
 def choose_degree(
     setup: LoopSetup, problem: GeneralisedPlant, choices: Sequence[DegreeChoice]
 ) -> tuple[DegreeChoice, tuple[DegreeChoice, ...]]:
-    """The degree that is used, and all of them by rising degree, with what their steps cost.
+    """The degree that is used, and all of them by rising degree, with the costs of their steps.
 
-    `setup`: the loop of the design, whatever its law. `problem`: the nominal problem about the goal, whose penalty is
-    the cost.
+    `setup` is the loop of the design, whatever its law; the penalty of `problem`, the nominal one, is the cost.
     """
     lowest, *higher = sorted(choices, key=lambda choice: choice.degree)
-    if (
-        not higher or setup.specification.via
-    ):  # with laws at several poses the robot is never far from the nearest one
+    if not higher or setup.specification.via:  # with several laws the robot is never far from a law's pose
         return lowest, (lowest, *higher)
     first = used = _Trial.of(setup, problem, lowest)
-    higher = [replace(choice, acting=first.acting(choice)) for choice in higher]
+    higher = [replace(choice, acting=acting) for choice, acting in zip(higher, first.acting(higher))]
     if all(choice.acting < ACTING for choice in higher):
         return first.choice, (first.choice, *higher)
     judged = [first.choice]
@@ -198,13 +187,10 @@ def choose_degree(
 def step_cost(
     problem: GeneralisedPlant, response: Response, at: tuple[np.ndarray, np.ndarray] | None = None
 ) -> float:
-    """∫|z|² dt of a run, z of deviations from an equilibrium, without what weights the integrals of the error.
+    """∫|z|² dt of a run, without what weights the integrals of the error; infinite where the run diverged.
 
-    Each law chooses its own integrals at the start of a step, such that the input does not jump. They are no part of
-    what the robot does, and count as zero.
-
-    `problem`: its penalty and R2. `at` (x, u): state (as the run has it) and input of the equilibrium; the problem's by
-    default. Returns float: infinite where the run diverged.
+    Each law chooses its own integrals at the start of a step, such that the input does not jump, so they count as zero.
+    z is of deviations from the equilibrium `at`: state (as the run has it) and input, by default the problem's.
     """
     if response.diverged_at is not None:
         return float("inf")
@@ -222,8 +208,6 @@ def step_cost(
 
 @dataclass(frozen=True, eq=False)
 class _Trial:
-    """The step of one degree."""
-
     choice: DegreeChoice
     setup: LoopSetup
     problem: GeneralisedPlant
@@ -243,30 +227,27 @@ class _Trial:
         step = setup.step(length)
         return _Trial(replace(choice, cost=step_cost(problem, step)), setup, problem, step, length)
 
-    def acting(self, other: DegreeChoice) -> float:
-        """How much the law of another degree would change the input along this step, over the largest input of this
+    def acting(self, others: Sequence[DegreeChoice]) -> list[float]:
+        """How much the laws of other degrees would change the input along this step, over the largest input of this
         law there; both are deviations from the goal's, weighted by R2."""
-        moved, r2 = self._deviations, self.problem.r2
         if self.step.diverged_at is not None:
-            return float("inf")
-        own = self.choice.solution.inputs(moved)
-        with np.errstate(all="ignore"):
-            more = other.solution.inputs(moved) - own
-        sizes = [float(np.einsum("ki,ij,kj->k", u, r2, u).max()) for u in (more, own)]
-        return float(np.sqrt(sizes[0] / sizes[1])) if sizes[1] > 0.0 else 0.0
-
-    @cached_property
-    def _deviations(self) -> np.ndarray:
-        """From the goal's equilibrium, with the integrals of the error, (N, n)."""
-        run, law, setup = self.step.run, self.choice.solution, self.setup
-        few = slice(None, None, max(1, len(run.time) // INSTANTS))
+            return [float("inf")] * len(others)
+        run, law, setup, r2 = self.step.run, self.choice.solution, self.setup, self.problem.r2
         wanted = setup.goal
         if setup.command is not None:
             wanted = np.reshape(setup.command(run.time), (len(run.time), -1))
         grown = setup.specification.period * np.cumsum(self.step.positions - wanted, axis=0)
         columns = [run.names["state"].index(name) for name in self.problem.plant.states]
         moved = run.signals["state"][:, columns] - law.operating_point[: len(columns)]
-        return np.hstack([moved, setup.departure(law)[len(columns) :] + grown])[few]
+        moved = np.hstack([moved, setup.departure(law)[len(columns) :] + grown])
+        moved = moved[:: max(1, len(run.time) // INSTANTS)]
+        own, ratios = law.inputs(moved), []
+        for other in others:
+            with np.errstate(all="ignore"):
+                more = other.solution.inputs(moved) - own
+            sizes = [float(np.einsum("ki,ij,kj->k", u, r2, u).max()) for u in (more, own)]
+            ratios.append(float(np.sqrt(sizes[0] / sizes[1])) if sizes[1] > 0.0 else 0.0)
+        return ratios
 
     @cached_property
     def missed(self) -> frozenset[str]:
