@@ -33,7 +33,7 @@ from flexhinf.design.problem.modes import (
     Mode,
     estimator_modes,
     modes_of,
-    running_modes,
+    sampled_modes,
     stiffness_and_inertia,
 )
 from flexhinf.design.responses import LoadResponse, Move, Response, Scenario, Worst, worst_of
@@ -238,7 +238,7 @@ class LawEvaluation:
     def running_modes(self) -> tuple[Mode, ...]:
         """Of the running loop: sampled, with estimator and delay."""
         linear = self.loop.linear()
-        return running_modes(linear, self.setup.joints, *self.energy)
+        return sampled_modes(*linear.running.modes(), linear.period, self.setup.joints, *self.energy)
 
     @property
     def least_damped_joint(self) -> str:
