@@ -1,7 +1,4 @@
-"""The loop that a law runs in: estimator, controller, true plant, and the runs that every evaluation makes.
-
-The plants of a loop: the model, the estimator's, the true one and its smooth part; and what lies between them.
-"""
+"""The loop that a law runs in: estimator, controller, true plant, and the runs that every evaluation makes."""
 
 from __future__ import annotations
 
@@ -50,13 +47,10 @@ def share_derived(known: Any, same: Any) -> None:
 
 @dataclass(frozen=True, eq=False)
 class LoopPlants:
-    """What of a loop there is before a law.
-
-    `specification`: sensors, quantisation, limits, extras and noise.
-    """
+    """The plants of a loop, and what lies between them: all that there is before a law."""
 
     robot: Robot
-    specification: Specification
+    specification: Specification  # sensors, estimator, period, delay, quantisation, limits, extras and noise
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -137,10 +131,9 @@ class LoopPlants:
     ) -> Any:
         """The estimator, its initial mean the robot in equilibrium at a pose (n,); None for "none".
 
-        `at`, `goal` (n,): the sensors must show every mode at the goal that does not decay. `noise`: levels of R^v.
-        `running`: as it runs, with the `estimator_model`; otherwise with `model`. `linear`: with the linearisation at
-        the goal: a linear Kalman filter. Raises `NotDetectable` if the sensors do not show a mode that does not decay,
-        with the state it is in.
+        It has the `estimator_model` as it runs (`running`), otherwise `model`; with `linear` the linearisation of that
+        at the goal (n,): a linear Kalman filter. Raises `NotDetectable` if the sensors do not show a mode at the goal
+        that does not decay, with the state it is in.
         """
         s, model = self.specification, self.model
         if s.estimator == "none":
@@ -165,33 +158,19 @@ class LoopSetup(LoopPlants):
     """One law with its estimator and controller, round one true plant.
 
     `dataclasses.replace` gives another law, sensors or noise levels; everything derived is made anew.
-
-    Parameters
-    ----------
-    specification : Specification
-        Sensors, estimator, period, delay, quantisation, limits, extras and noise.
-    law : Law
-        Or a schedule of laws, that at the goal first.
-    goal, start : (n,)
-        Link positions, rad or m.
-    estimator_noise : EstimatorNoise, optional
-        R^v; by default what the specification states.
-    linear_model : bool
-        Whether the estimator's model is the linearisation at the goal: a linear Kalman filter.
-    chosen_zone : (n,), optional
-        Errors that are not integrated where the specification states none; see `flexhinf.design.limit_cycle`.
-    quiet : bool
-        Whether runs of the nominal robot have no measurement noise; those of sampled robots, and the noise at the
-        motors, have it in any case.
     """
 
-    law: Law
-    goal: np.ndarray
-    start: np.ndarray
-    estimator_noise: EstimatorNoise | None = None
-    linear_model: bool = False
-    chosen_zone: np.ndarray | None = None
-    quiet: bool = False
+    law: Law  # or a schedule of laws, that at the goal first
+    goal: np.ndarray  # (n,), link positions, rad or m
+    start: np.ndarray  # (n,), likewise
+    estimator_noise: EstimatorNoise | None = None  # R^v; by default what the specification states
+    linear_model: bool = False  # whether the estimator is a linear Kalman filter about the goal
+    chosen_zone: np.ndarray | None = (
+        None  # (n,), dead zone where none is stated, see `flexhinf.design.limit_cycle`
+    )
+    quiet: bool = (
+        False  # whether runs of the nominal robot have no measurement noise; sampled robots have it anyway
+    )
 
     # Parts of the loop --------------------------------------------------------------------------------
     @property
@@ -222,11 +201,10 @@ class LoopSetup(LoopPlants):
         return self.estimator_at(at, self.goal, self.process_noise, running, self.linear_model)
 
     def controller(self, at: np.ndarray, moving: bool = False, start: str | None = None) -> Controller:
-        """A controller for a run that begins at a pose.
+        """A controller for a run that begins at a pose (n,); `moving`: in error coordinates about a moving reference.
 
-        `at` (n,). `moving`: in error coordinates about a moving reference. `start` {"zero", "bumpless"}: integrals at
-        zero, or such that the input continues from what holds the model there; by default the first for a moving
-        reference.
+        `start` is "zero" for integrals at zero, the default of a moving reference, or "bumpless": the input continues
+        from what holds the model there.
         """
         s = self.specification
         start = ("zero" if moving else "bumpless") if start is None else start
@@ -266,10 +244,9 @@ class LoopSetup(LoopPlants):
     ) -> EquilibriumLoop:
         """The sampled loop about the goal, as it is linearised: with `smooth_plant`, and commanded as the law is.
 
-        A command enters through the integrals of a law that has some; a law without follows x_d(q) and u_d(q).
-
-        `estimated`: with the estimator; otherwise the true state is fed back. `values`: parameters of the true plant,
-        which the estimator does not know.
+        A command enters through the integrals of a law that has some; a law without follows x_d(q) and u_d(q). With the
+        estimator, or with the true state fed back; with other parameters of the plant, which the estimator does not
+        know.
         """
         s, law, plant = self.specification, self.linear_law, _with_values(self.smooth_plant, values)
         return EquilibriumLoop(
@@ -283,14 +260,13 @@ class LoopSetup(LoopPlants):
         estimator, period = self.estimator(self.start), self.specification.period
         controller = Controller(law, estimator, period, self.limits.saturated, start="bumpless")
         x, u = self.equilibrium(self.start)
-        count = len(controller.states)
-        controller.reset(None if estimator is None else x[:count], input=u)
-        measured = x[:count]
+        x = measured = x[: len(controller.states)]
+        controller.reset(None if estimator is None else x, input=u)
         if estimator is not None:
-            output = self.model.traced_output(measured, u, self.model.parameters.vector())
+            output = self.model.traced_output(x, u, self.model.parameters.vector())
             measured = np.asarray(output, dtype=float).ravel()
         controller.step(measured)
-        return np.concatenate([x[:count], controller.integrals]) - law.operating_point
+        return np.concatenate([x, controller.integrals]) - law.operating_point
 
     # Controllers of the runs, made once so that their kernels are shared --------------------------------
     @cached_property
@@ -306,8 +282,9 @@ class LoopSetup(LoopPlants):
     @cached_property
     def command(self) -> Plan | None:
         """How the command of the step gets from start to goal; None where it jumps, or the law does not take one."""
-        way = self.start, self.goal
-        return step_command(self.robot, self.specification, *way) if has_integrals(self.law) else None
+        if not has_integrals(self.law):
+            return None
+        return step_command(self.robot, self.specification, self.start, self.goal)
 
     @property
     def command_time(self) -> float:
@@ -325,9 +302,8 @@ class LoopSetup(LoopPlants):
     ) -> Response:
         """The step from start to goal as the controller is deployed, without a jump of the input, by `command`.
 
-        `duration`: s. `values`: parameters of the true plant, which is in equilibrium at the start with them. `seed`:
-        of the measurement noise, added to the specification's. `plant`: instead of the true plant: MuJoCo's.
-        `sub_steps`: runge–Kutta steps per period of the true plant.
+        The duration is in s. The true plant is in equilibrium at the start with the parameters `values`, or is another
+        `plant` (MuJoCo's). `seed` is added to the specification's; `sub_steps` are Runge–Kutta steps per period.
         """
         options = {} if self.command is None else {"reference": self.command}
         return self._run(
@@ -375,10 +351,10 @@ class LoopSetup(LoopPlants):
     def steps(
         self, robots: Sequence[Mapping[str, Any]], duration: float, sub_steps: int, **options: Any
     ) -> EnsembleResult:
-        """The step of each robot as the controller is deployed, with noise of its own.
+        """The step of each robot, by its parameters, as the controller is deployed, with noise of its own.
 
-        `robots`: parameters. `duration`: s. `sub_steps`: of the true plants: the nominal one's, so that all runs share
-        one kernel. `**options`: of `Loop.ensemble`: what is said of the runs.
+        The duration is in s; `sub_steps` are the nominal plant's, so that all runs share one kernel. The options are
+        those of `Loop.ensemble`.
         """
         options |= {} if self.command is None else {"reference": self.command}
         return self._run_many(self.bumpless_controller, self.start, robots, duration, sub_steps, **options)
@@ -411,9 +387,7 @@ class LoopSetup(LoopPlants):
         **options: Any,
     ) -> Response:
         plant = _with_values(self.true_plant, values) if values is not None else plant
-        x, _ = self.equilibrium(
-            at, values
-        )  # the controller begins as it boots, with the input that holds the model
+        x, _ = self.equilibrium(at, values)  # the controller boots with the input that holds the model
         return run_response(
             self.loop(controller, plant, sub_steps), self.goal, x[: len(self.goal)], self.joints,
             noise=None if self.quiet else self.noise, duration=duration, initial_state=x,
