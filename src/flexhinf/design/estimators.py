@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf.design.design_file import per_signal
-from flexhinf.design.specification import TORQUE_NOISE, Specification, SpecificationError
+from flexhinf.design.specification import TORQUE_NOISE, SpecificationError
 from flexhinf.errors import NotDetectable
 from flexhinf.estimation import (
     ExtendedKalmanFilter,
@@ -64,9 +64,9 @@ class EstimatorNoise:
     source: str = "ours"  # an option, a search, or a default of ours
 
     @staticmethod
-    def stated(s: Specification) -> EstimatorNoise:
-        """The levels that a specification states; `TORQUE_NOISE` on all velocities where it states none."""
-        everywhere, torques = s.process_noise, s.torque_noise
+    def stated(everywhere: float | None, torques: float | None) -> EstimatorNoise:
+        """The levels that a specification states as its `process_noise` and `torque_noise`; `TORQUE_NOISE` on all
+        velocities where it states none."""
         if everywhere is None and torques is None:
             return EstimatorNoise(0.0, TORQUE_NOISE, TORQUE_NOISE, "ours")
         options = {"--process-noise": everywhere, "--torque-noise": torques}
@@ -124,13 +124,13 @@ def noise_variances(plant: Plant, position: float) -> np.ndarray:
     return np.array(variances)
 
 
-def sensor_steps(robot: Robot, s: Specification) -> np.ndarray:
+def sensor_steps(robot: Robot, measured: Sequence[str], quantisation: Any, estimator: str) -> np.ndarray:
     """Quantisation step (p,) of each measured signal; of the whole state, (), where that is fed back.
 
-    Raises `SpecificationError` unless there is one for all, one for each name of `Specification.measured`, or one for
-    each signal; for one that is far beyond what the signal is.
+    Raises `SpecificationError` unless there is one for all, one for each name of what is measured, or one for each
+    signal; for one that is far beyond what the signal is.
     """
-    each, signals = per_signal(robot, s.measured, s.quantisation)
+    each, signals = per_signal(robot, measured, quantisation)
     units = units_of(robot.joint_names, robot.links.slides)
     for name, step in zip(signals, each * len(signals) if len(each) == 1 else each):
         if step > COARSEST[units[name]]:
@@ -139,29 +139,31 @@ def sensor_steps(robot: Robot, s: Specification) -> np.ndarray:
                 f"The quantisation of {name!r} leaves nothing to be measured.",
                 f"expected a step of at most {COARSEST[units[name]]:g} {units[name]}, got {step:g}",
             )
-    steps = np.asarray(s.quantisation, dtype=float)
-    if steps.shape == () or (s.estimator == "none" and steps.size == 1):
+    steps = np.asarray(quantisation, dtype=float)
+    if steps.shape == () or (estimator == "none" and steps.size == 1):
         return steps.reshape(())
-    if s.estimator != "none" and len(each) == len(signals):
+    if estimator != "none" and len(each) == len(signals):
         return np.array(each)
-    signals = () if s.estimator == "none" else signals
-    allowed = f"one number, or one for each of {list(s.measured)}" if signals else "one number"
+    signals = () if estimator == "none" else signals
+    allowed = f"one number, or one for each of {list(measured)}" if signals else "one number"
     raise SpecificationError(
         "quantisation",
         "The quantisation does not fit what is measured.",
         f"expected {allowed}{f' or of {list(signals)}' if signals else ''}, got {len(steps)}",
-        example=",".join(f"{step:g}" for step in np.resize(steps, max(1, len(s.measured)))),
+        example=",".join(f"{step:g}" for step in np.resize(steps, max(1, len(measured)))),
     )
 
 
-def other_sensors(robot: Robot, s: Specification, sensors: tuple[str, ...]) -> Specification:
-    """The same specification with other sensors. A quantisation per signal is kept for signals that stay; another
-    one has the step of a signal in the same unit, of the same joint if there is one, and no step without any."""
-    if isinstance(s.quantisation, float) or s.estimator == "none":
+def other_quantisation(
+    robot: Robot, measured: Sequence[str], quantisation: Any, estimator: str, sensors: Sequence[str]
+) -> Any:
+    """The quantisation of other sensors. One per signal is kept for signals that stay; another signal has the step of
+    one in the same unit, of the same joint if there is one, and no step without any."""
+    if isinstance(quantisation, float) or estimator == "none":
         # Without units, which the other sensors may not have.
-        return replace(s, measured=sensors, quantisation=np.asarray(s.quantisation, dtype=float).tolist())
-    joints = robot.joint_names
-    known = dict(zip(expanded(s.measured, SENSORS, joints, robot.rigid), sensor_steps(robot, s).tolist()))
+        return np.asarray(quantisation, dtype=float).tolist()
+    joints, steps = robot.joint_names, sensor_steps(robot, measured, quantisation, estimator).tolist()
+    known = dict(zip(expanded(measured, SENSORS, joints, robot.rigid), steps))
 
     def kind(name: str) -> tuple[str, str]:
         quantity = next(quantity for quantity in SENSORS if name.startswith(quantity))
@@ -172,8 +174,7 @@ def other_sensors(robot: Robot, s: Specification, sensors: tuple[str, ...]) -> S
         own = [value for other, value in known.items() if kind(other) == kind(name)]
         return known.get(name, (own or alike or [0.0])[0])
 
-    steps = tuple(step(name) for name in expanded(sensors, SENSORS, joints, robot.rigid))
-    return replace(s, measured=sensors, quantisation=steps)
+    return tuple(step(name) for name in expanded(sensors, SENSORS, joints, robot.rigid))
 
 
 def initial_covariance(

@@ -112,7 +112,8 @@ class LoopPlants:
     @cached_property
     def quantisation(self) -> np.ndarray | None:
         """Step of what is measured, (p,), or one number for the whole state that is fed back; None without any."""
-        steps = sensor_steps(self.robot, self.specification)
+        s = self.specification
+        steps = sensor_steps(self.robot, s.measured, s.quantisation, s.estimator)
         return steps if steps.any() else None
 
     @cached_property
@@ -179,10 +180,15 @@ class LoopSetup(LoopPlants):
         return self.law.laws[0] if isinstance(self.law, Schedule) else self.law
 
     @property
+    def stated_noise(self) -> EstimatorNoise:
+        """Levels of R^v that the specification states, or the default ones."""
+        s = self.specification
+        return EstimatorNoise.stated(s.process_noise, s.torque_noise)
+
+    @property
     def process_noise(self) -> EstimatorNoise:
         """Levels of R^v of the estimator."""
-        stated = EstimatorNoise.stated(self.specification)
-        return stated if self.estimator_noise is None else self.estimator_noise
+        return self.stated_noise if self.estimator_noise is None else self.estimator_noise
 
     @cached_property
     def without_noise(self) -> LoopSetup:
@@ -216,10 +222,10 @@ class LoopSetup(LoopPlants):
 
     def position_resolution(self, deviations: float = 1.0) -> float:
         """So many standard deviations of a measured position, or one step of its sensor, rad or m: hardly seen."""
-        s = self.specification
-        steps = np.broadcast_to(sensor_steps(self.robot, s), len(self.model.outputs)).tolist()
-        positions = [step for name, step in zip(self.model.outputs, steps) if "position" in name]
-        return max(deviations * float(np.sqrt(s.measurement_noise)), *positions, 0.0)
+        names, steps = self.model.outputs, 0.0 if self.quantisation is None else self.quantisation
+        steps = np.broadcast_to(steps, len(names)).tolist()
+        positions = [step for name, step in zip(names, steps) if "position" in name]
+        return max(deviations * float(np.sqrt(self.specification.measurement_noise)), *positions, 0.0)
 
     @property
     def dead_zone(self) -> np.ndarray | None:

@@ -20,7 +20,7 @@ from dataclasses import dataclass, replace
 
 from flexhinf.baselines import Candidate, Judgement, Tuning, tune
 from flexhinf.design.criterion import Criterion, LawMetrics, metrics_of, pareto_front, unstable_corners
-from flexhinf.design.estimators import other_sensors
+from flexhinf.design.estimators import other_quantisation
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.laws import (
     CONTAINED,
@@ -290,11 +290,12 @@ class Tuner:
         own = self.own.setup
         noise = own.process_noise.scaled(values.get(ESTIMATOR_NOISE, 1.0))
         noise = noise.motors_scaled(values.get(MOTOR_NOISE, 1.0))
-        law = self.factory.make(kind, values, degree)
+        law, s = self.factory.make(kind, values, degree), own.specification
+        steps = other_quantisation(own.robot, s.measured, s.quantisation, s.estimator, sensors)
         setup = replace(
             own,
             law=law,
-            specification=other_sensors(own.robot, own.specification, sensors),
+            specification=replace(s, measured=sensors, quantisation=steps),
             estimator_noise=replace(noise, source="tuned"),
             linear_model=kind.name == "lqg",
         )

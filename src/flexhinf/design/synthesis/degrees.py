@@ -28,7 +28,6 @@ from flexhinf.design.monte_carlo import sampled_runs
 from flexhinf.design.problem.modes import closed_loop
 from flexhinf.design.requirements import sample_requirements, step_requirements
 from flexhinf.design.responses import Response, run_length, sample_robots
-from flexhinf.design.specification import Specification
 from flexhinf.hinf import HJISolution, smallest_gamma, solve_hji
 from flexhinf.plant import GeneralisedPlant
 
@@ -63,20 +62,20 @@ class DegreeChoice:
     ] = ()  # requirements that the costlier step of a lower degree meets, and this one misses
 
 
-def tried_degrees(states: int, s: Specification) -> tuple[int, ...]:
+def tried_degrees(states: int, stated: Sequence[int] | None) -> tuple[int, ...]:
     """Degrees of V that are solved: as stated, or fewer for more states."""
-    return tuple(s.degrees) if s.degrees is not None else ((2, 4, 6) if states <= 10 else (2, 4))
+    return tuple(stated) if stated is not None else ((2, 4, 6) if states <= 10 else (2, 4))
 
 
-def rays_of(states: int, s: Specification) -> int:
+def rays_of(states: int, stated: int | None) -> int:
     """Rays in which a region is sampled: as stated, or fewer for more states."""
-    return next((count for most, count in RAYS if states <= most), 0) if s.rays is None else s.rays
+    return next((count for most, count in RAYS if states <= most), 0) if stated is None else stated
 
 
-def synthesis_stages(states: int, s: Specification) -> int:
+def synthesis_stages(states: int, degrees: Sequence[int] | None, rays: int | None) -> int:
     """How many steps of work the degrees are, for a progress bar: solutions, the choice, and sampled regions."""
-    count = len(tried_degrees(states, s))
-    regions = (count if s.degrees is not None else 1) if rays_of(states, s) else 0
+    count = len(tried_degrees(states, degrees))
+    regions = (count if degrees is not None else 1) if rays_of(states, rays) else 0
     return count + (count > 1) + regions
 
 

@@ -208,7 +208,7 @@ class _Search:
     def nominal_step(self, problem: DesignProblem) -> tuple[_Peaks, LoopSetup, Response, float]:
         """Peaks of the nominal robot, what holds all robots at the goal among them; loop, step and its length (s)."""
         s = self.task.s
-        degree = min(tried_degrees(len(problem.problem.state_names), s))
+        degree = min(tried_degrees(len(problem.problem.state_names), s.degrees))
         setup = self.task.solved(problem.problem, problem.gamma, degree, self.levels, saturation=np.inf)
         length = s.duration
         if length is None:

@@ -207,7 +207,7 @@ class _Search:
 
     def run(self) -> NoiseSearch | None:
         """The default levels, the families, then single levels, and what all candidates trade off."""
-        default = self.candidate(EstimatorNoise.stated(self.setup.specification))
+        default = self.candidate(self.setup.stated_noise)
         begun = [(candidate, x) for x in self.families() if (candidate := self.at(x)) is not None]
         if not begun:
             return None

@@ -128,7 +128,7 @@ class _Steps(Task):
         problem, law = replace(proved.design_problem, preset="proved"), proved.solution
         noise = self.noise_search(problem)
         (solved,) = solve_degrees(problem.problem, (law.degree,), problem.gamma)
-        chosen, rays = replace(solved, solution=law), rays_of(len(law.state_names), self.s)
+        chosen, rays = replace(solved, solution=law), rays_of(len(law.state_names), self.s.rays)
         return Synthesis(self.goal, self.start, problem, noise, (chosen,), chosen, rays, law, proved=proved)
 
     def keeps_effort(self, law: ProvedLaw) -> str:
@@ -151,12 +151,14 @@ class _Steps(Task):
         The region of the degree that is used is sampled, and those of all degrees that the specification states.
         """
         s, states = self.s, len(problem.problem.state_names)
-        solved = list(solve_degrees(problem.problem, tried_degrees(states, s), problem.gamma, self.progress))
+        solved = list(
+            solve_degrees(problem.problem, tried_degrees(states, s.degrees), problem.gamma, self.progress)
+        )
         if len(solved) > 1:
             self.progress("the degree of V: the step with each")
         setup = self.setup(solved[0].solution, noise and noise.chosen.levels)
         chosen, choices = choose_degree(setup, problem.nominal, solved)
-        rays, place, regions = rays_of(states, s), choices.index(chosen), list(choices)
+        rays, place, regions = rays_of(states, s.rays), choices.index(chosen), list(choices)
         if rays:
             gamma, penalty = s.checked_gamma_ratio * problem.gamma_star, checked_penalty(s, problem)
             for k, choice in enumerate(choices):
@@ -280,8 +282,8 @@ def _refuse_early(robot: Robot, s: Specification, goal: np.ndarray, start: np.nd
             "another `start` or `pose`",
         )
     robot.plant(s.measured, extras=s.extras)
-    LoopPlants(robot, s).estimator_at(start, goal, EstimatorNoise.stated(s))
-    sensor_steps(robot, s)
+    LoopPlants(robot, s).estimator_at(start, goal, EstimatorNoise.stated(s.process_noise, s.torque_noise))
+    sensor_steps(robot, s.measured, s.quantisation, s.estimator)
     zone, step = integral_dead_zone(robot, s, None), np.abs(goal - start)
     if zone is not None and ((step > 0.0) & (zone >= step)).any():
         joint = int(np.argmax((step > 0.0) & (zone >= step)))
