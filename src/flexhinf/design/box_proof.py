@@ -150,13 +150,13 @@ def sampled_box(law: Law, ranges: Ranges) -> Law:
     start = step_start(statement, law.solution, law.step)
     values = largest_values(statement, start, np.linspace(0.0, abs(law.step), 200))
     about = float(law.problem.r2[0, 0] / law.solution.expansion.r2[0, 0])
-    gain = sampled_gain(statement, ROOM * float(values.max()), about)
-    if not np.isfinite(gain.gamma):
+    gamma, scale = sampled_gain(statement, ROOM * float(values.max()), about)
+    if not np.isfinite(gamma):
         raise NotWithinTolerances(
             f"at some corner of the tolerances the inequality holds with no γ on the region of a step of "
             f"{abs(law.step):.4g}"
         )
-    return replace(law, gamma=gain.gamma, scale=gain.scale)
+    return replace(law, gamma=gamma, scale=scale)
 
 
 def prove_box(

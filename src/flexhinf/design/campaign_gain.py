@@ -22,7 +22,7 @@ from flexhinf.analysis.worst_disturbance import DisturbanceRuns
 from flexhinf.campaign import Journal
 from flexhinf.campaign.manifest import UNREADABLE
 from flexhinf.certify import Certificate
-from flexhinf.certify.box_gain import linear_part
+from flexhinf.certify.evaluation import linear_part
 from flexhinf.design.attenuation import LONGEST, MOST_STATES, STEPS, Attenuation
 from flexhinf.design.campaign_setup import DesignCampaign
 from flexhinf.design.certification import DesignProof, prove_design

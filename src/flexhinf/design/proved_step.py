@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf.certify.box import parameter_ranges, tolerance_statement
-from flexhinf.certify.starts import path_start
+from flexhinf.certify.evaluation import path_start
 from flexhinf.design.box_proof import (
     BoxProof,
     NotWithinTolerances,
