@@ -170,25 +170,13 @@ _GROWTH, _ACCURACY = 30.0, 0.01  # of the weight of the cost, and to what share 
 
 @dataclass(frozen=True, eq=False)
 class CommonValue:
-    """The quadratic V of a law and a box.
+    """The quadratic V of a law and a box."""
 
-    Attributes
-    ----------
-    smallest : float
-        The smallest γ that any has.
-    optimum : ndarray
-        Upper triangle of its P in the coordinates of the search, then γ².
-    base, parts : ndarray
-        (17), see `_centred`.
-    inverse : ndarray, shape (n, n)
-        Of the search's coordinates.
-    """
-
-    smallest: float
-    optimum: np.ndarray
-    base: np.ndarray
+    smallest: float  # γ that any has
+    optimum: np.ndarray  # upper triangle of its P in the coordinates of the search, then γ²
+    base: np.ndarray  # (17), see `_centred`
     parts: np.ndarray
-    inverse: np.ndarray
+    inverse: np.ndarray  # of the search's coordinates, (n, n)
 
     def p(self, larger: float) -> np.ndarray:
         """P (n, n) of the V = ½xᵀPx farthest from all constraints (in the sense of the barrier) among those with

@@ -85,15 +85,9 @@ class _PerCell:
 
 @dataclass
 class Cells(_PerCell):
-    """N cells.
+    """N cells; t and h are middle and half widths (N, n − 1) of the box of directions, radii in units of the reach.
 
-    Attributes
-    ----------
-    face : ndarray of int, shape (N,)
-    t, h : ndarray, shape (N, n − 1)
-        Middle and half widths of the box of directions; dyadic.
-    inner, outer : ndarray, shape (N,)
-        Radii in units of the reach; dyadic.
+    All but the faces are dyadic.
     """
 
     face: np.ndarray
@@ -105,31 +99,18 @@ class Cells(_PerCell):
 
 @dataclass
 class Bounds(_PerCell):
-    """Results of the kernel; each of shape (N,) unless said.
+    """Results of the kernel; each of shape (N,) but `score`."""
 
-    Attributes
-    ----------
-    least_value : V ≥ this on the inner end of the cell
-    growth : ∂V/∂ρ /ρ ≥ this on the cell
-    upper : r/ρ² ≤ this on the cell
-    upper_inside : r/ρ² ≤ this where V ≤ level
-    centre, allowance : r/ρ² in the middle, up to the allowance
-    value, value_range : V in the middle, and how far it goes from there
-    growth_at_centre : ∂V/∂ρ /ρ in the middle
-    score : ndarray, shape (N, n)
-        How much the radius and each t_j add to `upper`.
-    """
-
-    least_value: np.ndarray
-    growth: np.ndarray
-    upper: np.ndarray
-    upper_inside: np.ndarray
-    centre: np.ndarray
+    least_value: np.ndarray  # V ≥ this on the inner end of the cell
+    growth: np.ndarray  # ∂V/∂ρ /ρ ≥ this on the cell
+    upper: np.ndarray  # r/ρ² ≤ this on the cell
+    upper_inside: np.ndarray  # r/ρ² ≤ this where V ≤ level
+    centre: np.ndarray  # r/ρ² in the middle, up to the allowance
     allowance: np.ndarray
-    value: np.ndarray
-    value_range: np.ndarray
-    growth_at_centre: np.ndarray
-    score: np.ndarray
+    value: np.ndarray  # V in the middle
+    value_range: np.ndarray  # how far it goes from there
+    growth_at_centre: np.ndarray  # ∂V/∂ρ /ρ in the middle
+    score: np.ndarray  # (N, n): how much the radius and each t_j add to `upper`
 
 
 class CellBounds:
@@ -191,7 +172,11 @@ class CellBounds:
         self.table = np.ascontiguousarray(np.stack(parts)[which, :, place].T)
         self._highest = max(every[-1], max(map(sum, inequality.value)), max(map(sum, inequality.polynomial)))
         odd = [value_odd, whole_odd, *(part for _, part in factors)]
-        self._odd_value, self._odd_whole, *self._odd_factors = (self._sums_by_degree(part) for part in odd)
+        sums = np.zeros((len(odd), self._highest + 1))  # of absolute coefficients, by degree
+        for row, part in zip(sums, odd):
+            for key, coefficient in part.items():
+                row[sum(key)] += abs(nearest_double(coefficient))
+        self._odd_value, self._odd_whole, *self._odd_factors = sums * (1 + 1e-12)
         self._exponents = np.array(list(inequality.value))
         self._coefficients = np.array([nearest_double(value) for value in inequality.value.values()])
         self._check_sizes()
@@ -207,13 +192,6 @@ class CellBounds:
                 beta = key[:variable] + key[variable + 1 :]
                 row[layout.place[sum(key), beta]] = value if sign > 0 or key[variable] % 2 == 0 else -value
         return table
-
-    def _sums_by_degree(self, terms: Rational) -> np.ndarray:
-        """Sums of absolute coefficients by degree."""
-        sums = np.zeros(self._highest + 1)
-        for key, value in terms.items():
-            sums[sum(key)] += abs(nearest_double(value))
-        return sums * (1 + 1e-12)
 
     def _check_sizes(self) -> None:
         """Raise where doubles could overflow or underflow unnoticed."""
@@ -273,34 +251,6 @@ class CellBounds:
             "signs": np.concatenate([links.ravel(), masks.ravel().view(np.int64)]),
         }  # fmt: skip
 
-    def _run(
-        self,
-        faces: np.ndarray,
-        inputs: np.ndarray,
-        outputs: np.ndarray,
-        level: float,
-        pool: ThreadPoolExecutor | None,
-    ) -> None:
-        """The kernel on all groups of cells, the face of each given."""
-        arrays = self._constants | {
-            "faces": np.ascontiguousarray(faces, dtype=np.int64), "inputs": inputs, "outputs": outputs,
-            "level": np.array([level]),
-        }  # fmt: skip
-
-        def run(first: int, last: int) -> None:
-            whole = arrays | {"work": _aligned(self.shape.work["count"] * LANES)}
-            words = np.array(
-                [first, last, *(whole[name].ctypes.data for name in POINTERS[2:])], dtype=np.int64
-            )
-            self._entry(words.ctypes.data)
-
-        if pool is None:
-            run(0, len(faces))
-            return
-        edges = np.linspace(0, len(faces), _PARTS + 1).astype(np.int64)
-        for future in [pool.submit(run, a, b) for a, b in pairwise(edges.tolist()) if b > a]:
-            future.result()
-
     # Cells --------------------------------------------------------------------------------------
     def bound(self, cells: Cells, level: float, pool: ThreadPoolExecutor | None = None) -> Bounds:
         """Bounds on cells; the same for any number of threads."""
@@ -317,7 +267,7 @@ class CellBounds:
         first = order[np.minimum(np.cumsum(counts) - counts, len(order) - 1)]
         filled[:] = np.repeat(first[faces], LANES)
         filled[slot] = np.arange(len(cells))
-        rows, names = self._rows(cells), self.shape.outputs
+        rows, names = self.rows(cells), self.shape.outputs
         score = np.zeros((self.n, len(cells)))
         if self.box is not None:
             radii = cells.inner * self.reach, cells.outer * self.reach
@@ -328,7 +278,21 @@ class CellBounds:
         inputs[:] = rows[filled].reshape(total, LANES, -1).transpose(0, 2, 1)
         size = names["count"]
         outputs = _aligned(total * size * LANES).reshape(total, size, LANES)
-        self._run(faces, inputs, outputs, level, pool)
+        arrays = self._constants | {
+            "faces": faces.astype(np.int64), "inputs": inputs, "outputs": outputs, "level": np.array([level])
+        }  # fmt: skip
+
+        def run(first: int, last: int) -> None:
+            whole = arrays | {"work": _aligned(self.shape.work["count"] * LANES)}
+            addresses = [whole[name].ctypes.data for name in POINTERS[2:]]
+            self._entry(np.array([first, last, *addresses], dtype=np.int64).ctypes.data)
+
+        if pool is None:
+            run(0, len(faces))
+        else:
+            edges = np.linspace(0, len(faces), _PARTS + 1).astype(np.int64).tolist()
+            for future in [pool.submit(run, a, b) for a, b in pairwise(edges) if b > a]:
+                future.result()
         found = outputs.transpose(0, 2, 1).reshape(total * LANES, size)[slot]
         single = {name: found[:, names[name]] for name in list(names)[:-2]}
         return Bounds(**single, score=found[:, names["score"] :] + score.T)
@@ -343,11 +307,7 @@ class CellBounds:
         """V at points z (N, n), not rounded in any direction."""
         return polynomial_values(self._exponents, self._coefficients, points)
 
-    def growth_allowance(self, cells: Cells) -> np.ndarray:
-        """The largest error that rounding can make in ∂V/∂ρ /ρ on cells (N,)."""
-        return self._rows(cells)[:, self.shape.inputs["growth_rounding"]]
-
-    def _rows(self, cells: Cells) -> np.ndarray:
+    def rows(self, cells: Cells) -> np.ndarray:
         """The kernel's inputs (N, rows) for each cell. Radii are exact: fractions and the reach have few bits."""
         inner, outer = cells.inner * self.reach, cells.outer * self.reach
         middle = (inner + outer) / 2
@@ -444,25 +404,16 @@ def time_limit(seconds: float) -> Progress:
 class Outcome:
     """How a search ended.
 
-    Attributes
-    ----------
-    reason : str
-        "proved"; "r > 0" or "V stops increasing" at a point of the region, which disproves; "undecided" where cells
-        became too small, "not closed" where the region leaves the reach, and "too many cells".
-    point : ndarray, shape (n,), or None
-        Where, in coordinates z.
-    value, residual : float
-        V there, and r/ρ².
-    cells : int
-        Cells that were bounded.
+    `reason` is "proved"; "r > 0" or "V stops increasing" at a point of the region, which disproves; "undecided" where
+    cells became too small, "not closed" where the region leaves the reach, and "too many cells".
     """
 
     proved: bool
     reason: str
-    point: np.ndarray | None
-    value: float
-    residual: float
-    cells: int
+    point: np.ndarray | None  # where, in coordinates z
+    value: float  # V there
+    residual: float  # r/ρ² there
+    cells: int  # that were bounded
 
 
 def search(
@@ -539,7 +490,7 @@ def _outcome(bounds: CellBounds, cells: Cells, found: Bounds, place: int, reason
 def _disproved(bounds: CellBounds, cells: Cells, found: Bounds, level: float) -> Outcome | None:
     """A point of the region at which r > 0 or V decreases along the ray, if the middle of a cell is one."""
     broken = (found.centre > found.allowance) & np.isfinite(found.allowance)
-    stops = found.growth_at_centre < -bounds.growth_allowance(cells)
+    stops = found.growth_at_centre < -bounds.rows(cells)[:, bounds.shape.inputs["growth_rounding"]]
     inside = found.value < level * (1 - 1e-9)
     for place in np.flatnonzero((broken | stops) & inside):
         point = bounds.point(cells, int(place))

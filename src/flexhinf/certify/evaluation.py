@@ -47,7 +47,7 @@ def quadratic_part(value: Polynomial, n: int) -> np.ndarray:
 
 
 def linear_system(
-    claim: Claim, parameters: Mapping[str, float], slopes: Sequence[float]
+    claim: Claim, parameters: Mapping[str, float], slopes: Sequence[float] | np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """A (n, n), B1 (n, w) and B2 (n, m) for values of the parameters, each function φ(o + ℓ) − φ(o) as slope · ℓ."""
     n = len(claim.states)

@@ -88,11 +88,6 @@ class Algebra:
         terms = terms_of(self.moved(self.line(slope)))
         return tuple(terms.get(unit, fmpq(0)) for unit in self._units)
 
-    def law_slopes(self) -> list[list[Rational]]:
-        """∂k_i/∂x_j as polynomials in z, a row for each input and a column for each state."""
-        laws = map(self.in_x, self.certificate.law)
-        return [[terms_of(self.moved(law.derivative(j))) for j in range(self.n)] for law in laws]
-
 
 class Inequality(Algebra):
     """V(z), and r = A(z) + Σ_j Q_j(z) S_j(ℓ_j(z)): `value`, `polynomial` and `quotients`."""
@@ -207,25 +202,13 @@ _BITS = 320  # of the arithmetic on balls
 
 @dataclass(frozen=True)
 class QuotientTable:
-    """Nodes with their polynomials, and bounds of the derivatives by distance from 0.
+    """Nodes with their polynomials, and bounds of the derivatives by distance from 0."""
 
-    Attributes
-    ----------
-    first : int
-        Number of the first node, in spacings from 0.
-    rows : ndarray, shape (nodes, M + 1)
-        s_m; nan where the function is not defined.
-    above, below : ndarray
-        C on [0, (i + 1) pieces] and on [−(i + 1) pieces, 0].
-    largest : float
-        Bound of |S| in the whole table.
-    """
-
-    first: int
-    rows: np.ndarray
-    above: np.ndarray
-    below: np.ndarray
-    largest: float
+    first: int  # number of the first node, in spacings from 0
+    rows: np.ndarray  # s_m (nodes, M + 1); nan where the function is not defined
+    above: np.ndarray  # C on [0, (i + 1) pieces]
+    below: np.ndarray  # C on [−(i + 1) pieces, 0]
+    largest: float  # bound of |S| in the whole table
 
     def enclose(self, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Polynomials (N, M + 1) for intervals of ℓ, and bounds (N,) of what they leave out: inf beyond the table."""

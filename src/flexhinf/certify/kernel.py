@@ -58,7 +58,7 @@ def monomials_of(directions: int, highest: int) -> tuple[tuple[int, ...], ...]:
 
 
 class Layout:
-    """Where the coefficients of a polynomial with these degrees k in z, ascending, stand; t has `directions` entries."""
+    """Where the coefficients of a polynomial with these ascending degrees in z stand; t has `directions` entries."""
 
     def __init__(self, directions: int, degrees: Sequence[int]) -> None:
         self.directions, self.degrees = directions, tuple(degrees)
@@ -97,7 +97,7 @@ class Shape:
     """Sizes that the text depends on.
 
     `value`, `whole` and `quotients` lay out V, r with all quotients multiplied out, and the factors Q_j; `terms` are
-    the degrees of Q_j ℓᵐ for every quotient and power. `inputs`, `outputs` and `work` are the first row of each input and
+    the degrees of Q_j ℓᵐ for every quotient and power. `inputs`, `outputs`, `work` are the first row of each input and
     result of a group of cells and of each part of the work buffer, in vectors, and their "count".
     """
 

@@ -14,7 +14,7 @@ from flexhinf.certify.certificate import Certificate
 from flexhinf.certify.claim import Observer
 from flexhinf.certify.evaluation import linear_system
 from flexhinf.certify.inequality import Algebra, Rational
-from flexhinf.certify.problem_to_claim import matrix_rows, nearest_double
+from flexhinf.certify.problem_to_claim import matrix_rows, nearest_double, terms_of
 from flexhinf.certify.starts import starts_of
 from flexhinf.errors import InvalidInput, NumericalFailure
 from flexhinf.hinf.value_function import ValueFunction
@@ -99,7 +99,9 @@ def _error_energy(
 ) -> tuple[np.ndarray, np.ndarray, float]:
     """M, X and γ_e for which the errors are paid. The hull depends on X and M on the hull, so they are iterated."""
     size = len(closed)
-    slopes = [row[:size] for row in Algebra(certificate).law_slopes()]
+    algebra = Algebra(certificate)
+    laws = map(algebra.in_x, certificate.law)
+    slopes = [[terms_of(algebra.moved(law.derivative(j))) for j in range(size)] for law in laws]
     backwards = np.linalg.inv(np.array(certificate.coordinates))[:, :size]
     widths = np.zeros(len(backwards))
     scale = 1 / np.linalg.norm(backwards, axis=0)

@@ -68,43 +68,24 @@ class LimitSlice(Slice):
 
     The other one is the largest proved start, or where that lies near the first, a unit of one state with the others
     where V_2 is smallest.
-
-    Attributes
-    ----------
-    limit : str
-        What fails there, as `SampledCheck.limit`.
-    point : ndarray, shape (n,)
-        Deviation at which the level ends.
-    moved : int or None
-        Place of the state that is moved, None for the largest start.
     """
 
-    limit: str
-    point: np.ndarray
-    moved: int | None
+    limit: str  # what fails there, as `SampledCheck.limit`
+    point: np.ndarray  # (n,): deviation at which the level ends
+    moved: int | None  # place of the state that is moved, None for the largest start
 
 
 @dataclass(frozen=True, eq=False)
 class WorstStep:
-    """A step from rest with the disturbance that V says is worst, d = g1ᵀV_xᵀ/γ², for as long as the budget lasts.
-
-    Attributes
-    ----------
-    time : ndarray, shape (N,)
-        s.
-    state, disturbance : ndarray, shapes (N, n), (N, w)
-        Deviations from the goal.
-    value, spent : ndarray, shape (N,)
-        V, and ½γ²∫|d|² until then.
-    """
+    """A step from rest with the disturbance that V says is worst, d = g1ᵀV_xᵀ/γ², for as long as the budget lasts."""
 
     rule: str
     amplitude: float
-    time: np.ndarray
-    state: np.ndarray
-    disturbance: np.ndarray
-    value: np.ndarray
-    spent: np.ndarray
+    time: np.ndarray  # (N,), s
+    state: np.ndarray  # (N, n), deviations from the goal
+    disturbance: np.ndarray  # (N, w)
+    value: np.ndarray  # V
+    spent: np.ndarray  # ½γ²∫|d|² until then
 
 
 def start_surface(

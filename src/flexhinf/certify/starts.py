@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -52,19 +52,32 @@ def starts_of(solution: ValueFunction, statement: Certificate) -> tuple[Start, .
     if rest is None:
         return ()
     path, free = rest
-    found = []
-
-    def equilibrium(a: float) -> np.ndarray:
-        return path_start(statement, path, a)
-
+    level, probe, found = statement.start_level, 1e-3, []
     for rule, place in ((SMALLEST_VALUE, settled), (UNCHANGED_INPUT, unchanged_input)):
-        amplitudes, starts = _starts_inside(solution, statement.start_level, equilibrium, free, place)
+        first = place(solution, path_start(statement, path, probe), free)
+        if first is None:
+            continue
+        step = probe * float(np.sqrt(level / solution.value(first))) / _STEPS
+        amplitudes, starts = [0.0], [np.zeros(len(free))]
+        for _ in range(_LONGEST * _STEPS):
+            amplitude, before = amplitudes[-1], starts[-1]
+            guess = path_start(statement, path, amplitude + step)
+            guess[free] = before[free] * ((amplitude + step) / amplitude if amplitude else 0.0)
+            start: np.ndarray | None = place(solution, guess, free)
+            middle = path_start(statement, path, amplitude + step / 2)
+            if start is not None:
+                middle[free] = (before[free] + start[free]) / 2
+            if start is not None and (solution.value(np.stack([middle, start])) < _BELOW * level).all():
+                amplitudes.append(amplitude + step)
+                starts.append(start)
+            elif step < 1e-4 * amplitude or amplitude == 0.0:
+                break
+            else:
+                step /= 2
         if len(starts) > 1:
-            columns = np.transpose(starts).tolist()
+            columns, grid = np.transpose(starts).tolist(), tuple(amplitudes)
             table = tuple(tuple(column) if moves else () for column, moves in zip(columns, free))
-            found.append(
-                replace(path, rule=rule, amplitude=amplitudes[-1], amplitudes=tuple(amplitudes), table=table)
-            )
+            found.append(replace(path, rule=rule, amplitude=grid[-1], amplitudes=grid, table=table))
     return tuple(found)
 
 
@@ -177,37 +190,6 @@ def divided(term: Term, divisor: Term) -> Term:
 
 
 # The integrators ----------------------------------------------------------------------------------
-def _starts_inside(
-    solution: ValueFunction,
-    level: float,
-    rest: Callable[[float], np.ndarray],
-    free: np.ndarray,
-    place: Callable[[ValueFunction, np.ndarray, np.ndarray], Any],
-) -> tuple[list[float], list[np.ndarray]]:
-    """Amplitudes and starts, from 0 on, as long as V stays below the level."""
-    probe, amplitudes, starts = 1e-3, [0.0], [np.zeros(len(free))]
-    first = place(solution, rest(probe), free)
-    if first is None:
-        return [], []
-    step = probe * float(np.sqrt(level / solution.value(first))) / _STEPS
-    for _ in range(_LONGEST * _STEPS):
-        amplitude, before = amplitudes[-1], starts[-1]
-        guess = rest(amplitude + step)
-        guess[free] = before[free] * ((amplitude + step) / amplitude if amplitude else 0.0)
-        start: np.ndarray | None = place(solution, guess, free)
-        middle = rest(amplitude + step / 2)
-        if start is not None:
-            middle[free] = (before[free] + start[free]) / 2
-        if start is not None and (solution.value(np.stack([middle, start])) < _BELOW * level).all():
-            amplitudes.append(amplitude + step)
-            starts.append(start)
-        elif step < 1e-4 * amplitude or amplitude == 0.0:
-            break
-        else:
-            step /= 2
-    return amplitudes, starts
-
-
 def unchanged_input(solution: ValueFunction, x: np.ndarray, free: np.ndarray) -> np.ndarray | None:
     """The integrators at which the law's input is the one that holds the start, by Newton's method."""
     index = np.flatnonzero(free)
@@ -336,27 +318,15 @@ _TIME_CONSTANTS = 100.0  # time constants of the slowest mode of the linear loop
 
 @dataclass(frozen=True, eq=False)
 class ProvedStep:
-    """The rest-to-rest step of the largest proved amplitude, for one rule of the integrators' start.
-
-    Attributes
-    ----------
-    amplitude : float
-        In the unit of the moved state.
-    overshoot_percent : float
-        Of the step, in its direction.
-    first_input, peak_input : ndarray, shape (m,)
-        The input at the start and its largest magnitude, absolute values in the unit of the input.
-    time, state : ndarray, shapes (N,) and (N, n)
-        Deviations from the goal.
-    """
+    """The rest-to-rest step of the largest proved amplitude, for one rule of the integrators' start."""
 
     rule: str
-    amplitude: float
-    overshoot_percent: float
-    first_input: np.ndarray
-    peak_input: np.ndarray
-    time: np.ndarray
-    state: np.ndarray
+    amplitude: float  # in the unit of the moved state
+    overshoot_percent: float  # of the step, in its direction
+    first_input: np.ndarray  # (m,) at the start; absolute values in the unit of the input
+    peak_input: np.ndarray  # (m,) largest magnitudes
+    time: np.ndarray  # (N,)
+    state: np.ndarray  # (N, n), deviations from the goal
 
 
 def longest_run(solution: ValueFunction) -> float:
