@@ -442,12 +442,22 @@ def plain_axis(axis: Any, *which: Any) -> None:
     axis.tick_params(axis="both" if len(which) > 1 else "x", labelsize=8)
 
 
-def bins_of(judged: CampaignJudgement, values: np.ndarray, unit: str) -> list[float]:
-    """Edges of a histogram's bins; times are multiples of the kept period."""
-    time = judged.table.journal.time
+def histogram(
+    axis: Any, judged: CampaignJudgement, name: str, unit: str, values: np.ndarray, counted: str
+) -> None:
+    """How often a metric has which value, with few ticks; the kept period is the grain of times."""
+    time, spread = judged.table.journal.time, float(np.ptp(values))
     period = float(np.diff(time[:2])[0]) if time.size > 1 else 0.0
-    grain = period if unit == "s" and 0.0 < 10.0 * period < np.ptp(values) else 0.0
-    return histogram_bins(values, grain).tolist()
+    half = 0.5 * abs(float(values[0])) or 0.5
+    bins = [float(values[0]) - half, float(values[0]) + half]
+    if spread:
+        bins = histogram_bins(
+            values, period if unit == "s" and 0.0 < 10.0 * period < spread else 0.0
+        ).tolist()
+    axis.hist(values, bins=bins, color=SERIES[0], alpha=0.55)
+    axis.grid(axis="x", visible=False)
+    axis.set_xlabel(metric_text(name, unit), fontsize=8)
+    label(axis, counted, "")
 
 
 def _histograms(judged: CampaignJudgement, names: Sequence[str]) -> list[Any]:
@@ -457,16 +467,13 @@ def _histograms(judged: CampaignJudgement, names: Sequence[str]) -> list[Any]:
         return []
     figure, axes = small_panels(len(varied), 1.9)
     for k, (axis, (name, values)) in enumerate(zip(axes, varied.items())):
-        unit, most = judged.table.unit(name), np.abs(values).max()
-        axis.hist(values, bins=bins_of(judged, values, unit), color=SERIES[0], alpha=0.55)
-        axis.grid(axis="x", visible=False)
+        most = np.abs(values).max()
+        histogram(axis, judged, name, judged.table.unit(name), values, "samples" if k % 3 == 0 else "")
         axis.locator_params(axis="x", nbins=3 if most > 5e-3 else 2)
         plain_axis(axis, axis.xaxis)
         for one in judged.requirements:
             if one.metric == name and one.limit < NO_LIMIT and most > 0.5 * abs(one.limit):
                 axis.axvline(one.limit, color=INK, linewidth=1.0, dashes=DASHED)
-        axis.set_xlabel(metric_text(name, unit), fontsize=8)
-        label(axis, "samples" if k % 3 == 0 else "", "")
     missing = judged.of_status(DIVERGED) + judged.of_status(NOT_RUN)
     caption = [
         "How many samples have which value; dashed: a limit that is near or exceeded. Values that are never reached "

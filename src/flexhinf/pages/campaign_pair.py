@@ -11,7 +11,7 @@ import numpy as np
 
 from flexhinf.campaign import PairedMetric
 from flexhinf.design.campaign_setup import SIDES, PairResult
-from flexhinf.pages.campaign import bins_of, plain_axis, small_panels, write_page
+from flexhinf.pages.campaign import histogram, plain_axis, small_panels, write_page
 from flexhinf.pages.campaign_text import (
     SPREAD,
     limit_text,
@@ -222,17 +222,11 @@ def _differences(result: PairResult) -> list[Any]:
     samples, clouds = small_panels(len(metrics), 2.2)
     for k, one in enumerate(metrics):
         axis, values = bars[k], _finite(one)
-        half = 0.5 * abs(float(values[0])) or 0.5
-        same = [float(values[0]) - half, float(values[0]) + half]
-        bins = bins_of(result.judged[0], values, one.unit) if np.ptp(values) else same
-        axis.hist(values, bins=bins, color=SERIES[0], alpha=0.55)
+        histogram(axis, result.judged[0], one.name, one.unit, values, "pairs" if k % 3 == 0 else "")
         axis.axvline(0.0, color=INK, linewidth=1.0)
         if math.isfinite(one.median):
             axis.axvline(one.median, color=SERIES[1], linewidth=1.4, dashes=DASHED)
-        axis.grid(axis="x", visible=False)
         _few_ticks(axis)
-        axis.set_xlabel(metric_text(one.name, one.unit), fontsize=8)
-        label(axis, "pairs" if k % 3 == 0 else "", "")
         axis, both = clouds[k], np.isfinite(one.a) & np.isfinite(one.b)
         a, b = one.a[both][:POINTS], one.b[both][:POINTS]
         ends = framed(np.array([*a, *b]))

@@ -100,39 +100,26 @@ FIRST_PART = 6.0
 
 
 # Drawings ----------------------------------------------------------------------------------------------
-def measured(run: Trajectory) -> np.ndarray:
-    """The link position as measured, in degrees, as the paper's figures have it."""
-    return np.degrees(run.signal("output", "link_position"))
-
-
-def estimated(run: Trajectory) -> np.ndarray | None:
-    """The estimate in degrees; None when the true state is fed back."""
+def positions(run: Trajectory) -> tuple[np.ndarray, np.ndarray | None]:
+    """The link position as measured and as estimated, degrees; no estimate where the true state is fed back."""
     same = run.names["output"] == run.names["estimate"]
-    return None if same else np.degrees(run.signal("estimate", "link_position"))
+    estimate = None if same else np.degrees(run.signal("estimate", "link_position"))
+    return np.degrees(run.signal("output", "link_position")), estimate
 
 
-def draw_inputs(runs: Mapping[str, Trajectory]) -> str:
-    """Motor voltages of several laws over time."""
-    figure, (axes,) = new_figure(1)
+def draw_laws(runs: Mapping[str, Trajectory], voltage: bool = False, step: float | None = None) -> str:
+    """Motor voltages of several laws, or link positions with the command, and a settling band for a step, degrees."""
+    figure, (axes,) = new_figure(1, height=None if voltage else 3.6)
+    if not voltage:
+        first = next(iter(runs.values()))
+        command = np.degrees(first.signal("reference", "link_position"))
+        reference_line(axes, first.time, command)
+        if step is not None:
+            settling_band(axes, float(command[-1]), step)
     for law, run in runs.items():
-        volts = run.signal("input", "motor_voltage")
-        time_response(axes, run.time, volts, name=LAWS[law], colour=COLOURS[law])
-    label(axes, "motor voltage", "V")
-    legend(axes)
-    return figure_to_svg(figure)
-
-
-def draw_responses(runs: Mapping[str, Trajectory], step: float | None = None) -> str:
-    """Link positions of several laws, measured and estimated, with the command; a settling band for a step, degrees."""
-    figure, (axes,) = new_figure(1, height=3.6)
-    first = next(iter(runs.values()))
-    command = np.degrees(first.signal("reference", "link_position"))
-    reference_line(axes, first.time, command)
-    if step is not None:
-        settling_band(axes, float(command[-1]), step)
-    for law, run in runs.items():
-        time_response(axes, run.time, measured(run), estimated(run), name=LAWS[law], colour=COLOURS[law])
-    label(axes, "link position", "°")
+        signals = (run.signal("input", "motor_voltage"),) if voltage else positions(run)
+        time_response(axes, run.time, *signals, name=LAWS[law], colour=COLOURS[law])
+    label(axes, *(("motor voltage", "V") if voltage else ("link position", "°")))
     legend(axes)
     return figure_to_svg(figure)
 
@@ -146,18 +133,15 @@ def draw_loads(runs: Mapping[str, Trajectory]) -> str:
     goal, largest = float(command[-1]), 0.0
     settling_band(error, 0.0, goal)
     for colour, (channel, run) in zip(SERIES, runs.items(), strict=False):
-        name, link, estimate = (
-            f"torque at the {channel.removesuffix('_torque')}",
-            measured(run),
-            estimated(run),
-        )
+        name, (link, estimate) = f"torque at the {channel.removesuffix('_torque')}", positions(run)
         time_response(position, run.time, link, estimate, name=name, colour=colour)
         late = run.time >= LOAD_FROM - 1.0
         off = None if estimate is None else estimate[late] - goal
         time_response(error, run.time[late], link[late] - goal, off, colour=colour)
         largest = max(largest, float(np.abs(link[late] - goal).max(initial=0.0)))
-    load = longest.signals["disturbance"].sum(axis=1)  # alike at both places
-    torque.plot(longest.time, load, color=SERIES[3])
+    torque.plot(
+        longest.time, longest.signals["disturbance"].sum(axis=1), color=SERIES[3]
+    )  # alike at both places
     reach = 1.1 * min(max(largest, 1.0), 180.0)
     error.set_ylim(-reach, reach)
     label(position, "link position", "°")
@@ -171,16 +155,16 @@ def draw_loads(runs: Mapping[str, Trajectory]) -> str:
 # Many plants -------------------------------------------------------------------------------------------
 def worst_runs(runs: Sequence[ToleranceRun]) -> dict[str, int]:
     """Which run overshoots most and which settles last, or ends farthest; one that diverged comes before all others."""
-
-    def of(*metrics: str) -> int:
-        values = [[run.metrics[name] for name in metrics] for run in runs]
-        ranks = [[math.inf if value is None else value for value in row] for row in values]
-        return max(range(len(runs)), key=ranks.__getitem__)
-
-    return {
-        "largest overshoot": of("overshoot_percent"),
-        "settles last": of("settling_time_s", "steady_state_error"),
+    found = {
+        "largest overshoot": ("overshoot_percent",),
+        "settles last": ("settling_time_s", "steady_state_error"),
     }
+    worst = {}
+    for name, metrics in found.items():
+        values = [[run.metrics[metric] for metric in metrics] for run in runs]
+        ranks = [[math.inf if value is None else value for value in row] for row in values]
+        worst[name] = max(range(len(runs)), key=ranks.__getitem__)
+    return worst
 
 
 @house_style()
@@ -226,50 +210,45 @@ def _worst_table(runs: Sequence[ToleranceRun]) -> Table:
     return Table(columns, rows, caption, "table-worst-runs", stacks=True)
 
 
-def _sampled_caption(setup: PaperSetup) -> str:
-    diverged = sum(run.diverged_at is not None for run in setup.sampled_plants)
-    return (
-        f"{len(setup.sampled_plants)} plants sampled uniformly, with coil inductance; below, the rest of the 30 s "
-        f"enlarged.{f' {diverged} runs diverged and are not drawn.' if diverged else ''}"
-    )
-
-
 #: Title, caption, and drawing as SVG, by the figure's number in the paper.
 FIGURES: dict[str, tuple[str, str | Callable[[PaperSetup], str], Callable[[PaperSetup], str]]] = {
     "03": (
         "Step to 180°: link position.",
         "The paper shows NL-H∞ alone; the linear law of the same γ is added. Dotted: command; grey: ±2 % of the step.",
-        lambda e: draw_responses(e.step_180, 180.0),
+        lambda e: draw_laws(e.step_180, step=180.0),
     ),
     "04": (
         "Step to 180°: motor voltage.",
         "The law is held between samples.",
-        lambda e: draw_inputs(e.step_180),
+        lambda e: draw_laws(e.step_180, voltage=True),
     ),
     "05": (
         "Step to 90°: link position by NL-H∞ and by L-H∞.",
         "The measured and the estimated curve lie on each other. Dotted: command; grey: ±2 % of the step.",
-        lambda e: draw_responses(e.step_90, 90.0),
+        lambda e: draw_laws(e.step_90, step=90.0),
     ),
     "06": (
         "Step to 90°: motor voltage by NL-H∞ and by L-H∞.",
         "At rest at 90° the motor holds the full gravity torque M g L: 10.9 V.",
-        lambda e: draw_inputs(e.step_90),
+        lambda e: draw_laws(e.step_90, voltage=True),
     ),
     "07": (
         "Tracking π + sin(πt/10): link position.",
         "The law acts on the angle from hanging and on the integral of the error, so the arm follows a moving command "
         "with a delay.",
-        lambda e: draw_responses(e.tracking),
+        lambda e: draw_laws(e.tracking),
     ),
     "08": (
         "Tracking π + sin(πt/10): motor voltage.",
         "",
-        lambda e: draw_inputs(e.tracking),
+        lambda e: draw_laws(e.tracking, voltage=True),
     ),
     "09": (
         "Step to 90° under the tolerances of Tables 1 and 2: link position as measured.",
-        _sampled_caption,
+        lambda e: (
+            f"{SAMPLED_PLANTS} plants sampled uniformly, with coil inductance; below, the rest of the 30 s enlarged. "
+            f"{sum(run.diverged_at is not None for run in e.sampled_plants)} runs diverged and are not drawn."
+        ),
         lambda e: draw_sampled(e.sampled_plants, "output"),
     ),
     "10": (

@@ -12,19 +12,8 @@ from flexhinf.report import Claim, Table
 
 @dataclass(frozen=True)
 class Finding:
-    """Result of computing one claim's criterion.
-
-    Attributes
-    ----------
-    verdict : bool or str
-        Whether the criterion is met; "ties" or "not judged" where it cannot be said.
-    evidence : str
-        The numbers behind the verdict, in a sentence.
-    numbers : dict
-        For ``metrics.json``.
-    data : object
-        What the page draws.
-    """
+    """Result of computing one claim's criterion: whether it is met ("ties" or "not judged" where it cannot be said),
+    the numbers behind that in a sentence, tables, numbers for ``metrics.json``, and what the page draws."""
 
     verdict: bool | str
     evidence: str
@@ -49,17 +38,8 @@ class Judged:
 
 @dataclass(frozen=True)
 class PaperClaim:
-    """One claim of the paper, or one question of ours.
-
-    Attributes
-    ----------
-    text : str
-        The claim in a sentence; ``{feedback}`` stands for what is fed back to the law.
-    judge : callable
-        Computes the criterion.
-    figures : tuple of str
-        Anchors of the paper's figures that show it.
-    """
+    """One claim of the paper, or one question of ours, in a sentence (``{feedback}`` stands for what is fed back to the
+    law), with its criterion, what computes it, and anchors of the paper's figures that show it."""
 
     id: str
     text: str

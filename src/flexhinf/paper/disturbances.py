@@ -27,6 +27,7 @@ from flexhinf.paper.loop_setup import (
     LOAD_FROM,
     TORQUE,
     PaperSetup,
+    known,
     load_numbers,
 )
 from flexhinf.plant import Law
@@ -118,14 +119,14 @@ def attained_gain(setup: PaperSetup) -> Finding:
     tame, largest = (
         max((run.gain for run in group.values() if run.inside), default=math.inf) for group in (stated, found)
     )
-    known = largest if math.isfinite(largest) else None
+    best = known(largest)
     numbers = {
-        "largest_gain": known,
-        "largest_gain_over_gamma": known and known / setup.gamma,
-        "largest_gain_over_gamma_star": known and known / setup.gamma_star,
+        "largest_gain": best,
+        "largest_gain_over_gamma": best and best / setup.gamma,
+        "largest_gain_over_gamma_star": best and best / setup.gamma_star,
     }
     evidence = f"γ = {setup.gamma:.1f}, γ* = {setup.gamma_star:.1f}"
-    if known is None or math.isinf(tame):
+    if best is None or math.isinf(tame):
         evidence += ": the loop diverges under most disturbances tried."
     else:
         local = f"Nothing tried exceeds γ, within {HORIZON:g} s."
@@ -143,7 +144,7 @@ def attained_gain(setup: PaperSetup) -> Finding:
     for name, run in found.items():
         ratios = (run.gain / setup.gamma, run.gain / setup.gamma_star)
         values = (run.energy, math.degrees(run.reach), run.gain, *ratios)
-        rows.append((name, *(value if math.isfinite(value) else None for value in values)))
+        rows.append((name, *map(known, values)))
     columns = (
         "disturbance d", Column("∫|d|²", "rad² s"), Column("largest |x1|", "°", 1),
         Column("attained √(∫|z|²/∫|d|²)", "", 1), Column("over γ", "", 3), Column("over γ*", "", 3),

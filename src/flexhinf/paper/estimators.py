@@ -34,6 +34,7 @@ from flexhinf.paper.loop_setup import (
     PaperSetup,
     affordable,
     in_two_threads,
+    known,
 )
 from flexhinf.plant import Plant
 from flexhinf.report import Column, Table, number
@@ -124,23 +125,9 @@ def _reconstructs(setup: PaperSetup) -> Finding:
 # Trials of two filters -----------------------------------------------------------------------------------
 @dataclass(frozen=True)
 class Trial:
-    """What two filters are compared on.
-
-    Attributes
-    ----------
-    model : Plant
-        What both filters believe in, with its sensors.
-    period : float
-        s.
-    process_noise : float
-        q of R^v = q I, of the truth and of the filters.
-    measurement_noise : (p,) tuple
-        Variances R^n, likewise.
-    initial : (n,) tuple
-        Standard deviations of the true start about the filters' initial mean; their P0 is the same.
-    changes : mapping
-        Parameters of the truth that differ from the model's.
-    """
+    """What two filters are compared on: the model that both believe in, with its sensors; the period, s; q of R^v = q
+    I and the variances R^n (p,), of the truth and of the filters; standard deviations (n,) of the true start about
+    the filters' initial mean, their P0; and parameters of the truth that differ from the model's."""
 
     name: str
     model: Plant
@@ -161,17 +148,8 @@ class Trial:
 
 @dataclass(frozen=True)
 class Scores:
-    """Errors of one filter in R runs.
-
-    Attributes
-    ----------
-    squared : (R, n) array
-        Mean squared error of each state over a run; NaN for a filter that failed.
-    mean : (R, n) array
-        Mean error of each state over a run.
-    nees : (R,) array
-        Mean of eᵀ P⁻¹ e over a run; n where the filter's covariance is right.
-    """
+    """Errors of one filter in R runs: mean squared error (R, n) of each state over a run (NaN for a filter that
+    failed), mean error (R, n), and the mean (R,) of eᵀ P⁻¹ e, which is n where the filter's covariance is right."""
 
     squared: np.ndarray
     mean: np.ndarray
@@ -257,19 +235,9 @@ def _program(filter: RecursiveFilter) -> Program:
 # Against the EKF -----------------------------------------------------------------------------------------
 @dataclass(frozen=True)
 class PairedErrors:
-    """Outcome of a trial of both filters.
-
-    Attributes
-    ----------
-    difference, half : float
-        Mean of the paired relative difference (UKF − EKF) and half its 95 % interval; NaN with fewer than two pairs.
-    bias : pair of float
-        Largest |mean error| over the RMS error, UKF's and EKF's.
-    nees : pair of float
-        UKF's and EKF's.
-    pairs : int
-        In which neither filter failed.
-    """
+    """Outcome of a trial of both filters: pairs in which neither failed; mean of the paired relative difference
+    (UKF − EKF) and half its 95 % interval, NaN with fewer than two pairs; largest |mean error| over the RMS error, and
+    NEES, UKF's and EKF's."""
 
     trial: Trial
     pairs: int
@@ -363,9 +331,9 @@ def _beats_ekf(setup: PaperSetup) -> Finding:
     )
     trials, rows = {}, []
     for p in (*own, *others):
-        trials[p.trial.name] = [_known(v) for v in (p.difference, p.half, *p.nees)]
+        trials[p.trial.name] = [known(v) for v in (p.difference, p.half, *p.nees)]
         values = (100.0 * p.difference, 100.0 * p.half, *p.bias, *p.nees)
-        rows.append((p.trial.name, p.pairs, *(_known(value) for value in values), p.verdict))
+        rows.append((p.trial.name, p.pairs, *(known(value) for value in values), p.verdict))
     columns = (
         "trial", "pairs", Column("UKF − EKF", "% of RMS error"), Column("± (95 %)", "%"),
         Column("bias UKF", "of RMS", 3), Column("bias EKF", "of RMS", 3), Column("NEES UKF", "", 2),
@@ -375,7 +343,7 @@ def _beats_ekf(setup: PaperSetup) -> Finding:
         "UKF against an EKF with exact Jacobians on the same data, matched noises, open loop on the voltage of the "
         "180° step; the link position measured unless another sensor is named. NEES of a right covariance is 4."
     )
-    numbers = {"largest_difference": _known(largest), "trials": trials}
+    numbers = {"largest_difference": known(largest), "trials": trials}
     return Finding(verdict, evidence, (Table(columns, rows, caption, "table-ukf-ekf"),), numbers)
 
 
@@ -392,10 +360,6 @@ def _closed_loops(setup: PaperSetup) -> str:
         return f"Closed loops: all {count} pairs diverged."
     largest = number(max(gaps), 1)
     return f"In {len(gaps)} pairs of closed loops (180° step, same noise) the link differs by at most {largest}°."
-
-
-def _known(value: float) -> float | None:
-    return float(value) if math.isfinite(value) else None
 
 
 UKF = (

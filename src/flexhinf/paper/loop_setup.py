@@ -50,19 +50,9 @@ CHANNELS = ("link_torque", "motor_torque")
 
 @dataclass(frozen=True)
 class ToleranceRun:
-    """A plant sampled within the tolerances, and what is kept of its run.
-
-    Attributes
-    ----------
-    metrics : dict
-        Of the whole run, as `Trajectory.metrics`.
-    diverged_at : float or None
-        s.
-    time, output, estimate : ndarray
-        About `KEPT` samples of the link position as measured and as estimated, degrees.
-    changes : str
-        From the nominal plant, in per cent.
-    """
+    """A plant sampled within the tolerances, by its changes from the nominal plant in per cent, and what is kept of
+    its run: metrics as `Trajectory.metrics`, when it diverged (s), and about `KEPT` samples of the link position as
+    measured and as estimated, degrees."""
 
     metrics: dict[str, Any]
     diverged_at: float | None
@@ -113,14 +103,8 @@ class PaperSetup:
     ) -> HJISolution:
         """NL-H∞ at the settings' ratio of its own γ*; solved once each.
 
-        Parameters
-        ----------
-        weights : mapping of state to float, optional
-            Instead of the paper's; R2 is kept.
-        degree : int, optional
-            Of V; the settings' by default.
-        pose : float, optional
-            Link position to expand about, rad; the hanging rest by default.
+        `weights` by state stand for the paper's, R2 is kept; `degree` is that of V; `pose` the link position to
+        expand about, rad (the hanging rest by default).
         """
         degree = self.settings.degree if degree is None else degree
         key = (None if weights is None else tuple(sorted(weights.items())), degree, pose)
@@ -325,6 +309,11 @@ FIGURE_NUMBERS: dict[str, Callable[[PaperSetup], dict[str, Any]]] = {
     "11": lambda e: _each(load_numbers, e.step_disturbance),
     "12": lambda e: _each(load_numbers, e.sine_disturbance),
 }
+
+
+def known(value: float) -> float | None:
+    """None for what is not finite."""
+    return float(value) if math.isfinite(value) else None
 
 
 # Many runs -----------------------------------------------------------------------------------------------

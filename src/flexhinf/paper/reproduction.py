@@ -28,15 +28,7 @@ PAGES = "flexhinf.pages.paper"
 
 @dataclass(frozen=True, eq=False)
 class Reproduction:
-    """Results of the reproduction.
-
-    Attributes
-    ----------
-    figures : dict
-        Numbers of the paper's figures, "03" … "12".
-    command : tuple of str
-        What makes it again.
-    """
+    """Results of the reproduction: numbers of the paper's figures "03" … "12", its claims, and what makes it again."""
 
     setup: PaperSetup
     figures: dict[str, dict[str, Any]]

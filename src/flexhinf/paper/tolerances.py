@@ -24,7 +24,7 @@ from flexhinf.analysis import FORMS, EquilibriumLoop, GrowthRates, ProcessNoise,
 from flexhinf.hinf import HJISolution
 from flexhinf.loop import Step
 from flexhinf.paper.claim import Finding, PaperClaim
-from flexhinf.paper.loop_setup import GOALS, LONG, STEP_DURATION, PaperSetup, affordable, name_goal
+from flexhinf.paper.loop_setup import GOALS, LONG, STEP_DURATION, PaperSetup, affordable, known, name_goal
 from flexhinf.plant import Law
 from flexhinf.report import Column, Table, number
 
@@ -58,16 +58,10 @@ def growth_with(
     goals: Sequence[float] = GOALS,
     estimated: bool = True,
 ) -> dict[float, tuple[GrowthRates, ...]]:
-    """Growth rates of a law's loop by goal, for every R^v (None: that of the settings).
+    """Growth rates of a law's loop by goal (rad), for every R^v (None: that of the settings).
 
-    Parameters
-    ----------
-    plants : (N,) array of int, optional
-        Only these of `PaperSetup.population`.
-    goals : sequence of float
-        rad.
-    estimated : bool
-        Whether the estimator of the settings is in the loop; otherwise the true state is fed back.
+    `plants` (N,) are those of `PaperSetup.population`, all by default; `estimated`: with the estimator of the
+    settings in the loop, otherwise the true state is fed back.
     """
     coil, period, interrupted = setup.arm.plant(inductance=True), setup.settings.period, threading.Event()
 
@@ -92,14 +86,8 @@ def growth_with(
 class ToleranceStudy:
     """Growth rates of one law's loop with all plants of `PaperSetup.population`, by goal.
 
-    Attributes
-    ----------
-    chosen : dict of float to GrowthRates
-        With the R^v of the settings, or with the true state fed back where the settings have no estimator.
-    true_state : dict of float to GrowthRates
-        With the true state fed back.
-    swept : dict of float to tuple of GrowthRates
-        Over all forms and q; empty without an estimator.
+    `chosen`: with the R^v of the settings, or with the true state fed back where they have no estimator;
+    `true_state`: fed back; `swept`: over all forms and q, empty without an estimator.
     """
 
     setup: PaperSetup
@@ -194,7 +182,7 @@ def _withstands_tolerances(setup: PaperSetup) -> Finding:
         "corners": study.count("corner"),
         "unstable": {name_goal(g): chosen[g].unstable for g in GOALS},
         "unstable_corners": {name_goal(g): unstable_of(chosen[g], "corner") for g in GOALS},
-        "fastest_growth_per_s": {name_goal(g): _finite(chosen[g].fastest) for g in GOALS},
+        "fastest_growth_per_s": {name_goal(g): known(chosen[g].fastest) for g in GOALS},
         "swept_unstable_corners": {
             name_goal(g): [
                 [r.noise.form, r.noise.q, unstable_of(r, "corner")] for r in study.swept[g] if r.noise
@@ -230,10 +218,6 @@ def _withstands_tolerances(setup: PaperSetup) -> Finding:
     return Finding(holds, text, (_tolerance_table(study),), numbers, study)
 
 
-def _finite(rate: float) -> float | None:
-    return float(rate) if math.isfinite(rate) else None
-
-
 def _tolerance_table(study: ToleranceStudy) -> Table:
     rows: list[tuple[Any, ...]] = []
     for goal in GOALS:
@@ -249,7 +233,7 @@ def _tolerance_table(study: ToleranceStudy) -> Table:
             )
             more = f" and {len(alone) - 3} more" if len(alone) > 3 else ""
             texts = name_goal(goal), which
-            counts = min(corners), max(corners), sampled, _finite(fastest)
+            counts = min(corners), max(corners), sampled, known(fastest)
             rows.append((*texts, *counts, "; ".join(alone[:3]) + more or "none"))
     columns = (
         "goal", "R^v", Column("corners unstable, fewest over q"), Column("corners unstable, most over q"),

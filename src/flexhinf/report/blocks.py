@@ -56,12 +56,7 @@ def unit_html(unit: str) -> str:
 def number(value: Real | float, digits: int = 4, decimals: int | None = None) -> str:
     """A number for reading: true minus sign, powers of ten instead of e-notation, ∞ for infinity.
 
-    Parameters
-    ----------
-    digits : int
-        Significant digits, where `decimals` is not given. Whole numbers keep all theirs.
-    decimals : int, optional
-        Fixed digits after the point, so that a column lines up.
+    `digits` are significant ones (whole numbers keep all theirs), `decimals` fixed ones, so that a column lines up.
 
     Examples
     --------
@@ -116,10 +111,7 @@ def _rounded(value: float, digits: int, rounding: str, decimals: int | None = No
 
 
 def scalar(value: object, decimals: int | None = None) -> str:
-    """One value of a table or a setting, as plain text (not yet escaped): yes, no, – for None, numbers, text.
-
-    Lists and tuples are written with commas between their elements.
-    """
+    """One value of a table or a setting, as plain text (not yet escaped): yes, no, – for None, numbers, text, lists."""
     if value is None:
         return "–"
     if hasattr(value, "tolist"):  # NumPy scalars and arrays
@@ -135,12 +127,7 @@ def scalar(value: object, decimals: int | None = None) -> str:
 
 # JSON -------------------------------------------------------------------------------------------------
 def to_json(value: object) -> str:
-    """Text of a JSON document; lists of numbers stay on one line, the order of keys is kept.
-
-    Parameters
-    ----------
-    value : object
-        Mappings with text keys, lists, tuples, arrays, text, numbers (NumPy's too), True, False, None.
+    """Text of a JSON document; lists of numbers stay on one line, the order of keys is kept, NumPy's values are taken.
 
     Raises
     ------
@@ -297,16 +284,11 @@ class Figure(Block):
 
 # Drawings inside a page ------------------------------------------------------------------------------
 def inline(svg: str, prefix: str, described_by: str = "") -> str:
-    """The ``svg`` element for the inside of an HTML page.
+    """The ``svg`` element of a drawing for the inside of an HTML page, named by the element `described_by`.
 
     Declarations, metadata and name spaces go; every id gets `prefix`, since all drawings of a page share one
     set of names; the colours of `LIGHT` become variables of the style sheet, so that a drawing follows
     light and dark; its size is left to the page. Only markup is looked at: a joint may be called ``url(x)``.
-
-    Parameters
-    ----------
-    described_by : str, optional
-        The id of the element that says what is drawn.
 
     Raises
     ------

@@ -36,25 +36,11 @@ _ORDER: tuple[str, ...] = ("fails", "ties", "not judged", "holds")
 
 @dataclass(frozen=True)
 class Claim:
-    """One claim, judged.
+    """One claim of a paper, judged: "holds", "fails", "ties" (the difference lies within its own confidence interval)
+    or "not judged"; another verdict is refused with `InvalidInput`.
 
-    Parameters
-    ----------
-    id : str
-        Its name in ``metrics.json`` and, after ``claim-``, its anchor on the page.
-    verdict : {"holds", "fails", "ties", "not judged"}
-        "ties": the difference lies within its own confidence interval.
-    evidence : str
-        The numbers behind the verdict.
-    figures : tuple of str, optional
-        Anchors of the figures that show it.
-    criterion : str, optional
-        By what it is judged, fixed before the result; shown before the verdict.
-
-    Raises
-    ------
-    InvalidInput
-        The verdict is none of the four, or the id cannot be an anchor.
+    `id` is its name in ``metrics.json`` and, after ``claim-``, its anchor; `evidence` the numbers behind the verdict;
+    `figures` anchors of the figures that show it; `criterion` is fixed before the result and shown before the verdict.
     """
 
     id: str
@@ -210,22 +196,8 @@ class Section(Block):
 
 @dataclass(frozen=True)
 class Page:
-    """A report.
-
-    Parameters
-    ----------
-    asked : str
-        What was asked, in one or two sentences.
-    verdict : str
-        What came out, in one line.
-    settings : Settings
-        Every assumption and setting.
-    provenance : Provenance
-        Command, seed, versions.
-    numbers : sequence of KeyNumber, optional
-        The numbers that matter, at the top.
-    status : sequence of Status, optional
-        What is not met, not proved or risky, before the verdict.
+    """A report: what was asked, in one or two sentences; the verdict, in one line; the sections; every setting;
+    command, seed and versions; the numbers that matter; what is not met, not proved or risky.
 
     Raises
     ------
