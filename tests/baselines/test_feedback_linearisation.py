@@ -25,6 +25,7 @@ def sorted_modes(modes):
     return np.array(sorted(modes, key=lambda mode: (round(mode.real, 4), mode.imag)))
 
 
+@pytest.mark.slow
 @pytest.mark.oracle
 @pytest.mark.parametrize("name", ["paper", "quanser", "rig", "planar-two-link", "spatial-three-link"])
 def test_the_nonlinear_loop_is_a_linear_chain_in_every_joint(made, name):

@@ -19,6 +19,8 @@ from flexhinf.pages.design.laws import FIGURES, best_of, cell, metric_table
 from flexhinf.pages.files import comparison_numbers
 from flexhinf.report import to_json
 
+pytestmark = pytest.mark.slow
+
 
 def with_costs(comparison: Comparison, **costs: float) -> Comparison:
     """The same comparison with other values of the criterion, every limit kept."""
@@ -134,7 +136,6 @@ def test_cells_and_the_best_of_a_row(report_comparison: Comparison) -> None:
     assert len(table.records()[0]) == 1 + len(report_comparison.compared)
 
 
-@pytest.mark.slow
 def test_the_same_comparison_gives_the_same_page(report_comparison: Comparison) -> None:
     first, second = (comparison_page(report_comparison, ["flexhinf"]).html() for _ in range(2))
     assert first == second

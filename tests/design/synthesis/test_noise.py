@@ -60,6 +60,7 @@ def test_stated_noise_levels_are_not_searched(robot_of: Callable[[str], Any], se
     assert levels.source == "option --torque-noise"
 
 
+@pytest.mark.slow
 def test_a_stricter_limit_costs_more_noise_at_the_motor(
     robot_of: Callable[[str], Any], searched: Any
 ) -> None:
