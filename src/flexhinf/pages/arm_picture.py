@@ -65,9 +65,7 @@ class ArmFilm:
         bad = np.flatnonzero(~np.isfinite(np.hstack([state, inputs])).all(axis=1))
         kept = slice(0, int(bad[0]) if len(bad) else len(state))  # until the loop diverged
         if not kept.stop:
-            raise InvalidInput(
-                "There is nothing to film.", "expected a run of one sample at least", "a longer run"
-            )
+            raise InvalidInput("There is nothing to film.", "expected one sample at least", "a longer run")
         names = signal_names("link_position", prepared.joints)
         goal = np.broadcast_to(prepared.goal, (len(state), n))
         commanded = trajectory.names.get("reference", ())
@@ -120,9 +118,8 @@ class ArmFilm:
     @cached_property
     def view(self) -> tuple[np.ndarray, tuple[str, str]]:
         """Two directions (3, 2) to project on, and what they are called."""
-        right, up, names = viewing_plane(
-            np.asarray(self.robot.links.down, dtype=float), self.extent, self.size
-        )
+        down = np.asarray(self.robot.links.down, dtype=float)
+        right, up, names = viewing_plane(down, self.extent, self.size)
         return np.column_stack([right, up]), names
 
     def arm(self, pose: np.ndarray) -> list[np.ndarray]:

@@ -87,7 +87,7 @@ def vertical_line(axes: Axes, value: float) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Panel:
-    """Signals (N, n) of all joints, for `time_figure`: with a dotted line at zero, a dotted plan (N, n), and limits ±
+    """Signals (N, n) of all joints, for `time_block`: with a dotted line at zero, a dotted plan (N, n), and limits ±
     (n,), dashed where a signal comes near its own (one that is far away would leave the values flat). The vertical
     axis shows `least` at least."""
 
@@ -137,33 +137,21 @@ class Panel:
 
 
 @house_style()
-def time_figure(
-    time: np.ndarray,
-    joints: Sequence[str],
-    panels: Sequence[Panel],
-    height: float | None = None,
-    **style: Any,
-) -> tuple[Canvas, list[Axes]]:
-    """Panels over one axis of time, with a legend where there is more than one line."""
+def time_block(
+    name: str, time: np.ndarray, joints: Sequence[str], panels: Sequence[Panel], caption: str, title: str,
+    height: float | None = None, also: Callable[[Axes], None] | None = None, **style: Any,
+) -> Figure:  # fmt: skip
+    """Panels over one axis of time as a figure of a page, with a legend where there is more than one line; `also` draws
+    on each panel."""
     figure, axes = new_figure(len(panels), height=height)
     planned = any(panel.plan is not None for panel in panels)
     names = joints if len(joints) > 1 or not planned else ["link"]
     for axis, panel in zip(axes, panels):
         panel.draw(axis, time, names, **style)
+        if also is not None:
+            also(axis)
     if len(joints) > 1 or planned:
         legend(axes[0])
-    return figure, axes
-
-
-def time_block(
-    name: str, time: np.ndarray, joints: Sequence[str], panels: Sequence[Panel], caption: str, title: str,
-    height: float | None = None, mark: float | None = None, **style: Any,
-) -> Figure:  # fmt: skip
-    """Panels over one axis of time as a figure of a page; `mark` is a time with a dotted line."""
-    figure, axes = time_figure(time, joints, panels, height, **style)
-    if mark is not None:
-        for axis in axes:
-            vertical_line(axis, mark)
     return figure_block(name, figure, caption, title)
 
 
@@ -230,14 +218,22 @@ LISTED = 6
 @dataclass(frozen=True)
 class Units:
     """Units of link positions and velocities, torques on the links, torques of the springs, and inputs; "rad or m" with
-    joints that turn and joints that slide. `degrees`: whether angles are shown so, as the user gave them."""
+    joints that turn and joints that slide.
+
+    Positions and velocities are shown in `angle` and `rate`, in degrees where the user gave these; times `scale` they
+    are in these units. `small`: unit and factor of small deviations, thousandths or degrees.
+    """
 
     position: str
     speed: str
     load: str
     spring: str
     effort: str
-    degrees: bool = False
+    degrees: bool
+    angle: str
+    rate: str
+    scale: float
+    small: tuple[str, float]
 
     @staticmethod
     def of(plant: Plant, joints: Sequence[str], degrees: bool = False) -> Units:
@@ -249,29 +245,11 @@ class Units:
         kinds = ("link_position", "link_torque", "joint_torque")
         position, load, spring = (units(signal_names(kind, joints)) for kind in kinds)
         speed = " or ".join(f"{each}/s" for each in position.split(" or "))
-        return Units(position, speed, load, spring, units(plant.inputs), degrees and position == "rad")
-
-    @property
-    def angle(self) -> str:
-        """Unit in which link positions are shown."""
-        return "°" if self.degrees else self.position
-
-    @property
-    def rate(self) -> str:
-        """Unit in which velocities are shown."""
-        return "°/s" if self.degrees else self.speed
-
-    @property
-    def scale(self) -> float:
-        """Positions and velocities times this are in the units shown."""
-        return 180.0 / math.pi if self.degrees else 1.0
-
-    @property
-    def small(self) -> tuple[str, float]:
-        """Unit and factor for small deviations: thousandths, or degrees where these are shown."""
-        if self.degrees:
-            return "°", self.scale
-        return " or ".join(f"m{each}" if each == "rad" else "mm" for each in self.position.split(" or ")), 1e3
+        thousandths = " or ".join("mrad" if each == "rad" else "mm" for each in position.split(" or "))
+        shown = (False, position, speed, 1.0, (thousandths, 1e3))
+        if degrees and position == "rad":
+            shown = (True, "°", "°/s", 180.0 / math.pi, ("°", 180.0 / math.pi))
+        return Units(position, speed, load, spring, units(plant.inputs), *shown)
 
     def small_text(self, value: float, digits: int) -> str:
         """A small deviation with its unit."""

@@ -291,10 +291,12 @@ def _estimator_noise(design: Design) -> dict[str, Any]:
             }
             for one in sorted([*others, search.chosen], key=lambda one: one.input_noise)
         ]
-    levels = _picked(
-        design.setup.process_noise, "all_states", "link_velocities", "motor_velocities", "source"
-    )
-    return {**levels, "count": 0 if search is None else search.count, "tried": tried}
+    keys = ("all_states", "link_velocities", "motor_velocities", "source")
+    return {
+        **_picked(design.setup.process_noise, *keys),
+        "count": 0 if search is None else search.count,
+        "tried": tried,
+    }
 
 
 def _margins(m: Margins) -> dict[str, Any]:

@@ -192,9 +192,8 @@ def _headline(design: Design) -> str:
     samples = e.step_samples
     if samples is not None and samples.unsettled:
         gone = f", {samples.diverged} of them diverge" if samples.diverged else ""
-        parts.append(
-            f"Of {len(samples)} robots sampled within their tolerances {samples.unsettled} do not settle{gone}."
-        )
+        within = f"Of {len(samples)} robots sampled within their tolerances"
+        parts.append(f"{within} {samples.unsettled} do not settle{gone}.")
     elif samples is not None and len(samples):
         parts.append(
             f"All of {len(samples)} robots sampled within their tolerances settle, the slowest in "

@@ -139,10 +139,8 @@ def _estimator(e: LawEvaluation) -> Rows:
     for name, variance in zip(plant.outputs, noise_variances(plant, s.measurement_noise)):
         what, unit = f"Rⁿ of {name.replace('_', ' ')}", f"({plant.unit(name)})²"
         rows.append((what, float(variance), unit, _source(s, "measurement_noise")))
-    links, motors = (
-        list(levels) if isinstance(levels, tuple) else levels
-        for levels in (noise.link_velocities, noise.motor_velocities)
-    )
+    both = (noise.link_velocities, noise.motor_velocities)
+    links, motors = (list(levels) if isinstance(levels, tuple) else levels for levels in both)
     initial = "stationary covariance of the filter in equilibrium at the goal"
     return [
         *rows,
@@ -161,13 +159,9 @@ def _simulation(e: LawEvaluation) -> Rows:
     s, runs, filter, limits = e.setup.specification, e.scenario, e.loop.filter, e.setup.limits
     assert runs is not None
     extras = f", with {', '.join(s.extras)}" if s.extras else ", no extras"
-    inputs, speeds = (
-        limit_text(one) if np.isfinite(one).any() else "none" for one in (limits.saturation, limits.speed)
-    )
-    stated = [
-        source if source == ROBOT else f"option {source}"
-        for source in (limits.saturation_source, limits.speed_source)
-    ]
+    bounds, sources = (limits.saturation, limits.speed), (limits.saturation_source, limits.speed_source)
+    inputs, speeds = (limit_text(bound) if np.isfinite(bound).any() else "none" for bound in bounds)
+    stated = [source if source == ROBOT else f"option {source}" for source in sources]
     quanta = [0.0] if e.setup.quantisation is None else np.atleast_1d(e.setup.quantisation).tolist()
     steps, seed = "Runge–Kutta steps per period", f"uniform within the tolerances, seed ({s.seed}, 7)"
     position, units = _position_unit(e), units_of(e)

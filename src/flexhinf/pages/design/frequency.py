@@ -125,9 +125,7 @@ def _margin_notes(e: LawEvaluation) -> Blocks:
     noise, peak = e.input_noises, e.step.peak_input
     if noise is not None and float(noise.max()) > NOISE_FRACTION * peak:
         worst = int(np.argmax(noise))
-        share = (
-            f", {number(100.0 * float(noise[worst]) / peak, 2)} % of the step's peak input" if peak else ""
-        )
+        share = f", {number(100.0 * float(noise[worst]) / peak, 2)} % of the step's peak" if peak else ""
         yield note(
             f"In equilibrium the sensor noise moves an input{in_joint(e.setup.joints[worst], e.setup.joints)} by "
             f"{number(float(noise[worst]), 2)} {units_of(e).effort} rms{share}. Try a slower estimator (smaller "
@@ -160,7 +158,7 @@ def margin_table(e: LawEvaluation) -> Table:
             return f"{range_text(m.bandwidth)} (slowest: {tracked[int(np.argmin(m.bandwidth))]})"
         return ", ".join(number(float(w), 3) for w in m.bandwidth)
 
-    quantities: dict[str, Callable[[Margins], str]] = {
+    values: dict[str, Callable[[Margins], str]] = {
         "delay margin, ms": lambda m: number(1e3 * m.delay_margin_s, 3),
         "delay margin, periods": lambda m: number(m.delay_margin_s / period, 3),
         "then oscillates at, Hz": lambda m: _hertz(m.delay_frequency),
@@ -174,9 +172,7 @@ def margin_table(e: LawEvaluation) -> Table:
         "smallest damping at, Hz": lambda m: _hertz(m.damping_frequency),
         f"bandwidth{of}, rad/s": bandwidths,
     }
-    rows = [
-        (name, *(value(m) if m.stable else "unstable" for m in loops)) for name, value in quantities.items()
-    ]
+    rows = [(what, *(value(m) if m.stable else "unstable" for m in loops)) for what, value in values.items()]
     heads = [Column("running loop", brief="true state" if alone else "", right=True)]
     heads += [] if alone else [Column("true state fed back", brief="true state", right=True)]
     return Table(
@@ -215,10 +211,8 @@ def _estimation_figure(e: LawEvaluation) -> Figure:
         Panel(name, units.rate if k % 2 else units.angle, error[:, k * n : (k + 1) * n])
         for k, name in enumerate(names)
     ]
-    caption = "True minus estimated state of every joint in the step."
-    return time_block(
-        "estimate", run.time, e.setup.joints, shown, caption, "Estimation error", 7.4, linewidth=0.9
-    )
+    caption, joints = "True minus estimated state of every joint in the step.", e.setup.joints
+    return time_block("estimate", run.time, joints, shown, caption, "Estimation error", 7.4, linewidth=0.9)
 
 
 # Frequency responses ------------------------------------------------------------------------------------
@@ -269,9 +263,7 @@ def _bode(loops: Sequence[Loop], joints: Sequence[str], load: str, position: str
 def _sensitivity(loops: Sequence[Loop]) -> Figure:
     figure, (axis,) = _stacked(1, 3.6)
     alone = len(loops) == 1
-    lines = [
-        ("sensitivity S" if alone else one.name, one.response, "sensitivity", one.style) for one in loops
-    ]
+    lines = [("sensitivity S" if alone else x.name, x.response, "sensitivity", x.style) for x in loops]
     if alone:
         lines.append(("complementary sensitivity T", loops[0].response, "complementary", 1))
     for name, response, which, style in lines:
@@ -308,9 +300,7 @@ def _nyquist(loops: Sequence[Loop], joints: Sequence[str]) -> Figure:
     axis.set(xlabel="real part", ylabel="imaginary part")
     legend(axis)
     others = " The loops at the other inputs are closed." if len(joints) > 1 else ""
-    caption = (
-        f"{RUNNING} The loop opened at one input, positive frequencies, negative feedback.{others}{closest}"
-    )
+    caption = f"{RUNNING} Opened at one input, positive frequencies, negative feedback.{others}{closest}"
     return figure_block("nyquist", figure, caption, "Nyquist diagram")
 
 
@@ -422,9 +412,7 @@ def corner_rows(e: LawEvaluation) -> list[dict[str, Any]]:
         ("true state" if alone else "as designed", None, corners.designed),
         ("true state", None, None if alone else e.state_corners),
     ]
-    loops += [
-        (form, ratio, rates) for form in corners.forms for ratio, rates in corners.of_form(form).items()
-    ]
+    loops += [(form, q, rates) for form in corners.forms for q, rates in corners.of_form(form).items()]
     rows = []
     for form, ratio, rates in ((form, ratio, rates) for form, ratio, rates in loops if rates is not None):
         growth = rates.rates[rates.kinds == "corner"]

@@ -147,9 +147,8 @@ def poles(design: Design) -> Blocks:
             {"marker": "o", "color": MUTED, "markerfacecolor": "none"}, {"marker": "o", "color": SERIES[0]},
             {"marker": "^", "color": SERIES[2]},
         )  # fmt: skip
-        groups = [
-            (name, eigenvalues(modes), look) for (name, modes), look in zip(_modes(design).items(), looks)
-        ]
+        loops = zip(_modes(design).items(), looks)
+        groups = [(name, eigenvalues(modes), look) for (name, modes), look in loops]
         if design.specification.estimator != "none":
             running, look = design.evaluation.frequency_response.poles, {"marker": "x", "color": SERIES[1]}
             groups.append(("running loop (sampled, estimator, delay)", running, look))
@@ -283,9 +282,8 @@ def rigid(design: Design) -> Blocks:
     rows = []
     for name, fed, text, modes, response in laws:
         stable, end = all(mode.stable for mode in modes), response.diverged_at
-        metrics = (
-            rounded(one.value, 6) if stable else None for one in (response.overshoot, response.settling)
-        )
+        worst = (response.overshoot, response.settling)
+        metrics = (rounded(one.value, 6) if stable else None for one in worst)
         run = "to its end" if end is None else f"diverges at {number(end, 3)} s"
         rows.append((name, fed, text, min(vibration_damping(modes), default=None), *metrics, run))
     columns = (

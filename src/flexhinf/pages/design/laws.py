@@ -341,10 +341,8 @@ def trade_off_figure(comparison: Comparison, offs: Sequence[TradeOff]) -> Figure
     for ruler, limit, values in (
         (axis.xaxis, axis.set_xlim, peaks), (axis.yaxis, axis.set_ylim, deviations)
     ):  # fmt: skip
-        ruler.set_minor_formatter(
-            FuncFormatter(lambda value, _: f"{value:g}" if f"{value:.0e}"[0] in "2357" else "")
-        )
-        ruler.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        ruler.set_minor_formatter(FuncFormatter(lambda x, _: f"{x:g}" if f"{x:.0e}"[0] in "2357" else ""))
+        ruler.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
         limit(max(0.7 * min(values), max(values) / RANGE), 1.4 * max(values))
     label(axis, "largest deviation under the load", units["error"])
     return figure_block(

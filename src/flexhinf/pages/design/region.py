@@ -121,9 +121,7 @@ def _proof(design: Design) -> Blocks:
         if given.sampled_level is not None:
             share = number(100.0 * given.level / given.sampled_level, 3)
             level = f"The level V ≤ {at_least(given.level, 5)} is {share} % of the sampled one,"
-        others = (
-            "values of the parameters outside the tolerances" if covers else "other values of the parameters"
-        )
+        others = "parameters outside the tolerances" if covers else "other values of the parameters"
         yield Paragraph(
             f"{level} proved in {number(design.proof.cpu_seconds, 2)} s of CPU with exact (outward rounded) "
             "arithmetic; the theorem stands in `certificate.json`, which another program proves again:"
@@ -200,17 +198,14 @@ def _region_table(design: Design) -> Table:
         step = amplitude_text(c.step_amplitude, unit, most) if c.looked else "–"
         cost, used = _cost(c, design.choices[0]), "used" if c is design.chosen else ""
         times = (1e3 * c.solve_seconds, c.check_seconds)
-        rows.append(
-            (c.degree, law_name(c.degree), used, level, step, cost, c.limit, f"{c.residual:.0e}", *times)
-        )
+        residual = f"{c.residual:.0e}"
+        rows.append((c.degree, law_name(c.degree), used, level, step, cost, c.limit, residual, *times))
     columns = (
         Column("degree of V", brief="degree"), "law", "", Column("V up to", brief="V ≤"),
         Column("largest step sampled, V smallest", brief="sampled step"), Column("cost of the step", brief="cost"),
         Column("limited by", brief=None), "residual", Column("solve", "ms", 1), Column("check", "s", 1),
     )  # fmt: skip
-    caption = (
-        "Step: of all joints alike from one equilibrium to another, with the integrals at which V is smallest"
-    )
+    caption = "Step: of all joints alike, from rest to rest, with the integrals at which V is smallest"
     title = (
         f"{textwrap.fill(_degree_text(design), WIDTH)}\nRegion of each solution: {_strength(design)}\n"
         "Sampled step: with the integrals at which V is smallest, not the controller's"

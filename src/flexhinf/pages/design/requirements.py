@@ -81,9 +81,8 @@ def requirement_table(lines: Iterable[Requirement], degrees: bool = False, title
                 source, star = "our default", "*"
             elif source.startswith("--"):
                 source = f"`{source}`"
-            rows.append(
-                (line.what, f"{limit_text(line)}{star}", found_text(line), judged, line.criterion, source)
-            )
+            limit, found = f"{limit_text(line)}{star}", found_text(line)
+            rows.append((line.what, limit, found, judged, line.criterion, source))
     columns = (
         "requirement", Column("required", right=True), Column("achieved", right=True), "met",
         Column("criterion", brief=None), Column("stated by", brief=None),
@@ -119,9 +118,7 @@ def input_rows(design: Design) -> list[dict[str, Any]]:
     for what, values in runs:
         sizes = np.abs(np.asarray(values, dtype=float)).reshape(-1, len(setup.joints)).max(axis=0)
         worst = int(np.argmax(sizes / effort) if np.isfinite(effort).any() else np.argmax(sizes))
-        joint, unit = setup.joints[worst], setup.model.unit(setup.model.inputs[worst])
-        value = float(sizes[worst])
-        rows.append(
-            {"what": what, "value": value, "joint": joint if np.isfinite(value) else "", "unit": unit}
-        )
+        value, unit = float(sizes[worst]), setup.model.unit(setup.model.inputs[worst])
+        joint = setup.joints[worst] if np.isfinite(value) else ""
+        rows.append({"what": what, "value": value, "joint": joint, "unit": unit})
     return rows

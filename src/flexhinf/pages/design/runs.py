@@ -4,7 +4,8 @@ the margins along it, and a long run at rest with dry friction."""
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from functools import partial
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -34,11 +35,14 @@ from flexhinf.pages.drawing import (
     pose_text,
     reference_line,
     time_block,
-    time_figure,
     units_of,
+    vertical_line,
 )
 from flexhinf.report import MUTED, SERIES, Column, Figure, Paragraph, Table, label, new_figure, number
 from flexhinf.robot.elastic import DRY
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 #: Margins along a move, and what they are called.
 MARGINS = {
@@ -65,10 +69,10 @@ def load(design: Design) -> Blocks:
     if run.response.diverged_at is not None:
         yield note("With torques on the links the loop diverges. Try a smaller `--load`.")
     elif slow:
-        away = (
-            f"{' and '.join(slow)} {'is' if len(slow) == 1 else 'are'} still more than 2 % of the step away"
+        still = f"{' and '.join(slow)} {'is' if len(slow) == 1 else 'are'} still more than 2 % of the step"
+        yield note(
+            f"With constant torques on the links, {still} away from the goal at the end of the load run."
         )
-        yield note(f"With constant torques on the links, {away} from the goal at the end of the load run.")
     caption = f"From {run.at:g} s on (dotted) constant torques, unknown to law and estimator, act on all links at once."
     yield lambda: _load_figure(e, run, "load", caption, "Torques on the links")
     unit, scale = units.small
@@ -97,7 +101,8 @@ def _load_figure(e: LawEvaluation, loaded: LoadResponse, name: str, caption: str
         Panel("link position − goal", unit, scale * (response.positions - response.goal), zero=True),
         Panel("input", units.effort, response.inputs, limits=limits, limit_name=limit_name),
     )
-    return time_block(name, response.run.time, response.joints, panels, caption, title, mark=loaded.at)
+    dotted = partial(vertical_line, value=loaded.at)
+    return time_block(name, response.run.time, response.joints, panels, caption, title, also=dotted)
 
 
 # Payloads ------------------------------------------------------------------------------------------------
@@ -216,9 +221,8 @@ def move(design: Design) -> Blocks:
 
     def figure() -> Figure:
         limits, limit_name = effort_limit(e)
-        origin, quantity = (
-            (response.goal, "link position − goal") if s.move is None else (0.0, "link position")
-        )
+        from_goal = (response.goal, "link position − goal")
+        origin, quantity = from_goal if s.move is None else (0.0, "link position")
         position, plan = (units.scale * (values - origin) for values in (response.positions, planned.planned))
         panels = (
             Panel(quantity, units.angle, position, plan=plan),
@@ -264,9 +268,7 @@ def margins_along(design: Design) -> Blocks:
         )
     laws = "one law acts everywhere"
     if along.count > 1:
-        added = (
-            f", {along.added} of them at poses where one law did not keep the limits" if along.added else ""
-        )
+        added = f", {along.added} of them where one law did not keep the limits" if along.added else ""
         laws = f"{along.count} laws are scheduled{added}; the one whose pose is nearest to the command acts"
     yield Paragraph(
         f"The running loop, linearised about the robot at rest at {len(along.times)} poses that are evenly apart on "
@@ -316,9 +318,8 @@ def ring_down(design: Design) -> Blocks:
     """How the loop comes to rest after an impulse on each link: figure and table; none where a run diverged."""
     runs, units = design.evaluation.ring_down, units_of(design.evaluation)
     if runs.ring_down is None:
-        yield note(
-            f"After a blow on {runs.responses[runs.worst].joints[runs.worst]} at the goal the loop diverges."
-        )
+        joint = runs.responses[runs.worst].joints[runs.worst]
+        yield note(f"After a blow on {joint} at the goal the loop diverges.")
         return
     if not runs.exponential:
         left = "comes to rest" if runs.ring_down.rests else "does not come to rest"
@@ -368,22 +369,24 @@ def _ring_down_figure(runs: ImpulseRuns) -> Figure:
     least = runs.least_damped(worst)
     shown = time <= (time[-1] if least is None else SHOWN / least.frequency)
     values = np.column_stack([runs.velocity(k)[shown] for k in range(len(joints))])
-    figure, axes = time_figure(
-        time[shown], joints, [Panel("link velocity / peak", "", values, zero=True)], 2.9
+    panel, caption = (
+        Panel("link velocity / peak", "", values, zero=True),
+        "Without measurement noise, over its peak.",
     )
-    caption = (
-        "Velocity of each link after an impulse on it at the goal, over its peak; without measurement noise."
-    )
+
+    def envelope(axes: Axes) -> None:
+        """It begins at the peak: what decays slower is not the oscillation whose damping is given."""
+        if least is not None and least.damping > 0.0:
+            size = np.exp(-2.0 * np.pi * least.frequency * least.damping * time[shown])
+            for sign in (1.0, -1.0):
+                axes.plot(time[shown], sign * size, color=MUTED, linewidth=1.0, dashes=DASHED)
+
     if least is not None and least.damping > 0.0:
-        # The envelope begins at the peak: what decays slower is not the oscillation whose damping is given.
-        envelope = np.exp(-2.0 * np.pi * least.frequency * least.damping * time[shown])
-        for sign in (1.0, -1.0):
-            axes[0].plot(time[shown], sign * envelope, color=MUTED, linewidth=1.0, dashes=DASHED)
         caption += (
             f" Dashed: the decay of the least damped oscillation{in_joint(joints[worst], joints)}, "
             f"{number(least.frequency, 3)} Hz with a damping ratio of {number(least.damping, 2)}."
         )
-    return figure_block("ringing", figure, caption, "After an impulse")
+    return time_block("ringing", time[shown], joints, [panel], caption, "After an impulse", 2.9, envelope)
 
 
 # At rest with dry friction -------------------------------------------------------------------------------

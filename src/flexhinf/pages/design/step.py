@@ -403,9 +403,7 @@ def _histograms(e: LawEvaluation, samples: MonteCarlo) -> Figure:
             axis.axvline(nominal, color=SERIES[1], linewidth=1.6)
         if limit is not None and float(values.max()) > 0.5 * limit:
             axis.axvline(limit, color=INK, linewidth=1.0, dashes=DASHED)
-    caption = (
-        "Worst joint of each robot. Orange: the nominal robot. Dashed: a limit that is near or exceeded."
-    )
+    caption = "Worst joint of each robot. Orange: the nominal robot. Dashed: a limit that is near."
     return figure_block("spread", figure, caption, "Spread of the sampled robots")
 
 

@@ -95,9 +95,8 @@ def _search(design: Design) -> Blocks:
             ("worst of the tolerances", [c.behaviour.damping for c in candidates], SERIES[1]),
             ("nominal robot", [c.behaviour.nominal_damping for c in candidates], SERIES[0]),
         ):
-            left.plot(
-                weight, np.where(np.isfinite(values), values, np.nan), "o-", color=colour, label=name, **dots
-            )
+            seen = np.where(np.isfinite(values), values, np.nan)
+            left.plot(weight, seen, "o-", color=colour, label=name, **dots)
         left.axhline(target.damping, color=INK, linewidth=1.0, dashes=DASHED, label="target")
         right.plot(weight, [c.design.gamma_star for c in candidates], "o-", color=SERIES[0], **dots)
         for axis, quantity in ((left, "smallest damping ratio"), (right, "γ*")):
@@ -165,9 +164,7 @@ def whole_loop(design: Design) -> Blocks:
         for what, unit, damped, robust in whole_loop_rows(found)
     ]
     columns = ("running loop", "preset damped", "preset robust", "unit")
-    yield Table(
-        columns, rows, "What the search for the tolerances gained, and what it cost", "table-whole-loop"
-    )
+    yield Table(columns, rows, "What the search for the tolerances gained and cost", "table-whole-loop")
 
 
 def whole_loop_rows(found: WholeLoopSearch) -> list[tuple[str, str, float, float]]:
@@ -194,12 +191,9 @@ def robust_table(r: Robustness) -> Table:
         "", Column("without tolerances", brief="without"), Column("with tolerances", brief="with"),
         Column("cost", "%", 1),
     )  # fmt: skip
-    title = (
-        f"Cost of the tolerances: {r.channels} channels, {100.0 * r.fraction:.3g} % of the tolerances covered"
-    )
-    return Table(
-        columns, rows, "What covering the tolerances costs (linear part)", "table-robust", title=title
-    )
+    title = f"Cost of the tolerances: {r.channels} channels, {100.0 * r.fraction:.3g} % of them covered"
+    caption = "What covering the tolerances costs (linear part)"
+    return Table(columns, rows, caption, "table-robust", title=title)
 
 
 def _robust_text(r: Robustness) -> str:
@@ -254,9 +248,8 @@ def _weight_table(design: Design) -> Blocks:
     joints, rows = design.robot.joint_names, dict[str, dict[str, Weight]]()
     effort = np.asarray(design.problem.r2, dtype=float)
     diagonal = np.diagonal(effort) if effort.ndim == 2 else np.atleast_1d(effort)
-    price = (
-        f"R2 = {range_text(diagonal)} {effort_unit(design.problem)} ({design.design_problem.effort_source})."
-    )
+    source = design.design_problem.effort_source
+    price = f"R2 = {range_text(diagonal)} {effort_unit(design.problem)} ({source})."
     for weight in state_weights(design.problem, joints):
         joint = next((name for name in joints if f"_{name}_" in f"{weight.signal}_"), "")
         alone = not joint or len(joints) == 1
@@ -331,9 +324,7 @@ def _outcome(search: NoiseSearch, robust: bool) -> str:
     missed = ", ".join(f"{limit} by {100.0 * np.expm1(value):.0f} %" for limit, value in excess)
     corners = f"{chosen.unstable} corners of the tolerances are unstable" if chosen.unstable else ""
     what = "; ".join(text for text in (missed and f"missed: {missed}", corners) if text)
-    return (
-        f"{beyond}No levels were found that keep {kept}: the search took those that miss them least ({what})."
-    )
+    return f"{beyond}No levels were found that keep {kept}: used are those that miss them least ({what})."
 
 
 def _hardly_seen(design: Design, search: NoiseSearch) -> Blocks:
@@ -357,25 +348,6 @@ def _hardly_seen(design: Design, search: NoiseSearch) -> Blocks:
 def is_used(search: NoiseSearch, candidate: NoiseCandidate) -> bool:
     """Whether it is the candidate whose levels the design has."""
     return candidate.levels is search.chosen.levels
-
-
-def _noise_candidates(search: NoiseSearch) -> list[tuple[NoiseCandidate, str]]:
-    """A few candidates of the trade-off, the default and the one that is used, the quietest first, each with a note."""
-    places = np.unique(np.linspace(0, len(search.trade_off) - 1, ROWS).round().astype(int))
-    apart = [(search.chosen, "used")]
-    if search.default is not None and not is_used(search, search.default):
-        apart.append((search.default, "default"))
-
-    def metrics(c: NoiseCandidate) -> tuple[float, ...]:
-        return c.input_noise, c.damping, c.compliance, c.peak_sensitivity, c.gain_margin
-
-    # The edge of the family where a level is at its least may be the default by another name.
-    shown = [
-        (one, "")
-        for one in (search.trade_off[k] for k in places)
-        if not any(np.allclose(metrics(one), metrics(other), rtol=1e-3) for other, _ in apart)
-    ]
-    return sorted([*shown, *apart], key=lambda one: one[0].input_noise)
 
 
 def _noise_figure(design: Design, search: NoiseSearch) -> Figure:
@@ -419,11 +391,25 @@ def _noise_figure(design: Design, search: NoiseSearch) -> Figure:
 
 
 def noise_table(design: Design) -> Table:
-    """A few choices of Rᵛ with what the running loop has of them."""
+    """A few choices of the trade-off of Rᵛ, the default and the one that is used, the quietest first."""
     search = design.noise_search
     assert search is not None
+    places = np.unique(np.linspace(0, len(search.trade_off) - 1, ROWS).round().astype(int))
+    apart = [(search.chosen, "used")]
+    if search.default is not None and not is_used(search, search.default):
+        apart.append((search.default, "default"))
+
+    def metrics(c: NoiseCandidate) -> tuple[float, ...]:
+        return c.input_noise, c.damping, c.compliance, c.peak_sensitivity, c.gain_margin
+
+    # The edge of the family where a level is at its least may be the default by another name.
+    shown = [
+        (one, "")
+        for one in (search.trade_off[k] for k in places)
+        if not any(np.allclose(metrics(one), metrics(other), rtol=1e-3) for other, _ in apart)
+    ]
     rows = []
-    for one, note in _noise_candidates(search):
+    for one, note in sorted([*shown, *apart], key=lambda each: each[0].input_noise):
         missed = f"missed: {', '.join(one.missed)}" if note and one.missed else ", ".join(one.missed)
         cells = (one.input_noise, one.damping, one.compliance, one.peak_sensitivity, finite(one.gain_margin))
         rows.append((*cells, "; ".join(filter(None, (note, missed)))))
