@@ -280,12 +280,10 @@ class ArmPicture:
         self.goal = [line(SERIES[2], 2.2, 2, alpha=0.55, linestyle=dashes) for _ in first]
         (self.aim,) = axes.plot([], [], "o", color=SERIES[2], markersize=17, mfc="none", mew=2.2, zorder=2)
         self.trail = line(SERIES[0], 1.4, 2, alpha=0.35)
-        self.fans = [
-            axes.fill([0, 0, 0], [0, 0, 0], color=SERIES[1], alpha=0.25, zorder=3, lw=0)[0] for _ in first
-        ]
-        self.links = [
-            line(SERIES[0], float(width), 4, alpha=0.9) for width in np.linspace(9.0, 5.0, len(first))
-        ]
+        fan = {"color": SERIES[1], "alpha": 0.25, "zorder": 3, "lw": 0}
+        self.fans = [axes.fill([0, 0, 0], [0, 0, 0], **fan)[0] for _ in first]
+        widths = np.linspace(9.0, 5.0, len(first)).tolist()
+        self.links = [line(SERIES[0], width, 4, alpha=0.9) for width in widths]
         self.motors = [line(SERIES[1], 2.6, 5) for _ in first]
         (self.joints,) = axes.plot([], [], "o", color=INK, markersize=7, mfc="white", mew=1.8, zorder=6)
         self.moving += [*self.goal, self.aim, self.trail, *self.fans, *self.links, *self.motors, self.joints]

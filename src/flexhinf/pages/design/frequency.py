@@ -408,23 +408,17 @@ def corner_rows(e: LawEvaluation) -> list[dict[str, Any]]:
     state, then for every form and ratio q/Rⁿ of Rᵛ."""
     corners, alone = e.corners, e.setup.specification.estimator == "none"
     assert corners is not None
-    loops: list[tuple[str, float | None, GrowthRates | None]] = [
-        ("true state" if alone else "as designed", None, corners.designed),
-        ("true state", None, None if alone else e.state_corners),
-    ]
-    loops += [(form, q, rates) for form in corners.forms for q, rates in corners.of_form(form).items()]
+    own = "true state" if alone else "as designed"
+    loops: dict[tuple[str, float | None], GrowthRates] = {(own, None): corners.designed}
+    if not alone and e.state_corners is not None:
+        loops["true state", None] = e.state_corners
+    for form in corners.forms:
+        loops |= {(form, ratio): rates for ratio, rates in corners.of_form(form).items()}
     rows = []
-    for form, ratio, rates in ((form, ratio, rates) for form, ratio, rates in loops if rates is not None):
+    for (form, ratio), rates in loops.items():
         growth = rates.rates[rates.kinds == "corner"]
-        unstable, percent = int((growth >= 0.0).sum()), 100.0 * rates.share("corner")
-        row = {
-            "form": form,
-            "ratio": ratio,
-            "unstable": unstable,
-            "percent": percent,
-            "rate": float(growth.max()),
-        }
-        rows.append(row)
+        counts = {"unstable": int((growth >= 0.0).sum()), "percent": 100.0 * rates.share("corner")}
+        rows.append({"form": form, "ratio": ratio, **counts, "rate": float(growth.max())})
     return rows
 
 

@@ -236,12 +236,9 @@ def law(design: Design) -> Blocks:
     motors = design.robot.layout.whole(x)[2 * n : 3 * n]
     torques = finite(stiffness_of(problem.plant, design.robot, np.nan) * (motors - x[:n]))
     inputs = problem.operating_input.tolist()
-    rows = [
-        {"joint": joint, "link": link, "motor": motor, "torque": torque, "input": effort}
-        for joint, link, motor, torque, effort in zip(
-            design.robot.joint_names, x[:n].tolist(), motors.tolist(), torques, inputs
-        )
-    ]
+    keys = ("joint", "link", "motor", "torque", "input")
+    values = zip(design.robot.joint_names, x[:n].tolist(), motors.tolist(), torques, inputs)
+    rows: list[dict[str, Any]] = [dict(zip(keys, row)) for row in values]
     columns = (
         Column("link position", units.angle, 4, key="link", scale=units.scale),
         Column("motor position, seen from the link", units.angle, 4, key="motor", scale=units.scale),

@@ -181,26 +181,19 @@ def metric_table(
         name = f"{first.what} {limit_text(first.shown(units_of(own).degrees))}{sampled}"
         rows.append((name, *("–" if line is None else line.judgement for line in lines)))
     for group, heading in (GROUPS if short else _titles(comparison)).items():
-        pending = heading
-        for figure in FIGURES:
+        entries = []
+        for figure in (figure for figure in FIGURES if figure.group == group and (figure.brief or not short)):
             values = {law.name: law.metrics.get(figure.key) for law in comparison.compared}
-            if figure.group != group or (short and not figure.brief) or set(values.values()) == {None}:
+            if set(values.values()) == {None}:
                 continue
-            if pending:
-                rows.append(pending)
-                pending = ""
-            tops = dict(zip(values, best_of(figure, list(values.values()))))
-            cells = (
-                Cell(cell(figure, values[law.name], comparison), "best" if tops[law.name] else "")
-                for law in laws
-            )
-            rows.append((", ".join(filter(None, (figure.label, unit_of(figure, comparison)))), *cells))
+            best = dict(zip(values, best_of(figure, list(values.values()))))
+            texts = {name: cell(figure, value, comparison) for name, value in values.items()}
+            cells = (Cell(texts[law.name], "best" if best[law.name] else "") for law in laws)
+            entries.append((", ".join(filter(None, (figure.label, unit_of(figure, comparison)))), *cells))
+        rows += [heading, *entries] if entries else []
     names = (law.name.replace("-", "\u2011") for law in laws)  # no line breaks at such a hyphen
     heads = [Column(name, brief=law.name, right=True) for name, law in zip(names, laws)]
-    caption = (
-        "Every law with the same commands, load, move, robots and seeds. “best”: best of its row, or as good as the "
-        "best"
-    )
+    caption = "The same commands, load, move, robots and seeds for all. “best”: of its row, or as good"
     return Table(("", *heads), rows, caption, "figures-of-merit", title=title)
 
 
@@ -270,15 +263,14 @@ def responses_figure(comparison: Comparison) -> Figure:
         steps[name] = e.step.run.time, e.step.positions - e.step.goal
         loaded[name] = load.run.time - at, load.positions - load.goal
         moves[name] = e.move.response.run.time, e.move.error
+    small, last_of_move = units["error"], float(own.move.response.run.time[-1])
     columns = (
         ErrorPanel("step", "position − goal", shown.angle, steps, shown.scale, (0.0, end)),
         ErrorPanel(
-            "load", "position − goal", units["error"], loaded, 1e3, (-0.05 * end, end), "time after the load (s)"
+            "load", "position − goal", small, loaded, 1e3, (-0.05 * end, end), "time after the load (s)"
         ),
-        ErrorPanel(
-            "move", "position − plan", units["error"], moves, 1e3, (0.0, float(own.move.response.run.time[-1]))
-        ),
-    )  # fmt: skip
+        ErrorPanel("move", "position − plan", small, moves, 1e3, (0.0, last_of_move)),
+    )
     groups: dict[str, list[str]] = {}
     for row in comparison.compared:
         if row is not thick:
@@ -304,10 +296,9 @@ def responses_figure(comparison: Comparison) -> Figure:
     which = ", ".join(f"{column.run}: {joints[column.joint]}" for column in columns)
     return figure_block(
         "laws", figure,
-        "Errors of the true link position in the nonlinear loop with estimator and measurement noise. Left: the step "
-        "as the controller is deployed. Middle: the torque on the links at the goal. Right: the planned move, link "
-        f"position minus plan. {thick.name} is in every row (thick). Axes are the same down a column; lines that leave "
-        f"a panel go on.{f' Joints, where the errors are largest: {which}.' if len(joints) > 1 else ''}",
+        "True link positions in the nonlinear loop with estimator and measurement noise. Left: the step. Middle: the "
+        f"torque on the links at the goal. Right: the planned move. {thick.name} is in every row (thick)."
+        f"{f' Joints, where the errors are largest: {which}.' if len(joints) > 1 else ''}",
         "Laws in the same runs",
     )  # fmt: skip
 

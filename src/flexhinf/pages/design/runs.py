@@ -70,9 +70,7 @@ def load(design: Design) -> Blocks:
         yield note("With torques on the links the loop diverges. Try a smaller `--load`.")
     elif slow:
         still = f"{' and '.join(slow)} {'is' if len(slow) == 1 else 'are'} still more than 2 % of the step"
-        yield note(
-            f"With constant torques on the links, {still} away from the goal at the end of the load run."
-        )
+        yield note(f"With constant torques on the links, {still} away from the goal at the end of the run.")
     caption = f"From {run.at:g} s on (dotted) constant torques, unknown to law and estimator, act on all links at once."
     yield lambda: _load_figure(e, run, "load", caption, "Torques on the links")
     unit, scale = units.small
@@ -247,8 +245,8 @@ def move(design: Design) -> Blocks:
         Column("peak speed", units.rate, key="peak_speed", scale=units.scale),
     )
     caption = (
-        "True link positions from the plan. Way: between its extremes. Error at the end: largest in the last tenth of "
-        "the run"
+        "Errors: of the true link positions from the plan. Way: between its extremes. Error at the end: largest in the "
+        "last tenth of the run"
     )
     yield joint_table(columns, rows, caption, "table-move")
 
@@ -421,15 +419,13 @@ def long_run(design: Design) -> Blocks:
         return
     if run.oscillates:
         extras = ",".join(dict.fromkeys((*s.extras, *(name for name in run.extras if name in DRY))))
-        sides = ("link_position", "motor_position")
+        kinds, preset = ("link_position", "motor_position"), preset_of(design.evaluation.setup.robot, s)
+        sides = [any(name.startswith(kind) for name in s.measured) for kind in kinds]
         advice = {
             f"`--extras {extras} --friction-model`": not s.friction_model,
             "another `--integral-dead-zone`": True,
-            "sensors on both sides of the springs": not all(
-                any(name.startswith(side) for name in s.measured) for side in sides
-            ),
-            "weights that damp the vibration (`--preset damped`)": preset_of(design.evaluation.setup.robot, s)
-            == "paper",
+            "sensors on both sides of the springs": not all(sides),
+            "weights that damp the vibration (`--preset damped`)": preset == "paper",
         }
         narrow = ""
         if run.tried is not None and run.tried.cycles:
