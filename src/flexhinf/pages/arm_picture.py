@@ -128,14 +128,14 @@ class ArmFilm:
 
     def hands(self, k: int) -> list[np.ndarray]:
         """For each joint three points at sample k: on its link, the joint, and on its motor's hand."""
-        found, own = [], self.arm(self.links[k])
+        hands, own = [], self.arm(self.links[k])
         for j, turned in enumerate(self.factor * self.windup[k]):
             pose = self.links[k].copy()
             pose[j] += turned
             motor = self.arm(pose)[j]
             ends = [line[0] + HAND * (line[1] - line[0]) for line in (own[j], motor)]
-            found.append(np.array([ends[0], motor[0], ends[1]]))
-        return found
+            hands.append(np.array([ends[0], motor[0], ends[1]]))
+        return hands
 
     def shown(self, values: np.ndarray) -> np.ndarray:
         """Positions (…, n) in degrees and mm."""
@@ -243,10 +243,10 @@ class ArmPicture:
         for line, dot, values in self.traced:
             line.set_data(film.time[part], values[part])
             dot.set_data(film.time[k : k + 1], values[k : k + 1])
-        shown = [film.shown(values[k]) for values in (film.links, film.motors, film.windup)]
+        columns = [film.shown(values[k]) for values in (film.links, film.motors, film.windup)]
         for j, (texts, bar) in enumerate(zip(self.cells, self.bars, strict=True)):
             unit = " mm" if film.slides[j] else "°"
-            for text, values, digits in zip(texts, shown, (2, 2, 3), strict=False):
+            for text, values, digits in zip(texts, columns, (2, 2, 3), strict=False):
                 text.set_text(f"{number(float(values[j]), decimals=digits)}{unit}")
             u = float(film.inputs[k, j])
             bar.set_width(BAR * float(np.clip(u / self.full[j], -1.0, 1.0)))

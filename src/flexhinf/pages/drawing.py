@@ -195,8 +195,8 @@ def figure_block(name: str, figure: Canvas, sentences: str | Iterable[str], titl
 
 def with_figures(blocks: Blocks) -> list[Block]:
     """The blocks of a section with its figures drawn."""
-    found = (block() if callable(block) else block for block in blocks)
-    return [block for block in found if block is not None]
+    evaluated = (block() if callable(block) else block for block in blocks)
+    return [block for block in evaluated if block is not None]
 
 
 LAW_NAMES = {2: "linear", 3: "quadratic", 4: "cubic", 5: "quartic", 6: "quintic"}
@@ -246,10 +246,10 @@ class Units:
         position, load, spring = (units(signal_names(kind, joints)) for kind in kinds)
         speed = " or ".join(f"{each}/s" for each in position.split(" or "))
         thousandths = " or ".join("mrad" if each == "rad" else "mm" for each in position.split(" or "))
-        shown = (False, position, speed, 1.0, (thousandths, 1e3))
+        display = (False, position, speed, 1.0, (thousandths, 1e3))
         if degrees and position == "rad":
-            shown = (True, "°", "°/s", 180.0 / math.pi, ("°", 180.0 / math.pi))
-        return Units(position, speed, load, spring, units(plant.inputs), *shown)
+            display = (True, "°", "°/s", 180.0 / math.pi, ("°", 180.0 / math.pi))
+        return Units(position, speed, load, spring, units(plant.inputs), *display)
 
     def small_text(self, value: float, digits: int) -> str:
         """A small deviation with its unit."""
@@ -282,9 +282,9 @@ def in_joint(joint: str, joints: Sequence[str]) -> str:
     return f" ({joint})" if joint and len(joints) > 1 else ""
 
 
-def listed(words: Sequence[str]) -> str:
+def listed(texts: Sequence[str]) -> str:
     """Words as in a sentence: ``a, b and c``."""
-    return " and ".join(part for part in (", ".join(words[:-1]), *words[-1:]) if part)
+    return " and ".join(part for part in (", ".join(texts[:-1]), *texts[-1:]) if part)
 
 
 def range_text(values: Any, digits: int = 3) -> str:
@@ -298,13 +298,13 @@ def range_text(values: Any, digits: int = 3) -> str:
 
 def limit_text(limits: np.ndarray) -> str:
     """Limits ± of several joints: ``±60``, or ``±87, ±87, ±12``."""
-    words = [f"±{limit:g}" if math.isfinite(limit) else "none" for limit in limits.tolist()]
-    return words[0] if len(set(words)) == 1 else ", ".join(words)
+    texts = [f"±{limit:g}" if math.isfinite(limit) else "none" for limit in limits.tolist()]
+    return texts[0] if len(set(texts)) == 1 else ", ".join(texts)
 
 
 def pose_text(values: Sequence[float] | np.ndarray, slides: Sequence[bool], degrees: bool = False) -> str:
     """A pose, for example ``(0.6 rad = 34.4°, 0.1 m)``; degrees first where the user gave degrees."""
-    words = []
+    texts = []
     for value, sliding in zip(values, slides, strict=True):
         text = number(float(value) + 0.0)
         if not sliding:
@@ -313,8 +313,8 @@ def pose_text(values: Sequence[float] | np.ndarray, slides: Sequence[bool], degr
                 text = turned
             elif len(slides) <= FEW_JOINTS:
                 text = f"{text} rad = {turned}" if value else "0"
-        words.append(f"{text} m" if sliding else text)
-    return ", ".join(words) if len(words) == 1 else f"({', '.join(words)})"
+        texts.append(f"{text} m" if sliding else text)
+    return ", ".join(texts) if len(texts) == 1 else f"({', '.join(texts)})"
 
 
 def amplitude_text(amplitude: float, unit: str, most: float = math.inf) -> str:
@@ -351,19 +351,19 @@ def changes_text(values: Mapping[str, Any], robot: Robot, extras: Sequence[str])
     off = inactive_parameters(extras, robot.joint_names)
     changes: list[tuple[float, str]] = []
     for name, new in values.numbers.items():
-        old, words = robot.nominal[name], name.replace("_", " ")
+        old, texts = robot.nominal[name], name.replace("_", " ")
         if name in off or abs(new - old) <= 1e-11 * abs(old):
             continue
         change = 100.0 * (new / old - 1.0) if old else math.inf
         if "payload_mass" in name or not old:
-            changes.append((change, f"{words} {number(new, 2)} {robot[name].unit}".strip()))
+            changes.append((change, f"{texts} {number(new, 2)} {robot[name].unit}".strip()))
         else:
             digits = 2 if abs(change) < 100.0 else 3
-            changes.append((change, f"{words} {'' if change < 0 else '+'}{number(change, digits)} %"))
-    words = [text for _, text in sorted(changes, key=lambda change: -abs(change[0]))[:LISTED]]
+            changes.append((change, f"{texts} {'' if change < 0 else '+'}{number(change, digits)} %"))
+    texts = [text for _, text in sorted(changes, key=lambda change: -abs(change[0]))[:LISTED]]
     if len(changes) > LISTED:
-        words.append("others by less")
-    return ", ".join(words) or "the nominal robot"
+        texts.append("others by less")
+    return ", ".join(texts) or "the nominal robot"
 
 
 def finite(value: Any) -> Any:

@@ -93,7 +93,7 @@ def _responses(e: LawEvaluation) -> dict[str, Response]:
 
 def _saved(files: Mapping[str, Callable[[Path], object]]) -> dict[str, str | bytes]:
     """What each function writes; what cannot be written, as the controller of a law that is code, is left out."""
-    found: dict[str, str | bytes] = {}
+    contents: dict[str, str | bytes] = {}
     with TemporaryDirectory() as folder:
         for name, save in files.items():
             path = Path(folder) / name
@@ -102,8 +102,8 @@ def _saved(files: Mapping[str, Callable[[Path], object]]) -> dict[str, str | byt
                 save(path)
             except InvalidInput:
                 continue
-            found[name] = path.read_bytes()
-    return found
+            contents[name] = path.read_bytes()
+    return contents
 
 
 # Numbers ------------------------------------------------------------------------------------------------
@@ -139,7 +139,7 @@ def design_numbers(design: Design) -> dict[str, Any]:
     estimator, along, ring_down = design.setup.estimator(design.start), design.synthesis.along, e.ring_down
     modes = {"open": e.open_modes, "closed": design.law_modes, "estimator": e.estimator_modes}
     response, inputs, samples = e.frequency_response, input_rows(design), e.step_samples
-    found = {
+    numbers = {
         "version": 1,
         **_picked(design, "robot=robot.name joints=robot.joint_names"),
         "verdict": verdict(design),
@@ -222,7 +222,7 @@ def design_numbers(design: Design) -> dict[str, Any]:
         "noise_variances": noise_variances(design.problem.plant, s.measurement_noise),
         "initial_variance": None if estimator is None else np.diag(estimator.initial.covariance),
     }
-    return finite(found)
+    return finite(numbers)
 
 
 def _requirement(line: Requirement) -> dict[str, Any]:
@@ -272,7 +272,7 @@ def comparison_numbers(comparison: Comparison) -> dict[str, Any]:
     assert runs is not None
     tuned = [row.tuned for row in comparison.compared if row.tuned is not None]
     rival = best_rival(tuned)
-    found = {
+    numbers = {
         "version": 4,
         **_picked(comparison, "robot=robot.name joints=robot.joint_names"),
         "unit": comparison.units()["input"],
@@ -298,7 +298,7 @@ def comparison_numbers(comparison: Comparison) -> dict[str, Any]:
             for one in trade_offs(tuned, criterion)
         ],
     }
-    return finite(found)
+    return finite(numbers)
 
 
 def _law(row: ComparedLaw) -> dict[str, Any]:

@@ -123,11 +123,11 @@ def design_page(
 
 def remarks(design: Design) -> dict[str, list[str]]:
     """What the reader must not miss, by the anchor of its section, in the order of the page."""
-    found = {}
+    texts = {}
     for part in PARTS:
         blocks = takewhile(lambda block: isinstance(block, Note), part.blocks(design))
-        found[part.anchor] = [block.text for block in blocks if isinstance(block, Note)]
-    return found
+        texts[part.anchor] = [block.text for block in blocks if isinstance(block, Note)]
+    return texts
 
 
 def notes(design: Design) -> list[str]:
@@ -231,26 +231,26 @@ def _key_numbers(design: Design) -> list[KeyNumber]:
     settling, overshoot, peak = response.settling, response.overshoot, response.peak
     time = rounded(settling.value)
     settles = ("not settled", "") if time is None else (time, "s")
-    found = [
+    numbers = [
         KeyNumber("settling time", *settles, where("settling", "s", settling.joint)),
         KeyNumber("overshoot", rounded(overshoot.value, 2), "%", where("overshoot", "%", overshoot.joint)),
         KeyNumber("peak input", rounded(response.peak_input), effort, where("peak", effort, peak.joint)),
     ]
     if not m.stable:
-        return [*found, KeyNumber("margins", "none", note="the sampled loop at the goal is unstable")]
+        return [*numbers, KeyNumber("margins", "none", note="the sampled loop at the goal is unstable")]
     low, high = m.disk_gain_margins
     delay = f"{number(m.delay_margin_s / period, 3)} periods of {number(1e3 * period, 3)} ms"
     one = f"one input{in_joint(joints[m.weakest_input], joints)}"
     together = f"all at once × {number(low, 2)} to × {number(high, 3)}"
-    found += [
+    numbers += [
         KeyNumber("peak sensitivity", rounded(m.peak_sensitivity), note="running loop, with the estimator"),
         KeyNumber("gain margin", f"× {number(m.gain_margin, 3)}", note=f"{one}; {together}"),
         KeyNumber("delay margin", rounded(1e3 * m.delay_margin_s), "ms", delay),
     ]
     if e.corners is not None:
         which = "corners of the tolerances" if e.corners.complete else "sampled corners"
-        found.append(KeyNumber("unstable", e.corners.unstable, f"of {e.corners.count}", which))
-    return found
+        numbers.append(KeyNumber("unstable", e.corners.unstable, f"of {e.corners.count}", which))
+    return numbers
 
 
 # For a terminal of 80 columns --------------------------------------------------------------------------

@@ -90,10 +90,10 @@ def margins(design: Design) -> Blocks:
             )
     yield Paragraph(text)
     yield margin_table(e)
-    drawn = [Loop("this law", e.frequency_response)]
-    yield lambda: _bode(drawn, joints, units.load, units.position)
-    yield lambda: _sensitivity(drawn)
-    yield lambda: _nyquist(drawn, joints)
+    loops = [Loop("this law", e.frequency_response)]
+    yield lambda: _bode(loops, joints, units.load, units.position)
+    yield lambda: _sensitivity(loops)
+    yield lambda: _nyquist(loops, joints)
     if e.input_noises is not None:
         yield _noise_table(e, e.input_noises)
     if s.estimator != "none":
@@ -207,12 +207,12 @@ def _estimation_figure(e: LawEvaluation) -> Figure:
     truth, estimate = (e.setup.robot.layout.whole(run.signals[name].T) for name in ("state", "estimate"))
     error = units.scale * (truth - estimate).T
     names = ("link position", "link velocity", "motor position", "motor velocity")
-    shown = [
+    signals = [
         Panel(name, units.rate if k % 2 else units.angle, error[:, k * n : (k + 1) * n])
         for k, name in enumerate(names)
     ]
     caption, joints = "True minus estimated state of every joint in the step.", e.setup.joints
-    return time_block("estimate", run.time, joints, shown, caption, "Estimation error", 7.4, linewidth=0.9)
+    return time_block("estimate", run.time, joints, signals, caption, "Estimation error", 7.4, linewidth=0.9)
 
 
 # Frequency responses ------------------------------------------------------------------------------------
@@ -344,34 +344,30 @@ def _bounded(axis: Axes) -> None:
 # Corners of the tolerances ------------------------------------------------------------------------------
 def corners(design: Design) -> Blocks:
     """How many corners are unstable; none for a robot without tolerances."""
-    e, found, state = design.evaluation, design.evaluation.corners, design.evaluation.state_corners
-    if found is None:
+    e, cases, state = design.evaluation, design.evaluation.corners, design.evaluation.state_corners
+    if cases is None:
         return
-    if found.unstable:
+    if cases.unstable:
         preset = "" if design.design_problem.preset == "robust" else ", or --preset robust"
         advice = f"the estimator causes it: try another --torque-noise or --estimator{preset}"
         if state is not None and state.unstable > 0:
             advice = f"the law itself does not stand them: try a shorter --period or --delay, less --bandwidth{preset}"
         yield note(
-            f"{found.unstable} of {found.count} corners of the tolerances are unstable with this estimator; {advice}."
+            f"{cases.unstable} of {cases.count} corners of the tolerances are unstable with this estimator; {advice}."
         )
     yield Paragraph(corners_text(e))
     yield Paragraph(
-        f"{'All' if found.complete else 'Sampled'} corners: every uncertain parameter at one end of its tolerance, all "
+        f"{'All' if cases.complete else 'Sampled'} corners: every uncertain parameter at one end of its tolerance, all "
         "together. For each the loop is linearised at the goal; robots between the corners are not covered."
     )
-    if found.swept:
-        free = [f"“{form}”" for form in found.retunable]
+    if cases.swept:
+        free = [f"“{form}”" for form in cases.retunable]
         parts = ", ".join(
-            f"with “{form}” at {len(found.stable_ratios(form))} of {count_text(len(found.of_form(form)), 'ratio')} only"
-            for form in found.forms
-            if form not in found.retunable
+            f"with “{form}” at {len(cases.stable_ratios(form))} of {count_text(len(cases.of_form(form)), 'ratio')} only"
+            for form in cases.forms
+            if form not in cases.retunable
         )
-        may = (
-            f"With Rᵛ of the form {' or '.join(free)} no corner is unstable at any ratio tried."
-            if free
-            else ""
-        )
+        may = f"With Rᵛ of the form {' or '.join(free)} no corner is unstable at any ratio." if free else ""
         some = f" Otherwise that holds {parts}." if parts and free else ""
         if parts and not free:
             some = f"No form keeps every corner stable at all ratios tried: that holds {parts}."

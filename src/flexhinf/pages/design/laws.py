@@ -160,8 +160,8 @@ def best_of(figure: LawFigure, values: Sequence[float | None]) -> tuple[bool, ..
         return tuple(False for _ in values)
     top = min(known) if figure.better < 0 else max(known)
     width = max(SHARED * abs(top), figure.least) if np.isfinite(top) else 0.0
-    found = tuple(value is not None and (value == top or abs(value - top) <= width) for value in values)
-    return tuple(False for _ in values) if sum(found) == len(known) else found
+    best = tuple(value is not None and (value == top or abs(value - top) <= width) for value in values)
+    return tuple(False for _ in values) if sum(best) == len(known) else best
 
 
 def metric_table(
@@ -240,8 +240,8 @@ class ErrorPanel:
         inside = []
         for time, errors in self.errors.values():
             error = self.scale * errors[:, self.joint]
-            shown = error[(time >= self.span[0]) & (time <= self.span[1]) & np.isfinite(error)]
-            inside.append((float(shown.min(initial=0.0)), float(shown.max(initial=0.0))))
+            visible = error[(time >= self.span[0]) & (time <= self.span[1]) & np.isfinite(error)]
+            inside.append((float(visible.min(initial=0.0)), float(visible.max(initial=0.0))))
         low, high = np.array(inside).T
         size = float(np.median(high - low))
         return framed(np.clip([low.min(), high.max()], -SHOWN * size, SHOWN * size))
@@ -253,7 +253,7 @@ def responses_figure(comparison: Comparison) -> Figure:
     own, units, joints = comparison.own.evaluation, comparison.units(), comparison.robot.joint_names
     assert own is not None
     assert own.scenario is not None
-    duration, shown, thick = own.scenario.step_duration, units_of(own), comparison.tuned_design
+    duration, angles, thick = own.scenario.step_duration, units_of(own), comparison.tuned_design
     settled = [row.metrics.get("step_settling_s") for row in comparison.compared]
     last = max((value for value in settled if value is not None and np.isfinite(value)), default=duration)
     end = min(duration, max(AFTER * last, 0.1 * duration))
@@ -265,7 +265,7 @@ def responses_figure(comparison: Comparison) -> Figure:
         moves[name] = e.move.response.run.time, e.move.error
     small, last_of_move = units["error"], float(own.move.response.run.time[-1])
     columns = (
-        ErrorPanel("step", "position − goal", shown.angle, steps, shown.scale, (0.0, end)),
+        ErrorPanel("step", "position − goal", angles.angle, steps, angles.scale, (0.0, end)),
         ErrorPanel(
             "load", "position − goal", small, loaded, 1e3, (-0.05 * end, end), "time after the load (s)"
         ),

@@ -115,12 +115,12 @@ def _notes(design: Design) -> Blocks:
 
 
 def _proof(design: Design) -> Blocks:
-    given, box = design.proof.certificate, design.proof.box
-    if given is not None:
-        covers, level = covers_tolerances(design), f"The level V ≤ {at_least(given.level, 5)} was"
-        if given.sampled_level is not None:
-            share = number(100.0 * given.level / given.sampled_level, 3)
-            level = f"The level V ≤ {at_least(given.level, 5)} is {share} % of the sampled one,"
+    certificate, box = design.proof.certificate, design.proof.box
+    if certificate is not None:
+        covers, level = covers_tolerances(design), f"The level V ≤ {at_least(certificate.level, 5)} was"
+        if certificate.sampled_level is not None:
+            share = number(100.0 * certificate.level / certificate.sampled_level, 3)
+            level = f"The level V ≤ {at_least(certificate.level, 5)} is {share} % of the sampled one,"
         others = "parameters outside the tolerances" if covers else "other values of the parameters"
         yield Paragraph(
             f"{level} proved in {number(design.proof.cpu_seconds, 2)} s of CPU with exact (outward rounded) "
@@ -182,10 +182,10 @@ def _cost(choice: DegreeChoice, lowest: DegreeChoice) -> str:
 
 def _strength(design: Design) -> str:
     """Of the regions of all degrees; of the law that is used, more may be proved."""
-    given = design.proof.certificate
-    if given is None:
+    certificate = design.proof.certificate
+    if certificate is None:
         return "sampled, not proved"
-    return f"sampled; of the law that is used V ≤ {at_least(given.level)} is proved"
+    return f"sampled; of the law that is used V ≤ {at_least(certificate.level)} is proved"
 
 
 def _region_table(design: Design) -> Table:
@@ -223,8 +223,8 @@ def widest_step(design: Design) -> float:
 def level_table(design: Design) -> Table:
     """Levels of attenuation from the smallest feasible one to the checked or proved one, and the lower bound found;
     in a terminal too where one is proved."""
-    s, found, proved = design.specification, design.attenuation.attained, design.synthesis.proved
-    attained = [] if found is None else [("worst disturbance found (lower bound)", found.gain)]
+    s, worst, proved = design.specification, design.attenuation.attained, design.synthesis.proved
+    attained = [] if worst is None else [("worst disturbance found (lower bound)", worst.gain)]
     title = ""
     if proved is not None:
         star = ("γ* of this z, nominal robot near the goal, any law", smallest_gamma(proved.problem))

@@ -81,8 +81,8 @@ def requirement_table(lines: Iterable[Requirement], degrees: bool = False, title
                 source, star = "our default", "*"
             elif source.startswith("--"):
                 source = f"`{source}`"
-            limit, found = f"{limit_text(line)}{star}", found_text(line)
-            rows.append((line.what, limit, found, judged, line.criterion, source))
+            limit, achieved = f"{limit_text(line)}{star}", found_text(line)
+            rows.append((line.what, limit, achieved, judged, line.criterion, source))
     columns = (
         "requirement", Column("required", right=True), Column("achieved", right=True), "met",
         Column("criterion", brief=None), Column("stated by", brief=None),

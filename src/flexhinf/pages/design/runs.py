@@ -120,13 +120,13 @@ def payload(design: Design) -> Blocks:
     )
     text = f"Payload on {ranges}. Law and estimator know the model's mass alone; integral action compensates the rest."
     if (weighed := heaviest.weighed) is not None:
-        found, hidden = (
+        weights, hidden = (
             [f"{number(mass, 3)} kg" for mass in weighed.masses.values()],
             max(weighed.hidden.values()),
         )
         friction = f", of which dry friction may hide {number(hidden, 2)} kg" if hidden > 0.0 else ""
         text += (
-            f" At rest the motor torques correspond to {', '.join(found)} for the heaviest{friction}. "
+            f" At rest the motor torques correspond to {', '.join(weights)} for the heaviest{friction}. "
             "flexhinf.robot.weigh_payload weighs, and a design for that mass is one more call."
         )
     yield Paragraph(text)
@@ -345,7 +345,7 @@ def ring_down(design: Design) -> Blocks:
 
 def ring_down_rows(runs: ImpulseRuns) -> list[dict[str, Any]]:
     """Of each joint: impulse, largest deviation of its link, least damped oscillation, and what is left of it."""
-    rows, found = [], runs.ring_down
+    rows, fit = [], runs.ring_down
     for k, response in enumerate(runs.responses):
         least = runs.least_damped(k)
         deviation = float(np.abs(response.positions[:, k] - response.goal[k]).max())
@@ -353,10 +353,10 @@ def ring_down_rows(runs: ImpulseRuns) -> list[dict[str, Any]]:
             {
                 "joint": response.joints[k],
                 "impulse": float(runs.impulses[k]),
-                "peak_deviation": None if found is None else deviation,
-                "damping": None if found is None else found.damping_of(k),
+                "peak_deviation": None if fit is None else deviation,
+                "damping": None if fit is None else fit.damping_of(k),
                 "frequency_Hz": None if least is None else least.frequency,
-                "left": None if found is None else runs.left(k),
+                "left": None if fit is None else runs.left(k),
             }
         )
     return rows
@@ -365,26 +365,24 @@ def ring_down_rows(runs: ImpulseRuns) -> list[dict[str, Any]]:
 def _ring_down_figure(runs: ImpulseRuns) -> Figure:
     joints, time, worst = runs.responses[0].joints, runs.responses[0].run.time, runs.worst
     least = runs.least_damped(worst)
-    shown = time <= (time[-1] if least is None else SHOWN / least.frequency)
-    values = np.column_stack([runs.velocity(k)[shown] for k in range(len(joints))])
-    panel, caption = (
-        Panel("link velocity / peak", "", values, zero=True),
-        "Without measurement noise, over its peak.",
-    )
+    early = time <= (time[-1] if least is None else SHOWN / least.frequency)
+    values = np.column_stack([runs.velocity(k)[early] for k in range(len(joints))])
+    panel = Panel("link velocity / peak", "", values, zero=True)
+    caption = "Velocity of each link over its peak, after an impulse on it, without measurement noise."
 
     def envelope(axes: Axes) -> None:
         """It begins at the peak: what decays slower is not the oscillation whose damping is given."""
         if least is not None and least.damping > 0.0:
-            size = np.exp(-2.0 * np.pi * least.frequency * least.damping * time[shown])
+            size = np.exp(-2.0 * np.pi * least.frequency * least.damping * time[early])
             for sign in (1.0, -1.0):
-                axes.plot(time[shown], sign * size, color=MUTED, linewidth=1.0, dashes=DASHED)
+                axes.plot(time[early], sign * size, color=MUTED, linewidth=1.0, dashes=DASHED)
 
     if least is not None and least.damping > 0.0:
         caption += (
             f" Dashed: the decay of the least damped oscillation{in_joint(joints[worst], joints)}, "
             f"{number(least.frequency, 3)} Hz with a damping ratio of {number(least.damping, 2)}."
         )
-    return time_block("ringing", time[shown], joints, [panel], caption, "After an impulse", 2.9, envelope)
+    return time_block("ringing", time[early], joints, [panel], caption, "After an impulse", 2.9, envelope)
 
 
 # At rest with dry friction -------------------------------------------------------------------------------

@@ -191,7 +191,7 @@ def _step_figure(e: LawEvaluation, units: Units) -> Figure:
     planned = None if command is None else units.scale * (command(time) - goal)
     least = 0.1 * units.scale * float(np.abs(goal - response.start).max(initial=0.0))
     limit, name = effort_limit(e)
-    shown = (
+    signals = (
         Panel(
             "link position − goal", units.angle, units.scale * (response.positions - goal), zero=True,
             plan=planned, plan_name="command", least=least,
@@ -203,13 +203,13 @@ def _step_figure(e: LawEvaluation, units: Units) -> Figure:
     if s.estimator != "none":
         fed = f"with {fed} on {', '.join(s.measured).replace('_', ' ')} and measurement noise"
     bound = "" if limit is None else f" ({name}, beyond the panel)"
-    if shown[2].limit_sides:
+    if signals[2].limit_sides:
         bound = f" (dashed: {name})"
     caption = (
         f"Nonlinear loop, {fed}{'' if command is None else f', its command {command.name}'}: link positions as "
         f"distance from the goal (dotted), torques of the springs, and inputs as applied{bound}."
     )
-    return time_block("step", time, e.setup.joints, shown, caption, "Step response", 6.6)
+    return time_block("step", time, e.setup.joints, signals, caption, "Step response", 6.6)
 
 
 def difference_text(design: Design) -> str:
@@ -241,8 +241,8 @@ def instants(positions: np.ndarray, start: np.ndarray, goal: np.ndarray) -> list
     if not length:
         return [0]
     done = (positions - start) @ way / length
-    found = [int(np.argmax(done >= part)) if np.any(done >= part) else len(done) - 1 for part in PARTS[:-1]]
-    return sorted({*found, len(done) - 1})
+    samples = [int(np.argmax(done >= part)) if np.any(done >= part) else len(done) - 1 for part in PARTS[:-1]]
+    return sorted({*samples, len(done) - 1})
 
 
 @house_style()
@@ -312,31 +312,31 @@ CLOSE = 0.12
 
 def samples(design: Design) -> Blocks:
     """Bands, histograms and a table of the sampled robots; none where no robot was sampled."""
-    e, drawn = design.evaluation, design.evaluation.step_samples
-    if drawn is None or not len(drawn):
+    e, runs = design.evaluation, design.evaluation.step_samples
+    if runs is None or not len(runs):
         return
-    if drawn.diverged:
+    if runs.diverged:
         yield note(
-            f"{drawn.diverged} of {len(drawn)} robots within their tolerances diverge with this controller. "
+            f"{runs.diverged} of {len(runs)} robots within their tolerances diverge with this controller. "
             "--preset robust includes the tolerances in the synthesis."
         )
-    worst = {"Largest overshoot": drawn.worst, "Slowest settling": drawn.slowest}
-    if drawn.worst == drawn.slowest:
-        worst = {"Largest overshoot and slowest settling": drawn.worst}
+    worst = {"Largest overshoot": runs.worst, "Slowest settling": runs.slowest}
+    if runs.worst == runs.slowest:
+        worst = {"Largest overshoot and slowest settling": runs.worst}
     robot, extras = e.setup.robot, e.setup.specification.extras
     which = (
-        f" {what}: robot {k + 1} ({changes_text(drawn.values[k], robot, extras)})."
+        f" {what}: robot {k + 1} ({changes_text(runs.values[k], robot, extras)})."
         for what, k in worst.items()
     )
     yield Paragraph(
-        f"{len(robot.uncertain)} parameters are sampled uniformly within their tolerances, {len(drawn)} times, each "
+        f"{len(robot.uncertain)} parameters are sampled uniformly within their tolerances, {len(runs)} times, each "
         "with its own measurement noise. The controller stays as designed for the nominal robot. A sample says nothing "
         f"about the robots between.{''.join(which)}"
     )
-    if np.isfinite(drawn.positions).all(axis=(1, 2)).any():
-        yield lambda: _bands(e, drawn)
-    if len(drawn) >= FEW and np.isfinite([drawn.overshoot, drawn.settling]).any():
-        yield lambda: _histograms(e, drawn)
+    if np.isfinite(runs.positions).all(axis=(1, 2)).any():
+        yield lambda: _bands(e, runs)
+    if len(runs) >= FEW and np.isfinite([runs.overshoot, runs.settling]).any():
+        yield lambda: _histograms(e, runs)
     yield spread_table(e)
 
 
@@ -346,14 +346,14 @@ def _bands(e: LawEvaluation, samples: MonteCarlo) -> Figure:
     away = units.scale * (samples.positions[ended] - e.setup.goal)
     steps = units.scale * np.abs(e.setup.goal - e.setup.start)
     spread = np.ptp(away, axis=0)  # of all robots, at each time and joint
-    shown = sorted(np.argsort(-spread.max(axis=0))[:PANELS].tolist())
+    widest = sorted(np.argsort(-spread.max(axis=0))[:PANELS].tolist())
     late = spread[away.shape[1] // 2 :].max(axis=0)
     close = int(np.argmax(np.where(steps > 0.0, late / np.where(steps > 0.0, steps, 1.0), -1.0)))
     worst = {samples.worst: "largest overshoot"}
     worst[samples.slowest] = f"{worst.get(samples.slowest, '')}, slowest settling".removeprefix(", ")
     styles = ({"color": INK, "dashes": (5.0, 1.5)}, {"color": SERIES[1], "dashes": (2.0, 1.2)})
-    figure, axes = new_figure(len(shown) + 1)
-    for axis, joint in zip(axes, [*shown, close]):
+    figure, axes = new_figure(len(widest) + 1)
+    for axis, joint in zip(axes, [*widest, close]):
         quantile_band(axis, samples.time, away[:, :, joint])
         for (robot, name), style in zip(worst.items(), styles):
             for line in away[ended == robot, :, joint]:
@@ -363,7 +363,7 @@ def _bands(e: LawEvaluation, samples: MonteCarlo) -> Figure:
     settling_band(axes[-1], 0.0, float(steps[close]))
     axes[-1].set_ylim(-CLOSE * steps[close] or -1e-3, CLOSE * steps[close] or 1e-3)
     legend(axes[0])
-    some = f", the {len(shown)} joints that differ most" if len(shown) < len(names) else ""
+    some = f", the {len(widest)} joints that differ most" if len(widest) < len(names) else ""
     closer = f"{names[close]}, close to its goal" if len(names) > 1 else "the same, close to the goal"
     missing = len(samples) - len(ended)
     gone = f" {missing} that diverged are left out." if missing else ""

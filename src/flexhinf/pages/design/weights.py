@@ -117,14 +117,14 @@ def candidate_table(design: Design) -> Table:
     assert search is not None
     candidates = sorted(search.candidates, key=lambda c: c.damping_weight)
     used = next(k for k, c in enumerate(candidates) if c is search.chosen)
-    shown = {0, max(0, used - 1), used, min(len(candidates) - 1, used + 1), len(candidates) - 1}
+    places = {0, max(0, used - 1), used, min(len(candidates) - 1, used + 1), len(candidates) - 1}
     rows = [
         (
             c.damping_weight, range_text(c.target_frequency), range_text(c.behaviour.bandwidth),
             finite(c.behaviour.damping), finite(c.behaviour.nominal_damping), c.design.gamma_star,
             "used" if c is search.chosen else "",
         )
-        for c in (candidates[k] for k in sorted(shown))
+        for c in (candidates[k] for k in sorted(places))
     ]  # fmt: skip
     columns = (
         Column("largest damping weight ζ", "", 3, brief="weight ζ"),
@@ -140,36 +140,36 @@ def candidate_table(design: Design) -> Table:
 # The tolerances -----------------------------------------------------------------------------------------
 def whole_loop(design: Design) -> Blocks:
     """What the preset robust searched for on the running loop, and what came of it; nothing with other presets."""
-    found = design.synthesis.robust
-    if found is None:
+    search = design.synthesis.robust
+    if search is None:
         return
     text = (
-        f"From the preset damped, {count_text(found.count, 'loop')} with other weights, noise levels and channels of "
+        f"From the preset damped, {count_text(search.count, 'loop')} with other weights, noise levels and channels of "
         "the tolerances were tried for the largest factor of all tolerances up to which no corner is unstable, with no "
         f"more overshoot at the corners, the same limits, and at most {NOISE:g} times the noise at each motor. "
     )
-    if found.better:
+    if search.better:
         text += (
-            f"Of those of damped the target frequencies were multiplied by {number(found.frequency, 3)}, ζ by "
-            f"{number(found.damping, 3)}, the noise levels of the links by {number(found.links, 3)} and of the motors "
-            f"by {number(found.motors, 3)}. "
+            f"Of those of damped the target frequencies were multiplied by {number(search.frequency, 3)}, ζ by "
+            f"{number(search.damping, 3)}, the noise levels of the links by {number(search.links, 3)} and of the "
+            f"motors by {number(search.motors, 3)}. "
         )
-        text += f"First unstable: {found.corner}." if found.corner else "No corner became unstable."
+        text += f"First unstable: {search.corner}." if search.corner else "No corner became unstable."
     else:
         text += "None was better, so the design is that of the preset damped."
     yield Paragraph(text)
     volts = design.setup.model.unit(design.setup.model.inputs[0])
     rows = [
         (what, number(damped, 3), number(robust, 3), volts if unit == "input" else unit)
-        for what, unit, damped, robust in whole_loop_rows(found)
+        for what, unit, damped, robust in whole_loop_rows(search)
     ]
     columns = ("running loop", "preset damped", "preset robust", "unit")
     yield Table(columns, rows, "What the search for the tolerances gained and cost", "table-whole-loop")
 
 
-def whole_loop_rows(found: WholeLoopSearch) -> list[tuple[str, str, float, float]]:
+def whole_loop_rows(search: WholeLoopSearch) -> list[tuple[str, str, float, float]]:
     """What, its unit or "input", with the preset damped, and as found."""
-    d, r = found.damped, found.found
+    d, r = search.damped, search.found
     return [
         ("factor of all tolerances at which a corner is unstable", "", d.scale, r.scale),
         ("largest overshoot of the corners that stepped", "%", d.overshoot, r.overshoot),
@@ -227,8 +227,8 @@ def state_weights(problem: GeneralisedPlant, joints: Sequence[str]) -> list[Weig
     """Of states, integrals, spring torques and their rates; empty for a penalty that is code of the user's."""
     states = problem.penalty.states
     coded = callable(states)
-    given = getattr(states, "states", None) if coded else problem.penalty.weights(problem.state_names)
-    named = [] if given is None else list(zip(problem.state_names, np.asarray(given, dtype=float)))
+    values = getattr(states, "states", None) if coded else problem.penalty.weights(problem.state_names)
+    named = [] if values is None else list(zip(problem.state_names, np.asarray(values, dtype=float)))
     for group, attribute in (("joint_torque", "torques"), ("joint_torque_rate", "rates")):
         named += zip(signal_names(group, joints), getattr(states, attribute, ()) if coded else ())
 
@@ -403,13 +403,13 @@ def noise_table(design: Design) -> Table:
         return c.input_noise, c.damping, c.compliance, c.peak_sensitivity, c.gain_margin
 
     # The edge of the family where a level is at its least may be the default by another name.
-    shown = [
+    others = [
         (one, "")
         for one in (search.trade_off[k] for k in places)
         if not any(np.allclose(metrics(one), metrics(other), rtol=1e-3) for other, _ in apart)
     ]
     rows = []
-    for one, note in sorted([*shown, *apart], key=lambda each: each[0].input_noise):
+    for one, note in sorted([*others, *apart], key=lambda each: each[0].input_noise):
         missed = f"missed: {', '.join(one.missed)}" if note and one.missed else ", ".join(one.missed)
         cells = (one.input_noise, one.damping, one.compliance, one.peak_sensitivity, finite(one.gain_margin))
         rows.append((*cells, "; ".join(filter(None, (note, missed)))))
