@@ -1,1 +1,1 @@
-"""Sections of the reports: one file for each, with its table, figure and notes."""
+"""Sections of the reports: each a generator of notes, paragraphs, tables and figures yet to be drawn."""

@@ -124,11 +124,11 @@ def _margin_notes(e: LawEvaluation) -> Blocks:
         )
     noise, peak = e.input_noises, e.step.peak_input
     if noise is not None and float(noise.max()) > NOISE_FRACTION * peak:
-        worst = int(np.argmax(noise))
-        share = f", {number(100.0 * float(noise[worst]) / peak, 2)} % of the step's peak" if peak else ""
+        k = int(np.argmax(noise))
+        share = f", {number(100.0 * float(noise[k]) / peak, 2)} % of the step's peak input" if peak else ""
         yield note(
-            f"In equilibrium the sensor noise moves an input{in_joint(e.setup.joints[worst], e.setup.joints)} by "
-            f"{number(float(noise[worst]), 2)} {units_of(e).effort} rms{share}. Try a slower estimator (smaller "
+            f"In equilibrium the sensor noise moves an input{in_joint(e.setup.joints[k], e.setup.joints)} by "
+            f"{number(float(noise[k]), 2)} {units_of(e).effort} rms{share}. Try a slower estimator (smaller "
             "--torque-noise), better sensors, or less --bandwidth."
         )
 
