@@ -230,9 +230,8 @@ class BoxExcess:
         columns = [[nearest_double(c) for c in change] for change in found.values()]
         self._changes = np.array(columns).reshape(-1, len(changes.corners)).T  # (vertices, products)
         self._factors = np.array(list(found), dtype=int).reshape(-1, 3).T.copy()  # no function: −1
-        self._mean = MeanForms(self.n, changes.forms)
-        lines = [[nearest_double(a) for a in changes.form(f.slope)] for f in certificate.functions]
-        self._lines = np.array(lines).reshape(-1, self.n)
+        self._mean = MeanForms(self.n, changes.enclosed)
+        self._lines = changes.forms(certificate.functions)
         self._tables = [
             quotient_table(f, reach * float(np.abs(line).sum()) * (1.0 + _ROUNDING) + 0.25, _ORDER)
             for f, line in zip(certificate.functions, self._lines)
@@ -295,12 +294,12 @@ class BoxExcess:
 class _Changes(Algebra):
     """How the monomials of the parameters change from the middle of the box to its vertices (`corners`).
 
-    `forms` are the polynomials in z without constants that are to be enclosed, each once.
+    `enclosed` are the polynomials in z without constants that are to be enclosed, each once.
     """
 
     def __init__(self, certificate: Certificate) -> None:
         super().__init__(certificate)
-        self.forms: list[Rational] = []
+        self.enclosed: list[Rational] = []
         self._known: dict[object, int] = {}
         self._value, self._laws = self.in_x(certificate.value), [*map(self.in_x, certificate.law)]
         ranges = {p.name: (rational(p.low), rational(p.high)) for p in certificate.parameters}
@@ -337,8 +336,8 @@ class _Changes(Algebra):
     def _number(self, key: object, polynomial: fmpq_mpoly) -> int:
         """The place of a polynomial among those that are enclosed."""
         if key not in self._known:
-            self._known[key] = len(self.forms)
-            self.forms.append(terms_of(self.moved(polynomial)))
+            self._known[key] = len(self.enclosed)
+            self.enclosed.append(terms_of(self.moved(polynomial)))
         return self._known[key]
 
     def _slope(self, i: int) -> int:

@@ -127,7 +127,7 @@ class Shape:
         self.work = _places({
             "value": self.value.count, "quotient": max((q.count for q in self.quotients), default=0),
             "whole": self.whole.count, "scale": monomials, "weight": monomials, "low": low, "low_value": low,
-            "powers": 6 * (highest + 3), "slopes": states,
+            "powers": 5 * (highest + 3),
         })  # fmt: skip
 
 

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.certify.box import BoxExcess, Ranges, tolerance_statement
+from flexhinf.certify.box import Ranges, tolerance_statement
 from flexhinf.certify.cells import CellBounds, Outcome, Progress, search
 from flexhinf.certify.certificate import Certificate
 from flexhinf.certify.claim import MOST_STATES
@@ -154,8 +154,7 @@ def prove(
     farthest, forms = _extent(inequality, statement.level)
     reach = _rounded_up(_ROOM * farthest)
     for _ in range(4):
-        box = BoxExcess(statement, reach) if any(p.low < p.high for p in statement.parameters) else None
-        bounds = CellBounds(inequality, reach, (1.3 * forms + 0.1).tolist(), box)
+        bounds = CellBounds(inequality, reach, (1.3 * forms + 0.1).tolist())
         outcome = search(bounds, statement.level, threads=threads, progress=progress, most_cells=most_cells)
         if outcome.reason != "not closed":
             break
@@ -214,7 +213,7 @@ def _extent(inequality: Inequality, level: float) -> tuple[float, np.ndarray]:
         if not alive.any():
             break
         radius, value = np.where(alive, further, radius), np.where(alive, following, value)
-    forms = np.array([[nearest_double(a) for a in q.form] for q in inequality.quotients]).reshape(-1, n)
+    forms = inequality.forms(inequality.functions)
     reached = radius + step
     return float(reached.max()), np.abs(directions @ forms.T * reached[:, None]).max(axis=0)
 

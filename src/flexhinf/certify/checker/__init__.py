@@ -19,7 +19,7 @@ again in rationals and balls, without 3.; or every cell: then 1., 2., 4., 5. and
 read. `starts` proves 6. and 8. of the theorem, `observer` 7., where they are claimed.
 docs/certificate.md has the proof, of every inequality that is relied on here, and counts the lines.
 
-What checker and search share is the form of a claim (`claim`, `terms`). Nothing here imports the search, which takes no
+What checker and search share is the form of a claim (`claim`). Nothing here imports the search, which takes no
 arithmetic from here: it calls the finished checker for its starts and its observer, so that what it states is proved.
 """
 
