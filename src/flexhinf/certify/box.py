@@ -60,16 +60,9 @@ _MOST_VERTICES = 4096
 
 
 def parameter_ranges(robot: Robot, plant: Any, scale: float = 1.0) -> dict[str, tuple[float, float]]:
-    """Ranges of a plant's parameters over the robot's tolerances, rounded outwards.
+    """Ranges of a plant's parameters over `scale` times the robot's tolerances, rounded outwards.
 
-    Parameters
-    ----------
-    robot : Robot
-        Each parameter of its plant is monotone in each of its own, so the ends are those of its corners.
-    plant : Plant or GeneralisedPlant
-        Of the robot.
-    scale : float
-        Of all tolerances.
+    Each parameter of the plant is monotone in each of the robot's, so the ends are those of its corners.
     """
     table = plant.parameters
     names = [parameter.name for parameter in robot.uncertain]
@@ -79,10 +72,8 @@ def parameter_ranges(robot: Robot, plant: Any, scale: float = 1.0) -> dict[str, 
     ]
     low, high = np.min(rows, axis=0), np.max(rows, axis=0)
     varies = low < high
-    low, high = (
-        np.where(varies, np.nextafter(low, -np.inf), low),
-        np.where(varies, np.nextafter(high, np.inf), high),
-    )
+    low = np.where(varies, np.nextafter(low, -np.inf), low)
+    high = np.where(varies, np.nextafter(high, np.inf), high)
     return dict(zip(flat_names(table), zip(low.tolist(), high.tolist())))
 
 
@@ -242,14 +233,8 @@ class BoxExcess:
     ) -> tuple[np.ndarray, np.ndarray]:
         """The bound, (N,), and how much the radius and each t_j add to it, (n, N).
 
-        Parameters
-        ----------
-        face : ndarray of int, shape (N,)
-            2 f for the face z_f = ρ of the cube, 2 f + 1 for z_f = −ρ.
-        t, half : ndarray, shape (n − 1, N)
-            Centre and half width of the cell in the other z_i/ρ.
-        low, high : ndarray, shape (N,)
-            The cell's interval of ρ.
+        `face` is 2 f for the face z_f = ρ of the cube and 2 f + 1 for z_f = −ρ, (N,); `t` and `half` are centre and
+        half width in the other z_i/ρ, (n − 1, N); `low` and `high` the interval of ρ, (N,).
         """
         middle = np.vstack([0.5 * (low + high), t])
         halves = np.vstack([0.5 * (high - low), half])

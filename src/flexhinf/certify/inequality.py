@@ -313,12 +313,7 @@ class MeanForms:
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The value in the middle (polynomials, N), slopes h_i ∂_i Q (polynomials, n, N), and a bound of what is left.
 
-        Parameters
-        ----------
-        face : ndarray of int, shape (N,)
-            2 f for z_f = ρ, 2 f + 1 for z_f = −ρ.
-        middle, half : ndarray, shape (n, N)
-            Of the cell in (ρ, t).
+        `face` is 2 f for z_f = ρ and 2 f + 1 for z_f = −ρ, (N,); `middle` and `half` are of the cell in (ρ, t), (n, N).
         """
         at, beyond = self._monomials(middle), self._monomials(np.abs(middle) + half)
         k, pairs, size = self.count, len(self._pairs), len(face)

@@ -84,17 +84,9 @@ def terms_of(polynomial: fmpq_mpoly) -> dict[tuple[int, ...], fmpq]:
 
 
 def plant_terms(problem: Problem | None, penalty: Any = None) -> PlantTerms:
-    """The fields of a problem in exact terms.
+    """The fields of a problem in exact terms; an `InvalidInput` by name for a model that has no such form.
 
-    Parameters
-    ----------
-    penalty : callable, optional
-        The checked h: from deviations (1, n) and the designed h (1, s) to (1, s). Default: the designed one.
-
-    Raises
-    ------
-    InvalidInput
-        A model that has no such form, by name.
+    `penalty` is the checked h: from deviations (1, n) and the designed h (1, s) to (1, s). Default: the designed one.
     """
     if isinstance(problem, PolynomialPlant):
         return _of_polynomials(problem, penalty)
