@@ -259,7 +259,7 @@ class CellBounds:
             len(filled) // LANES,
         )
         slot = np.empty(len(cells), dtype=np.int64)
-        slot[filled] = np.arange(len(filled))
+        slot[filled[::-1]] = np.arange(len(filled))[::-1]  # of each cell the first
         rows, names = self.rows(cells), self.shape.outputs
         score = np.zeros((self.n, len(cells)))
         if self.box is not None:
