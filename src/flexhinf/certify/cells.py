@@ -154,9 +154,6 @@ class CellBounds:
         quotients = [self._table(part, layout) for part, layout in zip(factors, shape.quotients)]
         self.quotient_table = np.hstack(quotients) if quotients else np.zeros((len(self.faces), 1))
         parts = [self._table(part, shape.whole) for part in (whole, *powers)]
-        self._value_sizes = _sums_on_faces(self.value_table, shape.value)
-        self._whole_sizes = np.stack([_sums_on_faces(part, shape.whole) for part in parts])
-        self._factor_sizes = [_sums_on_faces(q, layout) for q, layout in zip(quotients, shape.quotients)]
         columns = []
         for group in shape.whole.groups:
             for b in range(group.count):
@@ -167,11 +164,16 @@ class CellBounds:
         which, place = np.array(columns).T
         self.table = np.ascontiguousarray(np.stack(parts)[which, :, place].T)
         self._highest = max(every[-1], max(map(sum, inequality.value)), max(map(sum, inequality.polynomial)))
-        sums = np.zeros((len(odd), self._highest + 1))  # of absolute coefficients, by degree
-        for row, part in zip(sums, odd):
-            for key, coefficient in part.items():
+
+        def sums(terms: Rational) -> np.ndarray:
+            """Sums of absolute coefficients by degree: on each face the same."""
+            row = np.zeros(self._highest + 1)
+            for key, coefficient in terms.items():
                 row[sum(key)] += abs(nearest_double(coefficient))
-        self._odd_value, self._odd_whole, *self._odd_factors = sums * (1 + 1e-12)
+            return row * (1 + 1e-12)
+
+        self._value_sizes, self._odd_value, self._odd_whole, *self._odd_factors = map(sums, (value, *odd))
+        self._whole_sizes, self._factor_sizes = [*map(sums, (whole, *powers))], [*map(sums, factors)]
         self.value_terms = (
             np.array(list(inequality.value)),
             np.array([nearest_double(value) for value in inequality.value.values()]),
@@ -301,18 +303,16 @@ class CellBounds:
         powers = outer[:, None] ** np.arange(self._highest + 1) * (1 + 1e-12)
         lowered = np.hstack([np.zeros((len(face), 2)), powers[:, :-2]])
 
-        def allowed(in_value: np.ndarray, odd: np.ndarray) -> np.ndarray:
-            return unit * in_value.sum(1) + odd.sum(1) * (1 + 1e-12) + self._underflow
+        degrees = np.arange(self._highest + 1)
 
-        def magnitude(sizes: np.ndarray) -> np.ndarray:
-            return (sizes[face] * lowered[:, : sizes.shape[1]]).sum(1)
+        def allowed(size: np.ndarray, odd: np.ndarray) -> np.ndarray:
+            return unit * size + odd * (1 + 1e-12) + self._underflow
 
-        degrees = np.arange(self._value_sizes.shape[1])
-        in_value = self._value_sizes[face]
-        value_rounding = allowed(in_value * powers[:, degrees], self._odd_value * powers)
-        odd_growth = self._odd_value * np.arange(self._highest + 1) * lowered
-        growth_rounding = allowed(in_value * degrees * lowered[:, degrees], odd_growth)
-        size, odd = magnitude(self._whole_sizes[0]), (self._odd_whole * lowered).sum(1)
+        value_rounding = allowed(powers @ self._value_sizes, powers @ self._odd_value)
+        growth_rounding = allowed(
+            lowered @ (degrees * self._value_sizes), lowered @ (degrees * self._odd_value)
+        )
+        size, odd = lowered @ self._whole_sizes[0], lowered @ self._odd_whole
         errors, coefficients, sizes = [], [], iter(self._whole_sizes[1:])
         for j, (form, table) in enumerate(zip(self.lines, self.tables)):
             slope = np.stack([np.delete(form, variable) for variable, _ in self.faces])
@@ -327,13 +327,13 @@ class CellBounds:
             )
             rows, error = table.enclose(low, high)
             for row in rows.T:
-                size = size + (np.abs(row) + _VALUE) * magnitude(next(sizes))
+                size = size + (np.abs(row) + _VALUE) * (lowered @ next(sizes))
             if self.symmetric:
-                odd = odd + table.largest * (self._odd_factors[j] * lowered).sum(1)
-            size = size + np.where(np.isfinite(error), error, 0.0) * magnitude(self._factor_sizes[j])
+                odd = odd + table.largest * (lowered @ self._odd_factors[j])
+            size = size + np.where(np.isfinite(error), error, 0.0) * (lowered @ self._factor_sizes[j])
             errors.append(error)
             coefficients.append(rows)
-        rounding = unit * size + odd * (1 + 1e-12) + self._underflow
+        rounding = allowed(size, odd)
         scalars = [inner, outer, middle, half, value_rounding, growth_rounding, rounding, *errors]
         return np.hstack([cells.t, cells.h, np.stack(scalars, axis=1), *coefficients])
 
@@ -341,15 +341,6 @@ class CellBounds:
 def _degrees(terms: Rational) -> tuple[int, ...]:
     """The degrees of a polynomial's terms, ascending."""
     return tuple(sorted({sum(key) for key in terms}))
-
-
-def _sums_on_faces(table: np.ndarray, layout: Layout) -> np.ndarray:
-    """Sums of absolute coefficients (faces, highest degree + 1)."""
-    sums = np.zeros((len(table), layout.degrees[-1] + 1))
-    for group in layout.groups:
-        part = table[:, group.offset : group.offset + group.count * len(group.degrees)]
-        sums[:, list(group.degrees)] += np.abs(part).reshape(len(table), group.count, -1).sum(1)
-    return sums * (1 + 1e-12)
 
 
 def _aligned(count: int) -> np.ndarray:
