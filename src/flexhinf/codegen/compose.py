@@ -255,7 +255,6 @@ class Composer:
         return target
 
     def _block(self, array: Any) -> Block:
-        """Constants as a block."""
         return array if isinstance(array, Block) else self.call(_constants, np.asarray(array, dtype=float))
 
     def _weights(self, weights: Any) -> Block | None:

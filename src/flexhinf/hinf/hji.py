@@ -337,7 +337,6 @@ def solve_hji(problem: Problem, gamma: float, degree: int) -> HJISolution:
 
 
 def _solution(problem: Problem, gamma: float, degree: int) -> HJISolution:
-    """As `solve_hji`, of what is checked."""
     expanded = not isinstance(problem, PolynomialPlant)
     if expanded:  # the expansion itself may already not fit
         size = len(problem.state_names), len(getattr(problem, "disturbance_names", ())), len(problem.r2), 0

@@ -112,7 +112,6 @@ class Translator:
                 raise _unsupported("random numbers, which belong to a simulation")
 
     def _at(self, piece: Slice, loops: Sequence[str]) -> str:
-        """Address of the first element."""
         if piece.shift:
             raise _unsupported(
                 f"a place that is shifted by {piece.shift!r}, a number that is given when it runs"
@@ -207,7 +206,6 @@ class Translator:
     def _move(
         self, pair: tuple[Columns, Slice], loops: list[str], lanes: int, number: str, read: bool
     ) -> str:
-        """Columns of a matrix to the memory of a sweep, or back."""
         columns, place = pair
         along, across = columns.moves
         matrix = f"{self._at(columns.whole, loops)} + {_times('c', across)}"
@@ -270,7 +268,6 @@ class Translator:
         return self._names[key]
 
     def _row(self, codes: tuple[int, ...]) -> str:
-        """One of them, or both, of a row."""
         short = "".join(SINES[code] for code in codes) + "_row"
         ones = {code == casadi.OP_COS: f"{self.prefix}_{SINES[code]}" for code in codes}
         return self._helper(short, row_function(f"{self.prefix}_{short}", ones, self.real, self.lanes))

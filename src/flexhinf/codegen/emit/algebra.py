@@ -364,7 +364,6 @@ class Nested:
             self._some(first, min(TOGETHER, self.values - first), target)
 
     def _some(self, first: int, count: int, target: str) -> None:
-        """The values of some columns."""
         writer, before, rows = self.algebra.writer, 0, {}
         for degree in self.degrees:
             rows[degree] = writer.allocate("i64")

@@ -212,7 +212,6 @@ class _Emitter:
         self.calls[name] += 1
 
     def _map(self, step: Map, turns: tuple[str, ...]) -> None:
-        """Blocks of columns, and what is left over."""
         writer, single = self.writer, self.single
         wide, block = (Lanes(BLOCK), BLOCK) if single else (self.lanes, 1)
         shared = tuple(
@@ -246,7 +245,6 @@ class _Emitter:
         self._blocks(step.count, block, some)
 
     def _blocks(self, count: int, block: int, some: Callable[[str, int], None]) -> None:
-        """``some(first, number)`` for blocks of columns, and for what is left over."""
 
         def full(turn: str) -> None:
             some(self.writer.let(f"mul nsw i64 {turn}, {block}"), block)
@@ -260,7 +258,6 @@ class _Emitter:
         """Blocks of columns in lanes; one that is left over goes alone."""
 
         def ends(columns: Columns, place: Slice, first: str, wide: Lanes) -> tuple[str, str]:
-            """Where a block begins in the matrix, and in the memory of its columns."""
             unit = "double" if self._shared(columns.whole) else self.lanes.element
             start = self._address(columns.whole, turns)
             offset = self.writer.let(f"mul nsw i64 {first}, {columns.moves[1]}")
