@@ -22,7 +22,7 @@ from dataclasses import dataclass
 from functools import reduce
 from typing import TYPE_CHECKING, Any
 
-from flexhinf.codegen.emit.algebra import Algebra, Nested, Operand
+from flexhinf.codegen.emit.algebra import Algebra, Operand
 from flexhinf.codegen.emit.function import BLOCK, Packer, emit_function, load, store
 from flexhinf.codegen.emit.normal import emit_normal
 from flexhinf.codegen.emit.opcodes import Lanes, ModuleText, Writer
@@ -301,9 +301,11 @@ class _Emitter:
 
     def _polynomial(self, step: Polynomial, turns: tuple[str, ...]) -> None:
         point, table = self._operand(step.point, turns), self._operand(step.table, turns)
-        sizes = step.point.size, step.target.size, step.columns
-        algebra = Algebra(self.writer, self._loop, self.fused)
-        Nested(algebra, point, table, *sizes, step.degrees).emit(self._address(step.target, turns))
+        algebra, sizes = (
+            Algebra(self.writer, self._loop, self.fused),
+            (step.point.size, step.target.size, step.columns),
+        )
+        algebra.polynomial(point, table, sizes, step.degrees, self._address(step.target, turns))
 
     def _cholesky(self, step: Cholesky, turns: tuple[str, ...]) -> None:
         source, target = self._operand(step.source, turns), self._address(step.target, turns)
