@@ -20,7 +20,6 @@ import re
 import stat
 import sys
 import threading
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache, partial
@@ -164,8 +163,13 @@ class BoundKernel(Protocol):
         ...
 
 
-class Kernel(ABC):
-    """A program ready to run on one or more lanes.
+#: The entry called without and with the interpreter's lock.
+_ENTRY = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_void_p)
+_SHORT_ENTRY = ctypes.PYFUNCTYPE(ctypes.c_int64, ctypes.c_void_p)
+
+
+class Kernel:
+    """A program ready to run on one or more lanes: its machine code, unless a subclass binds otherwise.
 
     `lanes`: W; with W > 1 every buffer that is not shared has the lane as its last (fastest) axis.
 
@@ -174,9 +178,10 @@ class Kernel(ABC):
     failed.
     """
 
-    def __init__(self, program: Program, lanes: int) -> None:
-        self.program = program
-        self.lanes = lanes
+    def __init__(self, program: Program, lanes: int, code: Code | None = None) -> None:
+        self.program, self.lanes, self.code = program, lanes, code
+        if code is not None:
+            self._entry, self._short_entry = _ENTRY(code.address), _SHORT_ENTRY(code.address)
 
     def run(self, arrays: Mapping[str, np.ndarray], counts: Mapping[str, int] | None = None) -> Status:
         """Check the arrays, run once, and say how it ended.
@@ -209,9 +214,18 @@ class Kernel(ABC):
         check_reach(self.program, lengths, turns)
         return self._bind(checked, turns, short)
 
-    @abstractmethod
     def _bind(self, arrays: dict[str, np.ndarray], counts: dict[str, int], short: bool) -> BoundKernel:
-        """Bind checked arrays and counts."""
+        arrays = dict(arrays)
+        for buffer in self.program.buffers:
+            if buffer.role == "work":
+                arrays[buffer.name] = aligned((buffer.size or 0) * self.lanes)
+        addresses = [arrays[buffer.name].ctypes.data for buffer in self.program.buffers]
+        words = [*addresses, *(counts[name] for name in self.program.counts)]
+        context = np.array([*words, *[0] * self.lanes, *[-1] * self.lanes], dtype=np.int64)
+        bound = BoundCode(self._short_entry if short else self._entry, ctypes.c_void_p(context.ctypes.data))
+        bound.keep = (self, arrays, context)
+        bound.outcome = context[len(words) :]
+        return bound
 
 
 _CACHE_LOGGER = logging.getLogger("flexhinf.codegen")
@@ -373,9 +387,9 @@ def compile_program(program: Program, lanes: int = 1) -> Kernel:
 
             host = machine.host()
 
-            def load(code: bytes) -> NativeKernel:
+            def load(code: bytes) -> Kernel:
                 library, _, image = code.partition(b"\n")
-                return NativeKernel(program, lanes, machine.Code(image, ENTRY, json.loads(library)))
+                return Kernel(program, lanes, machine.Code(image, ENTRY, json.loads(library)))
 
             def make() -> bytes:
                 """The C functions that are needed, on a line, and the object code."""
@@ -400,33 +414,6 @@ def compile_program(program: Program, lanes: int = 1) -> Kernel:
             f"llvmlite does not work here ({reason})",
             "python -m pip install --force-reinstall llvmlite",
         ) from reason
-
-
-#: The entry called without and with the interpreter's lock.
-_ENTRY = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_void_p)
-_SHORT_ENTRY = ctypes.PYFUNCTYPE(ctypes.c_int64, ctypes.c_void_p)
-
-
-class NativeKernel(Kernel):
-    """Machine code of a program."""
-
-    def __init__(self, program: Program, lanes: int, code: Code) -> None:
-        super().__init__(program, lanes)
-        self.code = code
-        self.entry, self.short_entry = _ENTRY(code.address), _SHORT_ENTRY(code.address)
-
-    def _bind(self, arrays: dict[str, np.ndarray], counts: dict[str, int], short: bool) -> BoundCode:
-        arrays = dict(arrays)
-        for buffer in self.program.buffers:
-            if buffer.role == "work":
-                arrays[buffer.name] = aligned((buffer.size or 0) * self.lanes)
-        addresses = [arrays[buffer.name].ctypes.data for buffer in self.program.buffers]
-        words = [*addresses, *(counts[name] for name in self.program.counts)]
-        context = np.array([*words, *[0] * self.lanes, *[-1] * self.lanes], dtype=np.int64)
-        bound = BoundCode(self.short_entry if short else self.entry, ctypes.c_void_p(context.ctypes.data))
-        bound.keep = (self, arrays, context)
-        bound.outcome = context[len(words) :]
-        return bound
 
 
 class BoundCode(partial):

@@ -189,8 +189,8 @@ class HJISolution(ValueFunction, Law):
     @property
     def _source(self) -> GeneralisedPlant | PolynomialPlant:
         """What evaluates g2 on any element: the problem itself where it can, else its expansion."""
-        exact = isinstance(self.problem, GeneralisedPlant | PolynomialPlant)
-        return self.problem if exact else self.expansion
+        problem = self.problem
+        return problem if isinstance(problem, GeneralisedPlant | PolynomialPlant) else self.expansion
 
     @cached_property
     def law_is_polynomial(self) -> bool:

@@ -227,15 +227,12 @@ class _Emitter:
                 if not isinstance(piece, Columns):
                     pointers.append(start)
                     continue
-                shared_ = self._shared(piece.whole)
-                unit = "double" if shared_ else self.lanes.element
-                offset = writer.let(f"mul nsw i64 {first}, {piece.moves[1]}")
-                columns = writer.let(f"getelementptr {unit}, ptr {start}, i64 {offset}")
+                columns = self._column(piece, start, first)
                 place = writer.allocate(f"[{piece.size} x {wide.element}]")
                 pointers.append(place)
                 packed.append((place, piece, columns))
                 if len(pointers) <= len(step.inputs):
-                    packer.pack(columns, shared_, piece.size, piece.moves, place)
+                    packer.pack(columns, self._shared(piece.whole), piece.size, piece.moves, place)
             writer.do(f"call void @{name}({', '.join(f'ptr {pointer}' for pointer in pointers)})")
             self.calls[name] += 1
             self.mapped.add(name)
@@ -244,8 +241,12 @@ class _Emitter:
 
         self._blocks(step.count, block, some)
 
-    def _blocks(self, count: int, block: int, some: Callable[[str, int], None]) -> None:
+    def _column(self, columns: Columns, start: str, first: str) -> str:
+        unit = "double" if self._shared(columns.whole) else self.lanes.element
+        offset = self.writer.let(f"mul nsw i64 {first}, {columns.moves[1]}")
+        return self.writer.let(f"getelementptr {unit}, ptr {start}, i64 {offset}")
 
+    def _blocks(self, count: int, block: int, some: Callable[[str, int], None]) -> None:
         def full(turn: str) -> None:
             some(self.writer.let(f"mul nsw i64 {turn}, {block}"), block)
 
@@ -258,10 +259,7 @@ class _Emitter:
         """Blocks of columns in lanes; one that is left over goes alone."""
 
         def ends(columns: Columns, place: Slice, first: str, wide: Lanes) -> tuple[str, str]:
-            unit = "double" if self._shared(columns.whole) else self.lanes.element
-            start = self._address(columns.whole, turns)
-            offset = self.writer.let(f"mul nsw i64 {first}, {columns.moves[1]}")
-            matrix = self.writer.let(f"getelementptr {unit}, ptr {start}, i64 {offset}")
+            matrix = self._column(columns, self._address(columns.whole, turns), first)
             memory = self._scratch(wide)
             return matrix, self.writer.let(f"getelementptr {wide.element}, ptr {memory}, i64 {place.offset}")
 
