@@ -307,7 +307,9 @@ class Jet:
     __truediv__ = _operator(lambda a, b: a * b._power(-1.0), _divided)
     __rtruediv__ = _operator(lambda a, b: b / a, lambda a, x: a._power(-1.0)._scaled(x))
     __pow__ = _operator(_to_jet, _power)
-    __rpow__ = _operator(lambda a, b: b**a, lambda a, x: (a * float(univariate.log(x, 0)[0])).exp())
+    __rpow__ = _operator(
+        lambda a, b: b**a, lambda a, x: (a * float(univariate.FUNCTIONS["log"](x, 0)[0])).exp()
+    )
 
     # functions; NumPy's ufuncs on object arrays call the method of the same name
 

@@ -150,21 +150,9 @@ class _Emitter:
         self._loop("0", end, lambda turn: self._body(step.body, (*turns, turn)))
 
     def _loop(self, first: str, end: str, body: Callable[[str], None]) -> None:
-        """``for turn in range(first, end): body(turn)``; the turn lives in memory until LLVM promotes it."""
-        writer = self.writer
-        place = writer.allocate("i64")
-        head, inside, after = writer.label("head"), writer.label("turn"), writer.label("after")
-        writer.do(f"store i64 {first}, ptr {place}, align 8")
-        writer.do(f"br label %{head}")
-        writer.place(head)
-        turn = writer.let(f"load i64, ptr {place}, align 8")
-        more = writer.let(f"icmp slt i64 {turn}, {end}")
-        writer.do(f"br i1 {more}, label %{inside}, label %{after}")
-        writer.place(inside)
-        body(turn)
-        writer.do(f"store i64 {writer.let(f'add nsw i64 {turn}, 1')}, ptr {place}, align 8")
-        writer.do(f"br label %{head}")
-        writer.place(after)
+        """``for turn in range(first, end): body(turn)``."""
+        with self.writer.loop(end, first) as turn:
+            body(turn)
 
     def _when(self, step: When, turns: tuple[str, ...]) -> None:
         """Around the body unless a lane's flag is set; NaN sets it."""

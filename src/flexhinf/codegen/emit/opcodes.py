@@ -16,7 +16,8 @@ import copy
 import itertools
 import math
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 import casadi
@@ -133,6 +134,23 @@ class Writer:
         first = self.let(f"insertelement {vector} poison, {kind} {scalar}, i64 0")
         mask = f"<{self.lanes.width} x i32> zeroinitializer"
         return self.let(f"shufflevector {vector} {first}, {vector} poison, {mask}")
+
+    @contextmanager
+    def loop(self, end: str, first: str = "0") -> Iterator[str]:
+        """A loop over the integers from `first` to `end`; the turn lives in memory until LLVM promotes it."""
+        place = self.allocate("i64")
+        head, inside, after = self.label("head"), self.label("turn"), self.label("after")
+        self.do(f"store i64 {first}, ptr {place}, align 8")
+        self.do(f"br label %{head}")
+        self.place(head)
+        turn = self.let(f"load i64, ptr {place}, align 8")
+        more = self.let(f"icmp slt i64 {turn}, {end}")
+        self.do(f"br i1 {more}, label %{inside}, label %{after}")
+        self.place(inside)
+        yield turn
+        self.do(f"store i64 {self.let(f'add nsw i64 {turn}, 1')}, ptr {place}, align 8")
+        self.do(f"br label %{head}")
+        self.place(after)
 
     def real(self, operation: str, *operands: str) -> str:
         """An LLVM operation on floats, such as ``fadd``."""
