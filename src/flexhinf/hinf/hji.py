@@ -160,9 +160,9 @@ def check_cost(size: tuple[int, int, int, int], degree: int, expanded: bool = Fa
     if 2 * memory <= available and seconds <= _DAY:
         return memory
     fits = max(2, bisect_right(range(degree), 1.0, key=lambda k: cost(k) if k > 2 else 0.0) - 1)
-    size = f"{needed(fits) / 1e9:.3g} GB"
+    room = f"{needed(fits) / 1e9:.3g} GB"
     advice = (
-        f"degree {fits} is the highest that fits and takes less than about ten minutes, with about {size}"
+        f"degree {fits} is the highest that fits and takes less than about ten minutes, with about {room}"
     )
     if 2 * memory > available:
         found = (

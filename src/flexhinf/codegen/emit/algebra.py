@@ -75,21 +75,25 @@ class Algebra:
         """
         (left, right, weights, plus), (rows, columns) = operands, shape
 
+        def weighted(weights: Operand, i: str, height: int) -> Operand:
+            """w_k l_ki of some rows from i on, (N, height): computed once, for all columns."""
+            memory = self.writer.allocate(f"[{count * height} x {self.writer.lanes.element}]")
+
+            def term(k: str) -> None:
+                weight = self.load(weights, k, 1)
+                for first, together in self._vectors(height):
+                    factor = self.load(left, self.at(k, rows, self.ahead(i, first)), together)
+                    product = self.writer_of(together).real("fmul", factor, self.spread(weight, together))
+                    self.store(memory, self.at(k, height, first), product, together)
+
+            self.loop("0", str(count), term)
+            return Operand(memory)
+
         def factors_of(i: str, height: int) -> Callable[[str], list[str]]:
-            """Term k's factors of some rows from i on: weighted ones are computed once, for all columns."""
+            """Term k's factors of some rows from i on."""
             source, pitch, start = left, rows, i
             if weights is not None:
-                memory = self.writer.allocate(f"[{count * height} x {self.writer.lanes.element}]")
-
-                def term(k: str) -> None:
-                    weight = self.load(weights, k, 1)
-                    for first, together in self._vectors(height):
-                        factor = self.load(left, self.at(k, rows, self.ahead(i, first)), together)
-                        product = self.writer_of(together).real("fmul", factor, self.spread(weight, together))
-                        self.store(memory, self.at(k, height, first), product, together)
-
-                self.loop("0", str(count), term)
-                source, pitch, start = Operand(memory), height, "0"
+                source, pitch, start = weighted(weights, i, height), height, "0"
 
             def factors(k: str) -> list[str]:
                 first = self.at(k, pitch, start)
