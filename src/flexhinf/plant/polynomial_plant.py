@@ -209,12 +209,10 @@ class PolynomialPlant(Summarised):
         Weight of the input, symmetric positive definite.
     state_names : sequence of str, optional
         Defaults to x1 … xn.
-    operating_point : array_like, shape (n,), optional
-        The point the deviations are measured from (only kept, not used).
     input_names : sequence of str, optional
         Defaults to u1 … um.
-    operating_input : array_like, shape (m,), optional
-        The input at the operating point (only kept, not used).
+    operating_point, operating_input : array_like, shapes (n,) and (m,), optional
+        The point the deviations are measured from, and the input there (only kept, not used).
 
     Attributes
     ----------
@@ -252,20 +250,8 @@ class PolynomialPlant(Summarised):
         input_names: Sequence[str] | None = None,
         operating_input: Any = None,
     ) -> None:
-        if not isinstance(f, Mapping) or not f:
-            raise InvalidInput(
-                "The plant's f is not a mapping of monomials.",
-                f"expected {{exponents: (n,)}} with at least one entry, got {type(f).__name__}",
-                "for example f={(1, 0): [0, -1], (0, 1): [1, 0]} for an oscillator",
-            )
-        first = next(iter(f))
-        n = len(first) if isinstance(first, tuple) else 1
-        if n == 0:
-            raise InvalidInput(
-                "The plant has no states.",
-                "expected keys of one exponent per state, got ()",
-                "f={(1,): [-1]}",
-            )
+        first = next(iter(f), None) if isinstance(f, Mapping) else None
+        n = max(1, len(first)) if isinstance(first, tuple) else 1
         parts = parts_from_mapping("f", f, n, 1), parts_from_input("g1", g1, n), parts_from_input("g2", g2, n)
         names = {"state_names": state_names, "input_names": input_names}
         points = {"operating_point": operating_point, "operating_input": operating_input}
@@ -284,15 +270,8 @@ class PolynomialPlant(Summarised):
     ) -> PolynomialPlant:
         """The same from homogeneous parts: degree → monomial coefficients along the last axis.
 
-        Parameters
-        ----------
-        n : int
-            Number of states.
-        f, h : mapping degree → ndarray, shapes (n, count(n, degree)) and (s, count(n, degree))
-            A part of degree 0 is the value at the operating point; it must vanish up to rounding.
-        g1, g2 : mapping degree → ndarray, shapes (n, md, count(n, degree)) and (n, m, count(n, degree))
-        r2, **named
-            As in `PolynomialPlant`.
+        f and h are (n, count(n, degree)) and (s, count(n, degree)), g1 and g2 (n, md, count) and (n, m, count). A part
+        of degree 0 of f and h is the value at the operating point; it must vanish up to rounding.
         """
         plant = cls.__new__(cls)
         plant._set(n, dict(f), dict(g1), dict(g2), dict(h), r2, **named)

@@ -17,7 +17,7 @@ import numpy as np
 from flexhinf.errors import InvalidInput
 from flexhinf.notebook import Summarised, names_text, number_text
 from flexhinf.plant.plant import GeneralisedPlant, Plant
-from flexhinf.polynomial.law import PolynomialLaw
+from flexhinf.polynomial.algebra import PolynomialLaw
 
 #: What the name of the integral of a state's error ends with.
 INTEGRAL = "_integral"

@@ -179,12 +179,6 @@ class Joint:
         rad or m.
     parent : str, optional
         The joint before it; by default the one listed before (see `Tree`). "world" for the base.
-
-    Raises
-    ------
-    InvalidInput
-        For an unknown kind, an axis without direction, limits in the wrong order, or a name that cannot be part
-        of a state's name.
     """
 
     name: str
@@ -252,15 +246,7 @@ class Joint:
 class Tree:
     """Joints on a fixed base, parents before children.
 
-    Parameters
-    ----------
-    joints : sequence of Joint
-        A joint without a parent hangs on the one listed before it, the first on the world.
-
-    Raises
-    ------
-    InvalidInput
-        If a name repeats, or a parent is not an earlier joint.
+    A joint without a parent hangs on the one listed before it, the first on the world.
     """
 
     joints: tuple[Joint, ...]

@@ -515,18 +515,32 @@ def flat_coordinates(links: Any, x: Any, p: Any, layout: Layout) -> tuple[Any, A
 
 
 def state_and_input(
-    flow: InverseFlow, values: Mapping[str, Any], motion: tuple[np.ndarray, ...]
+    flow: InverseFlow, values: Mapping[str, Any], motion: tuple[Any, ...]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """x (N, 4n) and u (N, n) of rows (N, n) of positions and four derivatives, and of the plant's parameters."""
-    table = ParameterTable(values)
-    shapes = tuple((name, value.shape) for name, value in table.values.items())
-    count = len(motion[0])
+    """x (4n,) or (N, 4n) and u (n,) or (N, n) of positions and four derivatives, of a plant with these parameters."""
+    joints, arrays = flow.links.joint_names, []
+    for name, value in zip(ORDERS, motion):
+        array = np.zeros(len(joints)) if value is None else np.atleast_1d(real_array(value))
+        if array.ndim not in (1, 2) or array.shape[-1] != len(joints) or not np.all(np.isfinite(array)):
+            got = repr(value) if array.size <= 8 else f"shape {array.shape}, or numbers that are not finite"
+            raise InvalidInput(
+                f"The motion's {name} does not fit the robot.",
+                f"expected finite numbers, ({len(joints)},) or (N, {len(joints)}) for {list(joints)}, got {got}",
+                "one column per joint, one row per time",
+            )
+        arrays.append(array)
+    counts = {len(array) for array in arrays if array.ndim == 2} or {1}
+    if len(counts) > 1:
+        what = "The motion's derivatives have different numbers of times."
+        raise InvalidInput(what, f"expected one, got {[array.shape for array in arrays]}", "a row per time")
+    count, table = counts.pop(), ParameterTable(values)
     if not count:
-        n = motion[0].shape[1]
-        return np.zeros((0, Layout(n, flow.rigid).mechanical)), np.zeros((0, n))
+        return np.zeros((0, Layout(len(joints), flow.rigid).mechanical)), np.zeros((0, len(joints)))
+    shapes = tuple((name, value.shape) for name, value in table.values.items())
+    columns = [np.broadcast_to(array, (count, len(joints))).T for array in arrays]
     numbers = np.broadcast_to(table.vector()[:, None], (table.size, count))
-    x, u = _traced(flow, shapes)(*(rows.T for rows in motion), numbers)
-    return np.array(x, dtype=float).T, np.array(u, dtype=float).T
+    x, u = (np.array(rows, dtype=float).T for rows in _traced(flow, shapes)(*columns, numbers))
+    return (x[0], u[0]) if all(array.ndim == 1 for array in arrays) else (x, u)
 
 
 @lru_cache(maxsize=64)
@@ -539,27 +553,3 @@ def _traced(flow: InverseFlow, shapes: tuple[tuple[str, tuple[int, ...]], ...]) 
         return flow(q, dq, ddq, dddq, ddddq, table.named(vector))
 
     return trace(inverse, *(n,) * 5, table.size, name="inverse", names=(*ORDERS, "p"))
-
-
-def motion_rows(motion: tuple[Any, ...], joints: tuple[str, ...]) -> tuple[tuple[np.ndarray, ...], bool]:
-    """Positions and derivatives as five (N, n) arrays, and whether they were one point; None is zero."""
-    arrays = []
-    for name, value in zip(ORDERS, motion):
-        array = np.zeros(len(joints)) if value is None else np.atleast_1d(real_array(value))
-        if array.ndim not in (1, 2) or array.shape[-1] != len(joints) or not np.all(np.isfinite(array)):
-            got = repr(value) if array.size <= 8 else f"shape {array.shape}, or numbers that are not finite"
-            raise InvalidInput(
-                f"The motion's {name} does not fit the robot.",
-                f"expected finite numbers, ({len(joints)},) or (N, {len(joints)}) for {list(joints)}, got {got}",
-                "one column per joint, one row per time",
-            )
-        arrays.append(array)
-    counts = {len(array) for array in arrays if array.ndim == 2}
-    if len(counts) > 1:
-        found = f"expected one, got {[array.shape for array in arrays]}"
-        raise InvalidInput(
-            "The motion's derivatives have different numbers of times.", found, "one row per time"
-        )
-    count = counts.pop() if counts else 1
-    rows = tuple(np.broadcast_to(array, (count, len(joints))) for array in arrays)
-    return rows, all(array.ndim == 1 for array in arrays)

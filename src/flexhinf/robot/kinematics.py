@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf.errors import InvalidInput
-from flexhinf.plant.equilibrium import motion_of
+from flexhinf.plant.plant import motion_of
 from flexhinf.robot.dynamics import frames_of
 from flexhinf.robot.elastic import DRIVES
 from flexhinf.robot.parameters import checked_limits
@@ -106,21 +106,11 @@ def check_holding(
     limit: Any = None,
     explain: Callable[[int], tuple[str, str]] = lambda joint: ("", "effort"),
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Refuse a pose that the motors cannot hold.
+    """The operating point (x, u) at a pose; refuses one that the motors cannot hold.
 
-    Parameters
-    ----------
-    pose : sequence, mapping by joint name, or number for one joint
-        As for `Robot.operating_point`.
-    limit : number, (n,) or mapping by joint, optional
-        Largest absolute input of each motor, V, or N·m (N); by default what the robot states.
-    explain : callable, optional
-        What an error adds on the limit of a joint, by its place: who states it, and what a larger one is called.
-
-    Returns
-    -------
-    x, u : ndarray
-        The operating point.
+    The pose is as for `Robot.operating_point`. `limit` is the largest absolute input of each motor, V, A, or N·m (N), a
+    number, (n,) or by joint; by default what the robot states. `explain` gives what an error adds on the limit of a
+    joint, by its place: who states it, and what a larger one is called.
     """
     x, u = robot.operating_point(pose)
     motors = signal_names(DRIVES[robot.drive], robot.joint_names)

@@ -24,7 +24,6 @@ from flexhinf.robot.elastic import (
     checked_extras,
     checked_pose,
     flat_coordinates,
-    motion_rows,
     operating_point,
     reflected,
     required_of_drive,
@@ -274,11 +273,10 @@ class Robot(Summarised):
         (4n,) or (N, 4n), and the input, (n,) or (N, n), V, A, or N·m (N), of `plant`. Of the `extras` only dry friction
         is modelled; others are refused by name.
         """
-        rows, single = motion_rows((q, dq, ddq, dddq, ddddq), self.joint_names)
         packed = self.plant_parameters()
         on = checked_extras(extras, False, packed, self.name)
-        x, u = state_and_input(InverseFlow(self.links, self.drive, on, self.layout.rigid), packed, rows)
-        return (x[0], u[0]) if single else (x, u)
+        flow = InverseFlow(self.links, self.drive, on, self.layout.rigid)
+        return state_and_input(flow, packed, (q, dq, ddq, dddq, ddddq))
 
     def inverse_flow(self, q: Any, dq: Any, ddq: Any, dddq: Any, ddddq: Any, p: Any) -> tuple[Any, Any]:
         """`inverse_dynamics` at one point for laws: on any element, the plant's parameters p as attributes."""
