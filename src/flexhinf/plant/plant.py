@@ -416,23 +416,15 @@ def motion_of(signals: Any, times: np.ndarray, order: int, names: Sequence[str] 
 
 # Linear plants ------------------------------------------------------------------------------------
 # On a linearisation the extended Kalman filter is the linear Kalman filter, and a loop is one that textbooks cover.
-@dataclass(frozen=True)
-class LinearFlow:
-    """ẋ = A (x − x*) + B (u − u*) + G d."""
-
-    def __call__(self, x: Any, u: Any, d: Any, p: Any) -> Any:
-        """The rates (n,) of any element."""
-        rates = p.state_matrix @ (x - p.state) + p.input_matrix @ (u - p.input)
-        return rates + p.disturbance_matrix @ d if np.size(p.disturbance_matrix) else rates
+def linear_flow(x: Any, u: Any, d: Any, p: Any) -> Any:
+    """ẋ = A (x − x*) + B (u − u*) + G d, (n,) of any element."""
+    rates = p.state_matrix @ (x - p.state) + p.input_matrix @ (u - p.input)
+    return rates + p.disturbance_matrix @ d if np.size(p.disturbance_matrix) else rates
 
 
-@dataclass(frozen=True)
-class LinearOutput:
-    """y = y* + C (x − x*) + D (u − u*)."""
-
-    def __call__(self, x: Any, u: Any, p: Any) -> Any:
-        """The measured signals (p,) of any element."""
-        return p.output + p.output_matrix @ (x - p.state) + p.feedthrough @ (u - p.input)
+def linear_output(x: Any, u: Any, p: Any) -> Any:
+    """y = y* + C (x − x*) + D (u − u*), (p,) of any element."""
+    return p.output + p.output_matrix @ (x - p.state) + p.feedthrough @ (u - p.input)
 
 
 def linear_plant(plant: Plant, x: Any, u: Any) -> Plant:
@@ -450,7 +442,7 @@ def linear_plant(plant: Plant, x: Any, u: Any) -> Plant:
         "state": x, "input": u, "output": value,
     }  # fmt: skip
     return Plant(
-        LinearFlow(), LinearOutput(), plant.states, plant.inputs, plant.disturbances, parameters,
+        linear_flow, linear_output, plant.states, plant.inputs, plant.disturbances, parameters,
         plant.outputs, plant.units, plant.groups,
     )  # fmt: skip
 
@@ -496,6 +488,6 @@ def plant_from_control(system: Any, inputs: Sequence[str] | None = None) -> Plan
         "feedthrough": d[:, places], "state": np.zeros(n), "input": np.zeros(m), "output": np.zeros(len(c)),
     }  # fmt: skip
     return Plant(
-        LinearFlow(), LinearOutput(), tuple(linear.state_labels), tuple(chosen), tuple(labels[k] for k in others),
+        linear_flow, linear_output, tuple(linear.state_labels), tuple(chosen), tuple(labels[k] for k in others),
         parameters, tuple(linear.output_labels),
     )  # fmt: skip

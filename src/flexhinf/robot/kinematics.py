@@ -36,13 +36,11 @@ def check_reference(
     ----------
     signals : sequence, mapping by joint or link position, or one signal with a column per joint
         Commands with ``derivatives`` (`flexhinf.loop.signals.references`), or numbers.
-    duration : float
-        s; checked every `period` seconds, both ends included.
+    duration, period : float
+        s; checked every `period`, both ends included.
     effort : number, (n,) or mapping by joint, optional
-        Largest absolute input of each motor, V, or N·m (N): the feedforward along the reference must stay
-        below it. Needs signals with four derivatives; ``robot.effort_limits`` are those that the robot states.
-    period : float
-        s.
+        Largest absolute input of each motor, V, A, or N·m (N): the feedforward along the reference must stay below it.
+        Needs signals with four derivatives; ``robot.effort_limits`` are those that the robot states.
     speed : number, (n,) or mapping by joint, optional
         Largest absolute velocity of each link, rad/s or m/s; by default what the robot states.
 
@@ -168,12 +166,19 @@ def link_frames(robot: Robot, positions: Sequence[float] | np.ndarray) -> tuple[
     return turns @ own, places
 
 
+def _number_of(robot: Robot, link: str | None) -> int:
+    names = robot.joint_names
+    if link is not None and link not in names:
+        raise unknown_name("There is no such link.", link, names, repr(names[-1]))
+    return len(names) - 1 if link is None else names.index(link)
+
+
 def position_of(
     robot: Robot, positions: Any, link: str | None = None, offset: Sequence[float] = (0.0, 0.0, 0.0)
 ) -> np.ndarray:
     """Where a point is in the world (3,), m, at joint positions (n,): `offset` (m) in the frame of a link, the last."""
     turns, places = link_frames(robot, positions)
-    k = _place(robot, link)
+    k = _number_of(robot, link)
     return places[k] + turns[k] @ np.asarray(offset, dtype=float)
 
 
@@ -196,7 +201,7 @@ def pose_at(
         checked_array(f"The {name} is no point.", value, (3,), points, "(0.4, 0.0, 0.3)", HUGE)
         for name, value in (("place", place), ("offset", offset))
     )
-    k, n = _place(robot, link), len(robot.joint_names)
+    k, n = _number_of(robot, link), len(robot.joint_names)
     low, high = position_ranges(robot)
 
     def at(q: np.ndarray) -> np.ndarray:
@@ -239,15 +244,6 @@ def pose_at(
     typical = np.max([values(pose + rng.uniform(-1.0, 1.0, n)) for _ in range(8)], axis=0)
     rank = max(1, int(np.sum(typical > 1e-6 * typical[0])))
     return Reached(pose, float(values(pose)[rank - 1] / typical[rank - 1]))
-
-
-def _place(robot: Robot, link: str | None) -> int:
-    names = robot.joint_names
-    if link is None:
-        return len(names) - 1
-    if link not in names:
-        raise unknown_name("There is no such link.", link, names, repr(names[-1]))
-    return names.index(link)
 
 
 def skeleton(robot: Robot, positions: Sequence[float] | np.ndarray) -> tuple[np.ndarray, ...]:

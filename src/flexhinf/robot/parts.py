@@ -37,12 +37,8 @@ class Link:
     centre_of_mass : three numbers
         m.
     inertia : six numbers
-        xx, xy, xz, yy, yz, zz about the centre of mass, axes parallel to the link's frame, kg·m².
-
-    Raises
-    ------
-    InvalidInput
-        For a mass that is not positive, or an inertia that no rigid body has.
+        xx, xy, xz, yy, yz, zz about the centre of mass, axes parallel to the link's frame, kg·m². Mass and principal
+        moments are positive, and no moment is above the sum of the others.
     """
 
     mass: Number
@@ -260,7 +256,7 @@ def single_link_robot(
     gravity: Number = 9.81,
     **settings: Any,
 ) -> Robot:
-    """A robot of a single link about a horizontal axis, in closed form; position zero hangs. A prismatic joint is refused."""
+    """A robot of a single link about a horizontal axis, in closed form; position zero hangs. It cannot slide."""
     if joint.slides:
         raise InvalidInput(
             f"The joint {joint.name!r} slides, so its link has no inertia about an axis.",

@@ -136,11 +136,6 @@ def payload_from_text(text: str) -> Payload:
 
     One number is a known mass. Two are its range, with the lower end as the nominal mass; three are lower end,
     nominal mass and upper end. Behind ``@`` stands what carries it, behind ``:`` its centre of mass there (m).
-
-    Raises
-    ------
-    InvalidInput
-        For a text that says something else.
     """
     head, colon, place = text.partition(":")
     words, at, link = (part.strip() for part in head.partition("@"))

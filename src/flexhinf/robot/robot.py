@@ -34,15 +34,13 @@ from flexhinf.robot.parameters import (
     PlantValues,
     check_parameters,
     checked_limits,
-    checked_rigid,
-    checked_signs,
 )
 from flexhinf.robot.signals import (
     MECHANICAL,
     SENSORS,
+    UNITS,
     Sensors,
     expanded,
-    groups_of,
     names_of,
     robot_penalty,
     signal_names,
@@ -96,7 +94,13 @@ class Robot(Summarised):
         checked_name("a robot", self.name, spaces=True)
         checked_text(f"the description of the robot {self.name!r}", self.description)
         object.__setattr__(self, "parameters", tuple(self.parameters))
-        object.__setattr__(self, "rigid", checked_rigid(self.name, self.rigid, self.joint_names))
+        if not set(self.rigid) < set(self.joint_names):
+            raise InvalidInput(
+                f"No joint of the robot {self.name!r} is elastic, or a rigid one is not among them.",
+                f"expected some of {list(self.joint_names)}, got {list(self.rigid)}",
+                "the stiffness of one joint at least: a stiff spring is nearly rigid",
+            )
+        object.__setattr__(self, "rigid", tuple(name for name in self.joint_names if name in self.rigid))
         names = [parameter.name for parameter in self.parameters]
         driven = required_of_drive(self.drive, names, self.joint_names, self.rigid)
         required = (*self.links.required(), *driven)
@@ -223,7 +227,7 @@ class Robot(Summarised):
             parameters=self.plant_parameters(),
             outputs=sensors,
             units=units_of(joints, slides, self.plant_parameters()),
-            groups=groups_of(joints, self.rigid),
+            groups={one: names_of(one, joints, self.rigid) for one in UNITS if len(joints) > 1},
             limits={name: ends for name, ends in ranges if ends is not None},
             engaged=Engaged(self.layout) if "backlash" in on else None,
             arrest=Sticking(len(joints), sticks) if sticks else None,
@@ -358,7 +362,19 @@ class Robot(Summarised):
         Signs come by name (0 if absent), or one for each uncertain parameter: −1, 0 or 1 for the lower end, nominal and
         the upper end, or anything between; InvalidInput for others.
         """
-        signs = checked_signs(self.uncertain, signs)
-        for name in signs.keys() - self.nominal.keys():
-            self[name]  # refuses it
+        if not isinstance(signs, Mapping):
+            names = [parameter.name for parameter in self.uncertain]
+            if len(signs) != len(names):
+                found = f"expected one for each of {names}, got {len(signs)}"
+                raise InvalidInput(
+                    "A corner needs one sign per uncertain parameter.", found, "−1, 0 or 1 for each"
+                )
+            signs = dict(zip(names, signs, strict=True))
+        for name, sign in signs.items():
+            if not -1.0 <= sign <= 1.0:
+                found = f"expected −1 to 1, got {sign!r}"
+                raise InvalidInput(
+                    f"The sign for {self[name].name!r} leaves its tolerance.", found, "−1, 0 or 1"
+                )
+            self[name]  # refuses an unknown one
         return self.plant_parameters({p.name: p.at(float(signs.get(p.name, 0.0))) for p in self.parameters})
