@@ -15,8 +15,8 @@ from flexhinf.errors import InvalidInput
 from flexhinf.plant.polynomial_plant import PolynomialPlant
 from flexhinf.polynomial.basis import indices
 from flexhinf.polynomial.truncated import degree_slice, size
-from flexhinf.scalars.dependence import linear, nonzero, sizes_of_rows, switches
 from flexhinf.scalars.jet import jets, terms
+from flexhinf.scalars.trace import linear, nonzero, sizes_of_rows, switches
 from flexhinf.validation import value_text
 
 STATES, REST = -1, -2  # whose a monomial is; an input's or disturbance's number otherwise
