@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf.errors import InvalidInput
+from flexhinf.plant import Parameters
 from flexhinf.plant.plant import motion_of
 from flexhinf.robot.dynamics import frames_of
 from flexhinf.robot.elastic import DRIVES
@@ -153,8 +154,7 @@ class Reached:
 
 def link_frames(robot: Robot, positions: Sequence[float] | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Rotations (n, 3, 3) and origins (n, 3), m, of the links' own frames in the world, at joint positions (n,)."""
-    table = robot.plant().parameters
-    tree, *_ = robot.links.rigid(table.named(table.vector()))
+    tree, *_ = robot.links.rigid(Parameters(robot.plant_parameters()))
     n = len(tree)
     turns, places = np.zeros((n, 3, 3)), np.zeros((n, 3))
     for i, frame in enumerate(frames_of(tree, np.asarray(positions, dtype=float))):
@@ -252,8 +252,7 @@ def skeleton(robot: Robot, positions: Sequence[float] | np.ndarray) -> tuple[np.
     A link is drawn from its own joint through the joints that it carries. One that carries none ends at twice the
     distance of its centre of mass, where a uniform rod would end: a robot file states no shapes.
     """
-    table = robot.plant().parameters
-    tree, _, centres, _ = robot.links.rigid(table.named(table.vector()))
+    tree, _, centres, _ = robot.links.rigid(Parameters(robot.plant_parameters()))
     turns, places = link_frames(robot, positions)
     lines = []
     for i in range(len(tree)):

@@ -241,26 +241,16 @@ class Robot(Summarised):
     def operating_point(
         self, pose: Any = None, extras: str | Sequence[str] = (), parameters: Mapping[str, Any] | None = None
     ) -> tuple[np.ndarray, np.ndarray]:
-        """The equilibrium at a pose: q2 = q1 + K⁻¹ G(q1), exactly, and the input that holds it.
+        """The equilibrium (x, u) of `plant` at a pose: q2 = q1 + K⁻¹ G(q1), exactly, and the input that holds it.
 
         Parameters
         ----------
         pose : sequence, mapping by joint name, or number for one joint
-            Link positions, rad or m; the robot's home by default.
+            Link positions within the joints' limits, rad or m; the robot's home by default.
         extras : sequence of str
             As for `plant`: they change the spring, and add the coil's state.
         parameters : mapping, optional
             Those of the plant, as `corner` and `draw` return them; nominal by default.
-
-        Returns
-        -------
-        x, u : ndarray
-            State and input of `plant`.
-
-        Raises
-        ------
-        InvalidInput
-            For a pose that does not fit the joints or leaves their limits.
         """
         q = checked_pose(pose, np.asarray(self.home), self.links, self.name)
         packed = {**self.plant_parameters(), **(parameters or {})}
