@@ -331,7 +331,7 @@ class GeneralisedPlant(Summarised):
 ITERATIONS = 50
 
 
-def pose_values(pose: Any, names: Sequence[str]) -> np.ndarray:
+def pose_values(pose: Any, names: Sequence[str], owner: str = "plant") -> np.ndarray:
     """One finite value per name, from a mapping (zero for names left out) or a sequence."""
     if isinstance(pose, Mapping):
         unknown = [name for name in pose if name not in names]
@@ -339,8 +339,8 @@ def pose_values(pose: Any, names: Sequence[str]) -> np.ndarray:
             raise unknown_name(f"The pose names {unknown[0]!r}.", unknown[0], names)
         pose = [pose.get(name, 0.0) for name in names]
     expected = f"{len(names)} finite values for {list(names)}"
-    shape, advice = (len(names),), "one value per integrated state"
-    return checked_array("The pose does not fit the plant.", pose, shape, expected, advice)
+    shape, advice = (len(names),), "one value per name, rad (m where it slides)"
+    return checked_array(f"The pose does not fit the {owner}.", pose, shape, expected, advice)
 
 
 def equilibrium_at(plant: Plant, names: Sequence[str], values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -37,10 +37,11 @@ import numpy as np
 
 from flexhinf.errors import InvalidInput
 from flexhinf.plant.parameters import ParameterTable
+from flexhinf.plant.plant import pose_values
 from flexhinf.robot.parameters import per_joint
 from flexhinf.robot.units import TURNING, Stated
 from flexhinf.scalars import clip, derivative, series, trace
-from flexhinf.validation import checked_array, real_array, unknown_name
+from flexhinf.validation import real_array, unknown_name
 
 #: The parameter that each switch needs.
 EXTRAS = {
@@ -380,27 +381,18 @@ TURN = 2.0 * np.pi * (1.0 + 1e-9)
 def checked_pose(pose: Any, default: np.ndarray, links: Any, robot: str) -> np.ndarray:
     """Link positions (n,) within the limits, from a sequence, a mapping by joint, a number for one joint, or None."""
     names = links.joint_names
-    if pose is None:
-        pose = default
+    pose = default if pose is None else pose
     if isinstance(pose, Mapping):
         named = {name.removeprefix("link_position_"): value for name, value in pose.items()}
         if len(names) == 1 and "link_position" in named:
             named[names[0]] = named.pop("link_position")
-        unknown = [name for name in named if name not in names]
-        if unknown:
-            what = f"The pose names a joint that the robot {robot!r} does not have: {unknown[0]!r}."
-            raise unknown_name(what, unknown[0], names)
-        pose = [named.get(name, value) for name, value in zip(names, default)]
-    given = list(pose) if isinstance(pose, (tuple, list)) else [pose]
-    values = checked_array(
-        f"The pose does not fit the robot {robot!r}.",
-        pose,
-        (len(names),),
-        f"{len(names)} finite positions for {list(names)}",
-        "one link position per joint, rad (m for a prismatic joint)",
+        pose = dict(zip(names, default)) | named
+    values = pose_values(pose, names, f"robot {robot!r}")
+    given = list(
+        pose.values() if isinstance(pose, Mapping) else np.atleast_1d(np.asarray(pose, dtype=object))
     )
     for k, (name, limits, slides) in enumerate(zip(names, links.limits, links.slides)):
-        _check_position(name, values[k], given[k] if len(given) == len(names) else None, limits, slides)
+        _check_position(name, values[k], given[k], limits, slides)
     return values
 
 
