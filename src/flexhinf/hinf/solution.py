@@ -28,10 +28,9 @@ from flexhinf.notebook import names_text, number_text
 from flexhinf.plant.plant import GeneralisedPlant
 from flexhinf.plant.polynomial_plant import PolynomialPlant, Problem
 from flexhinf.plant.protocols import Law
-from flexhinf.polynomial.algebra import add_part, product
+from flexhinf.polynomial.algebra import PolynomialLaw, add_part, product
 from flexhinf.polynomial.basis import count
 from flexhinf.polynomial.homological import HOPELESS
-from flexhinf.polynomial.law import PolynomialLaw
 from flexhinf.scalars import digest, trace
 from flexhinf.validation import checked_path
 
