@@ -13,13 +13,11 @@ from flexhinf.pages.campaign_text import (
     worst_table,
     worst_text,
 )
-from flexhinf.pages.certificate import certificate_page
+from flexhinf.pages.certificate import certificate_page, certification_notes, certification_tables
 from flexhinf.pages.comparison import comparison_notes, comparison_page, comparison_verdict
 from flexhinf.pages.design.laws import comparison_tables
 from flexhinf.pages.files import comparison_files, design_files, write_comparison, write_design
 from flexhinf.pages.page import (
-    certification_notes,
-    certification_tables,
     design_page,
     design_tables,
     notes,
