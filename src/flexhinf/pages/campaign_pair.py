@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf.campaign import PairedMetric
-from flexhinf.design.campaign_setup import SIDES, PairResult
+from flexhinf.design.campaign_folder import SIDES, PairResult
 from flexhinf.pages.campaign import histogram, plain_axis, small_panels, write_page
 from flexhinf.pages.campaign_text import (
     SPREAD,
