@@ -305,7 +305,8 @@ def _steps(one: CertifiedDegree, shown: Evidence) -> list[Any]:
     given, solution, blocks = shown.certificate, one.choice.solution, list[Any]()
     value = solution.value if one.box is None else one.box.value
     scale, unit = _position(given)
-    for runs in (one.steps, shown.worst):
+    kinds: tuple[Any, ...] = (one.steps, shown.worst)
+    for runs in kinds:
         if not runs:
             continue
         figure, axes = new_figure(3, height=6.4)
