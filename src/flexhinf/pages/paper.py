@@ -72,11 +72,7 @@ MISPRINTS = (
     ("Eq. (10) with Table 3", "five sigma points", "2n + 1 = 9 for n = 4; λ = 0, W0ᵐ = 0, W0ᶜ = 2, Wᵢ = 1/8"),
     ("Sec. 2", "gravity inside C, and G", "gravity once"),
     ("Sec. 3", "asymptotically stable at u = 0", "with u = k(x): x5 is an integrator"),
-    (
-        "Figs. 7, 9, 10, 12",
-        "captions lost",
-        "tracking; tolerances measured, estimated; sinusoidal disturbance",
-    ),
+    ("Figs. 7, 9, 10, 12", "captions lost", "tracking; tolerances, measured and estimated; sine disturbance"),
 )
 
 OPEN = (
@@ -253,11 +249,7 @@ FIGURES: dict[str, tuple[str, str | Callable[[PaperSetup], str], Callable[[Paper
     ),
     "10": (
         "The runs of Figure 9 as estimated.",
-        lambda e: (
-            "The estimator's model is the nominal plant without coil."
-            if e.settings.estimator != "none"
-            else "The true state is fed back, so they are the same."
-        ),
+        "The estimator's model is the nominal plant without coil; the same where the true state is fed back.",
         lambda e: draw_sampled(e.sampled_plants, "estimate"),
     ),
     "11": (
@@ -423,12 +415,9 @@ def _numbered(
 
 
 def _key_numbers(setup: PaperSetup) -> list[KeyNumber]:
-    ratio, least = (
-        f"{setup.settings.gamma_ratio:g} γ*; the paper gives none",
-        "smallest feasible γ, by bisection",
-    )
+    ratio = f"{setup.settings.gamma_ratio:g} γ*; the paper gives none"
     numbers = [
-        KeyNumber("γ* of the paper's problem", f"{setup.gamma_star:.4f}", note=least),
+        KeyNumber("γ* of the paper's problem", f"{setup.gamma_star:.4f}", note="the smallest feasible one"),
         KeyNumber("γ of the paper's law here", f"{setup.gamma:.4f}", note=ratio),
     ]
     for goal, runs in (("180°", setup.runs("03")), ("90°", setup.runs("05"))):

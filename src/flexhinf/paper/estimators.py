@@ -108,13 +108,8 @@ def _reconstructs(setup: PaperSetup) -> Finding:
         span = float(np.ptp(true))
         rmse = float(np.sqrt(np.mean((guess - true)[run.time >= RECONSTRUCTED_FROM] ** 2)))
         rows.append((name.replace("_", " "), rmse, span, 100.0 * rmse / span))
-    unit = "rad or rad/s"
-    columns = (
-        "state",
-        Column("RMS error", unit),
-        Column("range in the run", unit),
-        Column("error / range", "%", 3),
-    )
+    errors = [Column(name, "rad or rad/s") for name in ("RMS error", "range in the run")]
+    columns = ("state", *errors, Column("error / range", "%", 3))
     variance = number(setup.settings.measurement_noise)
     caption = f"UKF on the nominal 180° step, link position measured with Rⁿ = {variance} rad²."
     largest = max(rmse / span for _, rmse, span, _ in rows)

@@ -216,14 +216,11 @@ def _tolerance_table(study: ToleranceStudy) -> Table:
             found |= {f"q on {form}": study.of_form(form, goal) for form in FORMS}
         for which, group in found.items():
             corners, alone = [unstable_of(rates, "corner") for rates in group], study.sufficient_alone(group)
-            sampled, fastest = (
-                max(unstable_of(rates, "draw") for rates in group),
-                max(rates.fastest for rates in group),
-            )
+            sampled = max(unstable_of(rates, "draw") for rates in group)
+            fastest = known(max(rates.fastest for rates in group))
             more = f" and {len(alone) - 3} more" if len(alone) > 3 else ""
-            texts = name_goal(goal), which
-            counts = min(corners), max(corners), sampled, known(fastest)
-            rows.append((*texts, *counts, "; ".join(alone[:3]) + more or "none"))
+            single = "; ".join(alone[:3]) + more or "none"
+            rows.append((name_goal(goal), which, min(corners), max(corners), sampled, fastest, single))
     columns = (
         "goal", "R^v", Column("corners unstable, fewest over q"), Column("corners unstable, most over q"),
         Column("sampled plants unstable, most over q"), Column("fastest growth", "1/s", 3),

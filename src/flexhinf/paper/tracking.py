@@ -89,7 +89,7 @@ def _beats_linear(setup: PaperSetup) -> Finding:
 
 def _beats_linear_about_the_goal(setup: PaperSetup) -> Finding:
     rows: dict[tuple[str, str], Trajectory] = {}
-    wins, rest = [], setup.arm.operating_point(0.0, ("inductance",))
+    wins, (rest, held) = [], setup.arm.operating_point(0.0, ("inductance",))
     for goal in reversed(GOALS):
         for about, pose in (("the hanging rest", 0.0), ("the goal", goal)):
             runs = []
@@ -98,15 +98,9 @@ def _beats_linear_about_the_goal(setup: PaperSetup) -> Finding:
                 solution, period = setup.law(degree=degree, pose=pose), setup.settings.period
                 loop = setup.loop(solution, inductance=True)
                 controller = Controller(solution, loop.controller.estimator, period, start="bumpless")
-                run = Loop(loop.true_plant, controller).run(
-                    Step(goal),
-                    None,
-                    setup.deviation(loop),
-                    STEP_DURATION,
-                    rest[0],
-                    setup.settings.seed,
-                    rest[1],
-                )
+                noise, seed = setup.deviation(loop), setup.settings.seed
+                bumpless = Loop(loop.true_plant, controller)
+                run = bumpless.run(Step(goal), None, noise, STEP_DURATION, rest, seed, held)
                 runs.append(run)
                 rows[name_goal(goal), f"{name} about {about}"] = run
         wins.append(beats(*runs))  # of the laws about the goal
