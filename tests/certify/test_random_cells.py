@@ -18,11 +18,11 @@ from tests.certify.definition import in_balls, in_doubles
 
 import flexhinf as fh
 from flexhinf.certify import Certificate
-from flexhinf.certify.box import BoxExcess, parameter_ranges, tolerance_statement
+from flexhinf.certify.box import parameter_ranges, tolerance_statement
 from flexhinf.certify.cells import CellBounds, Cells
 from flexhinf.certify.checker.bounds import Face, Proof
 from flexhinf.certify.inequality import Inequality
-from flexhinf.certify.problem_to_claim import nearest_double, statement_of
+from flexhinf.certify.problem_to_claim import statement_of
 
 ARM = fh.paper_arm()
 CHECKED = fh.Penalty((60.0, 0.0, 0.0, 0.0, 300.0), effort=10.0)
@@ -92,10 +92,9 @@ def random_points(cells: Cells, reach: float, rng: np.random.Generator) -> tuple
 
 # The two programs -----------------------------------------------------------------------------------
 def bounds_of_the_search(claim: Certificate, cells: Cells) -> Bounded:
-    box = BoxExcess(claim, claim.reach) if any(p.low < p.high for p in claim.parameters) else None
     inequality = Inequality(claim)
-    extent = [1.1 * claim.reach * sum(abs(nearest_double(a)) for a in q.form) for q in inequality.quotients]
-    bounds = CellBounds(inequality, claim.reach, extent, box)
+    extent = 1.1 * claim.reach * np.abs(inequality.forms(inequality.functions)).sum(axis=1)
+    bounds = CellBounds(inequality, claim.reach, extent.tolist())
     found, inside = bounds.bound(cells, math.inf), bounds.bound(cells, claim.level)
     return Bounded(found.upper, inside.upper_inside, found.growth, found.least_value)
 

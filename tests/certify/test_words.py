@@ -82,7 +82,7 @@ def test_the_printed_budget_holds_along_runs(d: str, v: str) -> None:
         assert bound(sentence("Budget"), found) == pytest.approx(found["v"])
 
 
-def test_one_budget_on_terminal_page_and_in_the_checker() -> None:
+def test_one_budget_on_terminal_page_and_in_the_theorem(repository: Path) -> None:
     stated = KNOWN.stated
     terminal = sentence("Budget").partition("Budget: ")[2]
     assert terminal in next(t for t in dict(theorem_parts(KNOWN, stated))["Proved"] if "Budget" in t)
@@ -90,8 +90,8 @@ def test_one_budget_on_terminal_page_and_in_the_checker() -> None:
         [s for s in import_module("flexhinf.pages.certificate")._theorem(KNOWN) if s.title == "Proved"]
     )
     assert "(energy of z) \u2264 \u03b3\u00b2 (energy of d) + (integral of v\u1d40R2 v) + 2 V(x(0))" in shown
-    said = "\u222b|z|\u00b2 dt \u2264 \u03b3\u00b2\u222b|d|\u00b2 dt + \u222bv\u1d40R2v dt + 2V(x(0))"
-    assert said in str(checker.__doc__)
+    said = "∫|z|² ≤ γ²∫|d|² + ∫vᵀR2v + 2V(x(0))"
+    assert said in (repository / "docs" / "certificate.md").read_text(encoding="utf-8")
 
 
 def test_what_its_author_says_is_no_hypothesis() -> None:

@@ -60,16 +60,9 @@ _MOST_VERTICES = 4096
 
 
 def parameter_ranges(robot: Robot, plant: Any, scale: float = 1.0) -> dict[str, tuple[float, float]]:
-    """Ranges of a plant's parameters over the robot's tolerances, rounded outwards.
+    """Ranges of a plant's parameters over `scale` times the robot's tolerances, rounded outwards.
 
-    Parameters
-    ----------
-    robot : Robot
-        Each parameter of its plant is monotone in each of its own, so the ends are those of its corners.
-    plant : Plant or GeneralisedPlant
-        Of the robot.
-    scale : float
-        Of all tolerances.
+    Each parameter of the plant is monotone in each of the robot's, so the ends are those of its corners.
     """
     table = plant.parameters
     names = [parameter.name for parameter in robot.uncertain]
@@ -79,10 +72,8 @@ def parameter_ranges(robot: Robot, plant: Any, scale: float = 1.0) -> dict[str, 
     ]
     low, high = np.min(rows, axis=0), np.max(rows, axis=0)
     varies = low < high
-    low, high = (
-        np.where(varies, np.nextafter(low, -np.inf), low),
-        np.where(varies, np.nextafter(high, np.inf), high),
-    )
+    low = np.where(varies, np.nextafter(low, -np.inf), low)
+    high = np.where(varies, np.nextafter(high, np.inf), high)
     return dict(zip(flat_names(table), zip(low.tolist(), high.tolist())))
 
 
@@ -230,9 +221,8 @@ class BoxExcess:
         columns = [[nearest_double(c) for c in change] for change in found.values()]
         self._changes = np.array(columns).reshape(-1, len(changes.corners)).T  # (vertices, products)
         self._factors = np.array(list(found), dtype=int).reshape(-1, 3).T.copy()  # no function: −1
-        self._mean = MeanForms(self.n, changes.forms)
-        lines = [[nearest_double(a) for a in changes.form(f.slope)] for f in certificate.functions]
-        self._lines = np.array(lines).reshape(-1, self.n)
+        self._mean = MeanForms(self.n, changes.enclosed)
+        self._lines = changes.forms(certificate.functions)
         self._tables = [
             quotient_table(f, reach * float(np.abs(line).sum()) * (1.0 + _ROUNDING) + 0.25, _ORDER)
             for f, line in zip(certificate.functions, self._lines)
@@ -243,14 +233,8 @@ class BoxExcess:
     ) -> tuple[np.ndarray, np.ndarray]:
         """The bound, (N,), and how much the radius and each t_j add to it, (n, N).
 
-        Parameters
-        ----------
-        face : ndarray of int, shape (N,)
-            2 f for the face z_f = ρ of the cube, 2 f + 1 for z_f = −ρ.
-        t, half : ndarray, shape (n − 1, N)
-            Centre and half width of the cell in the other z_i/ρ.
-        low, high : ndarray, shape (N,)
-            The cell's interval of ρ.
+        `face` is 2 f for the face z_f = ρ of the cube and 2 f + 1 for z_f = −ρ, (N,); `t` and `half` are centre and
+        half width in the other z_i/ρ, (n − 1, N); `low` and `high` the interval of ρ, (N,).
         """
         middle = np.vstack([0.5 * (low + high), t])
         halves = np.vstack([0.5 * (high - low), half])
@@ -295,12 +279,12 @@ class BoxExcess:
 class _Changes(Algebra):
     """How the monomials of the parameters change from the middle of the box to its vertices (`corners`).
 
-    `forms` are the polynomials in z without constants that are to be enclosed, each once.
+    `enclosed` are the polynomials in z without constants that are to be enclosed, each once.
     """
 
     def __init__(self, certificate: Certificate) -> None:
         super().__init__(certificate)
-        self.forms: list[Rational] = []
+        self.enclosed: list[Rational] = []
         self._known: dict[object, int] = {}
         self._value, self._laws = self.in_x(certificate.value), [*map(self.in_x, certificate.law)]
         ranges = {p.name: (rational(p.low), rational(p.high)) for p in certificate.parameters}
@@ -337,8 +321,8 @@ class _Changes(Algebra):
     def _number(self, key: object, polynomial: fmpq_mpoly) -> int:
         """The place of a polynomial among those that are enclosed."""
         if key not in self._known:
-            self._known[key] = len(self.forms)
-            self.forms.append(terms_of(self.moved(polynomial)))
+            self._known[key] = len(self.enclosed)
+            self.enclosed.append(terms_of(self.moved(polynomial)))
         return self._known[key]
 
     def _slope(self, i: int) -> int:

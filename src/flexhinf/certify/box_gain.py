@@ -43,12 +43,7 @@ _SCALES = np.geomspace(
 def sampled_gain(statement: Certificate, level: float, about: float, seed: int = 0) -> tuple[float, float]:
     """The smallest γ (inf where no s has one) that no point of {V ≤ level} refuses, and its s.
 
-    Parameters
-    ----------
-    statement : Certificate
-        Its V is taken as it is, its γ and level do not count.
-    about : float
-        The s in the middle of those that are tried.
+    The statement's V is taken as it is, its γ and level do not count; `about` is the s in the middle of those tried.
     """
     rng = np.random.default_rng(seed)
     vertices = box_vertices(statement)
@@ -190,11 +185,8 @@ class CommonValue:
 def common_value(statement: Certificate) -> CommonValue | None:
     """The quadratic V with the smallest γ, and those with more; None where no quadratic V has any gain.
 
-    Parameters
-    ----------
-    statement : Certificate
-        With a linear law; its V scales the search, its γ and level do not count. Terms of the plant of a higher degree
-        are left out.
+    The statement has a linear law; its V scales the search, its γ and level do not count. Terms of the plant of a
+    higher degree are left out.
     """
     n, r2 = len(statement.states), np.array(statement.r2)
     t = np.linalg.inv(

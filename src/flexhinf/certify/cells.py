@@ -47,13 +47,11 @@ from flexhinf.certify.inequality import (
     QuotientTable,
     Rational,
     by_parity,
-    is_symmetric,
     parity,
     quotient_table,
-    times_powers,
 )
 from flexhinf.certify.kernel import LANES, LOW, POINTERS, Layout, Shape, kernel_text, monomials_of
-from flexhinf.certify.problem_to_claim import nearest_double
+from flexhinf.certify.problem_to_claim import nearest_double, terms_of
 from flexhinf.codegen import machine
 from flexhinf.codegen.compiler import cached
 from flexhinf.errors import NumericalFailure
@@ -65,6 +63,7 @@ _VALUE = 2.0**-100  # K u times this exceeds what the balls of a table leave out
 _LARGEST = 1e150
 _ORDER = 4  # least degree M of the polynomial in ℓ that stands for a quotient
 _ENTRY = "flexhinf_cells"
+_ASYMMETRY = 1e-9  # largest share of terms of the wrong parity, for opposite faces to be treated together
 
 
 class _PerCell:
@@ -114,53 +113,47 @@ class Bounds(_PerCell):
 
 
 class CellBounds:
-    """The tables of one inequality, and the kernel that reads them.
+    """The tables of one inequality in max|z_i| ≤ reach (few bits), and the kernel that reads them.
 
-    Parameters
-    ----------
-    reach : float
-        Largest radius; few bits.
-    extent : sequence of float
-        Largest |ℓ_j| for which the functions are enclosed.
-    box : BoxExcess, optional
-        What the parameters' box adds to r; without, all have one value.
+    `extent` are the largest |ℓ_j| for which the functions are enclosed.
     """
 
-    def __init__(
-        self, inequality: Inequality, reach: float, extent: Sequence[float], box: BoxExcess | None = None
-    ) -> None:
-        self.n, self.reach, self.box = inequality.n, reach, box
-        self.forms = np.array([[nearest_double(a) for a in q.form] for q in inequality.quotients])
-        self.symmetric = is_symmetric(inequality)
+    def __init__(self, inequality: Inequality, reach: float, extent: Sequence[float]) -> None:
+        self.n, self.reach, given = inequality.n, reach, inequality.certificate
+        self.box = BoxExcess(given, reach) if any(p.low < p.high for p in given.parameters) else None
+        self.lines = inequality.forms(inequality.functions)
+        signs = [parity(function) for function in inequality.functions]
+        pairs = [(inequality.value, True), (inequality.polynomial, True)]
+        pairs += [(factor, sign == -1) for factor, sign in zip(inequality.factors, signs)]  # Φ odd: S even
+        split = [by_parity(terms, even) for terms, even in pairs]
+        sizes = [[sum(abs(nearest_double(v)) for v in part.values()) for part in pair] for pair in split]
+        # V(−z) = V(z) and r(−z) = r(z) but for rounding, which then is added to the allowance
+        self.symmetric = 0 not in signs and all(odd <= _ASYMMETRY * (even + odd) for even, odd in sizes)
+        if not self.symmetric:
+            split = [(terms, {}) for terms, _ in pairs]
         self.faces = [
             (face, sign) for face in range(self.n) for sign in ((1,) if self.symmetric else (1, -1))
         ]
-
-        def kept(terms: Rational, even: bool) -> tuple[Rational, Rational]:
-            return by_parity(terms, even) if self.symmetric else (terms, {})
-
-        value, value_odd = kept(inequality.value, True)
-        whole, whole_odd = kept(inequality.polynomial, True)
-        factors = [kept(q.factor, parity(q.function) == -1) for q in inequality.quotients]  # Φ odd: S even
+        (value, whole, *factors), odd = zip(*split)
         highest = max(map(sum, whole))
         self.tables: list[QuotientTable] = []
         powers: list[Rational] = []
-        for (factor, _), quotient, most in zip(factors, inequality.quotients, extent):
+        for factor, function, most in zip(factors, inequality.functions, extent):
             order = max(_ORDER, highest - max(map(sum, factor), default=2))
-            self.tables.append(quotient_table(quotient.function, most, order))
-            powers += times_powers(factor, quotient.form, order)
+            self.tables.append(quotient_table(function, most, order))
+            product, line = inequality.z.from_dict(factor), inequality.moved(inequality.line(function.slope))
+            for _ in range(order + 1):
+                powers.append(terms_of(product))
+                product = product * line
         every = sorted({k for part in (whole, *powers) for k in map(sum, part)})
         terms = [_degrees(part) for part in powers]
         self.shape = shape = Shape(
-            self.n, _degrees(value), [_degrees(factor) or (2,) for factor, _ in factors], every, terms
+            self.n, _degrees(value), [_degrees(factor) or (2,) for factor in factors], every, terms
         )
         self.value_table = self._table(value, shape.value)
-        quotients = [self._table(part, layout) for (part, _), layout in zip(factors, shape.quotients)]
+        quotients = [self._table(part, layout) for part, layout in zip(factors, shape.quotients)]
         self.quotient_table = np.hstack(quotients) if quotients else np.zeros((len(self.faces), 1))
         parts = [self._table(part, shape.whole) for part in (whole, *powers)]
-        self._value_sizes = _sums_on_faces(self.value_table, shape.value)
-        self._whole_sizes = np.stack([_sums_on_faces(part, shape.whole) for part in parts])
-        self._factor_sizes = [_sums_on_faces(q, layout) for q, layout in zip(quotients, shape.quotients)]
         columns = []
         for group in shape.whole.groups:
             for b in range(group.count):
@@ -171,14 +164,20 @@ class CellBounds:
         which, place = np.array(columns).T
         self.table = np.ascontiguousarray(np.stack(parts)[which, :, place].T)
         self._highest = max(every[-1], max(map(sum, inequality.value)), max(map(sum, inequality.polynomial)))
-        odd = [value_odd, whole_odd, *(part for _, part in factors)]
-        sums = np.zeros((len(odd), self._highest + 1))  # of absolute coefficients, by degree
-        for row, part in zip(sums, odd):
-            for key, coefficient in part.items():
+
+        def sums(terms: Rational) -> np.ndarray:
+            """Sums of absolute coefficients by degree: on each face the same."""
+            row = np.zeros(self._highest + 1)
+            for key, coefficient in terms.items():
                 row[sum(key)] += abs(nearest_double(coefficient))
-        self._odd_value, self._odd_whole, *self._odd_factors = sums * (1 + 1e-12)
-        self._exponents = np.array(list(inequality.value))
-        self._coefficients = np.array([nearest_double(value) for value in inequality.value.values()])
+            return row * (1 + 1e-12)
+
+        self._value_sizes, self._odd_value, self._odd_whole, *self._odd_factors = map(sums, (value, *odd))
+        self._whole_sizes, self._factor_sizes = [*map(sums, (whole, *powers))], [*map(sums, factors)]
+        self.value_terms = (
+            np.array(list(inequality.value)),
+            np.array([nearest_double(value) for value in inequality.value.values()]),
+        )
         self._check_sizes()
         self._compile()
 
@@ -254,19 +253,15 @@ class CellBounds:
     # Cells --------------------------------------------------------------------------------------
     def bound(self, cells: Cells, level: float, pool: ThreadPoolExecutor | None = None) -> Bounds:
         """Bounds on cells; the same for any number of threads."""
-        order = np.argsort(cells.face, kind="stable")
-        counts = np.bincount(cells.face, minlength=len(self.faces))
-        groups = -(-counts // LANES)
-        starts = np.cumsum(groups) - groups
-        rank = np.arange(len(order)) - np.repeat(np.cumsum(counts) - counts, counts)
-        slot = np.empty(len(order), dtype=np.int64)
-        slot[order] = starts[cells.face[order]] * LANES + rank
-        total = int(groups.sum())
-        faces = np.repeat(np.arange(len(self.faces)), groups)
-        filled = np.zeros(total * LANES, dtype=np.int64)  # empty lanes repeat the first cell of their face
-        first = order[np.minimum(np.cumsum(counts) - counts, len(order) - 1)]
-        filled[:] = np.repeat(first[faces], LANES)
-        filled[slot] = np.arange(len(cells))
+        mine = [np.flatnonzero(cells.face == face) for face in range(len(self.faces))]
+        padded = [np.append(cell, np.repeat(cell[:1], -len(cell) % LANES)) for cell in mine]
+        filled = np.concatenate(padded)  # empty lanes repeat the first cell of their face
+        faces, total = (
+            np.repeat(np.arange(len(mine)), [len(part) // LANES for part in padded]),
+            len(filled) // LANES,
+        )
+        slot = np.empty(len(cells), dtype=np.int64)
+        slot[filled[::-1]] = np.arange(len(filled))[::-1]  # of each cell the first
         rows, names = self.rows(cells), self.shape.outputs
         score = np.zeros((self.n, len(cells)))
         if self.box is not None:
@@ -284,8 +279,9 @@ class CellBounds:
 
         def run(first: int, last: int) -> None:
             whole = arrays | {"work": _aligned(self.shape.work["count"] * LANES)}
-            addresses = [whole[name].ctypes.data for name in POINTERS[2:]]
-            self._entry(np.array([first, last, *addresses], dtype=np.int64).ctypes.data)
+            addresses = (whole[name].ctypes.data for name in POINTERS[2:])
+            words = np.array([first, last, *addresses], dtype=np.int64)
+            self._entry(words.ctypes.data)
 
         if pool is None:
             run(0, len(faces))
@@ -297,16 +293,6 @@ class CellBounds:
         single = {name: found[:, names[name]] for name in list(names)[:-2]}
         return Bounds(**single, score=found[:, names["score"] :] + score.T)
 
-    def point(self, cells: Cells, place: int) -> np.ndarray:
-        """The middle of one cell, z (n,)."""
-        variable, sign = self.faces[int(cells.face[place])]
-        radius = self.reach * (cells.inner[place] + cells.outer[place]) / 2
-        return np.insert(cells.t[place] * radius, variable, sign * radius)
-
-    def values(self, points: np.ndarray) -> np.ndarray:
-        """V at points z (N, n), not rounded in any direction."""
-        return polynomial_values(self._exponents, self._coefficients, points)
-
     def rows(self, cells: Cells) -> np.ndarray:
         """The kernel's inputs (N, rows) for each cell. Radii are exact: fractions and the reach have few bits."""
         inner, outer = cells.inner * self.reach, cells.outer * self.reach
@@ -317,20 +303,18 @@ class CellBounds:
         powers = outer[:, None] ** np.arange(self._highest + 1) * (1 + 1e-12)
         lowered = np.hstack([np.zeros((len(face), 2)), powers[:, :-2]])
 
-        def allowed(in_value: np.ndarray, odd: np.ndarray) -> np.ndarray:
-            return unit * in_value.sum(1) + odd.sum(1) * (1 + 1e-12) + self._underflow
+        degrees = np.arange(self._highest + 1)
 
-        def magnitude(sizes: np.ndarray) -> np.ndarray:
-            return (sizes[face] * lowered[:, : sizes.shape[1]]).sum(1)
+        def allowed(size: np.ndarray, odd: np.ndarray) -> np.ndarray:
+            return unit * size + odd * (1 + 1e-12) + self._underflow
 
-        degrees = np.arange(self._value_sizes.shape[1])
-        in_value = self._value_sizes[face]
-        value_rounding = allowed(in_value * powers[:, degrees], self._odd_value * powers)
-        odd_growth = self._odd_value * np.arange(self._highest + 1) * lowered
-        growth_rounding = allowed(in_value * degrees * lowered[:, degrees], odd_growth)
-        size, odd = magnitude(self._whole_sizes[0]), (self._odd_whole * lowered).sum(1)
+        value_rounding = allowed(powers @ self._value_sizes, powers @ self._odd_value)
+        growth_rounding = allowed(
+            lowered @ (degrees * self._value_sizes), lowered @ (degrees * self._odd_value)
+        )
+        size, odd = lowered @ self._whole_sizes[0], lowered @ self._odd_whole
         errors, coefficients, sizes = [], [], iter(self._whole_sizes[1:])
-        for j, (form, table) in enumerate(zip(self.forms, self.tables)):
+        for j, (form, table) in enumerate(zip(self.lines, self.tables)):
             slope = np.stack([np.delete(form, variable) for variable, _ in self.faces])
             at = np.array([sign * form[variable] for variable, sign in self.faces])[face]
             at = at + (slope[face] * cells.t).sum(1)
@@ -343,13 +327,13 @@ class CellBounds:
             )
             rows, error = table.enclose(low, high)
             for row in rows.T:
-                size = size + (np.abs(row) + _VALUE) * magnitude(next(sizes))
+                size = size + (np.abs(row) + _VALUE) * (lowered @ next(sizes))
             if self.symmetric:
-                odd = odd + table.largest * (self._odd_factors[j] * lowered).sum(1)
-            size = size + np.where(np.isfinite(error), error, 0.0) * magnitude(self._factor_sizes[j])
+                odd = odd + table.largest * (lowered @ self._odd_factors[j])
+            size = size + np.where(np.isfinite(error), error, 0.0) * (lowered @ self._factor_sizes[j])
             errors.append(error)
             coefficients.append(rows)
-        rounding = unit * size + odd * (1 + 1e-12) + self._underflow
+        rounding = allowed(size, odd)
         scalars = [inner, outer, middle, half, value_rounding, growth_rounding, rounding, *errors]
         return np.hstack([cells.t, cells.h, np.stack(scalars, axis=1), *coefficients])
 
@@ -357,15 +341,6 @@ class CellBounds:
 def _degrees(terms: Rational) -> tuple[int, ...]:
     """The degrees of a polynomial's terms, ascending."""
     return tuple(sorted({sum(key) for key in terms}))
-
-
-def _sums_on_faces(table: np.ndarray, layout: Layout) -> np.ndarray:
-    """Sums of absolute coefficients (faces, highest degree + 1)."""
-    sums = np.zeros((len(table), layout.degrees[-1] + 1))
-    for group in layout.groups:
-        part = table[:, group.offset : group.offset + group.count * len(group.degrees)]
-        sums[:, list(group.degrees)] += np.abs(part).reshape(len(table), group.count, -1).sum(1)
-    return sums * (1 + 1e-12)
 
 
 def _aligned(count: int) -> np.ndarray:
@@ -481,10 +456,14 @@ def _following(cells: Cells) -> Cells:
     return replace(cells, inner=cells.outer, outer=np.minimum(cells.outer + _GROWTH * length, 1.0))
 
 
-def _outcome(bounds: CellBounds, cells: Cells, found: Bounds, place: int, reason: str) -> Outcome:
-    """A search that ended at the middle of a cell."""
-    point = bounds.point(cells, place)
-    return Outcome(False, reason, point, float(found.value[place]), float(found.centre[place]), 0)
+def _outcome(
+    bounds: CellBounds, cells: Cells, found: Bounds, place: int, reason: str
+) -> tuple[Outcome, np.ndarray]:
+    """A search that ended at the middle of a cell, and that point z (n,)."""
+    variable, sign = bounds.faces[int(cells.face[place])]
+    radius = bounds.reach * (cells.inner[place] + cells.outer[place]) / 2
+    point = np.insert(cells.t[place] * radius, variable, sign * radius)
+    return Outcome(False, reason, point, float(found.value[place]), float(found.centre[place]), 0), point
 
 
 def _disproved(bounds: CellBounds, cells: Cells, found: Bounds, level: float) -> Outcome | None:
@@ -492,12 +471,12 @@ def _disproved(bounds: CellBounds, cells: Cells, found: Bounds, level: float) ->
     broken = (found.centre > found.allowance) & np.isfinite(found.allowance)
     stops = found.growth_at_centre < -bounds.rows(cells)[:, bounds.shape.inputs["growth_rounding"]]
     inside = found.value < level * (1 - 1e-9)
-    for place in np.flatnonzero((broken | stops) & inside):
-        point = bounds.point(cells, int(place))
-        values = bounds.values(point[None] * np.linspace(0.0, 1.0, _ALONG + 1)[1:, None])
-        if (values < level).all():
-            reason = "r > 0" if broken[place] else "V stops increasing"
-            return _outcome(bounds, cells, found, int(place), reason)
+    for place in np.flatnonzero((broken | stops) & inside).tolist():
+        reason = "r > 0" if broken[place] else "V stops increasing"
+        outcome, point = _outcome(bounds, cells, found, place, reason)
+        ray = point[None] * np.linspace(0.0, 1.0, _ALONG + 1)[1:, None]
+        if (polynomial_values(*bounds.value_terms, ray) < level).all():
+            return outcome
     return None
 
 
@@ -522,7 +501,7 @@ def _halves(bounds: CellBounds, cells: Cells, found: Bounds) -> Outcome | Cells:
     if small.any():
         place = int(np.flatnonzero(small)[0])
         reason = "not closed" if cells.inner[place] >= 1 else "undecided"
-        return _outcome(bounds, cells, found, place, reason)
+        return _outcome(bounds, cells, found, place, reason)[0]
     along = cells.chosen(np.flatnonzero(chosen == 0))
     along.outer = (along.inner + along.outer) / 2
     places = np.flatnonzero(chosen > 0)

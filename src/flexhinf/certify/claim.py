@@ -152,29 +152,18 @@ class Start:
     x_i(a) is a sum of terms in the one variable a, with functions of ℓa, plus `table_i` interpolated linearly over
     `amplitudes`. A path inside {V ≤ c} stays in the component of 0.
 
-    Attributes
-    ----------
-    rule : str
-        How the controller starts its integrators, as a sentence: what the theorem says about x(0).
-    amplitude : float
-        In the unit of the moved state.
-    path : tuple of Terms, one per state
-        In powers (k,) of a.
-    functions : tuple of Function
-        Of one variable: slopes of length 1.
-    amplitudes : tuple of float
-        From 0 to `amplitude`, strictly growing; empty without a table.
-    table : tuple of tuple of float
-        Per state the values there; empty for states without one.
+    `rule` says how the controller starts its integrators, `amplitude` is in the unit of the moved state.
     """
 
     __pydantic_config__ = ONLY_KNOWN
 
-    rule: Name
+    rule: Name  # a sentence: what the theorem says about x(0)
     amplitude: Double
-    path: Annotated[tuple[Terms, ...], Field(max_length=MOST_STATES)]
-    functions: Annotated[tuple[Function, ...], Field(max_length=MOST_FUNCTIONS)] = ()
+    path: Annotated[tuple[Terms, ...], Field(max_length=MOST_STATES)]  # one per state, in powers (k,) of a
+    functions: Annotated[tuple[Function, ...], Field(max_length=MOST_FUNCTIONS)] = ()  # slopes of length 1
+    #: From 0 to `amplitude`, strictly growing; empty without a table.
     amplitudes: Annotated[tuple[Double, ...], Field(max_length=MOST_TERMS)] = ()
+    #: Per state the values there; empty for states without one.
     table: Annotated[
         tuple[Annotated[tuple[Double, ...], Field(max_length=MOST_TERMS)], ...], Field(max_length=MOST_STATES)
     ] = ()
@@ -203,33 +192,19 @@ class Start:
 
 @dataclass(frozen=True)
 class Observer:
-    """x̂' = f with its nonlinear part taken from y, + g2 u + L (y − C x̂), of the n_e states that are not `known`.
-
-    Attributes
-    ----------
-    measured : matrix, (p, n)
-        C: y = C x, in deviations.
-    known : tuple of str
-        States that the controller computes itself (its integrators): their estimates have no errors.
-    gain : matrix, (n_e, p)
-        L.
-    weight, storage : matrices, (n_e, n_e)
-        M and X: ½ eᵀXe pays for ½ eᵀMe ≥ ½ vᵀR2v, v = k(x̂) − k(x).
-    gain_error : float
-        γ_e: ½ γ_e² |d|² pays for what disturbances do to e; 0 where they do nothing.
-    energy : float
-        ε: initial errors e₀ have ½ e₀ᵀXe₀ + ½ γ_e² ∫|d|² ≤ ε.
-    """
+    """x̂' = f with its nonlinear part taken from y, + g2 u + L (y − C x̂), of the n_e states that are not `known`."""
 
     __pydantic_config__ = ONLY_KNOWN
 
-    measured: Matrix
-    known: Annotated[tuple[Name, ...], Field(max_length=MOST_STATES)]
-    gain: Matrix
-    weight: Matrix
-    storage: Matrix
-    gain_error: Double
-    energy: Double
+    measured: Matrix  # C (p, n): y = C x, in deviations
+    known: Annotated[
+        tuple[Name, ...], Field(max_length=MOST_STATES)
+    ]  # integrators: their estimates have no errors
+    gain: Matrix  # L (n_e, p)
+    weight: Matrix  # M (n_e, n_e)
+    storage: Matrix  # X (n_e, n_e): ½ eᵀXe pays for ½ eᵀMe ≥ ½ vᵀR2v, v = k(x̂) − k(x)
+    gain_error: Double  # γ_e: ½ γ_e² |d|² pays for what disturbances do to e; 0 where they do nothing
+    energy: Double  # ε: initial errors e₀ have ½ e₀ᵀXe₀ + ½ γ_e² ∫|d|² ≤ ε
 
     def __post_init__(self) -> None:
         distinct("A state that is known to the controller", list(self.known))

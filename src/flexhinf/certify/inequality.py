@@ -31,7 +31,6 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from itertools import product
 from math import comb, prod
-from typing import NamedTuple
 
 import flint
 import numpy as np
@@ -41,19 +40,8 @@ from flexhinf.certify.certificate import Certificate
 from flexhinf.certify.claim import Function, Polynomial, Term
 from flexhinf.certify.problem_to_claim import nearest_double, rational, terms_of
 
-#: Largest share of the terms of the wrong parity for opposite faces to be treated together.
-_ASYMMETRY = 1e-9
-
 #: A polynomial: coefficients by exponents.
 Rational = dict[tuple[int, ...], fmpq]
-
-
-class Quotient(NamedTuple):
-    """One term Q S(ℓ) of r: the factor Q(z), and ℓ as a linear form of z."""
-
-    factor: Rational
-    form: tuple[fmpq, ...]
-    function: Function
 
 
 class Algebra:
@@ -83,14 +71,16 @@ class Algebra:
         """ℓᵀx."""
         return self.x.from_dict({unit: rational(a) for unit, a in zip(self._units, slope) if a})
 
-    def form(self, slope: Sequence[float]) -> tuple[fmpq, ...]:
-        """The coefficients of ℓᵀx as a linear form of z."""
-        terms = terms_of(self.moved(self.line(slope)))
-        return tuple(terms.get(unit, fmpq(0)) for unit in self._units)
+    def forms(self, functions: Iterable[Function]) -> np.ndarray:
+        """The coefficients (functions, n) of each ℓᵀx as a linear form of z, rounded to doubles."""
+        rows = [terms_of(self.moved(self.line(function.slope))) for function in functions]
+        values = [[nearest_double(row.get(unit, fmpq(0))) for unit in self._units] for row in rows]
+        return np.array(values).reshape(-1, self.n)
 
 
 class Inequality(Algebra):
-    """V(z), and r = A(z) + Σ_j Q_j(z) S_j(ℓ_j(z)): `value`, `polynomial` and `quotients`."""
+    """V(z), and r = A(z) + Σ_j Q_j(z) S_j(ℓ_j(z)): `value`, `polynomial`, and the `factors` of those `functions` that
+    have one."""
 
     def __init__(self, certificate: Certificate) -> None:
         super().__init__(certificate)
@@ -115,14 +105,15 @@ class Inequality(Algebra):
             along = sum((a * b for a, b in zip(slope, column)), self.zero)
             total += along * along * (1 / (2 * rational(certificate.gamma) ** 2))
         self.value, self.polynomial = terms_of(value), terms_of(total)
-        self.quotients: list[Quotient] = []
+        self.factors: list[Rational] = []
+        self.functions: list[Function] = []
         for index, function in enumerate(certificate.functions):
             factor = self.zero
             for i, row in enumerate(certificate.drift):
                 factor += slope[i] * self._terms(term for term in row if term.function == index)
             if factor:
-                line = self.moved(self.line(function.slope))
-                self.quotients.append(Quotient(terms_of(factor * line), self.form(function.slope), function))
+                self.factors.append(terms_of(factor * self.moved(self.line(function.slope))))
+                self.functions.append(function)
 
     def _terms(self, row: Iterable[Term]) -> fmpq_mpoly:
         """Terms of a field in z, all with the same function or none, without it."""
@@ -144,34 +135,10 @@ def parity(function: Function) -> int:
     return -1 if function.name in ("tanh", "arctan") and function.pi_halves == 0 else 0
 
 
-def is_symmetric(inequality: Inequality) -> bool:
-    """Whether V(−z) = V(z) and r(−z) = r(z) but for rounding, which then is added to the allowance."""
-    signs = [parity(quotient.function) for quotient in inequality.quotients]
-    wanted = [(inequality.value, True), (inequality.polynomial, True)]
-    wanted += [(quotient.factor, sign == -1) for quotient, sign in zip(inequality.quotients, signs)]
-    for terms, even in wanted:
-        sizes = [sum(abs(nearest_double(v)) for v in part.values()) for part in by_parity(terms, even)]
-        if sizes[1] > _ASYMMETRY * sum(sizes):
-            return False
-    return 0 not in signs
-
-
 def by_parity(terms: Rational, even: bool) -> tuple[Rational, Rational]:
     """The terms of even (or odd) degree, and all others."""
     kept = {key: value for key, value in terms.items() if (sum(key) % 2 == 0) == even}
     return kept, {key: value for key, value in terms.items() if key not in kept}
-
-
-def times_powers(factor: Rational, form: Sequence[fmpq], order: int) -> list[Rational]:
-    """Q ℓᵐ for m = 0 … order."""
-    n = len(form)
-    context = fmpq_mpoly_ctx.get([f"z{i}" for i in range(n)])
-    line = sum((context.constant(a) * z for a, z in zip(form, context.gens())), context.constant(0))
-    product, result = context.from_dict(factor), []
-    for _ in range(order + 1):
-        result.append(terms_of(product))
-        product = product * line
-    return result
 
 
 def _tanh(s: arb_series) -> arb_series:
@@ -346,12 +313,7 @@ class MeanForms:
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The value in the middle (polynomials, N), slopes h_i ∂_i Q (polynomials, n, N), and a bound of what is left.
 
-        Parameters
-        ----------
-        face : ndarray of int, shape (N,)
-            2 f for z_f = ρ, 2 f + 1 for z_f = −ρ.
-        middle, half : ndarray, shape (n, N)
-            Of the cell in (ρ, t).
+        `face` is 2 f for z_f = ρ and 2 f + 1 for z_f = −ρ, (N,); `middle` and `half` are of the cell in (ρ, t), (n, N).
         """
         at, beyond = self._monomials(middle), self._monomials(np.abs(middle) + half)
         k, pairs, size = self.count, len(self._pairs), len(face)

@@ -127,7 +127,7 @@ class Shape:
         self.work = _places({
             "value": self.value.count, "quotient": max((q.count for q in self.quotients), default=0),
             "whole": self.whole.count, "scale": monomials, "weight": monomials, "low": low, "low_value": low,
-            "powers": 6 * (highest + 3), "slopes": states,
+            "powers": 5 * (highest + 3),
         })  # fmt: skip
 
 
@@ -409,10 +409,7 @@ class _Kernel(_Code):
                         self.store(value, self.low_place("low_value", group, b, p))
         self.output("least_value", self.minus(self.load(least), self.input("value_rounding")))
         self.output("growth", self.minus(self.load(growth), self.input("growth_rounding")))
-        self._centre_value(layout)
-
-    def _centre_value(self, layout: Layout) -> None:
-        """V about the middle of the cell: its value there, and a bound of how far it goes from it."""
+        # about the middle of the cell: V there, and a bound of how far it goes from it
         highest, total = layout.degrees[-1], self.sum(self.load(self.value_tail))
         for group in layout.groups[: LOW + 1]:
             for b, _ in self.each(group):

@@ -31,16 +31,9 @@ def with_observer(
 ) -> Certificate:
     """The certificate with an observer of the plant's states, and the starts that are left inside.
 
-    Parameters
-    ----------
-    solution : ValueFunction
-        Of a generalised plant, whose sensors are those of its plant; its integrals are the controller's own.
-    certificate : Certificate
-        Of the state feedback.
-    bandwidth : float
-        Every error decays faster than exp(−bandwidth · t), 1/s: L is the stationary Kalman gain for A + bandwidth.
-    share : float
-        ε over the level, between 0 and 1, both left out.
+    The sensors are those of the plant of `solution`; its integrals are the controller's own. Every error decays faster
+    than exp(−bandwidth · t), 1/s: L is the stationary Kalman gain for A + bandwidth. `share` is ε over the level,
+    between 0 and 1, both left out.
 
     Raises
     ------
@@ -76,13 +69,7 @@ def with_observer(
 
 
 def check_bandwidth(solution: ValueFunction, bandwidth: float) -> GeneralisedPlant:
-    """Return the problem whose sensors the observer uses.
-
-    Raises
-    ------
-    InvalidInput
-        A problem without sensors, a bandwidth that is not positive.
-    """
+    """Return the problem whose sensors the observer uses; refuse one without, and a bandwidth that is not positive."""
     problem = solution.problem
     if isinstance(problem, GeneralisedPlant) and 0 < bandwidth < np.inf:
         return problem

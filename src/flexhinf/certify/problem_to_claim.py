@@ -49,9 +49,8 @@ OPERATIONS: dict[int, Callable[[Any, Any], Any]] = {
 _HIGHEST_POWER = 10
 _MOST_HALVES = 64  # an offset that is the double nearest to k π/2 means k π/2 itself
 
-#: φ(o) where it is rational: by function and, of multiples of π/2, their number.
-_QUARTERS = {"sin": (0, 1, 0, -1), "cos": (1, 0, -1, 0)}
-_AT_ZERO = {"exp": 1, "tanh": 0, "arctan": 0}
+#: φ(o) where it is rational: of multiples of π/2, by their number.
+_AT_ZERO = {"sin": (0, 1, 0, -1), "cos": (1, 0, -1, 0), "exp": (1,), "tanh": (0,), "arctan": (0,)}
 
 
 class PlantTerms(NamedTuple):
@@ -85,17 +84,9 @@ def terms_of(polynomial: fmpq_mpoly) -> dict[tuple[int, ...], fmpq]:
 
 
 def plant_terms(problem: Problem | None, penalty: Any = None) -> PlantTerms:
-    """The fields of a problem in exact terms.
+    """The fields of a problem in exact terms; an `InvalidInput` by name for a model that has no such form.
 
-    Parameters
-    ----------
-    penalty : callable, optional
-        The checked h: from deviations (1, n) and the designed h (1, s) to (1, s). Default: the designed one.
-
-    Raises
-    ------
-    InvalidInput
-        A model that has no such form, by name.
+    `penalty` is the checked h: from deviations (1, n) and the designed h (1, s) to (1, s). Default: the designed one.
     """
     if isinstance(problem, PolynomialPlant):
         return _of_polynomials(problem, penalty)
@@ -119,11 +110,8 @@ def plant_terms(problem: Problem | None, penalty: Any = None) -> PlantTerms:
     driven = [a + rational(b) for a, b in zip(inputs[:m], problem.operating_input)]
     rates = reader.run(flow, [moved, driven, inputs[m:], reader.parameters])
     h = reader.run(output, [x, [reader.constant(value) for value in table.vector()]])
-    columns = [reader.split(rate) for rate in rates]
-    drift = tuple(reader.row(row[0], drift=True) for row in columns)
-    g2, g1 = (
-        tuple(tuple(reader.row(part) for part in row[chosen]) for row in columns)
-        for chosen in (slice(1, 1 + m), slice(1 + m, 1 + m + k))
+    drift, g2, g1 = zip(
+        *((row[0], tuple(row[1 : 1 + m]), tuple(row[1 + m :])) for row in map(reader.rows, rates))
     )
     outputs, values = tuple(map(reader.polynomial, h)), reader.values
     used = [(reader.names[i], float(values[i])) for i in sorted(reader.seen)]
@@ -255,7 +243,7 @@ class _Reader:
             slope[place or 0] = _exact_double(value, name)
         value = _exact_double(offset, name)
         halves = round(value / (pi / 2))
-        if 0 < abs(halves) <= _MOST_HALVES and value == halves * pi / 2 and name in _QUARTERS:
+        if 0 < abs(halves) <= _MOST_HALVES and value == halves * pi / 2 and name in ("sin", "cos"):
             function = Function(name, tuple(slope), 0.0, halves)
         else:
             function = Function(name, tuple(slope), value)
@@ -264,54 +252,43 @@ class _Reader:
         return self._room[self.functions.index(function)]
 
     # Terms -------------------------------------------------------------------------------------
-    def split(self, rate: fmpq_mpoly) -> list[fmpq_mpoly]:
-        """The part without inputs, then the factor of each input."""
-        start, end = self.edges[1], self.edges[2]
-        parts: list[dict[tuple[int, ...], fmpq]] = [{} for _ in range(end - start + 1)]
+    def rows(self, rate: fmpq_mpoly) -> list[Terms]:
+        """The terms of a rate: of the drift without its constant, which the operating input balances, and of the
+        factor of each input."""
+        n, end = self.edges[1], self.edges[2]
+        found: list[dict[Any, fmpq]] = [{} for _ in range(end - n + 1)]
         for exponents, value in terms_of(rate).items():
-            inputs = exponents[start:end]
+            states, inputs, functions = exponents[:n], exponents[n:end], exponents[self.edges[4] :]
             if sum(inputs) > 1:
                 raise refused("an input or a disturbance that does not enter affinely")
-            place = 1 + inputs.index(1) if any(inputs) else 0
-            parts[place][exponents[:start] + (0,) * (end - start) + exponents[end:]] = value
-        return [self.context.from_dict(part) for part in parts]
-
-    def row(self, field: fmpq_mpoly, drift: bool = False) -> Terms:
-        """The terms of a field. The drift loses its constant, which the operating input balances."""
-        result: dict[Any, fmpq] = {}
-        for exponents, value in terms_of(field).items():
-            states, functions = exponents[: self.edges[1]], exponents[self.edges[4] :]
+            if sum(functions) > 1 or (any(functions) and any(inputs)):
+                raise refused("a product of functions, or a function in g1 or g2")
+            row = found[1 + inputs.index(1) if any(inputs) else 0]
             powers = self._powers(exponents)
             self.seen |= {i for i, _ in powers}
             pairs = tuple((self.names[i], power) for i, power in powers)
-            if sum(functions) > 1 or (any(functions) and not drift):
-                raise refused("a product of functions, or a function in g1 or g2")
             index = functions.index(1) if any(functions) else None
-            if index is not None:
-                at_zero = self._at_zero(self.functions[index]) if any(states) else fmpq(0)
-                key = (states, pairs, None)
-                result[key] = result.get(key, fmpq(0)) + value * at_zero
-            if index is not None or any(states) or not drift:
-                key = (states, pairs, index)
-                result[key] = result.get(key, fmpq(0)) + value
-        return tuple(
-            Term(_exact_double(value, "the model"), states, pairs, index)
-            for (states, pairs, index), value in result.items()
-            if value
-        )
+            if index is not None and any(states):
+                function = self.functions[index]
+                if function.offset != 0.0 or function.name not in _AT_ZERO:
+                    raise refused(
+                        f"a state times {function.name} of a state, away from where that is rational"
+                    )
+                quarters = _AT_ZERO[function.name]
+                at_zero = fmpq(quarters[function.pi_halves % len(quarters)])
+                row[states, pairs, None] = row.get((states, pairs, None), fmpq(0)) + value * at_zero
+            if index is not None or any(states) or any(inputs):
+                row[states, pairs, index] = row.get((states, pairs, index), fmpq(0)) + value
+        return [
+            tuple(Term(_exact_double(value, "the model"), *key) for key, value in row.items() if value)
+            for row in found
+        ]
 
     def _powers(self, exponents: tuple[int, ...]) -> list[tuple[int, int]]:
         """The parameters of a term, by number, and their powers."""
         start, middle, end = self.edges[2:5]
         powers = [a - b for a, b in zip(exponents[start:middle], exponents[middle:end])]
         return [(i, power) for i, power in enumerate(powers) if power]
-
-    def _at_zero(self, function: Function) -> fmpq:
-        if function.offset == 0.0 and function.name in _QUARTERS:
-            return fmpq(_QUARTERS[function.name][function.pi_halves % 4])
-        if function.offset == 0.0 and function.name in _AT_ZERO:
-            return fmpq(_AT_ZERO[function.name])
-        raise refused(f"a state times {function.name} of a state, away from where that is rational")
 
     def polynomial(self, part: fmpq_mpoly) -> Polynomial:
         """A penalised output. Its coefficients are rounded to doubles, and what is checked has these."""

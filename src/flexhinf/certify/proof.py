@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.certify.box import BoxExcess, Ranges, tolerance_statement
+from flexhinf.certify.box import Ranges, tolerance_statement
 from flexhinf.certify.cells import CellBounds, Outcome, Progress, search
 from flexhinf.certify.certificate import Certificate
 from flexhinf.certify.claim import MOST_STATES
@@ -128,21 +128,9 @@ def prove(
 ) -> tuple[Certificate, Outcome]:
     """Search for a proof of a statement: first of a definite quadratic form, then by cells.
 
-    Parameters
-    ----------
-    statement : Certificate
-        Its `reach` is replaced, its starts are not looked at.
-    threads : int
-        The result does not depend on it.
-    progress : callable, optional
-        Called with the number of cells done and the estimated share of the whole.
-    most_cells : int
-        0: a definite quadratic form or nothing.
-
-    Returns
-    -------
-    (Certificate, Outcome)
-        The statement with its reach, and how the search ended.
+    Its `reach` is replaced, its starts are not looked at. The result does not depend on `threads`; `progress` gets the
+    number of cells done and the estimated share of the whole; `most_cells` = 0: a definite quadratic form or nothing.
+    Returns the statement with its reach, and how the search ended.
     """
     if progress is not None:
         progress(0, 0.0)  # what limits the time may end it here
@@ -154,8 +142,7 @@ def prove(
     farthest, forms = _extent(inequality, statement.level)
     reach = _rounded_up(_ROOM * farthest)
     for _ in range(4):
-        box = BoxExcess(statement, reach) if any(p.low < p.high for p in statement.parameters) else None
-        bounds = CellBounds(inequality, reach, (1.3 * forms + 0.1).tolist(), box)
+        bounds = CellBounds(inequality, reach, (1.3 * forms + 0.1).tolist())
         outcome = search(bounds, statement.level, threads=threads, progress=progress, most_cells=most_cells)
         if outcome.reason != "not closed":
             break
@@ -214,7 +201,7 @@ def _extent(inequality: Inequality, level: float) -> tuple[float, np.ndarray]:
         if not alive.any():
             break
         radius, value = np.where(alive, further, radius), np.where(alive, following, value)
-    forms = np.array([[nearest_double(a) for a in q.form] for q in inequality.quotients]).reshape(-1, n)
+    forms = inequality.forms(inequality.functions)
     reached = radius + step
     return float(reached.max()), np.abs(directions @ forms.T * reached[:, None]).max(axis=0)
 
@@ -239,7 +226,7 @@ def certify_tolerances(
     Parameters
     ----------
     solution : HJISolution
-        Its law is proved, with `scale` times its V as the storage function.
+        Its law is proved, with `scale` times its V as the storage function, or ½ xᵀPx with `p` (n, n).
     problem : GeneralisedPlant
         Whose disturbance, penalty and R2 the gain is of: need not be the one that the law was designed for.
     ranges : mapping of str to (float, float)
@@ -247,10 +234,6 @@ def certify_tolerances(
     level, step : float
         The level of the storage function, or the largest step without a jump of the input that is to be inside; a
         negative one is from above the goal to it.
-    p : ndarray, shape (n, n), optional
-        ½ xᵀPx is the storage function instead, see `flexhinf.certify.box_gain`.
-    most_cells : int
-        The search ends there.
 
     Raises
     ------

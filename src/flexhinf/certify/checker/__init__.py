@@ -19,7 +19,7 @@ again in rationals and balls, without 3.; or every cell: then 1., 2., 4., 5. and
 read. `starts` proves 6. and 8. of the theorem, `observer` 7., where they are claimed.
 docs/certificate.md has the proof, of every inequality that is relied on here, and counts the lines.
 
-What checker and search share is the form of a claim (`claim`, `terms`). Nothing here imports the search, which takes no
+What checker and search share is the form of a claim (`claim`). Nothing here imports the search, which takes no
 arithmetic from here: it calls the finished checker for its starts and its observer, so that what it states is proved.
 """
 
@@ -30,6 +30,7 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from threading import Event
+from typing import Any
 
 import numpy as np
 from flint import ctx
@@ -113,6 +114,10 @@ def verify(
     where a quadratic form decides.
     """
     began, corner = time.process_time(), ""
+
+    def ended(proved: bool, reason: str = "", **found: Any) -> Verification:
+        return Verification(proved, reason, **found, cpu_s=time.process_time() - began)
+
     try:
         _check_sizes(claim)
         _check_matrices(claim)
@@ -125,10 +130,7 @@ def verify(
             refute_at_corners(claim, exact, failed)
             corner = corner_text(claim, failed[0])
         elif corners:
-            spent, law = time.process_time() - began, exact.gradient_law
-            return Verification(
-                True, corners=corners, starts=starts, gradient_law=law, peaks=peaks, cpu_s=spent
-            )
+            return ended(True, corners=corners, starts=starts, gradient_law=exact.gradient_law, peaks=peaks)
         check_reach(claim, exact)
         proof = Proof(claim)
         stopped, looked, most = Event(), 0, _MOST_AFTER_CORNERS if failed else _MOST_CELLS
@@ -153,14 +155,13 @@ def verify(
                 raise
         again = _prove_again(proof, [cell for face in results for cell in face.sample], seed)
     except OverflowError:
-        reason = "numbers beyond the doubles appear: another unit, or another T."
-        return Verification(False, reason, cpu_s=time.process_time() - began)
+        return ended(False, "numbers beyond the doubles appear: another unit, or another T.")
     except Refusal as refusal:
         reason = _reason(claim, refusal)
         if corner not in reason:  # cells refused, and say where
             reason += f" A{corner[1:]}."
-        return Verification(False, reason, cpu_s=time.process_time() - began)
-    return Verification(
+        return ended(False, reason)
+    return ended(
         True,
         cells=sum(m.cells for m in results),
         accepted=sum(m.accepted for m in results),
@@ -172,7 +173,6 @@ def verify(
         gradient_law=proof.exact.gradient_law,
         peaks=peaks,
         rounding=max(m.rounding for m in results),
-        cpu_s=time.process_time() - began,
     )
 
 
