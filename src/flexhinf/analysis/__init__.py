@@ -9,7 +9,6 @@ The names are imported here and not on first use, because some functions are cal
 were imported later would replace the function.
 """
 
-from flexhinf.analysis.batch import LawRows
 from flexhinf.analysis.corners import (
     ALL_STATES,
     FORMS,
@@ -24,14 +23,12 @@ from flexhinf.analysis.corners import (
     corner_plants,
     corner_population,
     corners,
-    destabilising_scale,
     growth_rates,
     standard_noises,
     tolerance_corners,
 )
 from flexhinf.analysis.dissipation import (
     BudgetTerm,
-    DissipationBudget,
     DissipationCorners,
     LinearCorners,
     budget_terms,
@@ -40,7 +37,7 @@ from flexhinf.analysis.dissipation import (
 )
 from flexhinf.analysis.equilibrium_loop import EquilibriumLoop
 from flexhinf.analysis.frequency import FrequencyResponse, frequency_response
-from flexhinf.analysis.linear_loop import DiscreteSystem, LinearLoop, Modes
+from flexhinf.analysis.linear_loop import DiscreteSystem, LinearLoop
 from flexhinf.analysis.margins import FilteredLoop, Margins, margins
 from flexhinf.analysis.worst_disturbance import Attained, DisturbanceSearch, worst_disturbance
 
@@ -53,18 +50,15 @@ __all__ = [
     "Attained",
     "BudgetTerm",
     "DiscreteSystem",
-    "DissipationBudget",
     "DissipationCorners",
     "DisturbanceSearch",
     "EquilibriumLoop",
     "FilteredLoop",
     "FrequencyResponse",
     "GrowthRates",
-    "LawRows",
     "LinearCorners",
     "LinearLoop",
     "Margins",
-    "Modes",
     "Population",
     "ProcessNoise",
     "ToleranceBox",
@@ -73,7 +67,6 @@ __all__ = [
     "corner_plants",
     "corner_population",
     "corners",
-    "destabilising_scale",
     "dissipation_budget",
     "dissipation_corners",
     "frequency_response",

@@ -225,23 +225,13 @@ ROWS = 1024
 
 @dataclass(frozen=True, eq=False)
 class GrowthRates:
-    """How fast a loop grows with each of some plants, at one R^v.
+    """How fast a loop grows with each of some plants, at one R^v."""
 
-    Attributes
-    ----------
-    noise : ProcessNoise or None
-        None: the loop as it is designed, or the true state fed back.
-    rates : (N,) array
-        log of the largest multiplier per period, 1/s: negative where the loop is stable, infinite where it has no
-        equilibrium.
-    kinds, plants : (N,) arrays of str and int
-        As of `Population`, and which plants of it these are.
-    """
-
-    noise: ProcessNoise | None
+    noise: ProcessNoise | None  # None: the loop as it is designed, or the true state fed back
+    #: (N,), log of the largest multiplier per period, 1/s: negative where stable, infinite without equilibrium
     rates: np.ndarray
-    kinds: np.ndarray
-    plants: np.ndarray
+    kinds: np.ndarray  # (N,) of str, as of `Population`
+    plants: np.ndarray  # (N,) of int, which plants of it these are
 
     @property
     def unstable(self) -> int:
@@ -323,21 +313,12 @@ LARGEST = 1e300
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ToleranceCorners(Corners):
-    """Growth rates of a loop at the corners of the tolerances.
+    """Growth rates of a loop at the corners of the tolerances."""
 
-    Attributes
-    ----------
-    designed : GrowthRates
-        At the corners, with the estimator's noise as designed, or without an estimator.
-    swept : tuple of GrowthRates
-        Over other choices of R^v. Of a large loop these are at the corners only that grow fastest as designed.
-    measurement_noise : float
-        R^n that ratios are to; NaN without a Kalman filter.
-    """
-
-    designed: GrowthRates
+    designed: GrowthRates  # with the estimator's noise as designed, or without an estimator
+    #: over other R^v; of a large loop at the corners only that grow fastest as designed
     swept: tuple[GrowthRates, ...]
-    measurement_noise: float
+    measurement_noise: float  # R^n that ratios are to; NaN without a Kalman filter
 
     def __repr__(self) -> str:
         text = f"{self.unstable} of {self.count} corners unstable, {len(self.swept)} other R^v"
@@ -497,17 +478,3 @@ class ToleranceBox:
             now = self.unstable(loop, centre, which, process_noise)
             low, high, unstable = (low, centre, now) if len(now) else (centre, high, unstable)
         return high, int(unstable[0])
-
-
-def destabilising_scale(
-    loop: EquilibriumLoop,
-    at: ParametersAt,
-    uncertain: int | Sequence[Any],
-    process_noise: np.ndarray | None = None,
-    *,
-    most: float = 2.0**DOUBLINGS,
-    seed: int = 0,
-) -> tuple[float, int]:
-    """Smallest common factor of all tolerances with which some corner is unstable, and this corner; see
-    `tolerance_corners` and `ToleranceBox.edge`."""
-    return ToleranceBox.of(loop, at, uncertain, seed).edge(loop, None, process_noise, most)

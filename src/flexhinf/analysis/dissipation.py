@@ -47,27 +47,15 @@ NONE = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class DissipationBudget:
-    """The budget along one run, which assumes the law's own plant as the true one.
+    """The budget along one run, which assumes the law's own plant as the true one."""
 
-    Attributes
-    ----------
-    times : (N,) array
-        s.
-    level, start : float
-        c of {V ≤ c}, infinite if none was given, and V at the first sample.
-    spent, disturbance, value : (N,) arrays
-        ½ ∫ vᵀ R2 v and ½ γ² ∫|d|² until each sample, and V there.
-    complete : bool
-        Whether the run came to its end.
-    """
-
-    times: np.ndarray
-    level: float
-    start: float
-    spent: np.ndarray
-    disturbance: np.ndarray
-    value: np.ndarray
-    complete: bool
+    times: np.ndarray  # (N,), s
+    level: float  # c of {V ≤ c}; infinite if none was given
+    start: float  # V at the first sample
+    spent: np.ndarray  # (N,), ½ ∫ vᵀ R2 v until each sample
+    disturbance: np.ndarray  # (N,), ½ γ² ∫|d|²
+    value: np.ndarray  # (N,), V
+    complete: bool  # whether the run came to its end
 
     @property
     def total(self) -> float:

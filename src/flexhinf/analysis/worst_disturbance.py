@@ -45,26 +45,14 @@ class ZeroOrderHold(Samples):
 
 @dataclass(frozen=True, eq=False)
 class Attained:
-    """One disturbance and the gain it attained from rest at the operating point: a lower bound of the loop's gain.
+    """One disturbance and the gain it attained from rest at the operating point: a lower bound of the loop's gain."""
 
-    Attributes
-    ----------
-    gain, energy : float
-        √(∫|z|²/∫|d|²), the largest over all horizons, infinite if the run diverged; and ∫|d|².
-    largest_value : float
-        Largest V on the way; NaN for a law without a value, infinite if the run diverged.
-    times, disturbance : (N,) and (N, k) arrays
-        s; each sample held until the next.
-    trajectory : Trajectory
-        As far as it went.
-    """
-
-    gain: float
-    energy: float
-    largest_value: float
-    times: np.ndarray = field(repr=False)
-    disturbance: np.ndarray = field(repr=False)
-    trajectory: Trajectory = field(repr=False)
+    gain: float  # √(∫|z|²/∫|d|²), the largest over all horizons; infinite if the run diverged
+    energy: float  # ∫|d|²
+    largest_value: float  # of V on the way; NaN without V, infinite if the run diverged
+    times: np.ndarray = field(repr=False)  # (N,), s
+    disturbance: np.ndarray = field(repr=False)  # (N, k), each sample held until the next
+    trajectory: Trajectory = field(repr=False)  # as far as it went
 
 
 class DisturbanceRuns:

@@ -35,20 +35,9 @@ COUPLING = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class ElasticJoints:
-    """Numbers of n elastic joints, seen from the link side; SI units.
-
-    Attributes
-    ----------
-    link_inertia : ndarray, (n, n)
-        M(q*).
-    gravity_slope : ndarray, (n, n)
-        ∂G/∂q at q*.
-    stiffness, spring_damping : ndarray, (n,)
-        K and D of the springs as they are at this equilibrium.
-    motor_inertia, motor_damping : ndarray, (n,)
-        J and B, the back-EMF's k_t k_b / R included.
-    torque_per_input : ndarray, (n,)
-        Torque per input: k_t / R, N·m/V, for a voltage; k_t, N·m/A, for a current; 1 for a torque.
+    """Numbers of n elastic joints at an equilibrium, seen from the link side, SI units: M(q*) and ∂G/∂q, (n, n); of
+    the springs as they are there K and D; of the motors J and B, the back-EMF's k_t k_b / R included; and the torque
+    per input, k_t / R, N·m/V, for a voltage, k_t, N·m/A, for a current, 1 for a torque; (n,) each.
     """
 
     link_inertia: np.ndarray
@@ -61,47 +50,50 @@ class ElasticJoints:
 
 
 def check_joints(plant: Plant) -> int:
-    """Number of elastic joints n of a plant with their states, 4n in the order of Eq. (2), and one input each.
-
-    Raises `InvalidInput` if it has other states, inputs or disturbances.
-    """
+    """Number of elastic joints n of a plant with their states, 4n in the order of Eq. (2), and one input each; one of
+    other states, inputs or disturbances is refused."""
     names = tuple(single for name in STATES for single in plant.expanded(name))
-    joints = len(plant.inputs)
     torques = [single for name in TORQUES for single in plant.expanded(name)]
-    if (
-        tuple(plant.states) != names
-        or len(names) != 4 * joints
-        or not set(torques) <= set(plant.disturbances)
-    ):
+    fits = tuple(plant.states) == names and len(names) == 4 * len(plant.inputs)
+    if not fits or not set(torques) <= set(plant.disturbances):
         raise InvalidInput(
             "The plant is not a robot with elastic joints as this law needs it.",
             f"expected the states {list(names)}, one input per joint and the disturbances {torques}, "
             f"got {list(plant.states)}, {list(plant.inputs)}, {list(plant.disturbances)}",
             "robot.plant() of a robot without rigid joints, and without the coils' inductance",
         )
-    return joints
+    return len(plant.inputs)
 
 
 def elastic_joints(plant: Plant, x: np.ndarray, u: np.ndarray) -> ElasticJoints:
-    """The joints' numbers at the equilibrium (x, u), (4n,) and (n,).
-
-    Raises `InvalidInput` if the plant has no elastic joints, or its motors are coupled.
-    """
+    """The joints' numbers at the equilibrium (x, u), (4n,) and (n,); a plant without elastic joints, or of coupled
+    motors, is refused."""
     n = check_joints(plant)
     a, b, g, _ = plant.linearise(x, u)
     links, motors = slice(n, 2 * n), slice(3 * n, 4 * n)
-    motor_inertia = 1.0 / _diagonal("motor inertia", g[motors, _places(plant, "motor_torque")])
+
+    def diagonal(what: str, matrix: np.ndarray) -> np.ndarray:
+        alone = np.diag(matrix).copy()
+        if np.abs(matrix - np.diag(alone)).max() > COUPLING * np.abs(alone).max(initial=0.0):
+            raise InvalidInput(
+                "The motors of different joints are coupled.",
+                f"expected a {what} of each joint alone, got {matrix.tolist()}",
+                "a plant of a robot of this package",
+            )
+        return alone
+
+    motor_inertia = 1.0 / diagonal("motor inertia", g[motors, _places(plant, "motor_torque")])
     link_inertia = np.linalg.inv(g[links, _places(plant, "link_torque")])
-    stiffness = motor_inertia * _diagonal("stiffness", a[motors, :n])
-    damping = motor_inertia * _diagonal("spring damping", a[motors, links])
+    stiffness = motor_inertia * diagonal("stiffness", a[motors, :n])
+    damping = motor_inertia * diagonal("spring damping", a[motors, links])
     return ElasticJoints(
         link_inertia=(link_inertia + link_inertia.T) / 2.0,
         gravity_slope=-link_inertia @ a[links, :n] - np.diag(stiffness),
         stiffness=stiffness,
         spring_damping=damping,
         motor_inertia=motor_inertia,
-        motor_damping=-motor_inertia * _diagonal("motor damping", a[motors, motors]) - damping,
-        torque_per_input=motor_inertia * _diagonal("input", b[motors]),
+        motor_damping=-motor_inertia * diagonal("motor damping", a[motors, motors]) - damping,
+        torque_per_input=motor_inertia * diagonal("input", b[motors]),
     )
 
 
@@ -110,24 +102,9 @@ def _places(plant: Plant, torque: str) -> list[int]:
     return [plant.disturbances.index(name) for name in plant.expanded(torque)]  # type: ignore[union-attr]
 
 
-def _diagonal(what: str, matrix: np.ndarray) -> np.ndarray:
-    diagonal = np.diag(matrix).copy()
-    beside = np.abs(matrix - np.diag(diagonal)).max()
-    if beside > COUPLING * np.abs(diagonal).max(initial=0.0):
-        raise InvalidInput(
-            "The motors of different joints are coupled.",
-            f"expected a {what} of each joint alone, got {matrix.tolist()}",
-            "a plant of a robot of this package",
-        )
-    return diagonal
-
-
 @dataclass(frozen=True, eq=False)
 class GravityTorque:
-    """G(q1) of a plant of elastic joints, on any element, with the plant's parameters as data.
-
-    Raises `InvalidInput` if the plant has no elastic joints.
-    """
+    """G(q1) of a plant of elastic joints (another is refused), on any element, with the plant's parameters as data."""
 
     plant: Plant
 
@@ -181,18 +158,10 @@ def equilibrium_of(problem: GeneralisedPlant) -> tuple[np.ndarray, np.ndarray]:
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class EquilibriumLaw(Law):
-    """A `flexhinf.plant.Law` about an equilibrium of a plant.
+    """A `flexhinf.plant.Law` about an equilibrium (x*, u*), (n,) and (m,), of the plant that it was made from.
 
-    Parameters
-    ----------
-    plant : Plant
-        The model that the law was made from.
-    equilibrium : (x*, u*)
-        State (n,) and input (m,) where the plant rests.
-    integrate : sequence of str
-        States whose tracking error is integrated, single names or groups; ``NAME_integral`` are the last states.
-
-    Raises `InvalidInput` if names or shapes do not fit the plant.
+    `integrate` are states whose tracking error is integrated, single names or groups; ``NAME_integral`` are the last
+    states. Names or shapes that do not fit the plant are refused.
     """
 
     plant: Plant
@@ -203,10 +172,9 @@ class EquilibriumLaw(Law):
         x, u = (real_array(part) for part in self.equilibrium)
         shapes = (self.plant.n,), (len(self.plant.inputs),)
         if (x.shape, u.shape) != shapes or not (np.all(np.isfinite(x)) and np.all(np.isfinite(u))):
+            text = f"expected a finite state and input of shapes {shapes}, got {x.shape} and {u.shape}"
             raise InvalidInput(
-                "The equilibrium of the law does not fit its plant.",
-                f"expected a finite state and input of shapes {shapes}, got {x.shape} and {u.shape}",
-                "robot.operating_point(pose)",
+                "The equilibrium of the law does not fit its plant.", text, "robot.operating_point(pose)"
             )
         object.__setattr__(self, "equilibrium", read_only((x, u)))
         object.__setattr__(self, "integrate", self.plant.expanded(self.integrate))

@@ -20,9 +20,9 @@ from flexhinf.baselines.equilibrium_law import (
     elastic_joints,
     equilibrium_of,
 )
-from flexhinf.errors import InvalidInput, NumericalFailure
+from flexhinf.errors import NumericalFailure
 from flexhinf.plant import GeneralisedPlant
-from flexhinf.validation import read_only, real_array
+from flexhinf.validation import checked_array, checked_positive, read_only
 
 #: Pole of the integral, in bandwidths: slow beside the pair that it stands with.
 INTEGRAL_RATE = 0.2
@@ -33,39 +33,25 @@ def lqr_gain(problem: GeneralisedPlant, effort: float = 1.0) -> np.ndarray:
 
     K = −R2⁻¹ Bᵀ P with AᵀP + PA + HᵀH − P B R2⁻¹ Bᵀ P = 0 [anderson1990].
 
-    `effort`: factor of R2, the one tuning parameter of an LQR: the larger, the less effort.
-
-    Raises
-    ------
-    InvalidInput
-        If the factor is not positive.
-    NumericalFailure
-        If there is no stabilising solution: a mode that the input does not move or the penalty does not see.
+    `effort`: factor of R2, the one tuning parameter of an LQR: the larger, the less effort; refused if not positive. A
+    NumericalFailure says that there is no stabilising solution: a mode that the input does not move or the penalty does
+    not see.
     """
     from scipy.linalg import solve_continuous_are
 
-    if not (np.isfinite(effort) and effort > 0.0):
-        raise InvalidInput(
-            "The factor of the effort is not positive.",
-            f"expected a number > 0, got {effort!r}",
-            "effort=1.0",
-        )
     linear = problem.expand(1)
     a, b, h = linear.f_parts[1], linear.g2_parts[0][:, :, 0], linear.h_parts[1]
-    r2 = effort * problem.r2
+    r2 = checked_positive("The factor of the effort", effort, "a number", "effort=1.0") * problem.r2
     try:
         p = solve_continuous_are(a, b, h.T @ h, r2)
         gain = -np.linalg.solve(r2, b.T @ p)
         slowest = float(np.linalg.eigvals(a + b @ gain).real.max())
+        if slowest < 0.0:
+            return read_only(gain)
+        got = f"closed loop with a mode at {slowest:.3g} 1/s"
     except np.linalg.LinAlgError as error:
-        raise _unsolved(problem, str(error)) from error
-    if not slowest < 0.0:
-        raise _unsolved(problem, f"closed loop with a mode at {slowest:.3g} 1/s")
-    return read_only(gain)
-
-
-def _unsolved(problem: GeneralisedPlant, got: str) -> NumericalFailure:
-    return NumericalFailure(
+        got = str(error)
+    raise NumericalFailure(
         "The problem has no LQR.",
         f"expected a stabilising solution of the Riccati equation for {list(problem.state_names)}, got: {got}",
         "a weight on every integral and on one position of each joint",
@@ -102,24 +88,16 @@ class LinearQuadratic(EquilibriumLaw):
 
 def lqr(problem: GeneralisedPlant, effort: float = 1.0) -> LinearQuadratic:
     """The LQR of a problem, of any plant; see `lqr_gain`."""
-    return LinearQuadratic(
-        plant=problem.plant,
-        equilibrium=equilibrium_of(problem),
-        integrate=problem.integrate,
-        gain=lqr_gain(problem, effort),
-    )
+    gain, rest = lqr_gain(problem, effort), equilibrium_of(problem)
+    return LinearQuadratic(plant=problem.plant, equilibrium=rest, integrate=problem.integrate, gain=gain)
 
 
 def check_gain(law: Any) -> None:
-    """Make the gain of a law a finite array (m, n), or raise `InvalidInput`."""
-    gain, shape = real_array(law.gain), (len(law.input_names), len(law.state_names))
-    if gain.shape != shape or not np.all(np.isfinite(gain)):
-        raise InvalidInput(
-            "The gain does not fit the law's states and inputs.",
-            f"expected finite numbers of shape {shape}, got shape {gain.shape}",
-            "one row per input and one column per state, integrals included",
-        )
-    object.__setattr__(law, "gain", gain)
+    """Make the gain of a law a finite array (m, n), or refuse it."""
+    shape = len(law.input_names), len(law.state_names)
+    advice = "one row per input and one column per state, integrals included"
+    what, expected = "The gain does not fit the law's states and inputs.", f"finite numbers of shape {shape}"
+    object.__setattr__(law, "gain", checked_array(what, law.gain, shape, expected, advice))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -142,33 +120,18 @@ class GravityCompensatedLQR(PlacedLaw):
 
     @staticmethod
     def design(problem: GeneralisedPlant, effort: float = 1.0) -> GravityCompensatedLQR:
-        """The LQR of the robot with g = 0 at the same pose, for the same penalty, with the weight of the robot.
+        """The LQR of the robot with g = 0 at the same pose, for the same penalty, and the weight of the robot; `effort`
+        as of `lqr_gain`.
 
-        Parameters
-        ----------
-        problem : GeneralisedPlant
-            Of a plant with a parameter ``gravity``, m/s².
-        effort : float
-            Factor of R2, see `lqr_gain`.
-
-        Raises
-        ------
-        InvalidInput
-            If the plant has no elastic joints, or no parameter ``gravity``.
-        NumericalFailure
-            If the weightless robot has no LQR.
+        A plant without elastic joints or a parameter ``gravity`` (m/s²) is refused.
         """
         plant, (x, u) = problem.plant, equilibrium_of(problem)
         n = check_joints(plant)
         weightless = plant.with_parameters(gravity=np.zeros_like(plant.parameters.values.get("gravity", 0.0)))
         relaxed = np.concatenate([x[:n], np.zeros(n), x[:n], np.zeros(n)])
         light = replace(problem, plant=weightless, pose=None, equilibrium=(relaxed, np.zeros_like(u)))
-        return GravityCompensatedLQR(
-            plant=plant,
-            equilibrium=(x, u),
-            integrate=problem.integrate,
-            gain=lqr_gain(light, effort),
-        )
+        gain = lqr_gain(light, effort)
+        return GravityCompensatedLQR(plant=plant, equilibrium=(x, u), integrate=problem.integrate, gain=gain)
 
     @cached_property
     def joints(self) -> ElasticJoints:

@@ -9,12 +9,10 @@ from flexhinf.loop.controller.schedule import Schedule
 from flexhinf.loop.signals.motions import JerkLimited, Spline, Waypoints
 from flexhinf.loop.signals.references import Constant, Moving, Quintic, Samples, Signal, Sine, Step
 from flexhinf.loop.simulation.closed_loop import Loop
-from flexhinf.loop.simulation.compiled_runs import PreparedRun
 from flexhinf.loop.simulation.ensemble import Ensemble, EnsembleResult
 from flexhinf.loop.simulation.metrics import (
     Instant,
     Reduction,
-    StepShape,
     load_metrics,
     step_metrics,
     step_shape,
@@ -32,7 +30,6 @@ __all__ = [
     "JerkLimited",
     "Loop",
     "Moving",
-    "PreparedRun",
     "Quintic",
     "Reduction",
     "Samples",
@@ -41,7 +38,6 @@ __all__ = [
     "Sine",
     "Spline",
     "Step",
-    "StepShape",
     "Trajectory",
     "Waypoints",
     "load_controller",

@@ -259,30 +259,16 @@ class Reduction:
 
 @dataclass(frozen=True, eq=False)
 class EnsembleResult:
-    """Numbers of N runs.
+    """Numbers of N runs."""
 
-    Attributes
-    ----------
-    codes, diverged_at : (N,) arrays
-        0 for a run that came to its end; `CONTROL_FAILED` or `PLANT_FAILED` of `flexhinf.loop.simulation.program`
-        where the controller's or the plant's numbers are no longer finite; the time of its last sample, s (else NaN).
-    sub_steps : (N,) array of int
-        Runge–Kutta steps per period.
-    judged : tuple of str
-        Tracked states, see `Controller.judged`.
-    by_state, common : mappings
-        For each of them its metrics, (N,), and metrics of the whole run, (N,) or (N, j), by name.
-    kept : (N, T, k) array
-        Signals that are kept, at the instants of the ensemble; NaN after a run diverged.
-    """
-
+    #: (N,), 0, or `CONTROL_FAILED` or `PLANT_FAILED` of `program`: whose numbers are no longer finite
     codes: np.ndarray
-    diverged_at: np.ndarray
-    sub_steps: np.ndarray
-    judged: tuple[str, ...]
-    by_state: Mapping[str, Mapping[str, np.ndarray]]
-    common: Mapping[str, np.ndarray]
-    kept: np.ndarray
+    diverged_at: np.ndarray  # (N,), time of the last sample of a run that diverged, s; else NaN
+    sub_steps: np.ndarray  # (N,), Runge–Kutta steps per period
+    judged: tuple[str, ...]  # tracked states, see `Controller.judged`
+    by_state: Mapping[str, Mapping[str, np.ndarray]]  # metrics (N,) of each of them, by name
+    common: Mapping[str, np.ndarray]  # metrics (N,) or (N, j) of the whole run, by name
+    kept: np.ndarray  # (N, T, k), signals at the ensemble's instants; NaN after a run diverged
 
     @property
     def completed(self) -> np.ndarray:
