@@ -93,7 +93,7 @@ def test_robust_stands_less_of_a_common_factor_of_the_tolerances(
     loop = loop_of(made, arm, preset, 90)
     found, corner = ToleranceBox.of(loop, arm.corner, arm.uncertain).edge(loop)
     assert found == pytest.approx(scale, abs=2e-3)
-    middle, end = loop.vectors(
+    middle, end = loop.plant.parameters.vectors(
         [arm.corner(signs) for signs in ([0.0] * 11, corners(11, 2048)[corner].tolist())]
     )
     moved = np.array([middle + factor * (end - middle) for factor in (found - 0.01, found + 0.01)])

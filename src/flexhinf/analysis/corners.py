@@ -150,16 +150,9 @@ def corner_population(
 ) -> Population:
     """Draws, corners, every uncertain number alone at both of its ends, and the nominal plant, in this order.
 
-    Parameters
-    ----------
-    uncertain, count : int
-        How many uncertain numbers there are (``len(robot.uncertain)``), and corners, if there are more than so many.
-    seed : int
-        Of corners and draws, each with a generator of its own.
-    draw : callable, optional
-        Generator → parameters: `Robot.draw`. Without it nothing is drawn.
-    singles : bool
-        Whether plants with one number at one end are among them.
+    Of the `uncertain` numbers (``len(robot.uncertain)``) there are `count` corners, if there are more than so many.
+    Corners and draws have a generator each, of one seed; `draw` makes parameters of one, as `Robot.draw`, and without
+    it nothing is drawn. `singles` says whether plants with one number at one end are among them.
     """
     rng, found = np.random.default_rng(seed), corners(uncertain, count, seed)
     drawn = [] if draw is None else [draw(rng) for _ in range(draws)]
@@ -192,7 +185,9 @@ def corner_plants(
 
 def _vectors(loop: EquilibriumLoop, population: Population) -> np.ndarray:
     """Parameter vectors (N, q) of the loop's plant; parameters that it does not have are left out."""
-    return loop.vectors([loop.plant.parameters.known(values) for values in population.values])
+    return loop.plant.parameters.vectors(
+        [loop.plant.parameters.known(values) for values in population.values]
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -264,16 +259,10 @@ def growth_rates(
 ) -> tuple[GrowthRates, ...]:
     """Growth rates of a loop with every plant, for every R^v; few plants with several R^v at once.
 
-    Parameters
-    ----------
-    noises : sequence of ProcessNoise or None
-        None stands for the loop as it is; R^v without a Kalman filter in the loop is an InvalidInput.
-    plants : (N,) array of int, optional
-        Only these plants of the population.
-    going_on : callable, optional
-        Called before each R^v, of which one may take a second; what it raises ends the work.
-    vectors : (M, q) array, optional
-        Parameter vectors of the whole population, where they are known.
+    None among the `noises` stands for the loop as it is; R^v without a Kalman filter in the loop is refused. Only the
+    `plants` (N,) of the population are taken, if given, and `vectors` (M, q) are the parameters of the whole
+    population, where they are known. `going_on` is called before each R^v, of which one may take a second; what it
+    raises ends the work.
     """
     chosen = np.arange(len(population)) if plants is None else plants
     vectors = _vectors(loop, population) if vectors is None else vectors

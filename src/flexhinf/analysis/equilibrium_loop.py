@@ -263,19 +263,14 @@ class EquilibriumLoop:
         process_noise: np.ndarray | None = None,
         near: np.ndarray | None = None,
     ) -> Modes:
-        """Equilibrium and multipliers with these true plants.
+        """Equilibrium and multipliers with these true plants, mappings by name (numbers, or arrays where there are
+        joints; names that are left out keep their nominal value) or parameter vectors (N, q).
 
-        Parameters
-        ----------
-        values : sequence of mapping by name, or (N, q) array of parameter vectors of the true plant
-            Numbers, or arrays where there are joints; names that are left out keep their nominal value.
-        process_noise : (n, n) or (N, n, n) array, optional
-            R^v instead of the filter's, the same for all plants or one for each.
-        near : (N, K) array, optional
-            Equilibria from which those of the plants are searched for, for example those with another R^v; where one
-            is NaN, and by default, the nominal plant's.
+        `process_noise` is R^v instead of the filter's, (n, n) for all plants or (N, n, n). Equilibria are searched for
+        from `near` (N, K), for example those with another R^v; where that is NaN, and by default, from the nominal
+        plant's.
         """
-        vectors = values if isinstance(values, np.ndarray) else self.vectors(values)
+        vectors = values if isinstance(values, np.ndarray) else self.plant.parameters.vectors(values)
         fixed = self._fixed(process_noise)
         own, parts = fixed is not None and fixed.ndim == 2, []
         each = max(1, AT_ONCE // self.states**2)
@@ -300,7 +295,7 @@ class EquilibriumLoop:
         nominal = not values and process_noise is None
         if nominal and self._nominal is not None:
             return self._nominal
-        vectors, fixed = self.vectors([values or {}]), self._fixed(process_noise)
+        vectors, fixed = self.plant.parameters.vectors([values or {}]), self._fixed(process_noise)
         z, _, found = self._equilibrium(vectors, fixed)
         if not found[0]:
             raise NumericalFailure(
@@ -323,10 +318,6 @@ class EquilibriumLoop:
         if nominal:
             self._nominal = linear
         return linear
-
-    def vectors(self, values: Sequence[Mapping[str, Any]]) -> np.ndarray:
-        """Parameter vectors (N, q) of true plants with these values."""
-        return self.plant.parameters.vectors(values)
 
     def _fixed(self, process_noise: np.ndarray | None) -> np.ndarray | None:
         """Gains (n p,), or (N, n p) for an R^v per plant: neighbours with the same R^v share one."""

@@ -180,22 +180,11 @@ def frequency_response(
     values: Mapping[str, Any] | None = None,
     process_noise: np.ndarray | None = None,
 ) -> FrequencyResponse:
-    """Responses of a loop at its equilibrium.
+    """Responses of a loop at its equilibrium, at frequencies (F,) in rad/s, positive and at most π/T, else refused.
 
-    Parameters
-    ----------
-    frequencies : (F,) array, optional
-        rad/s, positive and at most π/T. By default a logarithmic grid from a decade below the slowest pole to π/T,
-        with points around every pole of the running and of the opened loop, so that no resonance is missed.
-    values, process_noise
-        As for `EquilibriumLoop.linear`.
-
-    Raises
-    ------
-    InvalidInput
-        If a frequency is not positive or above half the sampling frequency.
-    NumericalFailure
-        If the loop has no equilibrium with this plant.
+    By default they are a logarithmic grid from a decade below the slowest pole to π/T, with points around every pole
+    of the running and of the opened loop, so that no resonance is missed. `values` and `process_noise` are as for
+    `EquilibriumLoop.linear`; a NumericalFailure says that the loop has no equilibrium with this plant.
     """
     linear = loop if isinstance(loop, LinearLoop) else loop.linear(values, process_noise)
     running, opened, m, top = linear.running, linear.opened(), linear.b.shape[1], np.pi / linear.period

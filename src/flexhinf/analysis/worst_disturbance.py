@@ -388,24 +388,11 @@ def worst_disturbance(
     """The worst disturbance found, of a given energy or with the state inside {V ≤ level}: that of the largest gain,
     which is infinite if the loop diverged under a disturbance of this energy.
 
-    Parameters
-    ----------
-    problem, law, estimator, period, horizon, search_period
-        See `DisturbanceSearch`.
-    energy : float, optional
-        ∫|d|².
-    level : float, optional
-        Instead of an energy: begins with 2 level/γ², up to which the dissipation inequality itself keeps V below the
-        level, and then takes more or less, as long as the state stays inside.
-    turns : int
-        Of each ascent.
-    starts : int
-        The worst sinusoid of small motions, then fading noise with the seeds `seed`, `seed` + 1, …
-
-    Raises
-    ------
-    InvalidInput
-        If neither or both of energy and level are given, or the law has no V where a level is.
+    `energy` is ∫|d|². A search for a `level` instead begins with the energy 2 level/γ², up to which the dissipation
+    inequality itself keeps V below the level, and then takes more or less, as long as the state stays inside. It
+    starts `starts` times, each an ascent of so many `turns`: from the worst sinusoid of small motions, then from
+    fading noise with the seeds `seed`, `seed` + 1, … Other arguments are those of `DisturbanceSearch`. Neither or both
+    of energy and level, and a level for a law without V, are refused.
     """
     given = [number for number in (energy, level) if number is not None]
     if len(given) != 1 or not (np.isfinite(given[0]) and given[0] > 0.0):

@@ -226,6 +226,15 @@ class PlacedLaw(EquilibriumLaw):
     which therefore is part of the law's numbers.
     """
 
+    @cached_property
+    def joints(self) -> ElasticJoints:
+        """The numbers of a robot's elastic joints at the equilibrium."""
+        return elastic_joints(self.plant, *self.equilibrium)
+
+    @cached_property
+    def _weight(self) -> GravityTorque:
+        return GravityTorque(self.plant)
+
     @property
     @abc.abstractmethod
     def numbers(self) -> np.ndarray:

@@ -6,18 +6,14 @@ LQR with the weight compensated exactly, through the springs: what a practitione
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from flexhinf.baselines.equilibrium_law import (
-    ElasticJoints,
     EquilibriumLaw,
-    GravityTorque,
     PlacedLaw,
     check_joints,
-    elastic_joints,
     equilibrium_of,
 )
 from flexhinf.errors import NumericalFailure
@@ -132,15 +128,6 @@ class GravityCompensatedLQR(PlacedLaw):
         light = replace(problem, plant=weightless, pose=None, equilibrium=(relaxed, np.zeros_like(u)))
         gain = lqr_gain(light, effort)
         return GravityCompensatedLQR(plant=plant, equilibrium=(x, u), integrate=problem.integrate, gain=gain)
-
-    @cached_property
-    def joints(self) -> ElasticJoints:
-        """The joints' numbers at the equilibrium."""
-        return elastic_joints(self.plant, *self.equilibrium)
-
-    @cached_property
-    def _weight(self) -> GravityTorque:
-        return GravityTorque(self.plant)
 
     @property
     def numbers(self) -> np.ndarray:

@@ -173,15 +173,7 @@ class TorqueFeedback(PlacedLaw):
             rotor_inertia=rotor, proportional=gains[0], derivative=gains[1], integral=gains[2], **options,
         )  # fmt: skip
 
-    @cached_property
-    def joints(self) -> ElasticJoints:
-        """The joints' numbers at the equilibrium."""
-        return elastic_joints(self.plant, *self.equilibrium)
-
     # The weight from the motor position -------------------------------------------------------------
-    @cached_property
-    def _weight(self) -> GravityTorque:
-        return GravityTorque(self.plant)
 
     @cached_property
     def contraction(self) -> float:

@@ -482,4 +482,4 @@ class _Search:
         """Parameter vectors (N, q) of the corners of the tolerances: those of `tolerance_corners`."""
         robot, table = self.setup.robot, self.loop.plant.parameters
         found, _ = corner_plants(self.loop, robot.corner, robot.uncertain)
-        return self.loop.vectors([table.known(values) for values in found.values[:-1]])
+        return self.loop.plant.parameters.vectors([table.known(values) for values in found.values[:-1]])
