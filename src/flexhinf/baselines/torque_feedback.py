@@ -35,13 +35,13 @@ from typing import Any, Self
 import numpy as np
 
 from flexhinf.baselines.equilibrium_law import (
+    INTEGRAL_RATE,
     ElasticJoints,
     GravityTorque,
     PlacedLaw,
     elastic_joints,
     equilibrium_of,
 )
-from flexhinf.baselines.linear_quadratic import INTEGRAL_RATE
 from flexhinf.errors import InvalidInput
 from flexhinf.plant import GeneralisedPlant
 from flexhinf.validation import checked_positive, real_array

@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
@@ -103,12 +103,20 @@ def _stacked(*rows: Any) -> Any:
 class _Finite:
     """A signal whose fields are finite numbers; unless it says otherwise it stands still but for jumps."""
 
+    #: A short description, with the fields' values in it.
+    text: ClassVar[str]
+
     def __post_init__(self) -> None:
         for key, value in vars(self).items():
             if not np.isfinite(real_number(value)):
                 advice = "one number; for several channels a mapping of names to signals"
                 what = f"{type(self).__name__} needs finite numbers."
                 raise InvalidInput(what, f"got {key}={value_text(value)}", advice)
+
+    @property
+    def name(self) -> str:
+        """A short description."""
+        return self.text.format(**vars(self))
 
     def __call__(self, t: Any) -> Any:
         raise NotImplementedError
@@ -122,12 +130,8 @@ class _Finite:
 class Constant(_Finite):
     """The same value at all times."""
 
+    text: ClassVar[str] = "constant {value:g}"
     value: float = 0.0
-
-    @property
-    def name(self) -> str:
-        """A short description."""
-        return f"constant {self.value:g}"
 
     def __call__(self, t: Any) -> Any:
         """The value."""
@@ -138,14 +142,10 @@ class Constant(_Finite):
 class Step(_Finite):
     """`initial` before the time `at` (s), `value` from then on."""
 
+    text: ClassVar[str] = "step to {value:.6g} at {at:g} s"
     value: float
     at: float = 0.0
     initial: float = 0.0
-
-    @property
-    def name(self) -> str:
-        """A short description."""
-        return f"step to {self.value:.6g} at {self.at:g} s"
 
     def __call__(self, t: Any) -> Any:
         """The value from `at` on, else `initial`."""
@@ -159,16 +159,12 @@ class Sine(_Finite):
     The frequency is in Hz, the phase in rad.
     """
 
+    text: ClassVar[str] = "{offset:.6g} + {amplitude:.6g} sin(2π·{frequency:g} Hz (t − {at:g} s))"
     amplitude: float
     frequency: float
     offset: float = 0.0
     phase: float = 0.0
     at: float = 0.0
-
-    @property
-    def name(self) -> str:
-        """A short description."""
-        return f"{self.offset:.6g} + {self.amplitude:.6g} sin(2π·{self.frequency:g} Hz (t − {self.at:g} s))"
 
     def __call__(self, t: Any) -> Any:
         """The wave from `at` on, else `offset`."""
@@ -189,6 +185,7 @@ class Sine(_Finite):
 class Quintic(_Finite):
     """From `start` to `goal` in `duration` seconds from `at` on; zero speed and acceleration at both ends."""
 
+    text: ClassVar[str] = "quintic from {start:.6g} to {goal:.6g} in {duration:g} s"
     start: float
     goal: float
     duration: float
@@ -198,11 +195,6 @@ class Quintic(_Finite):
         super().__post_init__()
         checked_positive("The duration of a quintic", self.duration, "seconds", "1.0")
         _check_shortest("ends of a quintic", self.duration)
-
-    @property
-    def name(self) -> str:
-        """A short description."""
-        return f"quintic from {self.start:.6g} to {self.goal:.6g} in {self.duration:g} s"
 
     def __call__(self, t: Any) -> Any:
         """s³ (10 − 15 s + 6 s²) of the way, s the fraction of the time that has passed."""

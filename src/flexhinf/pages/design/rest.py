@@ -11,8 +11,7 @@ from flexhinf.design.impulse import AFTER, ImpulseRuns
 from flexhinf.design.limit_cycle import WIDEST, LimitCycleCheck
 from flexhinf.design.problem.presets import preset_of
 from flexhinf.design.result import Design
-from flexhinf.loop.simulation.metrics import REST_TAIL, tail_of
-from flexhinf.loop.simulation.ring_down import VISIBLE
+from flexhinf.loop.simulation.metrics import REST_TAIL, VISIBLE, tail_of
 from flexhinf.pages.drawing import DASHED, Panel, figure_block, joint_table, listed, time_figure, units_of
 from flexhinf.report import MUTED, Column, Figure, Table, number
 from flexhinf.robot.elastic import DRY
