@@ -11,7 +11,7 @@ from flexhinf.errors import InvalidInput
 from flexhinf.loop import Controller, Loop
 from flexhinf.loop.shared import share
 from flexhinf.plant import Plant
-from flexhinf.robot.feedforward import InverseFlow
+from flexhinf.robot.elastic import InverseFlow
 
 
 def chain(coefficients):
@@ -25,6 +25,7 @@ def sorted_modes(modes):
     return np.array(sorted(modes, key=lambda mode: (round(mode.real, 4), mode.imag)))
 
 
+@pytest.mark.slow
 @pytest.mark.oracle
 @pytest.mark.parametrize("name", ["paper", "quanser", "rig", "planar-two-link", "spatial-three-link"])
 def test_the_nonlinear_loop_is_a_linear_chain_in_every_joint(made, name):

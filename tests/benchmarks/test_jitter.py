@@ -64,6 +64,7 @@ def test_what_allocates_is_counted(module: Any) -> None:
     assert found["bytes_grown"] > 10_000
 
 
+@pytest.mark.slow
 def test_percentiles_of_a_few_steps(module: Any) -> None:
     stream = module.Stream("paper", 2)
     figures = module.timed(stream, stream.stepped("controller", Path()), 20, None, None)

@@ -71,6 +71,7 @@ def check(goal: int, degree: int, weights: tuple[float, ...], torques: bool) -> 
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("goal", "degree", "weights", "torques"), QUICK)
 def test_a_sampled_level_is_proved_just_below_it_and_refused_just_above(
     goal: int, degree: int, weights: tuple[float, ...], torques: bool
@@ -106,6 +107,7 @@ def test_the_region_is_not_left_under_disturbances_that_persist(goal: int, torqu
         found.certify(gamma=gamma, penalty=nothing, level=level, decay=0.3)
 
 
+@pytest.mark.slow
 def test_runs_from_the_largest_steps_go_to_the_goal() -> None:
     found, gamma = solution(180, 4, LIGHT, False)
     certificate = found.certify(gamma=gamma, penalty=PENALTY, level=15_000.0)

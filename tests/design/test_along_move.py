@@ -15,6 +15,8 @@ from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.loop import Schedule, Waypoints
 from flexhinf.plant import Law
 
+pytestmark = pytest.mark.slow
+
 Benches = Callable[..., LoopSetup]
 START, GOAL = (0.0, -2.2), (0.4, -0.3)
 LEAST = MarginLimits(2.5, 1.8, 0.05)
@@ -64,7 +66,6 @@ def test_the_requirement_is_that_of_the_worst_pose(along: AlongMove) -> None:
     assert "damping of oscillations" in lines
 
 
-@pytest.mark.slow
 def test_laws_are_added_at_the_worst_poses_only_where_they_help(
     setup: LoopSetup, plan: Waypoints, along: AlongMove, setup_of: Benches
 ) -> None:

@@ -65,6 +65,7 @@ def test_a_silent_encoder_at_boot_leaves_the_arm_hanging(designed: Any, tmp_path
         np.testing.assert_array_equal(controller.step(None, goal), controller.input_before())
 
 
+@pytest.mark.slow
 def test_a_run_starts_where_its_controller_was_designed_to_start(designed: Any) -> None:
     """Not at the goal, which is the law's operating point; and a run that starts elsewhere says so."""
     controller, plant = designed.controller(), fh.paper_arm().plant()

@@ -336,6 +336,7 @@ def test_design_and_compare_show_the_same_margins_with_friction_and_delay(
         assert one.linear_metrics[key] == pytest.approx(two.linear_metrics[key], rel=1e-9), key
 
 
+@pytest.mark.slow
 def test_design_and_compare_are_functions_however_the_room_was_imported() -> None:
     """Python would make the module ``flexhinf.design`` an attribute of the package when a file of it is imported."""
     check = "assert all(inspect.isfunction(one) and one.__doc__ for one in (fh.design, fh.compare)); "

@@ -44,6 +44,7 @@ def planned(setup: LoopSetup, bandwidth: np.ndarray) -> Any:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "goal", "start"),
     [

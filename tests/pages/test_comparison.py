@@ -12,11 +12,14 @@ import pytest
 
 from flexhinf.design import Comparison
 from flexhinf.design.result import ComparedLaw
+from flexhinf.design.tuning import best_rival
 from flexhinf.pages import comparison_notes, comparison_page, comparison_verdict
-from flexhinf.pages.comparison import rival_of
+from flexhinf.pages.comparison import tuned_laws
 from flexhinf.pages.design.laws import FIGURES, best_of, cell, metric_table
 from flexhinf.pages.files import comparison_numbers
 from flexhinf.report import to_json
+
+pytestmark = pytest.mark.slow
 
 
 def with_costs(comparison: Comparison, **costs: float) -> Comparison:
@@ -62,7 +65,7 @@ def test_the_first_sentence_names_the_best_rival_and_who_wins(
     corners = report_comparison.own.evaluation.corners  # type: ignore[union-attr]
     assert corners is not None
     found = with_costs(report_comparison, **costs)
-    rival = rival_of(found)
+    rival = best_rival(tuned_laws(found))
     if rival is None:
         pytest.skip("every rival has more unstable corners than the design")
     assert comparison_verdict(found).startswith(first)
@@ -133,7 +136,6 @@ def test_cells_and_the_best_of_a_row(report_comparison: Comparison) -> None:
     assert len(table.records()[0]) == 1 + len(report_comparison.compared)
 
 
-@pytest.mark.slow
 def test_the_same_comparison_gives_the_same_page(report_comparison: Comparison) -> None:
     first, second = (comparison_page(report_comparison, ["flexhinf"]).html() for _ in range(2))
     assert first == second

@@ -30,6 +30,7 @@ def with_evaluation(design: Design, **parts: object) -> Design:
     return dataclasses.replace(design, evaluation=evaluation)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("changes", "what", "there"),
     [

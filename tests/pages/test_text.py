@@ -49,6 +49,7 @@ def test_the_requirements_come_first(report_design: Make) -> None:
     assert "The rigid design on the same robot" in verdict(design)
 
 
+@pytest.mark.slow
 def test_a_comparison_fits_into_eighty_columns(report_comparison: Comparison) -> None:
     text = printed(comparison_tables(report_comparison))
     assert max(len(line) for line in text.splitlines()) <= 80

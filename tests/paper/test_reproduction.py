@@ -10,10 +10,9 @@ import pytest
 
 from flexhinf.pages.paper import FIGURES as FIGURES_DRAWN
 from flexhinf.paper import PaperSettings, Reproduction, reproduce
-from flexhinf.paper.experiments import Experiments
 from flexhinf.paper.loop_setup import PaperSetup
 
-pytestmark = pytest.mark.paper
+pytestmark = [pytest.mark.paper, pytest.mark.slow]
 
 FIGURES = [f"{number:02d}" for number in range(3, 13)]
 VERDICTS = {"holds", "fails", "ties", "not judged"}
@@ -24,7 +23,6 @@ def metrics(reproduction: Reproduction) -> dict[str, Any]:
     return json.loads(reproduction.files["metrics.json"])
 
 
-@pytest.mark.slow
 def test_the_files_are_those_of_the_report(reproduction: Reproduction) -> None:
     assert set(reproduction.files) == {"index.html", "metrics.json", *(f"figure_{n}.svg" for n in FIGURES)}
 
@@ -177,12 +175,11 @@ def test_the_worst_runs_are_the_worst(reproduction: Reproduction, metrics: dict[
 
 
 def test_the_same_settings_give_the_same_bytes(reproduction: Reproduction) -> None:
-    again = Experiments(PaperSetup(PaperSettings()))
+    again = PaperSetup(PaperSettings())
     for number in ("03", "11"):
         assert FIGURES_DRAWN[number][-1](again) == reproduction.files[f"figure_{number}.svg"]
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     "options",
     [

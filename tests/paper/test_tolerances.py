@@ -44,6 +44,7 @@ def test_all_2048_corners_are_counted_by_goal_and_form(study: ToleranceStudy) ->
     }
 
 
+@pytest.mark.slow
 def test_one_tolerance_alone_suffices_with_noise_on_the_velocities(study: ToleranceStudy) -> None:
     goal = math.pi / 2
     assert study.sufficient_alone(study.of_form(VELOCITIES, goal)) == [STIFF]

@@ -294,6 +294,7 @@ def test_the_nonlinear_law_dissipates_for_every_robot_of_the_channels_near_the_g
     assert largest(0.5 * game.gamma) > 0.1
 
 
+@pytest.mark.slow
 def test_the_region_of_a_robust_law_is_sampled_and_not_empty(problem_of: Games) -> None:
     game = problem_of("paper", goal=ROBUST["paper"], preset="robust")
     solution = fh.solve_hji(game.problem, game.gamma, 4)

@@ -25,6 +25,7 @@ def test_a_higher_degree_allows_a_larger_step_at_90_degrees() -> None:
     assert cubic.residual < 1e-13
 
 
+@pytest.mark.slow
 def test_the_start_of_the_largest_step_lies_on_the_level() -> None:
     choice = choices_at(np.pi / 2)[1]
     from flexhinf.hinf.sampled import equilibrium_state
