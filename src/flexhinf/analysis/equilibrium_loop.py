@@ -106,7 +106,9 @@ class EquilibriumLoop:
                 )
             x, u = plant_equilibrium(self._model, law.tracked, pose_values(goal, law.tracked))
             self.model_equilibrium = x[[self._model.index(name) for name in self._states]], u
-        steady = ConstantGainFilter(filter, self.gain(filter.process_noise)) if self.tunable else filter
+        steady = filter
+        if self.tunable:
+            steady = ConstantGainFilter(filter, self.gain(filter.process_noise))
         self.step = SampledController(law, steady, period, moving)
         self.positions = self.step.tracked if positions is None else true_plant.expanded(positions)
         self.sub_steps = Loop(true_plant, self.step.controller).sub_steps
