@@ -44,8 +44,6 @@ class EquilibriumLoop:
         A Kalman filter is taken at its stationary gain at the goal. None feeds back the true state.
     true_plant : Plant
         May have more states than the law's plant (a coil); its parameters are given to `modes`.
-    period : float
-        s.
     goal : float, (k,) array or mapping, optional
         Wanted values of the tracked states; those of the law's operating point by default.
     equilibrium : ((n,), (m,)) arrays, optional
@@ -53,15 +51,12 @@ class EquilibriumLoop:
     moving : bool
         The law acts on deviations from the goal, and its input adds to the one that holds it there, as
         `flexhinf.loop.Controller` with ``moving=True``.
-    delay : int
-        Whole samples between an input and its effect, of which the estimator does not know; at most 200.
+    period, delay : float, int
+        s; whole samples between an input and its effect, of which the estimator does not know, at most 200.
     positions : str or sequence of str, optional
         States that a command is for, in `linear`; the tracked ones by default.
 
-    Raises
-    ------
-    InvalidInput, NumericalFailure
-        If something does not fit, or the law's plant has no equilibrium at the goal.
+    What does not fit is an InvalidInput; a law's plant without an equilibrium at the goal a NumericalFailure.
     """
 
     def __init__(

@@ -10,9 +10,8 @@ The gravity torque is taken from the flow too. At rest and with its springs rela
 q̈1 = −M⁻¹ G, and a torque at the links moves it by M⁻¹, so G = −(∂q̈1/∂d_link)⁻¹ q̈1 is exact for any plant of elastic
 joints.
 
-LQR of a problem's linear part: the problem's own weights, and no disturbance thought of (γ = ∞).
-
-LQR with the weight compensated exactly, through the springs: what a practitioner would try before any H∞.
+Two laws are here: the LQR of a problem's linear part, which has the problem's own weights and no disturbance in mind
+(γ = ∞), and the LQR with the weight compensated exactly, through the springs.
 """
 
 from __future__ import annotations

@@ -4,16 +4,13 @@ It is what the compiled kernels run, what `Controller.step` calls and what is ex
 are called is left to a *run*: directly on arrays, or as pieces of a program (`flexhinf.codegen.compose`). The law is
 evaluated by its own text, or as a table of monomials in loops.
 
-Several laws, designed at several poses, behind one controller: the nearest to the command is active.
-
-When a law takes over, the input continues from the last one: bumpless transfer.
-
-The integrals are what a law remembers, so they are chosen to make it ask for the input that acts already:
-u* + k(x − x*, e) = u_last, by a fixed number of Broyden's steps [broyden1965] from the integrals as they are and
-the inverse slope at the operating point. What no integral reaches (a law without integrals, fewer integrals than
-inputs, a polynomial without such a root) is held as a bias that decays, so that the input is continuous always.
-Every step is one evaluation of the law, so that it may be a polynomial of any degree; composed kernels make them
-only when a law takes over.
+Of several laws, designed at several poses, the nearest to the command is active. When a law takes over, the input
+continues from the last one: bumpless transfer. The integrals are what a law remembers, so they are chosen to make it
+ask for the input that acts already: u* + k(x − x*, e) = u_last, by a fixed number of Broyden's steps [broyden1965]
+from the integrals as they are and the inverse slope at the operating point. What no integral reaches (a law without
+integrals, fewer integrals than inputs, a polynomial without such a root) is held as a bias that decays, so that the
+input is continuous always. Every step is one evaluation of the law, so that it may be a polynomial of any degree;
+composed kernels make them only when a law takes over.
 """
 
 from __future__ import annotations

@@ -5,9 +5,8 @@ user's own, while runs go on: they remember a few numbers, which every sample ch
 stored. Their `update` is traced and compiled like a model: NumPy code on any element, choices by
 `flexhinf.scalars.where`, `maximum` and so on.
 
-The oscillations in which a loop comes to rest after an impulse, from the recorded runs alone.
-
-Near its equilibrium a sampled loop obeys z(k+1) = A z(k), with z all that it remembers: states of the plant, estimate,
+`ring_down` has the oscillations in which a loop comes to rest after an impulse, from the recorded runs alone. Near its
+equilibrium a sampled loop obeys z(k+1) = A z(k), with z all that it remembers: states of the plant, estimate,
 inputs. A is the least-squares fit to all samples of all runs (dynamic mode decomposition [schmid2010]); its eigenvalues
 are the measured decay rates and frequencies, its eigenvectors say how much each of them moves. No model and no
 linearisation of the loop enters, so what it shows is what the loop does: also where dry friction, limits or a filter
