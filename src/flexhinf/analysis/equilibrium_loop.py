@@ -103,7 +103,7 @@ class EquilibriumLoop:
             self.model_equilibrium = x[[self._model.index(name) for name in self._states]], u
         steady = filter
         if self.tunable:
-            steady = ConstantGainFilter(filter, self.gain(filter.process_noise))
+            steady = ConstantGainFilter(self.filter, self.gain(self.filter.process_noise))
         self.step = SampledController(law, steady, period, moving)
         self.positions = self.step.tracked if positions is None else true_plant.expanded(positions)
         self.sub_steps = Loop(true_plant, self.step.controller).sub_steps
