@@ -14,7 +14,7 @@ from flexhinf.design.synthesis.steps import synthesise
 from flexhinf.errors import InvalidInput
 from flexhinf.loop import JerkLimited
 from flexhinf.pages.design.runs import long_run
-from flexhinf.pages.drawing import drawn
+from flexhinf.pages.drawing import with_figures
 from flexhinf.robot import Parameter
 
 MOTORS = {"measured": "motor_position", "degrees": "2", "rays": 0}
@@ -125,7 +125,7 @@ def test_every_report_says_who_hunts(setup):
         evaluation=SimpleNamespace(setup=setup),
         robot=setup.robot,
     )
-    note, figure, table = drawn(long_run(cast(Design, design)))
+    note, figure, table = with_figures(long_run(cast(Design, design)))
     assert "shoulder by ±1.2" in note.text
     assert "`--extras coulomb_friction --friction-model`" in note.text
     assert "sensors on both sides of the springs" in note.text

@@ -20,7 +20,7 @@ from flexhinf.design.problem.presets import choose
 from flexhinf.design.responses import Scenario
 from flexhinf.design.synthesis.noise import search_noise
 from flexhinf.pages.design import runs
-from flexhinf.pages.drawing import drawn
+from flexhinf.pages.drawing import with_figures
 
 NAME = "payload_mass"
 GOAL, START = np.array([0.6]), np.array([0.3])
@@ -81,7 +81,7 @@ def test_what_is_too_heavy_is_not_met_and_every_report_says_so(evaluation: LawEv
             specification=setup.specification,
         ),
     )  # fmt: skip
-    note, *others = drawn(runs.payload(design))
+    note, *others = with_figures(runs.payload(design))
     assert "a nominal mass" in note.html()
     page = " ".join(block.html() for block in others)
     assert "0 to 0.1 kg, 0.02 kg in the model" in page

@@ -25,7 +25,7 @@ from flexhinf.pages.design.region import level_table, region, widest_step
 from flexhinf.pages.design.requirements import found_text, limit_text, requirement_table
 from flexhinf.pages.design.step import histogram_bins, spread_table
 from flexhinf.pages.design.weights import candidate_table, robust_table
-from flexhinf.pages.drawing import drawn, joint_table
+from flexhinf.pages.drawing import joint_table, with_figures
 from flexhinf.pages.page import remarks, title_of
 from flexhinf.pages.settings import design_settings
 from flexhinf.report import Cell, Column, number
@@ -91,7 +91,7 @@ def test_the_page_says_which_step_the_region_allows(report_design: Make) -> None
     robot = SimpleNamespace(links=SimpleNamespace(limits=[(0.0, 3.0), None, (-1.0, 2.5)]))
     limited: Any = SimpleNamespace(robot=robot, goal=np.array([1.0, 5.0, 1.0]))
     assert widest_step(limited) == 1.5
-    text = "".join(block.html() for block in drawn(region(design)))
+    text = "".join(block.html() for block in with_figures(region(design)))
     assert 'id="table-region"' in text
 
 

@@ -169,7 +169,7 @@ def _success(result: PairResult) -> list[Any]:
     return [
         designs,
         Paragraph(text),
-        *([Note(other)] if own != result.pair.requirements else []),
+        *([Note(other)] if own != result.pair.a.requirements else []),
         Table(("", "B keeps them", "B fails"), pairs, "Pairs", "table-pairs"),
         Table(("", "success", "95 %: from", "to"), rates, by_itself, "table-rates"),
     ]

@@ -205,7 +205,7 @@ def figure_block(name: str, figure: Canvas, sentences: str | Iterable[str], titl
     return Figure(f"figure-{name}", figure_to_svg(figure), caption, title)
 
 
-def drawn(blocks: Blocks) -> list[Block]:
+def with_figures(blocks: Blocks) -> list[Block]:
     """The blocks of a section with its figures drawn."""
     found = (block() if callable(block) else block for block in blocks)
     return [block for block in found if block is not None]

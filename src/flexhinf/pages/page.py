@@ -17,7 +17,6 @@ from flexhinf.design.result import Status as Judged
 from flexhinf.pages.design import frequency, law, region, requirements, runs, step, weights
 from flexhinf.pages.drawing import (
     Blocks,
-    drawn,
     in_joint,
     joint_count,
     law_name,
@@ -26,6 +25,7 @@ from flexhinf.pages.drawing import (
     range_text,
     rounded,
     units_of,
+    with_figures,
 )
 from flexhinf.pages.proof import RULES, proof_text
 from flexhinf.pages.settings import design_settings, files_section
@@ -96,7 +96,7 @@ def design_page(
     sections = []
     with house_style():  # once for all figures
         for part in PARTS:
-            blocks = drawn(part.blocks(design))
+            blocks = with_figures(part.blocks(design))
             if part.anchor == "specification":
                 blocks = [*(note(" ".join(text.split())) for text in warnings), *blocks]
             if not all(isinstance(block, Note) for block in blocks):
