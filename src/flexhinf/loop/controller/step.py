@@ -28,7 +28,7 @@ from flexhinf.errors import InvalidInput
 from flexhinf.loop.controller.options import Mode, Source, check_kinds
 from flexhinf.plant import Estimator, Law
 from flexhinf.polynomial import basis
-from flexhinf.polynomial.law import PolynomialLaw
+from flexhinf.polynomial.algebra import PolynomialLaw
 from flexhinf.scalars import absolute, clip, jacobian, where
 from flexhinf.validation import checked_positive, real_number, value_text
 

@@ -24,7 +24,7 @@ from flexhinf.files import read_arrays, write_arrays
 from flexhinf.loop.controller.start import Windup
 from flexhinf.loop.controller.step import Schedule, TableLaw
 from flexhinf.plant import Estimator, Law, ParameterTable, Plant, StoredCode
-from flexhinf.polynomial.law import PolynomialLaw
+from flexhinf.polynomial.algebra import PolynomialLaw
 from flexhinf.scalars import apply, function_arrays, function_from_arrays, trace
 from flexhinf.validation import checked_name, checked_path, distinct, value_text
 
@@ -272,7 +272,8 @@ def _store(value: Any, prefix: str, arrays: dict[str, np.ndarray]) -> Any:
 def _restore(part: dict[str, Any], prefix: str, arrays: Mapping[str, np.ndarray]) -> Any:
     if "estimator" in part:
         _, name = part["estimator"]
-        kind = vars(import_module(ESTIMATORS)).get(str(name))
+        room = import_module(ESTIMATORS)
+        kind = getattr(room, name) if name in room.__all__ else None
         if not (isinstance(kind, type) and issubclass(kind, Estimator)):
             raise InvalidInput("No estimator.", value_text(name, 60))
         return kind(**{k: _restore(one, f"{prefix}{k}.", arrays) for k, one in part["settings"].items()})
