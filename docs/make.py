@@ -245,7 +245,7 @@ def _printed(command: str) -> str:
 def presets() -> str:
     """The designs of the paper's arm by each preset, at 90° and 180°."""
     import flexhinf as fh
-    from flexhinf.analysis import destabilising_scale
+    from flexhinf.analysis import ToleranceBox
     from flexhinf.design import Specification, design
 
     head = (
@@ -270,6 +270,8 @@ def presets() -> str:
         )
         assert corners is not None
         assert samples is not None
+        loop = found.evaluation.loop
+        edge = ToleranceBox.of(loop, robot.corner, robot.uncertain).edge(loop)[0]
         other = max(int(swept.unstable) for swept in corners.swept)
         load = float(np.max(np.abs(found.evaluation.load_response.load)))
         missed = [line.what for line in found.requirements if not line.met]
@@ -277,7 +279,7 @@ def presets() -> str:
             f"{goal}°, {preset}",
             f"{min(mode.damping for mode in found.law_modes if mode.damping < 1.0):.2f}, {m['damping']:.3f}",
             f"{m['peak_sensitivity']:.2f}, {m['gain_margin']:.2f}, {1e3 * m['delay_margin_s']:.0f} ms",
-            f"{destabilising_scale(found.evaluation.loop, robot.corner, robot.uncertain)[0]:.2f}",
+            f"{edge:.2f}",
             f"{1e3 * m['input_noise']:.0f} mV",
             f"{corners.unstable}, at most {other} of {corners.count}",
             f"{m['step_overshoot_percent']:.1f} %, {m['step_settling_s']:.2f} s, {m['step_peak_input']:.1f} V",

@@ -18,8 +18,8 @@ from flexhinf.analysis import (
     MOTOR_VELOCITIES,
     EquilibriumLoop,
     ProcessNoise,
+    ToleranceBox,
     corners,
-    destabilising_scale,
     tolerance_corners,
 )
 from flexhinf.robot import Robot
@@ -91,9 +91,9 @@ def test_robust_stands_less_of_a_common_factor_of_the_tolerances(
 ) -> None:
     """At 90°: the preset robust covers the tolerances as they are, and need not stand more of them than damped does."""
     loop = loop_of(made, arm, preset, 90)
-    found, corner = destabilising_scale(loop, arm.corner, arm.uncertain)
+    found, corner = ToleranceBox.of(loop, arm.corner, arm.uncertain).edge(loop)
     assert found == pytest.approx(scale, abs=2e-3)
-    middle, end = loop.vectors(
+    middle, end = loop.plant.parameters.vectors(
         [arm.corner(signs) for signs in ([0.0] * 11, corners(11, 2048)[corner].tolist())]
     )
     moved = np.array([middle + factor * (end - middle) for factor in (found - 0.01, found + 0.01)])

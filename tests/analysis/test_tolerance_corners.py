@@ -15,9 +15,9 @@ from flexhinf.analysis import (
     MOTOR_VELOCITIES,
     EquilibriumLoop,
     ProcessNoise,
+    ToleranceBox,
     corner_population,
     corners,
-    destabilising_scale,
     growth_rates,
     standard_noises,
     tolerance_corners,
@@ -180,7 +180,7 @@ def test_the_estimators_noise_is_named_and_swept(made: SimpleNamespace, arm: Rob
 def test_the_tolerances_may_grow_by_a_factor(made: SimpleNamespace, arm: Robot, cubic: HJISolution) -> None:
     """At 0.99 of it no corner is unstable, at 1.01 some are; the paper's law stands less than its tolerances."""
     loop = loop_of(made, arm, cubic)
-    scale, corner = destabilising_scale(loop, arm.corner, arm.uncertain)
+    scale, corner = ToleranceBox.of(loop, arm.corner, arm.uncertain).edge(loop)
     assert 0.0 < scale < 1.0
     signs = corners(11, 2048)
     for factor, some in ((0.99, False), (1.01, True)):
@@ -188,8 +188,8 @@ def test_the_tolerances_may_grow_by_a_factor(made: SimpleNamespace, arm: Robot, 
         assert bool((rates >= 0.0).any()) == some
         assert not some or rates[corner] >= 0.0
     fed = EquilibriumLoop(cubic, None, arm.plant(), PERIOD)
-    assert destabilising_scale(fed, arm.corner, arm.uncertain)[0] > 1.0
-    assert destabilising_scale(fed, arm.corner, arm.uncertain, most=1.0) == (math.inf, -1)
+    assert ToleranceBox.of(fed, arm.corner, arm.uncertain).edge(fed)[0] > 1.0
+    assert ToleranceBox.of(fed, arm.corner, arm.uncertain).edge(fed, most=1.0) == (math.inf, -1)
 
 
 def test_many_numbers_are_sampled_and_said_to_be(

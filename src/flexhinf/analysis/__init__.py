@@ -9,7 +9,6 @@ The names are imported here and not on first use, because some functions are cal
 were imported later would replace the function.
 """
 
-from flexhinf.analysis.batch import LawRows
 from flexhinf.analysis.corners import (
     ALL_STATES,
     FORMS,
@@ -24,14 +23,12 @@ from flexhinf.analysis.corners import (
     corner_plants,
     corner_population,
     corners,
-    destabilising_scale,
     growth_rates,
     standard_noises,
     tolerance_corners,
 )
 from flexhinf.analysis.dissipation import (
     BudgetTerm,
-    DissipationBudget,
     DissipationCorners,
     LinearCorners,
     budget_terms,
@@ -40,46 +37,6 @@ from flexhinf.analysis.dissipation import (
 )
 from flexhinf.analysis.equilibrium_loop import EquilibriumLoop
 from flexhinf.analysis.frequency import FrequencyResponse, frequency_response
-from flexhinf.analysis.linear_loop import DiscreteSystem, LinearLoop, Modes
+from flexhinf.analysis.linear_loop import DiscreteSystem, LinearLoop
 from flexhinf.analysis.margins import FilteredLoop, Margins, margins
 from flexhinf.analysis.worst_disturbance import Attained, DisturbanceSearch, worst_disturbance
-
-__all__ = [
-    "ALL_STATES",
-    "FORMS",
-    "LINK_VELOCITIES",
-    "MOTOR_VELOCITIES",
-    "VELOCITIES",
-    "Attained",
-    "BudgetTerm",
-    "DiscreteSystem",
-    "DissipationBudget",
-    "DissipationCorners",
-    "DisturbanceSearch",
-    "EquilibriumLoop",
-    "FilteredLoop",
-    "FrequencyResponse",
-    "GrowthRates",
-    "LawRows",
-    "LinearCorners",
-    "LinearLoop",
-    "Margins",
-    "Modes",
-    "Population",
-    "ProcessNoise",
-    "ToleranceBox",
-    "ToleranceCorners",
-    "budget_terms",
-    "corner_plants",
-    "corner_population",
-    "corners",
-    "destabilising_scale",
-    "dissipation_budget",
-    "dissipation_corners",
-    "frequency_response",
-    "growth_rates",
-    "margins",
-    "standard_noises",
-    "tolerance_corners",
-    "worst_disturbance",
-]  # fmt: skip

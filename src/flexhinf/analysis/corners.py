@@ -150,16 +150,9 @@ def corner_population(
 ) -> Population:
     """Draws, corners, every uncertain number alone at both of its ends, and the nominal plant, in this order.
 
-    Parameters
-    ----------
-    uncertain, count : int
-        How many uncertain numbers there are (``len(robot.uncertain)``), and corners, if there are more than so many.
-    seed : int
-        Of corners and draws, each with a generator of its own.
-    draw : callable, optional
-        Generator → parameters: `Robot.draw`. Without it nothing is drawn.
-    singles : bool
-        Whether plants with one number at one end are among them.
+    Of the `uncertain` numbers (``len(robot.uncertain)``) there are `count` corners, if there are more than so many.
+    Corners and draws have a generator each, of one seed; `draw` makes parameters of one, as `Robot.draw`, and without
+    it nothing is drawn. `singles` says whether plants with one number at one end are among them.
     """
     rng, found = np.random.default_rng(seed), corners(uncertain, count, seed)
     drawn = [] if draw is None else [draw(rng) for _ in range(draws)]
@@ -192,7 +185,9 @@ def corner_plants(
 
 def _vectors(loop: EquilibriumLoop, population: Population) -> np.ndarray:
     """Parameter vectors (N, q) of the loop's plant; parameters that it does not have are left out."""
-    return loop.vectors([loop.plant.parameters.known(values) for values in population.values])
+    return loop.plant.parameters.vectors(
+        [loop.plant.parameters.known(values) for values in population.values]
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -225,23 +220,13 @@ ROWS = 1024
 
 @dataclass(frozen=True, eq=False)
 class GrowthRates:
-    """How fast a loop grows with each of some plants, at one R^v.
+    """How fast a loop grows with each of some plants, at one R^v."""
 
-    Attributes
-    ----------
-    noise : ProcessNoise or None
-        None: the loop as it is designed, or the true state fed back.
-    rates : (N,) array
-        log of the largest multiplier per period, 1/s: negative where the loop is stable, infinite where it has no
-        equilibrium.
-    kinds, plants : (N,) arrays of str and int
-        As of `Population`, and which plants of it these are.
-    """
-
-    noise: ProcessNoise | None
+    noise: ProcessNoise | None  # None: the loop as it is designed, or the true state fed back
+    #: (N,), log of the largest multiplier per period, 1/s: negative where stable, infinite without equilibrium
     rates: np.ndarray
-    kinds: np.ndarray
-    plants: np.ndarray
+    kinds: np.ndarray  # (N,) of str, as of `Population`
+    plants: np.ndarray  # (N,) of int, which plants of it these are
 
     @property
     def unstable(self) -> int:
@@ -274,16 +259,10 @@ def growth_rates(
 ) -> tuple[GrowthRates, ...]:
     """Growth rates of a loop with every plant, for every R^v; few plants with several R^v at once.
 
-    Parameters
-    ----------
-    noises : sequence of ProcessNoise or None
-        None stands for the loop as it is; R^v without a Kalman filter in the loop is an InvalidInput.
-    plants : (N,) array of int, optional
-        Only these plants of the population.
-    going_on : callable, optional
-        Called before each R^v, of which one may take a second; what it raises ends the work.
-    vectors : (M, q) array, optional
-        Parameter vectors of the whole population, where they are known.
+    None among the `noises` stands for the loop as it is; R^v without a Kalman filter in the loop is refused. Only the
+    `plants` (N,) of the population are taken, if given, and `vectors` (M, q) are the parameters of the whole
+    population, where they are known. `going_on` is called before each R^v, of which one may take a second; what it
+    raises ends the work.
     """
     chosen = np.arange(len(population)) if plants is None else plants
     vectors = _vectors(loop, population) if vectors is None else vectors
@@ -323,21 +302,12 @@ LARGEST = 1e300
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ToleranceCorners(Corners):
-    """Growth rates of a loop at the corners of the tolerances.
+    """Growth rates of a loop at the corners of the tolerances."""
 
-    Attributes
-    ----------
-    designed : GrowthRates
-        At the corners, with the estimator's noise as designed, or without an estimator.
-    swept : tuple of GrowthRates
-        Over other choices of R^v. Of a large loop these are at the corners only that grow fastest as designed.
-    measurement_noise : float
-        R^n that ratios are to; NaN without a Kalman filter.
-    """
-
-    designed: GrowthRates
+    designed: GrowthRates  # with the estimator's noise as designed, or without an estimator
+    #: over other R^v; of a large loop at the corners only that grow fastest as designed
     swept: tuple[GrowthRates, ...]
-    measurement_noise: float
+    measurement_noise: float  # R^n that ratios are to; NaN without a Kalman filter
 
     def __repr__(self) -> str:
         text = f"{self.unstable} of {self.count} corners unstable, {len(self.swept)} other R^v"
@@ -497,17 +467,3 @@ class ToleranceBox:
             now = self.unstable(loop, centre, which, process_noise)
             low, high, unstable = (low, centre, now) if len(now) else (centre, high, unstable)
         return high, int(unstable[0])
-
-
-def destabilising_scale(
-    loop: EquilibriumLoop,
-    at: ParametersAt,
-    uncertain: int | Sequence[Any],
-    process_noise: np.ndarray | None = None,
-    *,
-    most: float = 2.0**DOUBLINGS,
-    seed: int = 0,
-) -> tuple[float, int]:
-    """Smallest common factor of all tolerances with which some corner is unstable, and this corner; see
-    `tolerance_corners` and `ToleranceBox.edge`."""
-    return ToleranceBox.of(loop, at, uncertain, seed).edge(loop, None, process_noise, most)

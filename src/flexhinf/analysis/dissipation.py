@@ -47,27 +47,15 @@ NONE = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class DissipationBudget:
-    """The budget along one run, which assumes the law's own plant as the true one.
+    """The budget along one run, which assumes the law's own plant as the true one."""
 
-    Attributes
-    ----------
-    times : (N,) array
-        s.
-    level, start : float
-        c of {V ≤ c}, infinite if none was given, and V at the first sample.
-    spent, disturbance, value : (N,) arrays
-        ½ ∫ vᵀ R2 v and ½ γ² ∫|d|² until each sample, and V there.
-    complete : bool
-        Whether the run came to its end.
-    """
-
-    times: np.ndarray
-    level: float
-    start: float
-    spent: np.ndarray
-    disturbance: np.ndarray
-    value: np.ndarray
-    complete: bool
+    times: np.ndarray  # (N,), s
+    level: float  # c of {V ≤ c}; infinite if none was given
+    start: float  # V at the first sample
+    spent: np.ndarray  # (N,), ½ ∫ vᵀ R2 v until each sample
+    disturbance: np.ndarray  # (N,), ½ γ² ∫|d|²
+    value: np.ndarray  # (N,), V
+    complete: bool  # whether the run came to its end
 
     @property
     def total(self) -> float:
@@ -88,21 +76,11 @@ class DissipationBudget:
 def dissipation_budget(
     run: Trajectory, loop: Loop, level: float = np.inf, initial_input: Any = None
 ) -> DissipationBudget:
-    """The budget of a run of a loop about its law's operating point.
+    """The budget of a run of a loop about its law's operating point; the loop is that which made it.
 
-    Parameters
-    ----------
-    loop : Loop
-        That made it; its law has a value function V, as a solution of `solve_hji`.
-    level : float
-        c, for example ``solution.sampled_region().level``.
-    initial_input : (m,) array, optional
-        As given to `Loop.run`.
-
-    Raises
-    ------
-    InvalidInput
-        If the law has no V, the true state is not known, or something disturbs that the problem does not know.
+    `level` is c, for example ``solution.sampled_region().level``, and `initial_input` (m,) as given to `Loop.run`. A
+    law without a value function V (as a solution of `solve_hji` has), a run whose true state is not known, and
+    disturbances that the problem does not know are refused.
     """
     controller = loop.controller
     law = controller.law
@@ -199,25 +177,10 @@ def budget_terms(
 ) -> tuple[BudgetTerm, ...]:
     """Run the same law with the exact state at the samples, then with delay, estimator and limits added in turn.
 
-    Parameters
-    ----------
-    law : Law
-        With a value function: a solution of `solve_hji`.
-    plant : Plant
-        The law's own: a budget says nothing of another.
-    period, delay : float
-        s; the delay a whole number of periods. None leaves the row out, as for the following.
-    level : float
-        c of {V ≤ c}.
-    estimator, saturation, start
-        As of `flexhinf.loop.Controller`.
-    **run
-        As of `Loop.run`: initial_state, duration, noise, …; the noise only where the estimator is.
-
-    Raises
-    ------
-    InvalidInput
-        As `dissipation_budget`, and if something does not fit.
+    The law has a value function, and the plant is its own: a budget says nothing of another. Period and delay are in
+    s, the delay a whole number of periods; None leaves a row out. `level` is c of {V ≤ c}; `estimator`, `saturation`
+    and `start` are as of `flexhinf.loop.Controller`, `run` as of `Loop.run`, with noise only where the estimator is.
+    What does not fit is refused as by `dissipation_budget`.
     """
     rows: list[BudgetTerm] = []
     added = {"sampling": True, "delay": delay, "estimator": estimator, "saturation": saturation}
@@ -343,19 +306,10 @@ def dissipation_corners(
 ) -> DissipationCorners:
     """Check the linear part of the inequality at all corners of up to 12 uncertain numbers, at sampled ones of more.
 
-    Parameters
-    ----------
-    solution : HJISolution
-        P, K and γ; it may come of another problem of the same states (else an InvalidInput), with tolerance channels.
-    problem : GeneralisedPlant
-        Its d and z are meant, and its plant is changed.
-    at, uncertain, seed
-        As for `tolerance_corners`.
-    equilibrium : callable
-        Parameters → (x, u) where the plant with these parameters is held at the goal:
-        ``lambda values: robot.operating_point(goal, parameters=values)``.
-    gamma : float, optional
-        Instead of the solution's.
+    P, K and γ (unless another `gamma` is given) are the solution's, which may come of another problem of the same
+    states (else it is refused), with tolerance channels; d and z are the problem's, whose plant is changed. `at`,
+    `uncertain` and `seed` are as for `tolerance_corners`, and `equilibrium` takes parameters to (x, u) where the plant
+    with these is held at the goal: ``lambda values: robot.operating_point(goal, parameters=values)``.
     """
     if tuple(solution.state_names) != tuple(problem.state_names):
         raise InvalidInput(

@@ -44,8 +44,6 @@ class EquilibriumLoop:
         A Kalman filter is taken at its stationary gain at the goal. None feeds back the true state.
     true_plant : Plant
         May have more states than the law's plant (a coil); its parameters are given to `modes`.
-    period : float
-        s.
     goal : float, (k,) array or mapping, optional
         Wanted values of the tracked states; those of the law's operating point by default.
     equilibrium : ((n,), (m,)) arrays, optional
@@ -53,15 +51,12 @@ class EquilibriumLoop:
     moving : bool
         The law acts on deviations from the goal, and its input adds to the one that holds it there, as
         `flexhinf.loop.Controller` with ``moving=True``.
-    delay : int
-        Whole samples between an input and its effect, of which the estimator does not know; at most 200.
+    period, delay : float, int
+        s; whole samples between an input and its effect, of which the estimator does not know, at most 200.
     positions : str or sequence of str, optional
         States that a command is for, in `linear`; the tracked ones by default.
 
-    Raises
-    ------
-    InvalidInput, NumericalFailure
-        If something does not fit, or the law's plant has no equilibrium at the goal.
+    What does not fit is an InvalidInput; a law's plant without an equilibrium at the goal a NumericalFailure.
     """
 
     def __init__(
@@ -106,7 +101,9 @@ class EquilibriumLoop:
                 )
             x, u = plant_equilibrium(self._model, law.tracked, pose_values(goal, law.tracked))
             self.model_equilibrium = x[[self._model.index(name) for name in self._states]], u
-        steady = ConstantGainFilter(filter, self.gain(filter.process_noise)) if self.tunable else filter
+        steady = filter
+        if self.tunable:
+            steady = ConstantGainFilter(self.filter, self.gain(self.filter.process_noise))
         self.step = SampledController(law, steady, period, moving)
         self.positions = self.step.tracked if positions is None else true_plant.expanded(positions)
         self.sub_steps = Loop(true_plant, self.step.controller).sub_steps
@@ -263,19 +260,14 @@ class EquilibriumLoop:
         process_noise: np.ndarray | None = None,
         near: np.ndarray | None = None,
     ) -> Modes:
-        """Equilibrium and multipliers with these true plants.
+        """Equilibrium and multipliers with these true plants, mappings by name (numbers, or arrays where there are
+        joints; names that are left out keep their nominal value) or parameter vectors (N, q).
 
-        Parameters
-        ----------
-        values : sequence of mapping by name, or (N, q) array of parameter vectors of the true plant
-            Numbers, or arrays where there are joints; names that are left out keep their nominal value.
-        process_noise : (n, n) or (N, n, n) array, optional
-            R^v instead of the filter's, the same for all plants or one for each.
-        near : (N, K) array, optional
-            Equilibria from which those of the plants are searched for, for example those with another R^v; where one
-            is NaN, and by default, the nominal plant's.
+        `process_noise` is R^v instead of the filter's, (n, n) for all plants or (N, n, n). Equilibria are searched for
+        from `near` (N, K), for example those with another R^v; where that is NaN, and by default, from the nominal
+        plant's.
         """
-        vectors = values if isinstance(values, np.ndarray) else self.vectors(values)
+        vectors = values if isinstance(values, np.ndarray) else self.plant.parameters.vectors(values)
         fixed = self._fixed(process_noise)
         own, parts = fixed is not None and fixed.ndim == 2, []
         each = max(1, AT_ONCE // self.states**2)
@@ -300,7 +292,7 @@ class EquilibriumLoop:
         nominal = not values and process_noise is None
         if nominal and self._nominal is not None:
             return self._nominal
-        vectors, fixed = self.vectors([values or {}]), self._fixed(process_noise)
+        vectors, fixed = self.plant.parameters.vectors([values or {}]), self._fixed(process_noise)
         z, _, found = self._equilibrium(vectors, fixed)
         if not found[0]:
             raise NumericalFailure(
@@ -323,10 +315,6 @@ class EquilibriumLoop:
         if nominal:
             self._nominal = linear
         return linear
-
-    def vectors(self, values: Sequence[Mapping[str, Any]]) -> np.ndarray:
-        """Parameter vectors (N, q) of true plants with these values."""
-        return self.plant.parameters.vectors(values)
 
     def _fixed(self, process_noise: np.ndarray | None) -> np.ndarray | None:
         """Gains (n p,), or (N, n p) for an R^v per plant: neighbours with the same R^v share one."""

@@ -142,44 +142,24 @@ BELOW, POINTS = 1.0, 400
 class FrequencyResponse:
     """Responses at z = e^{jωT}, complex, and the poles of the loop.
 
-    Commands and disturbances are held between samples; positions are those of the true plant at the samples.
-
-    Attributes
-    ----------
-    frequencies, period : (F,) array, and float
-        rad/s, ascending, at most π/T; T, s.
-    positions, inputs, disturbances : tuples of str
-        Names along the axes q, m and k.
-    command : (F, q, q) array
-        Commanded position → position.
-    disturbance : (F, q, k) array
-        Disturbance torque → position, rad/N·m or m/N.
-    loop_transfer : (F, m, m) array
-        L, broken at all inputs, in the convention of negative feedback: S = (1 + L)⁻¹.
-    input_loops : (F, m) array
-        L_i, broken at one input with the others closed: what the Nyquist curve of an input shows.
-    sensitivity, complementary : (F, m, m) arrays
-        S at the plant's inputs, and T = 1 − S.
-    poles : (K,) complex array
-        Continuous equivalents log(z)/T of the poles of the loop, 1/s, slowest first; of a delayed loop those that
-        last two samples and are no echoes (`flexhinf.analysis.linear_loop.DiscreteSystem.modes`).
-    stable : bool
-        Whether all poles decay; responses of an unstable loop are those of its transfer functions.
+    Commands and disturbances are held between samples; positions are those of the true plant at the samples. Responses
+    of an unstable loop are those of its transfer functions.
     """
 
-    frequencies: np.ndarray
-    period: float
-    positions: tuple[str, ...]
-    inputs: tuple[str, ...]
-    disturbances: tuple[str, ...]
-    command: np.ndarray
-    disturbance: np.ndarray
-    loop_transfer: np.ndarray
-    input_loops: np.ndarray
-    sensitivity: np.ndarray
-    complementary: np.ndarray
+    frequencies: np.ndarray  # (F,), rad/s, ascending, at most π/T
+    period: float  # T, s
+    positions: tuple[str, ...]  # q names
+    inputs: tuple[str, ...]  # m names
+    disturbances: tuple[str, ...]  # k names
+    command: np.ndarray  # (F, q, q), commanded position → position
+    disturbance: np.ndarray  # (F, q, k), torque → position, rad/N·m or m/N
+    loop_transfer: np.ndarray  # (F, m, m), L broken at all inputs, with negative feedback: S = (1 + L)⁻¹
+    input_loops: np.ndarray  # (F, m), L_i broken at one input, the others closed: its Nyquist curve
+    sensitivity: np.ndarray  # (F, m, m), S at the plant's inputs
+    complementary: np.ndarray  # (F, m, m), T = 1 − S
+    #: (K,), log(z)/T, 1/s, slowest first; of a delayed loop those that count (`DiscreteSystem.modes`)
     poles: np.ndarray
-    stable: bool
+    stable: bool  # whether all poles decay
 
     def __repr__(self) -> str:
         over = f"{len(self.frequencies)} frequencies, {self.frequencies[0]:.3g} to {self.frequencies[-1]:.3g} rad/s"
@@ -200,22 +180,11 @@ def frequency_response(
     values: Mapping[str, Any] | None = None,
     process_noise: np.ndarray | None = None,
 ) -> FrequencyResponse:
-    """Responses of a loop at its equilibrium.
+    """Responses of a loop at its equilibrium, at frequencies (F,) in rad/s, positive and at most π/T, else refused.
 
-    Parameters
-    ----------
-    frequencies : (F,) array, optional
-        rad/s, positive and at most π/T. By default a logarithmic grid from a decade below the slowest pole to π/T,
-        with points around every pole of the running and of the opened loop, so that no resonance is missed.
-    values, process_noise
-        As for `EquilibriumLoop.linear`.
-
-    Raises
-    ------
-    InvalidInput
-        If a frequency is not positive or above half the sampling frequency.
-    NumericalFailure
-        If the loop has no equilibrium with this plant.
+    By default they are a logarithmic grid from a decade below the slowest pole to π/T, with points around every pole
+    of the running and of the opened loop, so that no resonance is missed. `values` and `process_noise` are as for
+    `EquilibriumLoop.linear`; a NumericalFailure says that the loop has no equilibrium with this plant.
     """
     linear = loop if isinstance(loop, LinearLoop) else loop.linear(values, process_noise)
     running, opened, m, top = linear.running, linear.opened(), linear.b.shape[1], np.pi / linear.period

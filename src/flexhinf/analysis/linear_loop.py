@@ -240,49 +240,26 @@ def _crossings(a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray, level
 
 @dataclass(frozen=True, eq=False)
 class LinearLoop:
-    """Deviations from the equilibrium.
+    """Deviations from the equilibrium; names are of what stands beside them."""
 
-    Attributes
-    ----------
-    period : float
-        s.
-    a, b : (n, n) and (n, m) arrays
-        ẋ = a x + b u of the true plant.
-    c, d : (p, n) and (p, m) arrays
-        y = c x + d u, with the input that acted until the sample.
-    memory, law : (s, s + p) and (m, s + p) arrays
-        Next memory and input of the controller, by its memory and y.
-    commanded_memory, commanded_law : (s, q) and (m, q) arrays
-        The same by the commanded positions.
-    positions, names : (q, n) array, and q texts
-        Commanded positions of the true plant.
-    g, disturbances : (n, k) array, and k texts
-        Adds g d to ẋ, for the torques that disturb the true plant.
-    inputs : tuple of str
-        Names of the inputs.
-    late_command : bool
-        Whether a command acts one sample after it is read, as it does through the integral of a law about a fixed
-        point; `system` leaves this sample out.
-    delay : float
-        The loop's own, s; every method counts it unless it is given another delay.
-    """
-
-    period: float
-    a: np.ndarray
-    b: np.ndarray
-    c: np.ndarray
-    d: np.ndarray
-    memory: np.ndarray
-    law: np.ndarray
-    commanded_memory: np.ndarray
-    commanded_law: np.ndarray
-    positions: np.ndarray
+    period: float  # s
+    a: np.ndarray  # (n, n), ẋ = a x + b u + g d of the true plant
+    b: np.ndarray  # (n, m)
+    c: np.ndarray  # (p, n), y = c x + d u with the input that acted until the sample
+    d: np.ndarray  # (p, m)
+    memory: np.ndarray  # (s, s + p), next memory of the controller by its memory and y
+    law: np.ndarray  # (m, s + p), its input by the same
+    commanded_memory: np.ndarray  # (s, q), the same by the commanded positions
+    commanded_law: np.ndarray  # (m, q)
+    positions: np.ndarray  # (q, n), commanded positions of the true plant
     names: tuple[str, ...]
-    g: np.ndarray
+    g: np.ndarray  # (n, k), of torques that disturb the true plant
     disturbances: tuple[str, ...]
     inputs: tuple[str, ...]
+    #: Whether a command acts one sample after it is read, as it does through the integral of a law about a fixed
+    #: point; `system` leaves this sample out.
     late_command: bool = False
-    delay: float = 0.0
+    delay: float = 0.0  # the loop's own, s; every method counts it unless it is given another delay
 
     def held(self, delay: float | None = None) -> tuple[int, np.ndarray, np.ndarray, np.ndarray]:
         """(j, Φ, Γ_old, Γ_new): x⁺ = Φ x + Γ_old u(k−j−1) + Γ_new u(k−j) for a delay in s."""
@@ -393,21 +370,13 @@ def with_queue(a: np.ndarray, e: np.ndarray, k: np.ndarray, samples: int) -> np.
 
 @dataclass(frozen=True)
 class Modes:
-    """Multipliers of one period, for N true plants.
+    """Multipliers of one period, for N true plants."""
 
-    Attributes
-    ----------
-    period : float
-        s.
-    equilibrium : (N, n + s) array
-        State of the loop in equilibrium (true plant, then the memory of `SampledController`); NaN where there is none.
-    multipliers : (N, K) complex array
-        Eigenvalues of one period; infinite where the loop has no equilibrium.
-    """
-
-    period: float
-    equilibrium: np.ndarray
-    multipliers: np.ndarray
+    period: float  # s
+    equilibrium: (
+        np.ndarray
+    )  # (N, n + s), true plant, then the memory of `SampledController`; NaN where there is none
+    multipliers: np.ndarray  # (N, K), complex, eigenvalues of one period; infinite without equilibrium
 
     @property
     def radius(self) -> np.ndarray:

@@ -148,16 +148,10 @@ REAL = 100.0
 class Margins:
     """Figures of one loop; those of an unstable loop are zero (delay, disk), infinite (peaks, noise) or NaN.
 
-    Each is computed when it is first read: a search over many loops that asks for few of them pays for those.
-
-    Attributes
-    ----------
-    linear : LinearLoop
-        The loop.
-    grid : (F,) array, optional
-        Frequencies, rad/s, at which the loop is swept; the peaks of S and of the compliance and the gain margins that
-        are seen there are refined between them, to `ROUGH`. By default a dense sweep with points at every pole of the
-        running loop and of the loop opened at each input, refined to the last digits, and the peak of S is an H∞ norm.
+    Each is computed when it is first read: a search over many loops that asks for few of them pays for those. On a
+    given `grid` (F,), rad/s, the loop is swept, and the peaks of S and of the compliance and the gain margins that are
+    seen there are refined between its points, to `ROUGH`. By default the sweep is dense, with points at every pole of
+    the running loop and of the loop opened at each input, refined to the last digits, and the peak of S is an H∞ norm.
     """
 
     linear: LinearLoop = field(repr=False)

@@ -148,21 +148,13 @@ class SampledController:
         started: Any = 1.0,
         outside: bool = True,
     ) -> Stepped:
-        """One step for N rows.
+        """One step for N rows of memory (N, s), measurement (N, p) and command (N, k) of the tracked positions: over
+        the interval that ends now, or at this sample of a moving reference.
 
-        Parameters
-        ----------
-        memory, y, command : (N, s), (N, p) and (N, k) arrays
-            The command is of the tracked positions: over the interval that ends now, or at this sample of a moving
-            reference.
-        centre : (n + k + m,) array, optional
-            The law's by default.
-        fixed : (j,) or (N, j) array, optional
-            What stands still of the belief (the gain), instead of the estimator's own; for all rows, or for each.
-        started : float or (N,) array
-            0 at the first sample of a run, which has no interval behind it.
-        outside : bool
-            Whether derivatives by command and centre are wanted too.
+        The centre (n + k + m,) is the law's by default. `fixed` (j,) or (N, j) is what stands still of the belief (the
+        gain), instead of the estimator's own, for all rows or for each. `started`, one number or (N,), is 0 at the
+        first sample of a run, which has no interval behind it; `outside` says whether derivatives by command and
+        centre are wanted too.
         """
         count, place = len(memory), self.places
         point = np.broadcast_to(self.centre if centre is None else centre, (count, self.n + self.k + self.m))

@@ -234,23 +234,13 @@ def worst_gain(
     horizon: float,
     starts: np.ndarray | None = None,
 ) -> WorstGain:
-    """The plant of a box, and the disturbance of it, with the largest ∫|z|²/∫|d|² that is found.
+    """The plant of a box, and the disturbance of it, with the largest ∫|z|²/∫|d|² that is found, under a law with the
+    true state fed back.
 
-    Parameters
-    ----------
-    problem_at : callable
-        Point (d,) of the unit box → the problem of that plant, about its own equilibrium. A `FlexhinfError`: there is
-        none, and the plant is left out.
-    law : HJISolution
-        With the true state fed back.
-    start, first : (d,) array, Attained
-        The nominal plant, and its worst disturbance, with which the search begins.
-    level : float
-        V of the deviation from each plant's own equilibrium stays below it.
-    period, horizon : float
-        s, those of `first`.
-    starts : (S, d) array, optional
-        Other plants at which the search begins too.
+    `problem_at` takes a point (d,) of the unit box to the problem of that plant, about its own equilibrium; where it
+    raises a `FlexhinfError` there is none, and the plant is left out. The search begins at `start` (d,), the nominal
+    plant, and at `starts` (S, d), with the worst disturbance `first` of the nominal plant, whose period and horizon,
+    s, are given too. V of the deviation from each plant's own equilibrium stays below `level`.
     """
     point = np.asarray(start, dtype=float)
     others = np.empty((0, len(point))) if starts is None else starts

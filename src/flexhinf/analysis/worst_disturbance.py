@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -45,26 +45,14 @@ class ZeroOrderHold(Samples):
 
 @dataclass(frozen=True, eq=False)
 class Attained:
-    """One disturbance and the gain it attained from rest at the operating point: a lower bound of the loop's gain.
+    """One disturbance and the gain it attained from rest at the operating point: a lower bound of the loop's gain."""
 
-    Attributes
-    ----------
-    gain, energy : float
-        √(∫|z|²/∫|d|²), the largest over all horizons, infinite if the run diverged; and ∫|d|².
-    largest_value : float
-        Largest V on the way; NaN for a law without a value, infinite if the run diverged.
-    times, disturbance : (N,) and (N, k) arrays
-        s; each sample held until the next.
-    trajectory : Trajectory
-        As far as it went.
-    """
-
-    gain: float
-    energy: float
-    largest_value: float
-    times: np.ndarray = field(repr=False)
-    disturbance: np.ndarray = field(repr=False)
-    trajectory: Trajectory = field(repr=False)
+    gain: float  # √(∫|z|²/∫|d|²), the largest over all horizons; infinite if the run diverged
+    energy: float  # ∫|d|²
+    largest_value: float  # of V on the way; NaN without V, infinite if the run diverged
+    times: np.ndarray = field(repr=False)  # (N,), s
+    disturbance: np.ndarray = field(repr=False)  # (N, k), each sample held until the next
+    trajectory: Trajectory = field(repr=False)  # as far as it went
 
 
 class DisturbanceRuns:
@@ -181,18 +169,6 @@ class DisturbanceRuns:
 CHUNK = 2048
 
 
-class _Slopes(NamedTuple):
-    """Derivatives at N samples: of the next state by the state, (N, K, K), by the torques of the interval that begins,
-    (N, K, k) with zeros for the commands, and by the commands of the interval that ends, (N, K, c); and of deviation
-    and input by the state and by these commands, (N, …, K) and (N, …, c)."""
-
-    state: np.ndarray
-    disturbance: np.ndarray
-    command: np.ndarray
-    x_by: tuple[np.ndarray, np.ndarray]
-    u_by: tuple[np.ndarray, np.ndarray]
-
-
 def _slopes(
     runs: DisturbanceRuns,
     x: np.ndarray,
@@ -200,8 +176,13 @@ def _slopes(
     command: np.ndarray,
     d: np.ndarray,
     started: np.ndarray,
-) -> _Slopes:
-    """At states x (N, n) of the plant and memories (N, s) of the controller."""
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, tuple[np.ndarray, ...], tuple[np.ndarray, ...]]:
+    """Derivatives at N states x (N, n) of the plant and memories (N, s) of the controller.
+
+    Of the next state by the state, (N, K, K), by the torques of the interval that begins, (N, K, k) with zeros for the
+    commands, and by the commands of the interval that ends, (N, K, c); and of deviation and input by the state and by
+    these commands, (N, …, K) and (N, …, c).
+    """
     equilibrium_loop, plant = runs.equilibrium_loop, runs.problem.plant
     step, (count, n), c = equilibrium_loop.step, x.shape, runs.commands
     s, p, m, place = step.size, step.p, step.m, step.places["u"]
@@ -231,7 +212,7 @@ def _slopes(
         np.concatenate([true, deviation[0][:, step.n :]], axis=1),
         np.concatenate([np.zeros((count, step.n, c)), deviation[1][:, step.n :]], axis=1),
     )
-    return _Slopes(state, disturbance, np.concatenate([by_input @ u_by[1], after[1]], axis=1), x_by, u_by)
+    return state, disturbance, np.concatenate([by_input @ u_by[1], after[1]], axis=1), x_by, u_by
 
 
 def gradient(runs: DisturbanceRuns, d: np.ndarray) -> tuple[np.ndarray, float] | None:
@@ -257,18 +238,19 @@ def gradient(runs: DisturbanceRuns, d: np.ndarray) -> tuple[np.ndarray, float] |
     adjoint, by_d = np.zeros(x.shape[1] + memory.shape[1]), np.zeros(d.shape)
     for begin in reversed(range(0, len(d), CHUNK)):
         part = slice(begin, min(begin + CHUNK, len(d)))
-        slopes = _slopes(runs, x[part], memory[part], command[part], d[part], started[part])
-        own, by_command = (
-            np.einsum("ki,kij->kj", by_x[part], slopes.x_by[which])
-            + np.einsum("ki,kij->kj", by_u[part], slopes.u_by[which])
-            for which in (0, 1)
+        by_state, by_torque, by_command, *moved = _slopes(
+            runs, x[part], memory[part], command[part], d[part], started[part]
+        )
+        own, commands = (
+            np.einsum("ki,kij->kj", by_x[part], x_by) + np.einsum("ki,kij->kj", by_u[part], u_by)
+            for x_by, u_by in zip(*moved)
         )
         adjoints = np.empty(own.shape)
         for k in reversed(range(len(own))):
             adjoints[k] = adjoint
-            adjoint = own[k] + adjoint @ slopes.state[k]
-        by_d[part] += np.einsum("ki,kij->kj", adjoints, slopes.disturbance)
-        commands = by_command + np.einsum("ki,kij->kj", adjoints, slopes.command)
+            adjoint = own[k] + adjoint @ by_state[k]
+        by_d[part] += np.einsum("ki,kij->kj", adjoints, by_torque)
+        commands = commands + np.einsum("ki,kij->kj", adjoints, by_command)
         first_one = int(
             begin == 0
         )  # the command of the interval before acts now; sample 0 has none before it
@@ -280,15 +262,17 @@ def small_motions(runs: DisturbanceRuns) -> DiscreteSystem:
     """From d, held between samples, to z = (h(x), R2^½ u) at the samples, for small motions."""
     loop, c, k = runs.equilibrium_loop, runs.commands, runs.channels
     start, n = loop.start[None, :], loop.plant.n
-    slopes = _slopes(runs, start[:, :n], start[:, n:], loop.command[None, :], np.zeros((1, k)), np.ones(1))
+    by_state, by_torque, by_command, x_by, u_by = _slopes(
+        runs, start[:, :n], start[:, n:], loop.command[None, :], np.zeros((1, k)), np.ones(1)
+    )
     weights, root = runs.problem.expand(1).h_parts[1], np.linalg.cholesky(runs.problem.r2).T
     size = n + loop.step.size
     a, b = np.zeros((size + c, size + c)), np.zeros((size + c, k))
-    a[:size, :size], a[:size, size:] = slopes.state[0], slopes.command[0]
-    b[:size], b[size:, :c] = slopes.disturbance[0], np.eye(c)  # a command is remembered for a period
+    a[:size, :size], a[:size, size:] = by_state[0], by_command[0]
+    b[:size], b[size:, :c] = by_torque[0], np.eye(c)  # a command is remembered for a period
     seen = np.vstack([
-        weights @ np.hstack([slopes.x_by[0][0], slopes.x_by[1][0]]),
-        root @ np.hstack([slopes.u_by[0][0], slopes.u_by[1][0]]),
+        weights @ np.hstack([x_by[0][0], x_by[1][0]]),
+        root @ np.hstack([u_by[0][0], u_by[1][0]]),
     ])  # fmt: skip
     return DiscreteSystem(a, b, seen, np.zeros((len(seen), k)), runs.period)
 
@@ -400,24 +384,11 @@ def worst_disturbance(
     """The worst disturbance found, of a given energy or with the state inside {V ≤ level}: that of the largest gain,
     which is infinite if the loop diverged under a disturbance of this energy.
 
-    Parameters
-    ----------
-    problem, law, estimator, period, horizon, search_period
-        See `DisturbanceSearch`.
-    energy : float, optional
-        ∫|d|².
-    level : float, optional
-        Instead of an energy: begins with 2 level/γ², up to which the dissipation inequality itself keeps V below the
-        level, and then takes more or less, as long as the state stays inside.
-    turns : int
-        Of each ascent.
-    starts : int
-        The worst sinusoid of small motions, then fading noise with the seeds `seed`, `seed` + 1, …
-
-    Raises
-    ------
-    InvalidInput
-        If neither or both of energy and level are given, or the law has no V where a level is.
+    `energy` is ∫|d|². A search for a `level` instead begins with the energy 2 level/γ², up to which the dissipation
+    inequality itself keeps V below the level, and then takes more or less, as long as the state stays inside. It
+    starts `starts` times, each an ascent of so many `turns`: from the worst sinusoid of small motions, then from
+    fading noise with the seeds `seed`, `seed` + 1, … Other arguments are those of `DisturbanceSearch`. Neither or both
+    of energy and level, and a level for a law without V, are refused.
     """
     given = [number for number in (energy, level) if number is not None]
     if len(given) != 1 or not (np.isfinite(given[0]) and given[0] > 0.0):

@@ -1,13 +1,13 @@
 """The room's public names and the files that they come from; read when a name is first used."""
 
+from .equilibrium_law import GravityCompensatedLQR as GravityCompensatedLQR
 from .equilibrium_law import GravityTorque as GravityTorque
+from .equilibrium_law import LinearQuadratic as LinearQuadratic
 from .equilibrium_law import elastic_joints as elastic_joints
+from .equilibrium_law import lqr as lqr
+from .equilibrium_law import lqr_gain as lqr_gain
 from .feedback_linearisation import FeedbackLinearisation as FeedbackLinearisation
 from .feedback_linearisation import NormalForm as NormalForm
-from .linear_quadratic import GravityCompensatedLQR as GravityCompensatedLQR
-from .linear_quadratic import LinearQuadratic as LinearQuadratic
-from .linear_quadratic import lqr as lqr
-from .linear_quadratic import lqr_gain as lqr_gain
 from .torque_feedback import MotorPD as MotorPD
 from .torque_feedback import TorqueFeedback as TorqueFeedback
 from .tuning import Candidate as Candidate

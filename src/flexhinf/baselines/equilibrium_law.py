@@ -9,22 +9,25 @@ feel of d_link is M⁻¹. Whatever the model adds (a damped or hardening spring,
 The gravity torque is taken from the flow too. At rest and with its springs relaxed (q2 = q1) a robot falls by
 q̈1 = −M⁻¹ G, and a torque at the links moves it by M⁻¹, so G = −(∂q̈1/∂d_link)⁻¹ q̈1 is exact for any plant of elastic
 joints.
+
+Two laws are here: the LQR of a problem's linear part, which has the problem's own weights and no disturbance in mind
+(γ = ∞), and the LQR with the weight compensated exactly, through the springs.
 """
 
 from __future__ import annotations
 
 import abc
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from flexhinf.errors import InvalidInput
+from flexhinf.errors import InvalidInput, NumericalFailure
 from flexhinf.plant import GeneralisedPlant, Law, Plant
 from flexhinf.scalars import apply, digest, jacobian
-from flexhinf.validation import read_only, real_array
+from flexhinf.validation import checked_array, checked_positive, read_only, real_array
 
 STATES = ("link_position", "link_velocity", "motor_position", "motor_velocity")
 TORQUES = ("link_torque", "motor_torque")
@@ -35,20 +38,9 @@ COUPLING = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class ElasticJoints:
-    """Numbers of n elastic joints, seen from the link side; SI units.
-
-    Attributes
-    ----------
-    link_inertia : ndarray, (n, n)
-        M(q*).
-    gravity_slope : ndarray, (n, n)
-        ∂G/∂q at q*.
-    stiffness, spring_damping : ndarray, (n,)
-        K and D of the springs as they are at this equilibrium.
-    motor_inertia, motor_damping : ndarray, (n,)
-        J and B, the back-EMF's k_t k_b / R included.
-    torque_per_input : ndarray, (n,)
-        Torque per input: k_t / R, N·m/V, for a voltage; k_t, N·m/A, for a current; 1 for a torque.
+    """Numbers of n elastic joints at an equilibrium, seen from the link side, SI units: M(q*) and ∂G/∂q, (n, n); of
+    the springs as they are there K and D; of the motors J and B, the back-EMF's k_t k_b / R included; and the torque
+    per input, k_t / R, N·m/V, for a voltage, k_t, N·m/A, for a current, 1 for a torque; (n,) each.
     """
 
     link_inertia: np.ndarray
@@ -61,47 +53,50 @@ class ElasticJoints:
 
 
 def check_joints(plant: Plant) -> int:
-    """Number of elastic joints n of a plant with their states, 4n in the order of Eq. (2), and one input each.
-
-    Raises `InvalidInput` if it has other states, inputs or disturbances.
-    """
+    """Number of elastic joints n of a plant with their states, 4n in the order of Eq. (2), and one input each; one of
+    other states, inputs or disturbances is refused."""
     names = tuple(single for name in STATES for single in plant.expanded(name))
-    joints = len(plant.inputs)
     torques = [single for name in TORQUES for single in plant.expanded(name)]
-    if (
-        tuple(plant.states) != names
-        or len(names) != 4 * joints
-        or not set(torques) <= set(plant.disturbances)
-    ):
+    fits = tuple(plant.states) == names and len(names) == 4 * len(plant.inputs)
+    if not fits or not set(torques) <= set(plant.disturbances):
         raise InvalidInput(
             "The plant is not a robot with elastic joints as this law needs it.",
             f"expected the states {list(names)}, one input per joint and the disturbances {torques}, "
             f"got {list(plant.states)}, {list(plant.inputs)}, {list(plant.disturbances)}",
             "robot.plant() of a robot without rigid joints, and without the coils' inductance",
         )
-    return joints
+    return len(plant.inputs)
 
 
 def elastic_joints(plant: Plant, x: np.ndarray, u: np.ndarray) -> ElasticJoints:
-    """The joints' numbers at the equilibrium (x, u), (4n,) and (n,).
-
-    Raises `InvalidInput` if the plant has no elastic joints, or its motors are coupled.
-    """
+    """The joints' numbers at the equilibrium (x, u), (4n,) and (n,); a plant without elastic joints, or of coupled
+    motors, is refused."""
     n = check_joints(plant)
     a, b, g, _ = plant.linearise(x, u)
     links, motors = slice(n, 2 * n), slice(3 * n, 4 * n)
-    motor_inertia = 1.0 / _diagonal("motor inertia", g[motors, _places(plant, "motor_torque")])
+
+    def diagonal(what: str, matrix: np.ndarray) -> np.ndarray:
+        alone = np.diag(matrix).copy()
+        if np.abs(matrix - np.diag(alone)).max() > COUPLING * np.abs(alone).max(initial=0.0):
+            raise InvalidInput(
+                "The motors of different joints are coupled.",
+                f"expected a {what} of each joint alone, got {matrix.tolist()}",
+                "a plant of a robot of this package",
+            )
+        return alone
+
+    motor_inertia = 1.0 / diagonal("motor inertia", g[motors, _places(plant, "motor_torque")])
     link_inertia = np.linalg.inv(g[links, _places(plant, "link_torque")])
-    stiffness = motor_inertia * _diagonal("stiffness", a[motors, :n])
-    damping = motor_inertia * _diagonal("spring damping", a[motors, links])
+    stiffness = motor_inertia * diagonal("stiffness", a[motors, :n])
+    damping = motor_inertia * diagonal("spring damping", a[motors, links])
     return ElasticJoints(
         link_inertia=(link_inertia + link_inertia.T) / 2.0,
         gravity_slope=-link_inertia @ a[links, :n] - np.diag(stiffness),
         stiffness=stiffness,
         spring_damping=damping,
         motor_inertia=motor_inertia,
-        motor_damping=-motor_inertia * _diagonal("motor damping", a[motors, motors]) - damping,
-        torque_per_input=motor_inertia * _diagonal("input", b[motors]),
+        motor_damping=-motor_inertia * diagonal("motor damping", a[motors, motors]) - damping,
+        torque_per_input=motor_inertia * diagonal("input", b[motors]),
     )
 
 
@@ -110,24 +105,9 @@ def _places(plant: Plant, torque: str) -> list[int]:
     return [plant.disturbances.index(name) for name in plant.expanded(torque)]  # type: ignore[union-attr]
 
 
-def _diagonal(what: str, matrix: np.ndarray) -> np.ndarray:
-    diagonal = np.diag(matrix).copy()
-    beside = np.abs(matrix - np.diag(diagonal)).max()
-    if beside > COUPLING * np.abs(diagonal).max(initial=0.0):
-        raise InvalidInput(
-            "The motors of different joints are coupled.",
-            f"expected a {what} of each joint alone, got {matrix.tolist()}",
-            "a plant of a robot of this package",
-        )
-    return diagonal
-
-
 @dataclass(frozen=True, eq=False)
 class GravityTorque:
-    """G(q1) of a plant of elastic joints, on any element, with the plant's parameters as data.
-
-    Raises `InvalidInput` if the plant has no elastic joints.
-    """
+    """G(q1) of a plant of elastic joints (another is refused), on any element, with the plant's parameters as data."""
 
     plant: Plant
 
@@ -181,18 +161,10 @@ def equilibrium_of(problem: GeneralisedPlant) -> tuple[np.ndarray, np.ndarray]:
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class EquilibriumLaw(Law):
-    """A `flexhinf.plant.Law` about an equilibrium of a plant.
+    """A `flexhinf.plant.Law` about an equilibrium (x*, u*), (n,) and (m,), of the plant that it was made from.
 
-    Parameters
-    ----------
-    plant : Plant
-        The model that the law was made from.
-    equilibrium : (x*, u*)
-        State (n,) and input (m,) where the plant rests.
-    integrate : sequence of str
-        States whose tracking error is integrated, single names or groups; ``NAME_integral`` are the last states.
-
-    Raises `InvalidInput` if names or shapes do not fit the plant.
+    `integrate` are states whose tracking error is integrated, single names or groups; ``NAME_integral`` are the last
+    states. Names or shapes that do not fit the plant are refused.
     """
 
     plant: Plant
@@ -203,10 +175,9 @@ class EquilibriumLaw(Law):
         x, u = (real_array(part) for part in self.equilibrium)
         shapes = (self.plant.n,), (len(self.plant.inputs),)
         if (x.shape, u.shape) != shapes or not (np.all(np.isfinite(x)) and np.all(np.isfinite(u))):
+            text = f"expected a finite state and input of shapes {shapes}, got {x.shape} and {u.shape}"
             raise InvalidInput(
-                "The equilibrium of the law does not fit its plant.",
-                f"expected a finite state and input of shapes {shapes}, got {x.shape} and {u.shape}",
-                "robot.operating_point(pose)",
+                "The equilibrium of the law does not fit its plant.", text, "robot.operating_point(pose)"
             )
         object.__setattr__(self, "equilibrium", read_only((x, u)))
         object.__setattr__(self, "integrate", self.plant.expanded(self.integrate))
@@ -258,6 +229,15 @@ class PlacedLaw(EquilibriumLaw):
     which therefore is part of the law's numbers.
     """
 
+    @cached_property
+    def joints(self) -> ElasticJoints:
+        """The numbers of a robot's elastic joints at the equilibrium."""
+        return elastic_joints(self.plant, *self.equilibrium)
+
+    @cached_property
+    def _weight(self) -> GravityTorque:
+        return GravityTorque(self.plant)
+
     @property
     @abc.abstractmethod
     def numbers(self) -> np.ndarray:
@@ -283,3 +263,135 @@ class PlacedLaw(EquilibriumLaw):
         The input of the plant is then input + k; k = 0 for x = 0.
         """
         return self.feedback(x, state, input, data[: -self.plant.n - len(self.input_names)])
+
+
+#: Pole of the integral, in bandwidths: slow beside the pair that it stands with.
+INTEGRAL_RATE = 0.2
+
+
+def lqr_gain(problem: GeneralisedPlant, effort: float = 1.0) -> np.ndarray:
+    """K (m, n) of u = K x that minimises ½∫ hᵀh + uᵀ R2 u for the problem's linear part.
+
+    K = −R2⁻¹ Bᵀ P with AᵀP + PA + HᵀH − P B R2⁻¹ Bᵀ P = 0 [anderson1990].
+
+    `effort`: factor of R2, the one tuning parameter of an LQR: the larger, the less effort; refused if not positive. A
+    NumericalFailure says that there is no stabilising solution: a mode that the input does not move or the penalty does
+    not see.
+    """
+    from scipy.linalg import solve_continuous_are
+
+    linear = problem.expand(1)
+    a, b, h = linear.f_parts[1], linear.g2_parts[0][:, :, 0], linear.h_parts[1]
+    r2 = checked_positive("The factor of the effort", effort, "a number", "effort=1.0") * problem.r2
+    try:
+        p = solve_continuous_are(a, b, h.T @ h, r2)
+        gain = -np.linalg.solve(r2, b.T @ p)
+        slowest = float(np.linalg.eigvals(a + b @ gain).real.max())
+        if slowest < 0.0:
+            return read_only(gain)
+        got = f"closed loop with a mode at {slowest:.3g} 1/s"
+    except np.linalg.LinAlgError as error:
+        got = str(error)
+    raise NumericalFailure(
+        "The problem has no LQR.",
+        f"expected a stabilising solution of the Riccati equation for {list(problem.state_names)}, got: {got}",
+        "a weight on every integral and on one position of each joint",
+    )
+
+
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class LinearQuadratic(EquilibriumLaw):
+    """u = u* + K (x − x*). The gain is data, so all such laws of one size share their code.
+
+    `gain` (m, n): K, integrals included.
+    """
+
+    gain: Any
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_gain(self)
+
+    @property
+    def law_data(self) -> np.ndarray:
+        """K, flat."""
+        return self.gain.ravel()
+
+    @property
+    def law_key(self) -> str:
+        """One text for all numbers."""
+        return "linear feedback"
+
+    def evaluate_law(self, x: Any, data: Any) -> Any:
+        """K x on any element."""
+        return data.reshape(len(self.input_names), -1) @ x
+
+
+def lqr(problem: GeneralisedPlant, effort: float = 1.0) -> LinearQuadratic:
+    """The LQR of a problem, of any plant; see `lqr_gain`."""
+    gain, rest = lqr_gain(problem, effort), equilibrium_of(problem)
+    return LinearQuadratic(plant=problem.plant, equilibrium=rest, integrate=problem.integrate, gain=gain)
+
+
+def check_gain(law: Any) -> None:
+    """Make the gain of a law a finite array (m, n), or refuse it."""
+    shape = len(law.input_names), len(law.state_names)
+    advice = "one row per input and one column per state, integrals included"
+    what, expected = "The gain does not fit the law's states and inputs.", f"finite numbers of shape {shape}"
+    object.__setattr__(law, "gain", checked_array(what, law.gain, shape, expected, advice))
+
+
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class GravityCompensatedLQR(PlacedLaw):
+    """κ(x) = k_u⁻¹ G(q) + K (q, q̇, θ − K_s⁻¹ G(q), θ̇ − K_s⁻¹ Ġ(q), e): the LQR of the weightless robot, and its weight.
+
+    At link positions q the weight G(q) is held by the springs, wound up by K_s⁻¹ G(q), and by the inputs; the gain
+    acts on the motors relative to that wind-up, which itself moves at the rate K_s⁻¹ ∂G/∂q q̇. About a reference,
+    k = κ(x_d + δ) − κ(x_d), so every pose held is an equilibrium.
+
+    `gain` (n, states): K, of the weightless robot.
+    """
+
+    gain: Any
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_joints(self.plant)
+        check_gain(self)
+
+    @staticmethod
+    def design(problem: GeneralisedPlant, effort: float = 1.0) -> GravityCompensatedLQR:
+        """The LQR of the robot with g = 0 at the same pose, for the same penalty, and the weight of the robot; `effort`
+        as of `lqr_gain`.
+
+        A plant without elastic joints or a parameter ``gravity`` (m/s²) is refused.
+        """
+        plant, (x, u) = problem.plant, equilibrium_of(problem)
+        n = check_joints(plant)
+        weightless = plant.with_parameters(gravity=np.zeros_like(plant.parameters.values.get("gravity", 0.0)))
+        relaxed = np.concatenate([x[:n], np.zeros(n), x[:n], np.zeros(n)])
+        light = replace(problem, plant=weightless, pose=None, equilibrium=(relaxed, np.zeros_like(u)))
+        gain = lqr_gain(light, effort)
+        return GravityCompensatedLQR(plant=plant, equilibrium=(x, u), integrate=problem.integrate, gain=gain)
+
+    @property
+    def numbers(self) -> np.ndarray:
+        """Gain, stiffness, torque per input, and the plant's parameters."""
+        joints, p = self.joints, self.plant.parameters.vector()
+        return np.concatenate([self.gain.ravel(), joints.stiffness, joints.torque_per_input, p])
+
+    @property
+    def law_key(self) -> str:
+        """The code of G."""
+        return f"LQR with gravity compensation {self._weight.key}"
+
+    def feedback(self, x: Any, state: Any, input: Any, numbers: Any) -> Any:
+        """k (n,) for a deviation x from the reference, of any element."""
+        n, end = len(self.input_names), self.gain.size
+        gain, states = numbers[:end].reshape(n, -1), self.plant.n
+        stiffness, per_input, p = np.split(numbers[end:], [n, 2 * n])
+        torque, rate = self._weight.torque_and_rate(state[:n] + x[:n], state[n : 2 * n] + x[n : 2 * n], p)
+        torque_d, rate_d = self._weight.torque_and_rate(state[:n], state[n : 2 * n], p)
+        held, moving = torque - torque_d, rate - rate_d
+        motor, speed = x[2 * n : 3 * n] - held / stiffness, x[3 * n : states] - moving / stiffness
+        return held / per_input + gain @ np.concatenate([x[: 2 * n], motor, speed, x[states:]])

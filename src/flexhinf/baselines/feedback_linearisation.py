@@ -34,20 +34,14 @@ from flexhinf.errors import InvalidInput
 from flexhinf.plant import GeneralisedPlant, Plant
 from flexhinf.scalars import apply, digest
 from flexhinf.scalars.trace import linear
+from flexhinf.validation import checked_positive
 
 
 @dataclass(frozen=True, eq=False)
 class NormalForm:
-    """Outputs of a plant with their derivatives; undisturbed, with the parameters as data.
+    """Outputs of a plant, states of it, with their derivatives; undisturbed, with the parameters as data.
 
-    Parameters
-    ----------
-    plant : Plant
-        As many inputs as outputs.
-    outputs : sequence of str
-        States of the plant.
-
-    Raises `InvalidInput` if their numbers differ, an output is not reached by any input, or the input does not enter
+    Refused are other numbers of outputs than inputs, an output that no input reaches, and inputs that do not enter
     linearly.
     """
 
@@ -58,11 +52,9 @@ class NormalForm:
         names = tuple(self.outputs)
         object.__setattr__(self, "outputs", names)
         if len(set(names)) != len(names) or len(names) != len(self.plant.inputs):
-            raise InvalidInput(
-                "A normal form needs as many outputs as inputs.",
-                f"expected {len(self.plant.inputs)} distinct states, got {list(names)}",
-                "one state per input, the link positions of a robot",
-            )
+            found = f"expected {len(self.plant.inputs)} distinct states, got {list(names)}"
+            advice = "one state per input, the link positions of a robot"
+            raise InvalidInput("A normal form needs as many outputs as inputs.", found, advice)
         for name in names:
             self.plant.index(name)
         _ = self._derivatives
@@ -116,9 +108,8 @@ class NormalForm:
 
         x, u, p, lower, top = self._derivatives
         below = ca.vertcat(*(derivative for each in lower for derivative in each))
-        return ca.Function(
-            "chains", [x, u, p], [ca.densify(below), ca.densify(ca.vertcat(*top))], {"cse": True}
-        )
+        highest = ca.densify(ca.vertcat(*top))
+        return ca.Function("chains", [x, u, p], [ca.densify(below), highest], {"cse": True})
 
     @cached_property
     def linearising(self) -> Any:
@@ -129,9 +120,8 @@ class NormalForm:
         highest, v = ca.vertcat(*top), ca.SX.sym("v", u.numel())
         decoupling = ca.jacobian(highest, u)
         free = ca.substitute(highest, u, ca.SX.zeros(u.numel()))
-        return ca.Function(
-            "linearising", [x, v, p], [ca.densify(ca.solve(decoupling, v - free))], {"cse": True}
-        )
+        solved = ca.densify(ca.solve(decoupling, v - free))
+        return ca.Function("linearising", [x, v, p], [solved], {"cse": True})
 
     def coordinates(self, x: Any, u: Any, p: Any) -> tuple[Any, Any]:
         """(ξ, y^(r)): see `chains`; of any element, p the parameter vector."""
@@ -148,10 +138,8 @@ class NormalForm:
 
         states, u, p, _, top = self._derivatives
         matrix = ca.densify(ca.jacobian(ca.vertcat(*top), u))
-        value = ca.Function("decoupling", [states, p], [matrix], {"cse": True})(
-            x, self.plant.parameters.vector()
-        )
-        return np.asarray(value, dtype=float)
+        function = ca.Function("decoupling", [states, p], [matrix], {"cse": True})
+        return np.asarray(function(x, self.plant.parameters.vector()), dtype=float)
 
 
 #: Relative size of the smallest singular value of A(x*) that counts as zero.
@@ -186,21 +174,17 @@ class FeedbackLinearisation(PlacedLaw):
         object.__setattr__(self, "coefficients", chains)
         extra = bool(self.integrate)
         if extra and self.integrate != self.outputs:
-            raise InvalidInput(
-                "Feedback linearisation integrates the errors of its outputs, all or none.",
-                f"expected {list(self.outputs)} or nothing, got {list(self.integrate)}",
-                "integrate=outputs, or integrate=()",
-            )
-        wanted = [(degree + extra,) for degree in self.form.degrees]
-        if [chain.shape for chain in chains] != wanted or not all(np.all(np.isfinite(c)) for c in chains):
-            raise InvalidInput(
-                "The coefficients do not fit the relative degrees.",
-                f"expected finite numbers of shapes {wanted}, got {[chain.shape for chain in chains]}",
-                "FeedbackLinearisation.tuned(problem, bandwidth)",
-            )
-        self._check_rest()
-
-    def _check_rest(self) -> None:
+            what = "Feedback linearisation integrates the errors of its outputs, all or none."
+            found = f"expected {list(self.outputs)} or nothing, got {list(self.integrate)}"
+            raise InvalidInput(what, found, "integrate=outputs, or integrate=()")
+        wanted, shapes = (
+            [(degree + extra,) for degree in self.form.degrees],
+            [chain.shape for chain in chains],
+        )
+        if shapes != wanted or not all(np.all(np.isfinite(chain)) for chain in chains):
+            found = f"expected finite numbers of shapes {wanted}, got {shapes}"
+            advice = "FeedbackLinearisation.tuned(problem, bandwidth)"
+            raise InvalidInput("The coefficients do not fit the relative degrees.", found, advice)
         values = np.linalg.svd(self.form.decoupling_matrix(self.equilibrium[0]), compute_uv=False)
         if not np.all(np.isfinite(values)) or values[-1] <= SINGULAR * values[0]:
             raise InvalidInput(
@@ -226,36 +210,24 @@ class FeedbackLinearisation(PlacedLaw):
         outputs: str | Sequence[str] = ("link_position",),
         integral_rate: float | None = None,
     ) -> FeedbackLinearisation:
-        """Poles of a Bessel filter of this bandwidth for every output, see `bessel_coefficients`.
+        """Poles of a Bessel filter of this bandwidth, rad/s, for every output, see `bessel_coefficients`.
 
-        Parameters
-        ----------
-        problem : GeneralisedPlant
-            Plant and equilibrium; its penalty does not matter.
-        bandwidth : float
-            rad/s.
-        integral : bool
-            Whether the outputs' errors are integrated: one more pole each.
-        outputs : sequence of str
-            See the class.
-        integral_rate : float, optional
-            σ/ω of the integral's own pole at −σ beside the filter's poles; by default it is one of a filter of one
-            order more.
-
-        Raises `InvalidInput` if the bandwidth or the rate is not positive.
+        The problem gives plant and equilibrium; its penalty does not matter. With an `integral` of the outputs' errors
+        there is one more pole each: that of a filter of one order more, or of `integral_rate` σ/ω an own one at −σ
+        beside the filter's poles. A bandwidth or a rate that is not positive is refused.
         """
         plant = problem.plant
         names = plant.expanded(outputs)
         degrees = NormalForm(plant, names).degrees
         if integral and integral_rate is not None:
-            pole = integral_rate * bandwidth
-            if not (np.isfinite(pole) and pole > 0.0):
-                raise InvalidInput(
-                    "The rate of the integral is not positive.",
-                    f"expected a share of the bandwidth > 0, got {integral_rate!r}",
-                    "integral_rate=0.2",
-                )
-            chains = [_with_pole(bessel_coefficients(degree, bandwidth), pole) for degree in degrees]
+            advice = "integral_rate=0.2"
+            rate = checked_positive(
+                "The rate of the integral", integral_rate, "a share of the bandwidth", advice
+            )
+            pole, chains = rate * bandwidth, []
+            for degree in degrees:  # (s^r + … + k_0)(s + pole)
+                k = bessel_coefficients(degree, bandwidth)
+                chains.append(np.concatenate([pole * k, [pole]]) + np.concatenate([[0.0], k]))
         else:
             chains = [bessel_coefficients(degree + integral, bandwidth) for degree in degrees]
         return FeedbackLinearisation(
@@ -297,25 +269,14 @@ class FeedbackLinearisation(PlacedLaw):
         return self.form.input(now, np.array(wanted), p) - input
 
 
-def _with_pole(coefficients: np.ndarray, pole: float) -> np.ndarray:
-    """Coefficients (r + 1,) of (s^r + … + k_0)(s + pole), for those of s^r + … + k_0, (r,), lowest first."""
-    return np.concatenate([pole * coefficients, [pole]]) + np.concatenate([[0.0], coefficients])
-
-
 def bessel_coefficients(order: int, bandwidth: float) -> np.ndarray:
     """k_0 … k_{r−1} of s^r + … + k_0, the Bessel filter of order r with −3 dB at the bandwidth [thomson1949].
 
-    Its step has less than 1 % of overshoot at any order. Shape (r,), rad/s to the power r − i.
-
-    Raises `InvalidInput` if the bandwidth is not positive.
+    Its step has less than 1 % of overshoot at any order. Shape (r,), rad/s to the power r − i. A bandwidth that is not
+    positive is refused.
     """
     from scipy.signal import bessel
 
-    if not (np.isfinite(bandwidth) and bandwidth > 0.0):
-        raise InvalidInput(
-            "Feedback linearisation needs a bandwidth.",
-            f"expected rad/s > 0, got {bandwidth!r}",
-            "bandwidth=6.0",
-        )
-    _, poles, _ = cast(Any, bessel)(order, float(bandwidth), analog=True, output="zpk", norm="mag")
+    width = checked_positive("The bandwidth of feedback linearisation", bandwidth, "rad/s", "bandwidth=6.0")
+    _, poles, _ = cast(Any, bessel)(order, width, analog=True, output="zpk", norm="mag")
     return np.real(np.poly(poles))[:0:-1].copy()

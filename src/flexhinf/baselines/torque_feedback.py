@@ -35,16 +35,16 @@ from typing import Any, Self
 import numpy as np
 
 from flexhinf.baselines.equilibrium_law import (
+    INTEGRAL_RATE,
     ElasticJoints,
     GravityTorque,
     PlacedLaw,
     elastic_joints,
     equilibrium_of,
 )
-from flexhinf.baselines.linear_quadratic import INTEGRAL_RATE
 from flexhinf.errors import InvalidInput
 from flexhinf.plant import GeneralisedPlant
-from flexhinf.validation import real_array
+from flexhinf.validation import checked_positive, real_array
 
 #: What the fixed number of turns leaves of ḡ, relative to the weight.
 LEFT = 1e-6
@@ -56,22 +56,14 @@ POSES, SEED = 200, 0
 def rigid_gains(
     inertia: np.ndarray, friction: np.ndarray, bandwidth: float, damping: float, integral_rate: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(K_p, K_d, K_i), (n,) each, that give I s² + (K_d + B) s + K_p + K_i/s the poles asked for.
-
-    Raises `InvalidInput` if bandwidth, damping or rate is not a number of the right sign.
-    """
-    if not (np.isfinite(bandwidth) and bandwidth > 0.0 and np.isfinite(damping) and damping > 0.0):
-        raise InvalidInput(
-            "The gains need a bandwidth and a damping ratio.",
-            f"expected positive numbers, got bandwidth={bandwidth!r} rad/s, damping={damping!r}",
-            "bandwidth=6.0, damping=0.7",
-        )
+    """(K_p, K_d, K_i), (n,) each, that give I s² + (K_d + B) s + K_p + K_i/s the poles asked for; a bandwidth, damping
+    or rate that is not a number of the right sign is refused."""
+    checked_positive("The bandwidth", bandwidth, "rad/s", "bandwidth=6.0")
+    checked_positive("The damping ratio", damping, "a number", "damping=0.7")
     if not (np.isfinite(integral_rate) and integral_rate >= 0.0):
-        raise InvalidInput(
-            "The rate of the integral is negative or not a number.",
-            f"expected a share of the bandwidth, got {integral_rate!r}",
-            f"integral_rate={INTEGRAL_RATE}",
-        )
+        found = f"expected a share of the bandwidth, got {integral_rate!r}"
+        what = "The rate of the integral is negative or not a number."
+        raise InvalidInput(what, found, f"integral_rate={INTEGRAL_RATE}")
     slow = integral_rate * bandwidth
     proportional = inertia * (bandwidth**2 + 2.0 * damping * bandwidth * slow)
     derivative = np.maximum(0.0, inertia * (2.0 * damping * bandwidth + slow) - friction)
@@ -79,11 +71,8 @@ def rigid_gains(
 
 
 def check_goal(joints: ElasticJoints, proportional: np.ndarray) -> None:
-    """The goal is a minimum of the potential of springs, gravity and a motor-side K_p with constant compensation.
-
-    Raises `InvalidInput` if [[K + ∂G/∂q, −K], [−K, K + K_p]] is not positive definite: the condition of [tomei1991],
-    at the goal.
-    """
+    """The goal is a minimum of the potential of springs, gravity and a motor-side K_p with constant compensation: [[K
+    + ∂G/∂q, −K], [−K, K + K_p]] is positive definite there [tomei1991], or refused."""
     stiffness = np.diag(joints.stiffness)
     slope = (joints.gravity_slope + joints.gravity_slope.T) / 2.0
     potential = np.block([[stiffness + slope, -stiffness], [-stiffness, stiffness + np.diag(proportional)]])
@@ -94,21 +83,6 @@ def check_goal(joints: ElasticJoints, proportional: np.ndarray) -> None:
             f"expected [[K + dG/dq, -K], [-K, K + K_p]] positive definite, got an eigenvalue {smallest:.3g}",
             "a proportional gain larger than the slope of the gravity torque, or a stiffer joint",
         )
-
-
-def _per_joint(what: str, value: Any, joints: int) -> np.ndarray:
-    """One finite number ≥ 0 per joint, or `InvalidInput`."""
-    try:
-        numbers = np.broadcast_to(real_array(value), (joints,)).copy()
-    except ValueError:
-        numbers = np.array([np.nan])
-    if not np.all(np.isfinite(numbers)) or np.any(numbers < 0.0):
-        raise InvalidInput(
-            f"The {what} gain does not fit the joints.",
-            f"expected a number >= 0, or {joints} of them, got {value!r}",
-            "one gain per joint",
-        )
-    return numbers
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -142,8 +116,12 @@ class TorqueFeedback(PlacedLaw):
         n, rotor = len(self.joints.stiffness), self.rotor_inertia
         given = {name: getattr(self, name) for name in ("proportional", "derivative", "integral")}
         given["rotor_inertia"] = self.joints.motor_inertia if rotor is None else rotor
-        for name, value in given.items():
-            object.__setattr__(self, name, _per_joint(name, value, n))
+        for name, value in given.items():  # one finite number ≥ 0 per joint
+            numbers = real_array(value)
+            if numbers.shape not in ((), (1,), (n,)) or not np.all(np.isfinite(numbers) & (numbers >= 0.0)):
+                found = f"expected a number >= 0, or {n} of them, got {value!r}"
+                raise InvalidInput(f"The {name} gain does not fit the joints.", found, "one gain per joint")
+            object.__setattr__(self, name, np.broadcast_to(numbers, (n,)).copy())
         if len(self.integrate) not in (0, n) or bool(len(self.integrate)) != bool(np.any(self.integral)):
             raise InvalidInput(
                 "The integral gain and what is integrated do not fit each other.",
@@ -175,23 +153,13 @@ class TorqueFeedback(PlacedLaw):
     ) -> Self:
         """Gains from a bandwidth and a damping ratio, as if the joints were rigid and moved one by one.
 
-        I s² + (D_θ + B + k_t k_b/R) s + K_θ = I (s² + 2ζω s + ω²) with I = M_jj(q*) + J_θj; with an integral a
-        further factor s + σ, σ = integral_rate · ω. D_θ is not made negative: a motor that damps itself by more
-        than was asked keeps doing so. The spring is not seen: where ω nears √(K/I) the link's own bandwidth stays
-        behind.
+        I s² + (D_θ + B + k_t k_b/R) s + K_θ = I (s² + 2ζω s + ω²) with I = M_jj(q*) + J_θj; with an integral a further
+        factor s + σ, σ = integral_rate · ω. D_θ is not made negative: a motor that damps itself by more than was asked
+        keeps doing so. The spring is not seen: where ω nears √(K/I) the link's own bandwidth stays behind.
 
-        Parameters
-        ----------
-        problem : GeneralisedPlant
-            Plant and equilibrium; its penalty does not matter.
-        bandwidth, damping, inertia_ratio : float
-            ω (rad/s), ζ, J_θ/J.
-        integral : {"link_position", "motor_position"}, optional
-            Whose error is integrated.
-        integral_rate : float
-            σ/ω.
-        **options
-            ``compensation``, see the class.
+        Plant and equilibrium are the problem's; its penalty does not matter. `bandwidth`, `damping` and
+        `inertia_ratio` are ω (rad/s), ζ and J_θ/J; `integral` is whose error is integrated, "link_position" or
+        "motor_position"; `options` may have ``compensation``, see the class.
         """
         equilibrium = equilibrium_of(problem)
         joints = elastic_joints(problem.plant, *equilibrium)
@@ -205,15 +173,7 @@ class TorqueFeedback(PlacedLaw):
             rotor_inertia=rotor, proportional=gains[0], derivative=gains[1], integral=gains[2], **options,
         )  # fmt: skip
 
-    @cached_property
-    def joints(self) -> ElasticJoints:
-        """The joints' numbers at the equilibrium."""
-        return elastic_joints(self.plant, *self.equilibrium)
-
     # The weight from the motor position -------------------------------------------------------------
-    @cached_property
-    def _weight(self) -> GravityTorque:
-        return GravityTorque(self.plant)
 
     @cached_property
     def contraction(self) -> float:
@@ -310,11 +270,7 @@ class MotorPD(TorqueFeedback):
 
 
 @lru_cache(maxsize=8)
-def _contraction(
-    plant: Any,
-    goal: tuple[float, ...],
-    stiffness: tuple[float, ...],
-) -> float:
+def _contraction(plant: Any, goal: tuple[float, ...], stiffness: tuple[float, ...]) -> float:
     """See `TorqueFeedback.contraction`; gains have no part in it, so a search over them computes it once."""
     n, p, weight = len(stiffness), plant.parameters.vector(), GravityTorque(plant)
     poses = np.random.default_rng(SEED).uniform(-np.pi, np.pi, (POSES, n))

@@ -43,17 +43,9 @@ SIMPLEX = 1.35
 class Judgement:
     """What a set of parameters comes to.
 
-    Attributes
-    ----------
-    cost : float
-        To be small; infinite where it is not known.
-    excess : float
-        Sum over the limits of ln(value / limit) where it is exceeded; 0 where all are kept, infinite where a limit
-        cannot be checked (an unstable loop).
-    reason : str
-        Which limits are exceeded; empty for none.
-    result : object
-        What the caller wants to keep.
+    `cost` is to be small, infinite where it is not known. `excess` is the sum over the limits of ln(value / limit)
+    where it is exceeded; 0 where all are kept, infinite where a limit cannot be checked (an unstable loop). `reason`
+    says which limits are exceeded, empty for none, and `result` is what the caller wants to keep.
     """
 
     cost: float
@@ -83,15 +75,8 @@ class Candidate:
 
 @dataclass(frozen=True)
 class Tuning:
-    """What a search found.
-
-    Attributes
-    ----------
-    best : Candidate
-        The cheapest that keeps every limit; where none does, the one that exceeds them least.
-    candidates : tuple of Candidate
-        All that were tried, in order.
-    """
+    """All candidates that a search tried, in order, and the best: the cheapest that keeps every limit; where none
+    does, the one that exceeds them least."""
 
     best: Candidate
     candidates: tuple[Candidate, ...]
@@ -132,10 +117,8 @@ def tune(
     ----------
     judge : callable
         ``judge(parameters)`` → `Judgement`. A `FlexhinfError` makes the candidate infeasible, with its text as reason.
-    start : mapping of str to float
-        The first candidate; positive.
-    bounds : mapping of str to (lower, upper)
-        Of each parameter, with the start between them.
+    start, bounds : mappings of str to float, and to (lower, upper)
+        The first candidate, positive, and the bounds that each parameter lies between.
     samples, refinements : int
         Candidates of hypercube (without `others`) and covariance matrix adaptation together, and of the simplex, at
         most.
@@ -144,18 +127,13 @@ def tune(
     others : sequence of mapping of str to float
         Candidates that are tried beside the start, moved into the bounds: what similar laws were tuned to.
 
-    Returns
-    -------
-    Tuning
-
     Raises `InvalidInput` if starts, bounds or counts do not fit each other.
     """
     fits = set(start) == set(bounds) and samples >= 0 and refinements >= 0
     if not fits or not all(0.0 < bounds[n][0] <= start[n] <= bounds[n][1] < inf for n in start):
         raise InvalidInput(
             "The search for parameters is not well posed.",
-            f"expected positive starts within their bounds, got {dict(start)} and {dict(bounds)}, "
-            f"{samples=}, {refinements=}",
+            f"expected starts within their bounds, got {dict(start)}, {dict(bounds)}, {samples=}, {refinements=}",
             "tune(judge, {'bandwidth': 5.0}, {'bandwidth': (0.5, 50.0)})",
         )
     names = tuple(start)
@@ -188,7 +166,15 @@ def tune(
         first = points[int(np.argmin(costs))]
         mean, least = _adapted(cost, first, low, high, samples - spread, np.random.default_rng(seed))
         if refinements:
-            _simplex(cost, first if min(costs) <= least else mean, low, high, refinements)
+            from scipy.optimize import minimize
+
+            best, step = first if min(costs) <= least else mean, np.log(SIMPLEX)
+            corners = [
+                best,
+                *(best + np.where(best + step > high, -step, step) * axis for axis in np.eye(len(best))),
+            ]
+            options = {"initial_simplex": np.clip(corners, low, high), "maxfev": refinements}
+            minimize(cost, best, method="Nelder-Mead", options={**options, "xatol": 1e-3, "fatol": 1e-4})
     return Tuning(min(tried, key=lambda candidate: candidate.order), tuple(tried))
 
 
@@ -240,11 +226,9 @@ def _adapted(
         normal = np.linalg.solve(root, move)
         step_path = (1.0 - c_step) * step_path + np.sqrt(c_step * (2.0 - c_step) * effective) * normal
         length = float(np.linalg.norm(step_path))
-        usual = (
-            length / np.sqrt(1.0 - (1.0 - c_step) ** (2 * generation)) < (1.4 + 2.0 / (n + 1.0)) * expected
-        )
+        most = (1.4 + 2.0 / (n + 1.0)) * expected
         shape_path = (1.0 - c_path) * shape_path
-        if usual:
+        if length / np.sqrt(1.0 - (1.0 - c_step) ** (2 * generation)) < most:
             shape_path = shape_path + np.sqrt(c_path * (2.0 - c_path) * effective) * move
         shape = (
             (1.0 - c_one - c_many) * shape
@@ -253,16 +237,3 @@ def _adapted(
         )
         step *= float(np.exp(c_step / damping * (length / expected - 1.0)))
     return best, least
-
-
-def _simplex(
-    cost: Callable[[np.ndarray], float], best: np.ndarray, low: np.ndarray, high: np.ndarray, refinements: int
-) -> None:
-    """Candidates of a simplex that begins at the best point."""
-    from scipy.optimize import minimize
-
-    step = np.log(SIMPLEX)
-    corners = [best, *(best + np.where(best + step > high, -step, step) * axis for axis in np.eye(len(best)))]
-    start = np.clip(corners, low, high)
-    options = {"initial_simplex": start, "maxfev": refinements, "xatol": 1e-3, "fatol": 1e-4}
-    minimize(cost, best, method="Nelder-Mead", options=options)

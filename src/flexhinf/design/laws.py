@@ -11,7 +11,7 @@ from functools import cached_property
 import numpy as np
 
 from flexhinf.baselines import FeedbackLinearisation, GravityCompensatedLQR, MotorPD, TorqueFeedback, lqr
-from flexhinf.baselines.linear_quadratic import INTEGRAL_RATE
+from flexhinf.baselines.equilibrium_law import INTEGRAL_RATE
 from flexhinf.design.problem.channels import sized_channels
 from flexhinf.design.synthesis.steps import Synthesis
 from flexhinf.errors import InvalidInput

@@ -5,47 +5,17 @@
 """
 
 from flexhinf.loop.controller.controller import Controller, load_controller
-from flexhinf.loop.controller.schedule import Schedule
+from flexhinf.loop.controller.step import Schedule
 from flexhinf.loop.signals.motions import JerkLimited, Spline, Waypoints
 from flexhinf.loop.signals.references import Constant, Moving, Quintic, Samples, Signal, Sine, Step
 from flexhinf.loop.simulation.closed_loop import Loop
-from flexhinf.loop.simulation.compiled_runs import PreparedRun
 from flexhinf.loop.simulation.ensemble import Ensemble, EnsembleResult
 from flexhinf.loop.simulation.metrics import (
     Instant,
     Reduction,
-    StepShape,
     load_metrics,
     step_metrics,
     step_shape,
 )
 from flexhinf.loop.simulation.trajectory import Trajectory
 from flexhinf.plant import BlackBox
-
-__all__ = [
-    "BlackBox",
-    "Constant",
-    "Controller",
-    "Ensemble",
-    "EnsembleResult",
-    "Instant",
-    "JerkLimited",
-    "Loop",
-    "Moving",
-    "PreparedRun",
-    "Quintic",
-    "Reduction",
-    "Samples",
-    "Schedule",
-    "Signal",
-    "Sine",
-    "Spline",
-    "Step",
-    "StepShape",
-    "Trajectory",
-    "Waypoints",
-    "load_controller",
-    "load_metrics",
-    "step_metrics",
-    "step_shape",
-]

@@ -10,7 +10,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from flexhinf.analysis import destabilising_scale
+from flexhinf.analysis import ToleranceBox
 from flexhinf.design import Design, Specification
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.monte_carlo import sampled_runs
@@ -45,7 +45,9 @@ def test_more_tolerance_without_more_overshoot_within_the_same_limits(
     found = synthesis.robust
     assert found is not None
     assert found.better
-    scales = [destabilising_scale(e.loop, robot.corner, robot.uncertain)[0] for e in (damped, robust)]
+    scales = [
+        ToleranceBox.of(e.loop, robot.corner, robot.uncertain).edge(e.loop)[0] for e in (damped, robust)
+    ]
     assert scales == pytest.approx([found.damped.scale, found.found.scale], rel=0.02)
     assert scales[1] > 1.05 * scales[0]
     assert overshoot(robust, robot) <= overshoot(damped, robot) + 0.01

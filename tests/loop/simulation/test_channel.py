@@ -119,7 +119,7 @@ def test_a_delay_of_any_length_is_data(made):
         Loop(paper_arm().plant(), Controller(made.law, made.ukf()), sub_steps=2, delay=samples * 1e-3)
         for samples in (0, 1, 10, 5000)
     ]
-    assert len({id(loop.kernel) for loop in loops}) == 1
+    assert len({id(loop.code.kernel()) for loop in loops}) == 1
     plain, *_, longest = (loop.run(Step(0.5), noise=1e-3, duration=5.1) for loop in loops)
     assert not longest.signals["state"][:5001].any()  # it hangs: nothing acts yet
     assert np.abs(longest.signals["state"][5001:]).max() > 1e-6
@@ -143,7 +143,7 @@ def test_interpreter_and_lanes_delay_alike(made, samples, monkeypatch):
     monkeypatch.setattr(importlib.import_module("flexhinf.loop.simulation.ensemble"), "WORTH", 0)
     loop = Loop(paper_arm().plant(), Controller(made.law, None), sub_steps=2, delay=samples * 1e-3)
     prepared = loop.prepared(Step(0.5), duration=0.05, initial_state=[0.2, 0.0, 0.1, 0.0])
-    alone, kernel = prepared.alone(), interpret(loop.kernel.program)
+    alone, kernel = prepared.alone(), interpret(loop.code.kernel().program)
     outputs = prepared.outputs
     status = kernel.run({**prepared.inputs, **outputs}, prepared.counts)
     walked = prepared.trajectory(outputs, int(status.code), int(status.step))

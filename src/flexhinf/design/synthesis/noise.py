@@ -373,7 +373,7 @@ class _Search:
         """Parameter vectors (N, q) of the corners of the tolerances: those of `tolerance_corners`."""
         robot, table = self.setup.robot, self.loop.plant.parameters
         population, _ = corner_plants(self.loop, robot.corner, robot.uncertain)
-        return self.loop.vectors([table.known(values) for values in population.values[:-1]])
+        return table.vectors([table.known(values) for values in population.values[:-1]])
 
 
 def _avoidable_score(candidate: NoiseCandidate) -> float:

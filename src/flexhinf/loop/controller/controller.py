@@ -23,9 +23,8 @@ from flexhinf.loop.controller.options import (
     command_limits,
     dead_zone,
 )
-from flexhinf.loop.controller.schedule import STEPS, Schedule, blend_time, inverse_slope
 from flexhinf.loop.controller.start import FirstInput, Windup
-from flexhinf.loop.controller.step import LawCode, controller_step
+from flexhinf.loop.controller.step import STEPS, LawCode, Schedule, blend_time, controller_step, inverse_slope
 from flexhinf.loop.controller.storage import read_controller, write_controller
 from flexhinf.loop.shared import share
 from flexhinf.notebook import Summarised, names_text, number_text
@@ -65,7 +64,7 @@ class Controller(Summarised):
         without integrals tracks nothing.
     start : {"zero", "bumpless"}
         The integrals at the first sample: zero, or such that the input continues from the one before, see `reset`
-        and `flexhinf.loop.controller.schedule`.
+        and `flexhinf.loop.controller.step`.
     fade : float, optional
         Time constant, s, of the bias that holds what no integral reaches when a law takes over; 0.5 by default.
     command_range : None, float, (k,) array or tuple (lower, upper), optional

@@ -21,8 +21,8 @@ import numpy as np
 
 from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.files import read_arrays, write_arrays
-from flexhinf.loop.controller.schedule import Schedule, TableLaw
 from flexhinf.loop.controller.start import Windup
+from flexhinf.loop.controller.step import Schedule, TableLaw
 from flexhinf.plant import Estimator, Law, ParameterTable, Plant, StoredCode
 from flexhinf.polynomial.algebra import PolynomialLaw
 from flexhinf.scalars import apply, function_arrays, function_from_arrays, trace
@@ -254,7 +254,15 @@ def _store(value: Any, prefix: str, arrays: dict[str, np.ndarray]) -> Any:
         settings = {k: _store(part, f"{prefix}{k}.", arrays) for k, part in value.settings().items()}
         return {"estimator": [kind.__module__, kind.__qualname__], "settings": settings}
     if isinstance(value, Plant):
-        return {"plant": _store_plant(value, prefix, arrays)}
+        parts = _prefixed("flow.", function_arrays(value.traced_flow))
+        parts |= _prefixed("output.", function_arrays(value.traced_output))
+        arrays |= _prefixed(prefix, parts | _prefixed("parameters.", value.parameters.values))
+        named = {kind: list(getattr(value, kind)) for kind in NAMES}
+        return {"plant": {
+            **named, "parameters": list(value.parameters.names), "units": dict(value.units),
+            "groups": {name: list(members) for name, members in value.groups.items()},
+            "limits": {name: list(ends) for name, ends in value.limits.items()},
+        }}  # fmt: skip
     if isinstance(value, np.ndarray):
         arrays[f"{prefix}array"] = value
         return {"array": True}
@@ -269,30 +277,12 @@ def _restore(part: dict[str, Any], prefix: str, arrays: Mapping[str, np.ndarray]
         if not (isinstance(kind, type) and issubclass(kind, Estimator)):
             raise InvalidInput("No estimator.", value_text(name, 60))
         return kind(**{k: _restore(one, f"{prefix}{k}.", arrays) for k, one in part["settings"].items()})
-    if "plant" in part:
-        return _restored_plant(part["plant"], _below(prefix, arrays))
+    if "plant" in part:  # whose flow and output are the stored functions
+        header, arrays = part["plant"], _below(prefix, arrays)
+        table = ParameterTable({name: arrays[f"parameters.{name}"] for name in header["parameters"]})
+        flow, output = (StoredCode(_below(f"{name}.", arrays), table) for name in ("flow", "output"))
+        return Plant(
+            flow, output, header["states"], header["inputs"], header["disturbances"], table, header["outputs"],
+            header["units"], header["groups"], {name: tuple(ends) for name, ends in header["limits"].items()},
+        )  # fmt: skip
     return arrays[f"{prefix}array"] if "array" in part else part["value"]
-
-
-def _store_plant(plant: Plant, prefix: str, arrays: dict[str, np.ndarray]) -> dict[str, Any]:
-    parts = _prefixed("flow.", function_arrays(plant.traced_flow))
-    parts |= _prefixed("output.", function_arrays(plant.traced_output))
-    parts |= {f"parameters.{name}": value for name, value in plant.parameters.values.items()}
-    arrays |= _prefixed(prefix, parts)
-    return {
-        **{kind: list(getattr(plant, kind)) for kind in NAMES},
-        "parameters": list(plant.parameters.names),
-        "units": dict(plant.units),
-        "groups": {name: list(members) for name, members in plant.groups.items()},
-        "limits": {name: list(ends) for name, ends in plant.limits.items()},
-    }
-
-
-def _restored_plant(header: dict[str, Any], arrays: dict[str, np.ndarray]) -> Plant:
-    """A plant whose flow and output are the stored functions."""
-    table = ParameterTable({name: arrays[f"parameters.{name}"] for name in header["parameters"]})
-    flow, output = (StoredCode(_below(f"{name}.", arrays), table) for name in ("flow", "output"))
-    return Plant(
-        flow, output, header["states"], header["inputs"], header["disturbances"], table, header["outputs"],
-        header["units"], header["groups"], {name: tuple(ends) for name, ends in header["limits"].items()},
-    )  # fmt: skip

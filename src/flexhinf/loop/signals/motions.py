@@ -10,7 +10,7 @@ import numpy as np
 
 from flexhinf.errors import InvalidInput
 from flexhinf.loop.signals.references import Quintic, checked_order, checked_samples
-from flexhinf.validation import HUGE, real_array, value_text
+from flexhinf.validation import HUGE, real_array, unknown_name, value_text
 
 # Jerk-limited motion [berscheid2021] --------------------------------------------------------------------
 LIMITS = ("velocity", "acceleration", "jerk")
@@ -18,17 +18,12 @@ LIMITS = ("velocity", "acceleration", "jerk")
 
 @dataclass(frozen=True, eq=False)
 class RestToRest:
-    """A motion between two positions at rest, whose jerk is piecewise constant, or a moving average of such a motion.
+    """A motion from `start` to `goal` at rest, of phases of constant jerk (`lengths` in s, `jerks` in unit/s³, (K,)
+    each), or its moving average.
 
-    Parameters
-    ----------
-    start, goal : float
-        What rounding leaves of the way to the goal is made up for by a scale.
-    lengths, jerks : ndarray, (K,)
-        Of the phases of constant jerk, s and unit/s³.
-    average : float
-        T of the moving average over the last T seconds, s; none for zero. Its jerk rises by (j(t) − j(t − T))/T, which
-        is constant between the corners of both.
+    What rounding leaves of the way to the goal is made up for by a scale. `average` is T of the moving average over
+    the last T seconds, s; none for zero. Its jerk rises by (j(t) − j(t − T))/T, which is constant between the corners
+    of both.
     """
 
     start: float
@@ -75,10 +70,10 @@ class RestToRest:
 class JerkLimited:
     """From rest at `start` to rest at `goal`, from `at` on, as fast as the limits allow.
 
-    Several channels arrive together. The motion is made by the ruckig library and kept as polynomials, so that
-    values and derivatives are exact. Without smoothing the jerk jumps, and a feedforward of elastic joints would
-    need pulses of its input; the moving average over `smoothing` seconds makes the snap finite, keeps all limits
-    and takes so much longer.
+    Several channels arrive together. The motion is made by the ruckig library and kept as polynomials, so that values
+    and derivatives are exact. Without smoothing the jerk jumps, and a feedforward of elastic joints would need pulses
+    of its input; the moving average over `smoothing` seconds makes the snap finite, keeps all limits and takes so much
+    longer.
 
     Parameters
     ----------
@@ -86,10 +81,8 @@ class JerkLimited:
         With arrays the values have one column per channel.
     velocity, acceleration, jerk : float or (k,)
         Largest absolute values, positive.
-    at : float
-        s.
-    smoothing : float
-        Length of the moving average, s; none for zero.
+    at, smoothing : float
+        s; length of the moving average, none for zero.
 
     Raises
     ------
@@ -106,30 +99,31 @@ class JerkLimited:
     smoothing: float = 0.0
 
     def __post_init__(self) -> None:
-        arrays = {name: _numbers(name, getattr(self, name)) for name in ("start", "goal", *LIMITS)}
+        arrays = {
+            name: real_array(getattr(self, name)) for name in ("start", "goal", *LIMITS, "at", "smoothing")
+        }
+        for name, array in arrays.items():
+            most = 0 if name in ("at", "smoothing") else 1
+            least = 0.0 if name == "smoothing" else -np.inf
+            if array.ndim > most or not np.all(np.isfinite(array) & (array >= least)):
+                found = f"got {name}={value_text(getattr(self, name))}"
+                advice = "one number in seconds" if not most else "one number, or one per channel"
+                raise InvalidInput("A jerk-limited motion needs finite numbers.", found, advice)
         sizes = {array.size for array in arrays.values() if array.ndim}
         if len(sizes) > 1 or 0 in sizes:
-            raise InvalidInput(
+            shapes = {name: array.shape for name, array in arrays.items()}
+            what, found = (
                 "The channels of a motion differ in number.",
-                f"expected one number or k each, got { ({name: a.shape for name, a in arrays.items()}) }",
-                "one start, goal and limit per channel; one number counts for all",
+                f"expected one number or k each, got {shapes}",
+            )
+            raise InvalidInput(
+                what, found, "one start, goal and limit per channel; one number counts for all"
             )
         for name in LIMITS:
             if not np.all(arrays[name] > 0.0):
-                raise InvalidInput(
-                    f"The limit of {name} must be positive.",
-                    f"expected > 0, got {getattr(self, name)!r}",
-                    "the largest absolute value that is allowed",
-                )
-        for name in ("at", "smoothing"):
-            value = _numbers(name, getattr(self, name))
-            if value.ndim or (name == "smoothing" and value < 0.0):
-                raise InvalidInput(
-                    f"The time {name!r} of a motion is not usable.",
-                    f"expected one number{' >= 0' if name == 'smoothing' else ''}, got {getattr(self, name)!r}",
-                    "seconds",
-                )
-            arrays[name] = value
+                found = f"expected > 0, got {getattr(self, name)!r}"
+                advice = "the largest absolute value that is allowed"
+                raise InvalidInput(f"The limit of {name} must be positive.", found, advice)
         for name, array in arrays.items():  # tuples, so that equal motions are equal
             object.__setattr__(self, name, tuple(array.tolist()) if array.ndim else float(array))
 
@@ -157,26 +151,20 @@ class JerkLimited:
 
     def __call__(self, t: Any) -> Any:
         """The position."""
-        return self._derivative(t, 0)
+        return self.derivatives(t, 0)[0]
 
     def derivatives(self, t: Any, order: int = 4) -> Any:
         """The value and its time derivatives, (order + 1, …), from the right where they jump.
 
-        Raises
-        ------
-        InvalidInput
-            For an order above 3, or 4 with smoothing: the next derivative is not finite.
+        An order above 3, or 4 with smoothing, is refused: the next derivative is not finite.
         """
         bound = (3, "its jerk jumps", "JerkLimited(..., smoothing=0.05)")
         if self.smoothing:
             bound = (4, "its snap jumps", "an order of at most 4")
-        order = checked_order(order, "jerk-limited motion", *bound)
-        return np.stack([self._derivative(t, k) for k in range(order + 1)])
-
-    def _derivative(self, t: Any, order: int) -> Any:
+        orders = range(checked_order(order, "jerk-limited motion", *bound) + 1)
         since = np.asarray(t, dtype=float) - self.at
-        columns = [channel(since, order) for channel in self._channels]
         several = any(isinstance(getattr(self, name), tuple) for name in ("start", "goal", *LIMITS))
+        columns = [np.stack([channel(since, k) for k in orders]) for channel in self._channels]
         return np.stack(columns, axis=-1) if several else columns[0]
 
 
@@ -201,10 +189,9 @@ def _phases(ways: list[float], limits: list[list[float]]) -> list[Any]:
     except RuckigError:
         result = Result.Error
     if result not in (Result.Working, Result.Finished) or not 0.0 < jerk < np.inf:
+        found = f"got {result} for ways of {ways} with velocity, acceleration and jerk {limits}"
         raise InvalidInput(
-            "No motion was found within the limits.",
-            f"got {result} for ways of {ways} with velocity, acceleration and jerk {limits}",
-            "limits of a size that fits the way",
+            "No motion was found within the limits.", found, "limits of a size that fits the way"
         )
     return [(time * np.array(profile.t), jerk * np.array(profile.j)) for profile in found.profiles[0]]
 
@@ -213,17 +200,6 @@ def _power(value: np.float64) -> np.float64:
     """The power of two next below; 1 for what has none."""
     fine = 0.0 < value < np.inf
     return np.ldexp(1.0, np.frexp(value)[1] - 1) if fine else np.float64(1.0)
-
-
-def _numbers(name: str, value: Any) -> np.ndarray:
-    array = real_array(value)
-    if array.ndim > 1 or not np.all(np.isfinite(array)):
-        raise InvalidInput(
-            "A jerk-limited motion needs finite numbers.",
-            f"got {name}={value!r}",
-            "one number, or one per channel",
-        )
-    return array
 
 
 # Through samples [deboor2001] -----------------------------------------------------------------------------
@@ -239,9 +215,16 @@ class _Sampled:
     values: Any
 
     def __post_init__(self) -> None:
-        times, values = checked_samples(self.times, self.values, smooth=True)
-        object.__setattr__(self, "times", times)
-        object.__setattr__(self, "values", values)
+        for name, array in zip(("times", "values"), checked_samples(self.times, self.values, smooth=True)):
+            object.__setattr__(self, name, array)
+
+    def __call__(self, t: Any) -> Any:
+        """The position."""
+        return self.derivatives(t, 0)[0]
+
+    def derivatives(self, t: Any, order: int = 4) -> Any:
+        """The value and its time derivatives, (order + 1, …)."""
+        raise NotImplementedError
 
     @property
     def duration(self) -> float:
@@ -259,28 +242,18 @@ class _Sampled:
 class Spline(_Sampled):
     """The spline of degree nine through samples, held at both ends, with four continuous derivatives everywhere.
 
-    All four are zero at both ends. Between the samples it may go a little beyond them, as every smooth curve
-    through them; `Samples` does not.
-
-    Parameters
-    ----------
-    times : (N,) array
-        Increasing, s.
-    values : (N,) array, or (N, k) with one column per channel
-
-    Raises
-    ------
-    InvalidInput
-        If the samples do not describe a function of time.
+    All four are zero at both ends. Between the samples it may go a little beyond them, as every smooth curve through
+    them; `Samples` does not. Times (N,) increase, s; values are (N,), or (N, k) with one column per channel; samples
+    that do not describe a function of time are an InvalidInput.
     """
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if np.abs(self.values).max() > HUGE:
+        largest = np.abs(self.values).max()
+        if largest > HUGE:
+            found = f"expected a magnitude of at most {HUGE:g}, got {largest:g}"
             raise InvalidInput(
-                "The values of a spline are out of all proportion.",
-                f"expected a magnitude of at most {HUGE:g}, got {np.abs(self.values).max():g}",
-                "values in SI units",
+                "The values of a spline are out of all proportion.", found, "values in SI units"
             )
 
     @property
@@ -301,18 +274,9 @@ class Spline(_Sampled):
     def _unit(self) -> float:
         return self.duration / max(1, len(self.times) - 1)
 
-    def __call__(self, t: Any) -> Any:
-        """The position."""
-        return self.derivatives(t, 0)[0]
-
     def derivatives(self, t: Any, order: int = 4) -> Any:
-        """The value and its time derivatives, (order + 1, …).
-
-        Raises
-        ------
-        InvalidInput
-            For an order above 4, which jumps at the ends.
-        """
+        """The value and its time derivatives, (order + 1, …); an order above 4, which jumps at the ends, is
+        refused."""
         order = checked_order(order, "spline", 4, "the fifth jumps at its ends", "an order of at most 4")
         t = np.asarray(t, dtype=float)
         if len(self.times) == 1:
@@ -373,24 +337,19 @@ class Waypoints(_Sampled):
     def __post_init__(self) -> None:
         super().__post_init__()
         if not isinstance(self.profile, str) or self.profile not in PROFILES:
-            raise InvalidInput(
-                "There is no such profile of a motion.",
-                f"expected one of {list(PROFILES)}, got {value_text(self.profile)}",
-                "profile='jerk-limited'",
-            )
+            raise unknown_name("There is no such profile of a motion.", self.profile, PROFILES)
         if self.profile in ("spline", "through"):
             return
         if len(self.times) > MOST_STOPS:
-            raise InvalidInput(
-                "A motion stops at too many waypoints.",
-                f"expected at most {MOST_STOPS}, got {len(self.times)}",
-                "profile='spline', which passes through them",
-            )
+            found = f"expected at most {MOST_STOPS}, got {len(self.times)}"
+            advice = "profile='spline', which passes through them"
+            raise InvalidInput("A motion stops at too many waypoints.", found, advice)
         shortest = float(np.diff(self.times).min(initial=np.inf))
         if self.profile == "jerk-limited" and not 0.0 <= self.smoothing < shortest:
+            expected = f"expected 0 s to less than the shortest way of {shortest:.4g} s"
             raise InvalidInput(
                 "The smoothing of a motion does not fit its waypoints.",
-                f"expected 0 s to less than the shortest way of {shortest:.4g} s, got {value_text(self.smoothing)} s",
+                f"{expected}, got {value_text(self.smoothing)} s",
                 "waypoints further apart in time, or profile='spline'",
             )
 
@@ -399,51 +358,36 @@ class Waypoints(_Sampled):
         """A short description."""
         return f"{PROFILES[self.profile]} {len(self.times)} waypoints in {self.duration:.4g} s"
 
-    def __call__(self, t: Any) -> Any:
-        """The position."""
-        return self.derivatives(t, 0)[0]
-
     def derivatives(self, t: Any, order: int = 4) -> Any:
         """The value and its time derivatives, (order + 1, …), from the right where they jump.
 
-        Raises
-        ------
-        InvalidInput
-            For an order above the profile's highest finite derivative: 4 of a spline and of smoothed jerk-limited
-            motions, 3 without smoothing. The jerk of a quintic jumps at every stop, as `Quintic` says.
+        Refused is an order above the profile's highest finite derivative: 4 of a spline and of smoothed jerk-limited
+        motions, 3 without smoothing. The jerk of a quintic jumps at every stop, as `Quintic` says.
         """
         t, what = np.asarray(t, dtype=float), "motion through waypoints"
         if self.profile == "spline":
-            return self._spline.derivatives(t, order)
+            return self._curve.derivatives(t, order)
         if self.profile == "through":
             order = checked_order(order, what, 4, "the fifth jumps", "an order of at most 4")
             inside = np.clip(t, self.times[0], self.times[-1])
-            return self._resting(t, [self._smooth(inside, nu=k) for k in range(order + 1)])
+            return self._resting(t, [self._curve(inside, nu=k) for k in range(order + 1)])
         order = checked_order(order, what)
-        found = np.zeros((order + 1, *t.shape, *self.values.shape[1:]))
-        found[0] += self.values[0]
-        for way, covered in zip(np.diff(self.values, axis=0), self._covered):
-            found += np.multiply.outer(covered.derivatives(t, order), way)
-        return found
+        rows = np.zeros((order + 1, *t.shape, *self.values.shape[1:]))
+        rows[0] += self.values[0]
+        for way, part in zip(np.diff(self.values, axis=0), self._parts):
+            rows += np.multiply.outer(part.derivatives(t, order), way)
+        return rows
 
     @cached_property
-    def _spline(self) -> Spline:
-        return Spline(self.times, self.values)
-
-    @cached_property
-    def _smooth(self) -> Any:
-        """SciPy's piecewise polynomial with the slopes of `_slopes`; its next three derivatives are zero there."""
+    def _curve(self) -> Any:
+        """The spline; or SciPy's piecewise polynomial whose second to fourth derivatives are zero at the waypoints, and
+        whose slopes there are zero at both ends and at reversals, else the harmonic mean of the neighbouring ones."""
         from scipy.interpolate import BPoly
 
-        nothing = np.zeros((3, *self.values.shape[1:]))
+        if self.profile == "spline":
+            return Spline(self.times, self.values)
         if len(self.times) == 1:
             return BPoly(self.values[None, :], [self.times[0], self.times[0] + 1.0])
-        both = zip(self.values, self._slopes)
-        return BPoly.from_derivatives(self.times, [[value, slope, *nothing] for value, slope in both])
-
-    @property
-    def _slopes(self) -> np.ndarray:
-        """At the waypoints: zero at both ends and at reversals, else the harmonic mean of the neighbouring ones."""
         steps = np.diff(self.times).reshape((-1, *(1,) * (self.values.ndim - 1)))
         mean, slopes = np.diff(self.values, axis=0) / steps, np.zeros(self.values.shape)
         before, after = mean[:-1], mean[1:]
@@ -451,17 +395,19 @@ class Waypoints(_Sampled):
         product, total = np.where(same, before * after, 0.0), np.where(same, before + after, 1.0)
         most = STEEPEST * np.minimum(np.abs(before), np.abs(after))
         slopes[1:-1] = np.clip(2.0 * product / total, -most, most)
-        return slopes
+        nothing = np.zeros((3, *self.values.shape[1:]))
+        rows = [[value, slope, *nothing] for value, slope in zip(self.values, slopes)]
+        return BPoly.from_derivatives(self.times, rows)
 
     @cached_property
-    def _covered(self) -> tuple[Quintic | JerkLimited, ...]:
-        """For each way between two waypoints, the part of it that is covered: from 0 to 1."""
-        pairs = zip(self.times[:-1].tolist(), np.diff(self.times).tolist())
-        if self.profile == "quintic":
-            return tuple(Quintic(0.0, 1.0, length, at=begin) for begin, length in pairs)
-        return tuple(self._jerk_limited(begin, length) for begin, length in pairs)
-
-    def _jerk_limited(self, begin: float, length: float) -> JerkLimited:
-        rate = UNIT_TIME / (length - self.smoothing)
-        limits = VELOCITY * rate, ACCELERATION * rate**2, JERK * rate**3
-        return JerkLimited(0.0, 1.0, *limits, at=begin, smoothing=self.smoothing)
+    def _parts(self) -> list[Quintic | JerkLimited]:
+        """For each way between two waypoints, the part of it that is done: from 0 to 1."""
+        parts: list[Quintic | JerkLimited] = []
+        for begin, length in zip(self.times[:-1].tolist(), np.diff(self.times).tolist()):
+            if self.profile == "quintic":
+                parts.append(Quintic(0.0, 1.0, length, at=begin))
+                continue
+            rate = UNIT_TIME / (length - self.smoothing)
+            limits = VELOCITY * rate, ACCELERATION * rate**2, JERK * rate**3
+            parts.append(JerkLimited(0.0, 1.0, *limits, at=begin, smoothing=self.smoothing))
+        return parts

@@ -12,14 +12,14 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
 from flexhinf.errors import InvalidInput
 from flexhinf.plant.plant import motion_of
 from flexhinf.scalars import clip, where
-from flexhinf.validation import real_array, real_number, value_text
+from flexhinf.validation import checked_positive, real_array, real_number, value_text
 
 #: Shortest part of a motion with derivatives, s: those of fourth order grow with its fourth power, and stay finite.
 SHORTEST = 1e-9
@@ -49,11 +49,9 @@ def signal_name(signal: Any, depth: int = 3) -> str:
     if isinstance(signal, (Mapping, list, tuple)):
         if not depth:
             return "…"
-        named = (
-            [(f"{name}: ", part) for name, part in signal.items()] if isinstance(signal, Mapping) else None
-        )
-        parts = [("", part) for part in signal] if named is None else named
-        return "; ".join(f"{label}{signal_name(part, depth - 1)}" for label, part in parts)
+        if isinstance(signal, Mapping):
+            return "; ".join(f"{name}: {signal_name(part, depth - 1)}" for name, part in signal.items())
+        return "; ".join(signal_name(part, depth - 1) for part in signal)
     if callable(signal):
         return str(getattr(signal, "name", getattr(signal, "__name__", type(signal).__name__)))
     return f"constant {signal}"
@@ -67,11 +65,8 @@ def checked_order(order: Any, what: str, highest: int | None = None, why: str = 
             "The order of a derivative is a number.", f"expected >= 0, got {value_text(order)}", "4"
         )
     if highest is not None and order > highest:
-        raise InvalidInput(
-            f"A {what} has no derivative of order {order}: {why}.",
-            f"expected an order of at most {highest}, got {order}",
-            advice,
-        )
+        found = f"expected an order of at most {highest}, got {order}"
+        raise InvalidInput(f"A {what} has no derivative of order {order}: {why}.", found, advice)
     return int(order)
 
 
@@ -82,10 +77,10 @@ def checked_samples(times: Any, values: Any, smooth: bool = False) -> tuple[np.n
     finite = np.all(np.isfinite(times)) and np.all(np.isfinite(values))
     shaped = times.ndim == 1 and len(times) > 0 and values.ndim in (1, 2) and len(values) == len(times)
     if not (finite and shaped and np.all(np.diff(times) > 0.0)):
+        found = f"got times {times.shape} and values {values.shape}"
         raise InvalidInput(
             "The samples do not describe a function of time.",
-            "expected finite increasing times with one value (or row) each, got "
-            f"times {times.shape} and values {values.shape}",
+            f"expected finite increasing times with one value (or row) each, {found}",
             "sort the samples and drop repeated times",
         )
     if smooth:
@@ -97,11 +92,8 @@ def checked_samples(times: Any, values: Any, smooth: bool = False) -> tuple[np.n
 
 def _check_shortest(what: str, seconds: float) -> None:
     if seconds < SHORTEST:
-        raise InvalidInput(
-            f"Two {what} are too near to each other in time.",
-            f"expected at least {SHORTEST:g} s between them, got {seconds:g} s",
-            "times in seconds",
-        )
+        found = f"expected at least {SHORTEST:g} s between them, got {seconds:g} s"
+        raise InvalidInput(f"Two {what} are too near to each other in time.", found, "times in seconds")
 
 
 def _stacked(*rows: Any) -> Any:
@@ -111,14 +103,20 @@ def _stacked(*rows: Any) -> Any:
 class _Finite:
     """A signal whose fields are finite numbers; unless it says otherwise it stands still but for jumps."""
 
+    #: A short description, with the fields' values in it.
+    text: ClassVar[str]
+
     def __post_init__(self) -> None:
         for key, value in vars(self).items():
             if not np.isfinite(real_number(value)):
-                raise InvalidInput(
-                    f"{type(self).__name__} needs finite numbers.",
-                    f"got {key}={value_text(value)}",
-                    "one number; for several channels a mapping of names to signals",
-                )
+                advice = "one number; for several channels a mapping of names to signals"
+                what = f"{type(self).__name__} needs finite numbers."
+                raise InvalidInput(what, f"got {key}={value_text(value)}", advice)
+
+    @property
+    def name(self) -> str:
+        """A short description."""
+        return self.text.format(**vars(self))
 
     def __call__(self, t: Any) -> Any:
         raise NotImplementedError
@@ -132,12 +130,8 @@ class _Finite:
 class Constant(_Finite):
     """The same value at all times."""
 
+    text: ClassVar[str] = "constant {value:g}"
     value: float = 0.0
-
-    @property
-    def name(self) -> str:
-        """A short description."""
-        return f"constant {self.value:g}"
 
     def __call__(self, t: Any) -> Any:
         """The value."""
@@ -148,14 +142,10 @@ class Constant(_Finite):
 class Step(_Finite):
     """`initial` before the time `at` (s), `value` from then on."""
 
+    text: ClassVar[str] = "step to {value:.6g} at {at:g} s"
     value: float
     at: float = 0.0
     initial: float = 0.0
-
-    @property
-    def name(self) -> str:
-        """A short description."""
-        return f"step to {self.value:.6g} at {self.at:g} s"
 
     def __call__(self, t: Any) -> Any:
         """The value from `at` on, else `initial`."""
@@ -169,16 +159,12 @@ class Sine(_Finite):
     The frequency is in Hz, the phase in rad.
     """
 
+    text: ClassVar[str] = "{offset:.6g} + {amplitude:.6g} sin(2π·{frequency:g} Hz (t − {at:g} s))"
     amplitude: float
     frequency: float
     offset: float = 0.0
     phase: float = 0.0
     at: float = 0.0
-
-    @property
-    def name(self) -> str:
-        """A short description."""
-        return f"{self.offset:.6g} + {self.amplitude:.6g} sin(2π·{self.frequency:g} Hz (t − {self.at:g} s))"
 
     def __call__(self, t: Any) -> Any:
         """The wave from `at` on, else `offset`."""
@@ -190,10 +176,8 @@ class Sine(_Finite):
         pulsation = 2.0 * math.pi * self.frequency
         angle = pulsation * (t - self.at) + self.phase
         sine, cosine = np.sin(angle), np.cos(angle)
-        turned = (sine, cosine, -sine, -cosine)
-        waves = [
-            self.amplitude * pulsation**k * turned[k % 4] for k in range(1, checked_order(order, "sine") + 1)
-        ]
+        turned, orders = (sine, cosine, -sine, -cosine), range(1, checked_order(order, "sine") + 1)
+        waves = [self.amplitude * pulsation**k * turned[k % 4] for k in orders]
         return _stacked(self(t), *(where(t >= self.at, wave, 0.0) for wave in waves))
 
 
@@ -201,6 +185,7 @@ class Sine(_Finite):
 class Quintic(_Finite):
     """From `start` to `goal` in `duration` seconds from `at` on; zero speed and acceleration at both ends."""
 
+    text: ClassVar[str] = "quintic from {start:.6g} to {goal:.6g} in {duration:g} s"
     start: float
     goal: float
     duration: float
@@ -208,16 +193,8 @@ class Quintic(_Finite):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.duration <= 0.0:
-            raise InvalidInput(
-                "A quintic needs time.", f"expected duration > 0 s, got {value_text(self.duration)}", "1.0"
-            )
+        checked_positive("The duration of a quintic", self.duration, "seconds", "1.0")
         _check_shortest("ends of a quintic", self.duration)
-
-    @property
-    def name(self) -> str:
-        """A short description."""
-        return f"quintic from {self.start:.6g} to {self.goal:.6g} in {self.duration:g} s"
 
     def __call__(self, t: Any) -> Any:
         """s³ (10 − 15 s + 6 s²) of the way, s the fraction of the time that has passed."""
@@ -267,10 +244,9 @@ class Samples:
 
     def derivatives(self, t: Any, order: int = 4) -> Any:
         """The value alone, (1, …): the speed of a linear interpolation jumps at every sample, so that an order above 0
-        is refused by an InvalidInput."""
-        checked_order(
-            order, "linear interpolation", 0, "its speed jumps at every sample", "fh.Spline(times, values)"
-        )
+        is refused."""
+        why, advice = "its speed jumps at every sample", "fh.Spline(times, values)"
+        checked_order(order, "linear interpolation", 0, why, advice)
         return _stacked(self(t))
 
 
@@ -278,9 +254,9 @@ class Samples:
 class Moving:
     """(x_d, u_d) along signals, by inverse dynamics: the command of ``Controller(moving=True)``.
 
-    Where a signal jumps it is at rest on both sides: the feedforward of a `Step` is that of the pose before,
-    then of the pose after. A signal with a kink in its position, velocity or acceleration gives an x_d that jumps
-    there; the law then treats the difference as an error.
+    Where a signal jumps it is at rest on both sides: the feedforward of a `Step` is that of the pose before, then of
+    the pose after. A signal with a kink in its position, velocity or acceleration gives an x_d that jumps there; the
+    law then treats the difference as an error.
 
     Parameters
     ----------
@@ -329,18 +305,15 @@ class Moving:
         times = np.array(t, dtype=float, ndmin=1)
         kept = vars(self).get("_last")
         if kept is None or not np.array_equal(kept[0], times):
-            kept = times, *self._computed(times)
+            motion = motion_of(self.signals, times, 4, self.names)
+            parts = tuple(np.asarray(part, dtype=float) for part in self.inverse(*motion))
+            if len(parts) != 2 or any(part.ndim != 2 or len(part) != len(times) for part in parts):
+                found = (
+                    f"expected two arrays of {len(times)} rows, got shapes {[part.shape for part in parts]}"
+                )
+                what = "The inverse does not give a state and an input for each time."
+                raise InvalidInput(what, found, "robot.inverse_dynamics")
+            kept = times, *parts
             object.__setattr__(self, "_last", kept)
         _, x, u = kept
         return (x.copy(), u.copy()) if np.ndim(t) else (x[0].copy(), u[0].copy())
-
-    def _computed(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        motion = motion_of(self.signals, times, 4, self.names)
-        found = tuple(np.asarray(part, dtype=float) for part in self.inverse(*motion))
-        if len(found) != 2 or any(part.ndim != 2 or len(part) != len(times) for part in found):
-            raise InvalidInput(
-                "The inverse does not give a state and an input for each time.",
-                f"expected two arrays of {len(times)} rows, got shapes {[part.shape for part in found]}",
-                "robot.inverse_dynamics",
-            )
-        return found

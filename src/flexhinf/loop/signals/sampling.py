@@ -15,7 +15,7 @@ from flexhinf.errors import InvalidInput
 from flexhinf.loop.signals.motions import JerkLimited, Spline
 from flexhinf.loop.signals.references import Constant, Moving, Quintic, Samples, Sine, Step
 from flexhinf.plant import BlackBox, Plant
-from flexhinf.validation import real_array, value_text
+from flexhinf.validation import real_array, unknown_name, value_text
 
 VECTORISED = (Constant, JerkLimited, Moving, Quintic, Samples, Sine, Spline, Step)
 
@@ -43,33 +43,19 @@ def by_name(signal: Any, plant: Plant | BlackBox) -> Any:
 def sample_signal(
     signal: Any, times: np.ndarray, channels: Sequence[str], what: str, depth: int = 3
 ) -> np.ndarray:
-    """Values (N, channels) of a command or disturbance at times (N,).
+    """Values (N, channels) of a command or disturbance at times (N,), s.
 
-    Parameters
-    ----------
-    signal : None, number, callable of time, mapping by channel name, or sequence with one per channel
-    times : ndarray, (N,)
-        s.
-    what : {"reference", "disturbance"}
-        For the messages.
-    depth : int
-        How many sequences and mappings may stand in one another; a list may contain itself.
-
-    Raises
-    ------
-    InvalidInput
-        For unknown channels, another number of values than channels, or values that are not finite.
+    The signal is None, a number, a callable of time, a mapping by channel name, or a sequence with one per channel, at
+    most `depth` sequences and mappings in one another, as a list may contain itself. `what` is "reference" or
+    "disturbance", for the messages. Unknown channels, another number of values than channels, and values that are not
+    finite are refused.
     """
     if signal is None:
         return np.zeros((len(times), len(channels)))
     if isinstance(signal, Mapping):
-        unknown = [name for name in signal if name not in channels]
-        if unknown:
-            raise InvalidInput(
-                f"There is no {what} {unknown[0]!r}.",
-                f"expected names out of {list(channels)}",
-                "one of these names",
-            )
+        for name in signal:
+            if name not in channels:
+                raise unknown_name(f"There is no {what} {name!r}.", name, channels)
         signal = [signal.get(name) for name in channels]
     several = isinstance(signal, Sequence) and not isinstance(signal, str)
     if depth and several and len(signal) == len(channels):
@@ -77,8 +63,18 @@ def sample_signal(
             sample_signal(part, times, [name], what, depth - 1) for part, name in zip(signal, channels)
         ]
         return np.hstack(columns) if columns else np.zeros((len(times), 0))
-    values = _values(signal, times)
-    if values.shape not in _shapes(callable(signal), len(times), len(channels)):
+    later = times * LATER
+    try:
+        if not callable(signal):
+            values = real_array(signal)
+        elif isinstance(signal, VECTORISED):
+            values = real_array(signal(later))
+        else:
+            values = real_array([signal(float(t)) for t in later])
+    except (TypeError, ValueError):
+        values = np.zeros((0, 0, 0))
+    lead = (len(times),) if callable(signal) else ()  # per time if it is a function, else once
+    if values.shape != (*lead, len(channels)) and (len(channels) != 1 or values.shape != lead):
         raise InvalidInput(
             f"The {what} does not fit its channels.",
             f"expected {len(channels)} values for {list(channels)} at each time, got {value_text(signal)}",
@@ -88,28 +84,9 @@ def sample_signal(
     values = np.array(np.broadcast_to(values, (len(times), len(channels))))
     if not np.all(np.isfinite(values)):
         row = int(np.argmin(np.all(np.isfinite(values), axis=1)))
-        raise InvalidInput(
-            f"The {what} is not finite.", f"got {values[row]} at t = {times[row]:g} s", "finite values"
-        )
+        found = f"got {values[row]} at t = {times[row]:g} s"
+        raise InvalidInput(f"The {what} is not finite.", found, "finite values")
     return values
-
-
-def _values(signal: Any, times: np.ndarray) -> np.ndarray:
-    later = times * LATER
-    try:
-        if not callable(signal):
-            return real_array(signal)
-        if isinstance(signal, VECTORISED):
-            return real_array(signal(later))
-        return real_array([signal(float(t)) for t in later])
-    except (TypeError, ValueError):
-        return np.zeros((0, 0, 0))
-
-
-def _shapes(callable_: bool, samples: int, channels: int) -> tuple[tuple[int, ...], ...]:
-    """What a signal may return: per time if it is a function, else once; one channel needs no axis."""
-    lead = (samples,) if callable_ else ()
-    return ((*lead, channels), lead) if channels == 1 else ((*lead, channels),)
 
 
 def sample_disturbance(
@@ -159,18 +136,16 @@ def sample_noise(noise: Any, seed: int, samples: int, channels: Sequence[str], s
 def check_seed(seed: Any) -> None:
     """Refuse what is no integer in 0 … 2⁶⁴ − 1."""
     if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or not 0 <= int(seed) < 2**64:
-        raise InvalidInput(
-            "The seed is not usable.", f"expected 0 <= integer < 2**64, got {value_text(seed)}", "seed=0"
-        )
+        found = f"expected 0 <= integer < 2**64, got {value_text(seed)}"
+        raise InvalidInput("The seed is not usable.", found, "seed=0")
 
 
 def checked_deviation(noise: Any, channels: Sequence[str]) -> np.ndarray:
     """The standard deviation of each channel's noise, (p,); one that is negative, not finite or of another size is
     refused."""
     deviation = real_array(noise)
-    if deviation.shape not in ((), (len(channels),)) or not np.all(
-        np.isfinite(deviation) & (deviation >= 0.0)
-    ):
+    usable = np.all(np.isfinite(deviation) & (deviation >= 0.0))
+    if deviation.shape not in ((), (len(channels),)) or not usable:
         raise InvalidInput(
             "The measurement noise does not fit the measurements.",
             f"expected one standard deviation >= 0 or one for each of {list(channels)}, got {value_text(noise)}",

@@ -6,9 +6,8 @@ A true plant that integrates itself is stepped with the controller, one sample a
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -51,17 +50,9 @@ class Stepped(Protocol):
         ...
 
 
-@dataclass(frozen=True)
-class Pacing:
-    """When the samples of a run are made.
-
-    Attributes
-    ----------
-    begin : callable
-        Returns when sample k is due; False ends the run before it.
-    end : callable
-        Called when sample k is over, the plant's own step included.
-    """
+class Pacing(NamedTuple):
+    """When the samples of a run are made: `begin` returns when sample k is due, False ends the run before it; `end` is
+    called when sample k is over, the plant's own step included."""
 
     begin: Callable[[int], bool]
     end: Callable[[int], None]
@@ -236,11 +227,6 @@ class Loop(Summarised):
         other = Loop(plant, self.controller, steps)
         other.channel = self.channel
         return other
-
-    @property
-    def kernel(self) -> Any:
-        """The whole run as one compiled kernel."""
-        return self.code.kernel()
 
     def run(
         self,

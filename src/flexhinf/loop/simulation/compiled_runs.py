@@ -229,10 +229,9 @@ class LoopCode:
     def of(cls, plant: Plant, controller: Controller, channel: Channel, sub_steps: int) -> LoopCode:
         """Of a loop with so many Runge–Kutta steps per period, or a few more."""
         sizes = LoopSizes(
-            x=plant.n, u=len(plant.inputs), y=len(controller.measured), r=len(controller.commanded),
-            d=len(plant.disturbances), memory=controller.memory.size, data=controller.data.size,
-            estimate=len(controller.states), parameters=plant.parameters.size,
-            capacity=capacity(sub_steps),
+            plant.n, len(plant.inputs), len(controller.measured), len(controller.commanded), len(plant.disturbances),
+            controller.memory.size, controller.data.size, len(controller.states), plant.parameters.size,
+            capacity(sub_steps),
         )  # fmt: skip
         key = ("loop", plant.code_key, controller.code_key, sizes, channel.quanta)
         return cls(key, sizes, plant, controller, channel)
@@ -246,6 +245,13 @@ class LoopCode:
         """What runs."""
         build = lambda: loop_program(self.plant, self.controller, self.sizes, self.channel)  # noqa: E731
         return share((*self.key, "program"), build)
+
+
+#: Signal and its size in `LoopSizes`, by the buffer that it is recorded in.
+RECORDED = {
+    "states": ("state", "x"), "estimates": ("estimate", "estimate"), "outputs": ("output", "y"),
+    "inputs": ("input", "u"),
+}  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -271,29 +277,21 @@ class PreparedRun:
         return {"steps": len(self.times), "parts": self.parts, "late": late}
 
     @property
-    def _outputs(self) -> dict[str, tuple[str, int]]:
-        """Signal and width of each output buffer."""
-        sizes = self.code.sizes
-        return {
-            "states": ("state", sizes.x), "estimates": ("estimate", sizes.estimate),
-            "outputs": ("output", sizes.y), "inputs": ("input", sizes.u),
-        }  # fmt: skip
-
-    @property
     def inputs(self) -> dict[str, np.ndarray]:
         """Arrays that the kernel reads, by buffer; those that it writes to are new."""
-        found = {}
-        for buffer in self.code.program.buffers:
-            if buffer.name in self.arrays:
-                given = self.arrays[buffer.name]
-                found[buffer.name] = given.copy() if buffer.role == "state" else given
-        return found
+        used = [buffer for buffer in self.code.program.buffers if buffer.name in self.arrays]
+        return {
+            buffer.name: self.arrays[buffer.name].copy()
+            if buffer.role == "state"
+            else self.arrays[buffer.name]
+            for buffer in used
+        }
 
     @property
     def outputs(self) -> dict[str, np.ndarray]:
         """New arrays for what is recorded, by buffer; before the inputs stand those that wait."""
-        count = len(self.times)
-        arrays = {name: np.zeros(count * width) for name, (_, width) in self._outputs.items()}
+        samples, sizes = len(self.times), self.code.sizes
+        arrays = {name: np.zeros(samples * getattr(sizes, size)) for name, (_, size) in RECORDED.items()}
         waiting = np.tile(self.arrays["held"], self.code.channel.delay)
         return {**arrays, "inputs": np.concatenate([waiting, arrays["inputs"]])}
 
@@ -310,12 +308,14 @@ class PreparedRun:
 
     def trajectory(self, outputs: Mapping[str, np.ndarray], code: int, last: int) -> Trajectory:
         """What the run recorded, up to its end; the inputs stand behind those that waited before."""
-        count, (plant, controller) = len(self.times), (self.code.plant, self.code.controller)
-        recorded = {
-            signal: outputs[name][outputs[name].size - count * width :].reshape(count, -1)
-            for name, (signal, width) in self._outputs.items()
-        }
-        signals = {**recorded, **self.recorded}
+        samples, signals = len(self.times), {}
+        for name, (signal, size) in RECORDED.items():
+            whole = outputs[name]
+            signals[signal] = whole[whole.size - samples * getattr(self.code.sizes, size) :].reshape(
+                samples, -1
+            )
+        signals |= self.recorded
+        plant, controller = self.code.plant, self.code.controller
         return Trajectory.until(plant, controller, self.times, signals, self.settings, code, last)
 
 

@@ -92,40 +92,22 @@ class Recorded:
 
 @dataclass(frozen=True, eq=False)
 class Ensemble:
-    """A run that can be made of many plants; see `Loop.ensemble`.
+    """A run that can be made of many plants; see `Loop.ensemble`."""
 
-    Attributes
-    ----------
-    plant, controller, channel
-        The nominal true plant, and what its runs have in common.
-    start, shared : mappings of str to array
-        What every run starts with, unless it has its own, and what all runs read, by buffer.
-    disturbance : any, or None
-        As for `Loop.run`.
-    tracking : mapping of str to tuple of Reduction
-        Of each judged state.
-    kept, instants : tuple of (str, int), and (T,) array of int
-        Signals that are kept, see `EnsembleOptions`, and samples at which they are.
-    sub_steps : int or None
-        Of all plants, instead of the number that each one's fastest mode asks for.
-    settings, placed : mapping, and bool
-        What trajectories name, besides seed, sub-steps and start; whether the state of the start was given.
-    """
-
-    plant: Plant
+    plant: Plant  # the nominal true plant
     controller: Controller
     channel: Channel
     command: Command
-    start: Mapping[str, np.ndarray]
-    shared: Mapping[str, np.ndarray]
-    disturbance: Any
-    tracking: Mapping[str, tuple[Reduction, ...]]
+    start: Mapping[str, np.ndarray]  # what every run starts with, unless it has its own, by buffer
+    shared: Mapping[str, np.ndarray]  # what all runs read, by buffer
+    disturbance: Any  # as for `Loop.run`
+    tracking: Mapping[str, tuple[Reduction, ...]]  # of each judged state
     common: tuple[Reduction, ...]
-    kept: tuple[tuple[str, int], ...]
-    instants: np.ndarray
-    sub_steps: int | None
-    settings: Mapping[str, Any]
-    placed: bool
+    kept: tuple[tuple[str, int], ...]  # signals that are kept, see `EnsembleOptions`
+    instants: np.ndarray  # (T,) of int, samples at which they are
+    sub_steps: int | None  # of all plants, instead of the number that each one's fastest mode asks for
+    settings: Mapping[str, Any]  # what trajectories name, besides seed, sub-steps and start
+    placed: bool  # whether the state of the start was given
 
     def run(
         self,

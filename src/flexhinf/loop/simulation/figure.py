@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
 from io import StringIO
 from typing import Any
 
 import matplotlib as mpl
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 
@@ -37,38 +35,28 @@ def plot_run(run: Any) -> NotebookFigure:
         above, below = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
         shown = run.judged or run.names["estimate"]
         for k, name in enumerate(shown):
-            _plot_state(above, run, name, f"C{k}")
-        for k, name in enumerate(run.names["input"]):
-            below.plot(
-                run.time, run.signals["input"][:, k], f"C{k}", label=_label(name, run.units["input"][k])
-            )
+            scale, unit = _shown_unit(run, name)
+            above.plot(run.time, scale * run.tracked(name), f"C{k}", label=_label(name, unit))
+            estimate = scale * run.signal("estimate", name)
+            above.plot(run.time, estimate, color="0.1", ls="--", lw=0.8, label="estimated")
+            if name in run.names["reference"]:
+                command = scale * run.signal("reference", name)
+                above.plot(run.time, command, color="0.4", ls=":", lw=0.9, label="command")
+        for name, unit, u in zip(run.names["input"], run.units["input"], run.signals["input"].T):
+            below.plot(run.time, u, f"C{run.names['input'].index(name)}", label=_label(name, unit))
         below.set_xlabel("time in s")
-        _label_axis(above, [_shown_unit(run, name)[1] for name in shown], "states")
-        _label_axis(below, run.units["input"], "inputs")
-        for axes in (above, below):
+        units = [_shown_unit(run, name)[1] for name in shown]
+        for axes, several, what in ((above, units, "states"), (below, run.units["input"], "inputs")):
+            axes.set_ylabel(_label(what, ", ".join(dict.fromkeys(unit for unit in several if unit))))
             axes.legend(frameon=False)
             axes.grid(alpha=0.3)
     return figure
-
-
-def _plot_state(axes: Axes, run: Any, name: str, colour: str) -> None:
-    scale, unit = _shown_unit(run, name)
-    axes.plot(run.time, scale * run.tracked(name), colour, label=_label(name, unit))
-    axes.plot(run.time, scale * run.signal("estimate", name), color="0.1", ls="--", lw=0.8, label="estimated")
-    if name in run.names["reference"]:
-        command = scale * run.signal("reference", name)
-        axes.plot(run.time, command, color="0.4", ls=":", lw=0.9, label="command")
 
 
 def _shown_unit(run: Any, name: str) -> tuple[float, str]:
     """Factor and unit of a state in the figure: degrees for angles."""
     unit = dict(zip(run.names["estimate"], run.units["estimate"]))[name]
     return (180.0 / np.pi, "°") if unit == "rad" else (1.0, unit)
-
-
-def _label_axis(axes: Axes, units: Sequence[str], what: str) -> None:
-    several = list(dict.fromkeys(unit for unit in units if unit))
-    axes.set_ylabel(_label(what, ", ".join(several)))
 
 
 def _label(name: str, unit: str) -> str:

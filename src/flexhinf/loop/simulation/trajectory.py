@@ -181,10 +181,12 @@ class Trajectory(Summarised):
         labels, columns = ["time [s]"], [self.time]
         for kind, values in self.signals.items():
             for name, unit, column in zip(self.names[kind], self.units[kind], values.T):
-                labels.append(f"{kind}.{name} [{unit}]" if unit else f"{kind}.{name}")
+                label = f"{kind}.{name} [{unit}]" if unit else f"{kind}.{name}"
+                special = any(mark in label for mark in ',"\n')  # quoted as in RFC 4180
+                labels.append('"' + label.replace('"', '""') + '"' if special else label)
                 columns.append(column)
-        head, table = ",".join(map(_csv_cell, labels)), np.column_stack(columns)
-        np.savetxt(path, table, "%.17g", ",", header=head, comments="", encoding="utf-8")
+        table = np.column_stack(columns)
+        np.savetxt(path, table, "%.17g", ",", header=",".join(labels), comments="", encoding="utf-8")
 
     def _write_netcdf(self, path: str) -> None:
         """`data` without signals that have no columns."""
@@ -214,11 +216,6 @@ class Trajectory(Summarised):
 
     def _repr_html_(self) -> str:
         return table_html("Trajectory", self.summary()) + self.plot()._repr_html_()  # type: ignore[attr-defined]
-
-
-def _csv_cell(text: str) -> str:
-    """A text as one cell of a CSV file (RFC 4180)."""
-    return '"' + text.replace('"', '""') + '"' if any(mark in text for mark in ',"\n') else text
 
 
 def _rms(errors: np.ndarray) -> float:

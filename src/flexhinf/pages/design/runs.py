@@ -19,8 +19,7 @@ from flexhinf.design.problem.presets import preset_of
 from flexhinf.design.responses import LoadResponse, Response
 from flexhinf.design.result import Design
 from flexhinf.design.specification import RINGS
-from flexhinf.loop.simulation.metrics import REST_TAIL, tail_of
-from flexhinf.loop.simulation.ring_down import VISIBLE
+from flexhinf.loop.simulation.metrics import REST_TAIL, VISIBLE, tail_of
 from flexhinf.pages.design.step import effort_limit, peak_text, stiffness_of
 from flexhinf.pages.drawing import (
     DASHED,
