@@ -323,14 +323,17 @@ def bumpless_transfer(
         misfit = run.call(np.subtract, wanted, feedback)
 
         def step(errors: Any, misfit: Any, inverse: Any) -> tuple[Any, Any, Any]:
-            one_step_on = lambda x, e, inverse, misfit: np.concatenate([x, e + inverse @ misfit])  # noqa: E731
-            trial = run.call(one_step_on, deviation[:n], errors, inverse, misfit)
+            trial = run.call(_trial, deviation[:n], errors, inverse, misfit)
             return run.call(_better, errors, misfit, inverse, trial, law(trial), wanted)
 
         if growth.shape[0]:
             errors, misfit, _ = run.repeat(STEPS, step, errors, misfit, inverse)
     parts = (taken, feedback, wanted, misfit, errors, growth, bias, deviation, point, decay)
     return run.call(partial(_joined, n), *parts)
+
+
+def _trial(states: Any, errors: Any, inverse: Any, misfit: Any) -> Any:
+    return np.concatenate([states, errors + inverse @ misfit])
 
 
 def _better(
