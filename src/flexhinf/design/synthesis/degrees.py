@@ -48,15 +48,11 @@ class DegreeChoice:
     solve_seconds: float  # wall time, s
     check_seconds: float = 0.0  # wall time, s
     level: float = math.nan  # of the region; nan where there is none, or none was looked for
-    step_amplitude: float = (
-        math.nan
-    )  # largest step that starts in the region, in the unit of the tracked states
+    step_amplitude: float = math.nan  # largest step that starts in the region, unit of the states
     limit: str = "not sampled"  # what bounds the level set, or why there is none
     looked: bool = False  # whether the region was sampled
     acting: float = math.nan  # change of the input along the step of the lowest degree, see `_Trial.acting`
-    cost: float = (
-        math.nan
-    )  # ∫|z|² of the step without the integrals; inf if it diverges, nan if it was not run
+    cost: float = math.nan  # ∫|z|² of the step; inf if it diverges, nan if it was not run
     missed: tuple[
         str, ...
     ] = ()  # requirements that the costlier step of a lower degree meets, and this one misses
