@@ -8,7 +8,7 @@ import pytest
 import flexhinf as fh
 from flexhinf.analysis import dissipation_budget
 from flexhinf.design import Design, Specification, design
-from flexhinf.design.attenuation import searches_disturbance
+from flexhinf.design.certification import searches_disturbance
 
 pytestmark = pytest.mark.slow
 

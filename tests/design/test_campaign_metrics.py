@@ -50,8 +50,8 @@ def check_by_signals(one: DesignCampaign, campaign: Campaign, found: Mapping[str
                 }
             expected |= {f"{kind}_{row['joint']}": value for kind, value in row.items()}
         checked = {name: expected[name] for name in found if name in expected}
-        for kind, metric in metrics.joint_metrics.items():
-            values = [expected.get(f"{kind}_{limits.joints[k]}", math.nan) for k in metric.joints]
+        for kind, (_, joints) in metrics.joint_metrics.items():
+            values = [expected.get(f"{kind}_{limits.joints[k]}", math.nan) for k in joints]
             checked[kind] = max((math.inf if value is None else value for value in values), default=math.nan)
         for kind in ("tracking_error_use", "final_error_use"):
             checked.pop(kind, None)

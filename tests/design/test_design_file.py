@@ -13,8 +13,7 @@ import tomlkit
 
 import flexhinf as fh
 from flexhinf.design import Specification, design_schema, load_design, read_request
-from flexhinf.design.design_file import is_design_file
-from flexhinf.design.design_file_text import request_document
+from flexhinf.design.design_file import is_design_file, request_document
 from flexhinf.design.specification import FIELDS
 from flexhinf.plant import Penalty
 

@@ -122,7 +122,7 @@ def test_failures_come_first_in_the_line() -> None:
 
 def test_a_step_that_starts_outside_has_no_budget() -> None:
     """One cause is told once: that it starts outside."""
-    from flexhinf.design.attenuation import within_level
+    from flexhinf.design.certification import within_level
 
     def terms(start: float, level: float) -> Any:
         return tuple(SimpleNamespace(budget=SimpleNamespace(start=start, level=level)) for _ in range(2))

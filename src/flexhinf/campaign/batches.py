@@ -37,7 +37,7 @@ from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.loop import Ensemble, EnsembleResult, Loop, Trajectory
 from flexhinf.loop.simulation.compiled_runs import sample_count, starting_state
 from flexhinf.plant import Plant
-from flexhinf.validation import value_text
+from flexhinf.validation import unknown_name, value_text
 
 #: Most samples: words of 32 bits count them, and a Sobol sequence has so many.
 MOST_SAMPLES = 1 << 29
@@ -143,7 +143,6 @@ class Campaign:
         self._check_first()
 
     def _check_first(self) -> None:
-        """Prepare the first sample, so that a misfit is an error before any work."""
         (first,) = self.draw.samples([0], self.samples, self.seed)
         names = [*OWN, *first.row(), *(name for metrics in self.metrics for name in metrics.units)]
         clash = sorted({name for name in names if names.count(name) > 1})
@@ -154,19 +153,12 @@ class Campaign:
                 f"got {clash}",
                 "another name for the metric or the variable",
             )
-        unknown = [name for name in self.signals or () if name not in self._kept_names]
-        if unknown:
-            raise InvalidInput(
-                f"There is no signal {unknown[0]!r}.",
-                f"expected states out of {self._kept_names}",
-                "one of these",
-            )
+        known = list(dict.fromkeys((*self.loop.true_plant.states, *self.loop.controller.measured)))
+        for name in self.signals or ():
+            if name not in known:
+                raise unknown_name(f"There is no signal {name!r}.", name, known)
         if not first.failure and isinstance(self.loop.true_plant, Plant):
             self.loop_of(first).prepared(**self._arguments(0, first))
-
-    @property
-    def _kept_names(self) -> list[str]:
-        return list(dict.fromkeys((*self.loop.true_plant.states, *self.loop.controller.measured)))
 
     # Parts -----------------------------------------------------------------------------------------------
     @property
@@ -262,11 +254,9 @@ class Campaign:
         options = [{**self.options, **one.options} for one in drawn]
         inputs = [one.options["initial_input"] for one in drawn if "initial_input" in one.options]
         channels = self.loop.true_plant.disturbances
-        for unknown in {name for one in drawn for name in one.loads} - set(channels):
-            raise InvalidInput(
-                f"There is no disturbance {unknown!r} that a load could be a factor of.",
-                f"expected names out of {list(channels)}",
-                "one of these names",
+        for name in {name for one in drawn for name in one.loads} - set(channels):
+            raise unknown_name(
+                f"There is no disturbance {name!r} that a load could be a factor of.", name, channels
             )
         loads = [[one.loads.get(name, 1.0) for name in channels] for one in drawn]
         loaded = self.options.get("disturbance") is not None or any(one.loads for one in drawn)
@@ -323,24 +313,18 @@ class Campaign:
     def settings(self) -> dict[str, str]:
         """Everything that the rows depend on, as text by name; two campaigns with the same settings are the same."""
         options = {name: option_text(value) for name, value in sorted(self.options.items())}
+        (first,) = self.draw.samples(
+            [0], self.samples, self.seed
+        )  # tells draws of the same code from each other
+        numbers = ", ".join(f"{name} {value:.{DIGITS}g}" for name, value in first.row().items())
+        own = [one for one in self.metrics if one.function is not None and not is_ours(one.function)]
         return {
             "version": __version__, "samples": str(self.samples), "seed": str(self.seed), "batch": str(self.batch),
-            **dict(self.about), **dict(self.draw.settings), **options, "first sample": self._first_numbers,
-            "metrics": ", ".join(name for one in self.metrics for name in one.units), **self._own_metrics,
+            **dict(self.about), **dict(self.draw.settings), **options, "first sample": numbers,
+            "metrics": ", ".join(name for one in self.metrics for name in one.units),
+            **{f"metric {', '.join(one.units)}": fingerprint(one.function) for one in own},
             "signals": ", ".join(self.signals or ()), **self._probe,
         }  # fmt: skip
-
-    @property
-    def _first_numbers(self) -> str:
-        """Of the first sample: they distinguish draws of the same code, as those of two robots."""
-        (first,) = self.draw.samples([0], self.samples, self.seed)
-        return ", ".join(f"{name} {value:.{DIGITS}g}" for name, value in first.row().items())
-
-    @property
-    def _own_metrics(self) -> dict[str, str]:
-        """Fingerprints of the code of a user's metrics."""
-        own = [one for one in self.metrics if one.function is not None and not is_ours(one.function)]
-        return {f"metric {', '.join(one.units)}": fingerprint(one.function) for one in own}
 
     @cached_property
     def digest(self) -> str:
@@ -400,10 +384,7 @@ class Rows:
 def run_batch(campaign: Campaign, batch: int) -> Rows:
     """The rows of one batch: the same on every machine of one kind, whatever was run before or beside it.
 
-    Raises
-    ------
-    InvalidInput
-        If there is no such batch, or a sample's run or metric is refused; the message names the sample.
+    InvalidInput if there is no such batch, or a sample's run or metric is refused; the message names the sample.
     """
     checked_integer("batch", batch, 0, campaign.batches - 1, "0")
     return run_samples(campaign, campaign.indices(batch))
@@ -415,16 +396,21 @@ def run_samples(campaign: Campaign, indices: range) -> Rows:
 
 
 def rows_of(campaign: Campaign, indices: Sequence[int], drawn: Sequence[Sample]) -> Rows:
-    """The rows of samples that need not be drawn, each with the noise of the sample of its index in the campaign.
-
-    Raises
-    ------
-    InvalidInput
-        If a run or a metric is refused.
-    """
+    """The rows of samples that need not be drawn, each with the noise of the sample of its index in the campaign."""
     table = _Table(campaign, indices)
+    names = set(campaign.named("parameter"))
     for place, (index, one) in enumerate(zip(indices, drawn)):
-        table.describe(place, index, one)
+        row = one.row()
+        if set(row) != names:
+            raise InvalidInput(
+                f"Sample {index} has other numbers than the first one.",
+                f"expected {sorted(names)}, got {list(row)}",
+                "a draw that names the same parameters every time",
+            )
+        for name, value in row.items():
+            table.columns[name][place] = value
+        if one.failure:
+            table.columns["status"][place], table.columns["failure"][place] = NOT_RUN, one.failure
     modes = campaign.modes(drawn)
     alone, place = modes.pop(ALONE, []), 0
     try:
@@ -445,8 +431,6 @@ def rows_of(campaign: Campaign, indices: Sequence[int], drawn: Sequence[Sample])
 
 
 class _Table:
-    """The columns of a batch while they are filled."""
-
     def __init__(self, campaign: Campaign, indices: Sequence[int]) -> None:
         self.campaign, count = campaign, len(indices)
         self.columns: dict[str, np.ndarray] = {}
@@ -457,20 +441,6 @@ class _Table:
         self.columns["sample"] = np.array(indices, dtype=np.int64)
         self.columns["seed"] = sample_seeds(campaign.seed, indices)
         self.columns |= {name: np.full(count, "", dtype=object) for name in ("status", "failure")}
-
-    def describe(self, place: int, index: int, drawn: Sample) -> None:
-        """Its numbers, and why it cannot be run."""
-        row, names = drawn.row(), self.campaign.named("parameter")
-        if set(row) != set(names):
-            raise InvalidInput(
-                f"Sample {index} has other numbers than the first one.",
-                f"expected {list(names)}, got {list(row)}",
-                "a draw that names the same parameters every time",
-            )
-        for name, value in row.items():
-            self.columns[name][place] = value
-        if drawn.failure:
-            self.columns["status"][place], self.columns["failure"][place] = NOT_RUN, drawn.failure
 
     def fill(self, places: np.ndarray, found: EnsembleResult) -> None:
         """Status, metrics and kept signals of runs in lanes."""

@@ -31,7 +31,7 @@ import numpy as np
 from flexhinf.codegen.noise import philox, seed_key
 from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.plant import BlackBox, Plant
-from flexhinf.validation import checked_text, distinct, is_real, value_text
+from flexhinf.validation import checked_text, distinct, is_real, unknown_name, value_text
 
 #: Digits of computed numbers that count, as of a short run, and of those that a function reads: their last bits may
 #: differ from machine to machine.
@@ -114,7 +114,6 @@ class _Reader:
         return self.known[id(value)]
 
     def _container(self, value: Any) -> str:
-        """Of arrays, sequences, sets and mappings; empty for other values."""
         if isinstance(value, (set, frozenset)):
             return f"set {sorted(map(self.text, value))}"
         if isinstance(value, np.ndarray):
@@ -126,7 +125,6 @@ class _Reader:
         return ""
 
     def _code(self, value: Any) -> str:
-        """Of functions, classes and modules; empty for other values."""
         if isinstance(value, types.ModuleType):
             return f"module {value.__name__}"
         if isinstance(value, types.MethodType):
@@ -139,23 +137,18 @@ class _Reader:
             return f"built in {_name(value)}" if isinstance(value, types.BuiltinFunctionType) else ""
         if _package(value) != self.package or self.package == "flexhinf":
             return f"code {_name(value)}"
-        return self._class(value) if isinstance(value, type) else self._function(value)
-
-    def _function(self, value: types.FunctionType) -> str:
+        if isinstance(value, type):
+            own = {
+                name: getattr(one, "__func__", getattr(one, "fget", getattr(one, "func", one)))
+                for name, one in vars(value).items()
+                if not (name.startswith("__") and name.endswith("__")) or isinstance(one, types.FunctionType)
+            }
+            return f"class {_name(value)} {[self.text(one) for one in (value.__bases__, own)]}"
+        code, known = value.__code__, value.__globals__
         cells = [cell.cell_contents for cell in value.__closure__ or () if cell != types.CellType()]
-        read = {
-            name: value.__globals__[name] for name in _globals(value.__code__) if name in value.__globals__
-        }
+        read = {name: known[name] for name in _globals(code) if name in known}
         parts = value.__defaults__, value.__kwdefaults__, cells, read
-        return f"function {self._compiled(value.__code__, value.__doc__)} {[self.text(one) for one in parts]}"
-
-    def _class(self, value: type) -> str:
-        own = {
-            name: getattr(one, "__func__", getattr(one, "fget", getattr(one, "func", one)))
-            for name, one in vars(value).items()
-            if not (name.startswith("__") and name.endswith("__")) or isinstance(one, types.FunctionType)
-        }
-        return f"class {_name(value)} {[self.text(one) for one in (value.__bases__, own)]}"
+        return f"function {self._compiled(code, value.__doc__)} {[self.text(one) for one in parts]}"
 
     def _compiled(self, code: types.CodeType, docstring: str | None = None) -> str:
         constants = [None if docstring and one == docstring else one for one in code.co_consts]
@@ -173,7 +166,7 @@ class _Reader:
             parts = [part for one in kind.__mro__ for part in vars(one).items()]
             cached = {name for name, part in parts if isinstance(part, functools.cached_property)}
             fields = (
-                [field.name for field in dataclasses.fields(value)] if dataclasses.is_dataclass(value) else []
+                [one.name for one in dataclasses.fields(value)] if dataclasses.is_dataclass(value) else []
             )
             names = fields or [name for name in getattr(value, "__dict__", {}) if name not in cached]
             held = {name: getattr(value, name, None) for name in names}
@@ -181,7 +174,6 @@ class _Reader:
 
 
 def _globals(code: types.CodeType) -> list[str]:
-    """Names of globals that code reads, and functions inside it."""
     found = {one.argval for one in dis.get_instructions(code) if one.opname in ("LOAD_GLOBAL", "LOAD_NAME")}
     for one in code.co_consts:
         if isinstance(one, types.CodeType):
@@ -369,17 +361,18 @@ class FunctionDraw(Draw):
 
     def samples(self, indices: Sequence[int], count: int, seed: int) -> list[Sample]:
         """Each from a generator of its own (Philox 4×64, the number of the sample in its counter)."""
-        return [self._sample(np.random.Philox(key=[seed, _FUNCTIONS], counter=[0, 0, 0, k])) for k in indices]
-
-    def _sample(self, bits: np.random.Philox) -> Sample:
-        value = self.function(np.random.Generator(bits))
-        if not isinstance(value, (Sample, Mapping)):
-            raise InvalidInput(
-                "The draw gives no parameters.",
-                f"expected a mapping by name or a Sample, got {value_text(value)}",
-                "{'stiffness': rng.uniform(0.9, 1.1)}",
-            )
-        return value if isinstance(value, Sample) else Sample(value)
+        found = []
+        for k in indices:
+            bits = np.random.Philox(key=[seed, _FUNCTIONS], counter=[0, 0, 0, k])
+            value = self.function(np.random.Generator(bits))
+            if not isinstance(value, (Sample, Mapping)):
+                raise InvalidInput(
+                    "The draw gives no parameters.",
+                    f"expected a mapping by name or a Sample, got {value_text(value)}",
+                    "{'stiffness': rng.uniform(0.9, 1.1)}",
+                )
+            found.append(value if isinstance(value, Sample) else Sample(value))
+        return found
 
     @property
     def settings(self) -> Mapping[str, str]:
@@ -466,11 +459,7 @@ class Tolerances(Draw):
 def one_of(what: str, value: Any, known: Sequence[str]) -> None:
     """Refuse a name that is not one of these."""
     if value not in known:
-        raise InvalidInput(
-            f"There is no such {what}.",
-            f"expected one of {', '.join(known)}, got {value_text(value)}",
-            known[0],
-        )
+        raise unknown_name(f"There is no such {what}.", value, known)
 
 
 # Numbers inside (0, 1) --------------------------------------------------------------------------------------

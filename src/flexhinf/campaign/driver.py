@@ -13,7 +13,7 @@ import threading
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import closing, contextmanager
+from contextlib import closing
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import islice
@@ -27,7 +27,7 @@ from flexhinf.campaign.batches import BATCH, TRACED, Campaign, Rows, checked_int
 from flexhinf.campaign.journal import Journal, disk_refusals, labelled
 from flexhinf.campaign.results import MergedTable, merged
 from flexhinf.errors import FlexhinfError, InvalidInput
-from flexhinf.validation import value_text
+from flexhinf.validation import extra_package, value_text
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -54,13 +54,8 @@ _OPTIONS = (
 def in_cluster(address: str) -> Executor:
     """An executor on the workers of a scheduler of Dask's, ``tcp://host:8786``.
 
-    A worker that dies costs time: its batches go to the others. A scheduler that dies ends the campaign with what is
-    written; the same call goes on. The workers need flexhinf of the driver's version.
-
-    Raises
-    ------
-    InvalidInput
-        For an address of another form, or where `distributed` is not installed.
+    A worker that dies costs time: its batches go to the others. A scheduler that dies ends the campaign with what
+    is written; the same call goes on. The workers need flexhinf of the driver's version.
     """
     if not isinstance(address, str) or "://" not in address:
         raise InvalidInput(
@@ -68,44 +63,32 @@ def in_cluster(address: str) -> Executor:
             f"expected tcp://HOST:PORT, got {value_text(address)}",
             "tcp://localhost:8786, which `dask scheduler` prints",
         )
-    try:
-        import distributed  # type: ignore[import-not-found]  # noqa: F401
-    except ImportError as error:
-        raise InvalidInput(
-            "A campaign on a cluster needs distributed, which is not installed.",
-            "expected the extra 'cluster'",
-            "pip install 'flexhinf[cluster]'",
-        ) from error
+    extra_package(
+        "distributed", "cluster", "A campaign on a cluster needs distributed, which is not installed."
+    )
 
     def run(campaign: Campaign, batches: Sequence[int]) -> Iterator[tuple[int, Rows]]:
-        with _connected(address) as client:
+        from distributed import Client  # type: ignore[import-not-found]
+
+        try:
+            client = Client(address, timeout=PATIENCE, set_as_default=False)
+        except (OSError, ValueError) as error:
+            raise InvalidInput(
+                "The cluster does not answer.",
+                f"expected a scheduler at {address}, got {value_text(str(error))}",
+                "`dask scheduler` there, and `dask worker` with its address",
+            ) from error
+        try:
             yield from _run_on_worker(client, address, campaign, batches)
+        finally:
+            client.close(timeout=PATIENCE)
 
     return run
-
-
-@contextmanager
-def _connected(address: str) -> Iterator[Any]:
-    from distributed import Client  # type: ignore[import-not-found]
-
-    try:
-        client = Client(address, timeout=PATIENCE, set_as_default=False)
-    except (OSError, ValueError) as error:
-        raise InvalidInput(
-            "The cluster does not answer.",
-            f"expected a scheduler at {address}, got {value_text(str(error))}",
-            "`dask scheduler` there, and `dask worker` with its address",
-        ) from error
-    try:
-        yield client
-    finally:
-        client.close(timeout=PATIENCE)
 
 
 def _run_on_worker(
     client: Any, address: str, campaign: Campaign, batches: Sequence[int]
 ) -> Iterator[tuple[int, Rows]]:
-    """Batches as they are done, `AHEAD` for each thread on the way."""
     import cloudpickle  # type: ignore[import-not-found]
     from distributed import CancelledError, KilledWorker, as_completed  # type: ignore[import-not-found]
 
@@ -230,17 +213,8 @@ def drive(
 ) -> MergedTable | None:
     """Run the missing batches of a shard (default: all) with an executor (default: this process), and merge the table.
 
-    Returns
-    -------
-    MergedTable or None
-        None where other shards are still to be run.
-
-    Raises
-    ------
-    InvalidInput
-        If another driver is at work, or a sample is refused.
-    FlexhinfError
-        If the disk is full, workers die, or a batch is not run.
+    Returns None where other shards are still to be run. Raises InvalidInput if another driver is at work, or a sample
+    is refused, and FlexhinfError if the disk is full, workers die, or a batch is not run.
     """
     shard = shard or Shard()
     with journal.driven(shard.name):
@@ -273,13 +247,7 @@ def in_this_process(campaign: Campaign, batches: Sequence[int]) -> Iterator[tupl
 
 
 def in_processes(workers: int, note: Callable[[str], None] = lambda text: None) -> Executor:
-    """An executor of so many worker processes: one that is killed costs time and no sample, and `note` is called.
-
-    Raises
-    ------
-    InvalidInput
-        For a number below 1.
-    """
+    """An executor of so many worker processes: one that is killed costs time and no sample, and `note` is called."""
     checked_integer("workers", workers, 1, MOST_WORKERS, "2")
 
     def run(campaign: Campaign, batches: Sequence[int]) -> Iterator[tuple[int, Rows]]:
@@ -304,7 +272,6 @@ def in_processes(workers: int, note: Callable[[str], None] = lambda text: None) 
 
 
 def _pooled(campaign: Campaign, batches: Sequence[int], workers: int) -> Iterator[tuple[int, Rows]]:
-    """Batches as they are done, at most two for each worker on the way."""
     context = multiprocessing.get_context("spawn")  # compiled code and threads do not survive a fork
     pool = ProcessPoolExecutor(workers, context, initializer=_begin_worker, initargs=(campaign,))
     pending: dict[Future[Rows], int] = {}
@@ -323,14 +290,6 @@ def _pooled(campaign: Campaign, batches: Sequence[int], workers: int) -> Iterato
 def _run(
     executor: Executor, campaign: Campaign, batches: Sequence[int]
 ) -> Generator[tuple[int, Rows], None, None]:
-    """All of these batches as an executor gives them.
-
-    Raises
-    ------
-    FlexhinfError
-        If it ends before, or gives a batch that was not requested, or one again.
-    """
-
     def lost(found: str) -> FlexhinfError:
         return FlexhinfError(
             "Batches of the campaign were not run; what is written stays.",

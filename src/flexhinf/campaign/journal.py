@@ -17,7 +17,7 @@ import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -37,7 +37,7 @@ from flexhinf.campaign.manifest import (
 )
 from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.files import locked, make_durable, note_written, part_file
-from flexhinf.validation import checked_path, file_digest
+from flexhinf.validation import checked_path, extra_package, file_digest
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -53,18 +53,6 @@ FORMAT: dict[str, Any] = {
     "write_statistics": True,
     "use_dictionary": ["status", "failure"],
 }
-
-
-def check_installed() -> None:
-    """Refuse to keep a campaign on disk without pyarrow."""
-    try:
-        import pyarrow.parquet  # noqa: F401
-    except ImportError as error:
-        raise InvalidInput(
-            "A campaign on disk is kept in Parquet files, and pyarrow is not installed.",
-            f"expected pyarrow, got: {error}",
-            "pip install 'flexhinf[campaign]'",
-        ) from error
 
 
 def schema_of(columns: Sequence[Column], instants: int, **about: str) -> pa.Schema:
@@ -128,20 +116,14 @@ class StoredColumns(Mapping[str, np.ndarray]):
     def __init__(self, path: Any) -> None:
         import pyarrow.parquet as pq
 
-        self.path, self.names = path, tuple(pq.read_schema(path).names)
-        self._held: dict[str, np.ndarray] = {}
+        self.names = tuple(pq.read_schema(path).names)
+        self._read = lru_cache(HELD)(lambda name: numpy_column(read_columns(path, [name]).column(name)))
 
     def __getitem__(self, name: str) -> np.ndarray:
         """A column; do not write into it."""
         if name not in self.names:
             raise KeyError(name)
-        values = self._held.pop(name, None)
-        if values is None:
-            values = numpy_column(read_columns(self.path, [name]).column(name))
-        self._held[name] = values  # the last one is the youngest
-        while len(self._held) > HELD:
-            del self._held[next(iter(self._held))]
-        return values
+        return self._read(name)
 
     def __iter__(self) -> Iterator[str]:
         return iter(self.names)
@@ -172,8 +154,7 @@ def labelled(
 def write_whole(path: Path, content: bytes, prefix: str | None = None) -> None:
     """Write a file under another name, force it to the disk, and rename it."""
     with part_file(path.parent, f".{path.name}." if prefix is None else prefix) as name:
-        with open(name, "wb") as file:
-            file.write(content)
+        Path(name).write_bytes(content)
         publish_whole(name, path)
 
 
@@ -218,6 +199,19 @@ _GROUP = 65_536
 _LISTED = 8
 
 
+def check_own_folder(place: Path, what: str, names: Sequence[str]) -> None:
+    """Refuse a file, and a folder that holds other names than these and hidden ones."""
+    if place.exists() and not place.is_dir():
+        raise InvalidInput(f"A {what} needs a folder, and there is a file.", f"got {place}", "another name")
+    there = [path.name for path in place.iterdir()] if place.is_dir() else []
+    if strangers := sorted(name for name in there if name[:1] != "." and name not in names):
+        raise InvalidInput(
+            f"The folder holds something that is not a {what}, and is left alone.",
+            f"expected no folder, an empty one, or one with {', '.join(names)}; got {strangers[:3]} in {place}",
+            "another folder",
+        ) from None
+
+
 @dataclass(frozen=True, eq=False)
 class Journal:
     """The folder of one campaign, and what its manifest says."""
@@ -228,29 +222,12 @@ class Journal:
     # Opening -----------------------------------------------------------------------------------------------
     @staticmethod
     def read(folder: str | os.PathLike[str], beside: Sequence[str] = ()) -> Journal | None:
-        """The journal in a folder; None where there is none yet, but at most files of the names `beside`.
-
-        Raises
-        ------
-        InvalidInput
-            If the folder is a file, holds something else, or its manifest is damaged.
-        """
+        """The journal in a folder; None where there is none yet, but at most files of the names `beside`."""
         place = checked_path("The campaign's folder", folder).expanduser().absolute()
-        if place.exists() and not place.is_dir():
-            raise InvalidInput(
-                "A campaign needs a folder, and there is a file.", f"got {place}", "another name"
-            )
         try:
             return Journal(place, read_manifest(place / MANIFEST))
-        except FileNotFoundError:
-            names = [path.name for path in place.iterdir()] if place.is_dir() else []
-            strangers = [name for name in names if name[:1] != "." and name not in (SHARDS, *beside)]
-            if strangers:
-                raise InvalidInput(
-                    "The folder holds something that is not a campaign, and is left alone.",
-                    f"expected no folder, an empty one, or one with {MANIFEST}; got {sorted(strangers)[:3]} in {place}",
-                    "another folder",
-                ) from None
+        except (FileNotFoundError, NotADirectoryError):
+            check_own_folder(place, "campaign", (MANIFEST, SHARDS, *beside))
             return None
         except (OSError, ValueError, RecursionError) as error:
             raise InvalidInput(
@@ -268,25 +245,18 @@ class Journal:
     ) -> Journal:
         """The journal of this campaign in a folder: made, or taken up again.
 
-        Parameters
-        ----------
-        command : sequence of str
-            That made it, for the reports.
-        about : mapping, optional
-            Other information for reports and replays; it is not compared. Where it is given, other files of the
+        `command`: that made it, for the reports.
+        `about`: other information for reports and replays; it is not compared. Where it is given, other files of the
             caller's may be there already.
-
-        Raises
-        ------
-        InvalidInput
-            As `read`; or the folder is that of another campaign: the message says what differs.
         """
         place = Path(folder).expanduser().absolute()
         beside = [] if about is None or not place.is_dir() else [path.name for path in place.iterdir()]
         journal = Journal.read(folder, [name for name in beside if name != MANIFEST])
         if journal is None:
             journal = Journal(place, made_manifest(campaign, command, about or {}))
-            check_installed()
+            extra_package(
+                "pyarrow.parquet", "campaign", "Campaigns on disk need pyarrow, which is not installed."
+            )
             with disk_refusals(place):
                 (place / SHARDS).mkdir(parents=True, exist_ok=True)
                 write_whole(place / MANIFEST, sealed(journal.manifest))
@@ -299,7 +269,6 @@ class Journal:
         self._refuse_table(campaign.digest, campaign.columns)
 
     def _refuse_table(self, digest: str, columns: Sequence[Column]) -> None:
-        """Refuse a campaign of the same settings with other columns or instants."""
         if self.manifest["digest"] != digest:
             names = [[column.name for column in those] for those in (self.columns, columns)]
             other = sorted(set(names[0]) ^ set(names[1]))[:_LISTED]
@@ -312,7 +281,8 @@ class Journal:
     def refuse_other(self, settings: Mapping[str, str], partly: bool = False) -> None:
         """Refuse a campaign with other settings, and say which they are; `partly`: these alone are compared."""
         here = self.settings
-        differences = differing(here, settings, settings if partly else (*settings, *here), "→")
+        pairs = differing(here, settings, settings if partly else (*settings, *here))
+        differences = [f"{name}: {one} → {other}" for name, one, other in pairs]
         if differences:
             raise InvalidInput(
                 "The folder is that of another campaign; it cannot be taken up again with other settings.",
@@ -365,8 +335,13 @@ class Journal:
         """
         lock = self.folder / (f"{LOCK}-{part}" if part else LOCK)
         others = [p for p in self.folder.glob(f"{LOCK}*") if p != lock and (not part or p.name == LOCK)]
+
+        def busy(path: Path) -> bool:
+            with locked(path) as state:
+                return state == "busy"
+
         with disk_refusals(self.folder), locked(lock) as state:
-            if state == "busy" or any(_held(other) for other in others):
+            if state == "busy" or any(map(busy, others)):
                 raise InvalidInput(
                     "Another driver is at work on this campaign.",
                     f"{self.folder}: its lock is held",
@@ -391,11 +366,6 @@ class Journal:
         Every byte is looked at by its SHA-256; then the digest of the campaign, the batch, the columns, the numbers
         and seeds of the samples, how runs ended, and what was drawn where the manifest says how. A metric that was
         changed, with the file's name, cannot be told from a run.
-
-        Raises
-        ------
-        InvalidInput
-            If a batch is there twice with different rows, or a folder has the name of a shard.
         """
         good: dict[int, Path] = {}
         bad: list[tuple[Path, str]] = []
@@ -422,7 +392,6 @@ class Journal:
         return good, bad
 
     def _wrong(self, path: Path, batch: int, digest: str) -> str:
-        """What is wrong with a shard; empty where nothing is."""
         if not 0 <= batch < self.batches:
             return f"of no batch: there are {self.batches}"
         try:
@@ -463,19 +432,19 @@ class Journal:
 
     # Results of the whole campaign -------------------------------------------------------------------------
     def store(self, name: Path, content: Mapping[str, Any]) -> None:
-        """Write a sealed JSON file beside the rows, whole or not at all; numbers that JSON does not have as text.
+        """Write a sealed JSON file beside the rows, whole or not at all; numbers that JSON does not have as text."""
 
-        Raises
-        ------
-        InvalidInput
-            If another driver is at work.
-        FlexhinfError
-            If the disk is full.
-        """
+        def plain(value: Any) -> Any:
+            if isinstance(value, float) and not math.isfinite(value):
+                return str(value)
+            if isinstance(value, Mapping):
+                return {name: plain(one) for name, one in value.items()}
+            return [plain(one) for one in value] if isinstance(value, (list, tuple)) else value
+
         path = self.folder / name
         with self.driven(), disk_refusals(self.folder):
             path.parent.mkdir(exist_ok=True)
-            write_whole(path, sealed(_plain(content)))
+            write_whole(path, sealed(plain(content)))
 
     def stored(self, name: Path, kind: type[Stored], most: int = MOST_BYTES) -> Stored:
         """A dataclass from a file of at most so many bytes that `store` wrote; one of `UNREADABLE` where it is none."""
@@ -485,13 +454,7 @@ class Journal:
 
     # The whole ---------------------------------------------------------------------------------------------
     def take(self, other: Journal) -> int:
-        """Copy the shards of another folder of the same campaign that are missing here; returns how many.
-
-        Raises
-        ------
-        InvalidInput
-            If it is another campaign, or a shard there is damaged.
-        """
+        """Copy the shards of another folder of the same campaign that are missing here; returns how many."""
         self.refuse_other(other.settings)
         self._refuse_table(other.manifest["digest"], other.columns)
         here, (there, bad) = self.shards()[0], other.shards()
@@ -508,13 +471,7 @@ class Journal:
         return len(fresh)
 
     def merge(self, good: Mapping[int, Path]) -> Path:
-        """Write the table of all samples from every batch's shard, the same bytes for the same shards.
-
-        Raises
-        ------
-        InvalidInput
-            If a batch is missing.
-        """
+        """Write the table of all samples from every batch's shard, the same bytes for the same shards."""
         import pyarrow as pa
         import pyarrow.parquet as pq
 
@@ -544,27 +501,15 @@ def plain_number(value: Any) -> Any:
     return value.item() if hasattr(value, "item") else value
 
 
-def _plain(value: Any) -> Any:
-    if isinstance(value, float) and not math.isfinite(value):
-        return str(value)
-    if isinstance(value, Mapping):
-        return {name: _plain(one) for name, one in value.items()}
-    return [_plain(one) for one in value] if isinstance(value, (list, tuple)) else value
-
-
-def differing(a: Mapping[str, str], b: Mapping[str, str], names: Iterable[str], arrow: str) -> list[str]:
-    """Settings of these names that differ, as ``name: a → b``."""
-    pairs = [(name, a.get(name, "not stated"), b.get(name, "not stated")) for name in dict.fromkeys(names)]
-    return [f"{name}: {one} {arrow} {other}" for name, one, other in pairs if one != other]
+def differing(
+    a: Mapping[str, str], b: Mapping[str, str], names: Iterable[str], missing: str = "not stated"
+) -> list[tuple[str, str, str]]:
+    """Settings of these names that differ, with both values."""
+    pairs = [(name, a.get(name, missing), b.get(name, missing)) for name in dict.fromkeys(names)]
+    return [pair for pair in pairs if pair[1] != pair[2]]
 
 
 def listed(texts: Sequence[str], most: int) -> str:
     """The first ones in a line, and how many more there are."""
     more = [f"{len(texts) - most} more"] if len(texts) > most else []
     return "; ".join([*texts[:most], *more])
-
-
-def _held(path: Path) -> bool:
-    """Whether another process holds a lock file."""
-    with locked(path) as state:
-        return state == "busy"

@@ -47,15 +47,7 @@ def sealed(content: Mapping[str, Any]) -> bytes:
 
 
 def read_sealed(path: Path, most: int = MOST_BYTES) -> dict[str, Any]:
-    """The entries of a file of at most so many bytes that `sealed` made.
-
-    Raises
-    ------
-    OSError
-        There is none that can be read.
-    ValueError, RecursionError
-        It is another one, or was changed.
-    """
+    """The entries of a file of at most so many bytes that `sealed` made."""
     stated = json.loads(read_bytes(path, most))
     if not isinstance(stated, dict):
         raise ValueError("it is no object of JSON")
@@ -80,15 +72,7 @@ def made_manifest(campaign: Campaign, command: Sequence[str], about: Mapping[str
 
 
 def read_manifest(path: Path) -> dict[str, Any]:
-    """The manifest in a file.
-
-    Raises
-    ------
-    OSError
-        There is none that can be read.
-    ValueError, RecursionError
-        It is no manifest, one of another version, one that was changed, or says what none can say.
-    """
+    """The manifest in a file."""
     try:
         stated = read_sealed(path)
     except ValueError:
@@ -112,7 +96,6 @@ def _check_kind(stated: Any) -> None:
 
 
 def _check_entries(stated: Mapping[str, Any]) -> None:
-    """Raise for entries that no campaign has."""
     settings, columns, time = stated["settings"], stated["columns"], stated["time_s"]
     _check("settings", isinstance(settings, dict) and _texts(settings.values()))
     check_counts(*(int(settings[name]) for name in ("samples", "seed", "batch")))
@@ -158,19 +141,11 @@ def wrong_rows(
 ) -> str:
     """What is wrong with a file of the rows of these samples; empty where nothing is.
 
-    Its columns, its metadata, the numbers of its samples and their seeds are those of the schema and of the campaign's
-    seed, and it unpacks to no more than such rows take. Every run ended in a way that there is, what else its row
-    holds fits that, and the numbers that `draw` gives are those of the rows.
+    Its columns, its metadata, the numbers of its samples and their seeds are those of the schema and of the
+    campaign's seed, and it unpacks to no more than such rows take. Every run ended in a way that there is, what
+    else its row holds fits that, and the numbers that `draw` gives are those of the rows.
 
-    Parameters
-    ----------
-    draw : callable
-        Gives what is drawn for these samples, (N,) by column; empty where that is not known.
-
-    Raises
-    ------
-    MemoryError
-        It does not fit into the memory that is free.
+    `draw`: gives what is drawn for these samples, (N,) by column; empty where that is not known.
     """
     import pyarrow as pa
     import pyarrow.parquet as pq

@@ -17,7 +17,6 @@ or disturbance moves in its last tenth: there the motion is asked for.
 
 from __future__ import annotations
 
-import difflib
 import math
 import re
 from collections.abc import Callable, Mapping, Sequence
@@ -33,7 +32,7 @@ from flexhinf.loop.signals.sampling import sample_disturbance
 from flexhinf.loop.simulation.ensemble import tracked_place
 from flexhinf.loop.simulation.metrics import ROUNDING, SETTLING_BAND, TAIL, Command, Place
 from flexhinf.scalars import maximum, minimum, where
-from flexhinf.validation import value_text
+from flexhinf.validation import unknown_name, value_text
 
 #: Values of a row's status.
 COMPLETED, UNSTABLE, DIVERGED, NOT_RUN = "completed", "unstable", "diverged", "not run"
@@ -192,7 +191,6 @@ def _tracking(run: Trajectory) -> dict[str, float | None]:
 
 
 def _tracking_in_lanes(found: EnsembleResult) -> dict[str, np.ndarray]:
-    """As `_tracking`, of N runs."""
     rows = list(found.by_state.values())
     worst = {name: np.fmax.reduce([row[name] for row in rows]) for name in rows[0]}
     errors = found.common["estimation_rmse"]
@@ -209,20 +207,19 @@ STANDARD_UNITS = {
 STANDARD = Metrics(STANDARD_UNITS, _tracking, _tracking_in_lanes)
 
 
+def known_metric(name: str, known: Sequence[str]) -> str:
+    """A metric's name, or a refusal that says which there are."""
+    if name not in known:
+        otherwise = "one of these, or a function of your own (metrics={'name': function})"
+        raise unknown_name(f"There is no metric {name!r}.", name, known, otherwise)
+    return name
+
+
 def chosen_metrics(given: Any, tracked: bool) -> tuple[Metrics, ...]:
     """The metrics of a campaign.
 
-    Parameters
-    ----------
-    given : None, mapping of str to callable, Metrics, or sequence of names, Metrics and mappings
-        None: the standard ones, where something is tracked.
-    tracked : bool
-        Whether something is.
-
-    Raises
-    ------
-    InvalidInput
-        For a name that is not one of the standard metrics, two of one name, or none at all.
+    `given`: names, `Metrics`, functions by name, or a sequence of these; None: the standard ones, where something is
+        tracked.
     """
     if given is None:
         return (STANDARD,) if tracked else ()
@@ -234,34 +231,18 @@ def chosen_metrics(given: Any, tracked: bool) -> tuple[Metrics, ...]:
     if names:
         found.insert(0, replace(STANDARD, units={name: STANDARD_UNITS[name] for name in names}))
     for part in parts:
-        if isinstance(part, Mapping):
-            found += [_own(name, function) for name, function in part.items()]
-        elif not isinstance(part, (str, Metrics)):
-            _own(getattr(part, "__name__", value_text(part)), None if callable(part) else part)
-            found.append(_own(part.__name__, part))
+        if isinstance(part, (str, Metrics)):
+            continue
+        own = part if isinstance(part, Mapping) else {getattr(part, "__name__", value_text(part)): part}
+        for name, function in own.items():
+            if not isinstance(name, str) or not name.isidentifier() or not callable(function):
+                raise InvalidInput(
+                    "A metric needs a name and a function.",
+                    f"expected a name that is a Python identifier and a function of a run, got {value_text(name)}",
+                    "metrics={'largest_torque': lambda run: abs(run.signals['input']).max()}",
+                )
+            found.append(Metrics({name: ""}, function))
     return tuple(found)
-
-
-def _own(name: Any, function: Any) -> Metrics:
-    if not isinstance(name, str) or not name.isidentifier() or not callable(function):
-        raise InvalidInput(
-            "A metric needs a name and a function.",
-            f"expected a name that is a Python identifier and a function of a run, got {value_text(name)}",
-            "metrics={'largest_torque': lambda run: abs(run.signals['input']).max()}",
-        )
-    return Metrics({name: ""}, function)
-
-
-def known_metric(name: str, known: Sequence[str]) -> str:
-    """A metric's name, or a refusal that says which there are."""
-    if name not in known:
-        close = difflib.get_close_matches(name, known, n=1)
-        raise InvalidInput(
-            f"There is no metric {name!r}.",
-            f"expected one of {', '.join(known) or 'none: nothing is tracked'}",
-            close[0] if close else "one of these, or a function of your own (metrics={'name': function})",
-        )
-    return name
 
 
 # Requirements -----------------------------------------------------------------------------------------------
@@ -278,13 +259,7 @@ class Requirement:
 
     @staticmethod
     def of(text: str, metrics: Sequence[str]) -> Requirement:
-        """Read ``overshoot_percent<=5``.
-
-        Raises
-        ------
-        InvalidInput
-            For a text of another form, an unknown metric, or a limit that is no number.
-        """
+        """Read ``overshoot_percent<=5``."""
         match = _REQUIREMENT.match(text)
         try:
             limit = float(match[3]) if match else math.nan

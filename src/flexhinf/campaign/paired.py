@@ -7,7 +7,7 @@ sign test, the fraction of pairs in which either is better, and of success and f
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -17,7 +17,7 @@ import numpy as np
 from flexhinf.campaign.batches import PART, Column
 from flexhinf.campaign.journal import differing, listed
 from flexhinf.campaign.metrics import COMPLETED, NOT_RUN, Requirement
-from flexhinf.campaign.results import MergedTable, main_metric, violations
+from flexhinf.campaign.results import CampaignTable, MergedTable, main_metric, violations
 from flexhinf.campaign.statistics import Interval, success_interval
 from flexhinf.errors import InvalidInput
 from flexhinf.validation import value_text
@@ -47,22 +47,17 @@ _LISTED = 6
 class PairedMetric:
     """One metric of two campaigns, sample by sample.
 
-    A run that does not come to its end is worse than every run that does. A pair of two such runs, or of one that has
-    no such number, is left out.
-
-    Attributes
-    ----------
-    a, b : (N,)
-        Values; infinite, with the sign of what is worse, where only this run does not come to its end; NaN for none.
-    largest_is_best : bool
-        Smaller values are better, unless a requirement states a least value.
+    A run that does not come to its end is worse than every run that does. A pair of two such runs, or of one that
+    has no such number, is left out.
     """
 
     name: str
     unit: str
+    # a, b: (N,). Values; infinite, with the sign of what is worse, where only this run does not come to its end; NaN
+    # for none
     a: np.ndarray
     b: np.ndarray
-    largest_is_best: bool = False
+    largest_is_best: bool = False  # Smaller values are better, unless a requirement states a least value
 
     @cached_property
     def pairs(self) -> np.ndarray:
@@ -128,7 +123,7 @@ class PairedMetric:
 
 
 def _median(values: np.ndarray) -> float:
-    """One of the values; NaN without any."""
+    """Their median, NaN without any."""
     return float(np.quantile(values, 0.5, method="inverted_cdf")) if len(values) else math.nan
 
 
@@ -165,47 +160,17 @@ class McNemar:
 
 
 @dataclass(frozen=True, eq=False)
-class _Side:
-    """The rows of one campaign, from a Dataset or from a table on disk."""
-
-    columns: tuple[Column, ...]
-    values: Mapping[str, np.ndarray]
-    settings: Mapping[str, str]
-
-    @staticmethod
-    def of(source: xr.Dataset | MergedTable) -> _Side:
-        if isinstance(source, MergedTable):
-            return _Side(source.journal.columns, source.columns, source.journal.settings)
-        if not hasattr(source, "data_vars") or "status" not in source or "seed" not in source:
-            raise InvalidInput(
-                "Only campaigns are compared.",
-                f"expected an xarray Dataset of `run_campaign`, got {value_text(source)}",
-                "flexhinf.campaign.compare(fh.run_campaign(…), fh.run_campaign(…))",
-            )
-        columns = [Column("sample", "own")]
-        columns += [
-            Column(str(name), one.attrs.get("kind", ""), one.attrs.get("units", ""))
-            for name, one in source.data_vars.items()
-        ]
-        values = {name: source[name].values for name in (column.name for column in columns)}
-        return _Side(tuple(columns), values, {str(k): str(v) for k, v in source.attrs.items()})
-
-    def named(self, kind: str) -> tuple[str, ...]:
-        return tuple(column.name for column in self.columns if column.kind == kind)
-
-
-@dataclass(frozen=True, eq=False)
 class PairedCampaigns:
     """Two campaigns on the same samples, made by `compare`; a run that keeps the requirements is a success."""
 
-    a: _Side
-    b: _Side
+    a: CampaignTable
+    b: CampaignTable
     requirements: tuple[Requirement, ...] = ()
 
     @property
     def count(self) -> int:
         """Samples."""
-        return len(self.a.values["sample"])
+        return len(self.a.columns["sample"])
 
     @property
     def main(self) -> str:
@@ -215,25 +180,15 @@ class PairedCampaigns:
     @property
     def metrics(self) -> tuple[str, ...]:
         """Names of the metrics that both campaigns have, those of parts excepted."""
-        return self._both("metric")
+        return tuple(name for name in self.a.names("metric") if name in self.b.names("metric"))
 
     @property
     def parts(self) -> tuple[str, ...]:
         """Names of the metrics of parts, as of single joints, that both have."""
-        return self._both(PART)
-
-    def _both(self, kind: str) -> tuple[str, ...]:
-        there = set(self.b.named(kind))
-        return tuple(name for name in self.a.named(kind) if name in there)
+        return tuple(name for name in self.a.names(PART) if name in self.b.names(PART))
 
     def metric(self, name: str) -> PairedMetric:
-        """One metric of both.
-
-        Raises
-        ------
-        InvalidInput
-            If not both campaigns have it.
-        """
+        """One metric of both."""
         if name not in (*self.metrics, *self.parts):
             raise InvalidInput(
                 f"Not both campaigns have a metric {name!r}.",
@@ -241,32 +196,30 @@ class PairedCampaigns:
                 "campaigns with the same metrics",
             )
         best = any(one.metric == name and not one.at_most for one in self.requirements)
-        unit = next(column.unit for column in self.a.columns if column.name == name)
-        lost = [side.values["status"] != COMPLETED for side in (self.a, self.b)]
+        lost = [side.columns["status"] != COMPLETED for side in (self.a, self.b)]
         a, b = (
-            np.where(one, -math.inf if best else math.inf, side.values[name])
+            np.where(one, -math.inf if best else math.inf, side.columns[name])
             for one, side in zip(lost, (self.a, self.b))
         )
-        return PairedMetric(name, unit, np.where(lost[0] & lost[1], math.nan, a), b, best)
+        return PairedMetric(name, self.a.unit(name), np.where(lost[0] & lost[1], math.nan, a), b, best)
 
     @cached_property
     def success(self) -> McNemar:
         """Success and failure of the pairs; samples that no campaign could run are failures of both."""
-        a, b = (self._failed(side) for side in (self.a, self.b))
+        a, b = (
+            (side.columns["status"] != COMPLETED) | violations(side.columns, self.requirements).any(axis=1)
+            for side in (self.a, self.b)
+        )
         return McNemar(*(int(one.sum()) for one in (a & b, a & ~b, ~a & b, ~a & ~b)))
-
-    def _failed(self, side: _Side) -> np.ndarray:
-        lost = side.values["status"] != COMPLETED
-        return lost | violations(side.values, self.requirements).any(axis=1)
 
     @property
     def not_run(self) -> int:
         """Samples that could not be run."""
-        return int((self.a.values["status"] == NOT_RUN).sum())
+        return int((self.a.columns["status"] == NOT_RUN).sum())
 
     def numbers(self, sample: int) -> dict[str, float]:
         """Drawn numbers of a sample by name."""
-        return {name: float(self.a.values[name][sample]) for name in self.a.named("parameter")}
+        return self.a.numbers(sample)
 
 
 def compare(
@@ -291,31 +244,43 @@ def compare(
     InvalidInput
         If the samples are not the same: the message says what differs.
     """
-    sides = _Side.of(a), _Side.of(b)
-    _check_pairs(*sides)
-    paired = PairedCampaigns(*sides)
-    known = (*paired.metrics, *paired.parts)
-    checked = tuple(Requirement.of(text, known) for text in requirements)
-    return PairedCampaigns(*sides, checked)
-
-
-def _check_pairs(a: _Side, b: _Side) -> None:
-    """Refuse campaigns whose samples are not the same ones."""
-    names = [*a.settings, *b.settings]
+    sides = _table(a), _table(b)
+    names = [*sides[0].settings, *sides[1].settings]
     bound = [name for name in names if name not in _FREE and not name.startswith(_FREE_PREFIX)]
-    found = differing(a.settings, b.settings, bound, "↔")
-    columns = [("sample", "seed", *side.named("parameter")) for side in (a, b)]
+    pairs = differing(sides[0].settings, sides[1].settings, bound)
+    found = [f"{name}: {one} ↔ {other}" for name, one, other in pairs]
+    columns = [("sample", "seed", *side.names("parameter")) for side in sides]
     if columns[0] != columns[1]:
         found.append(f"numbers: {list(columns[0][2:])} ↔ {list(columns[1][2:])}")
     elif not found:
-        found = [
-            f"{name}: not the same values"
-            for name in columns[0]
-            if not np.array_equal(a.values[name], b.values[name], equal_nan=name not in ("sample", "seed"))
-        ]
+        one, other = sides[0].columns, sides[1].columns
+        same = {
+            k: np.array_equal(one[k], other[k], equal_nan=k not in ("sample", "seed")) for k in columns[0]
+        }
+        found = [f"{name}: not the same values" for name, equal in same.items() if not equal]
     if found:
         raise InvalidInput(
             "The campaigns are not on the same samples; their differences would not be those of the controllers.",
             listed(found, _LISTED),
             "the same draw, samples, seed, plant, noise and duration for both, and another controller",
         )
+    paired = PairedCampaigns(*sides)
+    known = (*paired.metrics, *paired.parts)
+    checked = tuple(Requirement.of(text, known) for text in requirements)
+    return PairedCampaigns(*sides, checked)
+
+
+def _table(source: xr.Dataset | MergedTable) -> CampaignTable:
+    if isinstance(source, MergedTable):
+        return source
+    if not hasattr(source, "data_vars") or "status" not in source or "seed" not in source:
+        raise InvalidInput(
+            "Only campaigns are compared.",
+            f"expected an xarray Dataset of `run_campaign`, got {value_text(source)}",
+            "flexhinf.campaign.compare(fh.run_campaign(…), fh.run_campaign(…))",
+        )
+    described = [Column("sample", "own")]
+    for name, one in source.data_vars.items():
+        described.append(Column(str(name), one.attrs.get("kind", ""), one.attrs.get("units", "")))
+    columns = {column.name: source[column.name].values for column in described}
+    return CampaignTable(described, columns, {str(k): str(v) for k, v in source.attrs.items()})

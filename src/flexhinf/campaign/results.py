@@ -10,9 +10,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from flexhinf.campaign.batches import TRACED, Campaign, run_samples
+from flexhinf.campaign.batches import TRACED, Campaign, Column, run_samples
 from flexhinf.campaign.journal import (
-    TABLE,
     Journal,
     StoredColumns,
     labelled,
@@ -32,24 +31,32 @@ QUANTILES = (0.0, 0.05, 0.5, 0.95, 1.0)
 
 
 @dataclass(frozen=True, eq=False)
-class MergedTable:
-    """All rows of a journal's campaign; its shards by batch."""
+class CampaignTable:
+    """Rows of a campaign: what its columns are, their values by name, and everything that the rows depend on."""
 
-    journal: Journal
-    shards: Mapping[int, Path]
-
-    @cached_property
-    def columns(self) -> StoredColumns:
-        """By name, (N,); NaN where a row has no number. Each is read from the table when it is asked for."""
-        return StoredColumns(self.journal.folder / TABLE)
+    described: Sequence[Column]
+    columns: Mapping[str, np.ndarray]  # (N,); NaN where a row has no number
+    settings: Mapping[str, str]
 
     def names(self, kind: str) -> tuple[str, ...]:
         """Names of the columns of a kind."""
-        return tuple(column.name for column in self.journal.columns if column.kind == kind)
+        return tuple(column.name for column in self.described if column.kind == kind)
 
     def unit(self, name: str) -> str:
         """Of a column."""
-        return next(column.unit for column in self.journal.columns if column.name == name)
+        return next(column.unit for column in self.described if column.name == name)
+
+    def numbers(self, sample: int) -> dict[str, float]:
+        """Drawn numbers of a sample by name."""
+        return {name: float(self.columns[name][sample]) for name in self.names("parameter")}
+
+
+@dataclass(frozen=True, eq=False)
+class MergedTable(CampaignTable):
+    """All rows of a journal's campaign, each column read from the table when it is asked for; its shards by batch."""
+
+    journal: Journal
+    shards: Mapping[int, Path]
 
     def trace(self, name: str) -> np.ndarray:
         """A kept signal (R, T) of the runs that it is kept of; NaN after one diverged."""
@@ -60,13 +67,13 @@ class MergedTable:
     def dataset(self) -> xr.Dataset:
         """The rows as an xarray Dataset; see `run_campaign`."""
         rows = {**self.columns, **{name: self.trace(name) for name in self.names("trace")}}
-        return labelled(rows, self.journal.columns, self.journal.time, self.journal.settings)
+        return labelled(rows, self.described, self.journal.time, self.settings)
 
 
 def merged(journal: Journal, good: Mapping[int, Path]) -> MergedTable:
     """Merge the table of a journal of which every batch's shard is there, and read it; raises as `Journal.merge`."""
-    journal.merge(good)
-    return MergedTable(journal, dict(good))
+    columns = StoredColumns(journal.merge(good))
+    return MergedTable(journal.columns, columns, journal.settings, journal, dict(good))
 
 
 def main_metric(names: Sequence[str]) -> str:
@@ -77,10 +84,7 @@ def main_metric(names: Sequence[str]) -> str:
 def violations(values: Mapping[str, np.ndarray], requirements: Sequence[Requirement]) -> np.ndarray:
     """Whether each sample (N) misses each requirement (R); one that is unstable or did not come to its end misses all.
 
-    Parameters
-    ----------
-    values : mapping of str to (N,)
-        Columns of a campaign: status and metrics.
+    `values`: columns of a campaign: status and metrics.
     """
     lost = values["status"] != COMPLETED
     return np.column_stack([lost, *(lost | ~one.met(values[one.metric]) for one in requirements)])[:, 1:]
@@ -182,7 +186,7 @@ class CampaignJudgement:
 
     def numbers(self, sample: int) -> dict[str, float]:
         """Drawn numbers of a sample by name."""
-        return {name: float(self.column(name)[sample]) for name in self.table.names("parameter")}
+        return self.table.numbers(sample)
 
     @property
     def nominal(self) -> Mapping[str, float]:
@@ -196,13 +200,7 @@ class CampaignJudgement:
 
 @dataclass(frozen=True, eq=False)
 class Replayed:
-    """A sample that was run again.
-
-    Attributes
-    ----------
-    recorded, again : mapping
-        Its row in the journal, and that of the run; the first is empty for a sample that is not in it yet.
-    """
+    """A sample that was run again: its row in the journal (empty where it is not in it yet), and that of the run."""
 
     sample: int
     run: Trajectory
@@ -212,21 +210,15 @@ class Replayed:
     @property
     def same(self) -> bool:
         """Whether both are the same, bit by bit."""
-        return not self.recorded or all(_same(self.recorded.get(k), v) for k, v in self.again.items())
-
-
-def _same(a: object, b: object) -> bool:
-    return a == b or (isinstance(a, float) and isinstance(b, float) and np.isnan(a) and np.isnan(b))
+        pairs = [(self.recorded.get(name), value) for name, value in self.again.items()]
+        missing = [
+            isinstance(a, float) and isinstance(b, float) and np.isnan(a) and np.isnan(b) for a, b in pairs
+        ]
+        return not self.recorded or all(a == b or nan for (a, b), nan in zip(pairs, missing))
 
 
 def replayed(campaign: Campaign, journal: Journal, sample: int) -> Replayed:
-    """Run one sample of a campaign again, alone.
-
-    Raises
-    ------
-    InvalidInput
-        If there is no such sample, or it could not be run.
-    """
+    """Run one sample of a campaign again, alone."""
     run = campaign.replay(sample)
     rows = run_samples(campaign, range(sample, sample + 1))
     again = {name: plain_number(column[0]) for name, column in rows.columns.items() if column.ndim == 1}

@@ -19,19 +19,17 @@ FOLDS = 5
 #: Base samples of the Sobol indices of a surrogate.
 BASE = 1024
 
+#: Polynomials that are fitted: the one with most terms that the samples allow.
+SURROGATES = "a linear polynomial", "a quadratic polynomial without products", "a quadratic polynomial"
+
 
 @dataclass(frozen=True)
 class Interval:
-    """A fraction with its confidence interval.
-
-    Attributes
-    ----------
-    low, high : float
-        By Clopper and Pearson: exact for independent samples.
-    """
+    """A fraction with its confidence interval."""
 
     successes: int
     count: int
+    # low, high: By Clopper and Pearson: exact for independent samples
     low: float
     high: float
     confidence: float
@@ -69,29 +67,17 @@ def success_interval(successes: int, count: int, confidence: float = 0.95) -> In
 
 @dataclass(frozen=True, eq=False)
 class Sensitivity:
-    """Sobol indices of a polynomial that was fitted to the samples: of the polynomial, not of the loop.
+    """Sobol indices of a polynomial that was fitted to the samples: of the polynomial, not of the loop."""
 
-    Attributes
-    ----------
-    names : tuple of str
-        Numbers that differ from sample to sample, the most important one first.
-    first, total : (p,)
-        Fraction of the polynomial's variance that a number causes alone, and with all others.
-    r_squared : float
-        Fraction of the metric's variance in samples left out of the fit that the polynomial explains. What is left is
-        of higher order, or noise.
-    terms : str
-        What the polynomial has.
-    count : int
-        Samples it was fitted to.
-    """
-
-    names: tuple[str, ...]
+    names: tuple[str, ...]  # Numbers that differ from sample to sample, the most important one first
+    # first, total: (p,). Fraction of the polynomial's variance that a number causes alone, and with all others
     first: np.ndarray
     total: np.ndarray
+    # Fraction of the metric's variance in samples left out of the fit that the polynomial explains. What is left is
+    # of higher order, or noise
     r_squared: float
-    terms: str
-    count: int
+    terms: str  # What the polynomial has
+    count: int  # Samples it was fitted to
 
 
 def sensitivity(names: Sequence[str], numbers: np.ndarray, values: np.ndarray) -> Sensitivity | None:
@@ -112,63 +98,38 @@ def sensitivity(names: Sequence[str], numbers: np.ndarray, values: np.ndarray) -
     kept = np.flatnonzero(np.isfinite(values))[:MOST_ROWS]
     varied = [k for k in range(numbers.shape[1]) if len(kept) and np.ptp(numbers[kept, k]) > 0.0]
     x, y = numbers[kept][:, varied], values[kept]
-    surrogate = _Surrogate.fitting(len(kept), len(varied))
-    if surrogate is None or not len(varied) or np.ptp(y) <= 1e-12 * np.abs(y).max():
+    count = len(varied)
+    most = min(len(kept) // SAMPLES_A_TERM, MOST_TERMS) - 1 - count  # terms beside the linear ones
+    if most < 0 or not count or np.ptp(y) <= 1e-12 * np.abs(y).max():
         return None
+    kind = int(most >= count) + int(most >= count + count * (count - 1) // 2)
     centre, scale = x.mean(axis=0), x.std(axis=0)
     z = (x - centre) / scale
-    r_squared = _cross_validated(surrogate, z, y)
-    coefficients = surrogate.fit(z, y)
-    first, total = _indices(lambda points: surrogate.terms_of(points) @ coefficients, z)
+
+    def fit(some: np.ndarray | slice) -> np.ndarray:
+        return np.linalg.lstsq(_terms(z[some], kind), y[some], rcond=None)[0]
+
+    fold, errors = np.arange(len(y)) % FOLDS, np.empty(len(y))
+    for k in range(FOLDS):  # every fifth sample in turn is left out of the fit
+        out = fold == k
+        errors[out] = y[out] - _terms(z[out], kind) @ fit(~out)
+    r_squared = float(1.0 - np.mean(errors**2) / np.var(y))
+    coefficients = fit(slice(None))
+    first, total = _indices(lambda points: _terms(points, kind) @ coefficients, z)
     order = np.argsort(-total, kind="stable")
     chosen = tuple(names[varied[int(k)]] for k in order)
-    return Sensitivity(chosen, first[order], total[order], r_squared, surrogate.text, len(kept))
+    return Sensitivity(chosen, first[order], total[order], r_squared, SURROGATES[kind], len(kept))
 
 
-@dataclass(frozen=True)
-class _Surrogate:
-    """A polynomial in standardised numbers, with or without their squares and the products of two."""
-
-    squares: bool
-    products: bool
-
-    @staticmethod
-    def fitting(count: int, numbers: int) -> _Surrogate | None:
-        """The one with most terms that so many samples allow."""
-        most = min(count // SAMPLES_A_TERM, MOST_TERMS) - 1 - numbers
-        if most < 0:
-            return None
-        return _Surrogate(most >= numbers, most >= numbers + numbers * (numbers - 1) // 2)
-
-    @property
-    def text(self) -> str:
-        """Its name."""
-        if self.products:
-            return "a quadratic polynomial"
-        return "a quadratic polynomial without products" if self.squares else "a linear polynomial"
-
-    def terms_of(self, z: np.ndarray) -> np.ndarray:
-        """Its terms (N, terms) at numbers (N, p)."""
-        parts = [np.ones((len(z), 1)), z]
-        if self.squares:
-            parts.append(z**2)
-        if self.products:
-            first, second = np.triu_indices(z.shape[1], 1)
-            parts.append(z[:, first] * z[:, second])
-        return np.hstack(parts)
-
-    def fit(self, z: np.ndarray, y: np.ndarray) -> np.ndarray:
-        """Coefficients by least squares."""
-        return np.linalg.lstsq(self.terms_of(z), y, rcond=None)[0]
-
-
-def _cross_validated(surrogate: _Surrogate, z: np.ndarray, y: np.ndarray) -> float:
-    """Fraction of the variance explained in samples that were left out of the fit, every fifth in turn."""
-    fold, errors = np.arange(len(y)) % FOLDS, np.empty(len(y))
-    for k in range(FOLDS):
-        out = fold == k
-        errors[out] = y[out] - surrogate.terms_of(z[out]) @ surrogate.fit(z[~out], y[~out])
-    return float(1.0 - np.mean(errors**2) / np.var(y))
+def _terms(z: np.ndarray, kind: int) -> np.ndarray:
+    """Terms (N, terms) of one of `SURROGATES` at standardised numbers (N, p)."""
+    parts = [np.ones((len(z), 1)), z]
+    if kind > 0:
+        parts.append(z**2)
+    if kind > 1:
+        first, second = np.triu_indices(z.shape[1], 1)
+        parts.append(z[:, first] * z[:, second])
+    return np.hstack(parts)
 
 
 class _Empirical:

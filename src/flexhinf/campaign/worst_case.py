@@ -53,48 +53,28 @@ class FoundPlant:
 
 @dataclass(frozen=True)
 class WorstCase:
-    """The worst plant that was found for one metric.
-
-    Attributes
-    ----------
-    least : bool
-        Whether small values are the bad ones.
-    sample : int
-        The worst sample inside the box; every run of the search has its noise.
-    sampled, found, nominal : FoundPlant
-        That sample, the plant that the search found, and the nominal one, with the same noise.
-    alone : mapping of str to float
-        The metric of the plant found with this number alone at its nominal value; NaN where the run has none.
-    intervals : mapping of str to (float, float)
-        The box.
-    units : mapping of str to str
-        Of the numbers.
-    starts, together : int
-        Searches, and how many of them ended at the plant found.
-    all_corners : bool
-        Whether every corner was run.
-    outside : int
-        Samples outside the box, of a normal distribution that is not cut off; they are not compared.
-    settings : mapping of str to str
-        What it depends on.
-    """
+    """The worst plant that was found for one metric."""
 
     metric: str
     unit: str
-    least: bool
-    sample: int
+    least: bool  # Whether small values are the bad ones
+    sample: int  # The worst sample inside the box; every run of the search has its noise
+    # sampled, found, nominal: That sample, the plant that the search found, and the nominal one, with the same noise
     sampled: FoundPlant
     found: FoundPlant
     nominal: FoundPlant
+    # The metric of the plant found with this number alone at its nominal value; NaN where the run has none
     alone: Mapping[str, float]
-    intervals: Mapping[str, tuple[float, float]]
-    units: Mapping[str, str]
+    intervals: Mapping[str, tuple[float, float]]  # The box
+    units: Mapping[str, str]  # Of the numbers
+    # starts, together: Searches, and how many of them ended at the plant found
     starts: int
     together: int
-    all_corners: bool
+    all_corners: bool  # Whether every corner was run
     runs: int
+    # Samples outside the box, of a normal distribution that is not cut off; they are not compared
     outside: int
-    settings: Mapping[str, str]
+    settings: Mapping[str, str]  # What it depends on
 
     @property
     def factor(self) -> float:
@@ -218,7 +198,7 @@ def worst_case(
         {name: one.value for name, one in zip(names, one_back)}, dict(zip(names, zip(low.tolist(), high.tolist()))),
         {name: box.units[name] for name in names},
         starts, together, all_corners, runs + len(others), int((~inside).sum()),
-        _settings(campaign, metric, least, starts, seed),
+        _identity(campaign, metric, least, starts, seed),
     )  # fmt: skip
 
 
@@ -228,7 +208,6 @@ def check_starts(starts: Any) -> None:
 
 
 def _box(campaign: Campaign) -> Tolerances:
-    """The draw of a campaign, which has intervals."""
     if not isinstance(campaign.draw, Tolerances):
         raise InvalidInput(
             "The samples of this campaign have no box that could be searched.",
@@ -239,7 +218,6 @@ def _box(campaign: Campaign) -> Tolerances:
 
 
 def _columns(campaign: Campaign, rows: Mapping[str, Any] | None, names: list[str]) -> dict[str, np.ndarray]:
-    """Columns (N,) of the rows, which are run where they are not given."""
     if rows is None:
         parts = [run_batch(campaign, batch).columns for batch in range(campaign.batches)]
         return {name: np.concatenate([part[name] for part in parts]) for name in names}
@@ -276,11 +254,9 @@ def _sizes(values: np.ndarray, status: np.ndarray, least: bool) -> np.ndarray:
     return np.where(status == COMPLETED, sizes, math.inf)
 
 
-def _settings(campaign: Campaign, metric: str, least: bool, starts: int, seed: int) -> dict[str, str]:
-    """What a search depends on, as text."""
-    return {
-        "campaign": campaign.digest, "metric": metric, "least": str(least), "starts": str(starts), "seed": str(seed),
-    }  # fmt: skip
+def _identity(campaign: Campaign, metric: str, least: bool, starts: int, seed: int) -> dict[str, str]:
+    given = {"metric": metric, "least": least, "starts": starts, "seed": seed}
+    return {"campaign": campaign.digest, **{name: str(value) for name, value in given.items()}}
 
 
 # Files in the campaign's folder -----------------------------------------------------------------------------
@@ -295,19 +271,11 @@ def search_worst(
     seed: int | None = None,
     **options: Any,
 ) -> WorstCase:
-    """`worst_case`, kept in the campaign's folder: taken from there where it was searched with the same options.
-
-    Raises
-    ------
-    InvalidInput
-        As `worst_case`; or another driver is at work.
-    FlexhinfError
-        If the disk is full.
-    """
+    """`worst_case`, kept in the campaign's folder: taken from there where it was searched with the same options."""
     seed = campaign.seed if seed is None else seed
     try:
         stored = stored_worst(journal, metric)
-        if stored.settings == _settings(campaign, metric, least, starts, seed):
+        if stored.settings == _identity(campaign, metric, least, starts, seed):
             return stored
     except InvalidInput:
         pass  # none, or damaged: it is searched
@@ -317,13 +285,7 @@ def search_worst(
 
 
 def stored_worst(journal: Journal, metric: str) -> WorstCase:
-    """The worst case of a metric from the campaign's folder.
-
-    Raises
-    ------
-    InvalidInput
-        If nothing was searched, or the file is damaged or of another campaign.
-    """
+    """The worst case of a metric from the campaign's folder."""
     path = _path(journal, metric)
     try:
         found = journal.stored(path, WorstCase)

@@ -74,7 +74,6 @@ def _refused(error: Exception) -> int:
 
 
 def _streams() -> list[Any]:
-    """Standard output and error, where they are open."""
     return [stream for stream in (sys.stdout, sys.stderr) if stream is not None and not stream.closed]
 
 
@@ -92,7 +91,13 @@ def _every_character() -> Iterator[None]:
     finally:
         for stream, errors in changed:
             if not stream.closed:
-                _let_go(stream)
+                try:
+                    stream.flush()
+                except OSError:  # send to nowhere what stands in its buffer
+                    with suppress(OSError, ValueError):
+                        nowhere = os.open(os.devnull, os.O_WRONLY)
+                        os.dup2(nowhere, stream.fileno())
+                        os.close(nowhere)
                 with suppress(OSError):
                     stream.reconfigure(errors=errors)
 
@@ -106,17 +111,6 @@ def _without_windows() -> Iterator[None]:
     finally:
         if named is not None:
             os.environ["MPLBACKEND"] = named
-
-
-def _let_go(stream: Any) -> None:
-    """Send to nowhere what stands in the buffer of a stream that cannot be written."""
-    try:
-        stream.flush()
-    except OSError:
-        with suppress(OSError, ValueError):
-            nowhere = os.open(os.devnull, os.O_WRONLY)
-            os.dup2(nowhere, stream.fileno())
-            os.close(nowhere)
 
 
 @contextmanager

@@ -6,7 +6,7 @@ import inspect
 import math
 import warnings
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import MISSING, dataclass
+from dataclasses import MISSING, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -25,15 +25,12 @@ if TYPE_CHECKING:
 def with_options(options: type, fields: Collection[str] = ()) -> Callable[[Any], Any]:
     """A decorator for ``command(context, o)``: its options are those of a class and of fields of a specification.
 
-    All of them are read as text; the command gets the values of the class. An empty text takes back what a design file
-    says.
+    All of them are read as text; the command gets the values of the class. An empty text takes back what a design
+    file says.
 
-    Parameters
-    ----------
-    options : type
-        A dataclass of `flexhinf.cli.options`. Where it declares a field of a specification again, its help is shown.
-    fields : collection of str
-        Fields of a specification that the command computes with.
+    `options`: A dataclass of `flexhinf.cli.options`. Where it declares a field of a specification again, its help is
+        shown.
+    `fields`: fields of a specification that the command computes with.
     """
     own = declared(options)
     known = {name: FIELDS[name] for name in fields} | own
@@ -42,8 +39,12 @@ def with_options(options: type, fields: Collection[str] = ()) -> Callable[[Any],
     parameters = [inspect.Parameter("context", inspect.Parameter.KEYWORD_ONLY, annotation=typer.Context)]
     for field in shown:
         parameters.append(_parameter(field, both=field.name not in own or field.default is True))
-        if field.name == "peak_effort":
-            parameters += [_peak(name, drive, unit) for name, (drive, unit) in PEAKS.items()]
+        for name, (drive, unit) in PEAKS.items() if field.name == "peak_effort" else ():
+            about = f"--peak-effort of {drive}-driven motors."
+            made = typer.Option(
+                option_name(name), help=about, rich_help_panel=LIMITS, metavar=f"<{unit}>", show_default=False
+            )
+            parameters.append(_keyword(name, str, made, ""))
 
     def decorated(command: Callable[..., None]) -> Any:
         def run(context: typer.Context, **values: Any) -> None:
@@ -58,6 +59,11 @@ def with_options(options: type, fields: Collection[str] = ()) -> Callable[[Any],
         return run
 
     return decorated
+
+
+def _keyword(name: str, kind: Any, made: Any, default: Any) -> inspect.Parameter:
+    keyword = inspect.Parameter.KEYWORD_ONLY
+    return inspect.Parameter(name, keyword, default=default, annotation=Annotated[kind, made])
 
 
 def _parameter(field: FieldInfo, both: bool) -> inspect.Parameter:
@@ -80,51 +86,37 @@ def _parameter(field: FieldInfo, both: bool) -> inspect.Parameter:
     return _keyword(field.name, kind, made, inspect.Parameter.empty if value is MISSING else value)
 
 
-def _peak(name: str, drive: str, unit: str) -> inspect.Parameter:
-    help = f"--peak-effort of {drive}-driven motors."
-    made = typer.Option(
-        option_name(name), help=help, rich_help_panel=LIMITS, metavar=f"<{unit}>", show_default=False
-    )
-    return _keyword(name, str, made, "")
-
-
-def _keyword(name: str, kind: Any, made: Any, default: Any) -> inspect.Parameter:
-    return inspect.Parameter(
-        name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=Annotated[kind, made]
-    )
-
-
 # Reading --------------------------------------------------------------------------------------------
-@dataclass(frozen=True, eq=False)
-class CommandRequest:
-    """What a command is asked for.
-
-    Attributes
-    ----------
-    warnings : list of str
-        Of the robot's file; they belong into the report.
-    """
-
-    request: DesignRequest
-    warnings: list[str]
-
-
-def request_of(context: typer.Context, o: PointOptions, source: str, elastic: str = "") -> CommandRequest:
-    """Robot and specification of a command; prints notes.
-
-    Raises
-    ------
-    InvalidInput
-        For a file or an option that cannot be used.
-    """
-    read = read_source(source, elastic, _fields(context), o.payload, o.pose_xyz, o.tool)
-    _check_drive(context, read.request.robot)
-    return read
+def request_of(context: typer.Context, o: PointOptions, source: str, elastic: str = "") -> DesignRequest:
+    """Robot and specification of a command, whose options win over a design file; prints notes."""
+    stated = _stated(context)
+    peaks = [name for name in ("peak_effort", *PEAKS) if name in stated]
+    if len(peaks) > 1:
+        names, got = (", ".join(map(option_name, some)) for some in (("peak_effort", *PEAKS), peaks))
+        raise InvalidInput(
+            "The peak of the input is given twice.",
+            f"expected one of {names}, got {got}",
+            "leave out one of them",
+        )
+    if peaks:
+        stated["peak_effort"] = stated.pop(peaks[0])
+    fields = {name: _text(FIELDS[name], stated[name]) for name in _command(context).fields if name in stated}
+    request = read_source(source, elastic, fields, o.payload, o.pose_xyz, o.tool)
+    robot, fitting = request.robot, {drive: name for name, (drive, _) in PEAKS.items()}
+    drive = PEAKS[peaks[0]][0] if peaks and peaks[0] in PEAKS else robot.drive
+    if drive != robot.drive:  # volts for a robot that is driven by torques, and so on
+        right = option_name(fitting[robot.drive])
+        raise InvalidInput(
+            f"--peak-{drive} does not fit the robot {robot.name!r}, whose motors are driven by {robot.drive}.",
+            f"expected {right} or --peak-effort, got --peak-{drive} {context.params[peaks[0]]}",
+            f"{right} …",
+        )
+    return request
 
 
 def read_source(
     source: str, elastic: str, fields: Mapping[str, Any], payload: str = "", goal: str = "", tool: str = ""
-) -> CommandRequest:
+) -> DesignRequest:
     """Robot and specification of a file and of fields that win over it; prints notes, raises as `request_of`.
 
     Of a report's folder its design file is meant.
@@ -141,7 +133,7 @@ def read_source(
     texts = [str(one.message) for one in caught if issubclass(one.category, RobotFileWarning)]
     for text in (*texts, *request.notes):
         note(text)
-    return CommandRequest(request, texts)
+    return replace(request, warnings=tuple(texts))
 
 
 def design_file_of(source: str) -> Path | None:
@@ -150,21 +142,6 @@ def design_file_of(source: str) -> Path | None:
 
     path = meant_file(source)
     return Path(path) if path.endswith(".toml") else None
-
-
-def _fields(context: typer.Context) -> dict[str, Any]:
-    """Fields of the specification by name, of the options that were given."""
-    stated, taken = _stated(context), _command(context).fields
-    peaks = [name for name in ("peak_effort", *PEAKS) if name in stated]
-    if len(peaks) > 1:
-        raise InvalidInput(
-            "The peak of the input is given twice.",
-            f"expected one of {_options(('peak_effort', *PEAKS))}, got {_options(peaks)}",
-            "leave out one of them",
-        )
-    if peaks:
-        stated["peak_effort"] = stated.pop(peaks[0])
-    return {name: _text(FIELDS[name], stated[name]) for name in taken if name in stated}
 
 
 def _text(field: FieldInfo, value: Any) -> Any:
@@ -195,18 +172,6 @@ def _value(field: FieldInfo, value: Any) -> Any:
         raise InvalidInput(f"{name} cannot be used.", error.found, f"{name} {error.advice}") from None
 
 
-def _check_drive(context: typer.Context, robot: Any) -> None:
-    """Refuse volts for a robot that is driven by torques, and so on."""
-    fitting = next(name for name, (drive, _) in PEAKS.items() if drive == robot.drive)
-    for name, (drive, _) in PEAKS.items():
-        if drive != robot.drive and name in _stated(context):
-            raise InvalidInput(
-                f"--peak-{drive} does not fit the robot {robot.name!r}, whose motors are driven by {robot.drive}.",
-                f"expected {option_name(fitting)} or --peak-effort, got --peak-{drive} {context.params[name]}",
-                f"{option_name(fitting)} …",
-            )
-
-
 def reproduce_command(context: typer.Context, without: Collection[str] = ()) -> list[str]:
     """The words of the command that makes the same report again; without some parameters, by name."""
     found, options = context.command_path.split(), _command(context).options
@@ -229,7 +194,6 @@ def reproduce_command(context: typer.Context, without: Collection[str] = ()) -> 
 
 
 def _command(context: typer.Context) -> Any:
-    """The function of a command, with its `options` and `fields`."""
     return inspect.unwrap(context.command.callback)  # type: ignore[arg-type]
 
 
@@ -239,7 +203,3 @@ def _stated(context: typer.Context) -> dict[str, Any]:
     return {
         name: context.params[name] for name, source in sources.items() if source and source.name != "DEFAULT"
     }
-
-
-def _options(names: Collection[str]) -> str:
-    return ", ".join(map(option_name, names))

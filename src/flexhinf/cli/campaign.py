@@ -9,7 +9,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -28,12 +28,15 @@ from flexhinf.cli.options import (
 from flexhinf.errors import InvalidInput
 
 if TYPE_CHECKING:
-    from flexhinf.campaign import Campaign, FoundPlant, Journal, MergedTable, Requirement, WorstCase
+    from flexhinf.campaign import Campaign, FoundPlant, MergedTable, Requirement, Shard, WorstCase
     from flexhinf.campaign.driver import Executor, Report
-    from flexhinf.design import CampaignOptions, DesignCampaign, DesignPair
+    from flexhinf.design import DesignCampaign
 
 #: Seconds between two lines of progress where standard error is no terminal.
 EVERY = 10.0
+
+#: What --metric calls the worst disturbance: √(∫|z|²/∫|d|²).
+GAIN = "gain"
 
 
 class _Runs(TyperGroup):
@@ -64,22 +67,20 @@ def run(context: typer.Context, o: RunCampaignOptions) -> None:
     Exit code: 0 if every sample is a success, and the worst robot found; 1 if not; 2 for a mistake; 130 if
     interrupted.
     """
-    from flexhinf.campaign import Requirement, Shard, drive
-    from flexhinf.design import DesignCampaign, open_campaign
-    from flexhinf.design.campaign_gain import searches_gain
+    from flexhinf.campaign import Requirement, drive
+    from flexhinf.design import open_campaign
+    from flexhinf.design.campaign_gain import search_gain, searches_gain
 
-    part = Shard.read(o.shard) if o.shard else Shard()
-    request = read_source(o.design, o.elastic, {}).request
-    asked = DesignCampaign(request, _campaign_options(o), design_file_of(o.design))
-    executor = chosen_executor(o.workers, o.cluster)
+    asked, shard, executor = _request(o, o.design), _shard(o), _executor(o)
     checked = [Requirement.of(text, list(asked.metrics.units)) for text in o.require or asked.requirements]
-    gain = o.worst_case and searches_gain(asked)
-    wanted = WorstSearch.of(o.worst_case, o.metric, o.starts, list(asked.metrics.units), checked, gain)
+    metrics = _searched(o, checked, list(asked.metrics.units), o.worst_case and searches_gain(asked))
+    words = reproduce_command(context)
     with design_stages() as stage:
-        campaign, journal = open_campaign(asked, o.out, _words(context), stage)
+        command = [word for k, word in enumerate(words) if (k, word) != (2, "run")]
+        campaign, journal = open_campaign(asked, o.out, command, stage)
     try:
-        with sample_progress(part.name) as progress:
-            table = drive(campaign, journal, shard=part, executor=executor, progress=progress)
+        with sample_progress(shard.name) as progress:
+            table = drive(campaign, journal, shard=shard, executor=executor, progress=progress)
     except KeyboardInterrupt:
         done = sum(map(journal.size, journal.shards()[0]))
         note(f"{done} of {journal.samples} samples are in {o.out}; the same command goes on from there.")
@@ -90,25 +91,97 @@ def run(context: typer.Context, o: RunCampaignOptions) -> None:
             f"shard {o.shard} is done; {left} of {journal.batches} batches are still to be run elsewhere."
         )
         typer.echo(f"then:  flexhinf campaign merge {o.out}")
-        if wanted is not None:
+        if o.worst_case:
             note("the worst case is searched when all shards are there, by the same command without --shard")
         return
-    if wanted is not None:
-        search(campaign, asked, table, wanted)
+    for metric, least in metrics.items():
+        with design_stages() as stage:
+            if metric == GAIN:
+                search_gain(asked, journal, stage)
+            else:
+                _search(campaign, table, metric, least, o.starts, stage)
     _finish(table, checked)
 
 
-def chosen_executor(workers: int, cluster: str) -> Executor | None:
+def _request(o: BatchOptions, source: str) -> DesignCampaign:
+    """The campaign of a design, with the options of a campaign without those of the command."""
+    from flexhinf.design import CampaignOptions, DesignCampaign
+
+    values: dict[str, Any] = {field.name: getattr(o, field.name) for field in fields(CampaignOptions)}
+    tolerances = []
+    for text in o.tolerance:
+        name, equals, value = text.partition("=")
+        if not equals:
+            raise InvalidInput(
+                "The tolerance names no parameter.",
+                f"expected NAME=x, got {text!r}",
+                "--tolerance stiffness=15%",
+            )
+        tolerances.append((name.strip(), value.strip()))
+    values["tolerances"] = tuple(tolerances)
+    request = read_source(source, o.elastic, {})
+    return DesignCampaign(request, CampaignOptions(**values), design_file_of(source))
+
+
+def _shard(o: BatchOptions) -> Shard:
+    from flexhinf.campaign import Shard
+
+    return Shard.read(o.shard) if o.shard else Shard()
+
+
+def _executor(o: BatchOptions) -> Executor | None:
     """What runs the batches; None: this process."""
     from flexhinf.campaign import in_cluster, in_processes
 
-    if workers and cluster:
+    if o.workers and o.cluster:
         raise InvalidInput(
             "Batches run in processes here or on a cluster.", "got --workers and --cluster", "one of both"
         )
-    if cluster:
-        return in_cluster(cluster)
-    return in_processes(workers, note) if workers else None
+    if o.cluster:
+        return in_cluster(o.cluster)
+    return in_processes(o.workers, note) if o.workers else None
+
+
+def _searched(
+    o: RunCampaignOptions, requirements: Sequence[Requirement], known: Sequence[str], gain: bool
+) -> dict[str, bool]:
+    """Metrics whose worst case is searched, and whether small values are the bad ones; `GAIN` comes last."""
+    from flexhinf.campaign import check_starts, known_metric
+
+    if not o.worst_case:
+        if o.metric:
+            raise InvalidInput(
+                "A metric is searched only where the worst case is asked for.",
+                f"got --metric {o.metric[0]} without --worst-case",
+                "--worst-case beside it",
+            )
+        return {}
+    check_starts(o.starts)
+    chosen = [known_metric(one, [*known, GAIN]) for one in o.metric]
+    chosen = chosen or [*(one.metric for one in requirements), *([GAIN] if gain else [])]
+    least = {one.metric for one in requirements if not one.at_most}
+    return {name: name in least for name in sorted(dict.fromkeys(chosen), key=lambda name: name == GAIN)}
+
+
+def _search(
+    campaign: Campaign,
+    table: MergedTable,
+    metric: str,
+    least: bool,
+    starts: int,
+    stage: Callable[[str], None],
+) -> None:
+    """The worst plant for a metric; what is in the folder is not searched again."""
+    from flexhinf.campaign import search_worst
+    from flexhinf.pages import metric_text
+
+    def progress(runs: int, best: float) -> None:
+        stage(f"worst {metric_text(metric)}: {best:.4g} after {runs} runs")
+
+    nominal = table.journal.about.get("nominal", {})
+    search_worst(
+        campaign, table.journal, metric, table.columns, least=least, starts=starts, nominal=nominal, progress=progress
+    )  # fmt: skip
 
 
 @app.command("merge")
@@ -119,13 +192,23 @@ def merge(context: typer.Context, o: MergeOptions) -> None:
     Shards of other folders are copied into the first one. Every file is
     checked, byte for byte; what is missing or damaged is named.
     """
-    from flexhinf.campaign import merged
+    from flexhinf.campaign import Journal, Requirement, merged
 
-    journal = _journal(o.folder)
-    checked = _requirements(journal, o.require)
+    def read(folder: Path) -> Journal:
+        journal = Journal.read(folder)
+        if journal is None:
+            raise InvalidInput(
+                "There is no campaign.", f"expected its folder, got {folder}", "the --out of its command"
+            )
+        return journal
+
+    journal = read(o.folder)
+    metrics = [column.name for column in journal.columns if column.judged]
+    stated = o.require or journal.about.get("requirements", [])
+    checked = [Requirement.of(text, metrics) for text in stated]
     with journal.driven():
         for other in o.others:
-            typer.echo(f"{journal.take(_journal(other))} batches from {other}")
+            typer.echo(f"{journal.take(read(other))} batches from {other}")
         good, bad = journal.shards()
         for path, wrong in bad:
             note(f"{path.name} is {wrong}; the campaign's command runs it again")
@@ -137,9 +220,13 @@ def merge(context: typer.Context, o: MergeOptions) -> None:
 @with_options(ReplayOptions)
 def replay(context: typer.Context, o: ReplayOptions) -> None:
     """Run one sample of a campaign again, or the worst robot, alone, and say whether the metrics are the same bits."""
-    from flexhinf.campaign import replayed
+    from rich.console import Console
+
+    from flexhinf import pages
+    from flexhinf.campaign import replayed, stored_worst
     from flexhinf.design import stored_campaign
-    from flexhinf.pages import replay_table
+    from flexhinf.design.campaign_folder import stored_request
+    from flexhinf.design.campaign_gain import GainSearch, stored_gains
 
     if (o.sample is None) == (not o.worst_case):
         raise InvalidInput(
@@ -147,87 +234,76 @@ def replay(context: typer.Context, o: ReplayOptions) -> None:
             f"expected --sample or --worst-case, got {'neither' if o.sample is None else 'both'}",
             "--sample 0",
         )
-    if o.sample is None:
-        return _print(replay_worst(o.folder, o.worst_case, o.out))
+    if o.worst_case == GAIN and o.out is not None:
+        raise InvalidInput(
+            "The worst disturbances are several runs.",
+            "got --out",
+            "disturbance.json in the campaign's folder",
+        )
     campaign, journal = stored_campaign(o.folder)
-    found = replayed(campaign, journal, o.sample)
-    if o.out is not None:
-        found.run.save(o.out)
-    _print(replay_table(found))
-    if not found.same:
-        note(
-            "the numbers differ in their last bits: another kind of processor, or other versions, made the table"
-        )
-
-
-def _print(table: Any) -> None:
-    from rich.console import Console
-
+    if o.worst_case == GAIN:
+        rows = stored_gains(journal).rows
+        if not rows:
+            raise InvalidInput(
+                "The worst disturbance was not searched in this campaign.",
+                f"expected worst-case/disturbance.json, whole, in {o.folder}",
+                f"the campaign's command with --worst-case --metric {GAIN}",
+            )
+        search = GainSearch(stored_request(journal), float(journal.settings["duration"]))
+        Console().print(pages.gain_replay_table(rows, [search.again(row) for row in rows]))
+        return
+    if o.sample is not None:
+        found = replayed(campaign, journal, o.sample)
+        run, table, same, made = found.run, pages.replay_table(found), found.same, "made the table"
+    else:
+        case = stored_worst(journal, o.worst_case)
+        again = case.again(campaign)
+        run = None if o.out is None else case.run(campaign)
+        table, same, made = pages.worst_table(case, again), again == case.found, "searched"
+    if o.out is not None and run is not None:
+        run.save(o.out)
     Console().print(table)
-
-
-def _journal(folder: Path) -> Journal:
-    from flexhinf.campaign import Journal
-
-    journal = Journal.read(folder)
-    if journal is None:
-        raise InvalidInput(
-            "There is no campaign.", f"expected its folder, got {folder}", "the --out of its command"
-        )
-    return journal
-
-
-def _campaign_options(o: BatchOptions) -> CampaignOptions:
-    """The options of a campaign without those of the command."""
-    from flexhinf.design import CampaignOptions
-
-    values: dict[str, Any] = {field.name: getattr(o, field.name) for field in fields(CampaignOptions)}
-    values["tolerances"] = tuple(map(named_tolerance, o.tolerance))
-    return CampaignOptions(**values)
-
-
-def _words(context: typer.Context) -> list[str]:
-    """The command without the name of the group's own one."""
-    return [word for k, word in enumerate(reproduce_command(context)) if (k, word) != (2, "run")]
-
-
-def named_tolerance(text: str) -> tuple[str, str]:
-    """Read ``stiffness=15%``: the parameter, and its spread as it stands; refused without a name."""
-    name, equals, value = text.partition("=")
-    if not equals:
-        raise InvalidInput(
-            "The tolerance names no parameter.", f"expected NAME=x, got {text!r}", "--tolerance stiffness=15%"
-        )
-    return name.strip(), value.strip()
-
-
-def _requirements(journal: Journal, given: list[str]) -> list[Any]:
-    """Of the option, or those that the campaign was made with."""
-    from flexhinf.campaign import Requirement
-
-    metrics = [column.name for column in journal.columns if column.judged]
-    return [Requirement.of(text, metrics) for text in given or journal.about.get("requirements", [])]
+    if not same:
+        note(f"the numbers differ in their last bits: another kind of processor, or other versions, {made}")
 
 
 def _finish(table: MergedTable, requirements: list[Any]) -> None:
-    """Report, verdict, exit code."""
+    """Report, verdict, worst cases with the commands that run them again; exit code."""
+    from flexhinf import pages
+    from flexhinf.campaign import stored_worsts
     from flexhinf.design import stored_campaign
-    from flexhinf.pages import campaign_verdict, replay_command, write_campaign
+    from flexhinf.design.campaign_gain import stored_gains
+
+    journal, folder = table.journal, table.journal.folder
 
     def run(sample: int) -> Any:
-        return stored_campaign(table.journal.folder)[0].replay(sample)
+        return stored_campaign(folder)[0].replay(sample)
 
     def plant_run(case: WorstCase, plant: FoundPlant) -> Any:
-        return case.run(stored_campaign(table.journal.folder)[0], plant)
+        return case.run(stored_campaign(folder)[0], plant)
 
-    judged = write_campaign(table, requirements, run, plant_run)
-    typer.echo(campaign_verdict(judged))
-    kept = say_worst(table, requirements)
-    typer.echo(f"table:  {table.journal.folder / 'samples.parquet'}")
-    typer.echo(f"report: {table.journal.folder / 'index.html'}")
+    def say_replay(what: str) -> None:
+        typer.echo(f"replay: {pages.replay_command(folder, what)}")
+
+    judged = pages.write_campaign(table, requirements, run, plant_run)
+    typer.echo(pages.campaign_verdict(judged))
+    missed = False
+    for case in stored_worsts(journal):
+        typer.echo(pages.worst_text(case))
+        say_replay(f"--worst-case {case.metric}")
+        missed |= bool(pages.missed_by(case, requirements))
+    found = stored_gains(journal)
+    for row in found.rows:
+        typer.echo(pages.gain_text(row, journal.about.get("nominal", {})))
+    if found.unproved:
+        note(f"no γ is proved of this law: {found.unproved}")
+    if found.rows:
+        say_replay(f"--worst-case {GAIN}")
+    typer.echo(f"table:  {folder / 'samples.parquet'}")
+    typer.echo(f"report: {folder / 'index.html'}")
     if judged.worst_of_all is not None:
-        typer.echo(f"replay: {replay_command(table.journal.folder, f'--sample {judged.worst_of_all}')}")
-    if judged.failures or not kept:
+        say_replay(f"--sample {judged.worst_of_all}")
+    if judged.failures or missed:
         raise typer.Exit(NOT_MET)
 
 
@@ -246,54 +322,36 @@ def compare(context: typer.Context, o: CompareCampaignsOptions) -> None:
     Exit code: 0 when the report is written, whichever is better; 2 for a
     mistake; 130 if interrupted.
     """
-    from flexhinf.campaign import Requirement, Shard, drive
-    from flexhinf.design import DesignCampaign, DesignPair, open_pair
+    from rich.console import Console
 
-    part = Shard.read(o.shard) if o.shard else Shard()
-    executor = chosen_executor(o.workers, o.cluster)
-    options = _campaign_options(o)
+    from flexhinf.campaign import Requirement, drive
+    from flexhinf.campaign import compare as compare_tables
+    from flexhinf.design import DesignPair, PairResult, open_pair, stored_campaign
+    from flexhinf.pages import pair_table, pair_verdict, write_campaign, write_pair
 
-    def asked(source: str) -> DesignCampaign:
-        return DesignCampaign(read_source(source, o.elastic, {}).request, options, design_file_of(source))
-
-    pair = DesignPair(asked(o.first), asked(o.second))
-    checked = [Requirement.of(text, list(pair.a.metrics.units)) for text in o.require or pair.requirements]
+    shard, executor = _shard(o), _executor(o)
+    pair = DesignPair(_request(o, o.first), _request(o, o.second))
+    checked = [Requirement.of(text, list(pair.a.metrics.units)) for text in o.require or pair.a.requirements]
     words = reproduce_command(context)
     with design_stages() as stage:
         opened = open_pair(pair, o.out, (words, words), stage)
     tables = []
     for name, (campaign, journal) in zip("AB", opened):
-        with sample_progress(f"{name} {part.name}".strip()) as progress:
-            tables.append(drive(campaign, journal, shard=part, executor=executor, progress=progress))
-    done = [table for table in tables if table is not None]
-    if len(done) < 2:
+        with sample_progress(f"{name} {shard.name}".strip()) as progress:
+            table = drive(campaign, journal, shard=shard, executor=executor, progress=progress)
+        tables += [] if table is None else [table]
+    if len(tables) < 2:
         typer.echo(f"shard {o.shard} is done; others are still to be run.")
         typer.echo("then: the same command without --shard")
         return
-    _finish_pair(pair, o, words, done, checked)
-
-
-def _finish_pair(
-    pair: DesignPair,
-    o: CompareCampaignsOptions,
-    words: list[str],
-    tables: list[MergedTable],
-    requirements: list[Requirement],
-) -> None:
-    """The reports, and what the comparison says."""
-    from rich.console import Console
-
-    from flexhinf.campaign import compare
-    from flexhinf.design import PairResult, stored_campaign
-    from flexhinf.pages import pair_table, pair_verdict, write_campaign, write_pair
 
     def judged(table: MergedTable) -> Any:
         folder = table.journal.folder
-        return write_campaign(table, requirements, lambda sample: stored_campaign(folder)[0].replay(sample))
+        return write_campaign(table, checked, lambda sample: stored_campaign(folder)[0].replay(sample))
 
     names = o.first, o.second
     both = judged(tables[0]), judged(tables[1])
-    paired = compare(tables[0], tables[1], [one.text() for one in requirements])
+    paired = compare_tables(tables[0], tables[1], [one.text() for one in checked])
     result = PairResult(pair, o.out.expanduser().absolute(), names, both, paired, tuple(words))
     path = write_pair(result)
     Console().print(pair_table(result))
@@ -333,7 +391,12 @@ def sample_progress(part: str) -> Iterator[Callable[[Report], None]]:
         nonlocal told
         if report.note:
             note(report.note)
-        text = _rate(report, time.monotonic() - begun)
+        text, seconds = "", time.monotonic() - begun
+        if report.fresh and seconds > 0.0:
+            rate = report.fresh / seconds  # of this driver
+            left = (report.total - report.done) / rate
+            shown = f"{left:.0f} s" if left < 120.0 else f"{left / 60.0:.0f} min"
+            text = f"{rate:.3g} samples/s, {shown if left < 7200.0 else f'{left / 3600.0:.1f} h'} left"
         bar.update(task, total=report.total, completed=report.done, description=text)
         if not terminal and report.fresh and time.monotonic() - told >= EVERY:
             told = time.monotonic()
@@ -343,153 +406,3 @@ def sample_progress(part: str) -> Iterator[Callable[[Report], None]]:
 
     with bar:
         yield progress
-
-
-def _rate(report: Report, seconds: float) -> str:
-    """Samples per second of this driver, and the time that is left at that rate."""
-    if not report.fresh or seconds <= 0.0:
-        return ""
-    rate = report.fresh / seconds
-    left = (report.total - report.done) / rate
-    shown = f"{left:.0f} s" if left < 120.0 else f"{left / 60.0:.0f} min"
-    shown = shown if left < 7200.0 else f"{left / 3600.0:.1f} h"
-    return f"{rate:.3g} samples/s, {shown} left"
-
-
-#: What --metric calls the worst disturbance: √(∫|z|²/∫|d|²).
-GAIN = "gain"
-
-
-@dataclass(frozen=True)
-class WorstSearch:
-    """What is asked for.
-
-    Attributes
-    ----------
-    metrics : tuple of (str, bool)
-        Each metric, and whether small values are the bad ones.
-    gain : bool
-        Whether the worst disturbance is searched for too.
-    """
-
-    metrics: tuple[tuple[str, bool], ...]
-    starts: int
-    gain: bool
-
-    @staticmethod
-    def of(
-        wanted: bool,
-        metrics: Sequence[str],
-        starts: int,
-        known: Sequence[str],
-        requirements: Sequence[Requirement],
-        gain: bool,
-    ) -> WorstSearch | None:
-        """None where nothing is asked for; `gain`: the disturbance is searched for where no metric is named.
-
-        Raises
-        ------
-        InvalidInput
-            For an unknown metric, options of a search that is not asked for, or nothing to search.
-        """
-        from flexhinf.campaign import check_starts, known_metric
-
-        if not wanted:
-            if metrics:
-                raise InvalidInput(
-                    "A metric is searched only where the worst case is asked for.",
-                    f"got --metric {metrics[0]} without --worst-case",
-                    "--worst-case beside it",
-                )
-            return None
-        check_starts(starts)
-        chosen = [known_metric(one, [*known, GAIN]) for one in metrics]
-        chosen = chosen or [*(one.metric for one in requirements), *([GAIN] if gain else [])]
-        least = {one.metric for one in requirements if not one.at_most}
-        names = dict.fromkeys(name for name in chosen if name != GAIN)
-        return WorstSearch(tuple((name, name in least) for name in names), starts, GAIN in chosen)
-
-
-def search(campaign: Campaign, asked: DesignCampaign, table: MergedTable, wanted: WorstSearch) -> None:
-    """The worst plant for each metric, and the worst disturbance; what is in the folder is not searched again."""
-    from flexhinf.campaign import search_worst
-    from flexhinf.design.campaign_gain import search_gain
-    from flexhinf.pages import metric_text
-
-    nominal = table.journal.about.get("nominal", {})
-    with design_stages() as stage:
-        for metric, least in wanted.metrics:
-
-            def progress(runs: int, best: float, metric: str = metric) -> None:
-                stage(f"worst {metric_text(metric)}: {best:.4g} after {runs} runs")
-
-            search_worst(
-                campaign, table.journal, metric, table.columns,
-                least=least, starts=wanted.starts, nominal=nominal, progress=progress,
-            )  # fmt: skip
-        if wanted.gain:
-            search_gain(asked, table.journal, stage)
-
-
-def say_worst(table: MergedTable, requirements: Sequence[Requirement]) -> bool:
-    """A line for each metric that was searched, with the command that runs it again; whether all keep their limits."""
-    from flexhinf.campaign import stored_worsts
-    from flexhinf.design.campaign_gain import stored_gains
-    from flexhinf.pages import gain_text, missed_by, replay_command, worst_text
-
-    missed = False
-    for case in stored_worsts(table.journal):
-        typer.echo(worst_text(case))
-        typer.echo(f"replay: {replay_command(table.journal.folder, f'--worst-case {case.metric}')}")
-        missed |= bool(missed_by(case, requirements))
-    found = stored_gains(table.journal)
-    for row in found.rows:
-        typer.echo(gain_text(row, table.journal.about.get("nominal", {})))
-    if found.unproved:
-        note(f"no γ is proved of this law: {found.unproved}")
-    if found.rows:
-        typer.echo(f"replay: {replay_command(table.journal.folder, f'--worst-case {GAIN}')}")
-    return not missed
-
-
-def replay_worst(folder: Path, metric: str, out: Path | None) -> Any:
-    """The table of the worst plant of a metric, run again, alone; all its signals into a file."""
-    from flexhinf.campaign import stored_worst
-    from flexhinf.design import stored_campaign
-    from flexhinf.pages import worst_table
-
-    if metric == GAIN:
-        if out is not None:
-            raise InvalidInput(
-                "The worst disturbances are several runs.",
-                "got --out",
-                "disturbance.json in the campaign's folder",
-            )
-        return _replay_gain(folder)
-    campaign, journal = stored_campaign(folder)
-    case = stored_worst(journal, metric)
-    if out is not None:
-        case.run(campaign).save(out)
-    again = case.again(campaign)
-    if again != case.found:
-        note("the numbers differ in their last bits: another kind of processor, or other versions, searched")
-    return worst_table(case, again)
-
-
-def _replay_gain(folder: Path) -> Any:
-    """The worst disturbances, run again."""
-    from flexhinf.design import stored_campaign
-    from flexhinf.design.campaign_folder import stored_request
-    from flexhinf.design.campaign_gain import GainSearch, stored_gains
-    from flexhinf.pages import gain_replay_table
-
-    _, journal = stored_campaign(folder)
-    rows = stored_gains(journal).rows
-    if not rows:
-        raise InvalidInput(
-            "The worst disturbance was not searched in this campaign.",
-            f"expected worst-case/disturbance.json, whole, in {folder}",
-            f"the campaign's command with --worst-case --metric {GAIN}",
-        )
-    made = GainSearch.of(stored_request(journal), float(journal.settings["duration"]), lambda text: None)
-    return gain_replay_table(rows, [made.again(row) for row in rows])

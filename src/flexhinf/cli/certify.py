@@ -45,8 +45,7 @@ def certify(context: typer.Context, o: CertifyOptions) -> None:
             "flexhinf certify --check certificate.json --every-cell",
         )
     if o.check is not None:
-        _refuse_ignored(context, o.check)
-        _check(o.check, o)
+        _check(context, o.check, o)
         return
     if not o.robot:
         raise InvalidInput(
@@ -70,28 +69,21 @@ def certify(context: typer.Context, o: CertifyOptions) -> None:
     from flexhinf.report import check as check_folder
     from flexhinf.report import write
 
-    request = request_of(context, o, o.robot, o.elastic).request
+    request = request_of(context, o, o.robot, o.elastic)
     folder = check_folder(o.out)
     with ProofProgress() as bar:
         try:
             found = certify_design(
-                request.robot,
-                request.specification,
-                bar.step,
-                bar.share,
-                decay=o.decay,
-                observer=o.observer,
-                tolerances=o.tolerances,
-                threads=o.threads,
-            )
+                request.robot, request.specification, bar.step, bar.share, decay=o.decay, observer=o.observer,
+                tolerances=o.tolerances, threads=o.threads,
+            )  # fmt: skip
         except SeveralJoints as error:
             raise InvalidInput(error.what, error.found, _sampled_instead(context)) from None
         one = proved(found, o.degree, o.tolerances or found[0].box is not None)
         bar.step("pictures, and the worst disturbance")
         shown = evidence(request.robot, request.specification, one)
-        html = pages.certificate_page(
-            found, one, shown, request.specification, reproduce_command(context)
-        ).html()
+        command = reproduce_command(context)
+        html = pages.certificate_page(found, one, shown, request.specification, command).html()
     for table in pages.certification_tables(found):
         Console().print(table)
     for text in pages.certification_notes(found):
@@ -104,10 +96,9 @@ def certify(context: typer.Context, o: CertifyOptions) -> None:
 
 
 def _sampled_instead(context: typer.Context) -> str:
-    """The command that samples a region of the same request."""
     from flexhinf.design.certification import SAMPLED_ADVICE
 
-    own = (
+    own = [
         "out",
         "check",
         "every_cell",
@@ -118,29 +109,26 @@ def _sampled_instead(context: typer.Context) -> str:
         "tolerances",
         "threads",
         "damping",
-    )
+    ]
     words = reproduce_command(context, own)
     words[words.index("certify")] = "design"
     return SAMPLED_ADVICE.format(join([*words, "--degrees", "2", "--damping", "0.3", "--rays", "50"]))
 
 
-def _refuse_ignored(context: typer.Context, path: Path) -> None:
-    """A check reads nothing but the file, so options that state what is to be proved are a mistake."""
-    used = ("check", "every_cell", "threads", "robot")
+def _check(context: typer.Context, path: Path, o: CertifyOptions) -> None:
+    """Check a certificate; nothing but its file is read, so options that state what is to be proved are a mistake."""
+    from flexhinf.certify import load_certificate
+    from flexhinf.certify.theorem import theorem_text, verification_text
+
     for name in context.params:
         source = context.get_parameter_source(name)
-        if name not in used and source is not None and source.name == "COMMANDLINE":
+        used = name in ("check", "every_cell", "threads", "robot")
+        if not used and source is not None and source.name == "COMMANDLINE":
             raise InvalidInput(
                 "A certificate is checked as it is.",
                 f"expected --check FILE with --every-cell or --threads alone, got {option_name(name)}",
                 f"flexhinf certify --check {path}",
             )
-
-
-def _check(path: Path, o: CertifyOptions) -> None:
-    from flexhinf.certify import load_certificate
-    from flexhinf.certify.theorem import theorem_text, verification_text
-
     if o.robot:
         raise InvalidInput(
             "A certificate is checked alone.",

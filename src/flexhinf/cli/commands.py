@@ -102,7 +102,6 @@ def _refine(command: Any) -> None:
 
 
 def _parsed(parse: Callable[[Any, list[str]], list[str]], context: Any, words: list[str]) -> list[str]:
-    """What the parser makes of a command's words."""
     try:
         return parse(context, words)
     except TyperException as error:

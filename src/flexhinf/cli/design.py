@@ -5,7 +5,7 @@ from __future__ import annotations
 import typer
 
 from flexhinf.cli.arguments import reproduce_command, request_of, with_options
-from flexhinf.cli.messages import NOT_MET, Progress, note
+from flexhinf.cli.messages import NOT_MET, note, step_progress
 from flexhinf.cli.options import ALL, COMPARE_FIELDS, CompareOptions, DesignOptions
 
 
@@ -28,14 +28,13 @@ def design(context: typer.Context, o: DesignOptions) -> None:
     from flexhinf.design import design_text, stages
     from flexhinf.report import check, write
 
-    read = request_of(context, o, o.robot, o.elastic)
-    request = read.request
+    request = request_of(context, o, o.robot, o.elastic)
     folder = check(o.out)
-    with Progress(stages(request.robot, request.specification) + 1) as progress:
+    with step_progress(stages(request.robot, request.specification) + 1) as progress:
         result = make_design(request.robot, request.specification, progress)
         progress("report")
-        files = pages.design_files(result, reproduce_command(context), read.warnings, ("design.toml",))
-        files["design.toml"] = design_text(result, request.source, request.elastic, folder, request.payload)
+        files = pages.design_files(result, reproduce_command(context), request.warnings, ("design.toml",))
+        files["design.toml"] = design_text(result, request, folder)
     write(folder, files)
     for table in pages.design_tables(result):
         Console().print(table)
@@ -66,17 +65,16 @@ def compare(context: typer.Context, o: CompareOptions) -> None:
     from flexhinf.design import comparison_stages, law_names
     from flexhinf.report import check, write
 
-    read = request_of(context, o, o.robot, o.elastic)
-    request = read.request
+    request = request_of(context, o, o.robot, o.elastic)
     chosen = tuple(name.strip() for name in o.laws.split(",") if name.strip()) or None
     folder = check(o.out)
     count = comparison_stages(request.robot, request.specification, law_names(chosen))
-    with Progress(count + 1) as progress:
+    with step_progress(count + 1) as progress:
         result = make_comparison(
             request.robot, request.specification, chosen, o.tune, progress, o.same_sensors
         )
         progress("report")
-        files = pages.comparison_files(result, reproduce_command(context), read.warnings)
+        files = pages.comparison_files(result, reproduce_command(context), request.warnings)
     write(folder, files)
     console = Console()
     typer.echo(f"Criterion: {result.criterion.text}")

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from flexhinf.cli.arguments import with_options
-from flexhinf.cli.messages import Progress, note
+from flexhinf.cli.messages import note, step_progress
 from flexhinf.cli.options import CompileOptions, ExportCOptions, ExportFmuOptions
 from flexhinf.errors import InvalidInput
 from flexhinf.validation import checked_path, value_text
@@ -90,30 +90,40 @@ def plant_of(source: str) -> tuple[Plant, str, float, tuple[Any, Any]]:
         )
     robot, s = load_design(path)
     pose = s.start if s.start is not None else s.pose
-    return (
-        robot.plant(s.measured, extras=s.extras),
-        robot.name,
-        s.period,
-        robot.operating_point(pose, s.extras),
-    )
+    plant = robot.plant(s.measured, extras=s.extras)
+    return plant, robot.name, s.period, robot.operating_point(pose, s.extras)
 
 
 def controller_of(source: str) -> tuple[Controller, str]:
     """The controller of a report, of a file, or of a design that is made now; and a name for it."""
+    from flexhinf.design import design, load_design, stages
     from flexhinf.design.design_file import is_design_file
     from flexhinf.loop import load_controller
+    from flexhinf.pages import verdict
     from flexhinf.report import unchanged
+    from flexhinf.robot import catalogue
 
     path = file_of(source)
     if not is_design_file(path):
-        _refuse_robot(source, path)
+        named = source in catalogue()
+        is_robot = named or (path.suffix.lower() in (".toml", ".urdf", ".xml") and path.exists())
+        if is_robot and not Path(source).is_dir():
+            raise InvalidInput(
+                "A robot has no controller; a design of it has one.",
+                f"expected design.toml, the folder of a report or the file of a controller, got {source!r}",
+                f"flexhinf design {source} --out DIR, then DIR in the place of {source}",
+            )
         return load_controller(path), "controller"
+    robot, specification = load_design(path)
     beside = path.parent / "controller"
     if unchanged(path.parent, ("design.toml", "controller")):
-        return load_controller(beside), _robot_name(path)
+        return load_controller(beside), robot.name
     if beside.exists():
         note("design.toml was changed since the report: it is designed anew.")
-    return _designed(path)
+    with step_progress(stages(robot, specification)) as progress:
+        result: Any = design(robot, specification, progress)
+    note(verdict(result))
+    return result.controller(), robot.name
 
 
 def file_of(source: str) -> Path:
@@ -132,33 +142,3 @@ def file_of(source: str) -> Path:
             "flexhinf design ROBOT --out DIR, then DIR in its place",
         )
     return found
-
-
-def _refuse_robot(source: str, path: Path) -> None:
-    """Refuse a robot, which has no controller yet."""
-    from flexhinf.robot import catalogue
-
-    robot = path.suffix.lower() in (".toml", ".urdf", ".xml") or source in catalogue()
-    if robot and not Path(source).is_dir() and (path.exists() or source in catalogue()):
-        raise InvalidInput(
-            "A robot has no controller; a design of it has one.",
-            f"expected design.toml, the folder of a report or the file of a controller, got {source!r}",
-            f"flexhinf design {source} --out DIR, then DIR in the place of {source}",
-        )
-
-
-def _robot_name(path: Path) -> str:
-    from flexhinf.design import load_design
-
-    return load_design(path)[0].name
-
-
-def _designed(path: Path) -> tuple[Controller, str]:
-    from flexhinf.design import design, load_design, stages
-    from flexhinf.pages import verdict
-
-    robot, specification = load_design(path)
-    with Progress(stages(robot, specification)) as progress:
-        result: Any = design(robot, specification, progress)
-    note(verdict(result))
-    return result.controller(), robot.name

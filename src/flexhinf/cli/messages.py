@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -44,38 +45,29 @@ def option_syntax(text: str) -> str:
     >>> option_syntax("`bandwidth` is too large; preset='damped', or via=(0.1, 0.2)")
     '--bandwidth is too large; --preset damped, or --via 0.1,0.2'
     """
-    text = _KEYWORD.sub(lambda match: _option(match[1], match[2]), text)
-    return _FIELD.sub(lambda match: _name(match[1]), text)
+
+    def option(match: re.Match[str]) -> str:
+        positive, _, negative = _option_of(match[1]).partition("/")
+        if negative:
+            return negative if match[2] == "False" else positive
+        plain = re.sub(r"\s*,\s*", ",", match[2].strip("()[]'\"").rstrip(", "))
+        return f"{positive} {plain.translate({ord(mark): None for mark in chr(39) + chr(34)})}"
+
+    return _FIELD.sub(lambda match: _option_of(match[1]).partition("/")[0], _KEYWORD.sub(option, text))
 
 
-def _option(name: str, value: str) -> str:
-    positive, _, negative = _name_pair(name)
-    if negative:
-        return negative if value == "False" else positive
-    plain = re.sub(r"\s*,\s*", ",", value.strip("()[]'\"").rstrip(", "))
-    return f"{positive} {plain.translate({ord(mark): None for mark in chr(39) + chr(34)})}"
-
-
-def _name(name: str) -> str:
-    return _name_pair(name)[0]
-
-
-def _name_pair(name: str) -> tuple[str, str, str]:
-    option = _OTHERS.get(name) or FIELDS[name].option
-    return option.partition("/")
+def _option_of(name: str) -> str:
+    return _OTHERS.get(name) or FIELDS[name].option
 
 
 def error_text(error: FlexhinfError, arguments: Sequence[str] = ()) -> str:
     """An error in three parts, in the syntax of the command line, and with the option that was typed.
 
-    Parameters
-    ----------
-    arguments : sequence of str
-        Words of the command: the limit of the input has a name for each drive beside ``--peak-effort``.
+    `arguments`: words of the command: the limit of the input has a name for each drive beside ``--peak-effort``.
     """
     advice = error.advice
     if isinstance(error, SpecificationError) and error.field in FIELDS and error.example:
-        advice = f"{_name(error.field)} {error.example}"
+        advice = f"{_option_of(error.field).partition('/')[0]} {error.example}"
     parts = [
         error.what,
         f"  found: {error.found}" if error.found else "",
@@ -135,19 +127,15 @@ def parser_error(error: TyperException, arguments: Sequence[str]) -> str:
     if path in commands and option != typed:
         what, advice = f"{typed} is called {option}, as its field is", f"{option} in the place of {typed}"
         return str(FlexhinfError(f"{what}.", f"expected {option}, got: {' '.join(arguments)}", advice))
+    found = f"expected what `{path} --help` lists, got: {' '.join(arguments)}"
     if commands and path not in commands:
         what = f"{path} does not take {option}, which would change nothing there"
-        found = f"expected what `{path} --help` lists, got: {' '.join(arguments)}"
         return str(FlexhinfError(f"{what}.", found, f"without it; it is an option of {', '.join(commands)}"))
-    advice = (
-        ", ".join(known) if known else meant.rstrip("?").strip("'") or _joined(arguments) or f"{path} --help"
-    )
-    found = f"expected what `{path} --help` lists, got: {' '.join(arguments)}"
+    advice = ", ".join(known or ()) or meant.rstrip("?").strip("'") or _joined(arguments) or f"{path} --help"
     return str(FlexhinfError(f"{what}.", found, advice))
 
 
 def _with_option(command: Any, path: str, option: str) -> list[str]:
-    """Commands below a command that have an option."""
     own = [path] if any(option in (*one.opts, *one.secondary_opts) for one in command.params) else []
     inner = getattr(command, "commands", {})
     return own + [
@@ -173,32 +161,22 @@ def progress_bar(*columns: str, disable: bool = False) -> Any:
     return progress.Progress(*made, text, console=Console(stderr=True), transient=True, disable=disable)
 
 
-class Progress:
-    """A progress bar around some work, silent where standard error is not a terminal.
+@contextmanager
+def step_progress(total: int) -> Iterator[Callable[[str], None]]:
+    """A bar of so many steps around some work, silent where standard error is no terminal.
 
-    Entering it gives a function that is called with the name of each step before the step begins.
-
-    Parameters
-    ----------
-    total : int
-        Steps.
+    It gives a function that is called with the name of each step before the step begins.
     """
+    bar = progress_bar("Bar", "MofNComplete", "TimeElapsed")
+    task, begun = bar.add_task("", total=total), 0
 
-    def __init__(self, total: int) -> None:
-        self._bar = progress_bar("Bar", "MofNComplete", "TimeElapsed")
-        self._task = self._bar.add_task("", total=total)
-        self._started = False
+    def begin(text: str) -> None:
+        nonlocal begun
+        bar.update(task, advance=min(begun, 1), description=text)
+        begun += 1
 
-    def __enter__(self) -> Callable[[str], None]:
-        self._bar.start()
-        return self._begin
-
-    def _begin(self, text: str) -> None:
-        self._bar.update(self._task, advance=1 if self._started else 0, description=text)
-        self._started = True
-
-    def __exit__(self, *error: object) -> None:
-        self._bar.stop()
+    with bar:
+        yield begin
 
 
 class ProofProgress:

@@ -9,7 +9,7 @@ from typing import Any
 import typer
 
 from flexhinf.cli.arguments import with_options
-from flexhinf.cli.messages import Progress, note
+from flexhinf.cli.messages import note, step_progress
 from flexhinf.cli.options import PaperOptions
 from flexhinf.design.options import option_name
 
@@ -26,24 +26,18 @@ def paper(context: typer.Context, o: PaperOptions) -> None:
         note(
             f"the paper's arm is odd, so V has no terms of degree {o.degree}: it is degree {o.degree - 1} again."
         )
-    with Progress(STAGES) as progress:
-        result = reproduce(settings, _words(o), progress)
+    words = ["flexhinf", "paper"]  # every setting, as defaults change
+    for name, value in asdict(settings).items():
+        words += [option_name(name), str(value)]
+    words += [] if o.out == PaperOptions().out else ["--out", o.out.name]
+    with step_progress(STAGES) as progress:
+        result = reproduce(settings, words, progress)
     folder = write(o.out, result.files)
     _print_claims(result.judged, result.metrics)
     typer.echo(f"report: {folder / 'index.html'}")
 
 
-def _words(o: PaperOptions) -> list[str]:
-    """The words that make the same report again: every setting, as defaults change."""
-    words = ["flexhinf", "paper"]
-    for name, value in asdict(o).items():
-        if name != "out":
-            words += [option_name(name), str(value)]
-    return words if o.out == PaperOptions().out else [*words, "--out", o.out.name]
-
-
 def _print_claims(judged: Sequence[Any], metrics: dict[str, Any]) -> None:
-    """A table of the paper's claims, what fails first, and our own questions below it."""
     from rich.console import Console
     from rich.markup import escape
     from rich.table import Table

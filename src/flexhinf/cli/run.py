@@ -3,22 +3,19 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, nullcontext
-from pathlib import Path
+from contextlib import nullcontext
 from typing import TYPE_CHECKING
 
 import typer
 
 from flexhinf.cli.arguments import request_of, with_options
 from flexhinf.cli.export import controller_of, file_of
-from flexhinf.cli.messages import NOT_MET, Progress, note
+from flexhinf.cli.messages import NOT_MET, note, step_progress
 from flexhinf.cli.options import RUN_FIELDS, RunOptions
 from flexhinf.errors import InvalidInput
 
 if TYPE_CHECKING:
     from flexhinf.design.deployed_run import DeployedRun
-    from flexhinf.export import RealTimeRun
 
 
 @with_options(RunOptions, RUN_FIELDS)
@@ -41,15 +38,16 @@ def run_design(context: typer.Context, o: RunOptions) -> None:
     from rich.console import Console
 
     from flexhinf.export import check_log, load_compiled, write_log
-    from flexhinf.pages import check_film, run_met, run_notes, run_tables, run_verdict
-    from flexhinf.robot.mujoco import check_display
+    from flexhinf.pages import check_film, run_met, run_notes, run_tables, run_verdict, write_film
+    from flexhinf.robot.mujoco import MuJoCoView, check_display
 
     logs, films = [check_log(path) for path in o.log], [check_film(path) for path in o.record]
     if o.view:
         check_display()
     compiled = None if o.library is None else load_compiled(o.library)
     prepared = _prepared(context, o)
-    with _view(prepared) if o.view else nullcontext() as watch:
+    with MuJoCoView(prepared.robot, prepared.box) if o.view else nullcontext() as viewer:
+        watch = None if viewer is None else viewer.show
         run = prepared.make(
             library=compiled, real_time=o.realtime, priority=o.priority, core=o.core, watch=watch
         )
@@ -64,37 +62,20 @@ def run_design(context: typer.Context, o: RunOptions) -> None:
         typer.echo(run_verdict(prepared, run))
     for path in logs:
         typer.echo(f"log: {path}")
-    _write_films(prepared, run, films)
+    with step_progress(len(films)) if films else nullcontext() as progress:
+        for path in films:
+            if progress is not None:
+                progress(f"draw {path.name}")
+            write_film(prepared, run, path)
+    for path in films:
+        typer.echo(f"film: {path}")
     if run.stopped:
         raise typer.Exit(128 + run.stopped)
     if run.stopped is None and not run_met(prepared, run):
         raise typer.Exit(NOT_MET)
 
 
-@contextmanager
-def _view(prepared: DeployedRun) -> Iterator[Callable[[], bool]]:
-    """MuJoCo's viewer: a function that draws the robot as it stands."""
-    from flexhinf.robot.mujoco import MuJoCoView
-
-    with MuJoCoView(prepared.robot, prepared.box) as viewer:
-        yield viewer.show
-
-
-def _write_films(prepared: DeployedRun, run: RealTimeRun, films: list[Path]) -> None:
-    if not films:
-        return
-    from flexhinf.pages import write_film
-
-    with Progress(len(films)) as progress:
-        for path in films:
-            progress(f"draw {path.name}")
-            write_film(prepared, run, path)
-    for path in films:
-        typer.echo(f"film: {path}")
-
-
 def _prepared(context: typer.Context, o: RunOptions) -> DeployedRun:
-    """The run that is asked for; everything is checked, and the controller made where it is not there."""
     from flexhinf.design import load_design
     from flexhinf.design.deployed_run import Conditions, perturbed, prepare_run
     from flexhinf.design.design_file import is_design_file
@@ -107,7 +88,7 @@ def _prepared(context: typer.Context, o: RunOptions) -> DeployedRun:
             f"expected design.toml or a report's folder, got {o.source!r}",
             "flexhinf design ROBOT --out DIR, then flexhinf run DIR --mujoco",
         )
-    request = request_of(context, o, str(path)).request
+    request = request_of(context, o, str(path))
     check_expressed(request.specification.extras)
     robot = perturbed(request.robot, o.perturb)
     with warnings.catch_warnings():

@@ -1,17 +1,16 @@
 """The room's public names and the files that they come from; read when a name is first used."""
 
+from .campaign_folder import DesignCampaign as DesignCampaign
+from .campaign_folder import DesignPair as DesignPair
+from .campaign_folder import PairResult as PairResult
 from .campaign_folder import open_campaign as open_campaign
 from .campaign_folder import open_pair as open_pair
 from .campaign_folder import stored_campaign as stored_campaign
 from .campaign_options import CampaignOptions as CampaignOptions
-from .campaign_setup import DesignCampaign as DesignCampaign
-from .campaign_setup import DesignPair as DesignPair
-from .campaign_setup import PairResult as PairResult
 from .design_file import DesignRequest as DesignRequest
 from .design_file import design_schema as design_schema
 from .design_file import load_design as load_design
 from .design_file import read_request as read_request
-from .design_file_text import design_text as design_text
 from .estimators import EstimatorNoise as EstimatorNoise
 from .evaluation import LawEvaluation as LawEvaluation
 from .laws import DEFAULT_LAWS as DEFAULT_LAWS
@@ -28,6 +27,7 @@ from .result import ComparedLaw as ComparedLaw
 from .result import Comparison as Comparison
 from .result import Design as Design
 from .result import Status as Status
+from .result import design_text as design_text
 from .specification import Specification as Specification
 from .synthesis.degrees import DegreeChoice as DegreeChoice
 from .synthesis.degrees import shrinking as shrinking

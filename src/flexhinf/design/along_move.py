@@ -54,33 +54,15 @@ class MarginLimits:
 
 @dataclass(frozen=True, eq=False)
 class AlongMove:
-    """Margins at poses along a move.
+    """Margins at poses along a move."""
 
-    Attributes
-    ----------
-    times : (P,)
-        When the move passes the poses, s.
-    poses : (P, n)
-        Link positions, rad or m.
-    laws : tuple of int
-        Which law of a schedule acts at each pose; 0 is the goal's.
-    margins : tuple of Margins
-        Of the running loop, linearised at each pose.
-    least : MarginLimits
-        What they are to be.
-    count : int
-        How many laws there are.
-    added : int
-        How many of them were added because the margins did not hold.
-    """
-
-    times: np.ndarray
-    poses: np.ndarray
-    laws: tuple[int, ...]
-    margins: tuple[Margins, ...]
-    least: MarginLimits
-    count: int = 1
-    added: int = 0
+    times: np.ndarray  # (P,). When the move passes the poses, s
+    poses: np.ndarray  # (P, n). Link positions, rad or m
+    laws: tuple[int, ...]  # Which law of a schedule acts at each pose; 0 is the goal's
+    margins: tuple[Margins, ...]  # Of the running loop, linearised at each pose
+    least: MarginLimits  # What they are to be
+    count: int = 1  # How many laws there are
+    added: int = 0  # How many of them were added because the margins did not hold
 
     def worst(self, figure: str) -> int:
         """The pose at which this figure is nearest to its limit, or furthest beyond it."""
@@ -99,19 +81,32 @@ class AlongMove:
 
 
 def margins_along(setup: LoopSetup, plan: Plan, least: MarginLimits) -> AlongMove:
-    """Margins of the running loop at poses that are evenly apart on the way of a move.
-
-    Raises
-    ------
-    FlexhinfError
-        If a pose has no equilibrium.
-    """
+    """Margins of the running loop at poses that are evenly apart on the way of a move."""
     size = setup.equilibrium_loop().states
-    times = _apart(plan, next(count for most, count in POSES if size <= most))
+    count, times = (
+        next(count for most, count in POSES if size <= most),
+        np.linspace(0.0, plan.duration, INSTANTS),
+    )
+    q = np.reshape(plan(times), (INSTANTS, -1))
+    covered = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(q, axis=0), axis=1))])
+    covered += 1e-9 * max(float(covered[-1]), 1e-9) * np.arange(INSTANTS)
+    times = np.interp(
+        np.linspace(0.0, covered[-1], count), covered, times
+    )  # equal parts of the way, ends included
     poses = np.reshape(plan(times), (len(times), -1))
     laws = setup.law.laws if isinstance(setup.law, Schedule) else (setup.law,)
     places = tuple(setup.law.acting(pose) if isinstance(setup.law, Schedule) else 0 for pose in poses)
-    found = tuple(margins(_loop_at(setup, pose, laws[k])) for pose, k in zip(poses, places))
+    s = setup.specification
+    found = tuple(
+        margins(
+            EquilibriumLoop(
+                laws[k], setup.estimator(pose), setup.smooth_plant, s.period,
+                equilibrium=setup.robot.operating_point(pose), moving=True, delay=round(s.delay / s.period),
+                positions=setup.model.states[: len(pose)],
+            )
+        )
+        for pose, k in zip(poses, places)
+    )  # fmt: skip
     return AlongMove(times, poses, places, found, least, len(laws))
 
 
@@ -124,17 +119,9 @@ def scheduled(
 ) -> tuple[Law, AlongMove]:
     """The law, or a schedule with laws at the worst poses of a move, until the margins hold or there are `most` laws.
 
-    Parameters
-    ----------
-    setup : LoopSetup
-        With the law that was designed.
-    another : callable or None
-        Designs a law at a pose (n,); None adds none.
-
-    Returns
-    -------
-    law, along
-        Those with the smallest share of a limit: laws that do not help are not added.
+    `setup`: with the law that was designed.
+    `another`: designs a law at a pose (n,); None adds none.
+    Returns: those with the smallest share of a limit: laws that do not help are not added.
     """
     law, along = setup.law, margins_along(setup, plan, least)
     laws = [law]
@@ -150,25 +137,6 @@ def scheduled(
             break
         law, along = schedule, replace(found, added=len(laws) - 1)
     return law, along
-
-
-def _apart(plan: Plan, count: int) -> np.ndarray:
-    """Times at which a plan has covered equal parts of its way; both ends are among them."""
-    times = np.linspace(0.0, plan.duration, INSTANTS)
-    q = np.reshape(plan(times), (INSTANTS, -1))
-    covered = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(q, axis=0), axis=1))])
-    covered += 1e-9 * max(float(covered[-1]), 1e-9) * np.arange(INSTANTS)
-    return np.interp(np.linspace(0.0, covered[-1], count), covered, times)
-
-
-def _loop_at(setup: LoopSetup, pose: np.ndarray, law: Law) -> EquilibriumLoop:
-    """The running loop about a pose, as the law acts along a move: in error coordinates."""
-    s = setup.specification
-    return EquilibriumLoop(
-        law, setup.estimator(pose), setup.smooth_plant, s.period,
-        equilibrium=setup.robot.operating_point(pose), moving=True, delay=round(s.delay / s.period),
-        positions=setup.model.states[: len(pose)],
-    )  # fmt: skip
 
 
 def along_requirements(s: Specification, along: AlongMove) -> list[Requirement]:

@@ -1,28 +1,321 @@
-"""The folder of a design's campaign: controller and design file, written once, and the campaign made of them again."""
+"""The folder of a design's campaign: controller and design file, written once, and the campaign made of them again.
+
+The campaign of a design: its step or move on robots within their tolerances; and two designs on the same samples.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import tomlkit
 
-from flexhinf.campaign import Campaign, Journal
+from flexhinf.campaign import (
+    Campaign,
+    CampaignJudgement,
+    Journal,
+    PairedCampaigns,
+    Sample,
+    Tolerances,
+    Variable,
+)
+from flexhinf.campaign.journal import check_own_folder, differing, listed
 from flexhinf.design.campaign_options import CampaignOptions
-from flexhinf.design.campaign_setup import SIDES, DesignCampaign, DesignPair, fields_text
-from flexhinf.design.design_file import DESIGN_FILE, load_design, read_request
-from flexhinf.design.design_file_text import request_document
+from flexhinf.design.design_file import (
+    DESIGN_FILE,
+    DesignRequest,
+    load_design,
+    plain,
+    read_request,
+    request_document,
+)
 from flexhinf.design.evaluation import LawEvaluation
+from flexhinf.design.joint_limits import joint_limits
 from flexhinf.design.laws import DESIGN
 from flexhinf.design.limit_cycle import end_limit_cycle
+from flexhinf.design.loop_setup import LoopPlants
+from flexhinf.design.monte_carlo import RunMetrics
 from flexhinf.design.pipeline import step_duration
+from flexhinf.design.plans import has_integrals, move_reference, stated_move, step_command
+from flexhinf.design.requirements import final_limits, tracking_limits
+from flexhinf.design.responses import LOAD_START, Plan, plan_ends, start_and_goal
+from flexhinf.design.specification import FIELDS, Specification
 from flexhinf.design.synthesis.steps import synthesise
 from flexhinf.errors import InvalidInput
 from flexhinf.files import locked, write_file
-from flexhinf.loop import Controller, load_controller
+from flexhinf.loop import Controller, Loop, Step, load_controller
+from flexhinf.loop.simulation.compiled_runs import sample_count
 from flexhinf.report import unchanged
-from flexhinf.validation import checked_path, read_toml
+from flexhinf.robot import Parameter, Robot, load_robot
+from flexhinf.robot.elastic import inactive_parameters
+from flexhinf.robot.signals import UNITS, signal_names
+from flexhinf.validation import checked_path, read_toml, value_text
+
+_PERCENT = re.compile(r"\s*([\d.eE+-]+)\s*%\s*\Z")
+_RANGE = re.compile(r"\s*([-+\d.eE]+?)\s*\.\.\s*([-+\d.eE]+)\s*\Z")
+
+
+@dataclass(frozen=True, eq=False)
+class RobotDraw:
+    """From numbers of a sample to its true robot with `extras`, in equilibrium where it starts.
+
+    The estimator believes it at `start` (n,), rad or m.
+    """
+
+    robot: Robot
+    start: np.ndarray
+    extras: tuple[str, ...]
+
+    def __call__(self, numbers: Mapping[str, float]) -> Sample:
+        """The sample; a robot that no input holds where it starts is refused, which is the sample's failure."""
+        known = self.robot.nominal
+        values = self.robot.plant_parameters(known | {k: v for k, v in numbers.items() if k in known})
+        errors = [numbers.get(name, 0.0) for name in signal_names(ERROR, self.robot.joint_names)]
+        x, _ = self.robot.operating_point(self.start + errors, self.extras, values)
+        options: dict[str, Any] = {"initial_state": x}
+        torques = signal_names(TORQUE, self.robot.joint_names)
+        loads = {name: numbers[name] for name in torques if name in numbers}
+        plant = self.robot.plant(extras=self.extras)
+        return Sample(plant.parameters.known(values), options, numbers, loads=loads)
+
+
+ERROR, TORQUE = "initial_error", "link_torque"
+
+
+@dataclass(frozen=True, eq=False)
+class DesignCampaign:
+    """A design and its campaign; the controller of a report `file` that nobody changed is taken as it was judged."""
+
+    request: DesignRequest
+    options: CampaignOptions
+    file: Path | None = None
+
+    @property
+    def specification(self) -> Specification:
+        """Of the design."""
+        return self.request.specification
+
+    @cached_property
+    def robot(self) -> Robot:
+        """The true robot with the tolerances of the campaign; InvalidInput for a parameter that does not act."""
+        robot = self.request.robot
+        if self.options.payload is not None:
+            robot = load_robot(self.request.source, self.request.elastic, payload=self.options.payload)
+        off = inactive_parameters(self.specification.extras, robot.joint_names)
+        for name, spread in self.options.tolerances:
+            parameter = robot[name]
+            if name in off:
+                raise InvalidInput(
+                    f"The parameter {name!r} does not act in this design's true plant.",
+                    f"expected one of its extras {list(self.specification.extras)} or of every plant, got {name!r}",
+                    "the design with --extras for it",
+                )
+            robot = robot.with_parameters(_spread(parameter, spread))
+        return robot
+
+    @cached_property
+    def plan(self) -> Plan | None:
+        """The move that the design is judged along, as `stated_move`; None for a step."""
+        return stated_move(self.request.robot, self.specification)
+
+    @cached_property
+    def ends(self) -> tuple[np.ndarray, np.ndarray]:
+        """Where a run begins, and where it should end (n,), rad or m."""
+        if self.plan is not None:
+            return plan_ends(self.plan)
+        return start_and_goal(self.request.robot, self.specification, None)
+
+    @cached_property
+    def variables(self) -> tuple[Variable, ...]:
+        """Numbers that differ from sample to sample; InvalidInput if none does."""
+        o, robot = self.options, self.robot
+        off = inactive_parameters(self.specification.extras, robot.joint_names)
+        acting = [p for p in robot.uncertain if p.name not in off]
+        found = [Variable(p.name, *p.interval, o.distribution, p.unit) for p in acting]
+        sizes = (o.initial_error, ERROR, "link_position"), (o.disturbance, TORQUE, TORQUE)
+        for size, name, signal in sizes:
+            names = signal_names(name, robot.joint_names) if size else ()
+            for one, sliding in zip(names, robot.links.slides):
+                found.append(Variable(one, -size, size, o.distribution, UNITS[signal][sliding]))
+        if not found:
+            raise InvalidInput(
+                f"Nothing differs from sample to sample: the robot {robot.name!r} states no tolerance.",
+                "expected a tolerance, a range of the payload, an initial error or a disturbance",
+                "--tolerance stiffness=10%, --payload 0..2kg, --initial-error 0.01, --disturbance 0.5",
+            )
+        return tuple(found)
+
+    @property
+    def stated(self) -> dict[str, str]:
+        """The design and the campaign as text by name: known before anything is designed; InvalidInput for a misfit."""
+        o, s, (start, goal) = self.options, self.specification, self.ends
+        length = {}
+        if o.duration is not None:
+            sample_count(o.duration, s.period)
+            length = {"duration": str(float(o.duration))}
+        fields = {f"design {name}": text for name, text in fields_text(s).items()}
+        robots = {"robot": self.request.robot, "true robot": self.robot}
+        parameters = {
+            f"{which} {p.name}": f"{p.value!r} {p.unit} {p.spread}".strip()
+            for which, robot in robots.items()
+            for p in robot.parameters
+            if which == "robot" or p not in self.request.robot.parameters
+        }
+        drawn = {f"variable {v.name}": v.text() for v in self.variables}
+        return {
+            "samples": str(o.samples), "seed": str(o.seed), "batch": str(o.batch), "method": o.method, **drawn,
+            "start": str(start.tolist()), "goal": str(goal.tolist()), **fields, **parameters, **length,
+        }  # fmt: skip
+
+    def campaign(self, controller: Controller, duration: float) -> Campaign:
+        """The campaign with a controller and runs of this length, s."""
+        s, robot = self.specification, self.robot
+        plants = LoopPlants(robot, s)
+        plant = robot.plant(s.measured, extras=s.extras)
+        loop = Loop(plant, controller, None, quantisation=plants.quantisation, delay=s.delay)
+        options: dict[str, Any] = {"duration": duration}
+        reference = self._reference(controller, plants.dry_friction)
+        options |= {} if reference is None else {"reference": reference}
+        options |= {} if plants.noise is None else {"noise": plants.noise}
+        if self.options.disturbance:  # of one N·m or N; what a sample draws is the factor
+            torques = signal_names(TORQUE, robot.joint_names)
+            options["disturbance"] = dict.fromkeys(torques, Step(1.0, at=LOAD_START * duration))
+        draw = Tolerances(self.variables, self.options.method, RobotDraw(robot, self.ends[0], s.extras))
+        return Campaign(
+            loop, draw, self.options.samples, self.options.seed, options,
+            self.metrics.metrics(plant.states, controller.states, controller.commanded),
+            signal_names("link_position", robot.joint_names), self.options.batch, self.stated,
+        )  # fmt: skip
+
+    def _reference(self, controller: Controller, dry_friction: tuple[str, ...]) -> Any:
+        """The move with its feedforward, the shaped step, or nothing where the law holds its goal."""
+        if self.plan is not None:
+            return move_reference(self.request.robot, self.plan, dry_friction)
+        if not has_integrals(controller.law):
+            return None
+        return step_command(self.request.robot, self.specification, *self.ends)
+
+    @cached_property
+    def metrics(self) -> RunMetrics:
+        """Of each run."""
+        s, limits = self.specification, joint_limits(self.request.robot, self.specification)
+        if self.plan is None:
+            return RunMetrics(limits, self.ends)
+        instants = np.arange(0.0, self.plan.duration + 0.5 * s.period, s.period)
+        ways = np.ptp(np.reshape(self.plan(instants), (len(instants), -1)), axis=0)
+        return RunMetrics(limits, None, (tracking_limits(s, limits, ways), final_limits(limits, ways)))
+
+    @property
+    def requirements(self) -> tuple[str, ...]:
+        """What a run must keep by the design's specification, besides reaching its end."""
+        limits = self.metrics.limits
+        found = ["tracking_error_use<=1", "final_error_use<=1"]
+        if self.plan is None:
+            found = ["settling_time_s<=1e9", f"overshoot_percent<={self.specification.overshoot:g}"]
+        found += ["input_limit_use<=1"] if limits.limits_peak else []
+        return (*found, *(["speed_limit_use<=1"] if limits.limits_speed else []))
+
+    @property
+    def nominal(self) -> dict[str, float]:
+        """Nominal values of the variables."""
+        return {v.name: self.robot.nominal.get(v.name, 0.0) for v in self.variables}
+
+
+def fields_text(s: Specification) -> dict[str, str]:
+    """The fields of a specification that are not at their defaults, as text."""
+    values = {name: (plain(name, getattr(s, name)), plain(name, one.default)) for name, one in FIELDS.items()}
+    return {name: str(value) for name, (value, default) in values.items() if value != default}
+
+
+def _spread(parameter: Parameter, text: str) -> Parameter:
+    """A parameter with another tolerance: ``12%``, or ``0.9..1.2`` in its unit."""
+    percent, ends = _PERCENT.match(text), _RANGE.match(text)
+    try:
+        if percent:
+            return replace(parameter, tolerance=float(percent[1]), range=None)
+        if ends:
+            return replace(parameter, tolerance=0.0, range=(float(ends[1]), float(ends[2])))
+    except ValueError:
+        pass
+    raise InvalidInput(
+        f"The tolerance of {parameter.name!r} cannot be read.",
+        f"expected per cent of its value, or an interval in {parameter.unit or 'its unit'}, got {value_text(text)}",
+        f"--tolerance {parameter.name}=10%, or --tolerance {parameter.name}={0.9 * parameter.value:g}.."
+        f"{1.1 * parameter.value:g}",
+    )
+
+
+# Two designs on the same samples ------------------------------------------------------------------------------
+#: Folders of the two campaigns in that of their comparison.
+SIDES = ("a", "b")
+
+#: Fields of a specification that say on what robot, with which sensors and motors the law runs; all others say which
+#: law that is. Start, goal and limits are compared as numbers.
+SHARED = ("measured", "measurement_noise", "quantisation", "period", "delay", "extras", "move")
+
+#: Differences that a refusal lists.
+_LISTED = 6
+
+
+@dataclass(frozen=True, eq=False)
+class DesignPair:
+    """Two designs with the same options, robots, sensors, motors and step; InvalidInput says what differs."""
+
+    a: DesignCampaign
+    b: DesignCampaign
+
+    def __post_init__(self) -> None:
+        a, b, sides = _circumstances(self.a), _circumstances(self.b), (self.a, self.b)
+        pairs = differing(a, b, [*a, *b], "default")
+        found = [f"{name}: {one} ↔ {other}" for name, one, other in pairs]
+        codes = [
+            one.robot.plant(one.specification.measured, extras=one.specification.extras) for one in sides
+        ]
+        if not found and codes[0].code_key != codes[1].code_key:
+            found = ["the equations of the robots, which have the same parameters"]
+        if found:
+            raise InvalidInput(
+                "The designs are not for the same robot, sensors, motors and step; their runs cannot be compared "
+                "sample by sample.",
+                listed(found, _LISTED),
+                "designs that differ in preset, weights, degrees, γ or estimator only",
+            )
+
+    @property
+    def differences(self) -> list[tuple[str, str, str]]:
+        """Fields of the specifications that differ, and their values in a and in b."""
+        a, b = fields_text(self.a.specification), fields_text(self.b.specification)
+        return differing(a, b, [*a, *b], "default")
+
+
+@dataclass(frozen=True, eq=False)
+class PairResult:
+    """Two designs that were run on the same samples: each judged by the same requirements, and both compared."""
+
+    pair: DesignPair
+    folder: Path
+    names: tuple[str, str]
+    judged: tuple[CampaignJudgement, CampaignJudgement]
+    paired: PairedCampaigns
+    command: tuple[str, ...] = ()
+
+
+def _circumstances(side: DesignCampaign) -> dict[str, str]:
+    """Everything stated of a campaign but what the law is."""
+    limits = side.metrics.limits
+    plain = {name: text for name, text in side.stated.items() if not name.startswith("design ")}
+    fields = {name: text for name, text in fields_text(side.specification).items() if name in SHARED}
+    return {
+        **plain, **fields, "true state fed back": str(side.specification.estimator == "none"),
+        "limits of the inputs": str(limits.peak.tolist()), "saturation": str(limits.saturation.tolist()),
+        "limits of the speeds": str(limits.speed.tolist()),
+    }  # fmt: skip
+
 
 #: Folder of the design file and the controller inside a campaign's, and their names.
 SETUP, CONTROLLER = "setup", "controller"
@@ -46,21 +339,9 @@ def open_campaign(
 ) -> tuple[Campaign, Journal]:
     """The campaign in a folder: designed and written there, or taken up again with the controller that is there.
 
-    Parameters
-    ----------
-    command : sequence of str
-        That made it, for its reports.
-    progress : callable
-        Called with each step's name while the controller is designed.
-    designed : (Controller, float), optional
-        For a new folder: `designed_controller`.
-
-    Raises
-    ------
-    InvalidInput
-        Before any work, if the folder holds something else, or a campaign with other settings.
-    FlexhinfError
-        As `flexhinf.design.design`.
+    `command`: that made it, for its reports.
+    `progress`: called with each step's name while the controller is designed.
+    `designed`: for a new folder, controller and length of its runs (s) as of `designed_controller`.
     """
     _ = request.stated, request.metrics  # refuses what does not fit
     journal = Journal.read(folder, (SETUP,))
@@ -80,23 +361,18 @@ def open_campaign(
 def _begun(
     request: DesignCampaign, place: Path, command: Sequence[str], designed: tuple[Controller, float]
 ) -> tuple[Campaign, Journal]:
-    """Write what makes the campaign again; the manifest comes last."""
-    controller, duration = designed
-    duration = duration if request.options.duration is None else request.options.duration
+    (controller, duration), o, one, setup = designed, request.options, request.request, place / SETUP
+    duration = duration if o.duration is None else o.duration
     request.campaign(controller, duration)  # refuses what does not fit before anything is written
-    document = request_document(
-        request.specification, request.request.source, request.request.elastic, place / SETUP, request.request.payload,
-        request.request.robot.links.slides,
-    )  # fmt: skip
-    text = tomlkit.dumps(document)
-    write_file(
-        place / SETUP / DESIGN_FILE, "design file", lambda name: Path(name).write_text(text, encoding="utf-8")
+    slides = one.robot.links.slides
+    text = tomlkit.dumps(
+        request_document(one.specification, one.source, one.elastic, setup, one.payload, slides)
     )
-    controller.save(place / SETUP / CONTROLLER)
-    campaign = request.campaign(load_controller(place / SETUP / CONTROLLER), duration)
-    o = request.options
+    write_file(setup / DESIGN_FILE, "design file", lambda name: Path(name).write_text(text, encoding="utf-8"))
+    controller.save(setup / CONTROLLER)
+    campaign = request.campaign(load_controller(setup / CONTROLLER), duration)
     about = {
-        "title": f"Campaign of the robot “{request.request.robot.name}”", "requirements": list(request.requirements),
+        "title": f"Campaign of the robot “{one.robot.name}”", "requirements": list(request.requirements),
         "nominal": request.nominal, "options": {**vars(o), "tolerances": [list(one) for one in o.tolerances]},
     }  # fmt: skip
     return campaign, Journal.opened(place, campaign, command, about)
@@ -107,26 +383,16 @@ def designed_controller(
 ) -> tuple[Controller, float]:
     """The controller and the length of its runs, s: of a report that nobody changed, or designed now.
 
-    The controller of a report begins where its step does, so for a move it is designed again, to begin where that does.
-
-    Raises
-    ------
-    FlexhinfError
-        As `flexhinf.design.design`.
+    The controller of a report begins where its step does, so for a move it is designed again, to begin where that
+    does.
     """
     path, plan = request.file, request.plan
-    if (
-        plan is None
-        and path is not None
-        and path.name == DESIGN_FILE
-        and unchanged(path.parent, (DESIGN_FILE, CONTROLLER))
-    ):
-        length = read_toml(path, "design file").get("result", {}).get("duration")
-        if isinstance(length, float) and fields_text(load_design(path)[1]) == fields_text(
-            request.specification
-        ):
-            return load_controller(path.parent / CONTROLLER), length
     robot, s = request.request.robot, request.specification
+    report = plan is None and path is not None and path.name == DESIGN_FILE
+    if report and path is not None and unchanged(path.parent, (DESIGN_FILE, CONTROLLER)):
+        length = read_toml(path, "design file").get("result", {}).get("duration")
+        if isinstance(length, float) and fields_text(load_design(path)[1]) == fields_text(s):
+            return load_controller(path.parent / CONTROLLER), length
     synthesis = synthesise(robot, s, progress)
     setup = end_limit_cycle(synthesis.setup(robot, s))[0]
     length = step_duration(LawEvaluation(DESIGN, setup), synthesis)
@@ -143,13 +409,7 @@ def reopened(request: DesignCampaign, journal: Journal) -> Campaign:
 
 
 def stored_campaign(folder: str | Path) -> tuple[Campaign, Journal]:
-    """The campaign of a folder as it stands there, for replays: nothing is asked for beside it.
-
-    Raises
-    ------
-    InvalidInput
-        If the folder holds no campaign of a design, or the robot's file was changed since.
-    """
+    """The campaign of a folder as it stands there, for replays: nothing is asked for beside it."""
     journal = Journal.read(folder)
     if journal is None or "options" not in journal.about:
         raise InvalidInput(
@@ -189,57 +449,22 @@ def open_pair(
 ) -> list[tuple[Campaign, Journal]]:
     """The campaigns of both designs in a folder, with runs of the same length: made there, or taken up again.
 
-    Parameters
-    ----------
-    folder : path
-        Of the comparison; the campaigns are in its folders `SIDES`.
-    commands : two sequences of str
-        That make each campaign, for its reports.
-    progress : callable
-        Called with each step's name while controllers are designed.
-
-    Raises
-    ------
-    InvalidInput
-        Before any work, if the folder holds something else, or other campaigns.
-    FlexhinfError
-        As `flexhinf.design.design`.
+    `folder`: of the comparison; the campaigns are in its folders `SIDES`.
+    `commands`: that make each campaign, for its reports.
+    `progress`: called with each step's name while controllers are designed.
     """
     place = checked_path("The comparison's folder", folder).expanduser().absolute()
-    _check_folder(place)
+    check_own_folder(place, "comparison of campaigns", _OWN)
     place.mkdir(parents=True, exist_ok=True)
     with locked(place / SETUP_LOCK, PATIENCE):
-        designed = _designed(pair, place, progress)
+        sides = [(side, Journal.read(place / name, (SETUP,))) for side, name in zip((pair.a, pair.b), SIDES)]
+        for side, journal in sides:
+            if journal is not None:  # refused before the other one is designed
+                journal.refuse_other(side.stated, partly=True)
+        designed = [None if journal else designed_controller(side, progress) for side, journal in sides]
+        begun = [float(journal.settings["duration"]) for _, journal in sides if journal]
+        duration = begun[0] if begun else float(np.max([one[1] for one in designed if one]))
         return [
-            open_campaign(one, place / name, command, progress, given)
-            for one, name, command, given in zip((pair.a, pair.b), SIDES, commands, designed)
+            open_campaign(side, place / name, command, progress, None if one is None else (one[0], duration))
+            for (side, _), name, command, one in zip(sides, SIDES, commands, designed)
         ]
-
-
-def _designed(
-    pair: DesignPair, place: Path, progress: Callable[[str], None]
-) -> list[tuple[Controller, float] | None]:
-    """Controllers that are not in the folder yet, with the longer of both steps, or that of the run which is there."""
-    sides = [(side, Journal.read(place / name, (SETUP,))) for side, name in zip((pair.a, pair.b), SIDES)]
-    for side, journal in sides:
-        if journal is not None:  # refused before the other one is designed
-            journal.refuse_other(side.stated, partly=True)
-    designed = [None if journal else designed_controller(side, progress) for side, journal in sides]
-    begun = [float(journal.settings["duration"]) for _, journal in sides if journal]
-    duration = begun[0] if begun else float(np.max([one[1] for one in designed if one]))
-    return [None if one is None else (one[0], duration) for one in designed]
-
-
-def _check_folder(place: Path) -> None:
-    """Refuse a file, and a folder that holds something else."""
-    if place.exists() and not place.is_dir():
-        raise InvalidInput(
-            "A comparison needs a folder, and there is a file.", f"got {place}", "another name"
-        )
-    names = [path.name for path in place.iterdir()] if place.is_dir() else []
-    if strangers := [name for name in names if name[:1] != "." and name not in _OWN]:
-        raise InvalidInput(
-            "The folder holds something that is not a comparison of campaigns, and is left alone.",
-            f"expected no folder, an empty one, or one with {', '.join(_OWN)}; got {sorted(strangers)[:3]} in {place}",
-            "another folder",
-        )

@@ -37,13 +37,7 @@ ORIGIN = Tool()
 
 
 def tool_of(text: str) -> Tool:
-    """``hand:0,0,0.1``, ``hand`` or ``:0,0,0.1``; the origin of the last link for an empty text.
-
-    Raises
-    ------
-    InvalidInput
-        For an offset that is no point.
-    """
+    """``hand:0,0,0.1``, ``hand`` or ``:0,0,0.1``; the origin of the last link for an empty text."""
     link, colon, offset = text.partition(":")
     return Tool(link.strip() or None, _point("tool", offset) if colon else (0.0, 0.0, 0.0))
 
@@ -51,18 +45,8 @@ def tool_of(text: str) -> Tool:
 def with_joints(request: DesignRequest, goal: str = "", tool: str = "") -> DesignRequest:
     """The request with its Cartesian goal and waypoints as positions of the joints, and notes of what was found.
 
-    Parameters
-    ----------
-    goal : str
-        ``x,y,z`` in the world, m or with a unit; empty for none.
-    tool : str
-        As for `tool_of`.
-
-    Raises
-    ------
-    InvalidInput
-        For a place out of reach, a link that is not there, text that is no point, a goal that is stated twice, and a
-        tool where neither goal nor waypoints are those of a point.
+    `goal`: ``x,y,z`` in the world, m or with a unit; empty for none.
+    `tool`: as for `tool_of`.
     """
     robot, s, notes, point = request.robot, request.specification, list(request.notes), tool_of(tool)
     move = s.move if isinstance(s.move, WaypointTable) and _cartesian(s.move, robot) else None

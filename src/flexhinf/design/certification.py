@@ -2,18 +2,22 @@
 
 `certify_design` takes the laws of all degrees that a design solves, and as long as it takes. What a design itself
 carries is found within a stated time of CPU, or a sentence says why not.
+
+`attenuation` says what the level γ is worth on the running loop. The gain of a disturbance found by search is a lower
+bound. Sampling, delay, estimator and limits use up a part of the region's level (`flexhinf.analysis.dissipation`).
 """
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 
-from flexhinf.analysis import Attained, BudgetTerm, worst_disturbance
+from flexhinf.analysis import Attained, BudgetTerm, budget_terms, worst_disturbance
 from flexhinf.certify.box import parameter_ranges
 from flexhinf.certify.cells import OutOfTime, time_limit
 from flexhinf.certify.certificate import Certificate
@@ -28,17 +32,17 @@ from flexhinf.certify.pictures import (
 )
 from flexhinf.certify.proof import certify, check_decay
 from flexhinf.certify.starts import ProvedStep, longest_run, proved_steps
-from flexhinf.design.attenuation import Attenuation, within_level
-from flexhinf.design.box_proof import (
+from flexhinf.design.loop_setup import LoopSetup
+from flexhinf.design.problem.presets import measured_problem
+from flexhinf.design.proved_step import (
     BoxProof,
     NotWithinTolerances,
+    about_text,
     common_box,
-    goal_text,
     prove_box,
     reason_of,
     sampled_box,
 )
-from flexhinf.design.problem.presets import measured_problem
 from flexhinf.design.specification import Specification
 from flexhinf.design.synthesis.degrees import DegreeChoice
 from flexhinf.design.synthesis.steps import Synthesis, checked_penalty, synthesise
@@ -46,15 +50,84 @@ from flexhinf.errors import FlexhinfError, InvalidInput, NumericalFailure
 from flexhinf.plant import GeneralisedPlant, Penalty
 from flexhinf.robot import Robot
 
+#: With more states no disturbance is searched for: one ascent takes minutes.
+MOST_SEARCHED = 15
+
+#: Length of the disturbances, in lengths of the step response, and at most, s.
+STEPS, LONGEST_DISTURBANCE = 2.0, 20.0
+
+
+@dataclass(frozen=True, eq=False)
+class Attenuation:
+    """What was found."""
+
+    # The worst disturbance found (a lower bound of the gain) with which V stays below the sampled level, or the one
+    # of the preset proved, with the true state fed back; None if none was searched for, or the search failed
+    attained: Attained | None
+    # Of the step; the level is infinite where there is no region. Empty where the step diverges, where it starts
+    # outside the region, and with more than `MOST_SEARCHED` states where there is no region: each term takes a compiled
+    # loop of its own. Empty for the preset proved: where parameters are uncertain the proved V is not the one whose
+    # gradient is the law
+    budget: tuple[BudgetTerm, ...]
+    failure: str = ""  # Why the search for a disturbance failed; empty where it did not
+
+    @property
+    def lasts(self) -> bool:
+        """Whether the region's level lasts for the whole step, all terms of the budget together."""
+        return not self.budget or bool(self.budget[-1].budget.kept)
+
+
+def searches_disturbance(states: int, rays: int) -> bool:
+    """Whether a disturbance is searched for."""
+    return states <= MOST_SEARCHED and rays > 0
+
+
+def attenuation(setup: LoopSetup, synthesis: Synthesis, duration: float) -> Attenuation:
+    """The worst disturbance and the budget, with the chosen solution at the goal.
+
+    `duration`: of the step, s.
+    """
+    s, law, chosen, proved = setup.specification, synthesis.solution, synthesis.chosen, synthesis.proved
+    level = chosen.level if chosen.looked and np.isfinite(chosen.level) and chosen.level > 0.0 else None
+    problem = synthesis.problem
+    if (
+        proved is not None and proved.certificate is not None
+    ):  # the penalty whose gain is proved, and its region
+        problem, level = proved.problem, proved.inner_level
+    attained, failure = None, ""
+    if level is not None and searches_disturbance(len(law.state_names), synthesis.rays):
+        horizon = min(LONGEST_DISTURBANCE, STEPS * duration)
+        try:
+            attained = worst_disturbance(
+                problem, law, None, s.period, level=level, horizon=horizon, seed=s.seed
+            )
+        except FlexhinfError as error:
+            failure = " ".join(str(error).split())
+    terms: tuple[BudgetTerm, ...] = ()
+    if proved is None and (level is not None or len(law.state_names) <= MOST_SEARCHED):
+        x, u = setup.robot.operating_point(setup.start)
+        with suppress(NumericalFailure):
+            terms = tuple(
+                budget_terms(
+                    law, setup.model, s.period, np.inf if level is None else level,
+                    delay=s.delay or None, estimator=setup.estimator(setup.start), saturation=setup.limits.saturated,
+                    start="bumpless", initial_state=x, initial_input=u, duration=duration, noise=setup.noise,
+                    seed=s.seed,
+                )
+            )  # fmt: skip
+    return Attenuation(attained, within_level(terms), failure)
+
+
+def within_level(terms: tuple[BudgetTerm, ...]) -> tuple[BudgetTerm, ...]:
+    """The same; none where the step starts above the level, so that there is nothing to spend."""
+    return () if terms and terms[-1].budget.start > terms[-1].budget.level else terms
+
+
 Progress = Callable[[str], None]
 Share = Callable[[int, float], None]
 
 #: CPU seconds that the proof for all tolerances of one degree may take in `certify_design`.
 BOX_SECONDS = 120.0
-
-#: Longest disturbance that is searched for beside a certificate, s.
-LONGEST_SEARCH = 20.0
-
 
 #: Advice for a robot of several joints; {} is the call or command.
 SAMPLED_ADVICE = (
@@ -69,24 +142,15 @@ class SeveralJoints(InvalidInput):
 
 @dataclass(frozen=True, eq=False)
 class CertifiedDegree:
-    """The proof of the law of one degree of V, which is `used` by the design or not.
-
-    Attributes
-    ----------
-    certificate : Certificate or None
-        None where nothing was proved; then `reason` says why.
-    steps : tuple of ProvedStep
-        Runs from the largest proved starts.
-    box : BoxProof or None
-        The subject of the certificate, where it is for all robots within the tolerances.
-    """
+    """The proof of the law of one degree of V, which is `used` by the design or not."""
 
     choice: DegreeChoice
     used: bool
-    certificate: Certificate | None
-    steps: tuple[ProvedStep, ...]
+    certificate: Certificate | None  # None where nothing was proved; then `reason` says why
+    steps: tuple[ProvedStep, ...]  # Runs from the largest proved starts
     reason: str
     cpu_seconds: float
+    # The subject of the certificate, where it is for all robots within the tolerances
     box: BoxProof | None = None
 
 
@@ -103,22 +167,12 @@ def certify_design(
 ) -> tuple[CertifiedDegree, ...]:
     """The laws of a design at its goal, and the proof of each, with the true state fed back.
 
-    Parameters
-    ----------
-    s : Specification
-        Its `checked_gamma_ratio` and `checked_penalty` state the claim.
-    progress, share : callable
-        Called with the name of each step before it begins; with the cells done and the estimated share of a proof.
-    decay, observer
-        As `HJISolution.certify`.
-    tolerances : bool
-        Whether the design's step is proved for all robots within the tolerances, instead of a region of the nominal
-        one; so it is with the preset proved.
-
-    Raises
-    ------
-    InvalidInput, InfeasibleGamma, NotStabilisable, NotDetectable
-        As the design does; and InvalidInput for a plant that the method cannot take, by name.
+    `s`: its `checked_gamma_ratio` and `checked_penalty` state the claim.
+    `progress`, `share`: called with the name of each step before it begins; with the cells done and the estimated
+        share of a proof.
+    `decay`, `observer`: as `HJISolution.certify`.
+    `tolerances`: whether the design's step is proved for all robots within the tolerances, instead of a region of the
+        nominal one; so it is with the preset proved.
     """
     if len(robot.joint_names) > 1:
         raise SeveralJoints(
@@ -139,12 +193,11 @@ def certify_design(
         return tuple(_box_degrees(robot, s, synthesis, progress, share, threads))
     gamma = s.checked_gamma_ratio * synthesis.design_problem.gamma_star
     penalty = checked_penalty(s, synthesis.design_problem)
-    goal = goal_text(robot, synthesis.goal)
     found = []
     for choice in synthesis.choices:
         progress(f"degree {choice.degree}: proof")
         began, certificate, steps, reason = time.process_time(), None, (), ""
-        solution, about = choice.solution, f"{robot.name}, goal {goal}, degree {choice.degree} of V"
+        solution, about = choice.solution, about_text(robot, synthesis.goal, choice.degree)
         margin = solution.checked_margin(gamma, penalty)
         if margin.definite:
             try:
@@ -165,7 +218,6 @@ def certify_design(
 def _box_degrees(
     robot: Robot, s: Specification, synthesis: Synthesis, progress: Progress, share: Share, threads: int
 ) -> Iterator[CertifiedDegree]:
-    """The law of each degree with the design's step, for all robots within the tolerances."""
     problem = measured_problem(robot, synthesis.goal, s)
     ranges = parameter_ranges(robot, problem.plant)
     for choice in synthesis.choices:
@@ -214,24 +266,15 @@ def proved(
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """Figures and the lower bound of the gain beside a theorem.
+    """Figures and the lower bound of the gain beside a theorem."""
 
-    Attributes
-    ----------
-    certificate : Certificate
-        With the attained gain, where a disturbance was found.
-    surface, limit : StartSurface, LimitSlice or None
-        V and r where steps start, and in a plane through the point that limits the sampled level.
-    worst : tuple of WorstStep
-        A smaller step with the worst disturbance, for each rule of the integrators' start.
-    attained : Attained or None
-        The worst disturbance found by search, from rest at the goal, with which V stays below the proved level.
-    """
-
-    certificate: Certificate
+    certificate: Certificate  # With the attained gain, where a disturbance was found
+    # surface, limit: V and r where steps start, and in a plane through the point that limits the sampled level
     surface: StartSurface | None
     limit: LimitSlice | None
+    # A smaller step with the worst disturbance, for each rule of the integrators' start
     worst: tuple[WorstStep, ...]
+    # The worst disturbance found by search, from rest at the goal, with which V stays below the proved level
     attained: Attained | None
 
 
@@ -243,7 +286,7 @@ def evidence(robot: Robot, s: Specification, one: CertifiedDegree) -> Evidence:
     level = given.level if one.box is None else one.box.inner_level
     try:
         assert isinstance(problem, GeneralisedPlant)
-        length = min(LONGEST_SEARCH, longest_run(solution))
+        length = min(LONGEST_DISTURBANCE, longest_run(solution))
         attained = worst_disturbance(
             problem, solution, None, s.period, level=level, horizon=length, seed=s.seed
         )
@@ -269,26 +312,17 @@ PROOF_SHARES, PROOF_ROOM = (0.999, 0.98, 0.9), 1.05
 
 @dataclass(frozen=True, eq=False)
 class DesignProof:
-    """The proof of the law that a design uses, nominal and with the true state fed back.
+    """The proof of the law that a design uses, nominal and with the true state fed back."""
 
-    Attributes
-    ----------
-    certificate : Certificate or None
-        None where nothing was proved; then `reason` says why.
-    start : float
-        V where the step starts, with the integrals that the controller chooses; nan without a certificate.
-    budget : tuple of BudgetTerm
-        Of the design's step, against the proved level; none for a box of parameters, whose V is not that of the law.
-    box : BoxProof or None
-        The step for all robots within the tolerances, with another V and for the z of `measured_problem`; None where
-        that is not proved (`box_reason` says why), and for the preset proved, whose `certificate` is that.
-    """
-
-    certificate: Certificate | None
+    certificate: Certificate | None  # None where nothing was proved; then `reason` says why
     reason: str = ""
+    # V where the step starts, with the integrals that the controller chooses; nan without a certificate
     start: float = float("nan")
+    # Of the design's step, against the proved level; none for a box of parameters, whose V is not that of the law
     budget: tuple[BudgetTerm, ...] = ()
     cpu_seconds: float = 0.0
+    # The step for all robots within the tolerances, with another V and for the z of `measured_problem`; None where
+    # that is not proved (`box_reason` says why), and for the preset proved, whose `certificate` is that
     box: BoxProof | None = None
     box_reason: str = ""
 
@@ -304,30 +338,19 @@ class DesignProof:
 
 
 class StepProof(NamedTuple):
-    """Whether the requested step is proved, as the controller starts it: terminal, page, status and design.json.
+    """Whether the requested step is proved, as the controller starts it: terminal, page, status and design.json."""
 
-    Attributes
-    ----------
-    proved : bool
-        With the true state fed back, in continuous time; for which robots, `text` says.
-    missing : tuple of str
-        Failures of a proof or of the sampled check, for the status; empty where neither was made of it.
-    """
-
-    proved: bool
+    proved: bool  # With the true state fed back, in continuous time; for which robots, `text` says
     text: str
+    # Failures of a proof or of the sampled check, for the status; empty where neither was made of it
     missing: tuple[str, ...]
 
 
 def step_proof(proof: DesignProof, chosen: DegreeChoice, inside: bool | None) -> StepProof:
     """What is proved of the step that is asked for.
 
-    Parameters
-    ----------
-    chosen : DegreeChoice
-        Whose sampled region speaks where nothing is proved.
-    inside : bool or None
-        Whether the step starts inside that; None without one.
+    `chosen`: whose sampled region speaks where nothing is proved.
+    `inside`: whether the step starts inside that; None without one.
     """
     given, loop = proof.certificate, "the step with sampling, estimator and limits"
     if proof.box is not None or proof.inside:
@@ -366,14 +389,9 @@ def prove_design(
 ) -> DesignProof:
     """Prove the sampled region of a design's law, or a smaller one that still holds its step.
 
-    Parameters
-    ----------
-    s : Specification
-        With `proof_seconds`, the CPU time that the search may take.
-    start : float
-        V where the step starts.
-    worth : Attenuation
-        Whose budget is compared with the proved level.
+    `s`: with `proof_seconds`, the CPU time that the search may take.
+    `start`: V where the step starts.
+    `worth`: whose budget is compared with the proved level.
     """
     chosen, began = synthesis.chosen, time.thread_time()
     attained = None if worth.attained is None else worth.attained.gain
@@ -389,7 +407,13 @@ def prove_design(
     while levels:
         left = s.proof_seconds - (time.thread_time() - began)
         try:
-            found = _proved_within(robot, s, synthesis, levels.pop(0), left / 2.0 if levels else left)
+            level = levels.pop(0)
+            found = certify(
+                synthesis.solution, s.checked_gamma_ratio * synthesis.design_problem.gamma_star,
+                checked_penalty(s, synthesis.design_problem), level,
+                about=about_text(robot, synthesis.goal, chosen.degree),
+                progress=time_limit(left / 2.0 if levels else left),
+            )  # fmt: skip
         except OutOfTime:
             reasons.append(f"no proof was found within {s.proof_seconds:g} s of CPU time")
             levels = levels[-1:]  # the smallest takes the least time
@@ -430,7 +454,6 @@ def with_tolerances(robot: Robot, s: Specification, synthesis: Synthesis, proof:
 
 
 def _refused(s: Specification, synthesis: Synthesis) -> str:
-    """Why no proof is tried; empty where one is."""
     states = len(synthesis.solution.state_names)
     if states > MOST_STATES:
         return f"a proof is made in at most {MOST_STATES} states, and this law has {states}"
@@ -441,15 +464,3 @@ def _refused(s: Specification, synthesis: Synthesis) -> str:
     if not (synthesis.chosen.looked and 0.0 < synthesis.chosen.level < np.inf):
         return "there is no sampled region to prove"
     return ""
-
-
-def _proved_within(
-    robot: Robot, s: Specification, synthesis: Synthesis, level: float, seconds: float
-) -> Certificate:
-    """A certificate of one level; raises `OutOfTime` after so many seconds of this thread."""
-    gamma = s.checked_gamma_ratio * synthesis.design_problem.gamma_star
-    return certify(
-        synthesis.solution, gamma, checked_penalty(s, synthesis.design_problem), level,
-        about=f"{robot.name}, goal {goal_text(robot, synthesis.goal)}, degree {synthesis.chosen.degree} of V",
-        progress=time_limit(seconds),
-    )  # fmt: skip

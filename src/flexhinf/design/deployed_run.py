@@ -5,7 +5,6 @@ The robot that is driven may be another than the controller was designed for: wi
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -29,7 +28,7 @@ from flexhinf.loop import Controller, Loop, Step
 from flexhinf.robot import MuJoCoPlant, Robot
 from flexhinf.robot.parameters import per_joint
 from flexhinf.robot.signals import signal_names
-from flexhinf.validation import value_text
+from flexhinf.validation import nearest, value_text
 
 #: Length of a run that states none, s: of a step, and of a move in parts of its own time.
 STEP_TIME, MOVE_TIMES = 5.0, 1.5
@@ -52,32 +51,20 @@ class Conditions:
 
 @dataclass(frozen=True, eq=False)
 class DeployedRun:
-    """A run that is ready to be made.
+    """A run that is ready to be made."""
 
-    Attributes
-    ----------
-    robot, box : Robot, MuJoCoPlant
-        The driven one, and in MuJoCo.
-    plants : LoopPlants
-        Of the robot that the controller was designed for: sensors, noise and limits.
-    start, goal : (n,)
-        Link positions, rad or m.
-    plan : Plan or None
-        The move; None for a step.
-    arguments : dict
-        Of `flexhinf.run_realtime`.
-    """
-
+    # robot, box: The driven one, and in MuJoCo
     robot: Robot
     specification: Specification
-    plants: LoopPlants
+    plants: LoopPlants  # Of the robot that the controller was designed for: sensors, noise and limits
     controller: Controller
     box: MuJoCoPlant
     loop: Loop
+    # start, goal: (n,). Link positions, rad or m
     start: np.ndarray
     goal: np.ndarray
-    plan: Plan | None
-    arguments: dict[str, Any]
+    plan: Plan | None  # The move; None for a step
+    arguments: dict[str, Any]  # Of `flexhinf.run_realtime`
     conditions: Conditions
 
     def make(self, **options: Any) -> RealTimeRun:
@@ -116,19 +103,9 @@ def prepare_run(
 ) -> DeployedRun:
     """A run from start to goal as the controller is deployed, or along a stated move in error coordinates.
 
-    Parameters
-    ----------
-    controller, designed : Controller, (Robot, Specification)
-        Of the design.
-    robot : Robot
-        The one that is driven.
-    specification : Specification
-        Of the run: start, goal or move, shaping, duration, extras, noise, seed, and limits.
-
-    Raises
-    ------
-    InvalidInput
-        If MuJoCo is not installed or does not express the robot, a move leaves a limit, or there is nothing to move.
+    `controller`, `designed`: of the design.
+    `robot`: the one that is driven.
+    `specification`: of the run: start, goal or move, shaping, duration, extras, noise, seed, and limits.
     """
     (model, original), s = designed, specification
     plan = stated_move(model, s)
@@ -140,18 +117,37 @@ def prepare_run(
     begun, aim = start_and_goal(model, original, stated_move(model, original))
     if plan is None:
         command = step_command(model, s, start, goal) if has_integrals(controller.law) else None
-        reference: Any = _standing(controller, model, goal, aim) if command is None else command
+        reference: Any = command
+        names = signal_names("link_position", model.joint_names)
+        if command is None and set(names) <= set(controller.commanded):
+            reference = dict(zip(names, goal.tolist(), strict=True))
+        elif command is None and not np.allclose(goal, aim, rtol=0.0, atol=1e-12):
+            raise InvalidInput(
+                "This controller takes no command: its law has no integrals and holds the pose of its design.",
+                f"expected the goal {aim.tolist()}, got {goal.tolist()}",
+                "the goal of the design; or a design whose penalty weighs link_position_integral",
+            )
         duration = STEP_TIME if command is None else STEP_TIME + command.duration
     else:
-        controller = _in_error_coordinates(controller)
+        controller = Controller(  # in error coordinates, as a design runs its moves
+            controller.law, controller.estimator, controller.period, controller.limits.pair, moving=True,
+            integral_dead_zone=controller.integral_dead_zone, before_first=controller.first_input.option,
+        )  # fmt: skip
         reference = move_reference(model, plan, plants.dry_friction)
         duration = s.period * round(MOVE_TIMES * plan.duration / s.period)
     duration = duration if s.duration is None else s.duration
     x, _ = robot.operating_point(start, s.extras)
+    load, at = conditions.load, LOAD_AT * duration if conditions.load_at is None else conditions.load_at
+    if load is not None and not 0.0 <= at < duration:
+        raise InvalidInput(
+            "The load begins outside of the run.", f"expected 0 to {duration:g} s, got {at:g} s",
+            "--load-at 1s, or a longer --duration",
+        )  # fmt: skip
+    torques = signal_names("link_torque", robot.joint_names)
     arguments = {
         "reference": reference, "duration": duration, "initial_state": x[: len(box.states)],
         "noise": plants.noise if conditions.noise else None, "seed": s.seed,
-        "disturbance": _loads(robot, conditions, duration),
+        "disturbance": None if load is None else {name: Step(load, at=at) for name in torques},
     }  # fmt: skip
     if not np.allclose(begun, start, rtol=0.0, atol=1e-12):  # the controller is told, as firmware would be
         state, held = model.operating_point(start)
@@ -161,62 +157,24 @@ def prepare_run(
     return DeployedRun(robot, s, plants, controller, box, loop, start, goal, plan, arguments, conditions)
 
 
-def _standing(
-    controller: Controller, robot: Robot, goal: np.ndarray, aim: np.ndarray
-) -> dict[str, float] | None:
-    """The standing command of a goal (n,) by name; None for a law that holds what it was designed for, `aim` (n,)."""
-    names = signal_names("link_position", robot.joint_names)
-    if set(names) <= set(controller.commanded):
-        return dict(zip(names, goal.tolist(), strict=True))
-    if not np.allclose(goal, aim, rtol=0.0, atol=1e-12):
-        raise InvalidInput(
-            "This controller takes no command: its law has no integrals and holds the pose that it was designed for.",
-            f"expected the goal {aim.tolist()}, got {goal.tolist()}",
-            "the goal of the design; or a design whose penalty weighs link_position_integral",
-        )
-    return None
-
-
-def _in_error_coordinates(controller: Controller) -> Controller:
-    """The same law, estimator and limits about a moving reference, as a design runs its moves."""
-    return Controller(
-        controller.law, controller.estimator, controller.period, controller.limits.pair, moving=True,
-        integral_dead_zone=controller.integral_dead_zone, before_first=controller.first_input.option,
-    )  # fmt: skip
-
-
-def _loads(robot: Robot, conditions: Conditions, duration: float) -> dict[str, Step] | None:
-    """Torques on all links by name."""
-    if conditions.load is None:
-        return None
-    at = LOAD_AT * duration if conditions.load_at is None else conditions.load_at
-    if not 0.0 <= at < duration:
-        raise InvalidInput(
-            "The load begins outside of the run.",
-            f"expected 0 to {duration:g} s, got {at:g} s",
-            "--load-at 1s, or a longer --duration",
-        )
-    return {name: Step(conditions.load, at=at) for name in signal_names("link_torque", robot.joint_names)}
-
-
 # Another robot than the model ---------------------------------------------------------------------------
 def perturbed(robot: Robot, changes: Sequence[str]) -> Robot:
     """The robot with other parameters: ``stiffness=-20%``, ``stiffness_elbow=95``, ``friction=+50%``.
 
-    Parameters
-    ----------
-    changes : sequence of str
-        NAME=VALUE, or NAME=±PERCENT% of the nominal number; a name without a joint is meant for all of them.
-
-    Raises
-    ------
-    InvalidInput
-        For a name that the robot does not have, or what is no number.
+    `changes`: NAME=VALUE, or NAME=±PERCENT% of the nominal number; a name without a joint is meant for all of them.
     """
     values = dict(robot.nominal)
     for text in changes:
         name, _, number = text.partition("=")
-        names = _parameters(robot, name.strip(), text)
+        joints, name = robot.joint_names, name.strip()
+        named = (name, *(per_joint(name, joint, len(joints)) for joint in joints))
+        names = list(dict.fromkeys(one for one in named if one in robot.nominal))
+        if not names:
+            raise InvalidInput(
+                f"The robot {robot.name!r} has no such parameter to change.",
+                f"expected NAME=VALUE with a name out of {list(robot.nominal)}, got {value_text(text, 60)}",
+                f"{nearest(name, robot.nominal, 'stiffness').strip(chr(39))}=-20%",
+            )
         share = number.strip().endswith("%")
         try:
             value = float(number.strip().rstrip("%"))
@@ -231,18 +189,3 @@ def perturbed(robot: Robot, changes: Sequence[str]) -> Robot:
         for one in names:
             values[one] = robot.nominal[one] * (1.0 + 0.01 * value) if share else value
     return robot.with_values(values)
-
-
-def _parameters(robot: Robot, name: str, text: str) -> list[str]:
-    """The robot's parameters that a name stands for."""
-    joints = robot.joint_names
-    names = [per_joint(name, joint, len(joints)) for joint in joints]
-    found = [one for one in (name, *names) if one in robot.nominal]
-    if not found:
-        close = difflib.get_close_matches(name, robot.nominal, n=1)
-        raise InvalidInput(
-            f"The robot {robot.name!r} has no such parameter to change.",
-            f"expected NAME=VALUE with a name out of {list(robot.nominal)}, got {value_text(text, 60)}",
-            f"{close[0] if close else 'stiffness'}=-20%",
-        )
-    return list(dict.fromkeys(found))

@@ -12,14 +12,19 @@ A specification is read before the robot, so its numbers remember their units (`
 from __future__ import annotations
 
 import difflib
+import itertools
+import math
+import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 import tomlkit
 
+from flexhinf import __version__
 from flexhinf.design.specification import FIELDS, Specification, SpecificationError, json_schema
 from flexhinf.design.units import Stated
 from flexhinf.design.waypoint_table import WaypointTable
@@ -27,7 +32,7 @@ from flexhinf.errors import InvalidInput
 from flexhinf.plant import Penalty
 from flexhinf.robot import Robot, catalogue, load_robot
 from flexhinf.robot.signals import SENSORS, expanded, signal_names, units_of
-from flexhinf.validation import checked_path, read_toml, value_text
+from flexhinf.validation import checked_path, nearest, read_toml, value_text
 
 #: Fields with one number, or one per joint, and the signal that each is a value of.
 SIGNALS = {
@@ -45,12 +50,8 @@ CUSTOMARY = {"rad": "deg", "m": "mm", "rad/s": "deg/s", "m/s": "mm/s", "N·m": "
 def check_stated_units(robot: Robot, s: Specification) -> None:
     """Refuse a length for a joint that turns, an angle for one that slides, and the same of speeds and sensors.
 
-    A number without a unit fits every joint; so does a wrong count of numbers here, which is refused where it is used.
-
-    Raises
-    ------
-    SpecificationError
-        With the joint or the signal, its unit, and the same numbers in units that fit.
+    A number without a unit fits every joint; so does a wrong count of numbers here, which is refused where it is
+    used.
     """
     known = units_of(robot.joint_names, robot.links.slides)
     for field, values, signals in _stated(robot, s):
@@ -65,7 +66,6 @@ def check_stated_units(robot: Robot, s: Specification) -> None:
 
 
 def _stated(robot: Robot, s: Specification) -> Iterator[tuple[str, Any, Sequence[str]]]:
-    """Fields with their values, and the signals that these are values of."""
     for field, signal in SIGNALS.items():
         yield field, getattr(s, field), signal_names(signal, robot.joint_names)
     for pose in s.via:
@@ -92,7 +92,6 @@ def _parts(values: Any) -> tuple[Any, ...]:
 
 
 def _refusal(field: str, stated: Stated, signal: str, unit: str, example: str) -> SpecificationError:
-    """One value whose unit is not that of its signal."""
     return SpecificationError(
         field,
         f"The {field.replace('_', ' ')} has a unit that {signal!r} does not have.",
@@ -121,43 +120,18 @@ SIMILAR = 0.8
 DESIGN_FILE = "design.toml"
 
 
-@dataclass(frozen=True)
-class DesignFile:
-    """What a design file says.
-
-    Attributes
-    ----------
-    robot, elastic, payload : str, str or None, str or None
-        As `load_robot` takes them.
-    fields : dict
-        Of a specification, as the file has them.
-    """
-
-    path: Path
-    robot: str
-    elastic: str | None
-    fields: dict[str, Any]
-    payload: str | None = None
-
-
 @dataclass(frozen=True, eq=False)
 class DesignRequest:
-    """What a command is asked for.
-
-    Attributes
-    ----------
-    source, elastic, payload : str, str or None, str or None
-        Where the robot came from and what it carries, as `load_robot` takes them.
-    notes : tuple of str
-        What the user should know before the work.
-    """
+    """What a command is asked for."""
 
     robot: Robot
     specification: Specification
+    # source, elastic, payload: Where the robot came from and what it carries, as `load_robot` takes them
     source: str
     elastic: str | None = None
-    notes: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()  # What the user should know before the work
     payload: str | None = None
+    warnings: tuple[str, ...] = ()  # Of the robot's file; they belong into the report
 
 
 def load_design(path: str | Path) -> tuple[Robot, Specification]:
@@ -168,7 +142,7 @@ def load_design(path: str | Path) -> tuple[Robot, Specification]:
     InvalidInput
         With the file, the key, the value and what is allowed there.
     """
-    request = _merged(read_design(path), None, {})
+    request = _request(checked_path("The design file", path), True)
     return request.robot, request.specification
 
 
@@ -197,67 +171,53 @@ def read_request(
     InvalidInput
         For a file or a value that cannot be used.
     """
-    given = dict(given or {})
-    if not is_design_file(source):
-        plain = None if elastic is None else str(elastic)
-        specification = Specification(**_without_none(given))
-        robot = load_robot(source, plain, payload=payload)
-        check_stated_units(robot, specification)
-        specification = _without_own_limits(specification, robot)
-        return DesignRequest(robot, specification, str(source), plain, payload=payload)
-    return _merged(read_design(source), elastic, given, payload)
+    return _request(source, is_design_file(source), elastic, given or {}, payload)
 
 
-def _merged(
-    file: DesignFile, elastic: str | Path | None, given: Mapping[str, Any], payload: str | None = None
+def _request(
+    source: str | Path,
+    is_file: bool,
+    elastic: str | Path | None = None,
+    given: Mapping[str, Any] = MappingProxyType({}),
+    payload: str | None = None,
 ) -> DesignRequest:
-    """A design file, and what wins over it."""
-    fields = {name: value for name, value in file.fields.items() if name not in given}
-    rivals = {
-        rival: name
-        for name, value in given.items()
-        if value is not None
-        for rival in _rivals(name, value, fields)
-        if rival in fields
-    }
-    kept = {name: value for name, value in fields.items() if name not in rivals}
-    notes = [f"{file.path.name}: {rival} gives way to `{name}`" for rival, name in rivals.items()]
-    specification = Specification(**_without_none({**kept, **given}))
-    beside = file.elastic if elastic is None else str(elastic)
-    carried = file.payload if payload is None else payload
-    robot = load_robot(file.robot, beside, payload=carried)
-    check_stated_units(robot, specification)
-    specification = _without_own_limits(specification, robot)
-    return DesignRequest(robot, specification, file.robot, beside, tuple(notes), carried)
-
-
-def _without_own_limits(s: Specification, robot: Robot) -> Specification:
-    """The specification without infinite limits where the robot states none: they are the default there."""
+    places: dict[str, str] = {"robot": str(source)}
+    fields: dict[str, Any] = {}
+    rivals: dict[str, str] = {}
+    if is_file:
+        path = checked_path("The design file", source)
+        places, fields = _read(path)
+        fields = {name: value for name, value in fields.items() if name not in given}
+        for name, value in given.items():
+            if value is not None:
+                rivals |= {rival: name for rival in _rivals(name, value, fields) if rival in fields}
+    notes = [f"{Path(source).name}: {rival} gives way to `{name}`" for rival, name in rivals.items()]
+    stated = {**{name: value for name, value in fields.items() if name not in rivals}, **given}
+    s = Specification(**{name: value for name, value in stated.items() if value is not None})
+    beside = places.get("elastic") if elastic is None else str(elastic)
+    carried = places.get("payload") if payload is None else payload
+    robot = load_robot(places["robot"], beside, payload=carried)
+    check_stated_units(robot, s)
     own = {
-        "peak_effort": robot.effort_limits,
-        "saturation": robot.effort_limits,
-        "peak_speed": robot.speed_limits,
-    }
-    none = [name for name, limits in own.items() if np.isinf(np.array(limits, dtype=float)).all()]
-    return replace(s, **{name: None for name in none if getattr(s, name) == np.inf})
-
-
-def _without_none(fields: Mapping[str, Any]) -> dict[str, Any]:
-    return {name: value for name, value in fields.items() if value is not None}
+        "peak_effort": robot.effort_limits, "saturation": robot.effort_limits, "peak_speed": robot.speed_limits,
+    }  # fmt: skip
+    for name, limits in own.items():  # an infinite limit is the default where the robot states none
+        if np.isinf(np.array(limits, dtype=float)).all() and getattr(s, name) == np.inf:
+            s = replace(s, **{name: None})
+    return DesignRequest(robot, s, places["robot"], beside, tuple(notes), carried)
 
 
 def _rivals(name: str, value: Any, fields: Mapping[str, Any]) -> tuple[str, ...]:
     """Fields that contradict this one, see `flexhinf.design.problem.presets.preset_of`."""
     stated = fields.get("preset") == "paper"
-    if name == "penalty":
-        return ("bandwidth", "damping", "preset")
-    if name == "effort":
-        return ("bandwidth", "damping") if stated else ("bandwidth", "damping", "preset")
-    if name in ("bandwidth", "damping"):
-        return ("penalty", "effort", "preset") if stated else ("penalty", "effort")
-    if name == "preset":
-        return ("penalty", "bandwidth", "damping") if value == "paper" else ("penalty", "effort")
-    return ()
+    preset = () if stated else ("preset",)
+    return {
+        "penalty": ("bandwidth", "damping", "preset"),
+        "effort": ("bandwidth", "damping", *preset),
+        "bandwidth": ("penalty", "effort", *(("preset",) if stated else ())),
+        "damping": ("penalty", "effort", *(("preset",) if stated else ())),
+        "preset": ("penalty", "bandwidth", "damping") if value == "paper" else ("penalty", "effort"),
+    }.get(name, ())
 
 
 # Reading ------------------------------------------------------------------------------------------
@@ -280,47 +240,6 @@ def meant_file(source: str) -> str:
     return source if named else str(folder / DESIGN_FILE)
 
 
-def read_design(path: str | Path) -> DesignFile:
-    """A design file, every key and every value of it checked; the robot is not read.
-
-    Raises
-    ------
-    InvalidInput
-        With the file, the key, the value and what is allowed there.
-    """
-    path = checked_path("The design file", path)
-    data = read_toml(path, "design file")
-    table = data.get("design")
-    if not isinstance(table, dict):
-        raise _no_design(path.name, list(data))
-    for key in data:
-        if key not in TABLES:
-            raise _unknown(path.name, "the file", key, TABLES[:2])
-    if "robot" not in table:
-        close = difflib.get_close_matches("robot", [key for key in table if key not in FIELDS], n=1)
-        raise InvalidInput(
-            f"{path.name}: [design] has no 'robot'.",
-            f"expected the name or the file of a robot, got only {list(table)}",
-            f"'robot' for {close[0]!r}" if close else "robot = 'planar-two-link', or a path from this file",
-        )
-    if isinstance(table.get("move"), str) and table["move"].strip():
-        table["move"] = str(path.parent / table["move"])
-    places = {key: _place(path, key, table.pop(key)) for key in PLACES if key in table}
-    _check_fields(path.name, table)
-    return DesignFile(path, places["robot"], places.get("elastic"), table, places.get("payload"))
-
-
-def _no_design(file: str, keys: list[str]) -> InvalidInput:
-    close = difflib.get_close_matches("design", keys, n=1, cutoff=SIMILAR)
-    return InvalidInput(
-        f"{file}: there is no table [design].",
-        f"expected [design], below it robot = …, got {keys}",
-        f"[design] for {close[0]!r}"
-        if close and close[0] != "design"
-        else "[design], below it robot = 'arm.toml'",
-    )
-
-
 #: Other names that a field had or has: those of earlier versions, and --peak-effort by the kind of drive.
 OPTIONS = {
     "goal": "pose", "from_pose": "start", "friction": "friction_model", "dead_zone": "integral_dead_zone",
@@ -328,49 +247,65 @@ OPTIONS = {
 }  # fmt: skip
 
 
-def _unknown(file: str, where: str, key: str, allowed: Any) -> InvalidInput:
-    same = OPTIONS.get(key.replace("-", "_"))
-    close = [same] if same in allowed else difflib.get_close_matches(key, allowed, n=1)
-    return InvalidInput(
-        f"{file}: {where} has an unknown key {key!r}.",
-        f"expected keys out of {list(allowed)}, got {key!r}",
-        f"{close[0]!r}" if close else "one of these keys",
-    )
+def _read(path: Path) -> tuple[dict[str, str], dict[str, Any]]:
+    """Places of a design file and its fields, every key and every value checked; the robot is not read."""
+    data, name = read_toml(path, "design file"), path.name
+    table = data.get("design")
+    if not isinstance(table, dict):
+        close = difflib.get_close_matches("design", data, n=1, cutoff=SIMILAR)
+        wrong = f"[design] for {close[0]!r}" if close and close[0] != "design" else ""
+        raise InvalidInput(
+            f"{name}: there is no table [design].", f"expected [design], below it robot = …, got {list(data)}",
+            wrong or "[design], below it robot = 'arm.toml'",
+        )  # fmt: skip
+
+    def unknown(where: str, key: str, allowed: Sequence[str]) -> InvalidInput:
+        same = OPTIONS.get(key.replace("-", "_"))
+        advice = repr(same) if same in allowed else nearest(key, allowed, "one of these keys")
+        found = f"expected keys out of {list(allowed)}, got {key!r}"
+        return InvalidInput(f"{name}: {where} has an unknown key {key!r}.", found, advice)
+
+    for key in data:
+        if key not in TABLES:
+            raise unknown("the file", key, TABLES[:2])
+    if "robot" not in table:
+        close = difflib.get_close_matches("robot", [key for key in table if key not in FIELDS], n=1)
+        raise InvalidInput(
+            f"{name}: [design] has no 'robot'.",
+            f"expected the name or the file of a robot, got only {list(table)}",
+            f"'robot' for {close[0]!r}" if close else "robot = 'planar-two-link', or a path from this file",
+        )
+    if isinstance(table.get("move"), str) and table["move"].strip():
+        table["move"] = str(path.parent / table["move"])
+    places = {key: _place(path, key, table.pop(key)) for key in PLACES if key in table}
+    try:
+        Specification(**table)
+    except SpecificationError as error:
+        if error.field not in FIELDS:
+            raise unknown("[design]", error.field, (*PLACES, *FIELDS)) from None
+        what = f"{name}: [design] has a value of {error.field!r} that cannot be used."
+        raise InvalidInput(what, error.found, _example(error.field, error.example)) from None
+    return places, table
 
 
 def _place(path: Path, key: str, value: Any) -> str:
     """A catalogue's name and a payload as they are; a path from the folder of the design file."""
     if not isinstance(value, str):
         raise InvalidInput(
-            f"{path.name}: [design] has a value of {key!r} that cannot be used.",
-            f"expected text, got {value!r}",
+            f"{path.name}: [design] has a value of {key!r} that cannot be used.", f"expected text, got {value!r}",
             f"{key} = '0..3kg'" if key == "payload" else f"{key} = 'arm.toml'",
-        )
+        )  # fmt: skip
     if key == "payload" or (key == "robot" and value in catalogue()):
         return value
     place = path.parent / value
     if not place.is_file():
-        close = difflib.get_close_matches(value, catalogue(), n=1) if key == "robot" else []
+        named = f", or a name of the catalogue: {list(catalogue())}" if key == "robot" else ""
         raise InvalidInput(
             f"{path.name}: its {key} {value!r} is not there.",
-            f"expected a file, seen from the folder of {path.name}"
-            + (f", or a name of the catalogue: {list(catalogue())}" if key == "robot" else ""),
-            f"{close[0]!r}" if close else f"{key} = '…' with the path of that file",
+            f"expected a file, seen from the folder of {path.name}{named}",
+            nearest(value, catalogue() if key == "robot" else (), f"{key} = '…' with the path of that file"),
         )
     return str(place)
-
-
-def _check_fields(file: str, fields: Mapping[str, Any]) -> None:
-    """Every field on its own and all of them together."""
-    try:
-        Specification(**fields)
-    except SpecificationError as error:
-        if error.field not in FIELDS:
-            raise _unknown(file, "[design]", error.field, (*PLACES, *FIELDS)) from None
-        raise InvalidInput(
-            f"{file}: [design] has a value of {error.field!r} that cannot be used.", error.found,
-            _example(error.field, error.example),
-        ) from None  # fmt: skip
 
 
 def _example(name: str, text: str) -> str:
@@ -387,52 +322,120 @@ def _example(name: str, text: str) -> str:
     return f"{name} = {tomlkit.item(text if unit else value).as_string()}"
 
 
+# Writing ------------------------------------------------------------------------------------------
 def plain(name: str, value: Any) -> Any:
-    """The value of a field in lists and numbers, for TOML."""
+    """The value of a field in lists and numbers, for TOML; InvalidInput for a penalty or a move that is code."""
     if value is None or isinstance(value, (str, bool, int, float)):
         return value
-    if name in ("penalty", "checked_penalty"):
-        return weights_of(value)
-    if name == "move":
-        return move_of(value)
-    return np.asarray(value).tolist()
-
-
-def move_of(move: Any) -> dict[str, list[float]]:
-    """The waypoints of a move by name, SI units.
-
-    Raises
-    ------
-    InvalidInput
-        If it is a signal, which is code.
-    """
-    if isinstance(move, WaypointTable):
-        return move.columns()
-    raise InvalidInput(
-        "A design file cannot hold a move that is a signal.",
-        f"expected waypoints, got {move!r}",
-        "the report without its design file: design_files(…)",
-    )
-
-
-def weights_of(penalty: Any) -> Any:
-    """The weights of a penalty in lists and numbers.
-
-    Raises
-    ------
-    InvalidInput
-        If they are code.
-    """
-    states = penalty.states if isinstance(penalty, Penalty) else penalty
-    if callable(states):
+    if isinstance(value, WaypointTable):
+        return value.columns()
+    states = value.states if isinstance(value, Penalty) else value
+    if name == "move" or callable(states):
         raise InvalidInput(
-            "A design file cannot hold a penalty that is code.",
-            f"expected weights by name, one per state, or rows, got {penalty!r}",
+            f"A design file cannot hold a {name} that is {'a signal' if name == 'move' else 'code'}.",
+            f"expected {'waypoints' if name == 'move' else 'weights by name, one per state, or rows'}, got {value!r}",
             "the report without its design file: design_files(…)",
         )
     if isinstance(states, Mapping):
-        return {name: np.asarray(weight, dtype=float).tolist() for name, weight in states.items()}
-    return np.asarray(states, dtype=float).tolist()
+        return {one: np.asarray(weight, dtype=float).tolist() for one, weight in states.items()}
+    return np.asarray(states, dtype=float if name in ("penalty", "checked_penalty") else None).tolist()
+
+
+HEAD = f"""\
+A design, by flexhinf {__version__}. The same design is made by: flexhinf design design.toml
+Options on the command line win over this file, and every command that takes a robot takes it.
+Units: rad (m), rad/s, s, V or N·m (N), or text with a unit: "90deg", "0.6Hz", "5ms". Paths are seen from this folder.
+"""
+
+
+def request_document(
+    specification: Specification,
+    robot: str | Path,
+    elastic: str | Path | None = None,
+    folder: str | Path = ".",
+    payload: str | None = None,
+    slides: Sequence[bool] = (False,),
+) -> tomlkit.TOMLDocument:
+    """A design file without a result: its table [design], with what differs from the defaults; these stand below it as
+    comments."""
+    values = {name: plain(name, getattr(specification, name)) for name in FIELDS}
+    if isinstance(specification.penalty, Penalty) and specification.effort is None:
+        effort = np.asarray(specification.penalty.effort, dtype=float)
+        if effort.size != 1:
+            raise InvalidInput(
+                "A design file holds one price of the input.",
+                f"expected R2 as a number, got {effort.tolist()}",
+                "the report without its design file: design_files(…)",
+            )
+        values["effort"] = float(effort.ravel()[0])
+    defaults = {name: plain(name, field.default) for name, field in FIELDS.items()}
+    stated = {name: value for name, value in values.items() if value != defaults[name]}
+    document, table = tomlkit.document(), tomlkit.table()
+    for line in HEAD.splitlines():
+        document.add(tomlkit.comment(line))
+    document.add(tomlkit.nl())
+    table.add("robot", _place_text(robot, folder))
+    if elastic is not None:
+        table.add("elastic", _place_text(elastic, folder))
+    if payload is not None:
+        table.add("payload", payload)
+    flat = {name: value for name, value in stated.items() if not isinstance(value, dict)}
+    for name, value in flat.items():
+        table.add(name, value)
+        if comment := _comment(name, value, slides if specification.in_degrees else ()):
+            table[name].comment(comment)
+    table.add(tomlkit.nl())
+    table.add(tomlkit.comment("By default:"))
+    for name, value in defaults.items():
+        if value is not None and name not in stated:
+            unit = _comment(name, value)
+            text = f"{name} = {tomlkit.item(value).as_string()}"
+            table.add(tomlkit.comment(f"{text}  # {unit}" if unit else text))
+    for name, value in stated.items():
+        if isinstance(value, dict):
+            table.add(name, toml_table(value))
+    document.add("design", table)
+    return document
+
+
+def _comment(name: str, value: Any, slides: Sequence[bool] = ()) -> str:
+    """The unit of a field; where the report shows degrees, those of positions, of which joints `slides` tells."""
+    if name not in ("pose", "start", "via", "tracking_error") or not slides:
+        return FIELDS[name].about.unit
+    positions = np.ravel(value)
+    if len(positions) == 1 and len(set(slides)) > 1:  # one for joints of both kinds
+        return FIELDS[name].about.unit
+    kinds = itertools.cycle(slides)
+    return ", ".join(f"{q:.6g} m" if s else f"{math.degrees(q):.6g}°" for q, s in zip(positions, kinds))
+
+
+def toml_table(values: Mapping[str, Any]) -> Any:
+    """A table of plain values; tables stand below their numbers, as TOML wants it."""
+    table, below = tomlkit.table(), {}
+    for name, value in values.items():
+        rows = isinstance(value, (list, tuple)) and value and isinstance(value[0], Mapping)
+        if isinstance(value, Mapping):
+            below[name] = toml_table(value)
+        elif rows:
+            below[name] = tomlkit.aot()
+            for row in value:
+                below[name].append(toml_table(row))
+        else:
+            table.add(name, value.tolist() if isinstance(value, (np.ndarray, np.generic)) else value)
+    for name, value in below.items():
+        table.add(name, value)
+    return table
+
+
+def _place_text(source: str | Path, folder: str | Path) -> str:
+    """A catalogue's name, or a path from the folder."""
+    if str(source) in catalogue():
+        return str(source)
+    path = Path(source).resolve()
+    try:
+        return Path(os.path.relpath(path, Path(folder).resolve())).as_posix()
+    except ValueError:  # another drive
+        return path.as_posix()
 
 
 def design_schema() -> dict[str, Any]:

@@ -38,25 +38,14 @@ AFTER = 3.0
 
 @dataclass(frozen=True, eq=False)
 class ImpulseRuns:
-    """One run a joint, at rest at the goal until the impulse at time 0.
+    """One run a joint, at rest at the goal until the impulse at time 0."""
 
-    Attributes
-    ----------
-    responses : tuple of Response
-        Of each joint that with the impulse on its link.
-    impulses : (n,)
-        N·m·s or N·s.
-    state, input : (N,), (m,)
-        Where the loop rests.
-    delay : int
-        Of the inputs, samples.
-    """
-
-    responses: tuple[Response, ...]
-    impulses: np.ndarray
+    responses: tuple[Response, ...]  # Of each joint that with the impulse on its link
+    impulses: np.ndarray  # (n,), N·m·s or N·s
+    # state, input: (N,), (m,). Where the loop rests
     state: np.ndarray
     input: np.ndarray
-    delay: int = 0
+    delay: int = 0  # Of the inputs, samples
 
     @property
     def diverged(self) -> bool:
@@ -144,14 +133,9 @@ def impulse_runs(
 ) -> ImpulseRuns:
     """A run for each joint, its impulse smaller where a motor would come near its limit.
 
-    Parameters
-    ----------
-    impulses : (n,)
-        N·m·s or N·s.
-    most : float
-        Longest run, s.
-    sub_steps : int, optional
-        Runge–Kutta steps per period of the true plant.
+    `impulses`: (n,), N·m·s or N·s.
+    `most`: longest run, s.
+    `sub_steps`: Runge–Kutta steps per period of the true plant.
     """
     period = setup.specification.period
     lowest = JointScales.of(setup.model, setup.goal_equilibrium).held

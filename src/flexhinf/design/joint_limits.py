@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -19,21 +20,14 @@ ROBOT = "the robot's file"
 
 
 class LimitUse(NamedTuple):
-    """Use of a limit by a run, in the joint and at the moment where it is largest.
+    """Use of a limit by a run, in the joint and at the moment where it is largest."""
 
-    Attributes
-    ----------
-    value, limit : float
-        In `unit`; the value is infinite where the run diverged.
-    at : float or None
-        s.
-    """
-
+    # value, limit: In `unit`; the value is infinite where the run diverged
     value: float
     limit: float
     joint: str
     unit: str
-    at: float | None
+    at: float | None  # s
 
     @property
     def share(self) -> float:
@@ -43,31 +37,19 @@ class LimitUse(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class JointLimits:
-    """One number per joint, infinite where there is no limit.
-
-    Attributes
-    ----------
-    peak : (n,)
-        Largest absolute input that is required, V, or N·m (N).
-    saturation : (n,)
-        Limits ± of controller and motors.
-    speed : (n,)
-        Largest absolute velocity of the links, rad/s or m/s.
-    lower, upper : (n,)
-        Ranges of the link positions, rad or m.
-    peak_source, saturation_source, speed_source : str
-        The option that states them, or `ROBOT`.
-    """
+    """One number per joint, infinite where there is no limit."""
 
     joints: tuple[str, ...]
-    peak: np.ndarray
-    saturation: np.ndarray
-    speed: np.ndarray
+    peak: np.ndarray  # (n,). Largest absolute input that is required, V, or N·m (N)
+    saturation: np.ndarray  # (n,). Limits ± of controller and motors
+    speed: np.ndarray  # (n,). Largest absolute velocity of the links, rad/s or m/s
+    # lower, upper: (n,). Ranges of the link positions, rad or m
     lower: np.ndarray
     upper: np.ndarray
     effort_units: tuple[str, ...]
     speed_units: tuple[str, ...]
     position_units: tuple[str, ...]
+    # peak_source, saturation_source, speed_source: The option that states them, or `ROBOT`
     peak_source: str
     saturation_source: str
     speed_source: str
@@ -100,19 +82,19 @@ class JointLimits:
     @property
     def strongest(self) -> float:
         """The largest limit of an input, by the required peak, or by saturation without one; infinite without any."""
-        limits = self._inputs[np.isfinite(self._inputs)]
-        return float(limits.max()) if len(limits) else np.inf
-
-    @property
-    def _inputs(self) -> np.ndarray:
-        return self.peak if self.limits_peak else self.saturation
+        limits = self.peak if self.limits_peak else self.saturation
+        return (
+            float(np.max(limits[np.isfinite(limits)], initial=-np.inf))
+            if np.isfinite(limits).any()
+            else np.inf
+        )
 
     # What a run uses of them --------------------------------------------------------------------------
     def equivalent_peak(self, response: Response) -> float:
         """Largest input of a run in terms of the `strongest` motor: the largest share of a limit times that one's."""
         if not np.isfinite(self.strongest) or response.diverged_at is not None:
             return response.peak_input
-        use = self.input_use(response, self._inputs)
+        use = self.input_use(response, self.peak if self.limits_peak else self.saturation)
         return use.value if use.limit == self.strongest else use.share * self.strongest
 
     def input_use(self, response: Response, limits: np.ndarray | None = None) -> LimitUse:
@@ -156,13 +138,7 @@ class JointLimits:
 
 
 def joint_limits(robot: Robot, s: Specification) -> JointLimits:
-    """The limits of a specification, and those of the robot where it states none.
-
-    Raises
-    ------
-    SpecificationError
-        For a number of limits that is not the number of joints.
-    """
+    """The limits of a specification, and those of the robot where it states none."""
     slides, joints = robot.links.slides, robot.joint_names
     low, high = position_ranges(robot)
 
@@ -173,7 +149,7 @@ def joint_limits(robot: Robot, s: Specification) -> JointLimits:
         value = getattr(s, name)
         if value is None:
             return np.array(own, dtype=float), ROBOT
-        return _per_joint(robot, name, value), FIELDS[name].option
+        return per_joint(joints, name, value), FIELDS[name].option
 
     peak, peak_source = stated("peak_effort", robot.effort_limits)
     saturation, saturation_source = stated("saturation", robot.effort_limits)
@@ -185,19 +161,15 @@ def joint_limits(robot: Robot, s: Specification) -> JointLimits:
 
 
 def integral_dead_zone(robot: Robot, s: Specification, chosen: np.ndarray | None) -> np.ndarray | None:
-    """Errors (n,) that are not integrated, rad or m: as stated, or `chosen`; None without any.
-
-    Raises
-    ------
-    SpecificationError
-        For a number of sizes that is not the number of joints.
-    """
+    """Errors (n,) that are not integrated, rad or m: as stated, or `chosen`; None without any."""
     zone = chosen if s.integral_dead_zone is None else s.integral_dead_zone
-    return None if zone is None or not np.any(zone) else _per_joint(robot, "integral_dead_zone", zone)
+    none = zone is None or not np.any(zone)
+    return None if none else per_joint(robot.joint_names, "integral_dead_zone", zone)
 
 
-def _per_joint(robot: Robot, name: str, value: Any) -> np.ndarray:
-    limits, joints = np.asarray(value, dtype=float), robot.joint_names
+def per_joint(joints: Sequence[str], name: str, value: Any) -> np.ndarray:
+    """A number of a field for each joint (n,); SpecificationError for another count of numbers."""
+    limits = np.asarray(value, dtype=float)
     if limits.shape not in ((), (1,), (len(joints),)):
         raise SpecificationError(
             name,

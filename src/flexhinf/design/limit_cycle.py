@@ -42,27 +42,17 @@ WIDEST, WIDENED = 0.01, 2
 
 @dataclass(frozen=True, eq=False)
 class LimitCycleCheck:
-    """The step, followed for long without measurement noise, on a true plant whose dry friction holds.
-
-    Attributes
-    ----------
-    extras : tuple of str
-        Of its true plant: those of the specification, and the dry friction that the robot states.
-    limit : float
-        Largest amplitude that is no limit cycle, rad or m.
-    sharp : bool
-        Whether dry friction holds a resting joint; smoothed, as with rigid joints, it creeps, and may hide a cycle.
-    dead_zone : (n,) or None
-        Of the integrals in this run, rad or m.
-    without, tried : LimitCycleCheck or None
-        The run without the dead zone, where that ended the cycle; that with the widest one, where none did.
-    """
+    """The step, followed for long without measurement noise, on a true plant whose dry friction holds."""
 
     response: Response
+    # Of its true plant: those of the specification, and the dry friction that the robot states
     extras: tuple[str, ...]
-    limit: float
+    limit: float  # Largest amplitude that is no limit cycle, rad or m
+    # Whether dry friction holds a resting joint; smoothed, as with rigid joints, it creeps, and may hide a cycle
     sharp: bool = True
-    dead_zone: np.ndarray | None = None
+    dead_zone: np.ndarray | None = None  # (n,) or None. Of the integrals in this run, rad or m
+    # without, tried: The run without the dead zone, where that ended the cycle; that with the widest one, where none
+    # did
     without: LimitCycleCheck | None = None
     tried: LimitCycleCheck | None = None
 

@@ -5,7 +5,7 @@ The metrics are reductions, computed while each run goes on; the controller stay
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Any
@@ -23,42 +23,28 @@ from flexhinf.scalars import maximum, where
 #: At most so many instants of each run are kept.
 KEPT = 400
 
+#: Metrics of the step of one joint that moves.
+STEP_UNITS = {"overshoot_percent": "%", "settling_time_s": "s", "rise_time_s": "s"}
+
 
 @dataclass(frozen=True, eq=False)
 class MonteCarlo:
-    """Figures of N runs, one row per robot.
+    """Figures of N runs, one row per robot."""
 
-    Attributes
-    ----------
-    values : tuple of mapping
-        Parameters of each robot.
-    overshoot : (N,)
-        Largest of all joints, per cent; infinite where the run diverged.
-    settling : (N,)
-        Slowest of all joints, s; infinite where one does not settle in the run.
-    peak : (N,)
-        Largest input of all motors; infinite where the run diverged.
-    overshoot_joints, settling_joints, peak_joints : tuple of str
-        The joints of these worst values; "" where the run diverged, or no joint moves.
-    inputs, speeds : (N, n)
-        Largest input of each motor and speed of each link; infinite where the run diverged.
-    time : (T,)
-        Instants that are kept, s.
-    positions : (N, T, n)
-        Link positions; NaN from where a run diverged.
-    """
-
-    values: tuple[Mapping[str, Any], ...]
-    overshoot: np.ndarray
-    settling: np.ndarray
-    peak: np.ndarray
+    values: tuple[Mapping[str, Any], ...]  # Parameters of each robot
+    overshoot: np.ndarray  # (N,). Largest of all joints, per cent; infinite where the run diverged
+    settling: np.ndarray  # (N,). Slowest of all joints, s; infinite where one does not settle in the run
+    peak: np.ndarray  # (N,). Largest input of all motors; infinite where the run diverged
+    # overshoot_joints, settling_joints, peak_joints: The joints of these worst values; "" where the run diverged, or
+    # no joint moves
     overshoot_joints: tuple[str, ...]
     settling_joints: tuple[str, ...]
     peak_joints: tuple[str, ...]
+    # inputs, speeds: (N, n). Largest input of each motor and speed of each link; infinite where the run diverged
     inputs: np.ndarray
     speeds: np.ndarray
-    time: np.ndarray
-    positions: np.ndarray
+    time: np.ndarray  # (T,). Instants that are kept, s
+    positions: np.ndarray  # (N, T, n). Link positions; NaN from where a run diverged
 
     def __len__(self) -> int:
         return len(self.values)
@@ -83,13 +69,6 @@ class MonteCarlo:
         """The robot that settles last; of those that never do, the one with the largest overshoot."""
         return max(range(len(self)), key=lambda k: (self.settling[k], self.overshoot[k]))
 
-    @property
-    def joint_of_worst_overshoot(self) -> str:
-        """Empty for a robot of one joint."""
-        if self.positions.shape[2] < 2:
-            return ""
-        return self.overshoot_joints[int(np.argmax(self.overshoot))]
-
 
 def sampled_runs(
     setup: LoopSetup,
@@ -99,16 +78,10 @@ def sampled_runs(
 ) -> MonteCarlo:
     """The step of each robot as the controller is deployed, with noise of its own.
 
-    Parameters
-    ----------
-    robots : sequence of mapping
-        Parameters.
-    duration : float
-        s.
-    sub_steps : int
-        Of the true plants: the nominal one's, so that all runs share one kernel.
+    `duration` in s; `sub_steps`: of the true plants: the nominal one's, so that all runs share one kernel.
     """
-    n, instants = len(setup.goal), _kept(round(duration / setup.specification.period))
+    n, samples = len(setup.goal), round(duration / setup.specification.period)
+    instants = np.arange(0, samples, max(1, -(-samples // KEPT)))  # evenly apart
     found = setup.steps(
         robots, duration, sub_steps, reductions=step_reductions(setup.start, setup.goal),
         kept=setup.true_plant.states[:n], instants=instants,
@@ -161,45 +134,28 @@ def step_reductions(
 ) -> list[Reduction]:
     """What is said of the step of all joints while it runs.
 
-    Of each joint k that moves ``"k overshoot_percent"``, ``"k settling_time_s"`` and ``"k rise_time_s"``, (N,); of all
-    joints ``late_error`` (in the last tenth of the run), ``effort`` and ``speed``, the largest ones, (N, n); and
-    ``estimate``, the largest error of the estimates, (N,).
+    Of each joint k that moves ``"k overshoot_percent"``, ``"k settling_time_s"`` and ``"k rise_time_s"``, (N,); of
+    all joints ``late_error`` (in the last tenth of the run), ``effort`` and ``speed``, the largest ones, (N, n);
+    and ``estimate``, the largest error of the estimates, (N,).
 
-    Parameters
-    ----------
-    start, goal : (n,)
-        Link positions, rad or m.
-    pairs : sequence of (int, int)
-        Columns of an estimated position, and of the true one.
+    `start`, `goal`: (n,), Link positions, rad or m.
+    `pairs`: columns of an estimated position, and of the true one.
     """
-    n, moving = len(goal), np.flatnonzero(start != goal).tolist()
+    moving = np.flatnonzero(start != goal).tolist()
     return [
         *(_named(step_reduction(k, float(start[k]), float(goal[k])), f"{k} ") for k in moving),
-        Reduction(
-            (*goal.tolist(), *[0.0] * (3 * n + 1)), partial(_step_sizes, n, pairs), partial(_named_sizes, n),
-            ("sizes of a step", n, pairs),
-        ),
-    ]  # fmt: skip
+        _sizes_of(goal.tolist(), None, pairs),
+    ]
 
 
 def move_reductions(columns: Sequence[int], pairs: Sequence[tuple[int, int]] = ()) -> list[Reduction]:
     """What is said of a move while it runs: ``tracking_error``, the largest distances from it, (N, n), and of
     `step_reductions` those of all joints, ``late_error`` as the distance from where the move then is.
 
-    Parameters
-    ----------
-    columns : sequence of int
-        Of the command, in which the link positions are, (n,).
-    pairs
-        As for `step_reductions`.
+    `columns`: of the command, in which the link positions are, (n,).
+    `pairs`: as for `step_reductions`.
     """
-    n = len(columns)
-    return [
-        Reduction(
-            (0.0,) * (4 * n + 1), partial(_move_sizes, columns, pairs), partial(_named_move_sizes, n),
-            ("sizes of a move", tuple(columns), pairs),
-        )
-    ]  # fmt: skip
+    return [_sizes_of([0.0] * len(columns), tuple(columns), pairs)]
 
 
 def _named(one: Reduction, before: str) -> Reduction:
@@ -211,169 +167,127 @@ def _renamed(result: Any, before: str, kept: np.ndarray, command: Command) -> di
     return {before + name: values for name, values in result(kept, command).items()}
 
 
-def _step_sizes(n: int, pairs: Sequence[tuple[int, int]], kept: Any, now: Instant) -> Any:
-    """Goals (n,), then `_sizes`."""
-    goal = kept[:n]
-    errors = [abs(now.state[k] - goal[k]) for k in range(n)]
-    return np.array([*goal, *_sizes(errors, pairs, kept[n:], now)])
+def _sizes_of(
+    first: Sequence[float], columns: Sequence[int] | None, pairs: Sequence[tuple[int, int]]
+) -> Reduction:
+    """Sizes of a step to the goal `first` (n,), or of the move in these columns of the command."""
+    n = len(first)
+    key = ("sizes of a step", n, pairs) if columns is None else ("sizes of a move", columns, pairs)
+    start = (*first, *[0.0] * (3 * n + 1))
+    return Reduction(start, partial(_sizes, n, columns, pairs), partial(_named_sizes, n, columns), key)
 
 
-def _move_sizes(columns: Sequence[int], pairs: Sequence[tuple[int, int]], kept: Any, now: Instant) -> Any:
-    """Largest distances from the move (n,), then `_sizes`."""
-    n = len(columns)
-    errors = [abs(now.state[k] - now.reference[column]) for k, column in enumerate(columns)]
-    largest = [maximum(old, new) for old, new in zip(kept[:n], errors)]
-    return np.array([*largest, *_sizes(errors, pairs, kept[n:], now)])
-
-
-def _sizes(errors: Sequence[Any], pairs: Sequence[tuple[int, int]], kept: Any, now: Instant) -> list[Any]:
-    """Largest late errors, inputs and speeds (n each), then the largest error of an estimate."""
-    n = len(errors)
-    late, effort, speed, estimate = kept[:n], kept[n : 2 * n], kept[2 * n : 3 * n], kept[-1]
+def _sizes(
+    n: int, columns: Sequence[int] | None, pairs: Sequence[tuple[int, int]], kept: Any, now: Instant
+) -> Any:
+    """The goal, or largest distances from the move; largest late errors, inputs and speeds (n each); an estimate's."""
+    first, late, effort, speed, estimate = (
+        kept[:n],
+        kept[n : 2 * n],
+        kept[2 * n : 3 * n],
+        kept[3 * n : 4 * n],
+        kept[-1],
+    )
+    if columns is None:
+        errors = [abs(now.state[k] - first[k]) for k in range(n)]
+    else:
+        errors = [abs(now.state[k] - now.reference[column]) for k, column in enumerate(columns)]
+        first = [maximum(old, new) for old, new in zip(first, errors)]
     late = [where(now.step >= now.tail, maximum(old, new), old) for old, new in zip(late, errors)]
     effort = [maximum(old, abs(new)) for old, new in zip(effort, now.input)]
     speed = [maximum(old, abs(now.state[n + k])) for k, old in enumerate(speed)]
     for one, other in pairs:
         estimate = maximum(estimate, abs(now.estimate[one] - now.state[other]))
-    return [*late, *effort, *speed, estimate]
+    return np.array([*first, *late, *effort, *speed, estimate])
 
 
-def _named_sizes(n: int, kept: np.ndarray, command: Command) -> dict[str, np.ndarray]:
-    late, effort, speed = (kept[k * n : (k + 1) * n].T for k in (1, 2, 3))
-    return {"late_error": late, "effort": effort, "speed": speed, "estimate": kept[-1]}
-
-
-def _named_move_sizes(n: int, kept: np.ndarray, command: Command) -> dict[str, np.ndarray]:
-    return {"tracking_error": kept[:n].T, **_named_sizes(n, kept, command)}
-
-
-def _kept(samples: int) -> np.ndarray:
-    """Numbers (T,) of samples, evenly apart."""
-    return np.arange(0, samples, max(1, -(-samples // KEPT)))
+def _named_sizes(
+    n: int, columns: Sequence[int] | None, kept: np.ndarray, command: Command
+) -> dict[str, np.ndarray]:
+    first, late, effort, speed = (kept[k * n : (k + 1) * n].T for k in range(4))
+    named = {} if columns is None else {"tracking_error": first}
+    return {**named, "late_error": late, "effort": effort, "speed": speed, "estimate": kept[-1]}
 
 
 # Metrics of a campaign's runs -----------------------------------------------------------------------------
-@dataclass(frozen=True)
-class JointMetric:
-    """A metric that joints have: its unit for each joint, and the joints that have it."""
-
-    units: Sequence[str]
-    joints: Sequence[int]
-
-    @property
-    def unit(self) -> str:
-        """Of the worst of all joints; empty where they differ."""
-        return self.units[0] if len(set(self.units)) == 1 else ""
-
-
 @dataclass(frozen=True, eq=False)
 class RunMetrics:
-    """Metrics of a run of all joints, each the worst of them, and where there are several those of each joint.
-
-    Attributes
-    ----------
-    own : mapping of str to JointMetric
-        Metrics of this kind of run; the first is the primary one.
-    values : callable
-        Numbers of the reductions to `own` by name, (N, n); of a joint that has none any number.
-    reductions : callable
-        Names of the command, and columns of estimated and true positions, to the reductions.
-    """
+    """Metrics of a run of all joints, each the worst of them, and where there are several those of each joint."""
 
     limits: JointLimits
-    own: Mapping[str, JointMetric]
-    values: Callable[[Mapping[str, np.ndarray]], dict[str, np.ndarray]]
-    reductions: Callable[[Sequence[str], Sequence[tuple[int, int]]], list[Reduction]]
-
-    @staticmethod
-    def of_step(limits: JointLimits, start: np.ndarray, goal: np.ndarray) -> RunMetrics:
-        """Of a step from start to goal (n,), rad or m: of the joints that move, and where every joint ends."""
-        n, moving = len(goal), np.flatnonzero(start != goal).tolist()
-        kinds = {"overshoot_percent": "%", "settling_time_s": "s", "rise_time_s": "s"}
-        own = {name: JointMetric([unit] * n, moving) for name, unit in kinds.items()}
-        own["steady_state_error"] = JointMetric(limits.position_units, range(n))
-        reductions = partial(_step_reductions_of, start, goal)
-        return RunMetrics(limits, own, partial(_step_values, tuple(kinds)), reductions)
-
-    @staticmethod
-    def of_move(limits: JointLimits, tracking: np.ndarray, final: np.ndarray) -> RunMetrics:
-        """Of a move: largest distances from it, and from its end after it; and as fractions of those required (n,)."""
-        joints, shares = range(len(limits.joints)), [""] * len(limits.joints)
-        units = {
-            "tracking_error": limits.position_units, "tracking_error_use": shares,
-            "final_error": limits.position_units, "final_error_use": shares,
-        }  # fmt: skip
-        own = {name: JointMetric(each, joints) for name, each in units.items()}
-        reductions = partial(_move_reductions_of, limits.joints)
-        return RunMetrics(limits, own, partial(_move_values, tracking, final), reductions)
+    ends: tuple[np.ndarray, np.ndarray] | None = (
+        None  # Start and goal (n,) of a step, rad or m; None for a move
+    )
+    required: tuple[np.ndarray, np.ndarray] | None = None  # Of a move: tracking error, distance after it (n,)
 
     @cached_property
-    def joint_metrics(self) -> dict[str, JointMetric]:
-        """Its own, then peaks."""
-        limits, every = self.limits, range(len(self.limits.joints))
-        peaks = {"peak_input": limits.effort_units, "peak_speed": limits.speed_units}
-        return {**self.own, **{name: JointMetric(units, every) for name, units in peaks.items()}}
+    def joint_metrics(self) -> dict[str, tuple[Sequence[str], Sequence[int]]]:
+        """Metrics that joints have: units for each joint, and the joints that have it; the first is the primary one.
+
+        Of a step of the joints that move, and where every joint ends; of a move largest distances from it and from its
+        end, also as fractions of those required; then peaks.
+        """
+        limits, every, n = self.limits, range(len(self.limits.joints)), len(self.limits.joints)
+        found: dict[str, tuple[Sequence[str], Sequence[int]]] = {}
+        if self.ends is not None:
+            moving = np.flatnonzero(self.ends[0] != self.ends[1]).tolist()
+            found = {name: ([unit] * n, moving) for name, unit in STEP_UNITS.items()}
+            found["steady_state_error"] = limits.position_units, every
+        else:
+            for name in ("tracking_error", "final_error"):
+                found |= {name: (limits.position_units, every), f"{name}_use": ([""] * n, every)}
+        return found | {"peak_input": (limits.effort_units, every), "peak_speed": (limits.speed_units, every)}
 
     @property
     def units(self) -> dict[str, str]:
-        """By name; a fraction of a limit only where there is one."""
-        found = {name: metric.unit for name, metric in self.joint_metrics.items()}
-        found["estimation_error"] = JointMetric(self.limits.position_units, ()).unit
+        """By name, empty where those of the joints differ; a fraction of a limit only where there is one."""
+
+        def common(units: Sequence[str]) -> str:
+            return units[0] if len(set(units)) == 1 else ""
+
+        found = {name: common(units) for name, (units, _) in self.joint_metrics.items()}
+        found["estimation_error"] = common(self.limits.position_units)
         found |= {"input_limit_use": ""} if self.limits.limits_peak else {}
         found |= {"speed_limit_use": ""} if self.limits.limits_speed else {}
-        return found | {name: self.joint_metrics[kind].units[k] for name, (kind, k) in self._parts.items()}
+        return found | {name: self.joint_metrics[kind][0][k] for name, (kind, k) in self._parts.items()}
 
     @cached_property
     def _parts(self) -> dict[str, tuple[str, int]]:
         """Metrics of single joints, where there are several: which metric, and of which joint."""
         names = self.limits.joints
         several = self.joint_metrics.items() if len(names) > 1 else ()
-        return {f"{kind}_{names[k]}": (kind, k) for kind, metric in several for k in metric.joints}
+        return {f"{kind}_{names[k]}": (kind, k) for kind, (_, joints) in several for k in joints}
 
     def metrics(self, states: Sequence[str], estimated: Sequence[str], commanded: Sequence[str]) -> Metrics:
         """For a campaign whose true plant, estimate and command have these names."""
         names = [name for name in signal_names("link_position", self.limits.joints) if name in estimated]
         pairs = tuple((tuple(estimated).index(name), tuple(states).index(name)) for name in names)
-        reductions = self.reductions(commanded, pairs)
+        if self.ends is None:
+            reductions = move_reductions(position_columns(commanded, self.limits.joints), pairs)
+        else:
+            reductions = step_reductions(*self.ends, pairs)
         return Metrics(self.units, None, partial(self._reduced, bool(pairs)), reductions, tuple(self._parts))
 
     def _reduced(self, estimated: bool, found: EnsembleResult) -> dict[str, np.ndarray]:
-        """Of N runs (N,) by name."""
-        effort, speed = found.common["effort"], found.common["speed"]
+        common = found.common
+        late, effort, speed = common["late_error"], common["effort"], common["speed"]
+        every = {"peak_input": effort, "peak_speed": speed}  # (N, n); any number for a joint that has none
+        if self.required is None:
+            for kind in STEP_UNITS:
+                each = [common.get(f"{k} {kind}", late[:, k]) for k in range(late.shape[1])]
+                every[kind] = np.stack(each, axis=1)
+            every["steady_state_error"] = late
+        else:
+            for kind, error, most in zip(
+                ("tracking_error", "final_error"), (common["tracking_error"], late), self.required
+            ):
+                every |= {kind: error, f"{kind}_use": error / most}
         nothing = np.full(len(found.codes), np.nan)
-        every = {**self.values(found.common), "peak_input": effort, "peak_speed": speed}
         worst = {
-            kind: every[kind][:, list(metric.joints)].max(axis=1) if len(metric.joints) else nothing
-            for kind, metric in self.joint_metrics.items()
+            kind: every[kind][:, list(joints)].max(axis=1) if len(joints) else nothing
+            for kind, (_, joints) in self.joint_metrics.items()
         }
-        worst["estimation_error"] = found.common["estimate"] if estimated else nothing
+        worst["estimation_error"] = common["estimate"] if estimated else nothing
         worst["input_limit_use"] = (effort / self.limits.peak).max(axis=1)
         worst["speed_limit_use"] = (speed / self.limits.speed).max(axis=1)
         return worst | {name: every[kind][:, k] for name, (kind, k) in self._parts.items()}
-
-
-def _step_reductions_of(start: np.ndarray, goal: np.ndarray, commanded: Any, pairs: Any) -> list[Reduction]:
-    return step_reductions(start, goal, pairs)
-
-
-def _move_reductions_of(joints: Sequence[str], commanded: Any, pairs: Any) -> list[Reduction]:
-    return move_reductions(position_columns(commanded, joints), pairs)
-
-
-def _step_values(kinds: Sequence[str], common: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    late = common["late_error"]
-    joints = range(late.shape[1])
-    found = {
-        kind: np.stack([common.get(f"{k} {kind}", late[:, k]) for k in joints], axis=1) for kind in kinds
-    }
-    return {**found, "steady_state_error": late}
-
-
-def _move_values(
-    tracking: np.ndarray, final: np.ndarray, common: Mapping[str, np.ndarray]
-) -> dict[str, np.ndarray]:
-    error, late = common["tracking_error"], common["late_error"]
-    return {
-        "tracking_error": error, "tracking_error_use": error / tracking, "final_error": late,
-        "final_error_use": late / final,
-    }  # fmt: skip

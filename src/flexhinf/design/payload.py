@@ -35,27 +35,14 @@ from flexhinf.robot.payload import payload_ends
 
 @dataclass(frozen=True, eq=False)
 class PayloadEvaluation:
-    """One evaluation with other masses in the true robot than in the model.
+    """One evaluation with other masses in the true robot than in the model."""
 
-    Attributes
-    ----------
-    robot : Robot
-        The model's.
-    masses : mapping of str to float
-        Of each payload, kg, by the robot's parameters.
-    step : Response
-        From start to goal, with the payload.
-    load_step : LoadResponse or None
-        The weight beyond the model's as constant torques; None where the model carries as much or more.
-    margins : Margins
-        Of the running loop about the goal, with the payload.
-    """
-
-    robot: Robot
-    masses: Mapping[str, float]
-    step: Response
+    robot: Robot  # The model's
+    masses: Mapping[str, float]  # Of each payload, kg, by the robot's parameters
+    step: Response  # From start to goal, with the payload
+    # The weight beyond the model's as constant torques; None where the model carries as much or more
     load_step: LoadResponse | None
-    margins: Margins
+    margins: Margins  # Of the running loop about the goal, with the payload
 
     @property
     def mass(self) -> float:

@@ -8,14 +8,12 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 
 from flexhinf.design.along_move import along_requirements
-from flexhinf.design.attenuation import attenuation, searches_disturbance
-from flexhinf.design.certification import prove_design, with_tolerances
+from flexhinf.design.certification import attenuation, prove_design, searches_disturbance, with_tolerances
 from flexhinf.design.criterion import check_mode, criterion_for, reference_metrics, stated_limits
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.joint_limits import joint_limits
 from flexhinf.design.laws import DESIGN, LawFactory, LawKind, law_kind, law_names
 from flexhinf.design.limit_cycle import LimitCycleCheck, end_limit_cycle
-from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.payload import PayloadEvaluation, evaluate_payloads, payload_requirements
 from flexhinf.design.plans import plan_move, stated_move
 from flexhinf.design.problem.modes import JointScales, closed_loop, modes_of
@@ -55,10 +53,6 @@ RIGID_STATES = 15
 
 
 # Design -------------------------------------------------------------------------------------------------
-def _silent(text: str) -> None:
-    """Progress that nobody wants to see."""
-
-
 def design(robot: Robot, specification: Specification, progress: Progress | None = None) -> Design:
     """Design a controller for a robot, and judge the loop in which it runs; nothing is written.
 
@@ -91,7 +85,7 @@ def design(robot: Robot, specification: Specification, progress: Progress | None
     >>> arm.controller().period
     0.001
     """
-    s, progress = specification, progress or _silent
+    s, progress = specification, progress or (lambda text: None)
     if s.mujoco:
         check_expressed(s.extras)
     progress("equilibrium, and weights")
@@ -101,11 +95,9 @@ def design(robot: Robot, specification: Specification, progress: Progress | None
     linear = LawEvaluation(DESIGN, setup)
     modes = _law_modes(linear, synthesis)
     progress("compile the closed loop, and run the step")
-    scenario, step = _scenario(linear, synthesis, _duration(setup, modes), SAMPLES)
+    scenario, step = _scenario(linear, synthesis, step_duration(linear, synthesis, modes), SAMPLES)
     evaluation = linear.in_scenario(scenario, step)
-    evaluation.compute(
-        "margins"
-    )  # before there is a second thread: filters of warnings are the whole process's
+    evaluation.compute("margins")  # before a second thread: filters of warnings are the whole process's
     with ThreadPoolExecutor(1) as beside:  # runs are compiled code, which lets the other thread go on
         rigid = beside.submit(_runs, evaluation, synthesis)
         progress("corners of the tolerances, while load, move and sampled robots are run")
@@ -121,7 +113,9 @@ def design(robot: Robot, specification: Specification, progress: Progress | None
     progress("payloads at the ends of their ranges")
     payloads = evaluate_payloads(evaluation)
     lines = tuple(_requirements(evaluation, synthesis, mujoco, rest, payloads))
-    start = _start_value(setup, synthesis)
+    start = float("nan")  # V where the step starts, with the integrals that the controller chooses
+    if synthesis.sampled or synthesis.proved is not None:
+        start = float((synthesis.proved or synthesis.solution).value(setup.departure(synthesis.solution)))
     inside = start <= synthesis.chosen.level if synthesis.sampled else None
     progress("proof of the region")
     proof = with_tolerances(robot, s, synthesis, prove_design(robot, s, synthesis, start, worth))
@@ -135,7 +129,15 @@ def design(robot: Robot, specification: Specification, progress: Progress | None
 def _runs(evaluation: LawEvaluation, synthesis: Synthesis) -> RigidComparison | None:
     """The runs that a design shows beside its step, and the rigid design on the same robot, where it is asked for."""
     evaluation.compute("load_response", "ring_down", "move", "step_samples")
-    return _rigid(evaluation, synthesis) if evaluation.setup.specification.compare_rigid else None
+    setup, few = evaluation.setup, len(synthesis.problem.state_names) <= RIGID_STATES
+    if not setup.specification.compare_rigid:
+        return None
+    assert evaluation.scenario is not None
+    return compare_rigid(
+        synthesis.problem, setup.true_plant, synthesis.chosen.degree if few else 2, setup.specification,
+        evaluation.energy, setup.equilibrium(setup.start), setup.goal, evaluation.scenario.step_duration,
+        setup.limits.saturated,
+    )  # fmt: skip
 
 
 def _law_modes(evaluation: LawEvaluation, synthesis: Synthesis) -> tuple:
@@ -144,16 +146,13 @@ def _law_modes(evaluation: LawEvaluation, synthesis: Synthesis) -> tuple:
     return modes_of(loop, evaluation.setup.joints, *evaluation.energy)
 
 
-def step_duration(linear: LawEvaluation, synthesis: Synthesis) -> float:
+def step_duration(linear: LawEvaluation, synthesis: Synthesis, modes: tuple = ()) -> float:
     """Of the step, s: as stated, or by the slowest mode of the law, after the command."""
-    return _duration(linear.setup, _law_modes(linear, synthesis))
-
-
-def _duration(setup: LoopSetup, modes: tuple) -> float:
-    stated = setup.specification.duration
+    stated = linear.setup.specification.duration
     if stated is not None:
         return stated
-    return run_length(min(-mode.eigenvalue.real for mode in modes)) + setup.command_time
+    slowest = min(-mode.eigenvalue.real for mode in modes or _law_modes(linear, synthesis))
+    return run_length(slowest) + linear.setup.command_time
 
 
 def _scenario(
@@ -191,24 +190,6 @@ def _followed(linear: LawEvaluation, synthesis: Synthesis) -> np.ndarray:
     return np.where(np.isfinite(found) & (found > 0.0), found, fallback)
 
 
-def _start_value(setup: LoopSetup, synthesis: Synthesis) -> float:
-    """V where the step starts, with the integrals that the controller chooses; nan where there is no region."""
-    if not synthesis.sampled and synthesis.proved is None:
-        return float("nan")
-    return float((synthesis.proved or synthesis.solution).value(setup.departure(synthesis.solution)))
-
-
-def _rigid(evaluation: LawEvaluation, synthesis: Synthesis) -> RigidComparison | None:
-    setup = evaluation.setup
-    few = len(synthesis.problem.state_names) <= RIGID_STATES
-    assert evaluation.scenario is not None
-    return compare_rigid(
-        synthesis.problem, setup.true_plant, synthesis.chosen.degree if few else 2, setup.specification,
-        evaluation.energy, setup.equilibrium(setup.start), setup.goal, evaluation.scenario.step_duration,
-        setup.limits.saturated,
-    )  # fmt: skip
-
-
 def _requirements(
     evaluation: LawEvaluation,
     synthesis: Synthesis,
@@ -222,10 +203,8 @@ def _requirements(
     lines, step, robots = _law_requirements(evaluation)
     damping = None if target is None else required_damping(s, target)
     if target is not None and damping is not None:
-        least_damped = evaluation.least_damped_joint
-        lines += behaviour_requirements(
-            s, target.bandwidth, damping, evaluation.margins, setup.joints, least_damped
-        )
+        worst, margins = evaluation.least_damped_joint, evaluation.margins
+        lines += behaviour_requirements(s, target.bandwidth, damping, margins, setup.joints, worst)
         lines.append(evaluation.ring_down.requirement(s, damping))
     lines += step
     if mujoco is not None:
@@ -338,7 +317,7 @@ def compare(
     ['design', 'nl-hinf', 'pd']
     """
     s, kinds = specification, [law_kind(name) for name in law_names(laws)]
-    progress = progress or _silent
+    progress = progress or (lambda text: None)
     check_mode(tune, "tune='peak'")
     progress("equilibrium, and weights")
     synthesis = synthesise(robot, s, progress)
@@ -348,17 +327,10 @@ def compare(
     scenario, step = _scenario(linear, synthesis, step_duration(linear, synthesis), COMPARED_SAMPLES)
     own = linear.in_scenario(scenario, step)
     unit = synthesis.problem.plant.unit(synthesis.problem.input_names[0])
-    criterion = criterion_for(
-        tune,
-        reference_metrics(own),
-        scenario.step_duration,
-        stated_limits(setup, unit),
-        unit,
-        setup.position_resolution(),
-    )
-    bandwidth = float(
-        np.exp(np.mean(np.log(_followed(linear, synthesis))))
-    )  # where searches over bandwidths begin
+    limits, resolution = stated_limits(setup, unit), setup.position_resolution()
+    criterion = criterion_for(tune, reference_metrics(own), scenario.step_duration, limits, unit, resolution)
+    # where searches over bandwidths begin
+    bandwidth = float(np.exp(np.mean(np.log(_followed(linear, synthesis)))))
     tuner = Tuner(LawFactory(synthesis, bandwidth), own, criterion, same_sensors)
     tuned = tuner.tune_all(kinds, laws or (), progress)
     rows = tuple(_row(kind, tuned[kind.name], progress) for kind in kinds)

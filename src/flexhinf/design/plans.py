@@ -53,13 +53,8 @@ def has_integrals(law: Law) -> bool:
 def step_command(robot: Robot, s: Specification, start: np.ndarray, goal: np.ndarray) -> Plan | None:
     """The command of the step from start to goal by the shaping; None for a jump.
 
-    It does not depend on the law, so that laws are compared with the same command: it is made for the stated bandwidth,
-    or for `BANDWIDTH_FRACTION` of the lowest vibration with held motors.
-
-    Raises
-    ------
-    InvalidInput
-        As `plan_move`.
+    It does not depend on the law, so that laws are compared with the same command: it is made for the stated
+    bandwidth, or for `BANDWIDTH_FRACTION` of the lowest vibration with held motors.
     """
     if s.shaping == "jump" or not np.any(goal != start):
         return None
@@ -81,27 +76,26 @@ def plan_move(
 ) -> Plan:
     """The move from start to goal as fast as the loop follows, slower until it keeps the joints' speeds and efforts.
 
-    Parameters
-    ----------
-    robot, s
-        Limits of effort and speed are the specification's, or the robot's.
-    start, goal, bandwidth : (n,)
-        Link positions, rad or m, and rad/s.
-    slowest_vibration : float
-        Its period smooths the plan, rad/s.
-    held : sequence of (m,)
-        Inputs that hold the robot at start and goal, beside which the limit leaves room.
-
-    Raises
-    ------
-    InvalidInput
-        If the move leaves the joints' ranges, or no slower move keeps the other limits.
+    `robot`, `s`: limits of effort and speed are the specification's, or the robot's.
+    `start`, `goal`, `bandwidth`: (n,), Link positions, rad or m, and rad/s.
+    `slowest_vibration`: its period smooths the plan, rad/s.
+    `held`: inputs that hold the robot at start and goal, beside which the limit leaves room.
     """
-    limits = joint_limits(robot, s)
-    limit = _feedforward_limit(limits, held)
+    limits, limit = joint_limits(robot, s), None
+    if limits.limits_effort:  # the largest input (n,) that the feedforward may use of each motor
+        needed = np.abs(held).max(axis=0)
+        limit = needed + EFFORT_FRACTION * np.maximum(0.0, limits.effort - needed)
+    way = np.abs(goal - start)
+    way = np.maximum(way, LEAST_WAY * max(float(way.max()), 1e-6))
     for k in range(STRETCHES):
         rate = np.asarray(bandwidth, dtype=float) / STRETCH**k
-        plan = _planned(s, start, goal, rate, 2.0 * math.pi / slowest_vibration)
+        if s.shaping == "quintic":
+            plan: Plan = Waypoints([0.0, QUINTIC_TIME / float(rate.min())], [start, goal], "quintic")
+        else:
+            plan = JerkLimited(
+                start, goal, VELOCITY * way * rate, ACCELERATION * way * rate**2, JERK * way * rate**3,
+                smoothing=2.0 * math.pi / slowest_vibration,
+            )  # fmt: skip
         try:
             check_reference(robot, plan, plan.duration, limit, s.period, limits.speed)
         except InvalidInput:
@@ -112,36 +106,10 @@ def plan_move(
     raise AssertionError("unreachable")
 
 
-def _planned(
-    s: Specification, start: np.ndarray, goal: np.ndarray, rate: np.ndarray, smoothing: float
-) -> Plan:
-    """One way within the limits of velocity, acceleration and jerk that belong to bandwidths (n,)."""
-    if s.shaping == "quintic":
-        return Waypoints([0.0, QUINTIC_TIME / float(rate.min())], [start, goal], "quintic")
-    way = np.abs(goal - start)
-    way = np.maximum(way, LEAST_WAY * max(float(way.max()), 1e-6))
-    return JerkLimited(
-        start, goal, VELOCITY * way * rate, ACCELERATION * way * rate**2, JERK * way * rate**3, smoothing=smoothing
-    )  # fmt: skip
-
-
-def _feedforward_limit(limits: JointLimits, held: Sequence[np.ndarray]) -> np.ndarray | None:
-    """The largest input (n,) that the feedforward may use of each motor; None without an effort limit."""
-    if not limits.limits_effort:
-        return None
-    needed = np.abs(held).max(axis=0)
-    return needed + EFFORT_FRACTION * np.maximum(0.0, limits.effort - needed)
-
-
 # A stated move -----------------------------------------------------------------------------------------------
 def stated_move(robot: Robot, s: Specification) -> Plan | None:
-    """The move of a specification, checked against the joints' ranges, speeds and efforts; None where none is stated.
-
-    Raises
-    ------
-    InvalidInput
-        For names that are not the joints', and for a move that leaves a limit, with the joint, the time, the value and
-        how much slower the move would keep it.
+    """The move of a specification, checked against the joints' ranges, speeds and efforts; None where none is
+    stated.
     """
     if s.move is None:
         return None
@@ -167,11 +135,8 @@ def stated_move(robot: Robot, s: Specification) -> Plan | None:
     try:
         _check(robot, s, plan, limits, INSTANTS)
     except InvalidInput as error:
-        raise WaypointError(
-            error.what.replace("The reference", "The move"),
-            error.found,
-            _slower(robot, s, limits) or error.advice,
-        ) from None
+        what, advice = error.what.replace("The reference", "The move"), _slower(robot, s, limits)
+        raise WaypointError(what, error.found, advice or error.advice) from None
     return plan
 
 

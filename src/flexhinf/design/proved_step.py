@@ -4,28 +4,30 @@ Candidates are laws of the preset robust, and for the nominal robot of damped to
 degrees of V. Of each, a step without a jump of the input is run on the nominal robot, for its largest input, and
 `sampled_gain` says which γ is worth a proof, for the robot's own penalty and command: the same d and z for all
 candidates. They are proved in order, the best first, until one is.
+
+`prove_box` proves one law for every robot within its tolerances. The gain is from the disturbances to the z of
+`measured_problem`, the same for all laws of a robot. The storage function of a linear law is a common quadratic V
+(`flexhinf.certify.box_gain`), of others a multiple of the law's own; its level holds the step of every robot.
 """
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Sequence
+import time
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
+from flexhinf.certify import Certificate
 from flexhinf.certify.box import parameter_ranges, tolerance_statement
-from flexhinf.certify.starts import path_start
-from flexhinf.design.box_proof import (
-    BoxProof,
-    NotWithinTolerances,
-    margins_of,
-    prove_box,
-    reason_of,
-    sampled_box,
-    step_start,
-)
+from flexhinf.certify.box_gain import CommonValue, common_value, sampled_gain
+from flexhinf.certify.cells import OutOfTime, Progress, time_limit
+from flexhinf.certify.claim import Start
+from flexhinf.certify.evaluation import path_start
+from flexhinf.certify.proof import NotProved, certify_tolerances
+from flexhinf.certify.starts import largest_values, robot_start, tabled_start
 from flexhinf.design.joint_limits import joint_limits
 from flexhinf.design.problem.presets import DesignProblem, choose, measured_problem
 from flexhinf.design.specification import Specification
@@ -33,6 +35,166 @@ from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.hinf import HJISolution, solve_hji
 from flexhinf.plant import GeneralisedPlant
 from flexhinf.robot import Robot
+
+Ranges = Mapping[str, tuple[float, float]]
+
+#: A level is taken so much above the largest V of the starts; γ so much above what sampling finds, in turn.
+ROOM, MARGINS = 1.003, (1.05, 1.15, 1.4)
+
+#: γ over the smallest one of a common quadratic V, in turn: room for enclosures, where definite matrices prove it.
+#: Cells are looked at with the last one alone: they become fewer with the margin.
+QUADRATIC_MARGINS = (1.02, 1.05, 1.1, 1.6)
+
+
+class NotWithinTolerances(InvalidInput):
+    """A law that cannot be proved for all robots within the tolerances."""
+
+    def __init__(self, found: str, advice: str = "preset='proved', which searches a law that can") -> None:
+        super().__init__("The law is not proved for all robots within the tolerances.", found, advice)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class BoxProof:
+    """A law with the step that is proved for all robots within the tolerances."""
+
+    solution: HJISolution
+    problem: GeneralisedPlant  # Whose disturbance and penalty the gain is of
+    step: float  # Rest to rest, to the goal; rad or m, negative from above it
+    gamma: float = np.inf  # Proved; before the proof, what sampling found
+    scale: float = 1.0  # The storage function is scale · V, with V of the law
+    p: np.ndarray | None = None  # (n, n); of a linear law it is ½ xᵀPx with this P instead
+    common: CommonValue | None = None  # Where P is from
+    certificate: Certificate | None = None  # None before the proof
+    cpu_seconds: float = 0.0  # That the proof took
+
+    def value(self, x: np.ndarray) -> Any:
+        """The storage function at deviations (n,) or (N, n) from the goal."""
+        own = self.p is None
+        return self.scale * self.solution.value(x) if own else 0.5 * np.sum((x @ self.p) * x, axis=-1)
+
+    @property
+    def inner_level(self) -> float:
+        """Of the law's own V: the largest whose level set lies in the proved region."""
+        assert self.certificate is not None
+        if self.p is None:
+            return self.certificate.level / self.scale
+        largest = np.linalg.eigvals(np.linalg.solve(self.solution.P, self.p)).real.max()
+        return self.certificate.level / float(largest)
+
+
+Law = TypeVar("Law", bound=BoxProof)
+
+
+def step_start(statement: Certificate, solution: HJISolution, step: float) -> Start:
+    """The path of starts of a step without a jump of the input, each robot its own where that has a form."""
+    side = 1.0 if step < 0.0 else -1.0
+    start = robot_start(statement, side) or tabled_start(solution, statement, abs(step), side)
+    if start is None:
+        raise NotWithinTolerances("no start without a jump of the input was found for this plant")
+    return start
+
+
+def common_box(law: Law, ranges: Ranges) -> Law:
+    """The same with the smallest γ that a common quadratic V of a linear law has, and such a V."""
+    found = common_value(tolerance_statement(law.solution, law.problem, ranges, 1.0))
+    if found is None:
+        raise NotWithinTolerances("no quadratic V decreases at all corners of the tolerances")
+    return replace(law, gamma=found.smallest, p=found.p(max(QUADRATIC_MARGINS)), common=found)
+
+
+def sampled_box(law: Law, ranges: Ranges) -> Law:
+    """The same with a γ that is worth a proof, and its storage function.
+
+    For a linear law that is the quadratic V of the smallest gain for all slopes of the plant's functions;
+    otherwise, and where there is none, a multiple of the law's own V, with the smallest γ that no sample of the
+    region refuses.
+    """
+    if law.solution.degree == 2:
+        try:
+            return common_box(law, ranges)
+        except NotWithinTolerances:
+            pass  # on a region, where the slopes are smaller, there may be one
+    statement = tolerance_statement(law.solution, law.problem, ranges, 1.0)
+    start = step_start(statement, law.solution, law.step)
+    values = largest_values(statement, start, np.linspace(0.0, abs(law.step), 200))
+    about = float(law.problem.r2[0, 0] / law.solution.expansion.r2[0, 0])
+    gamma, scale = sampled_gain(statement, ROOM * float(values.max()), about)
+    if not np.isfinite(gamma):
+        raise NotWithinTolerances(
+            f"at some corner of the tolerances the inequality holds with no γ on the region of a step of "
+            f"{abs(law.step):.4g}"
+        )
+    return replace(law, gamma=gamma, scale=scale)
+
+
+def prove_box(
+    robot: Robot,
+    law: Law,
+    ranges: Ranges,
+    *,
+    margins: tuple[float, ...] | None = None,
+    seconds: float = np.inf,
+    most_cells: int = 100_000_000,
+    threads: int = 1,
+    progress: Progress | None = None,
+) -> Law:
+    """The law of `sampled_box` with its certificate, for the smallest of some gains that can be proved.
+
+    `ranges`: see `flexhinf.certify.proof.parameter_ranges`.
+    `margins`: γ over that of `sampled_box`, in turn; by default those of its storage function.
+    `seconds`: CPU time of this thread for all of them; each may take half of what is left, the last one all.
+    `most_cells`: of one proof.
+    `progress`: as of `certify_tolerances`.
+    """
+    goal = np.asarray(law.problem.operating_point)[:1]
+    about = about_text(robot, goal, law.solution.degree)
+    began, reason = time.thread_time(), ""
+    margins = margins or margins_of(law)
+    for margin in margins:
+        gamma, p = margin * law.gamma, law.p if law.common is None else law.common.p(margin)
+        left = seconds - (time.thread_time() - began)
+        limit = time_limit(left if margin == margins[-1] else left / 2.0)
+
+        def watch(cells: int, share: float, limit: Progress = limit) -> None:
+            limit(cells, share)
+            if progress is not None:
+                progress(cells, share)
+
+        try:
+            certificate = certify_tolerances(
+                law.solution, law.problem, ranges, gamma, step=law.step, scale=law.scale, p=p, about=about,
+                most_cells=most_cells if law.p is None or margin == QUADRATIC_MARGINS[-1] else 0, threads=threads,
+                progress=watch,
+            )  # fmt: skip
+        except NotProved as error:
+            reason = f"γ = {gamma:.4g}: {reason_of(error)}"
+        except OutOfTime:
+            reason = f"γ = {gamma:.4g}: no proof was found within {seconds:g} s of CPU time"
+        else:
+            spent = time.thread_time() - began
+            return replace(law, gamma=gamma, p=p, certificate=certificate, cpu_seconds=spent)
+    raise NotWithinTolerances(
+        reason, "preset='proved', which searches a law that can, or longer `proof_seconds`"
+    )
+
+
+def margins_of(law: BoxProof) -> tuple[float, ...]:
+    """γ over that of `sampled_box` that are tried, in turn."""
+    return MARGINS if law.p is None else QUADRATIC_MARGINS
+
+
+def reason_of(error: FlexhinfError) -> str:
+    """The reason of an error on one line: its `found`, or `what` where that is an expected and a received value."""
+    found = "" if (error.found or "").startswith("expected ") else error.found
+    return " ".join((found or error.what).split()).rstrip(".")
+
+
+def about_text(robot: Robot, goal: np.ndarray, degree: int) -> str:
+    """Robot, goal pose (n,) with units, and degree of V, for a certificate."""
+    pairs = zip(goal, robot.links.slides, strict=True)
+    pose = ", ".join(f"{value:.6g} {'m' if slides else 'rad'}" for value, slides in pairs)
+    return f"{robot.name}, goal {pose}, degree {degree} of V"
+
 
 #: Factors of the preset's bandwidth, dampings (None: the preset's), and γ/γ* of the candidates.
 BANDWIDTHS, DAMPINGS, RATIOS = (0.8, 1.0, 1.3), (None, 0.4), (1.3, 1.5, 2.0)
@@ -56,28 +218,14 @@ CONTRADICTIONS = {
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ProvedLaw(BoxProof):
-    """The law that was searched for, with its proof.
+    """The law that was searched for, with its proof."""
 
-    Attributes
-    ----------
-    bandwidth : ndarray
-        rad/s.
-    ratio : float
-        γ/γ* of the law's own design.
-    design_problem : DesignProblem
-        Whose solution the law is; its γ is the law's.
-    peak_effort : float
-        Largest |u| of the step on the nominal robot.
-    candidates : int
-        Laws within the limit whose inequality no sample refused.
-    """
-
-    bandwidth: np.ndarray
+    bandwidth: np.ndarray  # rad/s
     damping: float
-    ratio: float
-    design_problem: DesignProblem
-    peak_effort: float = np.inf
-    candidates: int = 1
+    ratio: float  # γ/γ* of the law's own design
+    design_problem: DesignProblem  # Whose solution the law is; its γ is the law's
+    peak_effort: float = np.inf  # Largest |u| of the step on the nominal robot
+    candidates: int = 1  # Laws within the limit whose inequality no sample refused
 
 
 def proved_law(
@@ -93,11 +241,6 @@ def proved_law(
     The proof is about the law with the true state fed back; `admits` may refuse one for what it does with the
     estimator. A robot that states no tolerances is nominal. What the specification states of bandwidth, damping,
     degrees and γ/γ* is not searched for.
-
-    Raises
-    ------
-    InvalidInput
-        A contradiction, more than one joint, or no proof.
     """
     _check(robot, s)
     stated: dict[str, Any] = {} if s.bandwidth is None else {"bandwidths": (1.0,)}
@@ -197,9 +340,8 @@ def search_proved_step(
             f"candidates: {preset}, {factor:g} times its bandwidth, damping {damping or 'of the preset'}"
         )
         try:
-            for candidate in _laws(
-                robot, goal, step, factor, damping, ratios, degrees, preset, base, measured
-            ):
+            s = replace(base, preset=preset, damping=damping)
+            for candidate in _laws(robot, goal, step, factor, s, ratios, degrees, measured):
                 try:
                     found.append(_within(candidate, ranges, step, effort_limit))
                 except FlexhinfError as error:
@@ -225,14 +367,9 @@ def search_proved_step(
                 reasons.append(reason_of(error))
             else:
                 return replace(proved, candidates=len(found))
-    raise _not_proved(found, reasons, effort_limit)
-
-
-def _not_proved(found: Sequence[ProvedLaw], reasons: Sequence[str], limit: float) -> InvalidInput:
-    """The error with the reasons that were met most often."""
     often = sorted(dict.fromkeys(reasons), key=lambda reason: -reasons.count(reason))[:SHOWN]
-    within = f"whose step stays within {limit:g} and " if np.isfinite(limit) else ""
-    return InvalidInput(
+    within = f"whose step stays within {effort_limit:g} and " if np.isfinite(effort_limit) else ""
+    raise InvalidInput(
         "No step could be proved.",
         f"expected a law {within}whose inequality holds, got {len(found)} candidates and no proof: {'; '.join(often)}",
         "a larger `peak_effort`, a smaller step, smaller tolerances, another bandwidth or damping, or longer "
@@ -245,25 +382,19 @@ def _laws(
     goal: Any,
     step: float | None,
     factor: float,
-    damping: Any,
+    s: Specification,
     ratios: Any,
     degrees: Any,
-    preset: Any,
-    base: Specification,
     measured: GeneralisedPlant,
 ) -> list[ProvedLaw]:
-    """The laws of one bandwidth and damping; raises as `choose` where the preset finds no weights."""
     pose = np.asarray(goal, dtype=float)
     start = pose - (np.pi / 2 if step is None else step)
-    s = replace(base, pose=tuple(pose), start=tuple(start), preset=preset, damping=damping)
+    s = replace(s, pose=tuple(pose), start=tuple(start))
     first = choose(robot, pose, start, s)
     assert first.target is not None
-    bandwidth = factor * first.target.bandwidth
-    chosen = (
-        first
-        if factor == 1.0
-        else choose(robot, pose, start, replace(s, bandwidth=tuple(bandwidth.tolist())))
-    )
+    chosen, bandwidth = first, factor * first.target.bandwidth
+    if factor != 1.0:
+        chosen = choose(robot, pose, start, replace(s, bandwidth=tuple(bandwidth.tolist())))
     return [
         ProvedLaw(
             solution=solve_hji(chosen.problem, ratio * chosen.gamma_star, degree), problem=measured,
@@ -276,7 +407,6 @@ def _laws(
 
 
 def _within(candidate: ProvedLaw, ranges: Any, step: float | None, limit: float) -> ProvedLaw:
-    """The candidate with its step, the input that this takes, and the sampled γ; raises where there is none."""
     solution, measured = candidate.solution, candidate.problem
     wanted = LONGEST if step is None else step
     statement = tolerance_statement(solution, measured, ranges, 1.0)
@@ -286,22 +416,16 @@ def _within(candidate: ProvedLaw, ranges: Any, step: float | None, limit: float)
         x = path_start(statement, start, amplitude)
         return _peak_effort(solution, measured, x, LENGTH / float(np.min(candidate.bandwidth)))
 
-    largest = _largest(peak, abs(wanted), limit, step is not None)
-    if largest is None:
+    low, largest = 0.0, abs(wanted)
+    if peak(largest) > limit:
+        for _ in range(HALVINGS if step is None else 0):
+            middle = 0.5 * (low + largest)
+            low, largest = (middle, largest) if peak(middle) <= limit else (low, middle)
+        largest = low
+    if not largest:
         raise NotWithinTolerances(f"a step of {abs(wanted):.4g} takes an input of {peak(abs(wanted)):.3g}")
     step = float(np.copysign(largest, wanted))
     return sampled_box(replace(candidate, step=step, peak_effort=peak(largest)), ranges)
-
-
-def _largest(peak: Callable[[float], float], longest: float, limit: float, wanted: bool) -> float | None:
-    """The longest step within the limit; None for a wanted one that is not, and where even short ones are not."""
-    if peak(longest) <= limit:
-        return longest
-    low, high = 0.0, longest
-    for _ in range(0 if wanted else HALVINGS):
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if peak(middle) <= limit else (low, middle)
-    return low or None
 
 
 def _peak_effort(solution: HJISolution, measured: GeneralisedPlant, x: np.ndarray, duration: float) -> float:

@@ -15,10 +15,10 @@ from typing import Any
 import numpy as np
 
 from flexhinf.analysis import Margins, ToleranceCorners
-from flexhinf.design.joint_limits import ROBOT, JointLimits, LimitUse
+from flexhinf.design.joint_limits import ROBOT, JointLimits, LimitUse, per_joint
 from flexhinf.design.monte_carlo import MonteCarlo
 from flexhinf.design.responses import Move, Response
-from flexhinf.design.specification import FIELDS, TOLERANCE, Specification, SpecificationError
+from flexhinf.design.specification import FIELDS, TOLERANCE, Specification
 from flexhinf.loop.simulation.metrics import SETTLING_BAND
 
 #: The requirement of the links' speeds.
@@ -30,46 +30,31 @@ RUNNING = "running loop at the goal: sampled, with estimator and delay, nominal 
 
 @dataclass(frozen=True)
 class Requirement:
-    """One line of a specification.
-
-    Attributes
-    ----------
-    limit, found : float
-        In `unit`.
-    at_most : bool
-        Whether `limit` is an upper limit; otherwise a lower one.
-    where : str
-        The run or loop that was judged.
-    criterion : str
-        How `found` is defined.
-    stated_by : str
-        The option that states the limit, or "default".
-    joint : str
-        Of the worst value; empty where there is one joint, or where it has none.
-    at : float or None
-        When it occurs, s; None where it has no time.
-    """
+    """One line of a specification."""
 
     what: str
+    # limit, found: In `unit`
     limit: float
     found: float
     unit: str
-    at_most: bool
-    where: str
-    criterion: str
-    stated_by: str = "default"
-    joint: str = ""
-    at: float | None = None
+    at_most: bool  # Whether `limit` is an upper limit; otherwise a lower one
+    where: str  # The run or loop that was judged
+    criterion: str  # How `found` is defined
+    stated_by: str = "default"  # The option that states the limit, or "default"
+    joint: str = ""  # Of the worst value; empty where there is one joint, or where it has none
+    at: float | None = None  # When it occurs, s; None where it has no time
 
     @property
     def met(self) -> bool:
         """Whether it is met, within `TOLERANCE`."""
-        return self._keeps(self.limit * (1.0 + TOLERANCE if self.at_most else 1.0 - TOLERANCE))
+        if self.at_most:
+            return bool(self.found <= self.limit * (1.0 + TOLERANCE))
+        return bool(self.found >= self.limit * (1.0 - TOLERANCE))
 
     @property
     def within_tolerance(self) -> bool:
         """Whether the limit itself is missed, by so little that it counts as met."""
-        return self.met and not self._keeps(self.limit)
+        return self.met and not (self.found <= self.limit if self.at_most else self.found >= self.limit)
 
     @property
     def judgement(self) -> str:
@@ -77,9 +62,6 @@ class Requirement:
         if not self.met:
             return "NOT MET"
         return f"met within {100.0 * TOLERANCE:g} %" if self.within_tolerance else "met"
-
-    def _keeps(self, limit: float) -> bool:
-        return bool(self.found <= limit if self.at_most else self.found >= limit)
 
     @property
     def unit_text(self) -> str:
@@ -215,14 +197,9 @@ def behaviour_requirements(
 ) -> list[Requirement]:
     """Bandwidth and damping of the running loop, where weights were searched for them.
 
-    Parameters
-    ----------
-    bandwidth : (n,)
-        Required of each joint, rad/s.
-    damping : float
-        Required of every oscillation.
-    least_damped : str
-        The joint of the smallest damping ratio.
+    `bandwidth`: (n,), Required of each joint, rad/s.
+    `damping`: required of every oscillation.
+    `least_damped`: the joint of the smallest damping ratio.
     """
     fraction = np.nan_to_num(margins.bandwidth / bandwidth, nan=0.0)
     worst = int(np.argmin(fraction))
@@ -252,10 +229,7 @@ def step_requirements(
 ) -> list[Requirement]:
     """Overshoot of one run, and how much it uses of the joints' limits.
 
-    Parameters
-    ----------
-    unlimited : Response, optional
-        The same run without limits of the inputs, for the peak that a limit would hide.
+    `unlimited`: the same run without limits of the inputs, for the peak that a limit would hide.
     """
     worst = response.overshoot
     joint = of_several(response.joints, worst.joint)
@@ -274,15 +248,10 @@ def limit_requirements(
 ) -> list[Requirement]:
     """Peak input, link speed and ranges of one run, each of the joint that uses most of its own limit.
 
-    Parameters
-    ----------
-    demanded : Response, optional
-        The run whose inputs count; by default the same.
-    unlimited : bool
-        Whether that one has no limits of the inputs.
-    always : bool
-        Also where a limit is kept; otherwise only what is exceeded. Ranges are always of the second kind, since a run
-        begins and ends within them.
+    `demanded`: the run whose inputs count; by default the same.
+    `unlimited`: whether that one has no limits of the inputs.
+    `always`: also where a limit is kept; otherwise only what is exceeded. Ranges are always of the second kind, since
+        a run begins and ends within them.
     """
     found = []
     if limits.limits_peak:
@@ -307,7 +276,6 @@ def _peak(limits: JointLimits, use: LimitUse, where: str, how: str = "") -> Requ
 def _limit(
     name: str, limits: JointLimits, use: LimitUse, where: str, source: str, **more: Any
 ) -> Requirement:
-    """The requirement of a limit of the joints, with how much of it is used."""
     return REQUIREMENTS[name].judge(
         None, use.limit, use.value, where, unit=use.unit, stated_by=source, joint=of_several(limits.joints, use.joint),
         at=use.at, **more,
@@ -317,29 +285,27 @@ def _limit(
 def sample_requirements(s: Specification, limits: JointLimits, samples: MonteCarlo) -> list[Requirement]:
     """The worst of the robots sampled within their tolerances."""
     where = f"the worst of {len(samples)} robots sampled within their tolerances"
-    joint = samples.joint_of_worst_overshoot
+    joint = of_several(limits.joints, samples.overshoot_joints[int(np.argmax(samples.overshoot))])
     lines = [
         REQUIREMENTS["unsettled"].judge(None, 0.0, samples.unsettled, where),
         REQUIREMENTS["overshoot"].judge(s, s.overshoot, samples.overshoot.max(), where, joint=joint),
     ]
+
+    def worst(values: np.ndarray, most: np.ndarray, units: tuple[str, ...]) -> LimitUse:
+        if not np.isfinite(values).all():  # a run diverged
+            joint = int(np.argmin(most))
+            return LimitUse(np.inf, float(most[joint]), "", units[joint], None)
+        row, joint = divmod(int(np.argmax(values / most)), values.shape[1])
+        return LimitUse(
+            float(values[row, joint]), float(most[joint]), limits.joints[joint], units[joint], None
+        )
+
     if limits.limits_peak:
-        use = _sampled_use(limits, samples.inputs, limits.peak, limits.effort_units)
-        lines.append(_peak(limits, use, where))
+        lines.append(_peak(limits, worst(samples.inputs, limits.peak, limits.effort_units), where))
     if limits.limits_speed:
-        use = _sampled_use(limits, samples.speeds, limits.speed, limits.speed_units)
+        use = worst(samples.speeds, limits.speed, limits.speed_units)
         lines.append(_limit("speed", limits, use, where, limits.speed_source))
     return lines
-
-
-def _sampled_use(
-    limits: JointLimits, values: np.ndarray, most: np.ndarray, units: tuple[str, ...]
-) -> LimitUse:
-    """Of the values (N, n) that one that uses most of its limit."""
-    if not np.isfinite(values).all():  # a run diverged
-        joint = int(np.argmin(most))
-        return LimitUse(np.inf, float(most[joint]), "", units[joint], None)
-    row, joint = divmod(int(np.argmax(values / most)), values.shape[1])
-    return LimitUse(float(values[row, joint]), float(most[joint]), limits.joints[joint], units[joint], None)
 
 
 # Moves ------------------------------------------------------------------------------------------------------
@@ -375,27 +341,11 @@ def move_requirements(s: Specification, limits: JointLimits, move: Move) -> list
 def tracking_limits(s: Specification, limits: JointLimits, ways: np.ndarray) -> np.ndarray:
     """Largest tracking error (n,) of each joint, rad or m: as stated, or `TRACKING_FRACTION` of its way.
 
-    Parameters
-    ----------
-    ways : (n,)
-        `Move.ways`.
-
-    Raises
-    ------
-    SpecificationError
-        For a number of limits that is not the number of joints.
+    `ways`: (n,), `Move.ways`.
     """
     if s.tracking_error is None:
         return TRACKING_FRACTION * _counted(limits, ways)
-    stated, count = np.array(s.tracking_error), len(limits.joints)
-    if len(stated) not in (1, count):
-        raise SpecificationError(
-            "tracking_error",
-            "The tracking error does not fit the joints.",
-            f"expected one number, or one for each of {list(limits.joints)}, got {len(stated)}",
-            example=",".join(f"{one:g}" for one in np.resize(stated, count)),
-        )
-    return np.array(np.broadcast_to(stated, (count,)))
+    return per_joint(limits.joints, "tracking_error", s.tracking_error)
 
 
 def final_limits(limits: JointLimits, ways: np.ndarray) -> np.ndarray:

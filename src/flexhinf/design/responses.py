@@ -46,33 +46,15 @@ COMPARED_SAMPLES = ((15, 50), (10_000, 20))
 
 @dataclass(frozen=True, eq=False)
 class Scenario:
-    """The runs that every law is evaluated in.
+    """The runs that every law is evaluated in."""
 
-    Attributes
-    ----------
-    step_duration : float
-        Of the step, bumpless or as a jump, s.
-    load : (n,)
-        Constant torques on the links, N·m or N.
-    load_duration : float
-        Of the run with the load, s; the load begins at `LOAD_START` of it.
-    plan : Plan
-        The move from start to goal, or the stated one.
-    robots : tuple of mapping
-        Parameters of the robots sampled within their tolerances.
-    sub_steps : int
-        Runge–Kutta steps per period of the true plant.
-    rest : float or None
-        How long the move is observed at its end, s; None for half of its duration.
-    """
-
-    step_duration: float
-    load: np.ndarray
-    load_duration: float
-    plan: Plan
-    robots: tuple[Mapping[str, Any], ...]
-    sub_steps: int
-    rest: float | None = None
+    step_duration: float  # Of the step, bumpless or as a jump, s
+    load: np.ndarray  # (n,). Constant torques on the links, N·m or N
+    load_duration: float  # Of the run with the load, s; the load begins at `LOAD_START` of it
+    plan: Plan  # The move from start to goal, or the stated one
+    robots: tuple[Mapping[str, Any], ...]  # Parameters of the robots sampled within their tolerances
+    sub_steps: int  # Runge–Kutta steps per period of the true plant
+    rest: float | None = None  # How long the move is observed at its end, s; None for half of its duration
 
 
 def default_start(robot: Robot, goal: np.ndarray) -> np.ndarray:
@@ -106,12 +88,8 @@ def run_length(slowest: float) -> float:
 def default_load(per_input: np.ndarray, peak: np.ndarray) -> np.ndarray:
     """`LOAD_FRACTION` of the torques (n,) that the motors give at the peak inputs of a step, with the same signs.
 
-    Parameters
-    ----------
-    per_input : (n,)
-        Torque per unit of input.
-    peak : (n,)
-        Peak input of each motor; a motor that hardly acts counts with a tenth of the largest.
+    `per_input`: (n,), Torque per unit of input.
+    `peak`: (n,), Peak input of each motor; a motor that hardly acts counts with a tenth of the largest.
     """
     return LOAD_FRACTION * per_input * np.maximum(peak, LOAD_FRACTION * peak.max())
 
@@ -236,23 +214,12 @@ class Response:
 
 @dataclass(frozen=True, eq=False)
 class LoadResponse:
-    """A run at the goal with constant torques on all links.
+    """A run at the goal with constant torques on all links."""
 
-    Attributes
-    ----------
-    response : Response
-        In equilibrium at the goal, until the torques begin.
-    load : (n,)
-        N·m or N.
-    at : float
-        When they begin, s.
-    reference_step : (n,)
-        The step whose 2 % are the band that recovery is judged by: that from start to goal, rad or m.
-    """
-
-    response: Response
-    load: np.ndarray
-    at: float
+    response: Response  # In equilibrium at the goal, until the torques begin
+    load: np.ndarray  # (n,), N·m or N
+    at: float  # When they begin, s
+    # (n,). The step whose 2 % are the band that recovery is judged by: that from start to goal, rad or m
     reference_step: np.ndarray
 
     @cached_property
@@ -297,16 +264,10 @@ class Plan(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Move:
-    """A planned move with feedforward, followed in error coordinates.
-
-    Attributes
-    ----------
-    response : Response
-        Its start and goal are the ends of the plan.
-    """
+    """A planned move with feedforward, followed in error coordinates."""
 
     plan: Plan
-    response: Response
+    response: Response  # Its start and goal are the ends of the plan
 
     @staticmethod
     def along(plan: Plan, response: Response) -> Move:

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import cached_property
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import tomlkit
 
-from flexhinf.design.attenuation import Attenuation
-from flexhinf.design.certification import DesignProof, StepProof, step_proof
+from flexhinf.design.certification import Attenuation, DesignProof, StepProof, step_proof
+from flexhinf.design.design_file import DesignRequest, plain, request_document, toml_table
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.limit_cycle import LimitCycleCheck
 from flexhinf.design.loop_setup import LoopSetup
@@ -52,22 +54,14 @@ PAGES = "flexhinf.pages"
 
 @dataclass(frozen=True)
 class Status:
-    """The first lines of a report.
+    """The first lines of a report."""
 
-    Attributes
-    ----------
-    not_met, not_proved : tuple of str
-        Requirements that the loop misses; claims that were only sampled, or found by search.
-    risky : tuple of str
-        Dangers for the loop that no requirement covers.
-    scope : str
-        Limits that are met within the tolerance only, and the robots of the judgement, where those are less than all
-        within the tolerances; else empty.
-    """
-
+    # not_met, not_proved: Requirements that the loop misses; claims that were only sampled, or found by search
     not_met: tuple[str, ...] = ()
     not_proved: tuple[str, ...] = ()
-    risky: tuple[str, ...] = ()
+    risky: tuple[str, ...] = ()  # Dangers for the loop that no requirement covers
+    # Limits that are met within the tolerance only, and the robots of the judgement, where those are less than all
+    # within the tolerances; else empty
     scope: str = ""
 
     @property
@@ -115,7 +109,6 @@ def status_of(
 def _not_proved(
     chosen: DegreeChoice, worth: Attenuation, inside: bool | None, proof: DesignProof
 ) -> tuple[str, ...]:
-    """Failures of a proof, or of the sampled check."""
     missing = step_proof(proof, chosen, inside).missing
     if proof.certificate is None and proof.box is None and not worth.lasts:
         missing = (*missing, "the dissipation budget of the step does not last")
@@ -323,10 +316,7 @@ class Design(Summarised):
     def controller(self, at: np.ndarray | None = None) -> Controller:
         """A new controller as it is deployed: it takes over without a jump of the input.
 
-        Parameters
-        ----------
-        at : (n,), optional
-            Pose at which it takes over; the start of the step by default.
+        `at`: (n,), Pose at which it takes over; the start of the step by default.
         """
         return self.setup.controller(self.start if at is None else np.atleast_1d(at).astype(float))
 
@@ -337,22 +327,14 @@ class Design(Summarised):
 
 @dataclass(frozen=True, eq=False)
 class ComparedLaw:
-    """One row of a comparison.
-
-    Attributes
-    ----------
-    tuned : TunedLaw or None
-        The law, its parameters and its evaluation; None for a law that could not be made, or tuned within the limits.
-    requirements : tuple of Requirement
-        What the specification requires of margins, step, corners and sampled robots, judged as `design` judges it.
-    failure : str
-        Why there is no evaluation.
-    """
+    """One row of a comparison."""
 
     kind: LawKind
+    # The law, its parameters and its evaluation; None for a law that could not be made, or tuned within the limits
     tuned: TunedLaw | None = None
+    # What the specification requires of margins, step, corners and sampled robots, judged as `design` judges it
     requirements: tuple[Requirement, ...] = ()
-    failure: str = ""
+    failure: str = ""  # Why there is no evaluation
 
     @property
     def name(self) -> str:
@@ -431,3 +413,61 @@ class Comparison(Summarised):
             name: " or ".join(unit for unit, there in zip(pair, (not all(slides), any(slides))) if there)
             for name, pair in kinds.items()
         }
+
+
+# Design file ----------------------------------------------------------------------------------------
+#: Comment above the table [result].
+RESULT = "What came of it. This part is not read: changing it changes nothing."
+
+
+def design_text(design: Design, request: DesignRequest, folder: str | Path = ".") -> str:
+    """Text of the design file of a design: what was asked for, and what came of it.
+
+    `request`: where the robot came from and what it carries.
+    `folder`: where the file is to stand: paths are seen from it.
+    """
+    slides = design.robot.links.slides
+    document = request_document(
+        design.specification, request.source, request.elastic, folder, request.payload, slides
+    )
+    document.add(tomlkit.nl())
+    document.add(tomlkit.comment(RESULT))
+    document.add("result", toml_table(result_table(design)))
+    return tomlkit.dumps(document)
+
+
+def result_table(design: Design) -> dict[str, Any]:
+    """What came of a design, for the table [result]; nothing in it is None."""
+    problem, samples, found = design.design_problem, design.evaluation.step_samples, design.evaluation.margins
+    levels, states = design.setup.process_noise, problem.penalty.states
+    weights = None if callable(states) else plain("penalty", states)
+    if isinstance(weights, list):  # by name
+        rows = bool(weights) and isinstance(weights[0], list)
+        weights = {"rows": weights} if rows else dict(zip(design.problem.state_names, weights))
+    table: dict[str, Any] = {
+        "verdict": import_module(PAGES).verdict(design), "met": design.met, "preset": problem.preset,
+        "goal": design.goal, "start": design.start, "gamma_star": design.gamma_star, "gamma": design.gamma,
+        "degrees": [choice.degree for choice in design.choices], "degree": design.chosen.degree,
+        "bandwidth": found.bandwidth, "damping": found.damping if math.isfinite(found.damping) else None,
+        "draws": 0 if samples is None else len(samples), "rays": design.synthesis.rays,
+        "duration": design.scenario.step_duration, "weights_from": problem.source,
+        "R2": np.asarray(problem.penalty.effort, dtype=float), "R2_from": problem.effort_source, "weights": weights,
+        "robust": None if problem.robustness is None else asdict(problem.robustness),
+        "estimator_noise": {
+            "all_states": levels.all_states, "link_velocities": np.asarray(levels.link_velocities),
+            "motor_velocities": np.asarray(levels.motor_velocities), "from": levels.source,
+        },
+        "margins": {
+            "delay_margin": found.delay_margin_s, "peak_sensitivity": found.peak_sensitivity,
+            "gain_margin": found.gain_margin,
+        },
+        "specification": [
+            {
+                "what": line.what, "limit": "at most" if line.at_most else "at least", "asked": line.limit,
+                "found": line.found, "unit": line.unit, "holds": line.met, "within_tolerance": line.within_tolerance,
+                "where": line.where, "by_default": line.stated_by == "default",
+            }
+            for line in design.requirements
+        ],
+    }  # fmt: skip
+    return {name: value for name, value in table.items() if value is not None}

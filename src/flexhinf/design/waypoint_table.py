@@ -11,7 +11,6 @@ one row per waypoint; lines that begin with # are comments::
 from __future__ import annotations
 
 import csv
-import difflib
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -23,7 +22,7 @@ from pydantic import BeforeValidator, WithJsonSchema
 
 from flexhinf.design.units import SECONDS, SLIDING, TURNING, Allowed
 from flexhinf.errors import InvalidInput
-from flexhinf.validation import HUGE, read_text, real_array, value_text
+from flexhinf.validation import HUGE, nearest, read_text, real_array, value_text
 
 #: Largest file, bytes, and most rows: 100 s at 1 kHz.
 LARGEST, MOST_ROWS = 20_000_000, 100_000
@@ -35,24 +34,12 @@ class WaypointError(InvalidInput):
 
 @dataclass(frozen=True)
 class WaypointTable:
-    """Positions of joints at times, not yet of a certain robot.
+    """Positions of joints at times, not yet of a certain robot."""
 
-    Attributes
-    ----------
-    times : tuple of float
-        From 0 on, increasing, s.
-    joints : tuple of str
-        Names of the columns.
-    units : tuple of str
-        Those that were stated; empty where none was.
-    rows : tuple of tuple of float
-        Positions at each time, rad or m.
-    """
-
-    times: tuple[float, ...]
-    joints: tuple[str, ...]
-    units: tuple[str, ...]
-    rows: tuple[tuple[float, ...], ...]
+    times: tuple[float, ...]  # From 0 on, increasing, s
+    joints: tuple[str, ...]  # Names of the columns
+    units: tuple[str, ...]  # Those that were stated; empty where none was
+    rows: tuple[tuple[float, ...], ...]  # Positions at each time, rad or m
 
     def columns(self) -> dict[str, list[float]]:
         """The same by name in SI units, as `waypoints` takes it: for a design file."""
@@ -60,24 +47,17 @@ class WaypointTable:
         return {"time": list(self.times), **dict(zip(self.joints, values))}
 
     def positions(self, joints: Sequence[str], slides: Sequence[bool]) -> np.ndarray:
-        """Positions (N, n) of a robot's joints, in their order.
-
-        Raises
-        ------
-        WaypointError
-            For names that are not the joints', joints without a column, and units of the other kind of joint.
-        """
+        """Positions (N, n) of a robot's joints, in their order."""
         from flexhinf.robot.signals import signal_names  # `flexhinf --help` reads fields, and no robot
 
         full = dict(zip(signal_names("link_position", joints), joints))
         named = [full.get(name, name) for name in self.joints]
         for name in named:
             if name not in joints:
-                close = difflib.get_close_matches(name, joints, n=1)
                 raise WaypointError(
                     f"The waypoints have a column {value_text(name, 60)}, and the robot no such joint.",
                     f"expected 'time' and {list(joints)}, got {['time', *self.joints]}",
-                    f"{close[0]!r}" if close else "the names of the joints as `flexhinf robots` shows them",
+                    nearest(name, joints, "the names of the joints as `flexhinf robots` shows them"),
                 )
         missing = [name for name in joints if name not in named]
         if missing or len(set(named)) < len(named):
@@ -101,15 +81,7 @@ class WaypointTable:
 
 
 def waypoints(value: Any) -> Any:
-    """A `WaypointTable` of a file or of columns by name; a signal with derivatives and a duration stays as it is.
-
-    Raises
-    ------
-    WaypointError
-        For a file or columns that are no waypoints.
-    ValueError
-        For anything else.
-    """
+    """A `WaypointTable` of a file or of columns by name; a signal with derivatives and a duration stays as it is."""
     if isinstance(value, WaypointTable):
         return value
     if isinstance(value, (str, os.PathLike)):
@@ -124,7 +96,6 @@ def waypoints(value: Any) -> Any:
 
 
 def _read(path: Path) -> WaypointTable:
-    """The table of a CSV file."""
     try:
         text = read_text(path, LARGEST, "waypoints as CSV")
     except InvalidInput as error:
@@ -145,39 +116,30 @@ def _read(path: Path) -> WaypointTable:
             "fewer rows: the motion between them is smooth",
         )
     lines = [k for k, _ in kept[1:]]
-    columns = _columns(path.name, cells[0] if cells else [], cells[1:], lines)
-    return _table(columns, f"{path.name}: the waypoints", lambda row: f"line {lines[row]}")
-
-
-def _columns(
-    file: str, heading: list[str], rows: list[list[str]], lines: list[int]
-) -> dict[str, list[float]]:
-    """Numbers by heading."""
-    heading = [name.strip() for name in heading]
+    heading = [name.strip() for name in (cells[0] if cells else [])]
     if len(set(heading)) < len(heading) or not all(heading):
         raise WaypointError(
-            f"{file}: the header does not name each column once.",
+            f"{path.name}: the header does not name each column once.",
             f"expected time and the names of the joints, got {value_text(heading)}",
             "time,shoulder,elbow",
         )
-    found: dict[str, list[float]] = {name: [] for name in heading}
-    for line, row in zip(lines, rows):
+    columns: dict[str, list[float]] = {name: [] for name in heading}
+    for line, row in zip(lines, cells[1:]):
         if len(row) != len(heading):
             raise WaypointError(
-                f"{file}, line {line}: the number of values is not that of the columns.",
-                f"expected {len(heading)}, got {len(row)}",
-                "one value for each column of the header",
-            )
+                f"{path.name}, line {line}: the number of values is not that of the columns.",
+                f"expected {len(heading)}, got {len(row)}", "one value for each column of the header",
+            )  # fmt: skip
         for name, cell in zip(heading, row):
             try:
-                found[name].append(float(cell.replace("_", "x")))
+                columns[name].append(float(cell.replace("_", "x")))
             except ValueError:
                 raise WaypointError(
-                    f"{file}, line {line}: {value_text(name, 60)} is no number.",
+                    f"{path.name}, line {line}: {value_text(name, 60)} is no number.",
                     f"expected a number, its unit in the header ('elbow [deg]'), got {value_text(cell, 60)}",
                     "0.5",
                 ) from None
-    return found
+    return _table(columns, f"{path.name}: the waypoints", lambda row: f"line {lines[row]}")
 
 
 def _table(columns: dict[Any, Any], what: str, place: Any) -> WaypointTable:
@@ -205,10 +167,27 @@ def _table(columns: dict[Any, Any], what: str, place: Any) -> WaypointTable:
     if times.ndim != 1 or any(column.shape != times.shape for column in positions) or len(times) < 2:
         raise WaypointError(
             f"{what} do not make a motion.",
-            f"expected at least two, one position of each joint per time, got {_sizes(times, values)}",
+            "expected at least two, one position of each joint per time, got "
+            + ", ".join(f"{array.size} of {name!r}" for name, array in {"time": times, **values}.items()),
             "a first row where the motion begins, and one where it ends",
         )
-    _check_rows(times, np.column_stack(positions), list(values), what, place)
+    both = np.column_stack([times, *positions])
+    usable = np.abs(both) <= HUGE
+    if not usable.all():
+        row, column = np.argwhere(~usable)[0].tolist()
+        raise WaypointError(
+            f"{what} hold what is no usable number.",
+            f"expected finite ones of at most {HUGE:g}, got {both[row, column]} of "
+            f"{value_text(['time', *values][column], 60)} in {place(row)}",
+            "leave the row out",
+        )
+    if not (np.diff(times) > 0.0).all():
+        row = int(np.argmax(np.diff(times) <= 0.0)) + 1
+        raise WaypointError(
+            f"{what} are not in the order of time.",
+            f"expected increasing times, got {times[row]:g} s after {times[row - 1]:g} s in {place(row)}",
+            "sort the rows, and drop repeated times",
+        )
     rows = tuple(map(tuple, np.column_stack(positions).tolist()))
     units = tuple(unit for name, unit in named if name != "time")
     return WaypointTable(tuple((times - times[0]).tolist()), tuple(values), units, rows)
@@ -230,31 +209,6 @@ def _heading(text: str) -> tuple[str, str]:
             name, _, unit = text[:-1].rpartition(opening)
             return name.strip(), unit.strip()
     return text, ""
-
-
-def _check_rows(times: np.ndarray, positions: np.ndarray, names: list[str], what: str, place: Any) -> None:
-    """Finite numbers in proportion, and times that increase."""
-    both = np.column_stack([times, positions])
-    usable = np.abs(both) <= HUGE
-    if not usable.all():
-        row, column = np.argwhere(~usable)[0].tolist()
-        raise WaypointError(
-            f"{what} hold what is no usable number.",
-            f"expected finite ones of at most {HUGE:g}, got {both[row, column]} of "
-            f"{value_text(['time', *names][column], 60)} in {place(row)}",
-            "leave the row out",
-        )
-    if not (np.diff(times) > 0.0).all():
-        row = int(np.argmax(np.diff(times) <= 0.0)) + 1
-        raise WaypointError(
-            f"{what} are not in the order of time.",
-            f"expected increasing times, got {times[row]:g} s after {times[row - 1]:g} s in {place(row)}",
-            "sort the rows, and drop repeated times",
-        )
-
-
-def _sizes(times: np.ndarray, values: Mapping[str, np.ndarray]) -> str:
-    return ", ".join(f"{array.size} of {name!r}" for name, array in {"time": times, **values}.items())
 
 
 Move = Annotated[
