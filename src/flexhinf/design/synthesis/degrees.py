@@ -117,13 +117,16 @@ def try_degrees(
     progress: Callable[[str], None] = lambda text: None,
     gamma_star: float | None = None,
 ) -> Iterator[DegreeChoice]:
-    """Solve to each degree and sample the region where the solution holds.
+    """Solve to each degree and sample the region where the solution holds; without rays no region is sampled.
 
-    `problem`, `degrees`, `progress`: as of `solve_degrees`. `gamma_ratio`, `checked_gamma_ratio`: γ/γ* of the design,
-    and of the inequality that is checked. `checked_penalty`, `rays`, `seed`: as of `with_region`; without rays no
-    region is sampled. `gamma_star`: of which the ratios are, where it is not the problem's own: that of a robust
-    problem, for all robots within the tolerances. Raises `InfeasibleGamma` or `InvalidInput` as `solve_hji` and
-    `HJISolution.sampled_region`.
+    Parameters
+    ----------
+    gamma_ratio, checked_gamma_ratio : float
+        γ/γ* of the design, and of the inequality that is checked.
+    gamma_star : float, optional
+        Of the ratios, by default the problem's own; of a robust problem that for all robots within the tolerances.
+
+    Raises `InfeasibleGamma` or `InvalidInput` as `solve_hji` and `HJISolution.sampled_region`.
     """
     gamma_star = smallest_gamma(problem) if gamma_star is None else gamma_star
     for choice in solve_degrees(problem, degrees, gamma_ratio * gamma_star, progress):
