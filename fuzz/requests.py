@@ -320,7 +320,7 @@ def _quantity(drawn: Drawn, folder: Path) -> str:
         zone = integral_dead_zone(robot, s, None)
         return "" if not any(expected) or _close(zone, np.resize(expected, 2)) else f"a zone of {zone}"
     if field == "quantisation":
-        steps = sensor_steps(robot, s)
+        steps = sensor_steps(robot, s.measured, s.quantisation, s.estimator)
         return "" if _close(steps, np.resize(expected, np.shape(steps))) else f"steps of {steps}"
     return ""
 

@@ -61,14 +61,10 @@ class LawMetrics:
 
     peak_sensitivity: float
     gain_margin: float  # smallest factor by which the gain of one input may not rise or fall
-    damping: (
-        float  # smallest damping ratio of the running loop, its estimator's included; NaN without oscillation
-    )
+    damping: float  # smallest ratio of the running loop with its estimator; NaN without oscillation
     input_noise: float  # RMS of the noisiest input, V or N·m
     bandwidth: float  # of the slowest joint, rad/s
-    peak_input: float = (
-        math.nan
-    )  # of the step as deployed, V or N·m, see `JointLimits.equivalent_peak`; NaN: not run
+    peak_input: float = math.nan  # of the step, V or N·m, see `JointLimits.equivalent_peak`; NaN: not run
     settling: float = math.nan  # of the step, s; NaN where it was not run
     load_deviation: float = math.nan  # rad or m
     move_error: float = math.nan  # largest error behind the jerk-limited reference, rad or m
@@ -218,9 +214,9 @@ class Criterion:
         for name in RATIOS:
             mine, theirs = getattr(self.own, name), getattr(metrics, name)
             if name == "settling":
-                endless = UNSETTLED * self.length
-                theirs = endless if math.isinf(theirs) else theirs
-                mine = mine if math.isfinite(mine) else endless
+                unsettled = UNSETTLED * self.length
+                theirs = unsettled if math.isinf(theirs) else theirs
+                mine = mine if math.isfinite(mine) else unsettled
             else:
                 mine, theirs = max(mine, self.resolution), max(theirs, self.resolution)
                 mine = mine if math.isfinite(mine) else 1.0
@@ -260,24 +256,12 @@ def criterion_for(
     unit: str,
     resolution: float = 0.0,
 ) -> Criterion:
-    """The criterion of a comparison.
+    """The criterion of a comparison, by the metrics of the design and the length of the step, s.
 
-    Parameters
-    ----------
-    own : LawMetrics
-        Of the design.
-    length : float
-        Of the step, s.
-    limits : mapping of str to (value, origin)
-        Of the specification, by metric: peak_sensitivity, gain_margin, damping, and peak_input or bandwidth where
-        they were asked for.
-    unit : str
-        Of the inputs.
-    resolution : float
-        Of a position, rad or m: smaller deviations and errors count as this.
-
-    Raises `InvalidInput` for another mode than `MODES`, or where there is nothing to share: no limit was asked for and
-    the design has no such metric.
+    `limits` are those of the specification, by metric, with their origin: peak_sensitivity, gain_margin, damping, and
+    peak_input (in this unit of the inputs) or bandwidth where they were requested. Deviations and errors smaller than
+    the `resolution` of a position, rad or m, count as that. Raises `InvalidInput` for another mode than `MODES`, or
+    where there is nothing to share: no such limit is stated and the design has no such metric.
     """
     check_mode(mode, "--tune peak")
     limits = {"damping": (LEAST_DAMPING, "default"), **limits}

@@ -59,9 +59,7 @@ class TuningParameter:
     name: str
     label: str
     unit: str
-    start: (
-        float | None
-    )  # of the search; None for a number of the design (its bandwidth, its γ/γ*, its degree)
+    start: float | None  # of the search; None for a number of the design (bandwidth, γ/γ*, degree)
     lower: float
     upper: float
     relative: bool = False  # whether the bounds are factors of the start
@@ -109,9 +107,7 @@ class LawKind:
         tuple[str, ...], ...
     ] = ()  # sets that are tried, and the best kept; empty: those of the design
     integral: bool = True  # whether it integrates the error of the link positions
-    degree: int | None = (
-        None  # of V, where the name says it; 0 for the design's degree, or the one that is tuned
-    )
+    degree: int | None = None  # of V by the name; 0 for the design's, or the one that is tuned
 
 
 _ROBUST, _LINEAR_QUADRATIC, _USUAL = "H∞ and γ = ∞", "linear-quadratic", "in use today"

@@ -166,12 +166,8 @@ class LoopSetup(LoopPlants):
     start: np.ndarray  # (n,), likewise
     estimator_noise: EstimatorNoise | None = None  # R^v; by default what the specification states
     linear_model: bool = False  # whether the estimator is a linear Kalman filter about the goal
-    chosen_zone: np.ndarray | None = (
-        None  # (n,), dead zone where none is stated, see `flexhinf.design.limit_cycle`
-    )
-    quiet: bool = (
-        False  # whether runs of the nominal robot have no measurement noise; sampled robots have it anyway
-    )
+    chosen_zone: np.ndarray | None = None  # (n,), where none is stated, see `design.limit_cycle`
+    quiet: bool = False  # no measurement noise in runs of the nominal robot; sampled ones have it
 
     # Parts of the loop --------------------------------------------------------------------------------
     @property
@@ -232,9 +228,15 @@ class LoopSetup(LoopPlants):
         """Errors (k,) that are not integrated, rad or m; None without a dead zone."""
         return integral_dead_zone(self.robot, self.specification, self.chosen_zone)
 
-    def loop(self, controller: Controller, plant: Any = None, sub_steps: int | None = None) -> Loop:
-        """A loop round the true plant, or round another one, with the specification's delay and quantisation."""
-        plant = self.true_plant if plant is None else plant
+    def loop(
+        self,
+        controller: Controller,
+        plant: Any = None,
+        sub_steps: int | None = None,
+        values: Mapping[str, Any] | None = None,
+    ) -> Loop:
+        """A loop round the true plant, with these parameters, or round another one; with delay and quantisation."""
+        plant = _with_values(self.true_plant, values) if plant is None or values is not None else plant
         return Loop(
             plant, controller, sub_steps, quantisation=self.quantisation, delay=self.specification.delay
         )
@@ -312,9 +314,8 @@ class LoopSetup(LoopPlants):
         `plant` (MuJoCo's). `seed` is added to the specification's; `sub_steps` are Runge–Kutta steps per period.
         """
         options = {} if self.command is None else {"reference": self.command}
-        return self._run(
-            self.bumpless_controller, self.start, duration, values, seed, plant, sub_steps, **options
-        )
+        loop = self.loop(self.bumpless_controller, plant, sub_steps, values)
+        return self._run(loop, self.start, duration, values, seed, **options)
 
     def load_response(self, load: np.ndarray, duration: float, sub_steps: int | None = None) -> LoadResponse:
         """In equilibrium at the goal, with constant torques (n,) on all links from `LOAD_START` of the run on."""
@@ -322,8 +323,8 @@ class LoopSetup(LoopPlants):
         at = round(LOAD_START * duration / period) * period
         names = signal_names("link_torque", self.joints)
         torques = {name: Step(float(torque), at=at) for name, torque in zip(names, load)}
-        controller = self.controller(self.goal, moving=True)
-        response = self._run(controller, self.goal, duration, None, 0, None, sub_steps, disturbance=torques)
+        loop = self.loop(self.controller(self.goal, moving=True), sub_steps=sub_steps)
+        response = self._run(loop, self.goal, duration, disturbance=torques)
         step = np.abs(self.goal - self.start)
         return LoadResponse(response, load, at, np.where(step > 0.0, step, step.max()))
 
@@ -350,8 +351,8 @@ class LoopSetup(LoopPlants):
     ) -> Move:
         """A planned move with feedforward in error coordinates, and `rest` seconds (half its time) at its end."""
         controller, begin, duration, options = self._moved(plan, rest)
-        response = self._run(controller, begin, duration, values, seed, None, sub_steps, **options)
-        return Move.along(plan, response)
+        loop = self.loop(controller, None, sub_steps, values)
+        return Move.along(plan, self._run(loop, begin, duration, values, seed, **options))
 
     # The same on many robots ----------------------------------------------------------------------------
     def steps(
@@ -383,21 +384,17 @@ class LoopSetup(LoopPlants):
 
     def _run(
         self,
-        controller: Controller,
+        loop: Loop,
         at: np.ndarray,
         duration: float,
-        values: Mapping[str, Any] | None,
-        seed: int,
-        plant: Any,
-        sub_steps: int | None,
+        values: Mapping[str, Any] | None = None,
+        seed: int = 0,
         **options: Any,
     ) -> Response:
-        plant = _with_values(self.true_plant, values) if values is not None else plant
         x, _ = self.equilibrium(at, values)  # the controller boots with the input that holds the model
         return run_response(
-            self.loop(controller, plant, sub_steps), self.goal, x[: len(self.goal)], self.joints,
-            noise=None if self.quiet else self.noise, duration=duration, initial_state=x,
-            seed=seed + self.specification.seed, **options,
+            loop, self.goal, x[: len(self.goal)], self.joints, noise=None if self.quiet else self.noise,
+            duration=duration, initial_state=x, seed=seed + self.specification.seed, **options,
         )  # fmt: skip
 
     def _run_many(

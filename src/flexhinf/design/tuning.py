@@ -62,9 +62,7 @@ class TunedLaw:
     feasible: bool  # whether every limit is kept
     reason: str = ""  # limits that are not kept
     tried: tuple[LawMetrics, ...] = ()  # of all candidates that were run
-    search: Tuning | None = (
-        None  # all candidates, also those that were not run; None for the design's own law
-    )
+    search: Tuning | None = None  # all candidates, run or not; None for the design's own law
 
     @property
     def candidates(self) -> int:
@@ -110,9 +108,7 @@ class Tuner:
     factory: LawFactory
     own: LawEvaluation  # of the design's own law: its loop, and the scenario of all laws
     criterion: Criterion
-    same_sensors: bool = (
-        False  # all laws measure what the design measures, whatever their proponents would choose
-    )
+    same_sensors: bool = False  # all laws measure what the design measures
     seed: int = 0  # of the searches' samples; the same for all laws
 
     def tune_all(

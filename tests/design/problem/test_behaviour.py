@@ -21,7 +21,7 @@ def _family(robot: Any, members: int = 6) -> LinearFamily:
 
 def _gain(family: LinearFamily, rng: np.random.Generator, price: float) -> np.ndarray:
     """LQ-optimal for random weights of the nominal robot, in the units of its states."""
-    a, b = family.nominal
+    a, b = family.a[0], family.b[0]
     n, m = b.shape
     size = np.repeat([1.0, 0.05, 1.0, 0.05, 3.0], m) * rng.uniform(0.3, 3.0, n)
     p = solve_continuous_are(a, b, np.diag(size**2), price * np.eye(m))
@@ -86,7 +86,7 @@ def test_the_damping_is_the_smallest_of_the_members_vibrations(
 
 def _stiffness_per_input(family: LinearFamily) -> np.ndarray:
     """Springs in units of the input: ∂q̈2/∂q1 over ∂q̈2/∂u."""
-    a, b = family.nominal
+    a, b = family.a[0], family.b[0]
     n = len(family.joints)
     return np.diag(a[3 * n : 4 * n, :n]) / np.diag(b[3 * n : 4 * n])
 
@@ -94,7 +94,7 @@ def _stiffness_per_input(family: LinearFamily) -> np.ndarray:
 def test_one_member_that_grows_makes_all_unstable(robot_of: Callable[[str], Any]) -> None:
     """A gain that only the lighter members bear: found between one that all bear and one that none does."""
     family = _family(robot_of("paper"), 32)
-    a, b = family.nominal
+    a, b = family.a[0], family.b[0]
     p = solve_continuous_are(a, b, np.diag([60.0, 0, 0, 0, 300.0]) ** 2, np.eye(1))
     good = -b.T @ p
     bad = good * np.array([1.0, 1.0, 1.0, 0.2, 1.0])
@@ -119,7 +119,7 @@ def test_without_feedback_nothing_is_followed(robot_of: Callable[[str], Any]) ->
 def test_a_loop_that_never_vibrates_has_no_damping_to_miss(robot_of: Callable[[str], Any]) -> None:
     """Five real poles, placed: no vibration is left."""
     family = _family(robot_of("paper"), 0)
-    a, b = family.nominal
+    a, b = family.a[0], family.b[0]
     gain = -control.place(a, b, [-3.0, -4.0, -5.0, -6.0, -7.0])
     found = behaviour_of(family, np.asarray(gain))
     assert found.damping == np.inf

@@ -101,7 +101,7 @@ def _loop(robot: Any, pace: np.ndarray, damping: float) -> tuple[np.ndarray, np.
     game = LinearProblem.of(family, scales.rows(pace, damping), True)
     star = game.gamma_star()
     design = game.design(1.5 * star, star)
-    a, b = family.nominal
+    a, b = family.a[0], family.b[0]
     return np.sort_complex(np.linalg.eigvals(a + b @ design.gain)), design.gain, star
 
 

@@ -83,14 +83,10 @@ class Robustness:
     channels: int
     gamma_star: float  # smallest level for every robot within that fraction
     nominal_gamma_star: float  # of the same penalty without tolerances
-    nominal_gain: (
-        float  # level that the nominal robot attains (linear part) with the gain made without channels
-    )
+    nominal_gain: float  # level that the nominal robot attains (linear part) without channels
     robust_gain: float  # the same with channels
     scalings: Mapping[str, tuple[float, float]]  # smallest and largest s of the channels of each quantity
-    enlarged: (
-        float  # factor on the tolerances of the channels, so that products of tolerances are covered too
-    )
+    enlarged: float  # factor on the tolerances, so that products of tolerances are covered too
     corners: int  # corners that were checked
     failing_corners: int
     all_corners: bool  # whether these are all corners; otherwise they are sampled
@@ -119,8 +115,6 @@ class DesignProblem:
 class ToleranceChannels:
     """The channels of the tolerances, from which the problem of any weights and any fraction of them is made."""
 
-    robot: Any
-    goal: np.ndarray
     s: Specification
     scales: JointScales
     family: LinearFamily
@@ -143,23 +137,21 @@ class ToleranceChannels:
     def problem(
         self, target_frequency: np.ndarray, damping: np.ndarray, fraction: float, accuracy: float = 1e-6
     ) -> ChannelledProblem:
-        """The nonlinear problem, its smallest level found to an accuracy.
-
-        Raises `NoFeasibleGamma` if no level does.
-        """
+        """The nonlinear problem, its smallest level to an accuracy. Raises `NoFeasibleGamma` if no level does."""
+        robot, goal = self.family.robot, self.family.goal
         linear, scalings = self.linear(target_frequency, damping), self.scaled(fraction)
         star = linear.gamma_star(scalings, accuracy)
         gamma = self.s.gamma_ratio * star
         enter, seen, price = linear.parts(scalings)
         base = self.scales.penalty(target_frequency, damping)
-        nominal = nominal_problem(self.robot, self.goal, self.s, base)
+        nominal = nominal_problem(robot, goal, self.s, base)
         physical = (nominal.disturbances or ()) if self.s.disturbances is not None else ()
         problem = with_channels(nominal.plant, gamma * enter).with_objective(
             Penalty(np.vstack([self.scales.rows(target_frequency, damping), seen]), nominal.r2 + price),
             command=command_of(self.s),
             integrate=nominal.integrate,
             disturbances=(*physical, *(f"{PREFIX}_{k + 1}" for k in range(enter.shape[1]))),
-            equilibrium=self.robot.operating_point(self.goal),
+            equilibrium=robot.operating_point(goal),
         )
         return ChannelledProblem(self, linear, scalings, base, nominal, problem, star, gamma)
 
@@ -204,33 +196,27 @@ class ChannelledProblem:
 
 # From a specification to its problem --------------------------------------------------------------------
 def preset_of(robot: Robot, s: Specification) -> str:
-    """The preset that is meant.
+    """The preset that is meant. Raises `InvalidInput` if the specification contradicts itself."""
 
-    Raises `InvalidInput` if the specification contradicts itself.
-    """
+    def contradiction(both: str, advice: str) -> InvalidInput:
+        found = "a behaviour for which weights are found, or the preset paper; got both"
+        return InvalidInput(f"{both} contradict each other.", f"expected either weights, or {found}", advice)
+
     behaviour = [f"`{name}`" for name in ("bandwidth", "damping") if getattr(s, name) is not None]
     weights = [f"`{name}`" for name in ("penalty", "effort") if getattr(s, name) is not None]
     if behaviour and weights:
-        raise _contradiction(f"{behaviour[0]} and {weights[0]}", "leave out one of them")
+        raise contradiction(f"{behaviour[0]} and {weights[0]}", "leave out one of them")
     if s.preset in ("damped", "robust", "proved") and weights:
-        raise _contradiction(f"preset={s.preset!r} and {weights[0]}", f"leave out {weights[0]}, or `preset`")
+        raise contradiction(f"preset={s.preset!r} and {weights[0]}", f"leave out {weights[0]}, or `preset`")
     if s.preset == "paper" and (behaviour or s.penalty is not None):
         other = (behaviour or ["`penalty`"])[0]
         advice = "preset='damped'" if behaviour else "leave out `preset`"
-        raise _contradiction(f"preset='paper' and {other}", advice)
+        raise contradiction(f"preset='paper' and {other}", advice)
     if s.preset is not None:
         return s.preset
     if s.penalty is not None:
         return "given"
     return "damped" if behaviour or (robot.penalty is None and s.effort is None) else "paper"
-
-
-def _contradiction(both: str, advice: str) -> InvalidInput:
-    return InvalidInput(
-        f"{both} contradict each other.",
-        "expected either weights, or a behaviour for which weights are found, or the preset paper; got both",
-        advice,
-    )
 
 
 def required_damping(s: Specification, target: TargetBehaviour | None = None) -> float:
@@ -244,18 +230,11 @@ def required_damping(s: Specification, target: TargetBehaviour | None = None) ->
 def choose(
     robot: Robot, goal: np.ndarray, start: np.ndarray, s: Specification, near: DesignProblem | None = None
 ) -> DesignProblem:
-    """The problem of a specification.
+    """The problem of a specification, from the weights `near` of the same robot and preset for another behaviour.
 
-    A default damping that no weights reach yields to what they reach; the loop is judged by `required_damping`.
-
-    `near`: of the same robot and preset for another bandwidth or damping, from whose weights the search begins.
-
-    Raises
-    ------
-    InvalidInput
-        For a contradiction, or a behaviour that cannot be met: which limit binds, and the best found.
-    InfeasibleGamma, NoFeasibleGamma, NotStabilisable, NotDetectable, NumericalFailure
-        As the synthesis.
+    A default damping that no weights reach yields to what they reach; the loop is judged by `required_damping`. Raises
+    `InvalidInput` for a contradiction, or a behaviour that cannot be met: which limit binds, and the best found;
+    otherwise as the synthesis does.
     """
     preset = preset_of(robot, s)
     if preset in ("damped", "robust", "proved"):
@@ -346,7 +325,7 @@ def _searched(
     corners = acting_corners(
         robot, goal, nominal_problem(robot, goal, s, scales.penalty(target.bandwidth, 0.0))
     )
-    channelled = ToleranceChannels(robot, goal, s, scales, family, torques, tolerances, scalings, corners)
+    channelled = ToleranceChannels(s, scales, family, torques, tolerances, scalings, corners)
 
     def covered(factor: float) -> DesignProblem:
         """With all tolerances enlarged by a factor."""

@@ -115,9 +115,7 @@ class Behaviour:
     bandwidth: np.ndarray  # (n,), of each joint, rad/s
     damping: float  # of an oscillation; infinite where nothing oscillates, −∞ for an unstable loop
     nominal_damping: float  # of the nominal robot
-    joint_damping: (
-        np.ndarray
-    )  # (n,), of the vibrations mainly in the spring of each joint; infinite without any
+    joint_damping: np.ndarray  # (n,), of the vibrations mainly in each spring; infinite without any
     worst: list[int]  # the members with the smallest damping, and the smallest bandwidth of each joint
 
 
@@ -323,18 +321,10 @@ def search(
 ) -> SearchResult:
     """The weights with which the linear part behaves as required.
 
-    Parameters
-    ----------
-    synthesis : callable
-        (ω (n,), ζ (n,)) → LinearDesign.
-    held : float
-        Lowest vibration with held motors, rad/s.
-    each : bool
-        Whether the ζ of single joints are lowered at the end.
-    near : Candidate, optional
-        For another bandwidth or damping; the search begins at its ω and ζ in proportion, which saves most of it.
-
-    Raises `InvalidInput` if it cannot be met: which limit binds, and the best that was found.
+    `synthesis` makes the design of ω (n,) and ζ (n,); `held` is the lowest vibration with held motors, rad/s. The ζ of
+    single joints are lowered at the end (`each`). From weights `near`, for another bandwidth or damping, the search
+    begins at their ω and ζ in proportion, which saves most of it. Raises `InvalidInput` if the behaviour cannot be met:
+    which limit binds, and the best that was found.
     """
     start = 1.5 * target.bandwidth
     if near is not None:

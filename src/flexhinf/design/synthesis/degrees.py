@@ -48,15 +48,11 @@ class DegreeChoice:
     solve_seconds: float  # wall time, s
     check_seconds: float = 0.0  # wall time, s
     level: float = math.nan  # of the region; nan where there is none, or none was looked for
-    step_amplitude: float = (
-        math.nan
-    )  # largest step that starts in the region, in the unit of the tracked states
+    step_amplitude: float = math.nan  # largest step that starts in the region, unit of the states
     limit: str = "not sampled"  # what bounds the level set, or why there is none
     looked: bool = False  # whether the region was sampled
     acting: float = math.nan  # change of the input along the step of the lowest degree, see `_Trial.acting`
-    cost: float = (
-        math.nan
-    )  # ∫|z|² of the step without the integrals; inf if it diverges, nan if it was not run
+    cost: float = math.nan  # ∫|z|² of the step; inf if it diverges, nan if it was not run
     missed: tuple[
         str, ...
     ] = ()  # requirements that the costlier step of a lower degree meets, and this one misses
@@ -121,13 +117,16 @@ def try_degrees(
     progress: Callable[[str], None] = lambda text: None,
     gamma_star: float | None = None,
 ) -> Iterator[DegreeChoice]:
-    """Solve to each degree and sample the region where the solution holds.
+    """Solve to each degree and sample the region where the solution holds; without rays no region is sampled.
 
-    `problem`, `degrees`, `progress`: as of `solve_degrees`. `gamma_ratio`, `checked_gamma_ratio`: γ/γ* of the design,
-    and of the inequality that is checked. `checked_penalty`, `rays`, `seed`: as of `with_region`; without rays no
-    region is sampled. `gamma_star`: of which the ratios are, where it is not the problem's own: that of a robust
-    problem, for all robots within the tolerances. Raises `InfeasibleGamma` or `InvalidInput` as `solve_hji` and
-    `HJISolution.sampled_region`.
+    Parameters
+    ----------
+    gamma_ratio, checked_gamma_ratio : float
+        γ/γ* of the design, and of the inequality that is checked.
+    gamma_star : float, optional
+        Of the ratios, by default the problem's own; of a robust problem that for all robots within the tolerances.
+
+    Raises `InfeasibleGamma` or `InvalidInput` as `solve_hji` and `HJISolution.sampled_region`.
     """
     gamma_star = smallest_gamma(problem) if gamma_star is None else gamma_star
     for choice in solve_degrees(problem, degrees, gamma_ratio * gamma_star, progress):

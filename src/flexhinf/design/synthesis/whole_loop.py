@@ -74,9 +74,7 @@ class LoopJudgement:
     corner: int  # that corner, of the corners of `tolerance_corners`; −1 for none
     overshoot: float  # largest of all joints and of the corners that stepped, per cent
     margins: Margins
-    noises: (
-        np.ndarray
-    )  # (m,), RMS of each input by the measurement noise, V or N·m; zeros with the true state
+    noises: np.ndarray  # (m,), RMS of each input, V or N·m; zeros with the true state fed back
     used: float  # largest share of a limit of input or speed that a step used; 0 without limits
 
 
@@ -84,9 +82,7 @@ class LoopJudgement:
 class LoopCandidate:
     """A problem with the noise levels of its estimator."""
 
-    x: (
-        np.ndarray
-    )  # (5,), ln ω, ln ζ, ln of the links' and of the motors' levels, over those of damped; fraction
+    x: np.ndarray  # (5,), ln of ω, ζ, link and motor levels over those of damped; fraction
     solved: DesignProblem | ChannelledProblem
     levels: EstimatorNoise | None
 
