@@ -27,7 +27,7 @@ from flexhinf.campaign.batches import BATCH, TRACED, Campaign, Rows, checked_int
 from flexhinf.campaign.journal import Journal, disk_refusals, labelled
 from flexhinf.campaign.results import MergedTable, merged
 from flexhinf.errors import FlexhinfError, InvalidInput
-from flexhinf.validation import extra_package, value_text
+from flexhinf.validation import extra_package, unknown_name, value_text
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -188,10 +188,6 @@ class Shard:
         """For its lock; empty for the whole."""
         return "" if self.of == 1 else f"{self.number}-of-{self.of}"
 
-    def has(self, batch: int) -> bool:
-        """Whether a batch belongs to this shard."""
-        return batch % self.of == self.number - 1
-
 
 @dataclass(frozen=True)
 class Report:
@@ -219,7 +215,7 @@ def drive(
     shard = shard or Shard()
     with journal.driven(shard.name):
         good, bad = journal.shards()
-        own = [batch for batch in range(journal.batches) if shard.has(batch)]
+        own = range(shard.number - 1, journal.batches, shard.of)
         missing = [batch for batch in own if batch not in good]
         total, fresh = sum(map(journal.size, own)), 0
         done = total - sum(map(journal.size, missing))
@@ -385,11 +381,7 @@ def run_campaign(
         Before any work for what does not fit; or for a folder of another campaign.
     """
     if unknown := [name for name in options if name not in _OPTIONS]:
-        raise InvalidInput(
-            f"A campaign has no option {unknown[0]!r}.",
-            f"expected names out of {list(_OPTIONS)}",
-            "one of these",
-        )
+        raise unknown_name(f"A campaign has no option {unknown[0]!r}.", unknown[0], _OPTIONS)
     campaign = Campaign(loop, draw, samples, seed, options, metrics, signals, batch)
     executor = in_processes(workers) if workers else in_this_process
     if folder is not None:

@@ -263,18 +263,15 @@ class Journal:
         journal.refuse_campaign(campaign)
         return journal
 
-    def refuse_campaign(self, campaign: Campaign) -> None:
+    def refuse_campaign(self, other: Campaign | Journal) -> None:
         """Refuse another campaign than this one; the message says what differs."""
-        self.refuse_other(campaign.settings)
-        self._refuse_table(campaign.digest, campaign.columns)
-
-    def _refuse_table(self, digest: str, columns: Sequence[Column]) -> None:
-        if self.manifest["digest"] != digest:
-            names = [[column.name for column in those] for those in (self.columns, columns)]
-            other = sorted(set(names[0]) ^ set(names[1]))[:_LISTED]
+        self.refuse_other(other.settings)
+        if self.digest != other.digest:
+            names = [[column.name for column in one.columns] for one in (self, other)]
+            strange = sorted(set(names[0]) ^ set(names[1]))[:_LISTED]
             raise InvalidInput(
                 "The folder is that of a campaign with other columns.",
-                f"{self.folder}: {', '.join(other) or 'other kinds, units or instants'}",
+                f"{self.folder}: {', '.join(strange) or 'other kinds, units or instants'}",
                 "another folder",
             )
 
@@ -295,6 +292,11 @@ class Journal:
     def settings(self) -> dict[str, str]:
         """Everything that the rows depend on, as text by name."""
         return dict(self.manifest["settings"])
+
+    @property
+    def digest(self) -> str:
+        """Of what the rows depend on, and of what they hold."""
+        return str(self.manifest["digest"])
 
     @property
     def about(self) -> dict[str, Any]:
@@ -404,20 +406,18 @@ class Journal:
         seed = int(self.settings["seed"])
 
         def drawn() -> Mapping[str, np.ndarray]:
-            return {} if self._draw is None else self._draw.numbers(samples, self.samples, seed)
+            names = [column.name for column in self.columns if column.kind == "parameter"]
+            draw = Tolerances.stated(
+                self.settings, names
+            )  # None for a function, whose code no manifest holds
+            return {} if draw is None else draw.numbers(samples, self.samples, seed)
 
         return wrong_rows(path, self._schema(batch=str(batch)), samples, seed, drawn)
-
-    @cached_property
-    def _draw(self) -> Tolerances | None:
-        """What the manifest says that the samples are drawn from; None for a function, whose code it does not hold."""
-        names = [column.name for column in self.columns if column.kind == "parameter"]
-        return Tolerances.stated(self.settings, names)
 
     def _schema(self, **about: str) -> Any:
         """Of a part, or of the table without kept signals, which is about no part."""
         kept = [column for column in self.columns if about or column.kind != "trace"]
-        return schema_of(kept, len(self.time), campaign=self.manifest["digest"], **about)
+        return schema_of(kept, len(self.time), campaign=self.digest, **about)
 
     def row(self, sample: int) -> dict[str, Any]:
         """The row of a sample, without kept signals; empty where its batch is not done."""
@@ -455,8 +455,7 @@ class Journal:
     # The whole ---------------------------------------------------------------------------------------------
     def take(self, other: Journal) -> int:
         """Copy the shards of another folder of the same campaign that are missing here; returns how many."""
-        self.refuse_other(other.settings)
-        self._refuse_table(other.manifest["digest"], other.columns)
+        self.refuse_campaign(other)
         here, (there, bad) = self.shards()[0], other.shards()
         if bad:
             raise InvalidInput(

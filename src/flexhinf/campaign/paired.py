@@ -16,7 +16,7 @@ import numpy as np
 
 from flexhinf.campaign.batches import PART, Column
 from flexhinf.campaign.journal import differing, listed
-from flexhinf.campaign.metrics import COMPLETED, NOT_RUN, Requirement
+from flexhinf.campaign.metrics import COMPLETED, Requirement
 from flexhinf.campaign.results import CampaignTable, MergedTable, main_metric, violations
 from flexhinf.campaign.statistics import Interval, success_interval
 from flexhinf.errors import InvalidInput
@@ -211,11 +211,6 @@ class PairedCampaigns:
             for side in (self.a, self.b)
         )
         return McNemar(*(int(one.sum()) for one in (a & b, a & ~b, ~a & b, ~a & ~b)))
-
-    @property
-    def not_run(self) -> int:
-        """Samples that could not be run."""
-        return int((self.a.columns["status"] == NOT_RUN).sum())
 
     def numbers(self, sample: int) -> dict[str, float]:
         """Drawn numbers of a sample by name."""

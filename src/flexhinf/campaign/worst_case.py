@@ -289,7 +289,7 @@ def stored_worst(journal: Journal, metric: str) -> WorstCase:
     path = _path(journal, metric)
     try:
         found = journal.stored(path, WorstCase)
-        if found.settings["campaign"] != journal.manifest["digest"] or found.metric != metric:
+        if found.settings["campaign"] != journal.digest or found.metric != metric:
             raise ValueError("it is of another campaign")
         return found
     except FileNotFoundError:

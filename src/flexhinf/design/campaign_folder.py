@@ -8,7 +8,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -60,28 +60,20 @@ _PERCENT = re.compile(r"\s*([\d.eE+-]+)\s*%\s*\Z")
 _RANGE = re.compile(r"\s*([-+\d.eE]+?)\s*\.\.\s*([-+\d.eE]+)\s*\Z")
 
 
-@dataclass(frozen=True, eq=False)
-class RobotDraw:
-    """From numbers of a sample to its true robot with `extras`, in equilibrium where it starts.
+def robot_sample(
+    robot: Robot, start: np.ndarray, extras: tuple[str, ...], numbers: Mapping[str, float]
+) -> Sample:
+    """The true robot of a sample's numbers with `extras`, in equilibrium where it starts.
 
-    The estimator believes it at `start` (n,), rad or m.
+    The estimator believes it at `start` (n,), rad or m. A robot that no input holds there is refused, which is the
+    sample's failure.
     """
-
-    robot: Robot
-    start: np.ndarray
-    extras: tuple[str, ...]
-
-    def __call__(self, numbers: Mapping[str, float]) -> Sample:
-        """The sample; a robot that no input holds where it starts is refused, which is the sample's failure."""
-        known = self.robot.nominal
-        values = self.robot.plant_parameters(known | {k: v for k, v in numbers.items() if k in known})
-        errors = [numbers.get(name, 0.0) for name in signal_names(ERROR, self.robot.joint_names)]
-        x, _ = self.robot.operating_point(self.start + errors, self.extras, values)
-        options: dict[str, Any] = {"initial_state": x}
-        torques = signal_names(TORQUE, self.robot.joint_names)
-        loads = {name: numbers[name] for name in torques if name in numbers}
-        plant = self.robot.plant(extras=self.extras)
-        return Sample(plant.parameters.known(values), options, numbers, loads=loads)
+    values = robot.plant_parameters(robot.nominal | {k: v for k, v in numbers.items() if k in robot.nominal})
+    errors = [numbers.get(name, 0.0) for name in signal_names(ERROR, robot.joint_names)]
+    x, _ = robot.operating_point(start + errors, extras, values)
+    loads = {name: numbers[name] for name in signal_names(TORQUE, robot.joint_names) if name in numbers}
+    parameters = robot.plant(extras=extras).parameters.known(values)
+    return Sample(parameters, {"initial_state": x}, numbers, loads=loads)
 
 
 ERROR, TORQUE = "initial_error", "link_torque"
@@ -185,7 +177,9 @@ class DesignCampaign:
         if self.options.disturbance:  # of one N·m or N; what a sample draws is the factor
             torques = signal_names(TORQUE, robot.joint_names)
             options["disturbance"] = dict.fromkeys(torques, Step(1.0, at=LOAD_START * duration))
-        draw = Tolerances(self.variables, self.options.method, RobotDraw(robot, self.ends[0], s.extras))
+        draw = Tolerances(
+            self.variables, self.options.method, partial(robot_sample, robot, self.ends[0], s.extras)
+        )
         return Campaign(
             loop, draw, self.options.samples, self.options.seed, options,
             self.metrics.metrics(plant.states, controller.states, controller.commanded),

@@ -255,7 +255,7 @@ def search_gain(
     if stored.rows:
         return stored
     results = GainSearch(request, float(journal.settings["duration"]), progress).results()
-    results = replace(results, campaign=journal.manifest["digest"])
+    results = replace(results, campaign=journal.digest)
     journal.store(FILE, asdict(results))
     return results
 
@@ -266,4 +266,4 @@ def stored_gains(journal: Journal) -> GainResults:
         results = journal.stored(FILE, GainResults, _MOST_FILE)
     except UNREADABLE:
         return GainResults()
-    return results if results.campaign == journal.manifest["digest"] else GainResults()
+    return results if results.campaign == journal.digest else GainResults()

@@ -10,7 +10,7 @@ bound. Sampling, delay, estimator and limits use up a part of the region's level
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -189,54 +189,43 @@ def certify_design(
             "tolerance = 10 beside a value in the robot's file, or leave out `tolerances`",
         )
     synthesis = synthesise(robot, s, progress)
-    if tolerances or synthesis.proved is not None:
-        return tuple(_box_degrees(robot, s, synthesis, progress, share, threads))
+    boxed = tolerances or synthesis.proved is not None
     gamma = s.checked_gamma_ratio * synthesis.design_problem.gamma_star
     penalty = checked_penalty(s, synthesis.design_problem)
     found = []
     for choice in synthesis.choices:
-        progress(f"degree {choice.degree}: proof")
-        began, certificate, steps, reason = time.process_time(), None, (), ""
-        solution, about = choice.solution, about_text(robot, synthesis.goal, choice.degree)
-        margin = solution.checked_margin(gamma, penalty)
-        if margin.definite:
-            try:
+        progress(f"degree {choice.degree}: proof{' for all tolerances' if boxed else ''}")
+        began, box, certificate, steps, reason = time.process_time(), synthesis.proved, None, (), ""
+        solution = choice.solution
+        try:
+            if boxed and box is None:
+                problem, step = (
+                    measured_problem(robot, synthesis.goal, s),
+                    float((synthesis.goal - synthesis.start)[0]),
+                )
+                ranges = parameter_ranges(robot, problem.plant)
+                law = sampled_box(BoxProof(solution=solution, problem=problem, step=step), ranges)
+                box = prove_box(robot, law, ranges, seconds=BOX_SECONDS, threads=threads, progress=share)
+            if box is not None:
+                certificate = box.certificate
+            else:
+                margin = solution.checked_margin(gamma, penalty)
+                reason = "" if margin.definite else margin.reason()
+            if box is None and not reason:
+                about = about_text(robot, synthesis.goal, choice.degree)
                 certificate = certify(
                     solution, gamma, penalty, decay=decay, about=about, observer=observer, threads=threads,
                     progress=share,
                 )  # fmt: skip
-                steps = proved_steps(solution, certificate)
-            except NumericalFailure as error:  # of this degree; another may be proved
-                reason = error.found
-        else:
-            reason = margin.reason()
+            steps = () if certificate is None else proved_steps(solution, certificate)
+        except (InvalidInput, NumericalFailure) as error:  # of this degree; another may be proved
+            if not boxed and isinstance(error, InvalidInput):
+                raise
+            reason = reason_of(error) if boxed else error.found
         seconds = time.process_time() - began
-        found.append(CertifiedDegree(choice, choice is synthesis.chosen, certificate, steps, reason, seconds))
+        used = choice is synthesis.chosen
+        found.append(CertifiedDegree(choice, used, certificate, steps, reason, seconds, box))
     return tuple(found)
-
-
-def _box_degrees(
-    robot: Robot, s: Specification, synthesis: Synthesis, progress: Progress, share: Share, threads: int
-) -> Iterator[CertifiedDegree]:
-    problem = measured_problem(robot, synthesis.goal, s)
-    ranges = parameter_ranges(robot, problem.plant)
-    for choice in synthesis.choices:
-        progress(f"degree {choice.degree}: proof for all tolerances")
-        began, used, reason = time.process_time(), choice is synthesis.chosen, ""
-        box: BoxProof | None = synthesis.proved
-        if box is None:
-            law = BoxProof(
-                solution=choice.solution, problem=problem, step=float((synthesis.goal - synthesis.start)[0])
-            )
-            try:
-                law = sampled_box(law, ranges)
-                box = prove_box(robot, law, ranges, seconds=BOX_SECONDS, threads=threads, progress=share)
-            except (InvalidInput, NumericalFailure) as error:
-                reason = reason_of(error)
-        certificate = None if box is None else box.certificate
-        steps = () if certificate is None else proved_steps(choice.solution, certificate)
-        seconds = time.process_time() - began
-        yield CertifiedDegree(choice, used, certificate, steps, reason, seconds, box)
 
 
 def proved(

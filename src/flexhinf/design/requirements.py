@@ -92,8 +92,10 @@ class Definition:
         self, s: Specification | None, limit: float, found: float, where: str, **more: Any
     ) -> Requirement:
         """The requirement with its numbers; `more` are other fields of it, instead of those of the row."""
-        stated = {"stated_by": stating_option(s, self.field)} if s is not None and self.field else {}
-        row: dict[str, Any] = {"unit": self.unit, "criterion": self.criterion} | stated | more
+        row: dict[str, Any] = {"unit": self.unit, "criterion": self.criterion}
+        if s is not None and self.field and getattr(s, self.field) != FIELDS[self.field].default:
+            row["stated_by"] = FIELDS[self.field].option
+        row |= more
         return Requirement(self.what, float(limit), float(found), at_most=self.at_most, where=where, **row)
 
 
@@ -154,12 +156,6 @@ REQUIREMENTS = {
 def all_met(lines: Sequence[Requirement]) -> bool:
     """Whether every requirement is met."""
     return all(line.met for line in lines)
-
-
-def stating_option(s: Specification, name: str) -> str:
-    """The option that states a field, or "default" where it has its default."""
-    field = FIELDS[name]
-    return "default" if getattr(s, name) == field.default else field.option
 
 
 def peak_option(unit: str, source: str = "") -> str:

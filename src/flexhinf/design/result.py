@@ -93,26 +93,17 @@ def status_of(
     setup = evaluation.setup
     degrees = setup.specification.in_degrees and not any(setup.robot.links.slides)
     names = [line.what for line in lines]
-    missed = dict.fromkeys(
-        _missed(line.shown(degrees), names.count(line.what) > 1) for line in lines if not line.met
-    )
+    wrong = [line for line in lines if not line.met]
+    missed = dict.fromkeys(_missed(line.shown(degrees), names.count(line.what) > 1) for line in wrong)
     narrow = dict.fromkeys(line.what for line in lines if line.within_tolerance)
-    scope = [
-        f"{what}: {100.0 * TOLERANCE:g} % past its limit at most, which counts as met" for what in narrow
-    ]
+    past = f"{100.0 * TOLERANCE:g} % past its limit at most, which counts as met"
+    scope = [f"{what}: {past}" for what in narrow]
     if evaluation.corners is None:
         scope.append("no tolerance stated: only the nominal robot was judged")
-    unproved = _not_proved(chosen, worth, inside, proof)
-    return Status(tuple(missed), unproved, tuple(_risks(lines, evaluation)), "; ".join(scope))
-
-
-def _not_proved(
-    chosen: DegreeChoice, worth: Attenuation, inside: bool | None, proof: DesignProof
-) -> tuple[str, ...]:
-    missing = step_proof(proof, chosen, inside).missing
+    unproved = step_proof(proof, chosen, inside).missing
     if proof.certificate is None and proof.box is None and not worth.lasts:
-        missing = (*missing, "the dissipation budget of the step does not last")
-    return missing
+        unproved = (*unproved, "the dissipation budget of the step does not last")
+    return Status(tuple(missed), unproved, tuple(_risks(lines, evaluation)), "; ".join(scope))
 
 
 def _missed(line: Requirement, places: bool) -> str:
