@@ -349,14 +349,9 @@ class Draw(ABC):
 
 @dataclass(frozen=True, eq=False)
 class FunctionDraw(Draw):
-    """Samples of a function of a generator, as `flexhinf.Robot.draw` is one.
+    """Samples of a function of a generator, as `flexhinf.Robot.draw` is one."""
 
-    Parameters
-    ----------
-    function : callable
-        Generator → parameters by name, or a `Sample`.
-    """
-
+    # Generator → parameters by name, or a `Sample`
     function: Callable[[np.random.Generator], Mapping[str, Any] | Sample]
 
     def samples(self, indices: Sequence[int], count: int, seed: int) -> list[Sample]:

@@ -222,22 +222,10 @@ def compare(
 ) -> PairedCampaigns:
     """Compare two campaigns on the same samples: any plant, any two laws.
 
-    Parameters
-    ----------
-    a, b : xarray.Dataset or MergedTable
-        Of `run_campaign` with the same draw, samples, seed and circumstances, and another controller.
-    requirements : sequence of str
-        What a run must keep to count as a success, ``overshoot_percent<=5``, besides coming to its end.
-
-    Returns
-    -------
-    PairedCampaigns
-        Differences b − a of each metric, success and failure.
-
-    Raises
-    ------
-    InvalidInput
-        If the samples are not the same: the message says what differs.
+    `a`, `b`: of `run_campaign` with the same draw, samples, seed and circumstances, and another controller.
+    `requirements`: what a run must keep to count as a success, ``overshoot_percent<=5``, besides coming to its end.
+    Returns: differences b − a of each metric, success and failure.
+    Raises InvalidInput: if the samples are not the same: the message says what differs.
     """
     sides = _table(a), _table(b)
     names = [*sides[0].settings, *sides[1].settings]

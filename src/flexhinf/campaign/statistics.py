@@ -43,13 +43,10 @@ class Interval:
 def success_interval(successes: int, count: int, confidence: float = 0.95) -> Interval:
     """The interval of a probability of which so many independent samples out of `count` are successes.
 
-    Clopper & Pearson, "The use of confidence or fiducial limits illustrated in the case of the binomial", 1934. With no
-    failure in n samples and 95 % it ends at 1 and begins at (0.025)^(1/n): about 1 − 3.7/n.
+    Clopper & Pearson, "The use of confidence or fiducial limits illustrated in the case of the binomial", 1934.
+    With no failure in n samples and 95 % it ends at 1 and begins at (0.025)^(1/n): about 1 − 3.7/n.
 
-    Raises
-    ------
-    InvalidInput
-        For a count below 1, or successes that are not among them.
+    Raises InvalidInput: for a count below 1, or successes that are not among them.
     """
     from scipy.special import betaincinv
 
@@ -83,17 +80,9 @@ class Sensitivity:
 def sensitivity(names: Sequence[str], numbers: np.ndarray, values: np.ndarray) -> Sensitivity | None:
     """Which numbers a metric depends on, from the samples that there are.
 
-    Parameters
-    ----------
-    numbers : (N, p)
-        Of the samples.
-    values : (N,)
-        The metric; samples where it is not finite are left out.
-
-    Returns
-    -------
-    Sensitivity or None
-        None where nothing differs, or there are too few samples for a straight line in each number.
+    `numbers`: (N, p), Of the samples.
+    `values`: (N,), The metric; samples where it is not finite are left out.
+    Returns: none where nothing differs, or there are too few samples for a straight line in each number.
     """
     kept = np.flatnonzero(np.isfinite(values))[:MOST_ROWS]
     varied = [k for k in range(numbers.shape[1]) if len(kept) and np.ptp(numbers[kept, k]) > 0.0]

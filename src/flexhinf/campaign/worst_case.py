@@ -115,32 +115,15 @@ def worst_case(
 ) -> WorstCase:
     """Search the box of a campaign's tolerances for the plant with the worst value of a metric.
 
-    Parameters
-    ----------
-    campaign : Campaign
-        Its draw are `Tolerances`.
-    rows : mapping of str to array, optional
-        The campaign's rows, as `run_campaign` gives them; without them its samples are run now.
-    least : bool
-        Whether the smallest value is the worst.
-    starts : int
-        Searches: half of them begin at the worst samples, a quarter at the worst corners, the others at random.
-    seed : int, optional
-        Of the random starts; by default the campaign's.
-    nominal : mapping of str to float, optional
-        Nominal numbers; those that are not named are the middles of their intervals.
-    progress : callable, optional
-        Called with the runs so far and the worst value.
-
-    Returns
-    -------
-    WorstCase
-        Never better than the worst sample. The same bits for any number of threads or lanes.
-
-    Raises
-    ------
-    InvalidInput
-        For a draw without intervals, an unknown metric, or one that no sample has.
+    `campaign`: its draw are `Tolerances`.
+    `rows`: the campaign's rows, as `run_campaign` gives them; without them its samples are run now.
+    `least`: whether the smallest value is the worst.
+    `starts`: searches: half of them begin at the worst samples, a quarter at the worst corners, the others at random.
+    `seed`: of the random starts; by default the campaign's.
+    `nominal`: nominal numbers; those that are not named are the middles of their intervals.
+    `progress`: called with the runs so far and the worst value.
+    Returns: never better than the worst sample. The same bits for any number of threads or lanes.
+    Raises InvalidInput: for a draw without intervals, an unknown metric, or one that no sample has.
     """
     box = _box(campaign)
     known_metric(metric, [column.name for column in campaign.columns if column.judged])

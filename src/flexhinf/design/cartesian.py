@@ -75,10 +75,8 @@ def with_joints(request: DesignRequest, goal: str = "", tool: str = "") -> Desig
 def joint_waypoints(robot: Robot, table: WaypointTable, tool: Tool = ORIGIN) -> WaypointTable:
     """Waypoints x, y, z of a point as waypoints of the joints, each pose by a search from the one before.
 
-    Raises
-    ------
-    InvalidInput
-        For a place out of reach, with its time; for more than 500 waypoints; for columns that are not x, y, z.
+    Raises InvalidInput: for a place out of reach, with its time; for more than 500 waypoints; for columns that are
+        not x, y, z.
     """
     return _converted(robot, table, tool)[0]
 

@@ -154,22 +154,12 @@ def read_request(
 ) -> DesignRequest:
     """The request of a robot, or of a design file over which `given` wins.
 
-    Parameters
-    ----------
-    source : path or str
-        As for `load_robot`, or a design file.
-    elastic : path, optional
-        With a URDF; wins over a design file's.
-    given : mapping, optional
-        Fields of a specification; one that is None takes back what the file says. Weights in the file give way to a
-        preset, a bandwidth or a damping that is given, and the other way round: `DesignRequest.notes` says so.
-    payload : str, optional
-        As for `load_robot`; wins over a design file's.
-
-    Raises
-    ------
-    InvalidInput
-        For a file or a value that cannot be used.
+    `source`: as for `load_robot`, or a design file.
+    `elastic`: with a URDF; wins over a design file's.
+    `given`: fields of a specification; one that is None takes back what the file says. Weights in the file give way
+        to a preset, a bandwidth or a damping that is given, and the other way round: `DesignRequest.notes` says so.
+    `payload`: as for `load_robot`; wins over a design file's.
+    Raises InvalidInput: for a file or a value that cannot be used.
     """
     return _request(source, is_design_file(source), elastic, given or {}, payload)
 

@@ -296,36 +296,21 @@ def search_proved_step(
 ) -> ProvedLaw:
     """The largest proved step to a goal, or the smallest proved γ for a wanted one.
 
-    Parameters
-    ----------
-    robot : Robot
-        With one joint.
-    goal : (1,)
-        rad or m.
-    step : float, optional
-        Wanted, negative from above the goal: the smallest proved γ is looked for. Default: the largest step from below,
-        up to π.
-    effort_limit : float
-        Largest |u| of the step on the nominal robot, V or N·m.
-    tolerances : float
-        Of which the proof holds, over those that the robot states: 1 for all, 0 for the nominal robot.
-    degrees, bandwidths, dampings, ratios : sequence
-        Degrees of V, factors of the preset's bandwidth, dampings (None: the preset's), γ/γ*. A degree above 2 needs an
-        equilibrium that stays, or `tolerances` 0.
-    most_seconds : float
-        Of one proof, CPU time.
-    specification : Specification, optional
-        Its bandwidth is what the factors are of; its disturbances, checked penalty, period and others are those
-        of the candidates.
-    admits : callable
-        Called with each law before it is proved, the best first: why it is left out, with all that are as fast, or "".
-    progress : callable
-        Called with what comes next.
-
-    Raises
-    ------
-    InvalidInput
-        No candidate is within the limit, or none can be proved.
+    `robot`: with one joint.
+    `goal`: (1,), rad or m.
+    `step`: wanted, negative from above the goal: the smallest proved γ is looked for. Default: the largest step from
+        below, up to π.
+    `effort_limit`: largest |u| of the step on the nominal robot, V or N·m.
+    `tolerances`: of which the proof holds, over those that the robot states: 1 for all, 0 for the nominal robot.
+    `degrees`, `bandwidths`, `dampings`, `ratios`: degrees of V, factors of the preset's bandwidth, dampings (None:
+        the preset's), γ/γ*. A degree above 2 needs an equilibrium that stays, or `tolerances` 0.
+    `most_seconds`: of one proof, CPU time.
+    `specification`: its bandwidth is what the factors are of; its disturbances, checked penalty, period and others
+        are those of the candidates.
+    `admits`: called with each law before it is proved, the best first: why it is left out, with all that are as fast,
+        or "".
+    `progress`: called with what comes next.
+    Raises InvalidInput: no candidate is within the limit, or none can be proved.
     """
     base = specification or Specification()
     _check(robot, base)
