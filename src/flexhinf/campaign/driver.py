@@ -1,7 +1,4 @@
-"""The driver of a campaign: runs the missing batches here, in processes of its own or on a cluster, and merges them.
-
-The journal stays with the driver; workers only compute.
-"""
+"""Runs the missing batches of a campaign, here, in processes or on a cluster, and merges them; workers only compute."""
 
 from __future__ import annotations
 
@@ -209,8 +206,8 @@ def drive(
 ) -> MergedTable | None:
     """Run the missing batches of a shard (default: all) with an executor (default: this process), and merge the table.
 
-    Returns None where other shards are still to be run. Raises InvalidInput if another driver is at work, or a sample
-    is refused, and FlexhinfError if the disk is full, workers die, or a batch is not run.
+    None where other shards are still to be run. InvalidInput if another driver is at work or a sample is refused;
+    FlexhinfError if the disk is full, workers die, or a batch is not run.
     """
     shard = shard or Shard()
     with journal.driven(shard.name):

@@ -205,11 +205,7 @@ def known_metric(name: str, known: Sequence[str]) -> str:
 
 
 def chosen_metrics(given: Any, tracked: bool) -> tuple[Metrics, ...]:
-    """The metrics of a campaign.
-
-    `given`: names, `Metrics`, functions by name, or a sequence of these; None: the standard ones, where something is
-        tracked.
-    """
+    """A campaign's metrics, of names, `Metrics`, functions by name, or a sequence of these; None: the standard ones."""
     if given is None:
         return (STANDARD,) if tracked else ()
     parts = [given] if isinstance(given, (Metrics, Mapping, str)) else list(given)

@@ -82,10 +82,7 @@ def main_metric(names: Sequence[str]) -> str:
 
 
 def violations(values: Mapping[str, np.ndarray], requirements: Sequence[Requirement]) -> np.ndarray:
-    """Whether each sample (N) misses each requirement (R); one that is unstable or did not come to its end misses all.
-
-    `values`: columns of a campaign: status and metrics.
-    """
+    """Whether a sample (N) misses a requirement (R), by status and metrics; one that did not end well misses all."""
     lost = values["status"] != COMPLETED
     return np.column_stack([lost, *(lost | ~one.met(values[one.metric]) for one in requirements)])[:, 1:]
 

@@ -1,7 +1,4 @@
-"""The folder of a design's campaign: controller and design file, written once, and the campaign made of them again.
-
-The campaign of a design: its step or move on robots within their tolerances; and two designs on the same samples.
-"""
+"""A design as a campaign: its step or move on robots within their tolerances, its folder, and two designs compared."""
 
 from __future__ import annotations
 
@@ -333,8 +330,6 @@ def open_campaign(
 ) -> tuple[Campaign, Journal]:
     """The campaign in a folder: designed and written there, or taken up again with the controller that is there.
 
-    `command`: that made it, for its reports.
-    `progress`: called with each step's name while the controller is designed.
     `designed`: for a new folder, controller and length of its runs (s) as of `designed_controller`.
     """
     _ = request.stated, request.metrics  # refuses what does not fit
@@ -377,8 +372,7 @@ def designed_controller(
 ) -> tuple[Controller, float]:
     """The controller and the length of its runs, s: of a report that nobody changed, or designed now.
 
-    The controller of a report begins where its step does, so for a move it is designed again, to begin where that
-    does.
+    That of a report begins where its step does, so for a move it is designed again, to begin where that does.
     """
     path, plan = request.file, request.plan
     robot, s = request.request.robot, request.specification
@@ -441,12 +435,7 @@ def open_pair(
     commands: Sequence[Sequence[str]] = ((), ()),
     progress: Callable[[str], None] = print,
 ) -> list[tuple[Campaign, Journal]]:
-    """The campaigns of both designs in a folder, with runs of the same length: made there, or taken up again.
-
-    `folder`: of the comparison; the campaigns are in its folders `SIDES`.
-    `commands`: that make each campaign, for its reports.
-    `progress`: called with each step's name while controllers are designed.
-    """
+    """The campaigns of both designs in folders `SIDES`, with runs of the same length: made there, or taken up again."""
     place = checked_path("The comparison's folder", folder).expanduser().absolute()
     check_own_folder(place, "comparison of campaigns", _OWN)
     place.mkdir(parents=True, exist_ok=True)

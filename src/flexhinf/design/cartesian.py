@@ -43,11 +43,7 @@ def tool_of(text: str) -> Tool:
 
 
 def with_joints(request: DesignRequest, goal: str = "", tool: str = "") -> DesignRequest:
-    """The request with its Cartesian goal and waypoints as positions of the joints, and notes of what was found.
-
-    `goal`: ``x,y,z`` in the world, m or with a unit; empty for none.
-    `tool`: as for `tool_of`.
-    """
+    """The request with its goal ``x,y,z`` (m, or with a unit) and waypoints as positions of the joints, and notes."""
     robot, s, notes, point = request.robot, request.specification, list(request.notes), tool_of(tool)
     move = s.move if isinstance(s.move, WaypointTable) and _cartesian(s.move, robot) else None
     if tool and not goal and move is None:

@@ -336,11 +336,7 @@ class StepProof(NamedTuple):
 
 
 def step_proof(proof: DesignProof, chosen: DegreeChoice, inside: bool | None) -> StepProof:
-    """What is proved of the step that is asked for.
-
-    `chosen`: whose sampled region speaks where nothing is proved.
-    `inside`: whether the step starts inside that; None without one.
-    """
+    """What is proved of the requested step; `inside`: whether it starts in the sampled region, None without one."""
     given, loop = proof.certificate, "the step with sampling, estimator and limits"
     if proof.box is not None or proof.inside:
         box = proof.box is not None or given is None or any(p.low < p.high for p in given.parameters)
@@ -376,11 +372,9 @@ def step_proof(proof: DesignProof, chosen: DegreeChoice, inside: bool | None) ->
 def prove_design(
     robot: Robot, s: Specification, synthesis: Synthesis, start: float, worth: Attenuation
 ) -> DesignProof:
-    """Prove the sampled region of a design's law, or a smaller one that still holds its step.
+    """Prove the sampled region of a design's law, or a smaller one that holds its step, in `proof_seconds` of CPU time.
 
-    `s`: with `proof_seconds`, the CPU time that the search may take.
-    `start`: V where the step starts.
-    `worth`: whose budget is compared with the proved level.
+    `start`: V where the step starts. `worth`: whose budget is compared with the proved level.
     """
     chosen, began = synthesis.chosen, time.thread_time()
     attained = None if worth.attained is None else worth.attained.gain

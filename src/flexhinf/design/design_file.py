@@ -1,12 +1,9 @@
 """Design files: a robot and the specification of its loop, as TOML; every command that takes a robot takes one.
 
 A file is a design file by its table [design]: ``robot``, for a URDF ``elastic``, ``payload`` instead of that of the
-robot's file, and fields of `Specification` by name.
-Paths are seen from the file's folder. The table [result] says what came of it and is not read ([found] in older files).
-
-Whether the units of a specification are those of the joints: lengths where a joint slides, angles where it turns.
-
-A specification is read before the robot, so its numbers remember their units (`flexhinf.design.units.Stated`).
+robot's file, and fields of `Specification` by name. Paths are seen from the file's folder. The table [result] says what
+came of it and is not read ([found] in older files). Fields are read before the robot, so numbers remember their units
+(`flexhinf.design.units.Stated`) until it is known which joints slide.
 """
 
 from __future__ import annotations
@@ -50,8 +47,7 @@ CUSTOMARY = {"rad": "deg", "m": "mm", "rad/s": "deg/s", "m/s": "mm/s", "N·m": "
 def check_stated_units(robot: Robot, s: Specification) -> None:
     """Refuse a length for a joint that turns, an angle for one that slides, and the same of speeds and sensors.
 
-    A number without a unit fits every joint; so does a wrong count of numbers here, which is refused where it is
-    used.
+    A number without a unit fits every joint. A wrong count of numbers is refused where they are used.
     """
     known = units_of(robot.joint_names, robot.links.slides)
     for field, values, signals in _stated(robot, s):
@@ -75,10 +71,7 @@ def _stated(robot: Robot, s: Specification) -> Iterator[tuple[str, Any, Sequence
 
 
 def per_signal(robot: Robot, measured: Sequence[str], values: Any) -> tuple[tuple[Any, ...], tuple[str, ...]]:
-    """Values of measured signals, and these signals: a value for each name counts for all that the name stands for.
-
-    Another number of values is returned as it is.
-    """
+    """Values of measured signals, and these signals; one for each name counts for all that the name stands for."""
     signals = expanded(measured, SENSORS, robot.joint_names, robot.rigid)
     parts = _parts(values)
     if len(parts) != len(signals) and len(parts) == len(measured):

@@ -131,11 +131,9 @@ def impulse_sizes(setup: LoopSetup, peak: np.ndarray) -> np.ndarray:
 def impulse_runs(
     setup: LoopSetup, impulses: np.ndarray, most: float, sub_steps: int | None = None
 ) -> ImpulseRuns:
-    """A run for each joint, its impulse smaller where a motor would come near its limit.
+    """A run for each joint, its impulse (n,), N·m·s or N·s, smaller where a motor would come near its limit.
 
-    `impulses`: (n,), N·m·s or N·s.
-    `most`: longest run, s.
-    `sub_steps`: Runge–Kutta steps per period of the true plant.
+    `most`: longest run, s. `sub_steps`: Runge–Kutta steps per period of the true plant.
     """
     period = setup.specification.period
     lowest = JointScales.of(setup.model, setup.goal_equilibrium).held

@@ -112,7 +112,7 @@ def payload_requirements(
 ) -> list[Requirement]:
     """With a payload that the model does not know: the step, gripping it at the goal, and whether the loop rings.
 
-    `damping` is what is required of every oscillation with the model's payload; with others the loop must not ring.
+    `damping`: required with the model's payload; with others the loop must not ring.
     """
     name = f"with {load.mass:.3g} kg of payload"
     lines = step_requirements(s, limits, load.step, f"the step {name}")

@@ -108,9 +108,7 @@ def plan_move(
 
 # A stated move -----------------------------------------------------------------------------------------------
 def stated_move(robot: Robot, s: Specification) -> Plan | None:
-    """The move of a specification, checked against the joints' ranges, speeds and efforts; None where none is
-    stated.
-    """
+    """The move of a specification, checked against ranges, speeds and efforts of the joints; None without one."""
     if s.move is None:
         return None
     try:

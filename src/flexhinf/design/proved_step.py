@@ -104,9 +104,8 @@ def common_box(law: Law, ranges: Ranges) -> Law:
 def sampled_box(law: Law, ranges: Ranges) -> Law:
     """The same with a γ that is worth a proof, and its storage function.
 
-    For a linear law that is the quadratic V of the smallest gain for all slopes of the plant's functions;
-    otherwise, and where there is none, a multiple of the law's own V, with the smallest γ that no sample of the
-    region refuses.
+    For a linear law the quadratic V of the smallest gain for all slopes of the plant's functions; otherwise, and where
+    there is none, a multiple of the law's own V, with the smallest γ that no sample of the region refuses.
     """
     if law.solution.degree == 2:
         try:
@@ -237,9 +236,8 @@ def proved_law(
 ) -> ProvedLaw:
     """The law of the preset proved: the smallest proved gain of the step within the largest input, for all tolerances.
 
-    The proof is about the law with the true state fed back; `admits` may refuse one for what it does with the
-    estimator. A robot that states no tolerances is nominal. What the specification states of bandwidth, damping,
-    degrees and γ/γ* is not searched for.
+    The true state is fed back; `admits` may refuse a law for what it does with the estimator. A robot that states no
+    tolerances is nominal. What the specification states of bandwidth, damping, degrees and γ/γ* is not searched for.
     """
     _check(robot, s)
     stated: dict[str, Any] = {} if s.bandwidth is None else {"bandwidths": (1.0,)}

@@ -191,10 +191,8 @@ def behaviour_requirements(
     joints: Sequence[str],
     least_damped: str = "",
 ) -> list[Requirement]:
-    """Bandwidth and damping of the running loop, where weights were searched for them.
+    """Bandwidth (n,), rad/s, and damping of the running loop, where weights were searched for them.
 
-    `bandwidth`: (n,), Required of each joint, rad/s.
-    `damping`: required of every oscillation.
     `least_damped`: the joint of the smallest damping ratio.
     """
     fraction = np.nan_to_num(margins.bandwidth / bandwidth, nan=0.0)
@@ -335,10 +333,7 @@ def move_requirements(s: Specification, limits: JointLimits, move: Move) -> list
 
 
 def tracking_limits(s: Specification, limits: JointLimits, ways: np.ndarray) -> np.ndarray:
-    """Largest tracking error (n,) of each joint, rad or m: as stated, or `TRACKING_FRACTION` of its way.
-
-    `ways`: (n,), `Move.ways`.
-    """
+    """Largest tracking error (n,), rad or m: as stated, or `TRACKING_FRACTION` of each way (n,) of the move."""
     if s.tracking_error is None:
         return TRACKING_FRACTION * _counted(limits, ways)
     return per_joint(limits.joints, "tracking_error", s.tracking_error)

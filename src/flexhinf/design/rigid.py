@@ -123,8 +123,7 @@ class RigidLaw(ProblemLaw):
 
 
 def rigid_problem(problem: GeneralisedPlant) -> GeneralisedPlant | None:
-    """The same specification for the rigid robot at the same pose; None for a penalty that is code of the user's, and
-    for a robot with rigid joints of its own.
+    """The same specification for the rigid robot at the same pose; None for a penalty of code, or with rigid joints.
 
     Weights of link and motor fall on one state: their squares add. Weights of the springs' torque fall away.
     """
@@ -150,10 +149,7 @@ def rigid_problem(problem: GeneralisedPlant) -> GeneralisedPlant | None:
 
 @dataclass(frozen=True, eq=False)
 class RigidLoop:
-    """The rigid law on the elastic robot.
-
-    `side` {"link", "motor"}: whose true position and velocity it is fed.
-    """
+    """The rigid law on the elastic robot, fed the true position and velocity of one `side`, link or motor."""
 
     side: str
     modes: tuple[Mode, ...]
@@ -187,8 +183,7 @@ def compare_rigid(
 ) -> RigidComparison | None:
     """Design the same specification on the rigid model, and close the loop round the elastic robot.
 
-    The rigid law is fed the true state of one side, without estimator or noise: more than it would have. None if
-    the penalty is code, which says nothing about a rigid robot.
+    The rigid law is fed the true state of one side, without estimator or noise: more than it would have.
     """
     rigid = rigid_problem(problem)
     if rigid is None:
