@@ -160,7 +160,6 @@ class Campaign:
         if not first.failure and isinstance(self.loop.true_plant, Plant):
             self.loop_of(first).prepared(**self._arguments(0, first))
 
-    # Parts -----------------------------------------------------------------------------------------------
     @property
     def batches(self) -> int:
         """How many batches there are."""
@@ -202,7 +201,6 @@ class Campaign:
         """Instants (T,) at which signals are kept, s."""
         return self.instants * self.loop.controller.period
 
-    # Runs -------------------------------------------------------------------------------------------------
     def loop_of(self, drawn: Sample) -> Loop:
         """The loop of one sample: the campaign's sub-steps, so that all samples share a kernel."""
         plant = self.loop.true_plant if drawn.plant is None else drawn.plant
@@ -308,7 +306,6 @@ class Campaign:
         """For other processes: without compiled code."""
         return {name: value for name, value in vars(self).items() if name not in ("ensemble", "_recorder")}
 
-    # Its identity -------------------------------------------------------------------------------------------
     @cached_property
     def settings(self) -> dict[str, str]:
         """Everything that the rows depend on, as text by name; two campaigns with the same settings are the same."""

@@ -457,7 +457,6 @@ def one_of(what: str, value: Any, known: Sequence[str]) -> None:
         raise unknown_name(f"There is no such {what}.", value, known)
 
 
-# Numbers inside (0, 1) --------------------------------------------------------------------------------------
 def sample_seed(seed: int, index: int) -> int:
     """The seed of a sample's measurement noise, for `Loop.run`."""
     return int(sample_seeds(seed, [index])[0])

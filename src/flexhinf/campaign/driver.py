@@ -324,7 +324,6 @@ def _work(batch: int) -> Rows:
     return run_batch(_campaign, batch)
 
 
-# The way in from Python -------------------------------------------------------------------------------------------
 def run_campaign(
     loop: Loop,
     draw: Any,

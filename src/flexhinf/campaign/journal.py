@@ -150,7 +150,6 @@ def labelled(
     return xr.Dataset(variables, coordinates, dict(settings))
 
 
-# Files ----------------------------------------------------------------------------------------------------
 def write_whole(path: Path, content: bytes, prefix: str | None = None) -> None:
     """Write a file under another name, force it to the disk, and rename it."""
     with part_file(path.parent, f".{path.name}." if prefix is None else prefix) as name:
@@ -219,7 +218,6 @@ class Journal:
     folder: Path
     manifest: Mapping[str, Any]
 
-    # Opening -----------------------------------------------------------------------------------------------
     @staticmethod
     def read(folder: str | os.PathLike[str], beside: Sequence[str] = ()) -> Journal | None:
         """The journal in a folder; None where there is none yet, but at most files of the names `beside`."""
@@ -287,7 +285,6 @@ class Journal:
                 "another folder for these settings, or the settings of this folder again",
             )
 
-    # What it says ------------------------------------------------------------------------------------------
     @property
     def settings(self) -> dict[str, str]:
         """Everything that the rows depend on, as text by name."""
@@ -328,7 +325,6 @@ class Journal:
         batch_size = int(self.settings["batch"])
         return min(batch_size, self.samples - batch * batch_size)
 
-    # Locks -------------------------------------------------------------------------------------------------
     @contextmanager
     def driven(self, part: str = "") -> Iterator[None]:
         """Keep other drivers of the same part, or of the whole, out for the block; InvalidInput if one is at work.
@@ -351,7 +347,6 @@ class Journal:
                 )
             yield
 
-    # Shards ------------------------------------------------------------------------------------------------
     def write(self, batch: int, rows: Rows) -> Path:
         """Write the rows of a batch, whole or not at all; FlexhinfError if the disk is full or refuses."""
         content = parquet_bytes(rows.columns, self._schema(batch=str(batch)))
@@ -430,7 +425,6 @@ class Journal:
                 return {name: plain_number(numpy_column(table.column(name))[place]) for name in kept}
         return {}
 
-    # Results of the whole campaign -------------------------------------------------------------------------
     def store(self, name: Path, content: Mapping[str, Any]) -> None:
         """Write a sealed JSON file beside the rows, whole or not at all; numbers that JSON does not have as text."""
 
@@ -452,7 +446,6 @@ class Journal:
 
         return TypeAdapter(kind).validate_python(read_sealed(self.folder / name, most))
 
-    # The whole ---------------------------------------------------------------------------------------------
     def take(self, other: Journal) -> int:
         """Copy the shards of another folder of the same campaign that are missing here; returns how many."""
         self.refuse_campaign(other)

@@ -128,7 +128,6 @@ def _is_number(value: Any) -> bool:
     return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
 
 
-# Rows -------------------------------------------------------------------------------------------------------
 #: Bytes of a file beyond its rows, and of one text, at most.
 _SPARE, _LONGEST_TEXT = 1_000_000, 16_384
 

@@ -230,7 +230,6 @@ def chosen_metrics(given: Any, tracked: bool) -> tuple[Metrics, ...]:
     return tuple(found)
 
 
-# Requirements -----------------------------------------------------------------------------------------------
 _REQUIREMENT = re.compile(r"\s*(\w+)\s*(<=|>=|≤|≥)\s*(\S+)\s*\Z")
 
 

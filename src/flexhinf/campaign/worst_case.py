@@ -242,7 +242,6 @@ def _identity(campaign: Campaign, metric: str, least: bool, starts: int, seed: i
     return {"campaign": campaign.digest, **{name: str(value) for name, value in given.items()}}
 
 
-# Files in the campaign's folder -----------------------------------------------------------------------------
 def search_worst(
     campaign: Campaign,
     journal: Journal,

@@ -241,7 +241,6 @@ def _spread(parameter: Parameter, text: str) -> Parameter:
     )
 
 
-# Two designs on the same samples ------------------------------------------------------------------------------
 #: Folders of the two campaigns in that of their comparison.
 SIDES = ("a", "b")
 
@@ -428,7 +427,6 @@ def stored_request(journal: Journal) -> DesignCampaign:
     return DesignCampaign(read_request(journal.folder / SETUP / DESIGN_FILE), options)
 
 
-# Two campaigns on the same samples --------------------------------------------------------------------------
 def open_pair(
     pair: DesignPair,
     folder: str | Path,

@@ -18,18 +18,11 @@ from typing import NamedTuple
 import numpy as np
 
 from flexhinf.analysis import Attained, BudgetTerm, budget_terms, worst_disturbance
+from flexhinf.certify import pictures
 from flexhinf.certify.box import parameter_ranges
 from flexhinf.certify.cells import OutOfTime, time_limit
 from flexhinf.certify.certificate import Certificate
 from flexhinf.certify.claim import MOST_STATES
-from flexhinf.certify.pictures import (
-    LimitSlice,
-    StartSurface,
-    WorstStep,
-    limit_slice,
-    start_surface,
-    worst_step,
-)
 from flexhinf.certify.proof import certify, check_decay
 from flexhinf.certify.starts import ProvedStep, longest_run, proved_steps
 from flexhinf.design.loop_setup import LoopSetup
@@ -259,10 +252,10 @@ class Evidence:
 
     certificate: Certificate  # With the attained gain, where a disturbance was found
     # surface, limit: V and r where steps start, and in a plane through the point that limits the sampled level
-    surface: StartSurface | None
-    limit: LimitSlice | None
+    surface: pictures.StartSurface | None
+    limit: pictures.LimitSlice | None
     # A smaller step with the worst disturbance, for each rule of the integrators' start
-    worst: tuple[WorstStep, ...]
+    worst: tuple[pictures.WorstStep, ...]
     # The worst disturbance found by search, from rest at the goal, with which V stays below the proved level
     attained: Attained | None
 
@@ -289,8 +282,8 @@ def evidence(robot: Robot, s: Specification, one: CertifiedDegree) -> Evidence:
     if s.checked_penalty is not None and not callable(s.checked_penalty):
         groups = robot.plant().groups
         weights = Penalty.of(s.checked_penalty).expanded(groups).states
-    worst = tuple(worst_step(solution, given, start) for start in given.starts)
-    slices = start_surface(solution, given, weights), limit_slice(solution, given, weights)
+    worst = tuple(pictures.worst_step(solution, given, start) for start in given.starts)
+    slices = pictures.start_surface(solution, given, weights), pictures.limit_slice(solution, given, weights)
     return Evidence(given, *slices, worst, attained)
 
 

@@ -155,7 +155,6 @@ def prepare_run(
     return DeployedRun(robot, s, plants, controller, box, loop, start, goal, plan, arguments, conditions)
 
 
-# Another robot than the model ---------------------------------------------------------------------------
 def perturbed(robot: Robot, changes: Sequence[str]) -> Robot:
     """The robot with other parameters: ``stiffness=-20%``, ``stiffness_elbow=95``, ``friction=+50%``.
 

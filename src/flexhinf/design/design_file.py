@@ -203,7 +203,6 @@ def _rivals(name: str, value: Any, fields: Mapping[str, Any]) -> tuple[str, ...]
     }.get(name, ())
 
 
-# Reading ------------------------------------------------------------------------------------------
 def is_design_file(source: str | Path) -> bool:
     """Whether this is a design file, or is meant as one; a robot's file and what cannot be read are not."""
     if str(source) in catalogue() or Path(source).suffix.lower() != ".toml":
@@ -305,7 +304,6 @@ def _example(name: str, text: str) -> str:
     return f"{name} = {tomlkit.item(text if unit else value).as_string()}"
 
 
-# Writing ------------------------------------------------------------------------------------------
 def plain(name: str, value: Any) -> Any:
     """The value of a field in lists and numbers, for TOML; InvalidInput for a penalty or a move that is code."""
     if value is None or isinstance(value, (str, bool, int, float)):

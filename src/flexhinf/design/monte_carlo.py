@@ -128,7 +128,6 @@ def position_columns(commanded: Sequence[str], joints: Sequence[str]) -> tuple[i
     return tuple(tuple(commanded).index(name) for name in signal_names("link_position", joints))
 
 
-# Numbers of a step and of a move --------------------------------------------------------------------------
 def step_reductions(
     start: np.ndarray, goal: np.ndarray, pairs: Sequence[tuple[int, int]] = ()
 ) -> list[Reduction]:
@@ -207,7 +206,6 @@ def _named_sizes(
     return {**named, "late_error": late, "effort": effort, "speed": speed, "estimate": kept[-1]}
 
 
-# Metrics of a campaign's runs -----------------------------------------------------------------------------
 @dataclass(frozen=True, eq=False)
 class RunMetrics:
     """Metrics of a run of all joints, each the worst of them, and where there are several those of each joint."""

@@ -169,7 +169,6 @@ def of_several(joints: Sequence[str], joint: str | int) -> str:
     return "" if len(joints) < 2 else joints[joint] if isinstance(joint, int) else joint
 
 
-# The linear loop --------------------------------------------------------------------------------------------
 def margin_requirements(
     s: Specification, margins: Margins, joints: Sequence[str] = ("",)
 ) -> list[Requirement]:
@@ -213,7 +212,6 @@ def corner_requirement(corners: ToleranceCorners) -> Requirement:
     return REQUIREMENTS["corners"].judge(None, 0.0, corners.unstable, where)
 
 
-# Runs -------------------------------------------------------------------------------------------------------
 def step_requirements(
     s: Specification,
     limits: JointLimits,
@@ -302,7 +300,6 @@ def sample_requirements(s: Specification, limits: JointLimits, samples: MonteCar
     return lines
 
 
-# Moves ------------------------------------------------------------------------------------------------------
 #: Default limit of the tracking error, as a fraction of the joint's way along the move.
 TRACKING_FRACTION = 0.05
 

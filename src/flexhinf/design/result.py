@@ -406,7 +406,6 @@ class Comparison(Summarised):
         }
 
 
-# Design file ----------------------------------------------------------------------------------------
 #: Comment above the table [result].
 RESULT = "What came of it. This part is not read: changing it changes nothing."
 
