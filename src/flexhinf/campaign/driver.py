@@ -304,19 +304,21 @@ _campaign: Campaign | None = None  # of a worker process
 
 
 def _begin_worker(campaign: Campaign) -> None:
-    """In a worker: Ctrl-C is the driver's, and a driver that was killed takes its workers with it."""
+    """In a worker: Ctrl-C is the driver's, and a driver that was killed takes its workers with it.
+
+    Workers wait for work on a pipe that they hold open themselves: without the thread they would wait for ever.
+    """
     global _campaign
+
+    def end_with_the_driver() -> None:
+        driver = multiprocessing.parent_process()
+        if driver is not None:
+            driver.join()
+            os._exit(1)
+
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    threading.Thread(target=_end_with_the_driver, daemon=True).start()
+    threading.Thread(target=end_with_the_driver, daemon=True).start()
     _campaign = campaign
-
-
-def _end_with_the_driver() -> None:
-    """Workers wait for work on a pipe that they hold open themselves: without this they would wait for ever."""
-    driver = multiprocessing.parent_process()
-    if driver is not None:
-        driver.join()
-        os._exit(1)
 
 
 def _work(batch: int) -> Rows:

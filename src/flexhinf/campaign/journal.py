@@ -55,30 +55,6 @@ FORMAT: dict[str, Any] = {
 }
 
 
-def schema_of(columns: Sequence[Column], instants: int, **about: str) -> pa.Schema:
-    """What a file of these columns has; a kept signal is a list of `instants` numbers of 32 bits."""
-    import pyarrow as pa
-
-    own = {"sample": pa.int64(), "seed": pa.uint64(), "status": pa.string(), "failure": pa.string()}
-    lists = pa.list_(pa.float32(), instants)
-    fields = []
-    for column in columns:
-        kind = lists if column.kind == "trace" else own.get(column.name, pa.float64())
-        fields.append(pa.field(column.name, kind, metadata={"kind": column.kind, "unit": column.unit}))
-    return pa.schema(fields, about)
-
-
-def parquet_bytes(rows: Mapping[str, np.ndarray], schema: pa.Schema) -> bytes:
-    """Columns as the bytes of a Parquet file."""
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
-    arrays = [_arrow(rows[name]) for name in schema.names]
-    stream = pa.BufferOutputStream()
-    pq.write_table(pa.Table.from_arrays(arrays, schema=schema), stream, **FORMAT)
-    return stream.getvalue().to_pybytes()
-
-
 def read_columns(path: Any, names: Sequence[str] | None = None) -> pa.Table:
     """Columns of a file, all by default; InvalidInput if it cannot be read."""
     import pyarrow as pa
@@ -349,7 +325,13 @@ class Journal:
 
     def write(self, batch: int, rows: Rows) -> Path:
         """Write the rows of a batch, whole or not at all; FlexhinfError if the disk is full or refuses."""
-        content = parquet_bytes(rows.columns, self._schema(batch=str(batch)))
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+
+        schema, stream = self._schema(batch=str(batch)), pa.BufferOutputStream()
+        arrays = [_arrow(rows.columns[name]) for name in schema.names]
+        pq.write_table(pa.Table.from_arrays(arrays, schema=schema), stream, **FORMAT)
+        content = stream.getvalue().to_pybytes()
         name = f"batch-{batch:08d}-{hashlib.sha256(content).hexdigest()[:16]}.parquet"
         path = self.folder / SHARDS / name
         with disk_refusals(self.folder):
@@ -409,10 +391,19 @@ class Journal:
 
         return wrong_rows(path, self._schema(batch=str(batch)), samples, seed, drawn)
 
-    def _schema(self, **about: str) -> Any:
-        """Of a part, or of the table without kept signals, which is about no part."""
-        kept = [column for column in self.columns if about or column.kind != "trace"]
-        return schema_of(kept, len(self.time), campaign=self.digest, **about)
+    def _schema(self, **about: str) -> pa.Schema:
+        """Of a part, or of the table without kept signals, which is about no part; kept signals are lists."""
+        import pyarrow as pa
+
+        own = {"sample": pa.int64(), "seed": pa.uint64(), "status": pa.string(), "failure": pa.string()}
+        lists, fields = pa.list_(pa.float32(), len(self.time)), []
+        for column in self.columns:
+            if about or column.kind != "trace":
+                kind = lists if column.kind == "trace" else own.get(column.name, pa.float64())
+                fields.append(
+                    pa.field(column.name, kind, metadata={"kind": column.kind, "unit": column.unit})
+                )
+        return pa.schema(fields, {"campaign": self.digest, **about})
 
     def row(self, sample: int) -> dict[str, Any]:
         """The row of a sample, without kept signals; empty where its batch is not done."""

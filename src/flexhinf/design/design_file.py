@@ -12,7 +12,7 @@ import difflib
 import itertools
 import math
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
@@ -50,7 +50,12 @@ def check_stated_units(robot: Robot, s: Specification) -> None:
     A number without a unit fits every joint. A wrong count of numbers is refused where they are used.
     """
     known = units_of(robot.joint_names, robot.links.slides)
-    for field, values, signals in _stated(robot, s):
+    joints = robot.joint_names
+    stated = [(field, getattr(s, field), signal_names(signal, joints)) for field, signal in SIGNALS.items()]
+    stated += [("via", pose, signal_names("link_position", joints)) for pose in s.via]
+    if any(isinstance(one, Stated) for one in _parts(s.quantisation)):
+        stated.append(("quantisation", *per_signal(robot, s.measured, s.quantisation)))
+    for field, values, signals in stated:
         parts, units = _parts(values), [known[name] for name in signals]
         each = parts * len(signals) if len(parts) == 1 else parts
         if len(each) != len(signals):
@@ -58,16 +63,22 @@ def check_stated_units(robot: Robot, s: Specification) -> None:
         for part, signal, unit in zip(each, signals, units):
             if isinstance(part, Stated) and part.si != unit:
                 written = parts if len(set(units)) == 1 else each  # one for all joints, where one can be
-                raise _refusal(field, part, signal, unit, ",".join(map(_fitted, written, units)))
+                raise SpecificationError(
+                    field,
+                    f"The {field.replace('_', ' ')} has a unit that {signal!r} does not have.",
+                    f"expected {unit} (or text with {CUSTOMARY[unit]}), got {value_text(part.number + part.unit, 60)}",
+                    example=",".join(map(_fitted, written, units)),
+                )
 
 
-def _stated(robot: Robot, s: Specification) -> Iterator[tuple[str, Any, Sequence[str]]]:
-    for field, signal in SIGNALS.items():
-        yield field, getattr(s, field), signal_names(signal, robot.joint_names)
-    for pose in s.via:
-        yield "via", pose, signal_names("link_position", robot.joint_names)
-    if any(isinstance(one, Stated) for one in _parts(s.quantisation)):
-        yield "quantisation", *per_signal(robot, s.measured, s.quantisation)
+def _fitted(value: float, unit: str) -> str:
+    """A value as it was written, its unit exchanged for one of the same size that fits."""
+    if not isinstance(value, Stated):
+        return f"{value:g}"
+    if value.si == unit:
+        return value.number + value.unit
+    plain = value.unit.lower() == value.si.lower()
+    return value.number + (unit.replace("·", "") if plain else CUSTOMARY[unit])
 
 
 def per_signal(robot: Robot, measured: Sequence[str], values: Any) -> tuple[tuple[Any, ...], tuple[str, ...]]:
@@ -82,25 +93,6 @@ def per_signal(robot: Robot, measured: Sequence[str], values: Any) -> tuple[tupl
 
 def _parts(values: Any) -> tuple[Any, ...]:
     return values if isinstance(values, tuple) else (values,)
-
-
-def _refusal(field: str, stated: Stated, signal: str, unit: str, example: str) -> SpecificationError:
-    return SpecificationError(
-        field,
-        f"The {field.replace('_', ' ')} has a unit that {signal!r} does not have.",
-        f"expected {unit} (or text with {CUSTOMARY[unit]}), got {value_text(stated.number + stated.unit, 60)}",
-        example=example,
-    )
-
-
-def _fitted(value: float, unit: str) -> str:
-    """A value as it was written, its unit exchanged for one of the same size that fits."""
-    if not isinstance(value, Stated):
-        return f"{value:g}"
-    if value.si == unit:
-        return value.number + value.unit
-    plain = value.unit.lower() == value.si.lower()
-    return value.number + (unit.replace("·", "") if plain else CUSTOMARY[unit])
 
 
 TABLES = ("design", "result", "found")
