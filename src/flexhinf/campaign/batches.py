@@ -83,40 +83,22 @@ class Column:
 class Campaign:
     """Everything that the samples of a campaign depend on.
 
-    Parameters
-    ----------
-    loop : Loop
-        With the nominal true plant; controller and estimator stay as they are.
-    draw : Draw, or function of a generator
-    seed : int
-        0 … 2⁶³ − 1.
-    options : mapping
-        Of `Loop.run`, for every sample: ``reference``, ``disturbance``, ``noise``, ``duration``, ``initial_state``,
-        ``initial_input``, ``multi_turn``.
-    metrics
-        See `chosen_metrics`.
-    signals : sequence of str, optional
-        States of which some instants are kept, for bands; by default those that are tracked.
-    batch : int
-        Samples of a batch. No sample depends on it.
-    about : mapping of str to str
-        Other statements that are compared when the campaign goes on: the specification of a design.
-
-    Raises
-    ------
-    InvalidInput
-        Before any work: for numbers out of range, metrics or signals that are not known, a draw that does not fit the
-        plant.
+    Raises InvalidInput: before any work: for numbers out of range, metrics or signals that are not known, a draw that
+        does not fit the plant.
     """
 
-    loop: Loop
+    loop: Loop  # With the nominal true plant; controller and estimator stay as they are
     draw: Draw
     samples: int
-    seed: int = 0
+    seed: int = 0  # 0 … 2⁶³ − 1
+    # Of `Loop.run`, for every sample: ``reference``, ``disturbance``, ``noise``, ``duration``, ``initial_state``,
+    # ``initial_input``, ``multi_turn``
     options: Mapping[str, Any] = field(default_factory=dict)
-    metrics: Any = None
+    metrics: Any = None  # See `chosen_metrics`
+    # States of which some instants are kept, for bands; by default those that are tracked
     signals: Sequence[str] | None = None
-    batch: int = BATCH
+    batch: int = BATCH  # Samples of a batch. No sample depends on it
+    # Other statements that are compared when the campaign goes on: the specification of a design
     about: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:

@@ -17,8 +17,14 @@ import numpy as np
 from flexhinf.campaign.batches import PART, Column
 from flexhinf.campaign.journal import differing, listed
 from flexhinf.campaign.metrics import COMPLETED, Requirement
-from flexhinf.campaign.results import CampaignTable, MergedTable, main_metric, violations
-from flexhinf.campaign.statistics import Interval, success_interval
+from flexhinf.campaign.results import (
+    CampaignTable,
+    Interval,
+    MergedTable,
+    main_metric,
+    success_interval,
+    violations,
+)
 from flexhinf.errors import InvalidInput
 from flexhinf.validation import value_text
 

@@ -18,12 +18,10 @@ from typer.main import get_command
 from flexhinf import __version__
 from flexhinf.cli.campaign import app as campaign
 from flexhinf.cli.certify import certify
-from flexhinf.cli.design import compare, design
+from flexhinf.cli.design import compare, design, paper
 from flexhinf.cli.export import app as export
-from flexhinf.cli.export import compile_design
+from flexhinf.cli.export import compile_design, run_design
 from flexhinf.cli.messages import INTERRUPTED, error_text, interrupted, mistake, parser_error, refused
-from flexhinf.cli.paper import paper
-from flexhinf.cli.run import run_design
 from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.files import recorded
 from flexhinf.validation import value_text
