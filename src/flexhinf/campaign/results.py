@@ -1,4 +1,4 @@
-"""The judgement of a campaign: samples that fail, the worst, the success rate, and which number matters for a metric."""
+"""The judgement of a campaign: samples that fail, the worst, success rate, and which number matters for a metric."""
 
 from __future__ import annotations
 
@@ -23,6 +23,9 @@ from flexhinf.campaign.journal import (
 from flexhinf.campaign.metrics import COMPLETED, Requirement
 from flexhinf.errors import InvalidInput
 from flexhinf.loop import Trajectory
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 #: Samples for each coefficient of a surrogate, at least; most coefficients, and most samples that it is fitted to.
 SAMPLES_A_TERM, MOST_TERMS, MOST_ROWS = 10, 600, 20_000
@@ -159,9 +162,6 @@ def _indices(function, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     first, total = (np.clip(np.ravel(values), 0.0, 1.0) for values in (found.first_order, found.total_order))
     return first, np.where(np.isfinite(total), total, math.nan)
 
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 #: Quantiles that are stated of every metric.
 QUANTILES = (0.0, 0.05, 0.5, 0.95, 1.0)
