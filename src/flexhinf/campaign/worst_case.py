@@ -181,7 +181,7 @@ def worst_case(
         {name: one.value for name, one in zip(names, one_back)}, dict(zip(names, zip(low.tolist(), high.tolist()))),
         {name: box.units[name] for name in names},
         starts, together, all_corners, runs + len(others), int((~inside).sum()),
-        _identity(campaign, metric, least, starts, seed),
+        _given(campaign.digest, metric, least, starts, seed),
     )  # fmt: skip
 
 
@@ -237,9 +237,9 @@ def _sizes(values: np.ndarray, status: np.ndarray, least: bool) -> np.ndarray:
     return np.where(status == COMPLETED, sizes, math.inf)
 
 
-def _identity(campaign: Campaign, metric: str, least: bool, starts: int, seed: int) -> dict[str, str]:
-    given = {"metric": metric, "least": least, "starts": starts, "seed": seed}
-    return {"campaign": campaign.digest, **{name: str(value) for name, value in given.items()}}
+def _given(*values: object) -> dict[str, str]:
+    """What a search depends on."""
+    return dict(zip(("campaign", "metric", "least", "starts", "seed"), map(str, values)))
 
 
 def search_worst(
@@ -257,7 +257,7 @@ def search_worst(
     seed = campaign.seed if seed is None else seed
     try:
         stored = stored_worst(journal, metric)
-        if stored.settings == _identity(campaign, metric, least, starts, seed):
+        if stored.settings == _given(campaign.digest, metric, least, starts, seed):
             return stored
     except InvalidInput:
         pass  # none, or damaged: it is searched
@@ -302,6 +302,5 @@ def stored_worsts(journal: Journal) -> list[WorstCase]:
 
 
 def _path(journal: Journal, metric: str) -> Path:
-    return (
-        FOLDER / f"{known_metric(metric, [column.name for column in journal.columns if column.judged])}.json"
-    )
+    known = [column.name for column in journal.columns if column.judged]
+    return FOLDER / f"{known_metric(metric, known)}.json"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -116,12 +116,12 @@ def _missed(line: Requirement, places: bool) -> str:
     return f"{line.what} {line.found:.3g}{unit}{joint} (required {sign} {line.limit:.3g}{unit}{place})"
 
 
+def _in_brackets(joints: Sequence[str], joint: str) -> str:
+    return f" ({joint})" if len(joints) > 1 and joint else ""
+
+
 def _risks(lines: Sequence[Requirement], evaluation: LawEvaluation) -> list[str]:
-    found, several = [], len(evaluation.setup.joints) > 1
-
-    def of(joint: str) -> str:
-        return f" ({joint})" if several and joint else ""
-
+    found, of = [], partial(_in_brackets, evaluation.setup.joints)
     slow = [m for m in evaluation.estimator_modes if m.eigenvalue.imag > 0.0 and m.damping < HARDLY_DAMPED]
     if slow:
         worst = min(slow, key=lambda m: m.damping)
@@ -212,11 +212,7 @@ class Design(Summarised):
         """Robot, whether the requirements are met, degree and level, and the step in numbers."""
         step, missed = self.evaluation.step, sum(not line.met for line in self.requirements)
         unit = self.setup.model.unit(self.setup.model.inputs[0])
-        several = len(self.setup.joints) > 1
-
-        def of(joint: str) -> str:
-            return f" ({joint})" if several and joint else ""
-
+        of = partial(_in_brackets, self.setup.joints)
         settling = f"{step.settling.value:.3g} s" if np.isfinite(step.settling.value) else "not settled"
         return {
             "robot": self.robot.name,
