@@ -49,8 +49,8 @@ def law_alone(arm: Arm) -> Any:
     assert code.table is not None
     n, m = len(arm.solution.state_names), len(arm.solution.input_names)
     data = code.data
-    blocks = (Block(Slice("x", 0, n), (n,)), Block(Slice("data", 0, data.size), (data.size,)))
-    run.copy(code.evaluate(run, *blocks), Block(Slice("u", 0, m), (m,)))
+    x, numbers = Block(Slice("x", 0, n), (n,)), Block(Slice("data", 0, data.size), (data.size,))
+    run.copy(code.on(run, numbers)(x), Block(Slice("u", 0, m), (m,)))
     buffers = (Buffer("x", n, "in"), Buffer("data", data.size, "in"), Buffer("u", m, "out"), *run.buffers)
     x, u = 1e-2 * np.random.default_rng(0).normal(size=n), np.zeros(m)
     bound = compile_program(Program("law", buffers, tuple(run.body))).bind({"x": x, "data": data, "u": u})

@@ -172,7 +172,7 @@ class Study:
         choices = tuple(
             solve_degrees(
                 self.problem,
-                tried_degrees(len(self.problem.state_names), self.setup.specification),
+                tried_degrees(len(self.problem.state_names), self.setup.specification.degrees),
                 self.gamma,
             )
         )

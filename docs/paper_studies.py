@@ -23,17 +23,23 @@ from flexhinf.hinf import HJISolution, smallest_gamma, solve_hji
 from flexhinf.loop import Sine, Step, Trajectory
 from flexhinf.paper import PaperSettings
 from flexhinf.paper.disturbances import GainRuns, stated_disturbances
-from flexhinf.paper.experiments import (
+from flexhinf.paper.loop_setup import (
     CHANNELS,
+    EFFORT,
     FREQUENCY,
+    GOALS,
+    INITIAL_VARIANCE,
     LOAD_FROM,
+    SINE,
     STEP_DURATION,
     TORQUE,
-    Experiments,
+    TRACKING_DURATION,
+    PaperSetup,
+    in_two_threads,
     load_numbers,
+    name_goal,
     tracking_numbers,
 )
-from flexhinf.paper.loop_setup import EFFORT, GOALS, INITIAL_VARIANCE, PaperSetup, in_two_threads, name_goal
 from flexhinf.paper.tolerances import ToleranceStudy, growth_with, swept_noises, unstable_of
 from flexhinf.paper.tracking import TRACKING_LIMIT
 from flexhinf.plant import GeneralisedPlant, Law
@@ -196,12 +202,12 @@ def damped_law(setup: PaperSetup, scale: float) -> HJISolution:
     return setup.law({name: float(own[name] + scale * DAMPING_WEIGHTS.get(name, 0.0)) for name in names})
 
 
-def tracking_weight(experiments: Experiments) -> tuple[float | None, float]:
+def tracking_weight(setup: PaperSetup) -> tuple[float | None, float]:
     """The smallest weight of x5 with which π + sin(πt/10) is tracked, and the largest error with it, rad."""
 
     def error(weight: float) -> float:
-        law = experiments.setup.law({"link_position": 60.0, "link_position_integral": weight})
-        found = tracking_numbers(experiments.track(law))["largest_error_rad"]
+        law = setup.law({"link_position": 60.0, "link_position_integral": weight})
+        found = tracking_numbers(setup.run(law, SINE, TRACKING_DURATION))["largest_error_rad"]
         return math.inf if found is None else found
 
     weight = smallest_change(lambda w: error(w) <= TRACKING_LIMIT, 300.0, 32.0 * 300.0)
@@ -311,16 +317,15 @@ def repair_costs(setup: PaperSetup, repairs: Sequence[Repair]) -> Iterable[Seque
 
 
 # What H∞ buys --------------------------------------------------------------------------------------------
-def measure_law(experiments: Experiments, law: Law) -> dict[str, float]:
+def measure_law(setup: PaperSetup, law: Law) -> dict[str, float]:
     """Peak volts and overshoot (%) of both steps, deviations (rad) of the four cases; infinite where a run diverged."""
-    setup = experiments.setup
     jobs: dict[str, Callable[[], Trajectory]] = {}
     for goal in GOALS:
         jobs[f"{round(math.degrees(goal))}"] = lambda g=goal: setup.run(law, Step(g), STEP_DURATION)
     signals = {"step": Step(TORQUE, at=LOAD_FROM), "sine": Sine(TORQUE, FREQUENCY, at=LOAD_FROM)}
     for case in CASES:
         channel, kind = case.split()
-        jobs[case] = lambda c=channel, s=signals[kind]: experiments.load_response(law, s, c)
+        jobs[case] = lambda c=channel, s=signals[kind]: setup.load_response(law, s, c)
     runs = dict(zip(jobs, in_two_threads(lambda job: job(), list(jobs.values())), strict=True))
     found: dict[str, float] = {}
     for goal in ("90", "180"):
@@ -335,13 +340,13 @@ def measure_law(experiments: Experiments, law: Law) -> dict[str, float]:
     return found
 
 
-def measure_gain(experiments: Experiments, law: Law) -> dict[str, float]:
+def measure_gain(setup: PaperSetup, law: Law) -> dict[str, float]:
     """Gains from the paper's d to the paper's z (R2 = 10, whatever R2 the law was made for), true state fed back.
 
     ``norm``: H∞ norm of the linear loop in the hanging equilibrium; ``gain``: the largest √(∫|z|²/∫|d|²) of the stated
     disturbances that keep the link within ±180°.
     """
-    runs = GainRuns(experiments.setup, law)
+    runs = GainRuns(setup, law)
     attained = in_two_threads(runs.attained, list(stated_disturbances().values()))
     return {
         "norm": float(runs.search.small()[0]),
@@ -362,14 +367,13 @@ def _late_rms(run: Trajectory) -> float:
     return float(np.sqrt(np.mean(error**2)))
 
 
-def trade_off_curves(experiments: Experiments) -> dict[str, TradeOffCurve]:
+def trade_off_curves(setup: PaperSetup) -> dict[str, TradeOffCurve]:
     """H∞ over γ, nonlinear LQR over R2, H∞ over R2, and the simplest rival over R2."""
-    setup = experiments.setup
     degree, ratio = setup.settings.degree, setup.settings.gamma_ratio
     most = EFFORTS[:5]  # the others take more volts than the smallest γ does
 
     def measure(law: Law) -> Mapping[str, float]:
-        return {**measure_law(experiments, law), **measure_gain(experiments, law)}
+        return {**measure_law(setup, law), **measure_gain(setup, law)}
 
     simple = [GravityCompensatedLQR.design(scaled_effort(setup.problem, factor)) for factor in most]
     points = tuple(TradeOffPoint(factor, law, measure(law)) for factor, law in zip(most, simple, strict=True))
@@ -448,15 +452,14 @@ def table(rows: Iterable[Sequence[Any]]) -> str:
 
 def main() -> None:
     """Compute every study at the default settings and print its numbers."""
-    experiments = Experiments(PaperSetup(PaperSettings()))
-    setup = experiments.setup
-    weight, error = tracking_weight(experiments)
+    setup = PaperSetup(PaperSettings())
+    weight, error = tracking_weight(setup)
     print(f"tracks-sine: weight of x5 {weight}, largest error {math.degrees(error):.2f}°\n", flush=True)
     study = ToleranceStudy.of(setup, setup.nonlinear)
     print(table(repair_costs(setup, find_repairs(setup, study))), "\n", flush=True)
     print(f"another design: {unstable_of(other_design(setup), 'corner')} corners unstable\n", flush=True)
     print(table(bounds_rows(setup)), "\n", flush=True)
-    curves = trade_off_curves(experiments)
+    curves = trade_off_curves(setup)
     print(table(trade_off_rows(curves)), "\n")
     over_gamma, lqr, *others = curves.values()
     for curve in (over_gamma, *others):

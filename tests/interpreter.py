@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.codegen.kernel import Kernel, Status, check_lanes
+from flexhinf.codegen.compiler import Kernel, Status, check_lanes
 from flexhinf.codegen.memory import COLUMN, Columns, Slice, whole
 from flexhinf.codegen.noise import normal_numbers
 from flexhinf.codegen.program import (

@@ -71,19 +71,8 @@ _LARGEST_FILE, _LARGEST = 16 << 30, 32 << 30  # bytes of an archive, and bytes t
 def write_file(path: str | os.PathLike[str], what: str, write: Callable[[str], Any]) -> None:
     """Write a file by `write`, which gets a temporary name in the same folder; then rename it to `path`.
 
-    Parameters
-    ----------
-    path : path
-        No suffix is added.
-    what : str
-        For the message: "controller", "run".
-    write : callable
-        Takes the temporary name.
-
-    Raises
-    ------
-    InvalidInput
-        If this is no path, or the place cannot be written.
+    `path`: No suffix is added. `what`: For the message: "controller", "run". `write`: Takes the temporary name. Raises
+    InvalidInput: if this is no path, or the place cannot be written.
     """
     path = checked_path(f"The {what}", path)
     try:
@@ -127,10 +116,7 @@ def part_file(folder: Path, prefix: str) -> Iterator[str]:
     The file is locked until the end of the block, so that others can tell it from one whose process was killed. Of
     those with this prefix nothing is left: they are removed first.
 
-    Raises
-    ------
-    OSError, ValueError
-        The folder cannot be written.
+    Raises OSError, ValueError: the folder cannot be written.
     """
     _clear_parts(folder, prefix)
     handle, name = _locked_part(folder, prefix)
@@ -222,12 +208,8 @@ def write_arrays(path: str | os.PathLike[str], what: str, arrays: Mapping[str, n
 def read_arrays(path: str | os.PathLike[str]) -> tuple[dict[str, np.ndarray], bool]:
     """The arrays that `write_arrays` wrote, and whether a digest stands under them (older files have none).
 
-    Raises
-    ------
-    InvalidInput
-        Not a file, damaged, or no archive of arrays. Its `found` says which, for the reader's own message.
-    MemoryError
-        Its arrays do not fit into the memory that is free; nothing is wrong with the file.
+    Raises InvalidInput: not a file, damaged, or no archive of arrays. Its `found` says which, for the reader's own
+    message. Raises MemoryError: its arrays do not fit into the memory that is free; nothing is wrong with the file.
     """
     try:
         content = read_bytes(Path(path), _LARGEST_FILE + 1)
@@ -270,10 +252,7 @@ def publish(temporary: str | os.PathLike[str], path: Path) -> None:
 def exchange(temporary: str | os.PathLike[str], path: Path) -> bool:
     """Give a finished folder the name of another one, which gets the temporary name, in one act of the kernel.
 
-    Returns
-    -------
-    bool
-        False where this system or file system has no such act; nothing was done then.
+    Returns false where this system or file system has no such act; nothing was done then.
     """
     swap = _exchange_of_names()
     note_written(temporary, path)
@@ -336,17 +315,8 @@ def locked(path: Path, patience: float = 0.0) -> Iterator[Literal["held", "busy"
     The lock is the kernel's and ends with the process that holds it, however that ends. It needs no process ids, which
     mean nothing from one container to another.
 
-    Parameters
-    ----------
-    path : Path
-        The file, in a folder that exists.
-    patience : float
-        How long to wait for another one who holds it, s.
-
-    Yields
-    ------
-    {"held", "busy", "none"}
-        Held; still held by another one after that time; or there are no such locks here.
+    `path`: The file, in a folder that exists. `patience`: How long to wait for another one who holds it, s. Yields
+    {"held", "busy", "none"}: Held; still held by another one after that time; or there are no such locks here.
     """
     handle, state, until = -1, "busy", time.monotonic() + patience
     while state == "busy":

@@ -86,10 +86,7 @@ def checked_array(
 ) -> np.ndarray:
     """Finite numbers of this shape, of a magnitude of at most `most`; the texts are for the message.
 
-    Raises
-    ------
-    InvalidInput
-        For anything else.
+    Raises InvalidInput: for anything else.
     """
     array = real_array(value)
     array = array[None] if shape == (1,) and array.ndim == 0 else array
@@ -101,10 +98,7 @@ def checked_array(
 def checked_positive(what: str, value: Any, unit: str, advice: str) -> float:
     """A finite number above zero, as a float.
 
-    Raises
-    ------
-    InvalidInput
-        For anything else; `what` begins the message: "The sampling period".
+    Raises InvalidInput: for anything else; `what` begins the message: "The sampling period".
     """
     number = real_number(value)
     if not 0.0 < number < np.inf:
@@ -182,10 +176,7 @@ def value_text(value: Any, most: int = 200) -> str:
 def extra_package(package: str, extra: str, what: str) -> Any:
     """An optional package; without it an error that names the extra of flexhinf that brings it.
 
-    Raises
-    ------
-    InvalidInput
-        `what` is its first sentence.
+    Raises InvalidInput: `what` is its first sentence.
     """
     try:
         return import_module(package)
@@ -200,22 +191,10 @@ def checked_name(
 ) -> str:
     """A name that can stand in a table, a figure, a file and a terminal.
 
-    Parameters
-    ----------
-    what : str
-        For the message: "a joint", "a state".
-    spaces : bool
-        Whether single spaces may stand between its words.
-    without : str
-        Characters that it may not have, because they separate names elsewhere.
-    longest : int
-        Most characters.
-
-    Raises
-    ------
-    InvalidInput
-        For what is no text, empty or too long, begins with a mark for the letter before it, or has spaces, control
-        characters or characters that change the direction of writing.
+    `what`: For the message: "a joint", "a state". `spaces`: Whether single spaces may stand between its words.
+    `without`: Characters that it may not have, because they separate names elsewhere. `longest`: Most characters.
+    Raises InvalidInput: for what is no text, empty or too long, begins with a mark for the letter before it, or has
+    spaces, control characters or characters that change the direction of writing.
     """
     if not _is_name(name, spaces, without) or len(name) > longest:
         allowed = "single spaces" if spaces else " ".join(["no spaces", *(f"{mark!r}" for mark in without)])
@@ -251,10 +230,7 @@ def unknown_name(what: str, name: Any, known: Iterable[Any], otherwise: str = "o
 def checked_names(what: str, names: Any) -> tuple[str, ...]:
     """One name or several, as a tuple; `what` begins the message: "The sensors".
 
-    Raises
-    ------
-    InvalidInput
-        For what is neither text nor a sequence of texts.
+    Raises InvalidInput: for what is neither text nor a sequence of texts.
     """
     given = (names,) if isinstance(names, str) else names
     scalar = isinstance(given, np.ndarray) and given.ndim == 0
@@ -271,10 +247,7 @@ def checked_names(what: str, names: Any) -> tuple[str, ...]:
 def checked_text(what: str, text: Any) -> str:
     """A description, a unit or a source: printable characters, tabs and line breaks, `LONGEST_TEXT` at most.
 
-    Raises
-    ------
-    InvalidInput
-        For anything else.
+    Raises InvalidInput: for anything else.
     """
     printable = isinstance(text, str) and text.replace("\n", "").replace("\t", "").isprintable()
     if not printable or len(text) > LONGEST_TEXT:
@@ -304,10 +277,7 @@ def distinct(what: str, names: Sequence[str]) -> None:
 def checked_path(what: str, path: Any) -> Path:
     """A path as a `Path`; `what` begins the message: "The controller's file".
 
-    Raises
-    ------
-    InvalidInput
-        For what is no text and no path object (None, numbers, bytes) or is empty.
+    Raises InvalidInput: for what is no text and no path object (None, numbers, bytes) or is empty.
     """
     text = os.fspath(path) if isinstance(path, os.PathLike) else path
     if not isinstance(text, str) or not text:
@@ -322,10 +292,7 @@ def checked_path(what: str, path: Any) -> Path:
 def read_text(path: Path, largest: int, kind: str, what: str = "file") -> str:
     """The text of a file of at most `largest` bytes in UTF-8; `kind` and `what` are for the message.
 
-    Raises
-    ------
-    InvalidInput
-        For a file that is larger, no text, or cannot be read.
+    Raises InvalidInput: for a file that is larger, no text, or cannot be read.
     """
     try:
         content = read_bytes(path, largest + 1)
@@ -354,10 +321,8 @@ def read_text(path: Path, largest: int, kind: str, what: str = "file") -> str:
 def read_toml(path: Path, what: str = "robot file") -> dict[str, Any]:
     """The tables of a TOML file.
 
-    Raises
-    ------
-    InvalidInput
-        For what `read_text` refuses, nesting or keys of more than `DEEPEST` parts, and what is no TOML.
+    Raises InvalidInput: for what `read_text` refuses, nesting or keys of more than `DEEPEST` parts, and what is no
+    TOML.
     """
     text = read_text(path, LARGEST_TOML, "TOML", what)
     _check_depth(path.name, *_toml_depth(text))
@@ -397,10 +362,7 @@ def _check_depth(file: str, nesting: int, parts: int = 0) -> None:
 def read_xml(path: Path) -> ElementTree.Element:
     """The root element of an XML file without a document type, `DEEPEST` elements deep at most.
 
-    Raises
-    ------
-    InvalidInput
-        For what `read_text` refuses, entities, nesting, too many elements, and what is no XML.
+    Raises InvalidInput: for what `read_text` refuses, entities, nesting, too many elements, and what is no XML.
     """
     text = read_text(path, LARGEST_XML, "XML", "URDF or MJCF file")
     if "<!DOCTYPE" in text or "<!ENTITY" in text:
@@ -440,10 +402,7 @@ def read_bytes(path: Path, most: int) -> bytes:
     """The first `most` bytes of a regular file, all for −1, in no more memory than they take; nobody is kept waiting
     by a FIFO or a device.
 
-    Raises
-    ------
-    OSError, ValueError
-        There is no such file, it cannot be read, or it is not a regular one.
+    Raises OSError, ValueError: there is no such file, it cannot be read, or it is not a regular one.
     """
     with _regular(path) as file:
         step = max(os.fstat(file.fileno()).st_size, 1 << 16)  # what the kernel makes up says that it is empty

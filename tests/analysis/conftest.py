@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from flexhinf.analysis import DiscreteSystem, EquilibriumLoop, LinearLoop
+from flexhinf.analysis.linear_loop import exponential
 from flexhinf.estimation import ExtendedKalmanFilter, OutputInjectionObserver, UnscentedKalmanFilter
 from flexhinf.hinf import HJISolution, smallest_gamma, solve_hji
 from flexhinf.loop.simulation.program import measure_function, rk4_function
@@ -118,7 +119,7 @@ def _dense_system(loop: LinearLoop, delay: float | None = None) -> DiscreteSyste
     unit = np.eye(width)
     newest = total if j == 0 else unit[past.start + (j - 1) * m : past.start + j * m]
     state = phi @ unit[:n] + old @ unit[oldest] + new @ newest
-    state[:, commands.stop :] += loop._by_disturbance()
+    state[:, commands.stop :] += exponential(loop.a, loop.g, loop.period)[1]
     later = np.vstack([state, total, unit[past.start : oldest.start], after])
     seen = np.vstack([total, u, loop.positions @ unit[:n]])
     return DiscreteSystem(later[:, :size], later[:, size:], seen[:, :size], seen[:, size:], loop.period)

@@ -112,7 +112,7 @@ def test_small_motions_are_those_of_a_run(
     filter = made.filter(two_link.plant(), both.operating_point[:8], period=5e-3)
     runs = DisturbanceSearch(both, two_link_law, filter, 5e-3, horizon=1.0).search_runs
     d = 1e-5 * np.random.default_rng(4).normal(size=(201, 6))
-    x, u = runs.deviations(runs.run(d)[0], d)
+    x, u = runs.deviations(runs.run(d), d)
     system = small_motions(runs)
     h, root = both.expand(1).h_parts[1], np.linalg.cholesky(both.r2).T
     measured = np.hstack([x @ h.T, u @ root.T])

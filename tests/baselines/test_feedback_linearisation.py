@@ -11,7 +11,7 @@ from flexhinf.errors import InvalidInput
 from flexhinf.loop import Controller, Loop
 from flexhinf.loop.shared import share
 from flexhinf.plant import Plant
-from flexhinf.robot.feedforward import InverseFlow
+from flexhinf.robot.elastic import InverseFlow
 
 
 def chain(coefficients):

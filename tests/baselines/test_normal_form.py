@@ -6,7 +6,7 @@ import pytest
 from flexhinf.baselines import NormalForm
 from flexhinf.errors import InvalidInput
 from flexhinf.plant import Parameters, Plant
-from flexhinf.robot.feedforward import InverseFlow
+from flexhinf.robot.elastic import InverseFlow
 
 
 @pytest.mark.oracle

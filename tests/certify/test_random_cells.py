@@ -21,7 +21,7 @@ from flexhinf.certify import Certificate
 from flexhinf.certify.box import BoxExcess, parameter_ranges, tolerance_statement
 from flexhinf.certify.cells import CellBounds, Cells
 from flexhinf.certify.checker.bounds import Face, Proof
-from flexhinf.certify.inequality import inequality_of
+from flexhinf.certify.inequality import Inequality
 from flexhinf.certify.problem_to_claim import nearest_double, statement_of
 
 ARM = fh.paper_arm()
@@ -93,7 +93,7 @@ def random_points(cells: Cells, reach: float, rng: np.random.Generator) -> tuple
 # The two programs -----------------------------------------------------------------------------------
 def bounds_of_the_search(claim: Certificate, cells: Cells) -> Bounded:
     box = BoxExcess(claim, claim.reach) if any(p.low < p.high for p in claim.parameters) else None
-    inequality = inequality_of(claim)
+    inequality = Inequality(claim)
     extent = [1.1 * claim.reach * sum(abs(nearest_double(a)) for a in q.form) for q in inequality.quotients]
     bounds = CellBounds(inequality, claim.reach, extent, box)
     found, inside = bounds.bound(cells, math.inf), bounds.bound(cells, claim.level)

@@ -13,7 +13,7 @@ from flint import fmpq
 import flexhinf as fh
 from flexhinf.certify import Certificate, Signal, Term
 from flexhinf.certify.cells import CellBounds, Cells, search
-from flexhinf.certify.inequality import Inequality, inequality_of
+from flexhinf.certify.inequality import Inequality
 from flexhinf.certify.problem_to_claim import nearest_double, rational, statement_of
 from flexhinf.certify.proof import prove
 from flexhinf.errors import InvalidInput, NumericalFailure
@@ -67,7 +67,7 @@ def test_no_point_of_many_random_cells_exceeds_its_bounds(goal: float) -> None:
 
 def check_bounds(goal: float, degree: int, count: int, points: int) -> None:
     solution, statement = arm_statement(goal, degree)
-    bounds = CellBounds(inequality_of(statement), 440.0, [8.0])
+    bounds = CellBounds(Inequality(statement), 440.0, [8.0])
     rng = np.random.default_rng(0)
     cells = random_cells(bounds, count, rng)
     found = bounds.bound(cells, math.inf)
@@ -121,7 +121,7 @@ def exact_upper(inequality: Inequality, bounds: CellBounds, cells: Cells, place:
 
 def test_rounding_stays_far_within_its_allowance() -> None:
     statement = statement_of(oscillator(6), None, None)
-    inequality = inequality_of(statement)
+    inequality = Inequality(statement)
     bounds = CellBounds(inequality, 3.0, [])
     cells = random_cells(bounds, 200, np.random.default_rng(1))
     found = bounds.bound(cells, math.inf)
@@ -207,14 +207,14 @@ def test_a_violation_that_a_million_points_miss_is_not_proved_away() -> None:
 def test_numbers_that_would_overflow_are_refused() -> None:
     huge = {(1, 0): [0, -1], (0, 1): [1, 0.5], (9, 0): [0, -1e29], (3, 0): [0, 1e25]}
     statement = statement_of(oscillator(2, f=huge), None, None)
-    inequality = inequality_of(replace(statement, coordinates=((1e14, 0.0), (0.0, 1e14))))
+    inequality = Inequality(replace(statement, coordinates=((1e14, 0.0), (0.0, 1e14))))
     with pytest.raises(NumericalFailure, match="too large for a proof"):
         CellBounds(inequality, 64.0, [])
 
 
 def test_a_nan_is_accepted_nowhere() -> None:
     statement = statement_of(oscillator(4), None, None)
-    bounds = CellBounds(inequality_of(statement), 3.0, [])
+    bounds = CellBounds(Inequality(statement), 3.0, [])
     bounds.table[:] = np.nan
     found = bounds.bound(random_cells(bounds, 100, np.random.default_rng(2)), math.inf)
     assert not (found.upper < 0).any()
@@ -232,10 +232,10 @@ def test_a_v_of_subnormal_numbers_is_not_proved_by_losing_them() -> None:
 def test_signs_of_zero_and_opposite_faces_do_not_matter() -> None:
     solution = oscillator(4)
     statement = replace(statement_of(solution, None, None), level=1.7)
-    both = CellBounds(inequality_of(statement), 3.0, [])
+    both = CellBounds(Inequality(statement), 3.0, [])
     assert both.symmetric
     flipped = replace(statement, coordinates=tuple(tuple(-v for v in row) for row in statement.coordinates))
-    other = CellBounds(inequality_of(flipped), 3.0, [])
+    other = CellBounds(Inequality(flipped), 3.0, [])
     cells = random_cells(both, 500, np.random.default_rng(3))
     cells.t[:50] = -0.0
     first, second = both.bound(cells, 1.7), other.bound(cells, 1.7)
@@ -248,12 +248,12 @@ def test_opposite_faces_stand_for_each_other_only_where_what_differs_is_allowed_
     bounds = {}
     for share in (0.0, 1e-13, 1e-5):
         odd = replace(statement, value=(*statement.value, ((3, 0), share)))
-        bounds[share] = CellBounds(inequality_of(odd), 3.0, [])
+        bounds[share] = CellBounds(Inequality(odd), 3.0, [])
     assert [b.symmetric for b in bounds.values()] == [True, True, False]
     cells = random_cells(bounds[0.0], 100, np.random.default_rng(4))
     plain, allowed = (bounds[share].bound(cells, 1.7) for share in (0.0, 1e-13))
     difference = plain.least_value - allowed.least_value
-    moved = inequality_of(replace(statement, value=(((3, 0), 1e-13),))).value
+    moved = Inequality(replace(statement, value=(((3, 0), 1e-13),))).value
     odd = sum(abs(nearest_double(value)) for value in moved.values())
     assert (difference >= 0.9 * odd * (3 * cells.outer) ** 3 - 1e-16).all()
 

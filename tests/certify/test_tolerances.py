@@ -12,8 +12,9 @@ from flint import arb
 
 import flexhinf as fh
 from flexhinf.certify.box import BoxExcess, parameter_groups, parameter_ranges, tolerance_statement
+from flexhinf.certify.evaluation import path_states
 from flexhinf.certify.proof import NotProved, certify_tolerances
-from flexhinf.certify.starts import UNCHANGED_INPUT, path_states
+from flexhinf.certify.starts import UNCHANGED_INPUT
 from flexhinf.design.problem.presets import choose
 from flexhinf.design.specification import Specification
 from flexhinf.errors import InvalidInput
@@ -129,7 +130,7 @@ def test_the_input_of_each_robot_does_not_jump_at_its_start() -> None:
     rng = np.random.default_rng(1)
     for _ in range(5):
         values = {p.name: float(rng.uniform(p.low, p.high)) for p in proved.parameters}
-        x = path_states(start.path, start.functions, values, np.array([0.12]))[0]
+        x = path_states(start, values, np.array([0.12]))[0]
         known = values | {"inductance": 0.1}
         at, before = (ARM.operating_point((np.pi / 2 - a,), parameters=known) for a in (0.0, 0.12))
         assert x[:4] == pytest.approx(np.asarray(before[0]) - np.asarray(at[0]), abs=1e-12)

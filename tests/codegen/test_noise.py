@@ -9,8 +9,8 @@ from scipy import stats
 from tests.interpreter import interpret
 
 from flexhinf.codegen import Buffer, Normal, Program, Repeat, Slice, compile_program, machine
-from flexhinf.codegen.emit.normal import _philox
-from flexhinf.codegen.emit.text import Lanes, ModuleText, Writer
+from flexhinf.codegen.emit.normal import Lines
+from flexhinf.codegen.emit.opcodes import Lanes, ModuleText, Writer
 from flexhinf.codegen.noise import normal_numbers, philox, seed_key
 from flexhinf.errors import InvalidInput
 
@@ -67,7 +67,7 @@ def test_known_answers_of_the_emitted_generator(lanes):
 
     for k in range(6):
         names.append(writer.let(f"load {whole}, ptr {place(k)}, align 8"))
-    for k, word in enumerate(_philox(writer, names[:4], names[4:])):
+    for k, word in enumerate(philox(names[:4], names[4:], Lines(writer))):
         writer.do(f"store {whole} {word}, ptr {place(k)}, align 8")
     text = "\n".join(["define void @flexhinf_known(ptr %words) {", *writer.lines, "  ret void", "}"])
     code = machine.Code(machine.assemble(text, 2), "flexhinf_known", {})
@@ -113,7 +113,7 @@ def test_ends_of_the_uniform_numbers(monkeypatch):
         ((zero, zero, ones, ones), math.sqrt(2.0 * 53 * math.log(2.0))),
         ((zero, zero, zero, zero), math.sqrt(2.0 * 53 * math.log(2.0))),
     ):
-        monkeypatch.setattr("flexhinf.codegen.noise.philox", lambda counter, key, words=words: words)
+        monkeypatch.setattr("flexhinf.codegen.noise.philox", lambda *_, words=words: words)
         assert normal_numbers(0, 0, 0, 0)[0] == pytest.approx(expected, rel=1e-15, abs=1e-300)
 
 

@@ -14,7 +14,8 @@ from flexhinf.design import Design, Specification
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.impulse import ROOM, ImpulseRuns, impulse_runs, impulse_sizes
 from flexhinf.design.loop_setup import LoopSetup
-from flexhinf.pages.design import rest
+from flexhinf.pages.design.runs import ring_down, ring_down_rows
+from flexhinf.pages.drawing import with_figures
 
 Setups = Callable[..., LoopSetup]
 
@@ -73,16 +74,15 @@ def test_a_loop_that_rings_misses_the_line_with_its_joint(setup_of: Setups) -> N
     assert (line.found, line.joint) == (runs.damping, setup.joints[runs.worst])
     assert line.stated_by == "--damping"
     assert runs.requirement(Specification(), 0.5 * runs.damping).met
-    rows = rest.ring_down_rows(runs)
+    rows = ring_down_rows(runs)
     assert [row["joint"] for row in rows] == list(setup.joints)
     row = rows[runs.worst]
     # A single mode leaves exp(−2π·3·ζ/√(1 − ζ²)) after three periods; others beside it a little more or less.
     left = np.exp(-6.0 * np.pi * runs.damping / np.sqrt(1.0 - runs.damping**2))
     assert 0.3 * left < row["left"] < 3.0 * left
-    figure, table = rest.ring_down_blocks(as_design(setup, runs))
+    figure, table = with_figures(ring_down(as_design(setup, runs)))
     assert f"damping ratio of {runs.damping:.2g}" in figure.caption
     assert len(table.rows) == 2
-    assert not list(rest.ring_down_remarks(as_design(setup, runs)))
 
 
 def test_a_delay_is_remembered(setup_of: Setups) -> None:
@@ -101,10 +101,9 @@ def test_runs_that_leave_the_numbers_are_not_damped(setup_of: Setups) -> None:
     assert runs.damping == -np.inf
     assert not runs.requirement(Specification(), 0.1).met
     design = as_design(setup, runs)
-    assert rest.ring_down_blocks(design) == []
-    (note,) = rest.ring_down_remarks(design)
-    assert "diverges" in note
-    assert rest.ring_down_rows(runs)[0]["damping"] is None
+    (note,) = ring_down(design)
+    assert "diverges" in note.text
+    assert ring_down_rows(runs)[0]["damping"] is None
 
 
 def test_dry_friction_is_part_of_what_is_judged(setup_of: Setups) -> None:
@@ -120,5 +119,5 @@ def test_dry_friction_is_part_of_what_is_judged(setup_of: Setups) -> None:
     assert runs.ring_down is not None
     vars(runs)["ring_down"] = replace(runs.ring_down, error=0.3, rests=False)
     assert runs.damping == 0.0
-    (note,) = rest.ring_down_remarks(as_design(rough, runs))
-    assert "does not decay as a linear one does" in note
+    note = next(ring_down(as_design(rough, runs)))
+    assert "does not decay as a linear one does" in note.text

@@ -16,7 +16,7 @@ from flexhinf.cli.arguments import _value
 from flexhinf.cli.messages import error_text
 from flexhinf.design import Specification, design
 from flexhinf.design.design_file import read_request
-from flexhinf.design.estimators import other_sensors, sensor_steps
+from flexhinf.design.estimators import other_quantisation, sensor_steps
 from flexhinf.design.joint_limits import ROBOT, joint_limits
 from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.plans import plan_move
@@ -195,11 +195,12 @@ def test_a_bandwidth_that_sampled_robots_do_not_confirm_is_lowered(
 def test_steps_are_one_per_sensor_or_per_signal(robot_of: Named, quantisation: Any, steps: Any) -> None:
     robot, sensors = robot_of("planar-two-link"), ("motor_position", "joint_torque_elbow")
     s = Specification(measured=sensors, quantisation=quantisation)
-    np.testing.assert_allclose(sensor_steps(robot, s), steps)
+    np.testing.assert_allclose(sensor_steps(robot, s.measured, s.quantisation, s.estimator), steps)
     if s.quantisation == 1e-3:
         return
-    other = other_sensors(robot, s, ("link_position_elbow", "motor_position_shoulder", "link_velocity"))
-    assert np.asarray(other.quantisation) == pytest.approx([steps[1], steps[0], 0.0, 0.0])
+    others = ("link_position_elbow", "motor_position_shoulder", "link_velocity")
+    found = other_quantisation(robot, s.measured, s.quantisation, s.estimator, others)
+    assert found == pytest.approx([steps[1], steps[0], 0.0, 0.0])
 
 
 @pytest.mark.parametrize("steps", [(1e-3, 1e-3), (1e-3,) * 5])

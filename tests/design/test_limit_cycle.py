@@ -13,7 +13,8 @@ from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.synthesis.steps import synthesise
 from flexhinf.errors import InvalidInput
 from flexhinf.loop import JerkLimited
-from flexhinf.pages.design import rest
+from flexhinf.pages.design.runs import long_run
+from flexhinf.pages.drawing import with_figures
 from flexhinf.robot import Parameter
 
 MOTORS = {"measured": "motor_position", "degrees": "2", "rays": 0}
@@ -57,12 +58,12 @@ def test_a_dead_zone_as_wide_as_the_hunting_ends_it(setup):
     design = SimpleNamespace(
         rest=run, specification=setup.specification, evaluation=SimpleNamespace(setup=setup)
     )
-    (note,) = rest.remarks(cast(Design, design))
+    note = next(long_run(cast(Design, design))).text
     assert "errors up to 1 mrad in shoulder are not integrated" in note
     # A zone of a hundredth of the step that is too narrow: old code said nothing of it.
     first = run.without
     design.rest = replace(first, tried=replace(first, dead_zone=run.dead_zone))
-    (note,) = rest.remarks(cast(Design, design))
+    note = next(long_run(cast(Design, design))).text
     assert "Errors up to 1 mrad in shoulder left unintegrated do not end it: shoulder by ±" in note
     assert "no dead zone above 1 % of the joint's step" in note
     kept, stated = end_limit_cycle(with_options(setup, integral_dead_zone=0.0))
@@ -124,20 +125,19 @@ def test_every_report_says_who_hunts(setup):
         evaluation=SimpleNamespace(setup=setup),
         robot=setup.robot,
     )
-    (note,) = rest.remarks(cast(Design, design))
-    assert "shoulder by ±1.2" in note
-    assert "`--extras coulomb_friction --friction-model`" in note
-    assert "sensors on both sides of the springs" in note
+    note, figure, table = with_figures(long_run(cast(Design, design)))
+    assert "shoulder by ±1.2" in note.text
+    assert "`--extras coulomb_friction --friction-model`" in note.text
+    assert "sensors on both sides of the springs" in note.text
     design.specification = replace(setup.specification, measured=("link_position", "motor_position"))
-    (other,) = rest.remarks(cast(Design, design))
+    other = next(long_run(cast(Design, design))).text
     assert "sensors on both sides" not in other  # old code advised what is there already
     assert "another `--integral-dead-zone`" in other
-    figure, table = rest.blocks(cast(Design, design))
     assert "hunts" in table.html()
     assert "below the limit" in table.html()
     assert "<svg" in figure.html()
     still = SimpleNamespace(**{**vars(design), "rest": None})
-    assert rest.blocks(cast(Design, still)) == list(rest.remarks(cast(Design, still))) == []
+    assert not list(long_run(cast(Design, still)))
 
 
 @pytest.mark.slow

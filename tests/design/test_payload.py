@@ -19,7 +19,8 @@ from flexhinf.design.payload import evaluate_payload, evaluate_payloads, payload
 from flexhinf.design.problem.presets import choose
 from flexhinf.design.responses import Scenario
 from flexhinf.design.synthesis.noise import search_noise
-from flexhinf.pages.design import moves
+from flexhinf.pages.design import runs
+from flexhinf.pages.drawing import with_figures
 
 NAME = "payload_mass"
 GOAL, START = np.array([0.6]), np.array([0.3])
@@ -80,14 +81,14 @@ def test_what_is_too_heavy_is_not_met_and_every_report_says_so(evaluation: LawEv
             specification=setup.specification,
         ),
     )  # fmt: skip
-    (note,) = moves.payload_remarks(design)
-    assert "a nominal mass" in note
-    page = " ".join(block.html() for block in moves.payload_blocks(design))
+    note, *others = with_figures(runs.payload(design))
+    assert "a nominal mass" in note.html()
+    page = " ".join(block.html() for block in others)
     assert "0 to 0.1 kg, 0.02 kg in the model" in page
     assert "<svg" in page
-    assert "3 kg" in moves.payload_text(design)
+    assert "3 kg" in runs.payload_text(design)
     none = cast(Design, SimpleNamespace(payloads=(), requirements=()))
-    assert moves.payload_blocks(none) == list(moves.payload_remarks(none)) == []
+    assert not list(runs.payload(none))
 
 
 @pytest.mark.slow

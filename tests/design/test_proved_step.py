@@ -9,7 +9,8 @@ import pytest
 
 import flexhinf as fh
 from flexhinf.certify.box import tolerance_statement
-from flexhinf.certify.starts import path_start, robot_start
+from flexhinf.certify.evaluation import path_start
+from flexhinf.certify.starts import robot_start
 from flexhinf.design import proved_step
 from flexhinf.design.proved_step import search_proved_step
 from flexhinf.design.specification import Specification

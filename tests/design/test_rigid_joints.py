@@ -62,7 +62,7 @@ def test_modes_are_named_with_the_motor_of_a_rigid_joint_as_its_link(mixed: Robo
 
 def test_noise_acts_where_the_torques_act(mixed: Robot) -> None:
     plant = mixed.plant(measured=("joint_torque", "motor_position"))
-    levels = dict(zip(plant.states, EstimatorNoise(0.0, 1.0, 2.0, "").diagonal(plant.states)))
+    levels = dict(zip(plant.states, np.diag(EstimatorNoise(0.0, 1.0, 2.0, "").covariance(plant.states))))
     assert levels["link_velocity_base"] == 1.0
     assert levels["motor_velocity_base"] == levels["link_velocity_shoulder"] == 2.0
     stiffness = mixed.plant_parameters()["stiffness"]

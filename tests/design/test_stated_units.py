@@ -15,7 +15,7 @@ import pytest
 from flexhinf.cli.messages import error_text
 from flexhinf.design import Specification, compare, design
 from flexhinf.design.design_file import check_stated_units, read_request
-from flexhinf.design.estimators import other_sensors
+from flexhinf.design.estimators import other_quantisation
 from flexhinf.design.specification import SpecificationError
 from flexhinf.design.units import Stated
 
@@ -96,5 +96,7 @@ def test_a_stated_number_keeps_its_unit_through_copies_and_is_a_float_in_every_s
 
 def test_other_sensors_of_a_rival_law_take_the_number_without_its_unit(robot_of: Named) -> None:
     s = Specification(quantisation="0.01deg")  # type: ignore[arg-type]
-    other = other_sensors(robot_of("planar-two-link"), s, ("joint_torque",))
-    assert (type(other.quantisation), other.measured) == (float, ("joint_torque",))
+    robot, sensors = robot_of("planar-two-link"), ("joint_torque",)
+    steps = other_quantisation(robot, s.measured, s.quantisation, s.estimator, sensors)
+    assert type(steps) is float
+    assert replace(s, measured=sensors, quantisation=steps).quantisation == steps

@@ -14,7 +14,6 @@ from scipy.optimize import brentq
 from flexhinf.analysis import ALL_STATES, VELOCITIES, ProcessNoise
 from flexhinf.hinf import solve_hji
 from flexhinf.loop import Step
-from flexhinf.paper.experiments import Experiments
 from flexhinf.paper.loop_setup import GOALS, PaperSettings, PaperSetup
 from flexhinf.paper.tolerances import ToleranceStudy, growth_with, unstable_of
 
@@ -29,14 +28,13 @@ scaled_effort, sweep_effort, sweep_gamma = (
 
 
 @pytest.fixture(scope="module")
-def experiments() -> Experiments:
-    return Experiments(PaperSetup(PaperSettings()))
+def setup() -> PaperSetup:
+    return PaperSetup(PaperSettings())
 
 
 @pytest.mark.oracle
 @pytest.mark.parametrize("ratio", [2.0, 1.5])
-def test_at_the_same_voltage_the_nonlinear_lqr_deviates_less(experiments: Experiments, ratio: float) -> None:
-    setup = experiments.setup
+def test_at_the_same_voltage_the_nonlinear_lqr_deviates_less(setup: PaperSetup, ratio: float) -> None:
 
     def lqr(factor: float):
         return solve_hji(scaled_effort(setup.problem, factor), math.inf, setup.settings.degree)
@@ -47,25 +45,24 @@ def test_at_the_same_voltage_the_nonlinear_lqr_deviates_less(experiments: Experi
         ]  # it is in the first tenth of a second
 
     curve = sweep_gamma(
-        setup.problem, (ratio,), setup.settings.degree, lambda law: STUDIES["measure_law"](experiments, law)
+        setup.problem, (ratio,), setup.settings.degree, lambda law: STUDIES["measure_law"](setup, law)
     )
     ours = curve.points[0].figures
     assert peak(curve.points[0].law) == ours["peak_180"]
     factor = float(np.asarray(brentq(lambda f: peak(lqr(f)) - ours["peak_180"], 0.05, 1.0, xtol=1e-3)))
-    rival = STUDIES["measure_law"](experiments, lqr(factor))
+    rival = STUDIES["measure_law"](setup, lqr(factor))
     assert all(ours[case] > rival[case] for case in STUDIES["CASES"])
     interpolated = STUDIES["ratios_at_equal_peak"](
         curve,
         sweep_effort(
-            setup.problem, STUDIES["EFFORTS"][1:5], 4, lambda law: STUDIES["measure_law"](experiments, law)
+            setup.problem, STUDIES["EFFORTS"][1:5], 4, lambda law: STUDIES["measure_law"](setup, law)
         ),
     )[0]
     assert interpolated == pytest.approx([ours[case] / rival[case] for case in STUDIES["CASES"]], abs=0.01)
 
 
 @pytest.mark.oracle
-def test_the_norm_is_that_of_the_continuous_linear_loop(experiments: Experiments) -> None:
-    setup = experiments.setup
+def test_the_norm_is_that_of_the_continuous_linear_loop(setup: PaperSetup) -> None:
     part = setup.problem.expand(1)
     a, b1, b2, c = part.f_parts[1], part.g1_parts[0][..., 0], part.g2_parts[0][..., 0], part.h_parts[1]
     k = setup.linear.law(np.eye(5)).T
@@ -73,31 +70,30 @@ def test_the_norm_is_that_of_the_continuous_linear_loop(experiments: Experiments
     gains = [
         np.linalg.norm(z @ np.linalg.solve(1j * w * np.eye(5) - closed, b1)) for w in np.logspace(-2, 2, 2001)
     ]
-    measured = STUDIES["measure_gain"](experiments, setup.nonlinear)
+    measured = STUDIES["measure_gain"](setup, setup.nonlinear)
     assert measured["norm"] == pytest.approx(max(gains), rel=1e-3)
     assert measured["gain"] < measured["norm"] < setup.gamma
 
 
 @pytest.mark.slow
-def test_the_answer_is_the_same_for_another_seed(experiments: Experiments) -> None:
+def test_the_answer_is_the_same_for_another_seed(setup: PaperSetup) -> None:
     ratios = []
-    for each in (experiments, Experiments(PaperSetup(PaperSettings(seed=3)))):
+    for each in (setup, PaperSetup(PaperSettings(seed=3))):
         over_gamma, lqr, *_ = STUDIES["trade_off_curves"](each).values()
         ratios.append(STUDIES["ratios_at_equal_peak"](over_gamma, lqr))
     assert np.all(ratios[0] > 1.0)
     assert ratios[0] == pytest.approx(ratios[1], abs=0.01)
 
 
-def test_the_other_design_that_is_quoted(experiments: Experiments) -> None:
+def test_the_other_design_that_is_quoted(setup: PaperSetup) -> None:
     """With 400 sampled corners this was "151 of 423"."""
-    assert unstable_of(STUDIES["other_design"](experiments.setup), "corner") == 768
+    assert unstable_of(STUDIES["other_design"](setup), "corner") == 768
 
 
 @pytest.mark.slow
 def test_the_repair_withstands_other_plants_and_is_the_smallest(
-    experiments: Experiments,
+    setup: PaperSetup,
 ) -> None:
-    setup = experiments.setup
     first, both = STUDIES["find_repairs"](setup, ToleranceStudy.of(setup, setup.nonlinear))
     assert first.scale < both.scale
     noises = [ProcessNoise(form, q) for form in (ALL_STATES, VELOCITIES) for q in (3e-8, 1e-7, 3e-5)]

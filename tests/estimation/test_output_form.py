@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from flexhinf.errors import InvalidInput
-from flexhinf.estimation.output_form import null_space, output_form
+from flexhinf.estimation.output_injection import null_space, output_form
 from flexhinf.plant import Plant
 from flexhinf.robot import load_robot, paper_arm
 from flexhinf.robot.robot_file import catalogue

@@ -20,8 +20,8 @@ import pytest
 import flexhinf as fh
 from flexhinf.codegen.machine import host
 from flexhinf.errors import ControllerInUse, InvalidInput
-from flexhinf.export import processor
-from flexhinf.export.processor import MARK
+from flexhinf.export import compiled as processor
+from flexhinf.export.compiled import MARK
 from flexhinf.export.run_log import record
 
 

@@ -11,8 +11,8 @@ import pytest
 
 from flexhinf.errors import NumericalFailure
 from flexhinf.hinf import smallest_gamma, solve_hji
-from flexhinf.hinf.accuracy import equation_residuals
 from flexhinf.hinf.linear_part import LinearPart, ScaledProblem
+from flexhinf.hinf.recursion import equation_residuals
 from flexhinf.plant.polynomial_plant import PolynomialPlant
 from flexhinf.polynomial import basis
 
@@ -124,7 +124,7 @@ def test_every_degree_near_the_smallest_level_is_as_accurate_as_it_says(random_p
 
 def test_what_the_data_do_not_determine_is_refused(monkeypatch, arm):
     """The limit itself is met so close to γ* that γ* is not known well enough to test it: another limit is set."""
-    from flexhinf.hinf import accuracy
+    from flexhinf.hinf import recursion as accuracy
 
     gamma = smallest_gamma(arm) * (1 + 1e-8)
     errors = {record.degree: record.error for record in solve_hji(arm, gamma, 4).records}

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from scipy.linalg import solve_continuous_are
 
-from flexhinf.hinf.linear_part import balance
-from flexhinf.hinf.riccati import polish, solve_riccati
+from flexhinf.hinf.linear_part import balance, polish, solve_riccati
 
 
 @pytest.mark.oracle

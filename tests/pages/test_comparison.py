@@ -12,8 +12,9 @@ import pytest
 
 from flexhinf.design import Comparison
 from flexhinf.design.result import ComparedLaw
+from flexhinf.design.tuning import best_rival
 from flexhinf.pages import comparison_notes, comparison_page, comparison_verdict
-from flexhinf.pages.comparison import rival_of
+from flexhinf.pages.comparison import tuned_laws
 from flexhinf.pages.design.laws import FIGURES, best_of, cell, metric_table
 from flexhinf.pages.files import comparison_numbers
 from flexhinf.report import to_json
@@ -64,7 +65,7 @@ def test_the_first_sentence_names_the_best_rival_and_who_wins(
     corners = report_comparison.own.evaluation.corners  # type: ignore[union-attr]
     assert corners is not None
     found = with_costs(report_comparison, **costs)
-    rival = rival_of(found)
+    rival = best_rival(tuned_laws(found))
     if rival is None:
         pytest.skip("every rival has more unstable corners than the design")
     assert comparison_verdict(found).startswith(first)

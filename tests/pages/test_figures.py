@@ -10,9 +10,11 @@ import pytest
 
 import flexhinf as fh
 from flexhinf.design import Design
-from flexhinf.pages.design.frequency import Loop, PoleGroup, frequency_figures, poles_figure
+from flexhinf.pages.design.frequency import Loop, frequency_figures
+from flexhinf.pages.design.law import poles_figure
 from flexhinf.pages.design.step import arm_figure, instants
-from flexhinf.pages.drawing import framed, thin, widened
+from flexhinf.pages.drawing import Panel, framed, thin
+from flexhinf.report import new_figure
 
 Make = Callable[[str], Design]
 
@@ -65,9 +67,9 @@ def test_frequency_figures_draw_a_line_for_each_loop(report_design: Make) -> Non
 
 def test_poles_of_every_group_are_drawn() -> None:
     groups = [
-        PoleGroup("open", np.array([0.0, -1.0 + 9.0j, -1.0 - 9.0j]), "o", "#0072b2", hollow=True),
-        PoleGroup("closed", np.array([-5.0, -3.0 + 3.0j]), "x", "#d55e00"),
-        PoleGroup("none", np.array([]), "^", "#009e73"),
+        ("open", np.array([0.0, -1.0 + 9.0j, -1.0 - 9.0j]), {"marker": "o", "markerfacecolor": "none"}),
+        ("closed", np.array([-5.0, -3.0 + 3.0j]), {"marker": "x"}),
+        ("none", np.array([]), {"marker": "^"}),
     ]
     svg = poles_figure(groups).svg
     assert "open" in svg
@@ -78,5 +80,7 @@ def test_poles_of_every_group_are_drawn() -> None:
 def test_axes_show_every_finite_value() -> None:
     low, high = framed(np.array([1.0, 3.0, np.nan, np.inf]))
     assert (low, high) == pytest.approx((0.88, 3.12))
-    assert widened(0.0, 0.1, 1.0) == pytest.approx((-0.45, 0.55))
+    _, (axes,) = new_figure()
+    Panel("", "", np.array([[0.0], [0.1]]), least=1.0).draw(axes, np.arange(2.0), ["a"])
+    assert axes.get_ylim() == pytest.approx((-0.45, 0.55))
     assert len(np.arange(10_000)[thin(np.arange(10_000))]) <= 1500

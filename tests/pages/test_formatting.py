@@ -18,7 +18,7 @@ from flexhinf.pages.drawing import (
     changes_text,
     finite,
     listed,
-    notes_of,
+    note,
     pose_text,
     range_text,
     settling_text,
@@ -94,8 +94,8 @@ def test_a_payload_is_no_heavier_link() -> None:
 
 
 def test_options_are_code_once() -> None:
-    (note,) = notes_of(["Try `--extras a --friction-model`, `--integral-dead-zone`, or --rays."])
-    assert note.text == "Try `--extras a --friction-model`, `--integral-dead-zone`, or `--rays`."
+    found = note("Try `--extras a --friction-model`, `--integral-dead-zone`, or --rays.")
+    assert found.text == "Try `--extras a --friction-model`, `--integral-dead-zone`, or `--rays`."
 
 
 def test_units_of_joints_that_turn_and_slide(robot_of: Callable[[str], Any]) -> None:

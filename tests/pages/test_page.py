@@ -19,17 +19,16 @@ from flexhinf.design.requirements import Requirement
 from flexhinf.design.responses import Response
 from flexhinf.design.result import Status
 from flexhinf.pages import design_page
-from flexhinf.pages.design import region
-from flexhinf.pages.design.frequency import mode_table
-from flexhinf.pages.design.margins import corner_rows, corner_table, corners_text, margin_table
-from flexhinf.pages.design.region import level_table, widest_step
+from flexhinf.pages.design.frequency import corner_rows, corner_table, corners_text, margin_table
+from flexhinf.pages.design.law import mode_table
+from flexhinf.pages.design.region import level_table, region, widest_step
 from flexhinf.pages.design.requirements import found_text, limit_text, requirement_table
 from flexhinf.pages.design.step import histogram_bins, spread_table
 from flexhinf.pages.design.weights import candidate_table, robust_table
-from flexhinf.pages.drawing import joint_table
+from flexhinf.pages.drawing import joint_table, with_figures
 from flexhinf.pages.page import remarks, title_of
 from flexhinf.pages.settings import design_settings
-from flexhinf.report import Cell, Column, Table, number
+from flexhinf.report import Cell, Column, number
 
 Make = Callable[[str], Design]
 ORDER = [
@@ -92,17 +91,19 @@ def test_the_page_says_which_step_the_region_allows(report_design: Make) -> None
     robot = SimpleNamespace(links=SimpleNamespace(limits=[(0.0, 3.0), None, (-1.0, 2.5)]))
     limited: Any = SimpleNamespace(robot=robot, goal=np.array([1.0, 5.0, 1.0]))
     assert widest_step(limited) == 1.5
-    text = "".join(block.html() for block in region.blocks(design))
-    assert "integrals at which V is smallest" in text
-    assert "left of the level" not in text
+    text = "".join(block.html() for block in with_figures(region(design)))
+    assert 'id="table-region"' in text
 
 
 def test_one_joint_is_not_named(report_design: Make) -> None:
     design = report_design("met")
     assert "mainly" not in mode_table(design).html()
-    single = joint_table(Table(("joint", Column("way", "°"), "ends"), [("joint", 5.73, None)]))
+    columns = (Column("way", "°", key="way", scale=2.0), Column("ends", key="ends"))
+    single = joint_table(columns, [{"joint": "a", "way": 2.865, "ends": None}], "", "")
     assert single.rows == [("way", "5.73°"), ("ends", "–")]
-    assert joint_table(Table(("joint", Column("way", "°")), [("a", 1.0), ("b", 2.0)])).stacks
+    both = joint_table(columns, [{"joint": "a", "way": 1.0}, {"joint": "b", "way": 2.0}], "", "")
+    assert both.rows == [("a", 2.0, None), ("b", 4.0, None)]
+    assert both.stacks
     settings = {row.name: row.unit for row in design_settings(design)["Synthesis"]}
     assert settings["pose"] == "rad"
 
@@ -172,7 +173,7 @@ def test_the_robust_preset_says_what_its_tolerances_cost(report_design: Make) ->
     design = report_design("robust")
     r = design.design_problem.robustness
     assert r is not None
-    (_, plain, robust, cost), (_, gain, robust_gain, _) = robust_table(design).rows
+    (_, plain, robust, cost), (_, gain, robust_gain, _) = robust_table(r).rows
     assert (plain, robust) == (r.nominal_gamma_star, r.gamma_star)
     assert (gain, robust_gain) == (r.nominal_gain, r.robust_gain)
     text = text_of(design, "weights")

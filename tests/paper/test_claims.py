@@ -9,7 +9,6 @@ import pytest
 from flexhinf.paper.claim import PaperClaim
 from flexhinf.paper.disturbances import GAIN, attained_gain
 from flexhinf.paper.estimators import UKF
-from flexhinf.paper.experiments import Experiments
 from flexhinf.paper.loop_setup import PaperSettings, PaperSetup
 from flexhinf.paper.tolerances import COIL, TOLERANCES
 from flexhinf.report import to_json
@@ -28,7 +27,7 @@ pytestmark = pytest.mark.paper
     ],
 )
 def test_any_settings_are_judged(claim: PaperClaim, options: dict) -> None:
-    judged = claim.judged(Experiments(PaperSetup(PaperSettings(period=0.02, **options))))
+    judged = claim.judged(PaperSetup(PaperSettings(period=0.02, **options)))
     assert judged.claim.verdict in ("holds", "fails", "ties", "not judged")
     assert judged.claim.criterion
     assert all(table.html() for table in judged.finding.tables)
@@ -37,7 +36,7 @@ def test_any_settings_are_judged(claim: PaperClaim, options: dict) -> None:
 
 @pytest.mark.slow
 def test_the_gain_stays_below_gamma_near_rest_only(setup: PaperSetup) -> None:
-    rows: list[Any] = list(attained_gain(Experiments(setup)).tables[0].rows)
+    rows: list[Any] = list(attained_gain(setup).tables[0].rows)
     inside = [row for row in rows if row[2] is not None and row[2] <= 180.0]
     assert max(row[5] for row in inside) == pytest.approx(1.43, abs=0.02)
     assert all(row[3] <= setup.gamma for row in inside)

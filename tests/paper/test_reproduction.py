@@ -10,7 +10,6 @@ import pytest
 
 from flexhinf.pages.paper import FIGURES as FIGURES_DRAWN
 from flexhinf.paper import PaperSettings, Reproduction, reproduce
-from flexhinf.paper.experiments import Experiments
 from flexhinf.paper.loop_setup import PaperSetup
 
 pytestmark = [pytest.mark.paper, pytest.mark.slow]
@@ -176,7 +175,7 @@ def test_the_worst_runs_are_the_worst(reproduction: Reproduction, metrics: dict[
 
 
 def test_the_same_settings_give_the_same_bytes(reproduction: Reproduction) -> None:
-    again = Experiments(PaperSetup(PaperSettings()))
+    again = PaperSetup(PaperSettings())
     for number in ("03", "11"):
         assert FIGURES_DRAWN[number][-1](again) == reproduction.files[f"figure_{number}.svg"]
 

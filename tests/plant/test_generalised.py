@@ -90,7 +90,7 @@ def test_parameters_and_penalty_code_reach_the_fields():
         ({"command": "reference"}, "one way only"),
         ({"integrate": ()}, "no state is integrated"),
         ({"integrate": ("link_pos",)}, "no state"),
-        ({"integrate": ("link_position", "link_position")}, "twice"),
+        ({"integrate": ("link_position", "link_position")}, "integrated states"),
         ({"disturbances": ("wind",)}, "no disturbance 'wind'"),
         ({"disturbances": ("link_torque", "link_torque")}, "distinct"),
         ({"command": None, "disturbances": ()}, "disturbances are none"),

@@ -94,7 +94,7 @@ def test_a_matrix_goes_through_a_problem_as_weights_do():
 
 @pytest.mark.parametrize("rows", [np.eye(2), np.zeros((0, 3)), [[1.0, np.nan, 0.0]], np.ones((1, 4))])
 def test_matrices_that_do_not_fit_the_states_are_refused(rows):
-    with pytest.raises(InvalidInput, match="matrix of finite numbers with a column for each"):
+    with pytest.raises(InvalidInput, match="finite numbers with a column for each"):
         Penalty(rows).evaluate(np.ones(3), NAMES, None)
 
 

@@ -115,7 +115,7 @@ def test_the_top_says_what_was_asked_the_verdict_and_the_numbers(page_html: str)
         page_of(report.Bullets((HOSTILE,))),
         page_of(report.Listing(HOSTILE)),
         page_of(report.Table([report.Column(HOSTILE, HOSTILE)], [[HOSTILE]], HOSTILE)),
-        page_of(report.ClaimEvidence(report.Claim("c", HOSTILE, "fails", HOSTILE, HOSTILE, (), HOSTILE))),
+        page_of(report.ClaimEvidence(report.Claim("c", HOSTILE, "fails", HOSTILE, (), HOSTILE))),
         page_of(settings=report.Settings({HOSTILE: [report.Setting(HOSTILE, HOSTILE, HOSTILE, HOSTILE)]})),
         page_of(provenance=report.Provenance([HOSTILE], 0, {HOSTILE: HOSTILE})),
     ],
@@ -159,5 +159,5 @@ def test_the_status_stands_before_the_verdict_with_its_word() -> None:
     ).html()
     assert html.index("not met</span>") < html.index("risky</span>") < html.index('class="verdict"')
     assert "R<sup>v</sup> was not varied." in html
-    with pytest.raises(InvalidInput, match="one of five kinds"):
+    with pytest.raises(InvalidInput, match="of 5 kinds"):
         report.Status("fine", "")

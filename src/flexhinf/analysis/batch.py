@@ -29,14 +29,9 @@ from flexhinf.scalars import drop_empty, trace
 class Rows:
     """y = f(moving, held) and ∂y/∂moving for N rows.
 
-    Parameters
-    ----------
-    key : hashable
-        What distinguishes the function's code: compiled once for each.
-    build : callable
-        Makes the CasADi function (moving (a,), held (h,)) → y (r,); called only if it is not there yet.
-    repeated : bool
-        f is applied again and again (`parts` times), each time to what it returned: then r = a.
+    `key` says what distinguishes the function's code: it is compiled once for each. `build` makes the CasADi function
+    (moving (a,), held (h,)) → y (r,), only if it is not there yet. If `repeated`, f is applied again and again (`parts`
+    times), each time to what it returned: then r = a.
     """
 
     def __init__(self, key: Hashable, build: Callable[[], ca.Function], repeated: bool = False) -> None:
@@ -70,7 +65,9 @@ def _compile(function: ca.Function, repeated: bool) -> tuple[Kernel, int]:
     unit = Slice("unit", size=a * a, strides=(0, 0)[:depth])
     held = (piece("held", depth),) if h else ()
     result, slope = piece("result", depth), piece("slope", depth)
-    value, tangent = drop_empty(function), _tangent(function)
+    given = [ca.SX.sym("direction", a), ca.SX.sym("moving", a), ca.SX.sym("held", h)]
+    along = ca.densify(ca.jtimes(function(*given[1:]), given[1], given[0]))
+    value, tangent = drop_empty(function), drop_empty(ca.Function("tangent", given, [along], {"cse": True}))
     if repeated:
         moved = Map(tangent, (Columns(slope, a), result, *held), (Columns(slope, a),))
         row: tuple[Any, ...] = (
@@ -91,14 +88,6 @@ def _compile(function: ca.Function, repeated: bool) -> tuple[Kernel, int]:
     return compile_program(Program("rows", tuple(buffers), (Repeat("rows", row),), counts)), r
 
 
-def _tangent(function: ca.Function) -> ca.Function:
-    """(direction, moving, held) → derivative of the function of (moving, held) along the direction."""
-    moving, held = ca.SX.sym("moving", function.size1_in(0)), ca.SX.sym("held", function.size1_in(1))
-    direction = ca.SX.sym("direction", function.size1_in(0))
-    along = ca.jtimes(function(moving, held), moving, direction)
-    return drop_empty(ca.Function("tangent", [direction, moving, held], [ca.densify(along)], {"cse": True}))
-
-
 def one_period(
     plant: Plant,
     period: float,
@@ -110,23 +99,22 @@ def one_period(
 ) -> tuple[np.ndarray, np.ndarray]:
     """The plant one period later with u and d held, by the loop's own integrator.
 
-    Parameters
-    ----------
-    x, u, d : (N, n), (N, m), (N, k) arrays
-        States, inputs, disturbances (zero by default).
-    p : (N, q) array
-        Parameter vectors.
-
-    Returns
-    -------
-    later, slope : (N, n) and (N, n, n + m + k) arrays
-        Where it is, and the exact derivatives of that by x, u and d.
+    Of states x (N, n), inputs u (N, m), parameter vectors p (N, q) and disturbances d (N, k), zero by default: where it
+    is (N, n), and the exact derivatives of that by x, u and d, (N, n, n + m + k).
     """
-    count, n = x.shape
-    d = np.zeros((count, len(plant.disturbances))) if d is None else d
-    rows = Rows(("one period", plant.code_key), lambda: _sub_step(plant), repeated=True)
+    (count, n), m, k = x.shape, len(plant.inputs), len(plant.disturbances)
+
+    def sub_step() -> ca.Function:
+        """((x, u, d), (step, p)) → the same one sub-step later: u and d stay."""
+        moving, held = ca.SX.sym("moving", n + m + k), ca.SX.sym("held", 1 + plant.parameters.size)
+        torques = moving[n + m :]
+        stages = ca.vertcat(torques, torques, torques)
+        after = rk4_function(plant)(moving[:n], moving[n : n + m], stages, held)
+        return ca.Function("sub_step", [moving, held], [ca.densify(ca.vertcat(after, moving[n:]))])
+
+    rows = Rows(("one period", plant.code_key), sub_step, repeated=True)
     held = np.column_stack([np.full(count, period / sub_steps), p])
-    later, slope = rows(np.hstack([x, u, d]), held, sub_steps)
+    later, slope = rows(np.hstack([x, u, np.zeros((count, k)) if d is None else d]), held, sub_steps)
     return later[:, :n], slope[:, :n]
 
 
@@ -142,20 +130,18 @@ def near_rest(
     with A = ∂f/∂x and B = ∂f/∂u there. Elsewhere the plant moves by R with f as another input: Newton's method with
     these values and slopes has the same zeros, and converges to them at the same order.
 
-    Parameters
-    ----------
-    plant : Plant
-        Without `arrest`, which no linearisation has.
-    x, u, p
-        As for `one_period`; no disturbance.
-
-    Returns
-    -------
-    later, slope : (N, n) and (N, n, n + m) arrays
+    The plant is taken without its `arrest`, which no linearisation has; x, u and p are as for `one_period`, without
+    disturbance. Values are (N, n), slopes (N, n, n + m).
     """
     (count, n), m = x.shape, u.shape[1]
-    rows = Rows(("flow", plant.code_key), lambda: _flow(plant))
-    value, slope = rows(np.hstack([x, u]), p)
+
+    def flow() -> ca.Function:
+        """((x, u), p) → f without disturbances."""
+        moving, held = ca.SX.sym("moving", n + m), ca.SX.sym("held", plant.parameters.size)
+        rate = plant.traced_flow(moving[:n], moving[n:], ca.SX.zeros(len(plant.disturbances)), held)
+        return ca.Function("flow", [moving, held], [ca.densify(rate)])
+
+    value, slope = Rows(("flow", plant.code_key), flow)(np.hstack([x, u]), p)
     h, unit = period / sub_steps, np.eye(n + m + 1)
     moving = np.zeros((count, n + m + 1, n + m + 1))
     moving[:, :n, : n + m], moving[:, :n, n + m] = h * slope, h * value
@@ -164,23 +150,6 @@ def near_rest(
         after = unit + moving @ after / k
     after = np.linalg.matrix_power(after, sub_steps)
     return x + after[:, :n, n + m], after[:, :n, : n + m]
-
-
-def _flow(plant: Plant) -> ca.Function:
-    """((x, u), p) → f without disturbances."""
-    n, m = plant.n, len(plant.inputs)
-    moving, held = ca.SX.sym("moving", n + m), ca.SX.sym("held", plant.parameters.size)
-    flow = plant.traced_flow(moving[:n], moving[n:], ca.SX.zeros(len(plant.disturbances)), held)
-    return ca.Function("flow", [moving, held], [ca.densify(flow)])
-
-
-def _sub_step(plant: Plant) -> ca.Function:
-    """((x, u, d), (step, p)) → the same one sub-step later: u and d stay."""
-    n, m, k = plant.n, len(plant.inputs), len(plant.disturbances)
-    moving, held = ca.SX.sym("moving", n + m + k), ca.SX.sym("held", 1 + plant.parameters.size)
-    d = moving[n + m :]
-    after = rk4_function(plant)(moving[:n], moving[n : n + m], ca.vertcat(d, d, d), held)
-    return ca.Function("sub_step", [moving, held], [ca.densify(ca.vertcat(after, moving[n:]))])
 
 
 def solved(matrices: np.ndarray, vectors: np.ndarray) -> np.ndarray:
@@ -221,26 +190,24 @@ class LawRows:
         key = ("law", type(law), law.law_key, n, size)
         return Rows(key, lambda: trace(law.evaluate_law, n, size, name="law"))
 
-    @property
-    def placed(self) -> bool:
-        """Whether the law depends on the reference that it acts about, see `flexhinf.plant.Law`."""
-        return self.law.depends_on_reference
-
     @cached_property
-    def _rows_about(self) -> Rows:
+    def about(self) -> Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]:
+        """Of a law that depends on the reference: values (N, m) and slopes (N, m, w) at rows (N, w) of deviation,
+        reference and its input."""
         law = self.law
-        n, m, size = len(law.state_names), len(law.input_names), np.size(law.law_data)
-        states = len(law.plant_states)
+        n, m, size, states = (
+            len(law.state_names),
+            len(law.input_names),
+            np.size(law.law_data),
+            len(law.plant_states),
+        )
 
         def about(moving: Any, held: Any) -> Any:
             return law.evaluate_about(moving[:n], moving[n : n + states], moving[n + states :], held)
 
         key = ("law about", type(law), law.law_key, tuple(law.state_names), m, size)
-        return Rows(key, lambda: trace(about, n + states + m, size, name="law_about"))
-
-    def about(self, moving: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Of a placed law: values (N, m) and slopes (N, m, w) at rows (N, w) of deviation, reference and its input."""
-        return self._rows_about(moving, np.ravel(self.law.law_data))
+        rows = Rows(key, lambda: trace(about, n + states + m, size, name="law_about"))
+        return lambda moving: rows(moving, np.ravel(law.law_data))
 
     def __call__(self, deviation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Values (N, m) and slopes (N, m, n) at deviations (N, n)."""
@@ -248,9 +215,7 @@ class LawRows:
             return self._rows(deviation, np.ravel(self.law.law_data))
         parts, slopes = self._polynomial
         (count, n), m = deviation.shape, len(self.law.input_names)
-        with np.errstate(
-            over="ignore", invalid="ignore"
-        ):  # Newton may stray; what is not finite is judged there
+        with np.errstate(over="ignore", invalid="ignore"):  # Newton may stray and judges what is not finite
             powers = monomials(deviation, {*parts, *slopes})
             value, slope = np.zeros((count, m)), np.zeros((count, m * n))
             for k, part in parts.items():
@@ -268,20 +233,12 @@ STEPS, ITERATIONS, LAST_STEP = 40, 12, 1e-9
 
 
 def equilibrium_integrals(law: LawRows, x: np.ndarray, u: np.ndarray) -> np.ndarray:
-    """e (k,) with u* + k(x − x*, e) = u, for a law with one integral per input.
+    """e (k,) with u* + k(x − x*, e) = u, for a law with one integral per input, where its plant rests at x (n,) without
+    integrals and u (m,).
 
     With one joint a cubic law may have several such integrals: the one nearest to zero is taken, of all up to
-    30 rad·s. With several joints they are followed from zero at the operating point.
-
-    Parameters
-    ----------
-    x, u : (n,) and (m,) arrays
-        Rest of the law's plant at the goal, integrals left out.
-
-    Raises
-    ------
-    NumericalFailure
-        If there are none.
+    30 rad·s. With several joints they are followed from zero at the operating point. A NumericalFailure says that there
+    are none.
     """
     point, rest = np.asarray(law.law.operating_point), np.asarray(law.law.operating_input)
     n, k = len(x), len(point) - len(x)
@@ -293,17 +250,16 @@ def equilibrium_integrals(law: LawRows, x: np.ndarray, u: np.ndarray) -> np.ndar
         points = np.column_stack([np.tile(away, (len(integrals), 1)), integrals])
         excess = np.sign(law(points)[0][:, 0] - wanted[0])
         crossings = np.flatnonzero(excess[1:] != excess[:-1])
-        nearest = crossings[[np.argmin(np.abs(INTEGRALS[crossings]))]] if len(crossings) else None
-        found = None if nearest is None else integrals[nearest]
-    else:
-        found = _followed(law, away, wanted, k)
-    if found is None:
-        raise NumericalFailure(
-            "The law does not hold the robot at the goal.",
-            f"no integrals give the input {np.array2string(u, precision=6)} at {np.array2string(x, precision=6)}",
-            "another degree, or a law made for this goal",
-        )
-    return point[n:] + found
+        if len(crossings):
+            return point[n:] + integrals[crossings[[np.argmin(np.abs(INTEGRALS[crossings]))]]]
+    elif (followed := _followed(law, away, wanted, k)) is not None:
+        return point[n:] + followed
+    text = (
+        f"no integrals give the input {np.array2string(u, precision=6)} at {np.array2string(x, precision=6)}"
+    )
+    raise NumericalFailure(
+        "The law does not hold the robot at the goal.", text, "another degree, or a law made for this goal"
+    )
 
 
 def _followed(law: LawRows, away: np.ndarray, wanted: np.ndarray, k: int) -> np.ndarray | None:

@@ -32,14 +32,14 @@ ParametersAt = Callable[[Sequence[float]], Mapping[str, Any]]
 ALL_STATES, VELOCITIES = "all states", "velocities only"
 LINK_VELOCITIES, MOTOR_VELOCITIES = "link velocities only", "motor velocities only"
 
-#: Words that a disturbed state's name has, by form of R^v; none where every state is disturbed.
-WORDS: dict[str, set[str]] = {
+#: Parts that a disturbed state's name has, by form of R^v; none where every state is disturbed.
+DISTURBED: dict[str, set[str]] = {
     ALL_STATES: set(),
     VELOCITIES: {"velocity"},
     LINK_VELOCITIES: {"velocity", "link"},
     MOTOR_VELOCITIES: {"velocity", "motor"},
 }
-FORMS = tuple(WORDS)
+FORMS = tuple(DISTURBED)
 
 #: A linear loop of more states is large: fewer choices of R^v are looked at.
 LARGE = 40
@@ -52,17 +52,9 @@ RATIOS = tuple(10.0**k for k in range(-4, 13, 2)), (1e-2, 1e2, 1e6)
 class ProcessNoise:
     """R^v = q on the diagonal, for the states of a form.
 
-    Parameters
-    ----------
-    form : {"all states", "velocities only", "link velocities only", "motor velocities only"}
-        Velocities are states with "velocity" as a word of their name, "link" and "motor" words of it too.
-    q : float
-        Variance per sample, in the states' units squared.
-
-    Raises
-    ------
-    InvalidInput
-        For another form, or a q that is negative or not finite.
+    Velocities are states with "velocity" as a word of their name, "link" and "motor" words of it too; q is the
+    variance per sample, in the states' units squared. Another form, or a q that is negative or not finite, is an
+    InvalidInput.
     """
 
     form: str
@@ -78,7 +70,7 @@ class ProcessNoise:
 
     def disturbed(self, states: Sequence[str]) -> np.ndarray:
         """Which of the states have noise, (n,)."""
-        return np.array([WORDS[self.form] <= set(name.split("_")) for name in states])
+        return np.array([DISTURBED[self.form] <= set(name.split("_")) for name in states])
 
     def covariance(self, states: Sequence[str]) -> np.ndarray:
         """R^v (n, n) of a plant with these states; an InvalidInput if none of them is of the form."""
@@ -86,7 +78,7 @@ class ProcessNoise:
         if not disturbed.any():
             raise InvalidInput(
                 f"No state is disturbed by noise on {self.form}.",
-                f"expected names with the words {sorted(WORDS[self.form])}, got {list(states)}",
+                f"expected names with the words {sorted(DISTURBED[self.form])}, got {list(states)}",
                 f"ProcessNoise({ALL_STATES!r}, …)",
             )
         return self.q * np.diag(disturbed.astype(float))
@@ -111,19 +103,8 @@ def standard_noises(
 # Plants ------------------------------------------------------------------------------------------------
 @dataclass(frozen=True, eq=False)
 class Population:
-    """True plants.
-
-    Attributes
-    ----------
-    values : tuple of mappings by name
-        Parameters of each plant, numbers or arrays.
-    kinds : (N,) array of str
-        "draw", "corner", "single" or "nominal".
-    signs : (N, p) array
-        Of the uncertain numbers; NaN for draws.
-    nominal : mapping by name
-        Parameters of the nominal plant.
-    """
+    """True plants: the parameters of each by name, numbers or arrays; its kind, "draw", "corner", "single" or
+    "nominal"; the signs (N, p) of its uncertain numbers, NaN for draws; and the parameters of the nominal plant."""
 
     values: tuple[Mapping[str, Any], ...]
     kinds: np.ndarray
@@ -147,20 +128,11 @@ class Population:
 
 
 def corners(uncertain: int, count: int, seed: int = 0) -> np.ndarray:
-    """Signs (N, p) of corners: all 2^p of them if they are at most `count`, else `count` random ones.
-
-    Raises
-    ------
-    InvalidInput
-        If a number is negative or no integer.
-    """
+    """Signs (N, p) of corners: all 2^p of them if they are at most `count`, else `count` random ones."""
     for name, number in (("uncertain", uncertain), ("count", count), ("seed", seed)):
         if isinstance(number, bool) or not isinstance(number, (int, np.integer)) or number < 0:
-            raise InvalidInput(
-                "The corners cannot be counted.",
-                f"expected integers >= 0, got {name}={number!r}",
-                "count=400",
-            )
+            found = f"expected integers >= 0, got {name}={number!r}"
+            raise InvalidInput("The corners cannot be counted.", found, "count=400")
     if uncertain < 63 and 2**uncertain <= count:
         every = list(itertools.product((-1.0, 1.0), repeat=uncertain))
         return np.array(every).reshape(2**uncertain, uncertain)
@@ -180,10 +152,8 @@ def corner_population(
 
     Parameters
     ----------
-    uncertain : int
-        How many uncertain numbers there are: ``len(robot.uncertain)``.
-    count : int
-        Corners, if there are more than so many.
+    uncertain, count : int
+        How many uncertain numbers there are (``len(robot.uncertain)``), and corners, if there are more than so many.
     seed : int
         Of corners and draws, each with a generator of its own.
     draw : callable, optional
@@ -227,8 +197,8 @@ def _vectors(loop: EquilibriumLoop, population: Population) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class Corners:
-    """What is said of corners: a population of which the nominal plant is the last, and whether all corners are among
-    them; otherwise they are sampled."""
+    """A population of which the nominal plant is the last, and whether all corners are among it; otherwise they are
+    sampled."""
 
     population: Population
     complete: bool
@@ -264,10 +234,8 @@ class GrowthRates:
     rates : (N,) array
         log of the largest multiplier per period, 1/s: negative where the loop is stable, infinite where it has no
         equilibrium.
-    kinds : (N,) array of str
-        As of `Population`.
-    plants : (N,) array of int
-        Which plants of the population these are.
+    kinds, plants : (N,) arrays of str and int
+        As of `Population`, and which plants of it these are.
     """
 
     noise: ProcessNoise | None
@@ -309,22 +277,17 @@ def growth_rates(
     Parameters
     ----------
     noises : sequence of ProcessNoise or None
-        None stands for the loop as it is.
+        None stands for the loop as it is; R^v without a Kalman filter in the loop is an InvalidInput.
     plants : (N,) array of int, optional
         Only these plants of the population.
     going_on : callable, optional
         Called before each R^v, of which one may take a second; what it raises ends the work.
     vectors : (M, q) array, optional
         Parameter vectors of the whole population, where they are known.
-
-    Raises
-    ------
-    InvalidInput
-        If R^v is given and no Kalman filter is in the loop.
     """
     chosen = np.arange(len(population)) if plants is None else plants
     vectors = _vectors(loop, population) if vectors is None else vectors
-    found: list[GrowthRates] = []
+    rates: list[GrowthRates] = []
     equilibria, count, rest = None, len(chosen), list(noises)
     while rest:
         if going_on is not None:
@@ -339,9 +302,9 @@ def growth_rates(
         near = None if equilibria is None else np.tile(equilibria, (len(part), 1))
         modes = loop.modes(np.tile(vectors[chosen], (len(part), 1)), per_row, near)
         equilibria = modes.equilibrium[-count:]
-        rates = modes.rate.reshape(len(part), count)
-        found += [GrowthRates(n, r, population.kinds[chosen], chosen) for n, r in zip(part, rates)]
-    return tuple(found)
+        rows = zip(part, modes.rate.reshape(len(part), count))
+        rates += [GrowthRates(noise, row, population.kinds[chosen], chosen) for noise, row in rows]
+    return tuple(rates)
 
 
 # Corners -----------------------------------------------------------------------------------------------
@@ -377,9 +340,8 @@ class ToleranceCorners(Corners):
     measurement_noise: float
 
     def __repr__(self) -> str:
-        return (
-            f"ToleranceCorners({self.unstable} of {self.count} corners unstable, {len(self.swept)} other R^v)"
-        )
+        text = f"{self.unstable} of {self.count} corners unstable, {len(self.swept)} other R^v"
+        return f"ToleranceCorners({text})"
 
     @property
     def unstable(self) -> int:
@@ -426,22 +388,9 @@ def tolerance_corners(
 
     Loops of more than a hundred states, and delays of thousands of samples, are sampled too; the result says so.
 
-    The estimator's noise is taken as designed, then as each of `noises`, and for each form of R^v that is stable so
-    far as a q between two of these with which the loop grows fastest.
-
-    Parameters
-    ----------
-    uncertain : int or sequence
-        The uncertain numbers, or how many there are: ``robot.uncertain``.
-    noises : sequence of ProcessNoise, optional
-        R^v to sweep over; `standard_noises` by default.
-    seed : int
-        Of the samples; without effect where all corners are computed.
-
-    Raises
-    ------
-    InvalidInput
-        If R^v is given and no Kalman filter is in the loop.
+    The estimator's noise is taken as designed, then as each of `noises` (`standard_noises` by default), and for each
+    form of R^v that is stable so far as a q between two of these with which the loop grows fastest. `uncertain` are the
+    uncertain numbers, or how many there are: ``robot.uncertain``. R^v without a Kalman filter is an InvalidInput.
     """
     population, complete = corner_plants(loop, at, uncertain, seed)
     every, vectors = np.arange(len(population) - 1), _vectors(loop, population)
@@ -450,36 +399,28 @@ def tolerance_corners(
     if loop.states > LARGE:
         every = np.sort(np.argsort(-designed.rates, kind="stable")[:SWEPT_OF_LARGE])
     swept = growth_rates(loop, population, noises, every, vectors=vectors)
-    between = _between(loop, population, vectors, swept)
-    swept += growth_rates(loop, population, between, every, vectors=vectors)
-    variance = float(np.diag(loop.filter.measurement_noise).min()) if loop.tunable else np.nan
-    return ToleranceCorners(population, complete, designed, swept, variance)
-
-
-def _between(
-    loop: EquilibriumLoop, population: Population, vectors: np.ndarray, swept: Sequence[GrowthRates]
-) -> list[ProcessNoise]:
-    """For each form that is stable on the grid of q, other q at which the loop grows fastest, if there are any.
-
-    A loop may be stable at two neighbours on the grid and not between them. A finer grid is tried with the few corners
-    that grow fastest at each q of the grid; where a q of it grows faster than its neighbours, it is one of these.
-    """
-    found = []
+    # A loop may be stable at two neighbours on the grid of q and not between them. A finer grid is tried with the few
+    # corners that grow fastest at each q of the grid; a q of it that grows faster than its neighbours is taken too.
+    between: list[ProcessNoise] = []
     for form in FORMS:
-        grid = [each for each in swept if each.noise is not None and each.noise.form == form]
-        levels = sorted(each.noise.q for each in grid if each.noise is not None)
-        if len(grid) < 2 or levels[0] <= 0.0 or any(each.unstable for each in grid):
+        grid = [
+            (rates, rates.noise.q) for rates in swept if rates.noise is not None and rates.noise.form == form
+        ]
+        levels = sorted(q for _, q in grid)
+        if len(grid) < 2 or levels[0] <= 0.0 or any(rates.unstable for rates, _ in grid):
             continue
-        few = np.unique([each.plants[np.argsort(-each.rates, kind="stable")[:FEW]] for each in grid])
+        few = np.unique([rates.plants[np.argsort(-rates.rates, kind="stable")[:FEW]] for rates, _ in grid])
         count = round(PER_DECADE * np.log10(levels[-1] / levels[0])) + 1
         tried = [ProcessNoise(form, float(q)) for q in np.geomspace(levels[0], levels[-1], count)]
         tried_rates = growth_rates(loop, population, tried, few, vectors=vectors)
         # infinite where no finite linear loop exists: a peak as well
-        rates = np.clip([each.fastest for each in tried_rates], -LARGEST, LARGEST)
-        higher = rates[1:-1] - PROMINENT * np.abs(rates[1:-1])
-        peaks = np.flatnonzero((higher > rates[:-2]) & (higher > rates[2:])) + 1
-        found += [tried[k] for k in peaks[np.argsort(-rates[peaks], kind="stable")][:PEAKS]]
-    return found
+        fastest = np.clip([each.fastest for each in tried_rates], -LARGEST, LARGEST)
+        higher = fastest[1:-1] - PROMINENT * np.abs(fastest[1:-1])
+        peaks = np.flatnonzero((higher > fastest[:-2]) & (higher > fastest[2:])) + 1
+        between += [tried[k] for k in peaks[np.argsort(-fastest[peaks], kind="stable")][:PEAKS]]
+    swept += growth_rates(loop, population, between, every, vectors=vectors)
+    variance = float(np.diag(loop.filter.measurement_noise).min()) if loop.tunable else np.nan
+    return ToleranceCorners(population, complete, designed, swept, variance)
 
 
 # How far the tolerances may grow, all by one factor -----------------------------------------------------
@@ -492,16 +433,8 @@ class ToleranceBox:
     """The corners of the tolerances as parameter vectors, to be moved away from the nominal plant.
 
     Parameters are moved along the straight line through each corner. A corner that would change a parameter's sign is
-    none from there on.
-
-    Attributes
-    ----------
-    population : Population
-        The corners, and the nominal plant last.
-    middle : (q,)
-        Of the nominal plant.
-    away : (N, q)
-        From there to each corner.
+    none from there on. `middle` (q,) is the nominal plant, the last of the population, and `away` (N, q) leads from
+    there to each corner.
     """
 
     population: Population
@@ -546,36 +479,24 @@ class ToleranceBox:
         most: float = 2.0**DOUBLINGS,
         width: float = WIDTH,
     ) -> tuple[float, int]:
-        """Smallest factor with which one of some corners is unstable, and this corner, found by doubling and bisection.
+        """Smallest factor with which one of some corners (all by default) is unstable, and this corner, found by
+        doubling and bisection up to `most` and to the relative `width`.
 
-        Parameters
-        ----------
-        which : (M,) array of int, optional
-            Corners; all by default.
-        process_noise : (n, n) array, optional
-            R^v instead of the filter's.
-        most, width : float
-            Where the search ends; relative width of the bisection.
-
-        Returns
-        -------
-        scale : float
-            Infinite if no corner is unstable up to `most`; zero if the nominal loop is unstable.
-        corner : int
-            −1 where there is none.
+        With `process_noise` R^v (n, n) instead of the filter's. The factor is infinite, and the corner −1, if no
+        corner is unstable up to `most`; zero and −1 if the nominal loop is unstable.
         """
         if loop.modes(self.middle[None, :], process_noise).rate[0] >= 0.0:
             return 0.0, -1
         low, high = 0.0, 1.0
-        while not len(found := self.unstable(loop, high, which, process_noise)):
+        while not len(unstable := self.unstable(loop, high, which, process_noise)):
             if high >= most:
                 return np.inf, -1
             low, high = high, min(2.0 * high, most)
         while high - low > width * high:
             centre = 0.5 * (low + high)
             now = self.unstable(loop, centre, which, process_noise)
-            low, high, found = (low, centre, now) if len(now) else (centre, high, found)
-        return high, int(found[0])
+            low, high, unstable = (low, centre, now) if len(now) else (centre, high, unstable)
+        return high, int(unstable[0])
 
 
 def destabilising_scale(
@@ -587,8 +508,6 @@ def destabilising_scale(
     most: float = 2.0**DOUBLINGS,
     seed: int = 0,
 ) -> tuple[float, int]:
-    """Smallest common factor of all tolerances with which some corner is unstable, and this corner.
-
-    Parameters as for `tolerance_corners` and `ToleranceBox.edge`, whose result it is.
-    """
+    """Smallest common factor of all tolerances with which some corner is unstable, and this corner; see
+    `tolerance_corners` and `ToleranceBox.edge`."""
     return ToleranceBox.of(loop, at, uncertain, seed).edge(loop, None, process_noise, most)

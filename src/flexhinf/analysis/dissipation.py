@@ -53,14 +53,10 @@ class DissipationBudget:
     ----------
     times : (N,) array
         s.
-    level : float
-        c of {V ≤ c}; infinite if none was given.
-    start : float
-        V at the first sample.
-    spent, disturbance : (N,) arrays
-        ½ ∫ vᵀ R2 v and ½ γ² ∫|d|² until each sample.
-    value : (N,) array
-        V at each sample.
+    level, start : float
+        c of {V ≤ c}, infinite if none was given, and V at the first sample.
+    spent, disturbance, value : (N,) arrays
+        ½ ∫ vᵀ R2 v and ½ γ² ∫|d|² until each sample, and V there.
     complete : bool
         Whether the run came to its end.
     """
@@ -112,16 +108,13 @@ def dissipation_budget(
     law = controller.law
     if not isinstance(law, HJISolution):
         raise InvalidInput(
-            "The law has no value function to keep below a level.",
-            f"got {type(law).__name__}",
+            "The law has no value function to keep below a level.", f"got {type(law).__name__}",
             "a solution of solve_hji or linear_law",
-        )
+        )  # fmt: skip
     states = tuple(run.names["state"])
     if not set(controller.states) <= set(states):
-        raise InvalidInput(
-            "The true state of the run is not known.", f"expected {list(controller.states)}, got {list(states)}",
-            "a loop round a Plant",
-        )  # fmt: skip
+        found = f"expected {list(controller.states)}, got {list(states)}"
+        raise InvalidInput("The true state of the run is not known.", found, "a loop round a Plant")
     x = run.signals["state"][:, [states.index(name) for name in controller.states]]
     before = controller.input_before(initial_input)
     integral = _integrals(run, controller, x, before)
@@ -134,7 +127,7 @@ def dissipation_budget(
     r2, period = law.expansion.r2, controller.period
     square = lambda a, b: np.einsum("ki,ij,kj->k", a, r2, b)  # noqa: E731
     spent = 0.5 * period / 3.0 * (square(first, first) + square(first, last) + square(last, last))
-    d = _disturbances(run, loop, law)[:-1]
+    d = _disturbances(run, controller, law.problem)[:-1]
     energy = 0.5 * law.gamma**2 * period * (d**2).sum(axis=1) if d.any() else np.zeros(len(d))
     spent, energy = (np.concatenate([[0.0], np.cumsum(parts)]) for parts in (spent, energy))
     complete = bool(np.all(np.isfinite(spent)) and np.all(np.isfinite(value)))
@@ -143,20 +136,18 @@ def dissipation_budget(
 
 def _integrals(run: Trajectory, controller: Controller, x: np.ndarray, before: np.ndarray) -> np.ndarray:
     """The problem's integrals (N, k) of the true state, equal to the controller's at the end."""
-    names, mode = controller.tracked, controller.mode
-    reference = run.signals["reference"]
-    if mode.moving:
-        still = np.abs(reference - controller.operating_reference).max() <= NONE
-        if not still:
+    places = [controller.states.index(name) for name in controller.tracked]
+    position, reference = x[:, places], run.signals["reference"]
+    if controller.mode.moving:
+        away = np.abs(reference - controller.operating_reference).max()
+        if not away <= NONE:
             raise InvalidInput(
-                "The reference moves: level sets are about the operating point.",
-                f"got up to {np.abs(reference - controller.operating_reference).max():.3g} from it",
+                "The reference moves: level sets are about the operating point.", f"got up to {away:.3g} from it",
                 "a run at the operating point, or moving=False",
-            )
-        reference = reference[:, [controller.states.index(name) for name in names]]
-    position = x[:, [controller.states.index(name) for name in names]]
+            )  # fmt: skip
+        reference = reference[:, places]
     growth = controller.period * (0.5 * (position[1:] + position[:-1]) - reference[:-1])
-    whole = np.vstack([np.zeros((1, len(names))), np.cumsum(growth, axis=0)])
+    whole = np.vstack([np.zeros((1, len(places))), np.cumsum(growth, axis=0)])
     own = controller.fresh()  # given again what it was given
     own.reset(input=before)
     for y, r in zip(run.signals["output"], run.signals["reference"], strict=True):
@@ -164,20 +155,18 @@ def _integrals(run: Trajectory, controller: Controller, x: np.ndarray, before: n
     return whole - whole[-1] + own.integrals
 
 
-def _disturbances(run: Trajectory, loop: Loop, law: Any) -> np.ndarray:
+def _disturbances(run: Trajectory, controller: Controller, problem: Any) -> np.ndarray:
     """d of the problem at each sample (N, md), as the run was given it."""
-    problem, controller = law.problem, loop.controller
     names = problem.disturbance_names if isinstance(problem, GeneralisedPlant) else ()
-    commands = [name for name in controller.tracked if f"{name}_command" in names]
-    reference = run.signals["reference"] - controller.operating_reference
     columns = {name: run.signals["disturbance"][:, i] for i, name in enumerate(run.names["disturbance"])}
     if not controller.mode.moving:
+        reference = run.signals["reference"] - controller.operating_reference
         columns |= {f"{name}_command": reference[:, i] for i, name in enumerate(controller.tracked)}
     foreign = [name for name, column in columns.items() if name not in names and np.abs(column).max() > NONE]
     if foreign:
         raise InvalidInput(
             f"The run was disturbed by {foreign[0]!r}, which the law's problem does not know.",
-            f"expected disturbances out of {list(names)}{' (commands too)' if commands else ''}",
+            f"expected disturbances out of {list(names)}",
             "a problem with this disturbance, or a run without it",
         )
     return np.column_stack([columns.get(name, np.zeros(len(run.time))) for name in names or ("none",)])
@@ -185,16 +174,10 @@ def _disturbances(run: Trajectory, loop: Loop, law: Any) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class BudgetTerm:
-    """One row: the loop with all that stands in the rows above, and this.
+    """One row: the loop with all that stands in the rows above, and this, "sampling", "delay", "estimator" or
+    "saturation".
 
-    Attributes
-    ----------
-    name : str
-        "sampling", "delay", "estimator", "saturation".
-    budget : DissipationBudget
-        Of this loop.
-    added : float
-        ½ ∫ vᵀ R2 v more than in the row above; infinite if the loop diverged.
+    `added` is ½ ∫ vᵀ R2 v more than in the row above; infinite if the loop diverged.
     """
 
     name: str
@@ -251,10 +234,8 @@ def budget_terms(
         if made.diverged_at is None:
             budget = dissipation_budget(made, loop, level, settings.get("initial_input"))
         else:  # it has spent everything
-            nothing = np.full(len(made.time), np.nan)
-            budget = DissipationBudget(
-                made.time, float(level), float("nan"), nothing, nothing, nothing, False
-            )
+            nan = np.full(len(made.time), np.nan)
+            budget = DissipationBudget(made.time, float(level), float("nan"), nan, nan, nan, False)
         above = rows[-1].budget.total if rows else 0.0
         more = budget.total - above if np.isfinite(above) else float("inf")
         rows.append(BudgetTerm(name, budget, more))
@@ -267,15 +248,10 @@ ROUNDING = 1e-8
 
 @dataclass(frozen=True, eq=False, repr=False)
 class DissipationCorners(Corners):
-    """By how much the inequality fails at the corners.
+    """By how much the inequality with this γ fails at the corners.
 
-    Attributes
-    ----------
-    excess : (N + 1,) array
-        Largest eigenvalue of D⁻¹ Q D⁻¹ for each plant, 1/s, with D = diag(P)^½: positive where V̇ may exceed
-        ½ γ²|d|² − ½ |z|², by up to ½ excess Σ P_ii x_i²; what is rounding is zero.
-    gamma : float
-        γ of the inequality.
+    `excess` (N + 1,) is the largest eigenvalue of D⁻¹ Q D⁻¹ for each plant, 1/s, with D = diag(P)^½: positive where V̇
+    may exceed ½ γ²|d|² − ½ |z|², by up to ½ excess Σ P_ii x_i²; what is rounding is zero.
     """
 
     excess: np.ndarray
@@ -299,12 +275,8 @@ class DissipationCorners(Corners):
 class LinearCorners:
     """A problem's plant linearised at the corners of the tolerances, each at its own equilibrium; see `Corners`.
 
-    Attributes
-    ----------
-    problem : GeneralisedPlant
-        Its d and z are meant.
-    a, b1, b2 : (N, n, n), (N, n, k) and (N, n, m) arrays
-        ẋ = A x + B1 d + B2 u, integrals included.
+    The problem's d and z are meant; ẋ = A x + B1 d + B2 u with integrals, of (N, n, n), (N, n, k) and (N, n, m)
+    arrays.
     """
 
     problem: GeneralisedPlant
@@ -374,7 +346,7 @@ def dissipation_corners(
     Parameters
     ----------
     solution : HJISolution
-        P, K and γ; it may come of another problem of the same states, with channels for the tolerances.
+        P, K and γ; it may come of another problem of the same states (else an InvalidInput), with tolerance channels.
     problem : GeneralisedPlant
         Its d and z are meant, and its plant is changed.
     at, uncertain, seed
@@ -384,11 +356,6 @@ def dissipation_corners(
         ``lambda values: robot.operating_point(goal, parameters=values)``.
     gamma : float, optional
         Instead of the solution's.
-
-    Raises
-    ------
-    InvalidInput
-        If the solution has other states than the problem.
     """
     if tuple(solution.state_names) != tuple(problem.state_names):
         raise InvalidInput(

@@ -40,8 +40,6 @@ class EquilibriumLoop:
 
     Parameters
     ----------
-    law : Law
-        Any; several joints, with integrals or without.
     filter : RecursiveFilter, ConstantGainFilter, OutputInjectionObserver or None
         A Kalman filter is taken at its stationary gain at the goal. None feeds back the true state.
     true_plant : Plant
@@ -80,50 +78,38 @@ class EquilibriumLoop:
         positions: str | Sequence[str] | None = None,
     ) -> None:
         if goal is not None and equilibrium is not None:
-            raise InvalidInput(
-                "The equilibrium is given twice.",
-                f"got goal={goal!r} and equilibrium={equilibrium!r}",
-                "one of them",
-            )
+            found = f"got goal={goal!r} and equilibrium={equilibrium!r}"
+            raise InvalidInput("The equilibrium is given twice.", found, "one of them")
         if isinstance(delay, bool) or not isinstance(delay, int) or delay < 0:
-            raise InvalidInput(
-                "The delay is not a number of samples.", f"expected an integer >= 0, got {delay!r}", "delay=1"
-            )
+            found = f"expected an integer >= 0, got {delay!r}"
+            raise InvalidInput("The delay is not a number of samples.", found, "delay=1")
         check_delay(delay, period, LONGEST_LINEAR)
         self.law, self.filter, self.plant, self.period = law, filter, true_plant, period
         self.moving, self.delay = moving, delay
-        self._states = tuple(name for name in law.state_names if not name.endswith("_integral"))
-        if equilibrium is None:
-            self.model_equilibrium = self._model_equilibrium(goal)
-        else:
+        self._nominal: LinearLoop | None = None
+        self._states = law.plant_states
+        #: The model of the estimator, or the true plant whose state is fed back.
+        self._model = true_plant if filter is None else filter.plant
+        #: State and input with which the law's plant is held at the goal, (n,) and (m,).
+        self.model_equilibrium = (
+            np.array(law.operating_point[: len(self._states)], dtype=float),
+            np.array(law.operating_input, dtype=float),
+        )
+        if equilibrium is not None:
             self.model_equilibrium = np.array(equilibrium[0]), np.array(equilibrium[1])
-        steady = filter
-        if self.tunable:
-            steady = ConstantGainFilter(filter, self.gain(filter.process_noise))
+        elif goal is not None:
+            if not law.tracked:
+                raise InvalidInput(
+                    "A law without integrals has no goal of its own.",
+                    f"got goal={goal!r}",
+                    "equilibrium=(x, u): state and input of its plant there, with moving=True",
+                )
+            x, u = plant_equilibrium(self._model, law.tracked, pose_values(goal, law.tracked))
+            self.model_equilibrium = x[[self._model.index(name) for name in self._states]], u
+        steady = ConstantGainFilter(filter, self.gain(filter.process_noise)) if self.tunable else filter
         self.step = SampledController(law, steady, period, moving)
         self.positions = self.step.tracked if positions is None else true_plant.expanded(positions)
         self.sub_steps = Loop(true_plant, self.step.controller).sub_steps
-
-    @property
-    def _believed(self) -> Plant:
-        """The model of the estimator, or the true plant whose state is fed back."""
-        return self.plant if self.filter is None else self.filter.plant
-
-    def _model_equilibrium(self, goal: Any) -> tuple[np.ndarray, np.ndarray]:
-        """Where the law's plant is held at the goal."""
-        n, law = len(self._states), self.law
-        tracked = [name.removesuffix("_integral") for name in law.state_names[n:]]
-        if goal is None:
-            return np.array(law.operating_point[:n], dtype=float), np.array(law.operating_input, dtype=float)
-        if not tracked:
-            raise InvalidInput(
-                "A law without integrals has no goal of its own.",
-                f"got goal={goal!r}",
-                "equilibrium=(x, u): state and input of its plant there, with moving=True",
-            )
-        plant = self._believed
-        x, u = plant_equilibrium(plant, tracked, pose_values(goal, tracked))
-        return x[[plant.index(name) for name in self._states]], u
 
     # The estimator -------------------------------------------------------------------------------------
     @property
@@ -134,8 +120,9 @@ class EquilibriumLoop:
     @property
     def tunable(self) -> bool:
         """Whether the gain follows from R^v: that of a Kalman filter."""
-        own = isinstance(self.filter, OutputInjectionObserver)
-        return isinstance(self.filter, RecursiveFilter) and not own
+        return isinstance(self.filter, RecursiveFilter) and not isinstance(
+            self.filter, OutputInjectionObserver
+        )
 
     @cached_property
     def model(self) -> tuple[np.ndarray, np.ndarray]:
@@ -204,31 +191,26 @@ class EquilibriumLoop:
         return self.step.step(memory, y, command, self.centre, fixed, outside=outside), by_y
 
     def _period(
-        self, z: np.ndarray, vectors: np.ndarray, fixed: np.ndarray | None
+        self, z: np.ndarray, vectors: np.ndarray, fixed: np.ndarray | None, waits: bool = False
     ) -> tuple[np.ndarray, np.ndarray]:
-        """z (N, n + s) one period later, and the Jacobian (N, n + s, n + s): where it rests, exactly."""
-        n = self.plant.n
+        """z (N, n + s) one period later, and the Jacobian (N, n + s, n + s): where it rests, exactly. If inputs wait,
+        that of (true plant, input that acted last, memory, waiting inputs)."""
+        n, m, s, p = self.plant.n, self.step.m, self.step.size, self.step.p
         stepped, by_y = self.stepped(z, vectors, fixed, outside=False)
         x, slope = near_rest(self.plant, self.period, self.sub_steps, z[:, :n], stepped.u.value, vectors)
-        moved = slope[:, :, n:] @ self.by_loop(stepped.u.by, by_y)
-        moved[:, :, :n] += slope[:, :, :n]
         after = np.hstack([x, stepped.memory.value])
-        return after, np.concatenate([moved, self.by_loop(stepped.memory.by, by_y)], axis=1)
-
-    def _delayed(self, z: np.ndarray, vectors: np.ndarray, fixed: np.ndarray | None) -> np.ndarray:
-        """One period (N, n, n) by (true plant, input that acted last, memory, waiting inputs), N times."""
-        n, m, s, p, count = self.plant.n, self.step.m, self.step.size, self.step.p, len(z)
-        stepped, by_y = self.stepped(z, vectors, fixed, outside=False)
-        _, moved = near_rest(self.plant, self.period, self.sub_steps, z[:, :n], stepped.u.value, vectors)
+        if not waits:
+            moved = slope[:, :, n:] @ self.by_loop(stepped.u.by, by_y)
+            moved[:, :, :n] += slope[:, :, :n]
+            return after, np.concatenate([moved, self.by_loop(stepped.memory.by, by_y)], axis=1)
         by_u, by_memory = (
             np.concatenate([by[:, :, s : s + p] @ by_y, by[:, :, :s]], axis=2)
             for by in (stepped.u.by, stepped.memory.by)
         )
-        size = n + m + s
-        a, e = np.zeros((count, size, size)), np.zeros((count, size, m))
-        a[:, :n, :n], a[:, n + m :] = moved[:, :, :n], by_memory
-        e[:, :n], e[:, n : n + m] = moved[:, :, n:], np.eye(m)
-        return with_queue(a, e, by_u, self.delay)
+        a, e = np.zeros((len(z), n + m + s, n + m + s)), np.zeros((len(z), n + m + s, m))
+        a[:, :n, :n], a[:, n + m :] = slope[:, :, :n], by_memory
+        e[:, :n], e[:, n : n + m] = slope[:, :, n:], np.eye(m)
+        return after, with_queue(a, e, by_u, self.delay)
 
     # Rest ----------------------------------------------------------------------------------------------
     @cached_property
@@ -264,7 +246,7 @@ class EquilibriumLoop:
         by = np.zeros((step.k + step.n + step.k + step.m, len(self.positions)))
         by[: step.k] = tracked.reshape(step.k, len(self.positions))
         if self.moving:
-            plant = self._believed
+            plant = self._model
             a, b, _, _ = plant.linearise(x if self.filter is not None else self._true_start(x, u), u)
             given = [plant.index(name) for name in self.positions]
             free = [i for i in range(plant.n) if i not in given]
@@ -302,7 +284,7 @@ class EquilibriumLoop:
             gains = fixed[at] if own and fixed is not None else fixed
             z, slope, found = self._equilibrium(vectors[at], gains, None if near is None else near[at])
             if self.delay:
-                slope = self._delayed(z, vectors[at], gains)
+                slope = self._period(z, vectors[at], gains, waits=True)[1]
             some = np.linalg.eigvals(slope[found])
             multipliers = np.full((len(z), some.shape[1]), np.inf, dtype=complex)
             multipliers[found] = some
@@ -313,23 +295,12 @@ class EquilibriumLoop:
     def linear(
         self, values: Mapping[str, Any] | None = None, process_noise: np.ndarray | None = None
     ) -> LinearLoop:
-        """The loop linearised at its equilibrium with one true plant, the nominal one by default.
-
-        Raises
-        ------
-        NumericalFailure
-            If the loop has no equilibrium with this plant.
-        """
-        if not values and process_noise is None:
+        """The loop linearised at its equilibrium with one true plant, the nominal one by default; a NumericalFailure if
+        it has none with this plant."""
+        nominal = not values and process_noise is None
+        if nominal and self._nominal is not None:
             return self._nominal
-        return self._linear_at(values or {}, process_noise)
-
-    @cached_property
-    def _nominal(self) -> LinearLoop:
-        return self._linear_at({}, None)
-
-    def _linear_at(self, values: Mapping[str, Any], process_noise: np.ndarray | None) -> LinearLoop:
-        vectors, fixed = self.vectors([values]), self._fixed(process_noise)
+        vectors, fixed = self.vectors([values or {}]), self._fixed(process_noise)
         z, _, found = self._equilibrium(vectors, fixed)
         if not found[0]:
             raise NumericalFailure(
@@ -344,11 +315,14 @@ class EquilibriumLoop:
         a, b, g, _ = at.linearise(z[0, :n], stepped.u.value[0])
         law, memory, by_y = stepped.u.by[0], stepped.memory.by[0], by_y[0]
         positions = np.eye(n)[[plant.index(name) for name in self.positions]]
-        return LinearLoop(
+        linear = LinearLoop(
             self.period, a, b, by_y[:, :n], by_y[:, n : n + m], memory[:, :known], law[:, :known],
             memory[:, known:] @ by_command, law[:, known:] @ by_command, positions, tuple(self.positions), g,
             tuple(plant.disturbances), tuple(plant.inputs), not self.moving, self.delay * self.period,
         )  # fmt: skip
+        if nominal:
+            self._nominal = linear
+        return linear
 
     def vectors(self, values: Sequence[Mapping[str, Any]]) -> np.ndarray:
         """Parameter vectors (N, q) of true plants with these values."""

@@ -32,20 +32,11 @@ def highest_peak(
     values: np.ndarray | None = None,
     accuracy: float = ACCURACY,
 ) -> tuple[float, float]:
-    """(largest value, where) of a function, every high peak of a sweep refined between its neighbours.
+    """(largest value, where) of a function of frequencies (F,), every high peak on an ascending grid refined between
+    its neighbours; its values on the grid may be known.
 
     The next point is the vertex of a parabola through three, every third time the golden section of the longer side.
-
-    Parameters
-    ----------
-    function : callable
-        Frequencies (F,) → real values (F,).
-    grid : (F,) array
-        Ascending.
-    values : (F,) array, optional
-        Of the function on the grid, where they are known.
-    accuracy : float
-        By what the parabola rises above the largest value found, relative to it, where the refinement ends.
+    The refinement ends where the parabola rises above the largest value by less than the accuracy, relative to it.
     """
     values = function(grid) if values is None else values
     k = int(values.argmax())
@@ -61,31 +52,23 @@ def highest_peak(
         longer = np.where(middle - low > up - middle, low, up)
         new, parabolic = middle + GOLDEN * (longer - middle), turn % EVERY != EVERY - 1
         if parabolic:
-            vertex, height = _vertex(x, y)
+            left, right = x[0] - x[1], x[2] - x[1]
+            with np.errstate(all="ignore"):  # three points on a line have no vertex
+                by_left, by_right = (y[0] - y[1]) / left, (y[2] - y[1]) / right
+                curvature = (by_right - by_left) / (right - left)
+                slope = by_left - curvature * left
+                vertex, height = x[1] - 0.5 * slope / curvature, y[1] - 0.25 * slope**2 / curvature
             new = np.where((vertex > low) & (vertex < up), vertex, new)
             if np.all(height - y[1] <= accuracy * best):
                 break
-        x, y = _narrowed(np.vstack([x, new]), np.vstack([y, function(new)]))
+        # The larger of the inner two of four points, and its neighbours.
+        x, y = np.vstack([x, new]), np.vstack([y, function(new)])
+        order = np.argsort(x, axis=0, kind="stable")
+        x, y = np.take_along_axis(x, order, axis=0), np.take_along_axis(y, order, axis=0)
+        kept = y[1:3].argmax(axis=0) + np.array([[0], [1], [2]])
+        x, y = np.take_along_axis(x, kept, axis=0), np.take_along_axis(y, kept, axis=0)
     which = int(y[1].argmax())
     return max((best, at), (float(y[1, which]), float(x[1, which])))
-
-
-def _vertex(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices of parabolas through three points each, (3, P), and their heights; NaN or infinite for lines."""
-    left, right = x[0] - x[1], x[2] - x[1]
-    with np.errstate(all="ignore"):
-        by_left, by_right = (y[0] - y[1]) / left, (y[2] - y[1]) / right
-        curvature = (by_right - by_left) / (right - left)
-        slope = by_left - curvature * left
-        return x[1] - 0.5 * slope / curvature, y[1] - 0.25 * slope**2 / curvature
-
-
-def _narrowed(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Of four points each, (4, P), the larger of the inner two and its neighbours, (3, P)."""
-    order = np.argsort(x, axis=0, kind="stable")
-    x, y = np.take_along_axis(x, order, axis=0), np.take_along_axis(y, order, axis=0)
-    kept = y[1:3].argmax(axis=0) + np.array([[0], [1], [2]])
-    return np.take_along_axis(x, kept, axis=0), np.take_along_axis(y, kept, axis=0)
 
 
 def crossings(
@@ -163,10 +146,8 @@ class FrequencyResponse:
 
     Attributes
     ----------
-    frequencies : (F,) array
-        rad/s, ascending, at most π/T.
-    period : float
-        T, s.
+    frequencies, period : (F,) array, and float
+        rad/s, ascending, at most π/T; T, s.
     positions, inputs, disturbances : tuples of str
         Names along the axes q, m and k.
     command : (F, q, q) array
@@ -201,11 +182,8 @@ class FrequencyResponse:
     stable: bool
 
     def __repr__(self) -> str:
-        low, high = self.frequencies[0], self.frequencies[-1]
-        return (
-            f"FrequencyResponse({len(self.frequencies)} frequencies, {low:.3g} to {high:.3g} rad/s, "
-            f"{len(self.inputs)} inputs, {len(self.positions)} positions)"
-        )
+        over = f"{len(self.frequencies)} frequencies, {self.frequencies[0]:.3g} to {self.frequencies[-1]:.3g} rad/s"
+        return f"FrequencyResponse({over}, {len(self.inputs)} inputs, {len(self.positions)} positions)"
 
     @property
     def peaks(self) -> tuple[float, float]:
@@ -240,40 +218,31 @@ def frequency_response(
         If the loop has no equilibrium with this plant.
     """
     linear = loop if isinstance(loop, LinearLoop) else loop.linear(values, process_noise)
-    running, m = linear.running, linear.b.shape[1]
-    grid = _grid(linear) if frequencies is None else _checked(frequencies, linear.period)
+    running, opened, m, top = linear.running, linear.opened(), linear.b.shape[1], np.pi / linear.period
+    if frequencies is None:
+        sizes = np.abs(running.poles)
+        low = float(sizes[sizes > 1e-6 * top].min(initial=top)) / 10.0**BELOW
+        near = np.concatenate([running.frequencies(), opened.frequencies()])
+        grid = np.unique(
+            np.concatenate([np.geomspace(low, top, POINTS), near[(near >= low) & (near <= top)]])
+        )
+    else:
+        grid = np.sort(np.atleast_1d(np.asarray(frequencies, dtype=float)))
+        if grid.ndim != 1 or not len(grid) or not np.all((grid > 0.0) & (grid <= top * (1.0 + 1e-12))):
+            found = np.array2string(grid, threshold=6)
+            raise InvalidInput(
+                "The frequencies do not fit the sampled loop.",
+                f"expected numbers above 0 and up to pi/T = {top:.6g} rad/s, got {found}",
+                "numpy.geomspace(0.1, 1000, 200), in rad/s",
+            )
     n, q, k = m + len(linear.c), len(linear.positions), linear.g.shape[1]
-    # One solve for all outputs by w, r and d.
-    chosen = np.r_[0:m, n : n + q + k]
-    answer = running.response(grid, chosen)
+    answer = running.response(grid, np.r_[0:m, n : n + q + k])  # one solve for all outputs by w, r and d
     if linear.late_command:
         answer[:, :, m : m + q] *= np.exp(-1j * grid * linear.period)[:, None, None]
     sensitivity, positions = answer[:, :m, :m], answer[:, 2 * m :]
     return FrequencyResponse(
         grid, linear.period, linear.names, linear.inputs, linear.disturbances,
-        positions[:, :, m : m + q], positions[:, :, m + q :],
-        -linear.opened().response(grid),
-        np.stack([-linear.opened_at(i).response(grid)[:, 0, 0] for i in range(m)], axis=1),
+        positions[:, :, m : m + q], positions[:, :, m + q :], -opened.response(grid),
+        np.stack([-linear.opened(i=i).response(grid)[:, 0, 0] for i in range(m)], axis=1),
         sensitivity, np.eye(m) - sensitivity, running.poles, running.stable,
     )  # fmt: skip
-
-
-def _grid(linear: LinearLoop) -> np.ndarray:
-    sizes = np.abs(linear.running.poles)
-    top = np.pi / linear.period
-    slowest = float(sizes[sizes > 1e-6 * top].min(initial=top))
-    low = slowest / 10.0**BELOW
-    near = np.concatenate([linear.running.frequencies(), linear.opened().frequencies()])
-    return np.unique(np.concatenate([np.geomspace(low, top, POINTS), near[(near >= low) & (near <= top)]]))
-
-
-def _checked(frequencies: Any, period: float) -> np.ndarray:
-    found = np.atleast_1d(np.asarray(frequencies, dtype=float))
-    top = np.pi / period
-    if found.ndim != 1 or not len(found) or not np.all((found > 0.0) & (found <= top * (1.0 + 1e-12))):
-        raise InvalidInput(
-            "The frequencies do not fit the sampled loop.",
-            f"expected numbers above 0 and up to pi/T = {top:.6g} rad/s, got {np.array2string(found, threshold=6)}",
-            "numpy.geomspace(0.1, 1000, 200), in rad/s",
-        )
-    return np.sort(found)

@@ -3,9 +3,6 @@
 An input delayed by (j + φ) periods changes φ periods after a sample: in the interval from sample k on the plant sees
 u(k − j − 1) for φ periods and u(k − j) for the rest, so the sampled loop is exact for delays between samples too
 [astrom1997].
-
-`DiscreteSystem` has the response, the H∞ norm, and what white noise makes of a system; `Modes` the multipliers of one
-period for many true plants.
 """
 
 from __future__ import annotations
@@ -41,18 +38,16 @@ TRIANGULAR = 48
 #: Eigenvalues this close to the imaginary axis (relative to the largest) lie on it.
 ON_AXIS = 1e-8
 
+#: Delays this close to a whole number of samples (in samples) are one.
+WHOLE = 1e-9
+
 
 @dataclass(frozen=True, eq=False)
 class DiscreteSystem:
     """x⁺ = a x + b w, z = c x + d w, one sample every `period` seconds.
 
-    Attributes
-    ----------
-    a, b, c, d : (n, n), (n, m), (p, n) and (p, m) arrays
-    period : float
-        s.
-    delay, queued : int
-        Samples that the inputs of the plant wait, and how many of the states, the last ones, are waiting inputs.
+    `a, b, c, d` are (n, n), (n, m), (p, n) and (p, m); `delay` is how many samples the inputs of the plant wait, and
+    `queued` how many of the states, the last ones, are waiting inputs.
     """
 
     a: np.ndarray
@@ -131,43 +126,35 @@ class DiscreteSystem:
         ratios = damping_ratio(lasting)
         return float(ratios.min()), float(np.abs(lasting)[ratios.argmin()])
 
-    def plus(self, d: np.ndarray) -> DiscreteSystem:
-        """With another direct term (p, m) added."""
-        return self._same_loop(replace(self, d=self.d + d))
+    def changed(self, **matrices: np.ndarray) -> DiscreteSystem:
+        """With other `b`, `c` or `d`; what is known of the same a is not computed again."""
+        other = replace(self, **matrices)
+        if len(self.a) > TRIANGULAR:
+            vars(other)["_schur"] = self._schur
+        vars(other)["multipliers"] = self.multipliers
+        if self.queued:
+            vars(other)["poles"] = self.poles
+        return other
 
     def block(self, outputs: slice, inputs: slice) -> DiscreteSystem:
         """Some outputs by some inputs."""
-        return self._same_loop(
-            replace(self, b=self.b[:, inputs], c=self.c[outputs], d=self.d[outputs][:, inputs])
-        )
-
-    def _same_loop(self, part: DiscreteSystem) -> DiscreteSystem:
-        """What is known of the same a is not computed again."""
-        if len(self.a) > TRIANGULAR:
-            vars(part)["_schur"] = self._schur
-        vars(part)["multipliers"] = self.multipliers
-        if self.queued:
-            vars(part)["poles"] = self.poles
-        return part
+        return self.changed(b=self.b[:, inputs], c=self.c[outputs], d=self.d[outputs][:, inputs])
 
     def response(self, frequency: Any, inputs: Any = slice(None)) -> np.ndarray:
-        """c (zI − a)⁻¹ b + d at z = e^{jωT}, (F, p, m), for frequencies ω (F,) in rad/s and some of the inputs."""
+        """c (zI − a)⁻¹ b + d at z = e^{jωT}, (F, p, m), for frequencies ω (F,) in rad/s and some of the inputs.
+
+        Of many states by the Schur form of a: n² operations a frequency instead of n³.
+        """
         z = np.exp(1j * np.atleast_1d(frequency) * self.period)
         if len(self.a) > TRIANGULAR and ("_schur" in vars(self) or len(z) > 2):
-            return self._triangular_response(z, inputs)
+            from scipy.linalg import solve_triangular
+
+            t, q = self._schur
+            b, c, unit = q.conj().T @ self.b[:, inputs], self.c @ q, np.eye(len(t))
+            rows = [c @ solve_triangular(at * unit - t, b, check_finite=False) for at in z]
+            return np.array(rows) + self.d[:, inputs]
         shifted = z[:, None, None] * np.eye(len(self.a)) - self.a
         return self.c @ np.linalg.solve(shifted, self.b[:, inputs].astype(complex)) + self.d[:, inputs]
-
-    def _triangular_response(self, z: np.ndarray, inputs: Any) -> np.ndarray:
-        """The same by the Schur form of a: n² operations a frequency instead of n³."""
-        from scipy.linalg import solve_triangular
-
-        t, q = self._schur
-        b, c, unit = q.conj().T @ self.b[:, inputs], self.c @ q, np.eye(len(t))
-        return (
-            np.array([c @ solve_triangular(at * unit - t, b, check_finite=False) for at in z])
-            + self.d[:, inputs]
-        )
 
     @cached_property
     def _schur(self) -> tuple[np.ndarray, np.ndarray]:
@@ -206,13 +193,9 @@ class DiscreteSystem:
     def norm(self) -> tuple[float, float]:
         """H∞ norm and a frequency (rad/s) where it is reached; infinite if not stable.
 
-        z = (1 + s)/(1 − s) makes it a norm in continuous time, for which a level is tested by the eigenvalues of a
-        Hamiltonian matrix and raised to the largest response between its crossings [bruinsma1990].
-
-        Raises
-        ------
-        NumericalFailure
-            If the level does not settle.
+        z = (1 + s)/(1 − s) makes it a norm in continuous time, with the same values at s = j tan(ωT/2), for which a
+        level is tested by the eigenvalues of a Hamiltonian matrix and raised to the largest response between its
+        crossings [bruinsma1990]. A NumericalFailure says that the level does not settle.
         """
         if not self.stable:
             return np.inf, np.nan
@@ -221,9 +204,12 @@ class DiscreteSystem:
         best, at = float(sizes.max()), float(grid[sizes.argmax()])
         if best == 0.0:
             return 0.0, 0.0
-        continuous = self._continuous()
+        unit, root = np.eye(len(self.a)), np.sqrt(2.0)
+        inverse = np.linalg.inv(self.a + unit)
+        a, b, c = inverse @ (self.a - unit), root * inverse @ self.b, root * self.c @ inverse
+        d = self.d - self.c @ inverse @ self.b
         for _ in range(TURNS):
-            crossings = _crossings(*continuous, best * (1.0 + ACCURACY))
+            crossings = _crossings(a, b, c, d, best * (1.0 + ACCURACY))
             if len(crossings) < 2:
                 return best, at
             middle = 2.0 * np.arctan(0.5 * (crossings[1:] + crossings[:-1])) / self.period
@@ -231,19 +217,8 @@ class DiscreteSystem:
             if sizes.max() <= best * (1.0 + ACCURACY):
                 return best, at
             best, at = float(sizes.max()), float(middle[sizes.argmax()])
-        raise NumericalFailure(
-            "The H∞ norm was not found.",
-            f"after {TURNS} turns at {best:.6g}, {at:.6g} rad/s",
-            "a damped loop",
-        )
-
-    def _continuous(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """The bilinear image: the same values at s = j tan(ωT/2)."""
-        unit = np.eye(len(self.a))
-        inverse = np.linalg.inv(self.a + unit)
-        root = np.sqrt(2.0)
-        a = inverse @ (self.a - unit)
-        return a, root * inverse @ self.b, root * self.c @ inverse, self.d - self.c @ inverse @ self.b
+        found = f"after {TURNS} turns at {best:.6g}, {at:.6g} rad/s"
+        raise NumericalFailure("The H∞ norm was not found.", found, "a damped loop")
 
 
 def _crossings(a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray, level: float) -> np.ndarray:
@@ -258,14 +233,9 @@ def _crossings(a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray, level
     n = len(a)
     closed = a + b @ through[:, :n]
     outer = c.T @ c + c.T @ d @ through[:, :n]
-    hamiltonian = np.block([[closed, b @ through[:, n:]], [-outer, -closed.T]])
-    values = np.linalg.eigvals(hamiltonian)
+    values = np.linalg.eigvals(np.block([[closed, b @ through[:, n:]], [-outer, -closed.T]]))
     on = np.abs(values.real) <= ON_AXIS * np.maximum(1.0, np.abs(values))
     return np.unique(np.abs(values[on].imag))
-
-
-#: Delays this close to a whole number of samples (in samples) are one.
-WHOLE = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -284,14 +254,10 @@ class LinearLoop:
         Next memory and input of the controller, by its memory and y.
     commanded_memory, commanded_law : (s, q) and (m, q) arrays
         The same by the commanded positions.
-    positions : (q, n) array
+    positions, names : (q, n) array, and q texts
         Commanded positions of the true plant.
-    names : tuple of str
-        Of the commanded positions.
-    g : (n, k) array
+    g, disturbances : (n, k) array, and k texts
         Adds g d to ẋ, for the torques that disturb the true plant.
-    disturbances : tuple of str
-        Names of these torques.
     inputs : tuple of str
         Names of the inputs.
     late_command : bool
@@ -320,64 +286,38 @@ class LinearLoop:
 
     def held(self, delay: float | None = None) -> tuple[int, np.ndarray, np.ndarray, np.ndarray]:
         """(j, Φ, Γ_old, Γ_new): x⁺ = Φ x + Γ_old u(k−j−1) + Γ_new u(k−j) for a delay in s."""
-        from scipy.linalg import expm
-
         samples = (self.delay if delay is None else delay) / self.period
         j = int(np.floor(samples + WHOLE))
         fraction = max(samples - j, 0.0) if samples - j > WHOLE else 0.0
-        (n, m), first, second = self.b.shape, fraction * self.period, (1.0 - fraction) * self.period
-        both = np.zeros((n + m, n + m))
-        both[:n] = np.hstack([self.a, self.b])
-        early, late = expm(both * first), expm(both * second)
-        return j, late[:n, :n] @ early[:n, :n], late[:n, :n] @ early[:n, n:], late[:n, n:]
+        early, old = exponential(self.a, self.b, fraction * self.period)
+        late, new = exponential(self.a, self.b, (1.0 - fraction) * self.period)
+        return j, late @ early, late @ old, new
 
     @cached_property
     def running(self) -> DiscreteSystem:
         """`system` with the loop's own delay."""
-        return self._system(self.delay)
+        return self.system(self.delay)
 
-    def system(self, delay: float | None = None) -> DiscreteSystem:
-        """From (w, v, r, d) to (u + w, u, q).
+    def system(self, delay: float) -> DiscreteSystem:
+        """From (w, v, r, d) to (u + w, u, q), with this delay in s instead of the loop's own.
 
         w is added to the input, v to the measurements, r are the commanded positions, d torques that disturb the plant
         and are held between samples, q the true positions, at the samples.
         """
-        return self.running if delay is None or delay == self.delay else self._system(delay)
-
-    def _system(self, delay: float) -> DiscreteSystem:
-        m, p, q = self.b.shape[1], len(self.c), len(self.positions)
+        (n, m), p, q, s = self.b.shape, len(self.c), len(self.positions), len(self.memory)
         parts = self._parts(delay)
-        n, size = len(self.a), len(parts.a)
+        size = len(parts[0])
         # u and the next memory by (w, v, r, d); a disturbance moves the plant alone.
         u, after = (
-            np.pad(np.hstack([block[:, len(self.memory) :], command]), ((0, 0), (m, self.g.shape[1])))
+            np.pad(np.hstack([block[:, s:], command]), ((0, 0), (m, self.g.shape[1])))
             for block, command in ((self.law, self.commanded_law), (self.memory, self.commanded_memory))
         )
         b = np.zeros((size, u.shape[1]))
-        b[:n, m + p + q :], b[n + m :] = self._by_disturbance(), after
-        total = u + np.eye(m, u.shape[1])
-        c = np.vstack([parts.u, parts.u, np.pad(self.positions, ((0, 0), (0, size - n)))])
+        b[:n, m + p + q :], b[n + m :] = exponential(self.a, self.g, self.period)[1], after
+        total, by_state = u + np.eye(m, u.shape[1]), parts[2]
+        c = np.vstack([by_state, by_state, np.pad(self.positions, ((0, 0), (0, size - n)))])
         d = np.vstack([total, u, np.zeros((q, u.shape[1]))])
-        return parts.system(b, c, d, parts.u, total)
-
-    def _parts(self, delay: float | None) -> _Parts:
-        """The loop opened at its inputs, by (plant, input that acted last, memory)."""
-        (n, m), s = self.b.shape, len(self.memory)
-        j, phi, old, new = self.held(delay)
-        seen = np.hstack([self.c, self.d])
-        u, after = (np.hstack([block[:, s:] @ seen, block[:, :s]]) for block in (self.law, self.memory))
-        a = np.vstack([np.hstack([phi, old, np.zeros((n, s))]), np.zeros((m, n + m + s)), after])
-        e = np.vstack([new, np.eye(m), np.zeros((s, m))])
-        return _Parts(a, e, u, j, self.period)
-
-    def _by_disturbance(self) -> np.ndarray:
-        """∫ e^{as} g ds over one period, (n, k)."""
-        from scipy.linalg import expm
-
-        n, k = self.g.shape
-        both = np.zeros((n + k, n + k))
-        both[:n] = np.hstack([self.a, self.g])
-        return expm(both * self.period)[:n, n:]
+        return self._closed(parts, (b, c, d), by_state, total)
 
     def part(self, into: str, out_of: str, delay: float | None = None) -> DiscreteSystem:
         """One block of `system`: into "w", "v", "r" or "d", out of "u+w", "u" or "q"."""
@@ -385,58 +325,70 @@ class LinearLoop:
         begin = np.cumsum([0, m, p, q, k]).tolist()
         at = ("w", "v", "r", "d").index(into)
         outputs = {"u+w": slice(0, m), "u": slice(m, 2 * m), "q": slice(2 * m, 2 * m + q)}[out_of]
-        return self.system(delay).block(outputs, slice(begin[at], begin[at + 1]))
+        system = self.running if delay is None else self.system(delay)
+        return system.block(outputs, slice(begin[at], begin[at + 1]))
 
-    def opened(self, delay: float | None = None) -> DiscreteSystem:
-        """The loop broken at all inputs of the plant: what the controller answers to an input of the plant alone.
+    def opened(self, delay: float | None = None, i: int | None = None) -> DiscreteSystem:
+        """The loop broken at all inputs of the plant, or at one with the others closed: what the controller answers to
+        the broken inputs of the plant alone.
 
-        Its response is −L in the convention of negative feedback: S = (1 + L)⁻¹.
+        Its response is −L in the convention of negative feedback: S = (1 + L)⁻¹; −L_i, one input and one output.
         """
-        return self._opened_at(np.ones(self.b.shape[1], dtype=bool), delay)
+        m = self.b.shape[1]
+        broken = np.ones(m, dtype=bool) if i is None else np.arange(m) == i
+        parts, given = self._parts(delay), np.eye(m)[:, broken]
+        (a, _, u, _), count = parts, given.shape[1]
+        b, d = np.zeros((len(a), count)), np.zeros((count, count))
+        return self._closed(parts, (b, u[broken], d), np.where(broken[:, None], 0.0, u), given)
 
-    def opened_at(self, i: int, delay: float | None = None) -> DiscreteSystem:
-        """The loop broken at input i alone, the other inputs closed: −L_i, one input and one output."""
-        return self._opened_at(np.arange(self.b.shape[1]) == i, delay)
+    def _parts(self, delay: float | None) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
+        """(a, e, u, j) of the loop opened at its inputs: x⁺ = a x + e v, u = u x for x = (plant, input that acted last,
+        memory), with an input v that is j samples late."""
+        (n, m), s = self.b.shape, len(self.memory)
+        j, phi, old, new = self.held(delay)
+        seen = np.hstack([self.c, self.d])
+        u, after = (np.hstack([block[:, s:] @ seen, block[:, :s]]) for block in (self.law, self.memory))
+        a = np.vstack([np.hstack([phi, old, np.zeros((n, s))]), np.zeros((m, n + m + s)), after])
+        return a, np.vstack([new, np.eye(m), np.zeros((s, m))]), u, j
 
-    def _opened_at(self, broken: np.ndarray, delay: float | None) -> DiscreteSystem:
-        """Broken at some of the inputs, (m,) of bool."""
-        parts, given = self._parts(delay), np.eye(len(broken))[:, broken]
-        fed_back, nothing = np.where(broken[:, None], 0.0, parts.u), np.zeros((len(parts.a), given.shape[1]))
-        return parts.system(nothing, parts.u[broken], np.zeros(2 * (given.shape[1],)), fed_back, given)
-
-
-@dataclass(frozen=True, eq=False)
-class _Parts:
-    """x⁺ = a x + e v, u = u x for x = (plant, input that acted last, memory); v is an input `samples` late."""
-
-    a: np.ndarray
-    e: np.ndarray
-    u: np.ndarray
-    samples: int
-    period: float
-
-    def system(
-        self, b: np.ndarray, c: np.ndarray, d: np.ndarray, k: np.ndarray, l: np.ndarray
+    def _closed(
+        self,
+        parts: tuple[np.ndarray, np.ndarray, np.ndarray, int],
+        bcd: tuple[np.ndarray, ...],
+        k: Any,
+        l: Any,
     ) -> DiscreteSystem:
-        """With x⁺ = … + b w, z = c x + d w and v = k x + l w, late."""
-        if not self.samples:
-            return DiscreteSystem(self.a + self.e @ k, b + self.e @ l, c, d, self.period)
-        queued = self.samples * self.e.shape[1]
+        """`_parts` with x⁺ = … + b w, z = c x + d w and the late input v = k x + l w."""
+        (a, e, _, samples), (b, c, d) = parts, bcd
+        if not samples:
+            return DiscreteSystem(a + e @ k, b + e @ l, c, d, self.period)
+        queued = samples * e.shape[1]
         after = np.zeros((queued, b.shape[1]))
         after[: len(l)] = l
-        a = with_queue(self.a[None], self.e[None], k[None], self.samples)[0]
+        a = with_queue(a[None], e[None], k[None], samples)[0]
         c = np.hstack([c, np.zeros((len(c), queued))])
-        return DiscreteSystem(a, np.vstack([b, after]), c, d, self.period, self.samples, queued)
+        return DiscreteSystem(a, np.vstack([b, after]), c, d, self.period, samples, queued)
+
+
+def exponential(a: np.ndarray, b: np.ndarray, seconds: float) -> tuple[np.ndarray, np.ndarray]:
+    """(e^{aτ}, ∫₀^τ e^{as} b ds), (n, n) and (n, m)."""
+    from scipy.linalg import expm
+
+    n, m = b.shape
+    both = np.zeros((n + m, n + m))
+    both[:n] = np.hstack([a, b])
+    both = expm(both * seconds)
+    return both[:n, :n], both[:n, n:]
 
 
 def with_queue(a: np.ndarray, e: np.ndarray, k: np.ndarray, samples: int) -> np.ndarray:
     """N loops x⁺ = a x + e v, v(i) = k x(i − samples), with a state for each input that waits, newest first; of arrays
     (N, n, n), (N, n, m) and (N, m, n), and at least one sample."""
     (count, n, m), queued = e.shape, e.shape[2] * samples
-    found = np.zeros((count, n + queued, n + queued))
-    found[:, :n, :n], found[:, :n, n + queued - m :] = a, e
-    found[:, n : n + m, :n], found[:, n + m :, n : n + queued - m] = k, np.eye(queued - m)
-    return found
+    whole = np.zeros((count, n + queued, n + queued))
+    whole[:, :n, :n], whole[:, :n, n + queued - m :] = a, e
+    whole[:, n : n + m, :n], whole[:, n + m :, n : n + queued - m] = k, np.eye(queued - m)
+    return whole
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Margins of the linear sampled loop with its estimator: how far it is from instability, and what noise costs.
+"""Margins of the linear sampled loop with its estimator: distance from instability, and the cost of noise.
 
 The loop is broken at the plant's input::
 
@@ -181,9 +181,8 @@ class Margins:
     def _frequencies(self) -> np.ndarray:
         if self.grid is not None:
             return self.grid
-        linear = self.linear
-        opened = [linear.opened_at(i).near_poles() for i in range(linear.b.shape[1])]
-        return np.unique(np.concatenate([linear.running.frequencies(), *opened]))
+        opened = [self.linear.opened(i=i).near_poles() for i in range(self.linear.b.shape[1])]
+        return np.unique(np.concatenate([self.linear.running.frequencies(), *opened]))
 
     @cached_property
     def _sweep(self) -> np.ndarray:
@@ -269,7 +268,20 @@ class Margins:
     # Disk and delay margin --------------------------------------------------------------------------------
     @cached_property
     def _disk(self) -> tuple[float, float]:
-        return _disk_margin(self.linear) if self.stable else (0.0, np.nan)
+        """(α, ω) with 1/α = max over ω of μ(½ (S − T)), ½ (S − T) = S − ½ [seiler2020].
+
+        With one input μ is the absolute value. With several, each with its own factor, μ is bounded from above by the
+        largest singular value after a diagonal scaling at each frequency, that of Perron's vectors [skogestad2005].
+        """
+        if not self.stable:
+            return 0.0, np.nan
+        s, m = self.linear.part("w", "u+w"), self.linear.b.shape[1]
+        middle = s.changed(d=s.d - 0.5 * np.eye(m))
+        if m == 1:
+            peak, at = middle.norm()
+        else:
+            peak, at = highest_peak(lambda w: _scaled_norms(middle.response(w)), middle.frequencies())
+        return 1.0 / peak, at
 
     @property
     def disk_margin(self) -> float:
@@ -340,7 +352,20 @@ class Margins:
     def bandwidth(self) -> np.ndarray:
         """Frequency (q,) at which a commanded position is followed 3 dB less than at ω = 0, rad/s; NaN where the
         command does not act, infinite if beyond half the sampling frequency."""
-        return _bandwidths(self.linear) if self.stable else np.full(len(self.positions), np.nan)
+        if not self.stable or not self.positions:
+            return np.full(len(self.positions), np.nan)
+        system = self.linear.part("r", "q")
+        grid = system.frequencies()
+        followed = lambda w: np.abs(np.diagonal(system.response(w), axis1=1, axis2=2))  # noqa: E731
+        level = followed(np.zeros(1))[0] / np.sqrt(2.0)
+        swept = followed(grid) - level
+        rows, joints = sign_changes(swept)
+        joints, first = np.unique(joints, return_index=True)  # rows are ascending
+        found = np.where(level > 0.0, np.inf, np.nan)
+        at = np.array(refined_crossings(lambda w: followed(w) - level, grid, swept, rows[first], joints))
+        acts = level[joints] > 0.0
+        found[joints[acts]] = at[acts]
+        return found
 
     @property
     def slowest_bandwidth(self) -> float:
@@ -373,37 +398,11 @@ def margins(
 ) -> Margins:
     """Margins of a loop at its equilibrium.
 
-    Parameters
-    ----------
-    loop : EquilibriumLoop or LinearLoop
-        Its own delay is part of it: the delay margin is what it stands beyond, and all other figures count it.
-    values, process_noise
-        As for `EquilibriumLoop.linear`: one true plant, the nominal one by default, and R^v instead of the filter's.
-
-    Raises
-    ------
-    NumericalFailure
-        If the loop has no equilibrium with this plant.
+    Its own delay is part of the loop: the delay margin is what it stands beyond, and all other figures count it.
+    `values` and `process_noise` are as for `EquilibriumLoop.linear`: one true plant, the nominal one by default, and
+    R^v instead of the filter's; a NumericalFailure says that the loop has no equilibrium with this plant.
     """
     return Margins(loop if isinstance(loop, LinearLoop) else loop.linear(values, process_noise))
-
-
-def _bandwidths(linear: LinearLoop) -> np.ndarray:
-    """First frequency at which each diagonal entry from command to position is 1/√2 of that at ω = 0."""
-    system = linear.part("r", "q")
-    if not len(linear.positions):
-        return np.zeros(0)
-    grid = system.frequencies()
-    followed = lambda w: np.abs(np.diagonal(system.response(w), axis1=1, axis2=2))  # noqa: E731
-    level = followed(np.zeros(1))[0] / np.sqrt(2.0)
-    swept = followed(grid) - level
-    rows, joints = sign_changes(swept)
-    joints, first = np.unique(joints, return_index=True)  # rows are ascending
-    found = np.where(level > 0.0, np.inf, np.nan)
-    at = np.array(refined_crossings(lambda w: followed(w) - level, grid, swept, rows[first], joints))
-    acts = level[joints] > 0.0
-    found[joints[acts]] = at[acts]
-    return found
 
 
 def _critical_factors(response: np.ndarray) -> np.ndarray:
@@ -423,14 +422,20 @@ def _gain_margins(
     """Largest real factor below one and smallest above, (m, 2), of `factors` k (F, m), complex, by frequency.
 
     `grid` and `swept` are frequencies (F,) and factors of a sweep, `top` is half the sampling frequency, rad/s, where k
-    is real as it is at ω = 0, and the accuracy is that of the frequencies where k is real, relative.
+    is real as it is at ω = 0, and the accuracy is that of the frequencies where k is real, relative. Of what is read
+    off the sweep only factors that may be the closest to one on their side are refined.
     """
     rows, inputs = sign_changes(np.imag(swept))
     left, right = swept[rows, inputs], swept[rows + 1, inputs]
     with np.errstate(all="ignore"):
         part = np.imag(left) / (np.imag(left) - np.imag(right))
         about = np.log(np.real(left) + part * np.real(right - left))
-    chosen = _closest(about, inputs, swept.shape[1])
+    chosen, distance = np.zeros(len(about), dtype=bool), np.abs(about)
+    for i in range(swept.shape[1]):
+        for side in (-1.0, 1.0):
+            own = (inputs == i) & (side * about > 0.0) & (distance <= np.log(LARGEST_FACTOR))
+            if own.any():
+                chosen |= own & (distance <= distance[own].min() + np.log(REFINED_UP_TO))
     rows, inputs = rows[chosen], inputs[chosen]
     at = refined_crossings(lambda w: np.imag(factors(w)), grid, np.imag(swept), rows, inputs, accuracy)
     values = factors(np.array([*at, 0.0, top]))
@@ -442,32 +447,6 @@ def _gain_margins(
         real = real[(real >= 1.0 / LARGEST_FACTOR) & (real <= LARGEST_FACTOR)]
         own[:] = real[real < 1.0].max(initial=0.0), real[real > 1.0].min(initial=np.inf)
     return found
-
-
-def _closest(about: np.ndarray, inputs: np.ndarray, count: int) -> np.ndarray:
-    """Which of the factors that were read off, ln k (K,) of one input each, may be the closest to one on their side."""
-    kept = np.zeros(len(about), dtype=bool)
-    for i in range(count):
-        for side in (-1.0, 1.0):
-            own = (inputs == i) & (side * about > 0.0) & (np.abs(about) <= np.log(LARGEST_FACTOR))
-            if own.any():
-                kept |= own & (np.abs(about) <= np.abs(about[own]).min() + np.log(REFINED_UP_TO))
-    return kept
-
-
-def _disk_margin(linear: LinearLoop) -> tuple[float, float]:
-    """(α, ω) with 1/α = max over ω of μ(½ (S − T)), ½ (S − T) = S − ½ [seiler2020].
-
-    With one input μ is the absolute value. With several, each with its own factor, μ is bounded from above by the
-    largest singular value after a diagonal scaling at each frequency, here that of Perron's vectors [skogestad2005].
-    """
-    s, m = linear.part("w", "u+w"), linear.b.shape[1]
-    middle = s.plus(-0.5 * np.eye(m))
-    if m == 1:
-        peak, at = middle.norm()
-    else:
-        peak, at = highest_peak(lambda w: _scaled_norms(middle.response(w)), middle.frequencies())
-    return 1.0 / peak, at
 
 
 def _scaled_norms(matrices: np.ndarray) -> np.ndarray:
@@ -520,13 +499,8 @@ class FilteredLoop:
         return replace(self.own, memory=memory, law=law)
 
     def margins(self, process_noise: np.ndarray) -> Margins:
-        """With the stationary gain of this R^v (n, n), on a sweep with a point at every pole of the running loop.
-
-        Raises
-        ------
-        NumericalFailure
-            If there is no such gain in these numbers.
-        """
+        """With the stationary gain of this R^v (n, n), on a sweep with a point at every pole of the running loop; a
+        NumericalFailure if there is no such gain in these numbers."""
         linear = self.linear(self.loop.gain(process_noise))
         poles = linear.running.poles
         near = np.abs(poles[np.imag(poles) >= 0.0])

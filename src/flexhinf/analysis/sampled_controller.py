@@ -24,14 +24,7 @@ from flexhinf.scalars import trace
 
 @dataclass(frozen=True)
 class Dual:
-    """Values and derivatives.
-
-    Attributes
-    ----------
-    value : (N, k) array
-    by : (N, k, w) array
-        Derivatives by w variables.
-    """
+    """Values (N, k) and their derivatives by w variables, (N, k, w)."""
 
     value: np.ndarray
     by: np.ndarray
@@ -43,7 +36,6 @@ class Dual:
         return Dual(self.value - other.value, self.by - other.by)
 
     def __getitem__(self, part: slice) -> Dual:
-        """Some of the entries."""
         return Dual(self.value[:, part], self.by[:, part])
 
     def times(self, factor: np.ndarray) -> Dual:
@@ -54,25 +46,10 @@ class Dual:
         """By a constant matrix (j, k)."""
         return Dual(self.value @ matrix.T, matrix @ self.by)
 
-    def plus(self, constant: np.ndarray) -> Dual:
-        """With a constant (k,) or (N, k) added."""
-        return Dual(self.value + constant, self.by)
-
     def through(self, function: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]) -> Dual:
         """f of it, for an f that gives values (N, j) and slopes (N, j, k)."""
         value, slope = function(self.value)
         return Dual(value, slope @ self.by)
-
-
-def variables(*values: np.ndarray, width: int | None = None) -> tuple[Dual, ...]:
-    """The variables themselves: arrays (N, k) that follow each other; derivatives by the first `width` numbers only."""
-    unit = np.eye(sum(value.shape[1] for value in values))[:, :width]
-    start, found = 0, []
-    for value in values:
-        stop = start + value.shape[1]
-        found.append(Dual(value, np.broadcast_to(unit[start:stop], (len(value), *unit[start:stop].shape))))
-        start = stop
-    return tuple(found)
 
 
 def stacked(*parts: Dual) -> Dual:
@@ -108,20 +85,8 @@ class SampledController:
     the integrals, and the tracked positions of the last sample (their errors, where the reference moves). The centre
     is (x*, u*): of the law, or the moving reference.
 
-    Parameters
-    ----------
-    estimator : Estimator or None
-        With a constant gain: a ConstantGainFilter, an OutputInjectionObserver, or another of whose belief nothing but
-        the mean moves.
-    period : float
-        s.
-    moving : bool
-        As of `flexhinf.loop.Controller`.
-
-    Raises
-    ------
-    InvalidInput
-        If more than the mean moves.
+    The estimator has a constant gain: a ConstantGainFilter, an OutputInjectionObserver, or another of whose belief
+    nothing but the mean moves, else an InvalidInput; or there is None. `moving` is as of `flexhinf.loop.Controller`.
     """
 
     def __init__(self, law: Law, estimator: Any, period: float, moving: bool = False) -> None:
@@ -137,8 +102,24 @@ class SampledController:
         if isinstance(estimator, OutputInjectionObserver):
             fields = type(estimator.initial)._fields
             self.parts = tuple(fields.index(name) for name in ("mean", "measured", "injection"))
-        if self.parts == (0,):
-            self._check_rest()
+        if self.parts == (0,) and estimator is not None:
+            u, mean = (
+                np.asarray(law.operating_input, dtype=float),
+                np.asarray(estimator.initial.mean, dtype=float),
+            )
+            y, held = (
+                estimator.plant.evaluate_output(mean, u, estimator.plant.parameters.vector()),
+                self._held(None),
+            )
+            for given in ((y, u), (u,)):
+                belief = self._updated(np.concatenate([mean, *given]), held, len(given) == 2)
+                for new, old in zip(belief[1:], estimator.initial[1:]):
+                    if not np.array_equal(np.asarray(new, dtype=float), np.asarray(old, dtype=float)):
+                        raise InvalidInput(
+                            "The estimator's gain does not stand still.",
+                            f"expected a belief of which only the mean moves, got {type(estimator).__name__}",
+                            "ConstantGainFilter(filter, stationary_gain(...))",
+                        )
 
     @property
     def centre(self) -> np.ndarray:
@@ -157,17 +138,6 @@ class SampledController:
         """Length of the memory."""
         return self.places["position"].stop
 
-    @cached_property
-    def selection(self) -> tuple[np.ndarray, np.ndarray]:
-        """Tracked positions as (k, p) of y plus (k, n) of the estimate: the measurement where there is one."""
-        by_y, by_state = np.zeros((self.k, self.p)), np.zeros((self.k, self.n))
-        for row, name in enumerate(self.tracked):
-            if name in self.measured:
-                by_y[row, self.measured.index(name)] = 1.0
-            else:
-                by_state[row, self.states.index(name)] = 1.0
-        return by_y, by_state
-
     def step(
         self,
         memory: np.ndarray,
@@ -182,9 +152,9 @@ class SampledController:
 
         Parameters
         ----------
-        memory, y : (N, s) and (N, p) arrays
-        command : (N, k) array
-            Of the tracked positions: over the interval that ends now, or at this sample of a moving reference.
+        memory, y, command : (N, s), (N, p) and (N, k) arrays
+            The command is of the tracked positions: over the interval that ends now, or at this sample of a moving
+            reference.
         centre : (n + k + m,) array, optional
             The law's by default.
         fixed : (j,) or (N, j) array, optional
@@ -196,8 +166,12 @@ class SampledController:
         """
         count, place = len(memory), self.places
         point = np.broadcast_to(self.centre if centre is None else centre, (count, self.n + self.k + self.m))
-        width = None if outside else self.size + self.p
-        past, seen, wanted, about = variables(memory, y, command, point, width=width)
+        given = (memory, y, command, point)
+        unit = np.eye(sum(value.shape[1] for value in given))[:, : None if outside else self.size + self.p]
+        rows = np.split(unit, np.cumsum([value.shape[1] for value in given])[:-1])
+        past, seen, wanted, about = (
+            Dual(value, np.broadcast_to(row, (count, *row.shape))) for value, row in zip(given, rows)
+        )
         estimate = belief = seen
         if self.estimator is not None:
             held = self._held(fixed)
@@ -207,7 +181,13 @@ class SampledController:
             before = stacked(past[place["belief"]], seen, past[place["u"]])
             belief = before.through(lambda v: self._correct(v, held))
             estimate = belief[: self.n]
-        from_y, from_state = self.selection
+        # Tracked positions: the measurement where there is one, else the estimate.
+        from_y, from_state = np.zeros((self.k, self.p)), np.zeros((self.k, self.n))
+        for row, name in enumerate(self.tracked):
+            if name in self.measured:
+                from_y[row, self.measured.index(name)] = 1.0
+            else:
+                from_state[row, self.states.index(name)] = 1.0
         position = seen.moved(from_y) + estimate.moved(from_state)
         half = 0.5 * self.period * np.broadcast_to(started, (count,))
         if self.moving:  # position stands for its error, before and now
@@ -216,7 +196,7 @@ class SampledController:
         integral = past[place["integral"]] + (growth if self.moving else growth - wanted.times(2.0 * half))
         deviation = stacked(estimate, integral) - about[: self.n + self.k]
         rest = about[self.n + self.k :]
-        if self.moving and self.law_rows.placed:
+        if self.moving and self.law.depends_on_reference:
             u = rest + stacked(deviation, about[: self.n], rest).through(self.law_rows.about)
         else:
             u = rest + deviation.through(self.law_rows)
@@ -228,8 +208,6 @@ class SampledController:
     # The estimator -------------------------------------------------------------------------------------
     def _held(self, fixed: np.ndarray | None) -> np.ndarray:
         """What the estimator's updates are made of: parameters, and what stands still of the belief; (j,) or (N, j)."""
-        if self.estimator is None:
-            return np.zeros(0)
         if fixed is not None and fixed.ndim == 2:
             return np.hstack([np.tile(self.estimator.plant.parameters.vector(), (len(fixed), 1)), fixed])
         initial = self.estimator.initial
@@ -284,24 +262,19 @@ class SampledController:
         return np.concatenate([x, moving[self.n :]])
 
     def beliefs(self, y: np.ndarray, u: np.ndarray, estimate: np.ndarray, last: np.ndarray) -> np.ndarray:
-        """What moves of the belief before each sample of a run that began with the estimator's own.
-
-        Parameters
-        ----------
-        y, u, estimate, last : (N, p), (N, m), (N, n) and (N, m) arrays
-            Measured, given, x̂(k|k), and given one sample before.
-        """
+        """What moves of the belief before each of N samples of a run that began with the estimator's own, by what was
+        measured (N, p), given (N, m), estimated x̂(k|k) (N, n), and given one sample before (N, m)."""
         if self.estimator is None:
             return np.zeros((len(u), 0))
         held, moving = self._held(None), self._moved(self.estimator.initial)[None, :]
         if self.parts == (0,):
             return np.vstack([moving, self._predict(np.hstack([estimate, u]), held)[0][:-1]])
-        found = [moving]
+        beliefs = [moving]
         for k in range(len(u) - 1):
             held[self._flag] = float(k > 0)
-            corrected = self._correct(np.hstack([found[-1], y[k : k + 1], last[k : k + 1]]), held)[0]
-            found.append(self._predict(np.hstack([corrected, u[k : k + 1]]), held)[0])
-        return np.vstack(found)
+            corrected = self._correct(np.hstack([beliefs[-1], y[k : k + 1], last[k : k + 1]]), held)[0]
+            beliefs.append(self._predict(np.hstack([corrected, u[k : k + 1]]), held)[0])
+        return np.vstack(beliefs)
 
     def _update_rows(self, name: str, measured: bool) -> Rows:
         e, given = self.estimator, self.p + self.m if measured else self.m
@@ -327,17 +300,3 @@ class SampledController:
             return after[:, :n], slope[:, :n]
 
         return looped
-
-    def _check_rest(self) -> None:
-        e, u = self.estimator, np.asarray(self.law.operating_input, dtype=float)
-        mean, held = np.asarray(e.initial.mean, dtype=float), self._held(None)
-        y = e.plant.evaluate_output(mean, u, e.plant.parameters.vector())
-        for given in ((y, u), (u,)):
-            belief = self._updated(np.concatenate([mean, *given]), held, len(given) == 2)
-            for new, old in zip(belief[1:], e.initial[1:]):
-                if not np.array_equal(np.asarray(new, dtype=float), np.asarray(old, dtype=float)):
-                    raise InvalidInput(
-                        "The estimator's gain does not stand still.",
-                        f"expected a belief of which only the mean moves, got {type(e).__name__}",
-                        "ConstantGainFilter(filter, stationary_gain(...))",
-                    )

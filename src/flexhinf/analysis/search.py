@@ -66,10 +66,6 @@ class _Search:
     starts: int = 1
     before: tuple[np.ndarray, ...] = ()
 
-    @property
-    def ended(self) -> bool:
-        return self.step < LAST_STEP
-
     def differences(self) -> np.ndarray:
         """Centre ± one step along each axis (2d, d), cut off at the box."""
         moves = self.step * np.eye(len(self.point))
@@ -87,18 +83,17 @@ class _Search:
         if not (np.isfinite(self.value) and largest > 0.0):
             return self.point[None, :]
         direction = slope / largest
-        found = [self.point + length * self.step * direction for length in LENGTHS]
-        found.append(np.where(slope > 0.0, 1.0, np.where(slope < 0.0, 0.0, self.point)))
+        trials = [self.point + length * self.step * direction for length in LENGTHS]
+        trials.append(np.where(slope > 0.0, 1.0, np.where(slope < 0.0, 0.0, self.point)))
         with np.errstate(divide="ignore", invalid="ignore"):
             curve = (up / ahead + down / behind) / (0.5 * (ahead + behind))  # nan or inf at a face of the box
-            newton = np.where(
-                np.isfinite(curve) & (curve < 0.0), -slope / curve, LENGTHS[-1] * self.step * np.sign(slope)
-            )
-        found.append(self.point + np.clip(newton, -LENGTHS[-1] * self.step, LENGTHS[-1] * self.step))
+            longest = LENGTHS[-1] * self.step
+            newton = np.where(np.isfinite(curve) & (curve < 0.0), -slope / curve, longest * np.sign(slope))
+        trials.append(self.point + np.clip(newton, -longest, longest))
         better = np.where(up > np.maximum(down, 0.0), ahead, np.where(down > 0.0, -behind, 0.0))
-        found.append(self.point + better)
-        found += [self.point + way * (self.point - old) for old in self.before for way in AHEAD]
-        return np.clip(found, 0.0, 1.0)
+        trials.append(self.point + better)
+        trials += [self.point + way * (self.point - old) for old in self.before for way in AHEAD]
+        return np.clip(trials, 0.0, 1.0)
 
     def take(self, points: np.ndarray, values: np.ndarray) -> None:
         """Move to the best point, or look closer."""
@@ -115,40 +110,32 @@ def climb(
     starts: np.ndarray,
     progress: Callable[[int, float], None] = lambda runs, best: None,
 ) -> Climbed:
-    """The best point of all searches; a start itself where nothing is better.
+    """The best point of all searches from starts (S, d); a start itself where nothing is better.
 
-    Parameters
-    ----------
-    function : callable
-        Points (N, d) inside the unit box → values (N,); −inf where there is none, inf ends the search.
-    starts : (S, d) array
-    progress : callable, optional
-        Called after every round with the evaluations so far and the best value.
+    The function takes points (N, d) inside the unit box to values (N,); −inf where there is none, inf ends the search.
+    `progress` is called after every round with the evaluations so far and the best value.
     """
-    values = function(starts)
-    searches = [_Search(point, float(value)) for point, value in zip(starts, values)]
+
+    def valued(groups: list[np.ndarray]) -> list[np.ndarray]:
+        """Values of groups of points, in one call."""
+        return np.split(function(np.vstack(groups)), np.cumsum([len(group) for group in groups])[:-1])
+
+    searches = [_Search(point, float(value)) for point, value in zip(starts, function(starts))]
     evaluations, best = len(starts), max(searches, key=lambda one: one.value)
     for _ in range(SEARCH_ROUNDS):
         searches = _joined(searches)
         best = max(searches, key=lambda one: one.value)
         progress(evaluations, best.value)
-        active = [one for one in searches if not one.ended]
+        active = [one for one in searches if one.step >= LAST_STEP]
         if not active or np.isposinf(best.value):
             break
         around = [one.differences() for one in active]
-        found = _values(function, around)
-        trials = [one.trials(part) for one, part in zip(active, found)]
-        tried = _values(function, trials)
-        for one, *parts in zip(active, around, trials, found, tried):
+        values = valued(around)
+        trials = [one.trials(part) for one, part in zip(active, values)]
+        for one, *parts in zip(active, around, trials, values, valued(trials)):
             one.take(np.vstack(parts[:2]), np.concatenate(parts[2:]))
         evaluations += sum(map(len, around)) + sum(map(len, trials))
     return Climbed(best.point, best.value, evaluations, best.starts)
-
-
-def _values(function: Callable[[np.ndarray], np.ndarray], groups: list[np.ndarray]) -> list[np.ndarray]:
-    """Values of groups of points, in one call."""
-    values = function(np.vstack(groups))
-    return np.split(values, np.cumsum([len(group) for group in groups])[:-1])
 
 
 def _joined(searches: list[_Search]) -> list[_Search]:
@@ -190,12 +177,26 @@ class MovedLaw(Law):
         self.law, self.state_names, self.input_names = law, tuple(law.state_names), tuple(law.input_names)
         self.operating_point = np.array(problem.operating_point, dtype=float)
         self.operating_input = np.array(problem.operating_input, dtype=float)
-        n = len(law.plant_states)
-        rows = LawRows(law)
+        n, rows = len(law.plant_states), LawRows(law)
         integrals = equilibrium_integrals(rows, self.operating_point[:n], self.operating_input)
-        moved = np.concatenate([self.operating_point[:n], integrals]) - law.operating_point
-        moved = _balanced(rows, moved, self.operating_input - law.operating_input, n)
-        self._data = np.concatenate([np.ravel(law.law_data), moved, rows(moved[None, :])[0][0]])
+        start = np.concatenate([self.operating_point[:n], integrals]) - law.operating_point
+        moved, wanted = start.copy(), self.operating_input - law.operating_input
+        for _ in range(
+            ITERATIONS
+        ):  # Newton's method: integrals with which the law gives the input that is wanted
+            value, slope = rows(moved[None, :])
+            gap = wanted - value[0]
+            if np.abs(gap).max() <= BALANCED * max(1.0, np.abs(wanted).max()):
+                self._data = np.concatenate([np.ravel(law.law_data), moved, value[0]])
+                return
+            moved[n:] += np.linalg.lstsq(slope[0][:, n:], gap, rcond=None)[0]
+            if not np.all(np.isfinite(moved)):
+                break
+        raise NumericalFailure(
+            "The law does not hold the plant at the goal.",
+            f"no integrals near {np.array2string(start[n:], precision=6)} give the input that balances it",
+            "another degree, or a law made for this goal",
+        )
 
     @property
     def law_key(self) -> str:
@@ -211,25 +212,6 @@ class MovedLaw(Law):
         """k(x + δ) − k(δ)."""
         n, m = len(self.state_names), len(self.input_names)
         return self.law.evaluate_law(x + data[-n - m : -m], data[: -n - m]) - data[-m:]
-
-
-def _balanced(rows: LawRows, moved: np.ndarray, wanted: np.ndarray, n: int) -> np.ndarray:
-    """Deviations (n + k,) near these, their integrals such that the law gives the input (m,) that is wanted, by
-    Newton's method; a NumericalFailure where it does not find them."""
-    found = moved.copy()
-    for _ in range(ITERATIONS):
-        value, slope = rows(found[None, :])
-        gap = wanted - value[0]
-        if np.abs(gap).max() <= BALANCED * max(1.0, np.abs(wanted).max()):
-            return found
-        found[n:] += np.linalg.lstsq(slope[0][:, n:], gap, rcond=None)[0]
-        if not np.all(np.isfinite(found)):
-            break
-    raise NumericalFailure(
-        "The law does not hold the plant at the goal.",
-        f"no integrals near {np.array2string(moved[n:], precision=6)} give the input that balances it",
-        "another degree, or a law made for this goal",
-    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -261,10 +243,8 @@ def worst_gain(
         none, and the plant is left out.
     law : HJISolution
         With the true state fed back.
-    start : (d,) array
-        The nominal plant.
-    first : Attained
-        Its worst disturbance, with which the search begins.
+    start, first : (d,) array, Attained
+        The nominal plant, and its worst disturbance, with which the search begins.
     level : float
         V of the deviation from each plant's own equilibrium stays below it.
     period, horizon : float

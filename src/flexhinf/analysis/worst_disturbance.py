@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -49,10 +49,8 @@ class Attained:
 
     Attributes
     ----------
-    gain : float
-        √(∫|z|²/∫|d|²), the largest over all horizons; infinite if the run diverged.
-    energy : float
-        ∫|d|².
+    gain, energy : float
+        √(∫|z|²/∫|d|²), the largest over all horizons, infinite if the run diverged; and ∫|d|².
     largest_value : float
         Largest V on the way; NaN for a law without a value, infinite if the run diverged.
     times, disturbance : (N,) and (N, k) arrays
@@ -72,39 +70,22 @@ class Attained:
 class DisturbanceRuns:
     """Runs of a law's loop under the disturbances of its problem, held between samples; Eq. (3) as a run.
 
-    Parameters
-    ----------
-    problem : GeneralisedPlant
-        Its penalty is z, its disturbances are d: commands (as deviations from the operating point's) first.
-    estimator : Estimator or None
-        None feeds back the true state.
-    period, horizon : float
-        s.
-
-    Raises
-    ------
-    InvalidInput
-        If law and problem do not have the same states.
+    The problem's penalty is z, its disturbances are d: commands (as deviations from the operating point's) first.
+    Without an estimator the true state is fed back; period and horizon are in s. A law and a problem of other states
+    are refused.
     """
 
     def __init__(
         self, problem: GeneralisedPlant, law: Law, estimator: Any, period: float, horizon: float
     ) -> None:
         if tuple(law.state_names) != tuple(problem.state_names):
-            raise InvalidInput(
-                "The law was not made for the problem's states.",
-                f"expected {list(problem.state_names)}, got {list(law.state_names)}",
-                "z and the law must mean the same integrals",
-            )
+            found = f"expected {list(problem.state_names)}, got {list(law.state_names)}"
+            raise InvalidInput("The law was not made for the problem's states.", found, "the same integrals")
         self.problem, self.law, self.period, self.horizon = problem, law, period, horizon
         self.loop = Loop(problem.plant, Controller(law, estimator, period))
         self.times = np.arange(round(horizon / period) + 1) * period
         self.commands = len(problem.integrate) if problem.command else 0
-
-    @property
-    def channels(self) -> int:
-        """Number of disturbances."""
-        return len(self.problem.disturbance_names)
+        self.channels = len(problem.disturbance_names)
 
     def within(self, d: np.ndarray) -> np.ndarray:
         """Samples (N, k) with commands that the joints' limits allow: what lies beyond is cut off."""
@@ -115,8 +96,8 @@ class DisturbanceRuns:
                 found[:, i] = np.clip(found[:, i], low, high)
         return found
 
-    def run(self, d: np.ndarray) -> tuple[Trajectory, bool]:
-        """The run with d (N, k) held between samples, and whether it came to its end."""
+    def run(self, d: np.ndarray) -> Trajectory:
+        """The run with d (N, k) held between samples."""
         controller, channels, law = self.loop.controller, self.problem.disturbances or (), self.law
         commands: Any = None
         if self.commands:
@@ -125,8 +106,7 @@ class DisturbanceRuns:
             name: ZeroOrderHold(self.times, d[:, self.commands + i]) for i, name in enumerate(channels)
         }
         start, u = law.operating_point[: len(controller.states)], law.operating_input
-        run = self.loop.run(commands, torques or None, None, self.horizon, start, initial_input=u)
-        return run, run.diverged_at is None
+        return self.loop.run(commands, torques or None, None, self.horizon, start, initial_input=u)
 
     def deviations(self, run: Trajectory, d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """x − x* with the integrals as the controller has them (N, n + k), and u − u* (N, m)."""
@@ -177,46 +157,34 @@ class DisturbanceRuns:
     def attained(self, d: np.ndarray, solution: HJISolution | None = None) -> Attained:
         """Of samples d (N, k), commands cut off at the joints' limits; V is that of the law, or of a solution."""
         d = self.within(d)
-        run, whole = self.run(d)
+        run = self.run(d)
         x, u = self.deviations(run, d)
         z = self.cost(x, u)[0]
         energy = float((d[:-1] ** 2).sum()) * self.period
-        if not (whole and np.all(np.isfinite(z))):
+        if run.diverged_at is not None or not np.all(np.isfinite(z)):
             return Attained(np.inf, energy, np.inf, self.times, d, run)
         outer = np.cumsum((d[:-1] ** 2).sum(axis=1))
         begun = outer > BEGUN * outer[-1]
         ratio = np.cumsum(0.5 * (z[1:] + z[:-1]))[begun] / outer[begun]
-        value = self.law if solution is None else solution
-        largest = (
-            float(np.max(value.value_and_gradient(x)[0])) if isinstance(value, HJISolution) else float("nan")
-        )
+        value, largest = self.law if solution is None else solution, float("nan")
+        if isinstance(value, HJISolution):
+            largest = float(np.max(value.value_and_gradient(x)[0]))
         return Attained(float(np.sqrt(ratio.max())), energy, largest, self.times, d, run)
 
-    # Small motions -------------------------------------------------------------------------------------
     @cached_property
     def equilibrium_loop(self) -> EquilibriumLoop:
         """The loop in equilibrium at the operating point, an estimator at its stationary gain."""
-        controller = self.loop.controller
-        return EquilibriumLoop(self.law, controller.estimator, self.problem.plant, self.period)
+        return EquilibriumLoop(self.law, self.loop.controller.estimator, self.problem.plant, self.period)
 
 
 #: Samples whose derivatives are held in memory at a time.
 CHUNK = 2048
 
 
-@dataclass(frozen=True)
-class _Slopes:
-    """Derivatives at N samples.
-
-    Attributes
-    ----------
-    state, disturbance : (N, K, K) and (N, K, k) arrays
-        Of the next state: by the state, and by the torques of the interval that begins (commands are zero).
-    command : (N, K, c) array
-        By the commands of the interval that ends.
-    x_by, u_by : tuples of (N, …, K) and (N, …, c) arrays
-        Of the deviation and the input, by the state and by these commands.
-    """
+class _Slopes(NamedTuple):
+    """Derivatives at N samples: of the next state by the state, (N, K, K), by the torques of the interval that begins,
+    (N, K, k) with zeros for the commands, and by the commands of the interval that ends, (N, K, c); and of deviation
+    and input by the state and by these commands, (N, …, K) and (N, …, c)."""
 
     state: np.ndarray
     disturbance: np.ndarray
@@ -268,15 +236,25 @@ def _slopes(
 
 def gradient(runs: DisturbanceRuns, d: np.ndarray) -> tuple[np.ndarray, float] | None:
     """(∂/∂d (N, k), ∫|z|²) for samples d (N, k), both integrals as sums over samples; None if the loop diverged."""
-    run, whole = runs.run(d)
+    run = runs.run(d)
     x_moved, u_moved = runs.deviations(run, d)
     cost, by_x, by_u = runs.cost(x_moved, u_moved)
-    if not (whole and np.all(np.isfinite(cost)) and np.all(np.isfinite(by_x))):
+    if run.diverged_at is not None or not (np.all(np.isfinite(cost)) and np.all(np.isfinite(by_x))):
         return None
-    x, memory, command = run.signals["state"], _memories(runs, x_moved, run), runs.wanted(d)
-    command = np.vstack([runs.wanted(np.zeros((1, d.shape[1]))), command[:-1]])  # of the interval before
+    law, step, x, u = runs.law, runs.equilibrium_loop.step, run.signals["state"], run.signals["input"]
+    # The controller's memory (N, s) before each sample.
+    integral = x_moved[:, step.n :] + law.operating_point[step.n :]
+    first = (law.operating_input, law.operating_point[step.n :], np.zeros(step.k))
+    last, before, position = (
+        np.vstack([start[None, :], rows[:-1]])
+        for start, rows in zip(first, (u, integral, runs.tracked(run)), strict=True)
+    )
+    belief = step.beliefs(run.signals["output"], u, run.signals["estimate"], last)
+    memory = np.hstack([belief, last, before, position])
+    # Commands of the interval before.
+    command = np.vstack([runs.wanted(np.zeros((1, d.shape[1]))), runs.wanted(d)[:-1]])
     started = np.minimum(np.arange(len(d)), 1.0)
-    adjoint, found = np.zeros(x.shape[1] + memory.shape[1]), np.zeros(d.shape)
+    adjoint, by_d = np.zeros(x.shape[1] + memory.shape[1]), np.zeros(d.shape)
     for begin in reversed(range(0, len(d), CHUNK)):
         part = slice(begin, min(begin + CHUNK, len(d)))
         slopes = _slopes(runs, x[part], memory[part], command[part], d[part], started[part])
@@ -289,23 +267,22 @@ def gradient(runs: DisturbanceRuns, d: np.ndarray) -> tuple[np.ndarray, float] |
         for k in reversed(range(len(own))):
             adjoints[k] = adjoint
             adjoint = own[k] + adjoint @ slopes.state[k]
-        found[part] += np.einsum("ki,kij->kj", adjoints, slopes.disturbance)
+        by_d[part] += np.einsum("ki,kij->kj", adjoints, slopes.disturbance)
         commands = by_command + np.einsum("ki,kij->kj", adjoints, slopes.command)
-        first = int(begin == 0)  # the command of the interval before acts now; sample 0 has none before it
-        found[begin + first - 1 : part.stop - 1, : runs.commands] += commands[first:]
-    return found * runs.period, float(cost.sum() * runs.period)
+        first_one = int(
+            begin == 0
+        )  # the command of the interval before acts now; sample 0 has none before it
+        by_d[begin + first_one - 1 : part.stop - 1, : runs.commands] += commands[first_one:]
+    return by_d * runs.period, float(cost.sum() * runs.period)
 
 
 def small_motions(runs: DisturbanceRuns) -> DiscreteSystem:
     """From d, held between samples, to z = (h(x), R2^½ u) at the samples, for small motions."""
-    equilibrium_loop = runs.equilibrium_loop
-    start, n, c = equilibrium_loop.start[None, :], equilibrium_loop.plant.n, runs.commands
-    k = runs.channels
-    slopes = _slopes(
-        runs, start[:, :n], start[:, n:], equilibrium_loop.command[None, :], np.zeros((1, k)), np.ones(1)
-    )
+    loop, c, k = runs.equilibrium_loop, runs.commands, runs.channels
+    start, n = loop.start[None, :], loop.plant.n
+    slopes = _slopes(runs, start[:, :n], start[:, n:], loop.command[None, :], np.zeros((1, k)), np.ones(1))
     weights, root = runs.problem.expand(1).h_parts[1], np.linalg.cholesky(runs.problem.r2).T
-    size = n + equilibrium_loop.step.size
+    size = n + loop.step.size
     a, b = np.zeros((size + c, size + c)), np.zeros((size + c, k))
     a[:size, :size], a[:size, size:] = slopes.state[0], slopes.command[0]
     b[:size], b[size:, :c] = slopes.disturbance[0], np.eye(c)  # a command is remembered for a period
@@ -314,19 +291,6 @@ def small_motions(runs: DisturbanceRuns) -> DiscreteSystem:
         root @ np.hstack([slopes.u_by[0][0], slopes.u_by[1][0]]),
     ])  # fmt: skip
     return DiscreteSystem(a, b, seen, np.zeros((len(seen), k)), runs.period)
-
-
-def _memories(runs: DisturbanceRuns, x_moved: np.ndarray, run: Trajectory) -> np.ndarray:
-    """The controller's memory (N, s) before each sample of a run."""
-    law, step, u = runs.law, runs.equilibrium_loop.step, run.signals["input"]
-    integral = x_moved[:, step.n :] + law.operating_point[step.n :]
-    first = (law.operating_input, law.operating_point[step.n :], np.zeros(step.k))
-    last, before, position = (
-        np.vstack([start[None, :], rows[:-1]])
-        for start, rows in zip(first, (u, integral, runs.tracked(run)), strict=True)
-    )
-    belief = step.beliefs(run.signals["output"], u, run.signals["estimate"], last)
-    return np.hstack([belief, last, before, position])
 
 
 #: Period of the search without an estimator, s, unless the loop's is longer.
@@ -338,14 +302,10 @@ FACTOR, ROUNDS = 1.5, 12
 
 
 class DisturbanceSearch:
-    """Ascent on ∫|z|²/∫|d|².
+    """Ascent on ∫|z|²/∫|d|²; arguments as of `DisturbanceRuns`.
 
-    Parameters
-    ----------
-    problem, law, estimator, period, horizon
-        As of `DisturbanceRuns`; a Kalman filter is taken at its stationary gain in the search.
-    search_period : float, optional
-        s; 10 ms, or the loop's where that is longer. With an estimator always the loop's.
+    A Kalman filter is taken at its stationary gain in the search. The search's period is 10 ms, or the loop's where
+    that is longer; with an estimator always the loop's.
     """
 
     def __init__(
@@ -358,11 +318,8 @@ class DisturbanceSearch:
         search_period: float | None = None,
     ) -> None:
         if estimator is not None and search_period not in (None, period):
-            raise InvalidInput(
-                "An estimator has one period.",
-                f"expected search_period={period:g} s or none, got {search_period!r}",
-                "search_period only where the true state is fed back",
-            )
+            found = f"expected search_period={period:g} s or none, got {search_period!r}"
+            raise InvalidInput("An estimator has one period.", found, "search_period only for state feedback")
         if search_period is None:
             search_period = max(period, SEARCH_PERIOD) if estimator is None else period
         steady = estimator
@@ -408,10 +365,10 @@ class DisturbanceSearch:
         within = self.search_runs.within  # no command goes beyond the joints' limits
         d, best = within(self.scaled(start, energy)), (-np.inf, start)
         for _ in range(turns):
-            found = gradient(self.search_runs, d)
-            if found is None or not np.all(np.isfinite(found[0])):
+            climbed = gradient(self.search_runs, d)
+            if climbed is None or not np.all(np.isfinite(climbed[0])):
                 return None
-            slope, value = found
+            slope, value = climbed
             best = max(best, (value, d), key=lambda pair: pair[0])
             if not slope.any():
                 break
@@ -440,7 +397,8 @@ def worst_disturbance(
     seed: int = 0,
     search_period: float | None = None,
 ) -> Attained:
-    """The worst disturbance found, of a given energy or with the state inside {V ≤ level}.
+    """The worst disturbance found, of a given energy or with the state inside {V ≤ level}: that of the largest gain,
+    which is infinite if the loop diverged under a disturbance of this energy.
 
     Parameters
     ----------
@@ -455,11 +413,6 @@ def worst_disturbance(
         Of each ascent.
     starts : int
         The worst sinusoid of small motions, then fading noise with the seeds `seed`, `seed` + 1, …
-
-    Returns
-    -------
-    Attained
-        The largest gain; infinite if the loop diverged under a disturbance of this energy.
 
     Raises
     ------
@@ -479,12 +432,11 @@ def worst_disturbance(
         )
     search = DisturbanceSearch(problem, law, estimator, period, horizon, search_period)
     first = [search.small()[1], *(search.random(seed + k) for k in range(starts - 1))]
-    if energy is not None:
-        return max((search.climbed(start, energy, turns) for start in first), key=lambda a: a.gain)
-    assert level is not None
-    assert isinstance(law, HJISolution)
-    found = [ascend_inside(search, start, level, turns, law) for start in first]
-    return max(found, key=lambda a: a.gain)
+    if level is not None and isinstance(law, HJISolution):
+        attained = [ascend_inside(search, start, level, turns, law) for start in first]
+    else:
+        attained = [search.climbed(start, given[0], turns) for start in first]
+    return max(attained, key=lambda one: one.gain)
 
 
 def ascend_inside(

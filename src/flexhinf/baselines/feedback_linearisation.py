@@ -33,7 +33,7 @@ from flexhinf.baselines.equilibrium_law import PlacedLaw, equilibrium_of
 from flexhinf.errors import InvalidInput
 from flexhinf.plant import GeneralisedPlant, Plant
 from flexhinf.scalars import apply, digest
-from flexhinf.scalars.dependence import linear
+from flexhinf.scalars.trace import linear
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,8 +20,8 @@ every vertex by its own value and slopes: the middles are exact, so nothing is l
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import replace
 from math import comb, prod
 from typing import Any
 
@@ -29,7 +29,8 @@ import numpy as np
 from flint import fmpq, fmpq_mpoly
 
 from flexhinf.certify.certificate import Certificate
-from flexhinf.certify.claim import Polynomial, Term
+from flexhinf.certify.claim import Term
+from flexhinf.certify.evaluation import linear_part
 from flexhinf.certify.inequality import Algebra, MeanForms, Rational, quotient_table
 from flexhinf.certify.problem_to_claim import (
     claim_of,
@@ -106,47 +107,36 @@ def tolerance_statement(
         )
     box = {q.name: (q.low, q.high) for q in terms.parameters} | dict(ranges)
     ranged = tuple(replace(q, low=box[q.name][0], high=box[q.name][1]) for q in terms.parameters)
-    root = np.linalg.inv(np.linalg.cholesky(scale * solution.P if p is None else p)).T
+    weight, n = scale * solution.P if p is None else p, len(solution.P)
+    value = tuple(
+        (tuple(int(k == i) + int(k == j) for k in range(n)), float(weight[i, j] / (2.0 if i == j else 1.0)))
+        for i in range(n)
+        for j in range(i, n)
+        if weight[i, j]
+    )
     law = law_polynomials(solution, terms)
+    # T makes V_2 = ½|z|² and r_2 of the nominal plant diagonal
+    root = np.linalg.inv(np.linalg.cholesky(weight)).T
+    plant, inverse, gain = problem.expand(1), np.linalg.inv(root @ root.T), linear_part(law, n)
+    a = plant.f_parts[1] + plant.g2_parts[0][:, :, 0] @ gain
+    h, b1 = plant.h_parts[1], plant.g1_parts[0][:, :, 0]
+    quadratic = inverse @ a + a.T @ inverse + h.T @ h + gain.T @ problem.r2 @ gain
+    quadratic = quadratic + inverse @ b1 @ b1.T @ inverse / gamma**2
     statement = claim_of(
         solution,
         problem,
-        replace(terms, parameters=ranged),
+        terms._replace(parameters=ranged),
         about=about or "a state feedback, for all parameters in the box",
         r2=matrix_rows(problem.r2),
-        value=value_polynomial(solution, scale) if p is None else _quadratic(p),
+        value=value_polynomial(solution, scale) if p is None else value,
         law=law,
         gamma=float(gamma),
         level=1.0,
-        coordinates=matrix_rows(few_bits(root @ _axes(law, problem, root, gamma))),
+        coordinates=matrix_rows(few_bits(root @ np.linalg.eigh(-root.T @ quadratic @ root)[1])),
         reach=1.0,
     )
     _refuse_moved(statement, problem)
     return statement
-
-
-def _quadratic(p: np.ndarray) -> Polynomial:
-    """½ xᵀPx."""
-    n = len(p)
-    return tuple(
-        (tuple(int(k == i) + int(k == j) for k in range(n)), float(p[i, j] / (2.0 if i == j else 1.0)))
-        for i in range(n)
-        for j in range(i, n)
-        if p[i, j]
-    )
-
-
-def _axes(
-    law: tuple[Polynomial, ...], problem: GeneralisedPlant, root: np.ndarray, gamma: float
-) -> np.ndarray:
-    """Rotation (n, n) after which r_2 of the nominal plant is diagonal; P⁻¹ = root rootᵀ."""
-    plant, p = problem.expand(1), np.linalg.inv(root @ root.T)
-    units = [tuple(row) for row in np.eye(len(p), dtype=int).tolist()]
-    gain = np.array([[dict(row).get(unit, 0.0) for unit in units] for row in law])
-    a = plant.f_parts[1] + plant.g2_parts[0][:, :, 0] @ gain
-    h, b1 = plant.h_parts[1], plant.g1_parts[0][:, :, 0]
-    quadratic = p @ a + a.T @ p + h.T @ h + gain.T @ problem.r2 @ gain + p @ b1 @ b1.T @ p / gamma**2
-    return np.linalg.eigh(-root.T @ quadratic @ root)[1]
 
 
 def _refuse_moved(statement: Certificate, problem: GeneralisedPlant) -> None:
@@ -223,23 +213,10 @@ def parameter_groups(certificate: Certificate) -> list[dict[str, int]]:
     return list(groups.values())
 
 
-@dataclass(frozen=True, eq=False)
-class _Products:
-    """The products Q_q = (an entry of V_x) · (a form) · (a quotient S_j or 1), and C (vertices, products)."""
-
-    changes: np.ndarray
-    first: np.ndarray
-    second: np.ndarray
-    function: np.ndarray  # −1 for none
-
-
 class BoxExcess:
-    """An upper bound of [r(p) − r(p0)]/ρ² on cells, over the box of parameters.
+    """An upper bound of [r(p) − r(p0)]/ρ² on cells in max|z_i| ≤ reach, over the box of parameters.
 
-    Parameters
-    ----------
-    reach : float
-        Cells lie in max|z_i| ≤ reach.
+    It is of sums of products (an entry of V_x) · (a form) · (a quotient S_j or 1), weighted at each vertex of the box.
 
     Raises
     ------
@@ -249,8 +226,10 @@ class BoxExcess:
 
     def __init__(self, certificate: Certificate, reach: float) -> None:
         changes = _Changes(certificate)
-        self.n = changes.n
-        self._products = changes.products()
+        self.n, found = changes.n, changes.products()
+        columns = [[nearest_double(c) for c in change] for change in found.values()]
+        self._changes = np.array(columns).reshape(-1, len(changes.corners)).T  # (vertices, products)
+        self._factors = np.array(list(found), dtype=int).reshape(-1, 3).T.copy()  # no function: −1
         self._mean = MeanForms(self.n, changes.forms)
         lines = [[nearest_double(a) for a in changes.form(f.slope)] for f in certificate.functions]
         self._lines = np.array(lines).reshape(-1, self.n)
@@ -277,36 +256,31 @@ class BoxExcess:
         halves = np.vstack([0.5 * (high - low), half])
         value, slopes, rest = self._mean.enclose(face, middle, halves)
         quotient, spread = self._quotients(face, middle, halves)
-        q = self._products
-        a, a_slope, a_rest = value[q.first], slopes[q.first], rest[q.first]
-        c, c_spread = quotient[q.function], spread[q.function]
-        b, b_slope, b_rest = c * value[q.second], c[:, None] * slopes[q.second], np.abs(c) * rest[q.second]
-        b_rest += c_spread * (np.abs(value[q.second]) + np.abs(slopes[q.second]).sum(axis=1) + rest[q.second])
+        first, second, function = self._factors
+        a, a_slope, a_rest = value[first], slopes[first], rest[first]
+        c, c_spread = quotient[function], spread[function]
+        b, b_slope, b_rest = c * value[second], c[:, None] * slopes[second], np.abs(c) * rest[second]
+        b_rest += c_spread * (np.abs(value[second]) + np.abs(slopes[second]).sum(axis=1) + rest[second])
         a_size, b_size = (np.abs(each).sum(axis=1) for each in (a_slope, b_slope))
         centre, linear = a * b, a[:, None] * b_slope + b[:, None] * a_slope
         left = np.abs(a) * b_rest + np.abs(b) * a_rest + (a_size + a_rest) * (b_size + b_rest)
         left += _ROUNDING * (np.abs(centre) + np.abs(linear).sum(axis=1) + left)
-        at_vertices = np.abs(np.tensordot(q.changes, linear, axes=1)).sum(axis=1)
-        bound = q.changes @ centre + at_vertices * (1.0 + _ROUNDING) + np.abs(q.changes) @ left
-        largest = np.abs(q.changes).max(axis=0, initial=0.0)
+        at_vertices = np.abs(np.tensordot(self._changes, linear, axes=1)).sum(axis=1)
+        bound = self._changes @ centre + at_vertices * (1.0 + _ROUNDING) + np.abs(self._changes) @ left
+        largest = np.abs(self._changes).max(axis=0, initial=0.0)
         return bound.max(axis=0), np.tensordot(largest, np.abs(linear), axes=1)
 
     def _quotients(
         self, face: np.ndarray, middle: np.ndarray, halves: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """Middles and radii of the quotients S_j, and of 1 in the last row, (functions + 1, N)."""
-        size = len(face)
+        size, columns = len(face), np.arange(len(face))
         values, radii = np.ones((len(self._tables) + 1, size)), np.zeros((len(self._tables) + 1, size))
+        others = np.array([[i for i in range(self.n) if i != f] for f in range(self.n)])[face // 2].T
         z = np.empty((self.n, size))
-        for number in np.unique(face):
-            cells = np.flatnonzero(face == number)
-            f = int(number) // 2
-            z[f, cells] = 1.0 - 2.0 * (number % 2)
-            z[[i for i in range(self.n) if i != f], cells[:, None]] = middle[1:, cells].T
+        z[face // 2, columns], z[others, columns] = 1.0 - 2.0 * (face % 2), middle[1:]
         for j, (line, table) in enumerate(zip(self._lines, self._tables)):
-            weights = np.abs(line)
-            others = np.array([np.delete(weights, f) for f in range(self.n)])[face // 2].T
-            along, width = line @ z, (others * halves[1:]).sum(axis=0)
+            along, width = line @ z, (np.abs(line)[others] * halves[1:]).sum(axis=0)
             centre = along * middle[0]
             wide = (np.abs(along) * halves[0] + width * (middle[0] + halves[0])) * (1.0 + _ROUNDING) + 1e-13
             rows, error = table.enclose(centre - wide, centre + wide)
@@ -319,12 +293,9 @@ class BoxExcess:
 
 
 class _Changes(Algebra):
-    """How the monomials of the parameters change from the middle of the box to its vertices.
+    """How the monomials of the parameters change from the middle of the box to its vertices (`corners`).
 
-    Attributes
-    ----------
-    forms : list of dict of exponents to fmpq
-        The polynomials in z without constants that are to be enclosed, each once.
+    `forms` are the polynomials in z without constants that are to be enclosed, each once.
     """
 
     def __init__(self, certificate: Certificate) -> None:
@@ -333,7 +304,6 @@ class _Changes(Algebra):
         self._known: dict[object, int] = {}
         self._value, self._laws = self.in_x(certificate.value), [*map(self.in_x, certificate.law)]
         ranges = {p.name: (rational(p.low), rational(p.high)) for p in certificate.parameters}
-        middle = self.parameters
         groups = parameter_groups(certificate)
         if 2 ** len(groups) > _MOST_VERTICES:
             raise InvalidInput(
@@ -341,28 +311,28 @@ class _Changes(Algebra):
                 f"expected at most {_MOST_VERTICES}, got 2^{len(groups)} of {groups}",
                 "fewer parameters with tolerances",
             )
-        self._group = {
-            name: (k, name == next(iter(group))) for k, group in enumerate(groups) for name in group
-        }
-        self._values, self._middle = [], []
+        self._group: dict[
+            str, int | None
+        ] = {}  # of each parameter that varies: its product counts once, by the first
+        self._ends: list[tuple[fmpq, fmpq, fmpq]] = []
         for group in groups:
+            self._group |= dict.fromkeys(group) | {next(iter(group)): len(self._ends)}
             ends = [[ranges[name][side] ** power for side in (0, 1)] for name, power in group.items()]
             every = [prod(chosen, start=fmpq(1)) for chosen in itertools.product(*ends)]
-            self._values.append((min(every), max(every)))
-            self._middle.append(prod((middle[name] ** power for name, power in group.items()), start=fmpq(1)))
-        self._corners = list(itertools.product((0, 1), repeat=len(groups)))
+            middle = prod((self.parameters[name] ** power for name, power in group.items()), start=fmpq(1))
+            self._ends.append((min(every), max(every), middle))
+        self.corners = list(itertools.product((0, 1), repeat=len(groups)))
 
-    def value(self, term: Term) -> tuple[list[fmpq], fmpq]:
-        """Values of coefficient · Π p^e of a term at all vertices and at the middle."""
+    def _at_ends(self, term: Term) -> list[fmpq]:
+        """Values of coefficient · Π p^e of a term at all vertices, and at last in the middle."""
         constant, used = rational(term.coefficient), []
         for name, power in term.parameters:
-            if name in self._group:
-                k, first = self._group[name]
-                used += [k] if first else []
-            else:
+            if name not in self._group:
                 constant *= self.parameters[name] ** power
-        ends = [constant * prod((self._values[k][c[k]] for k in used), start=fmpq(1)) for c in self._corners]
-        return ends, constant * prod((self._middle[k] for k in used), start=fmpq(1))
+            elif (group := self._group[name]) is not None:
+                used.append(group)
+        places = [*self.corners, (2,) * len(self._ends)]
+        return [constant * prod((self._ends[k][at[k]] for k in used), start=fmpq(1)) for at in places]
 
     def _number(self, key: object, polynomial: fmpq_mpoly) -> int:
         """The place of a polynomial among those that are enclosed."""
@@ -374,70 +344,57 @@ class _Changes(Algebra):
     def _slope(self, i: int) -> int:
         return self._number(("slope", i), self._value.derivative(i))
 
-    def _part(self, term: Term) -> int:
-        """x^a, or x^a ℓ where a function multiplies it by S(ℓ)."""
-        part = self.x.from_dict({term.powers: fmpq(1)})
-        if term.function is not None:
-            part *= self.line(self.certificate.functions[term.function].slope)
-        return self._number((term.powers, term.function), part)
-
-    def products(self) -> _Products:
-        """Changes of V_x (f + g2 k) and of ½ |g1ᵀV_xᵀ|²/γ² at all vertices."""
+    def products(self) -> dict[tuple[int, int, int], list[fmpq]]:
+        """Changes of V_x (f + g2 k) and of ½ |g1ᵀV_xᵀ|²/γ² at all vertices, by two forms and a function or −1."""
         found: dict[tuple[int, int, int], list[fmpq]] = {}
 
         def add(key: tuple[int, int, int], changes: list[fmpq]) -> None:
-            if any(changes):
-                before = found.get(key, [fmpq(0)] * len(changes))
-                found[key] = [a + b for a, b in zip(before, changes)]
+            before = found.get(key, [fmpq(0)] * len(changes))
+            found[key] = [a + b for a, b in zip(before, changes)]
 
-        for i, row in enumerate(self.certificate.drift):
+        given = self.certificate
+        for i, row in enumerate(given.drift):
             for term in row:
-                ends, middle = self.value(term)
+                *ends, middle = self._at_ends(term)
                 if any(end != middle for end in ends):
-                    number = -1 if term.function is None else term.function
-                    add((self._slope(i), self._part(term), number), [end - middle for end in ends])
-        for i, row in enumerate(self.certificate.g2):
+                    part, number = self.x.from_dict({term.powers: fmpq(1)}), -1
+                    if term.function is not None:  # x^a ℓ, which S(ℓ) multiplies
+                        number = term.function
+                        part *= self.line(given.functions[number].slope)
+                    key = self._slope(i), self._number((term.powers, term.function), part), number
+                    add(key, [end - middle for end in ends])
+        for i, row in enumerate(given.g2):
             for j, entry in enumerate(row):
                 for term in entry:
-                    ends, middle = self.value(term)
+                    *ends, middle = self._at_ends(term)
                     if any(end != middle for end in ends):
-                        self.refuse_powers(term)
+                        _refuse_powers(term)
                         key = self._slope(i), self._number(("law", j), self._laws[j]), -1
                         add(key, [end - middle for end in ends])
-        self.squares(add)
-        keys = list(found)
-        columns = [[nearest_double(c) for c in found[key]] for key in keys]
-        count = len(self._corners)
-        return _Products(
-            np.array(columns).reshape(-1, count).T, *np.array(keys, dtype=int).reshape(-1, 3).T.copy()
-        )
-
-    def squares(self, add: Callable[[tuple[int, int, int], list[fmpq]], None]) -> None:
-        """Add the changes of ½ |g1ᵀV_xᵀ|²/γ² where g1 depends on parameters."""
-        factor = 1 / (2 * rational(self.certificate.gamma) ** 2)
-        for column in zip(*self.certificate.g1):
-            entries = [[(term, *self.value(term)) for term in entry] for entry in column]
-            if all(end == middle for entry in entries for _, ends, middle in entry for end in ends):
+        for column in zip(*given.g1):
+            entries = [[self._at_ends(term) for term in entry] for entry in column]
+            if all(end == ends[-1] for entry in entries for ends in entry for end in ends):
                 continue
             for term in (term for entry in column for term in entry):
-                self.refuse_powers(term)
-            at = [
-                [sum((ends[v] for _, ends, _ in entry), fmpq(0)) for v in range(len(self._corners))]
+                _refuse_powers(term)
+            sums = [
+                [sum((ends[v] for ends in entry), fmpq(0)) for v in range(len(self.corners) + 1)]
                 for entry in entries
             ]
-            middles = [sum((middle for _, _, middle in entry), fmpq(0)) for entry in entries]
-            for i, l in itertools.combinations_with_replacement(range(len(column)), 2):
-                weight = factor * (1 if i == l else 2)
-                changes = [weight * (a * b - middles[i] * middles[l]) for a, b in zip(at[i], at[l])]
+            for i, j in itertools.combinations_with_replacement(range(len(column)), 2):
+                *squares, middle = (a * b for a, b in zip(sums[i], sums[j]))
+                weight = (1 if i == j else 2) / (2 * rational(given.gamma) ** 2)
+                changes = [weight * (square - middle) for square in squares]
                 if any(changes):
-                    add((self._slope(i), self._slope(l), -1), changes)
+                    add((self._slope(i), self._slope(j), -1), changes)
+        return found
 
-    @staticmethod
-    def refuse_powers(term: Term) -> None:
-        """Raise where an entry of g1 or g2 depends both on the state and on an uncertain parameter."""
-        if any(term.powers):
-            raise InvalidInput(
-                "The box of parameters cannot be searched for this plant.",
-                f"expected channels that do not depend on the state, got the term {term}",
-                "nominal parameters, or sampled_region",
-            )
+
+def _refuse_powers(term: Term) -> None:
+    """Raise where an entry of g1 or g2 depends both on the state and on an uncertain parameter."""
+    if any(term.powers):
+        raise InvalidInput(
+            "The box of parameters cannot be searched for this plant.",
+            f"expected channels that do not depend on the state, got the term {term}",
+            "nominal parameters, or sampled_region",
+        )

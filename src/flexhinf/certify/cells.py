@@ -41,6 +41,7 @@ from typing import Self
 import numpy as np
 
 from flexhinf.certify.box import BoxExcess
+from flexhinf.certify.evaluation import polynomial_values
 from flexhinf.certify.inequality import (
     Inequality,
     QuotientTable,
@@ -51,22 +52,7 @@ from flexhinf.certify.inequality import (
     quotient_table,
     times_powers,
 )
-from flexhinf.certify.kernel import kernel_text
-from flexhinf.certify.layouts import (
-    LANES,
-    LOW,
-    POINTERS,
-    Layout,
-    Shape,
-    aligned,
-    degrees_of,
-    face_table,
-    monomial_links,
-    monomials_of,
-    shift_lines,
-    sums_by_degree,
-    sums_on_faces,
-)
+from flexhinf.certify.kernel import LANES, LOW, POINTERS, Layout, Shape, kernel_text, monomials_of
 from flexhinf.certify.problem_to_claim import nearest_double
 from flexhinf.codegen import machine
 from flexhinf.codegen.compiler import cached
@@ -99,15 +85,9 @@ class _PerCell:
 
 @dataclass
 class Cells(_PerCell):
-    """N cells.
+    """N cells; t and h are middle and half widths (N, n − 1) of the box of directions, radii in units of the reach.
 
-    Attributes
-    ----------
-    face : ndarray of int, shape (N,)
-    t, h : ndarray, shape (N, n − 1)
-        Middle and half widths of the box of directions; dyadic.
-    inner, outer : ndarray, shape (N,)
-        Radii in units of the reach; dyadic.
+    All but the faces are dyadic.
     """
 
     face: np.ndarray
@@ -119,31 +99,18 @@ class Cells(_PerCell):
 
 @dataclass
 class Bounds(_PerCell):
-    """Results of the kernel; each of shape (N,) unless said.
+    """Results of the kernel; each of shape (N,) but `score`."""
 
-    Attributes
-    ----------
-    least_value : V ≥ this on the inner end of the cell
-    growth : ∂V/∂ρ /ρ ≥ this on the cell
-    upper : r/ρ² ≤ this on the cell
-    upper_inside : r/ρ² ≤ this where V ≤ level
-    centre, allowance : r/ρ² in the middle, up to the allowance
-    value, value_range : V in the middle, and how far it goes from there
-    growth_at_centre : ∂V/∂ρ /ρ in the middle
-    score : ndarray, shape (N, n)
-        How much the radius and each t_j add to `upper`.
-    """
-
-    least_value: np.ndarray
-    growth: np.ndarray
-    upper: np.ndarray
-    upper_inside: np.ndarray
-    centre: np.ndarray
+    least_value: np.ndarray  # V ≥ this on the inner end of the cell
+    growth: np.ndarray  # ∂V/∂ρ /ρ ≥ this on the cell
+    upper: np.ndarray  # r/ρ² ≤ this on the cell
+    upper_inside: np.ndarray  # r/ρ² ≤ this where V ≤ level
+    centre: np.ndarray  # r/ρ² in the middle, up to the allowance
     allowance: np.ndarray
-    value: np.ndarray
-    value_range: np.ndarray
-    growth_at_centre: np.ndarray
-    score: np.ndarray
+    value: np.ndarray  # V in the middle
+    value_range: np.ndarray  # how far it goes from there
+    growth_at_centre: np.ndarray  # ∂V/∂ρ /ρ in the middle
+    score: np.ndarray  # (N, n): how much the radius and each t_j add to `upper`
 
 
 class CellBounds:
@@ -162,18 +129,19 @@ class CellBounds:
     def __init__(
         self, inequality: Inequality, reach: float, extent: Sequence[float], box: BoxExcess | None = None
     ) -> None:
-        self.n, self.reach, self.box = inequality.states, reach, box
+        self.n, self.reach, self.box = inequality.n, reach, box
         self.forms = np.array([[nearest_double(a) for a in q.form] for q in inequality.quotients])
         self.symmetric = is_symmetric(inequality)
-        signs = (1,) if self.symmetric else (1, -1)
-        self.faces = [(variable, sign) for variable in range(self.n) for sign in signs]
-        d, keep = self.n - 1, self.symmetric
-        value, value_odd = by_parity(inequality.value, even=True) if keep else (inequality.value, {})
-        whole, whole_odd = by_parity(inequality.polynomial, True) if keep else (inequality.polynomial, {})
-        factors = []
-        for quotient in inequality.quotients:
-            right = parity(quotient.function) == -1  # Φ odd: S even
-            factors.append(by_parity(quotient.factor, even=right) if keep else (quotient.factor, {}))
+        self.faces = [
+            (face, sign) for face in range(self.n) for sign in ((1,) if self.symmetric else (1, -1))
+        ]
+
+        def kept(terms: Rational, even: bool) -> tuple[Rational, Rational]:
+            return by_parity(terms, even) if self.symmetric else (terms, {})
+
+        value, value_odd = kept(inequality.value, True)
+        whole, whole_odd = kept(inequality.polynomial, True)
+        factors = [kept(q.factor, parity(q.function) == -1) for q in inequality.quotients]  # Φ odd: S even
         highest = max(map(sum, whole))
         self.tables: list[QuotientTable] = []
         powers: list[Rational] = []
@@ -181,38 +149,18 @@ class CellBounds:
             order = max(_ORDER, highest - max(map(sum, factor), default=2))
             self.tables.append(quotient_table(quotient.function, most, order))
             powers += times_powers(factor, quotient.form, order)
-        degrees = [degrees_of(part) for part in powers]
         every = sorted({k for part in (whole, *powers) for k in map(sum, part)})
-        self.shape = Shape(
-            self.n,
-            Layout(d, degrees_of(value)),
-            tuple(Layout(d, degrees_of(factor) or (2,)) for factor, _ in factors),
-            Layout(d, every),
-            tuple(degrees),
+        terms = [_degrees(part) for part in powers]
+        self.shape = shape = Shape(
+            self.n, _degrees(value), [_degrees(factor) or (2,) for factor, _ in factors], every, terms
         )
-        self._fill(value, whole, [factor for factor, _ in factors], powers)
-        highest = max(every[-1], max(map(sum, inequality.value)), max(map(sum, inequality.polynomial)))
-        self._odd = [sums_by_degree(part, highest) for part in (value_odd, whole_odd)]
-        self._odd_factors = [sums_by_degree(odd, highest) for _, odd in factors]
-        self._exponents = np.array(list(inequality.value))
-        self._coefficients = np.array([nearest_double(value) for value in inequality.value.values()])
-        self._checked()
-        self._compile()
-
-    # Tables -------------------------------------------------------------------------------------
-    def _fill(
-        self, value: Rational, whole: Rational, factors: list[Rational], powers: list[Rational]
-    ) -> None:
-        shape, faces = self.shape, self.faces
-        self.value_table = face_table(value, shape.value, faces)
-        quotients = [face_table(part, layout, faces) for part, layout in zip(factors, shape.quotients)]
-        self.quotient_table = np.hstack(quotients) if quotients else np.zeros((len(faces), 1))
-        parts = [face_table(part, shape.whole, faces) for part in (whole, *powers)]
-        self.sizes = {
-            "value": sums_on_faces(self.value_table, shape.value),
-            "whole": np.stack([sums_on_faces(part, shape.whole) for part in parts]),
-            "factor": [sums_on_faces(q, layout) for q, layout in zip(quotients, shape.quotients)],
-        }
+        self.value_table = self._table(value, shape.value)
+        quotients = [self._table(part, layout) for (part, _), layout in zip(factors, shape.quotients)]
+        self.quotient_table = np.hstack(quotients) if quotients else np.zeros((len(self.faces), 1))
+        parts = [self._table(part, shape.whole) for part in (whole, *powers)]
+        self._value_sizes = _sums_on_faces(self.value_table, shape.value)
+        self._whole_sizes = np.stack([_sums_on_faces(part, shape.whole) for part in parts])
+        self._factor_sizes = [_sums_on_faces(q, layout) for q, layout in zip(quotients, shape.quotients)]
         columns = []
         for group in shape.whole.groups:
             for b in range(group.count):
@@ -222,10 +170,32 @@ class CellBounds:
                     columns += [(1 + q, place) for q, degrees in enumerate(shape.terms) if k in degrees]
         which, place = np.array(columns).T
         self.table = np.ascontiguousarray(np.stack(parts)[which, :, place].T)
+        self._highest = max(every[-1], max(map(sum, inequality.value)), max(map(sum, inequality.polynomial)))
+        odd = [value_odd, whole_odd, *(part for _, part in factors)]
+        sums = np.zeros((len(odd), self._highest + 1))  # of absolute coefficients, by degree
+        for row, part in zip(sums, odd):
+            for key, coefficient in part.items():
+                row[sum(key)] += abs(nearest_double(coefficient))
+        self._odd_value, self._odd_whole, *self._odd_factors = sums * (1 + 1e-12)
+        self._exponents = np.array(list(inequality.value))
+        self._coefficients = np.array([nearest_double(value) for value in inequality.value.values()])
+        self._check_sizes()
+        self._compile()
 
-    def _checked(self) -> None:
+    # Tables -------------------------------------------------------------------------------------
+    def _table(self, terms: Rational, layout: Layout) -> np.ndarray:
+        """Coefficients (faces, count) of a polynomial on the faces, rounded to doubles."""
+        table = np.zeros((len(self.faces), layout.count))
+        values = {key: nearest_double(value) for key, value in terms.items() if sum(key) in layout.degrees}
+        for row, (variable, sign) in zip(table, self.faces):
+            for key, value in values.items():
+                beta = key[:variable] + key[variable + 1 :]
+                row[layout.place[sum(key), beta]] = value if sign > 0 or key[variable] % 2 == 0 else -value
+        return table
+
+    def _check_sizes(self) -> None:
         """Raise where doubles could overflow or underflow unnoticed."""
-        highest = max(self.shape.whole.degrees[-1], self.shape.value.degrees[-1])
+        highest = self.shape.longest.degrees[-1]
         rows = max((np.nanmax(np.abs(table.rows), initial=1.0) for table in self.tables), default=1.0)
         scale = max(self.reach, 1.0) ** highest * rows
         tables = self.value_table, self.quotient_table, self.table
@@ -242,7 +212,7 @@ class CellBounds:
     def roundings(self) -> int:
         """K, an upper bound of the rounded operations through which a term passes on its way into a bound."""
         shape = self.shape
-        highest = max(shape.whole.degrees[-1], shape.value.degrees[-1])
+        highest = shape.longest.degrees[-1]
         monomials = len(monomials_of(shape.directions, highest))
         low = len(monomials_of(shape.directions, min(LOW, highest)))
         table = 2 * (len(shape.terms) + 1)
@@ -252,56 +222,34 @@ class CellBounds:
 
     # The kernel ---------------------------------------------------------------------------------
     def _compile(self) -> None:
-        text, entry = kernel_text(self.shape, _ENTRY)
-        host = machine.host()
+        shape = self.shape
+        text, host = kernel_text(shape, _ENTRY), machine.host()
         parts = ("certify", text, host.triple, host.cpu, host.features, host.version)
         self._code = cached(
-            parts, lambda: machine.assemble(text, 3), lambda image: machine.Code(image, entry, {})
+            parts, lambda: machine.assemble(text, 3), lambda image: machine.Code(image, _ENTRY, {})
         )
         self._entry = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_void_p)(self._code.address)
-        shape = self.shape
-        layouts = (shape.value, *shape.quotients, shape.whole)
         segments, lines, edges, place = [], [], [0], 0
-        for layout in layouts:
-            for variable, length, rows in shift_lines(layout):
-                segments.append((variable, length, len(rows), place))
+        for layout in (shape.value, *shape.quotients, shape.whole):
+            for variable, length, rows in layout.shift_lines():
+                segments += [variable, length, len(rows), place]
                 lines.append(rows.ravel())
                 place += rows.size
-            edges.append(len(segments))
-        flat = [*edges, *(entry for segment in segments for entry in segment)]
-        self._segments = np.array(flat, dtype=np.int64)
-        self._lines = np.concatenate([*lines, [0]]).astype(np.int32)
-        longest = max((shape.whole, shape.value), key=lambda layout: layout.degrees[-1])
-        self._signs = monomial_links(longest.monomials, shape.directions)
-
-    def _run(
-        self,
-        faces: np.ndarray,
-        inputs: np.ndarray,
-        outputs: np.ndarray,
-        level: float,
-        pool: ThreadPoolExecutor | None,
-    ) -> None:
-        """The kernel on all groups of cells, the face of each given."""
-        arrays = {
-            "faces": np.ascontiguousarray(faces, dtype=np.int64), "inputs": inputs, "outputs": outputs,
-            "level": np.array([level]), "value_table": self.value_table, "quotient_table": self.quotient_table,
-            "table": self.table, "segments": self._segments, "lines": self._lines, "signs": self._signs,
+            edges.append(len(segments) // 4)
+        # for each monomial another one times one variable that it is; then which variables it has, as doubles
+        monomials = shape.longest.monomials
+        number = {beta: b for b, beta in enumerate(monomials)}
+        links = np.zeros((len(monomials), 2), dtype=np.int64)
+        for b, beta in enumerate(monomials[1:], 1):
+            j = next(j for j, e in enumerate(beta) if e)
+            links[b] = number[(*beta[:j], beta[j] - 1, *beta[j + 1 :])], j
+        masks = (np.array(monomials).reshape(len(monomials), shape.directions) > 0).astype(float)
+        self._constants = {
+            "value_table": self.value_table, "quotient_table": self.quotient_table, "table": self.table,
+            "segments": np.array([*edges, *segments], dtype=np.int64),
+            "lines": np.concatenate([*lines, [0]]).astype(np.int32),
+            "signs": np.concatenate([links.ravel(), masks.ravel().view(np.int64)]),
         }  # fmt: skip
-
-        def run(first: int, last: int) -> None:
-            whole = arrays | {"work": aligned(self.shape.work_places()["count"] * LANES)}
-            words = np.array(
-                [first, last, *(whole[name].ctypes.data for name in POINTERS[2:])], dtype=np.int64
-            )
-            self._entry(words.ctypes.data)
-
-        if pool is None:
-            run(0, len(faces))
-            return
-        edges = np.linspace(0, len(faces), _PARTS + 1).astype(np.int64)
-        for future in [pool.submit(run, a, b) for a, b in pairwise(edges.tolist()) if b > a]:
-            future.result()
 
     # Cells --------------------------------------------------------------------------------------
     def bound(self, cells: Cells, level: float, pool: ThreadPoolExecutor | None = None) -> Bounds:
@@ -319,18 +267,32 @@ class CellBounds:
         first = order[np.minimum(np.cumsum(counts) - counts, len(order) - 1)]
         filled[:] = np.repeat(first[faces], LANES)
         filled[slot] = np.arange(len(cells))
-        rows, names = self._rows(cells), self.shape.output_rows
+        rows, names = self.rows(cells), self.shape.outputs
         score = np.zeros((self.n, len(cells)))
         if self.box is not None:
-            radii = self.radii(cells.inner), self.radii(cells.outer)
+            radii = cells.inner * self.reach, cells.outer * self.reach
             numbers = np.array([2 * variable + (sign < 0) for variable, sign in self.faces])
             added, score = self.box(numbers[cells.face], cells.t.T, cells.h.T, *radii)
-            rows[:, self.shape.input_rows["rounding"]] += added
-        inputs = aligned(total * rows.shape[1] * LANES).reshape(total, rows.shape[1], LANES)
+            rows[:, self.shape.inputs["rounding"]] += added
+        inputs = _aligned(total * rows.shape[1] * LANES).reshape(total, rows.shape[1], LANES)
         inputs[:] = rows[filled].reshape(total, LANES, -1).transpose(0, 2, 1)
         size = names["count"]
-        outputs = aligned(total * size * LANES).reshape(total, size, LANES)
-        self._run(faces, inputs, outputs, level, pool)
+        outputs = _aligned(total * size * LANES).reshape(total, size, LANES)
+        arrays = self._constants | {
+            "faces": faces.astype(np.int64), "inputs": inputs, "outputs": outputs, "level": np.array([level])
+        }  # fmt: skip
+
+        def run(first: int, last: int) -> None:
+            whole = arrays | {"work": _aligned(self.shape.work["count"] * LANES)}
+            addresses = [whole[name].ctypes.data for name in POINTERS[2:]]
+            self._entry(np.array([first, last, *addresses], dtype=np.int64).ctypes.data)
+
+        if pool is None:
+            run(0, len(faces))
+        else:
+            edges = np.linspace(0, len(faces), _PARTS + 1).astype(np.int64).tolist()
+            for future in [pool.submit(run, a, b) for a, b in pairwise(edges) if b > a]:
+                future.result()
         found = outputs.transpose(0, 2, 1).reshape(total * LANES, size)[slot]
         single = {name: found[:, names[name]] for name in list(names)[:-2]}
         return Bounds(**single, score=found[:, names["score"] :] + score.T)
@@ -343,69 +305,74 @@ class CellBounds:
 
     def values(self, points: np.ndarray) -> np.ndarray:
         """V at points z (N, n), not rounded in any direction."""
-        return (self._coefficients * np.prod(points[:, None, :] ** self._exponents, axis=2)).sum(1)
+        return polynomial_values(self._exponents, self._coefficients, points)
 
-    def growth_allowance(self, cells: Cells) -> np.ndarray:
-        """The largest error that rounding can make in ∂V/∂ρ /ρ on cells (N,)."""
-        return self._rows(cells)[:, self.shape.input_rows["growth_rounding"]]
-
-    def radii(self, fraction: np.ndarray) -> np.ndarray:
-        """Radii from units of the reach: exact, both are dyadic with few bits."""
-        return fraction * self.reach
-
-    def _rows(self, cells: Cells) -> np.ndarray:
-        """The kernel's inputs (N, rows) for each cell."""
-        inner, outer = self.radii(cells.inner), self.radii(cells.outer)
+    def rows(self, cells: Cells) -> np.ndarray:
+        """The kernel's inputs (N, rows) for each cell. Radii are exact: fractions and the reach have few bits."""
+        inner, outer = cells.inner * self.reach, cells.outer * self.reach
         middle = (inner + outer) / 2
         half = np.maximum(outer - middle, middle - inner)
         unit = 2 * self.roundings * _UNIT
         face = cells.face
         powers = outer[:, None] ** np.arange(self._highest + 1) * (1 + 1e-12)
-        value_sizes, whole_sizes = self.sizes["value"], self.sizes["whole"]
-        degrees = np.arange(value_sizes.shape[1])
-        in_value = value_sizes[face] * powers[:, degrees]
-        odd_value = self._odd[0] * powers
-        value_rounding = unit * in_value.sum(1) + odd_value.sum(1) * (1 + 1e-12) + self._underflow
         lowered = np.hstack([np.zeros((len(face), 2)), powers[:, :-2]])
-        in_growth = value_sizes[face] * degrees * lowered[:, degrees]
-        odd_growth = self._odd[0] * np.arange(self._highest + 1) * lowered
-        growth_rounding = unit * in_growth.sum(1) + odd_growth.sum(1) * (1 + 1e-12) + self._underflow
-        size = (whole_sizes[0][face] * lowered[:, : whole_sizes.shape[2]]).sum(1)
-        odd = (self._odd[1] * lowered).sum(1)
-        errors, coefficients, place = [], [], 1
-        for j, table in enumerate(self.tables):
-            low, high = self._range(cells, self.forms[j], inner, outer)
+
+        def allowed(in_value: np.ndarray, odd: np.ndarray) -> np.ndarray:
+            return unit * in_value.sum(1) + odd.sum(1) * (1 + 1e-12) + self._underflow
+
+        def magnitude(sizes: np.ndarray) -> np.ndarray:
+            return (sizes[face] * lowered[:, : sizes.shape[1]]).sum(1)
+
+        degrees = np.arange(self._value_sizes.shape[1])
+        in_value = self._value_sizes[face]
+        value_rounding = allowed(in_value * powers[:, degrees], self._odd_value * powers)
+        odd_growth = self._odd_value * np.arange(self._highest + 1) * lowered
+        growth_rounding = allowed(in_value * degrees * lowered[:, degrees], odd_growth)
+        size, odd = magnitude(self._whole_sizes[0]), (self._odd_whole * lowered).sum(1)
+        errors, coefficients, sizes = [], [], iter(self._whole_sizes[1:])
+        for j, (form, table) in enumerate(zip(self.forms, self.tables)):
+            slope = np.stack([np.delete(form, variable) for variable, _ in self.faces])
+            at = np.array([sign * form[variable] for variable, sign in self.faces])[face]
+            at = at + (slope[face] * cells.t).sum(1)
+            wide = (np.abs(slope[face]) * cells.h).sum(1)
+            pad = 1e-13 * np.abs(form).sum() * outer + 1e-300
+            low, high = at - wide, at + wide
+            low, high = (
+                np.minimum(low * inner, low * outer) - pad,
+                np.maximum(high * inner, high * outer) + pad,
+            )
             rows, error = table.enclose(low, high)
-            for m in range(table.order + 1):
-                part = (whole_sizes[place][face] * lowered[:, : whole_sizes.shape[2]]).sum(1)
-                size = size + (np.abs(rows[:, m]) + _VALUE) * part
-                place += 1
-            factor = self.sizes["factor"][j]
-            factor_size = (factor[face] * lowered[:, : factor.shape[1]]).sum(1)
+            for row in rows.T:
+                size = size + (np.abs(row) + _VALUE) * magnitude(next(sizes))
             if self.symmetric:
                 odd = odd + table.largest * (self._odd_factors[j] * lowered).sum(1)
-            size = size + np.where(np.isfinite(error), error, 0.0) * factor_size
+            size = size + np.where(np.isfinite(error), error, 0.0) * magnitude(self._factor_sizes[j])
             errors.append(error)
             coefficients.append(rows)
         rounding = unit * size + odd * (1 + 1e-12) + self._underflow
         scalars = [inner, outer, middle, half, value_rounding, growth_rounding, rounding, *errors]
         return np.hstack([cells.t, cells.h, np.stack(scalars, axis=1), *coefficients])
 
-    @property
-    def _highest(self) -> int:
-        return len(self._odd[0]) - 1
 
-    def _range(
-        self, cells: Cells, form: np.ndarray, inner: np.ndarray, outer: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """An interval of ℓ on each cell."""
-        slope = np.stack([np.delete(form, variable) for variable, _ in self.faces])
-        main = np.array([sign * form[variable] for variable, sign in self.faces])
-        at = main[cells.face] + (slope[cells.face] * cells.t).sum(1)
-        wide = (np.abs(slope[cells.face]) * cells.h).sum(1)
-        pad = 1e-13 * np.abs(form).sum() * outer + 1e-300
-        low, high = at - wide, at + wide
-        return np.minimum(low * inner, low * outer) - pad, np.maximum(high * inner, high * outer) + pad
+def _degrees(terms: Rational) -> tuple[int, ...]:
+    """The degrees of a polynomial's terms, ascending."""
+    return tuple(sorted({sum(key) for key in terms}))
+
+
+def _sums_on_faces(table: np.ndarray, layout: Layout) -> np.ndarray:
+    """Sums of absolute coefficients (faces, highest degree + 1)."""
+    sums = np.zeros((len(table), layout.degrees[-1] + 1))
+    for group in layout.groups:
+        part = table[:, group.offset : group.offset + group.count * len(group.degrees)]
+        sums[:, list(group.degrees)] += np.abs(part).reshape(len(table), group.count, -1).sum(1)
+    return sums * (1 + 1e-12)
+
+
+def _aligned(count: int) -> np.ndarray:
+    """Zeros that start at a multiple of 64 bytes."""
+    raw = np.zeros(count + 8)
+    offset = (-raw.ctypes.data % 64) // 8
+    return raw[offset : offset + count]
 
 
 #: Called now and then with the number of cells done and the estimated share of the whole.
@@ -437,25 +404,16 @@ def time_limit(seconds: float) -> Progress:
 class Outcome:
     """How a search ended.
 
-    Attributes
-    ----------
-    reason : str
-        "proved"; "r > 0" or "V stops increasing" at a point of the region, which disproves; "undecided" where cells
-        became too small, "not closed" where the region leaves the reach, and "too many cells".
-    point : ndarray, shape (n,), or None
-        Where, in coordinates z.
-    value, residual : float
-        V there, and r/ρ².
-    cells : int
-        Cells that were bounded.
+    `reason` is "proved"; "r > 0" or "V stops increasing" at a point of the region, which disproves; "undecided" where
+    cells became too small, "not closed" where the region leaves the reach, and "too many cells".
     """
 
     proved: bool
     reason: str
-    point: np.ndarray | None
-    value: float
-    residual: float
-    cells: int
+    point: np.ndarray | None  # where, in coordinates z
+    value: float  # V there
+    residual: float  # r/ρ² there
+    cells: int  # that were bounded
 
 
 def search(
@@ -492,12 +450,10 @@ def search(
             if failed.any():
                 chosen = np.flatnonzero(failed)
                 part, rest = found.chosen(chosen), cells.chosen(chosen)
-                end = _disproved(bounds, rest, part, level)
-                if end is None:
-                    end, halves = _halves(bounds, rest, part, level)
-                if end is not None:
+                end = _disproved(bounds, rest, part, level) or _halves(bounds, rest, part)
+                if isinstance(end, Outcome):
                     return replace(end, cells=done)
-                stack.append(halves)
+                stack.append(end)
             if accepted.any():
                 stack.append(_following(cells.chosen(np.flatnonzero(accepted))))
             if progress is not None:
@@ -534,7 +490,7 @@ def _outcome(bounds: CellBounds, cells: Cells, found: Bounds, place: int, reason
 def _disproved(bounds: CellBounds, cells: Cells, found: Bounds, level: float) -> Outcome | None:
     """A point of the region at which r > 0 or V decreases along the ray, if the middle of a cell is one."""
     broken = (found.centre > found.allowance) & np.isfinite(found.allowance)
-    stops = found.growth_at_centre < -bounds.growth_allowance(cells)
+    stops = found.growth_at_centre < -bounds.rows(cells)[:, bounds.shape.inputs["growth_rounding"]]
     inside = found.value < level * (1 - 1e-9)
     for place in np.flatnonzero((broken | stops) & inside):
         point = bounds.point(cells, int(place))
@@ -545,7 +501,7 @@ def _disproved(bounds: CellBounds, cells: Cells, found: Bounds, level: float) ->
     return None
 
 
-def _halves(bounds: CellBounds, cells: Cells, found: Bounds, level: float) -> tuple[Outcome | None, Cells]:
+def _halves(bounds: CellBounds, cells: Cells, found: Bounds) -> Outcome | Cells:
     """Both halves of every cell. Of a cell cut in ρ only the inner half: the outer one follows when it is accepted."""
     length, d = cells.outer - cells.inner, bounds.n - 1
     score = np.where(found.score >= 0, found.score, 0.0)
@@ -566,7 +522,7 @@ def _halves(bounds: CellBounds, cells: Cells, found: Bounds, level: float) -> tu
     if small.any():
         place = int(np.flatnonzero(small)[0])
         reason = "not closed" if cells.inner[place] >= 1 else "undecided"
-        return _outcome(bounds, cells, found, place, reason), cells
+        return _outcome(bounds, cells, found, place, reason)
     along = cells.chosen(np.flatnonzero(chosen == 0))
     along.outer = (along.inner + along.outer) / 2
     places = np.flatnonzero(chosen > 0)
@@ -577,4 +533,4 @@ def _halves(bounds: CellBounds, cells: Cells, found: Bounds, level: float) -> tu
         part.h[row, column] /= 2
         part.t[row, column] += side * part.h[row, column]
         parts.append(part)
-    return None, Cells.joined(parts)
+    return Cells.joined(parts)

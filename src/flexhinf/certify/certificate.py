@@ -9,8 +9,10 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, fields, replace
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 from pydantic import TypeAdapter, ValidationError
@@ -20,7 +22,7 @@ from flexhinf.certify.checker.observer import check_observer
 from flexhinf.certify.checker.quadratic import definite_corners
 from flexhinf.certify.checker.residual import Refusal, residual
 from flexhinf.certify.checker.starts import check_start, proved_peaks
-from flexhinf.certify.claim import Claim, Start
+from flexhinf.certify.claim import Claim
 from flexhinf.errors import InvalidInput
 from flexhinf.files import write_file
 from flexhinf.notebook import Summarised, number_text
@@ -72,7 +74,12 @@ class Certificate(Summarised, Claim):
 
     def with_proved_starts(self) -> Certificate:
         """This certificate without the starts for which ball arithmetic does not show V ≤ level."""
-        return replace(self, starts=tuple(start for start in self.starts if _inside(self, start)))
+        inside = []
+        for start in self.starts:
+            with suppress(Refusal):
+                check_start(self, start)
+                inside.append(start)
+        return replace(self, starts=tuple(inside))
 
     def why_no_observer(self) -> str:
         """The reason for which the stated observer is refused; empty where it is proved, or none is stated."""
@@ -109,13 +116,7 @@ class Certificate(Summarised, Claim):
         InvalidInput
             The place cannot be written.
         """
-        content = self.text()
-
-        def write(name: str) -> None:
-            with open(name, "w", encoding="utf-8") as file:
-                file.write(content)
-
-        write_file(path, "certificate", write)
+        write_file(path, "certificate", lambda name: Path(name).write_text(self.text(), encoding="utf-8"))
 
 
 def load_certificate(path: str | os.PathLike[str]) -> Certificate:
@@ -151,13 +152,6 @@ def load_certificate(path: str | os.PathLike[str]) -> Certificate:
         where = ".".join(str(part) for part in first["loc"])
         got = value_text(first.get("input"), 80)
         raise _unreadable(path.name, f"{where}: {first['msg']}", got) from None
-
-
-def _inside(claim: Claim, start: Start) -> bool:
-    try:
-        return check_start(claim, start) > 0
-    except Refusal:
-        return False
 
 
 @cache

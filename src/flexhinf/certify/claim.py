@@ -14,6 +14,7 @@ The parts of a certificate: signals, parameters, elementary functions, terms of 
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Annotated, Any
@@ -235,21 +236,6 @@ class Observer:
         require(self.gain_error >= 0, "a γ_e that is not negative", repr(self.gain_error))
         require(self.energy > 0, "a positive energy of the observer's errors", repr(self.energy))
 
-    def check_shapes(self, states: list[str]) -> None:
-        """Refuse matrices that do not fit these states."""
-        unknown = [name for name in self.known if name not in states]
-        require(not unknown, "known states among the states", value_text(unknown, 80))
-        n, e, p = len(states), len(states) - len(self.known), len(self.measured)
-        require(e > 0 and p > 0, "an observer that measures and estimates something", f"{p} and {e}")
-        shapes = {"measured": (p, n), "gain": (e, p), "weight": (e, e), "storage": (e, e)}
-        for name, (rows, columns) in shapes.items():
-            lengths = [len(row) for row in getattr(self, name)]
-            require(
-                lengths == [columns] * rows,
-                f"{rows} rows of {columns} in the observer's {name}",
-                f"{lengths}",
-            )
-
 
 def check_named(what: str, name: str, unit: str) -> None:
     """Raise for a name of several words or a unit that is prose: both are printed among what is proved."""
@@ -277,44 +263,33 @@ def require(holds: bool, expected: str, got: str) -> None:
         )
 
 
-def check_powers(name: str, powers: list[tuple[int, ...]], n: int, lowest: int) -> None:
+def check_rows(name: str, matrix: Sequence[Sequence[Any]], rows: int, columns: int) -> None:
+    """Refuse a matrix of another shape."""
+    lengths = [len(row) for row in matrix]
+    require(lengths == [columns] * rows, f"{rows} rows of {columns} in {name}", f"rows of {lengths}")
+
+
+def check_powers(name: str, powers: tuple[int, ...], n: int, lowest: int) -> None:
     """Refuse exponents of another length than n, or of a sum outside `lowest` to `HIGHEST_DEGREE`."""
-    for exponents in powers:
-        fits = len(exponents) == n and lowest <= sum(exponents) <= HIGHEST_DEGREE
-        require(fits, f"{n} exponents of sum {lowest} to {HIGHEST_DEGREE} in {name}", f"{exponents}")
+    fits = len(powers) == n and lowest <= sum(powers) <= HIGHEST_DEGREE
+    require(fits, f"{n} exponents of sum {lowest} to {HIGHEST_DEGREE} in {name}", f"{powers}")
 
 
-def check_names(terms: tuple[Term, ...], known: set[str], functions: int) -> None:
-    """Refuse parameters that are not stated, or stand twice in a term, and functions that are not there."""
-    for term in terms:
-        names = [name for name, _ in term.parameters]
-        unknown = [name for name in names if name not in known]
+def check_terms(
+    name: str, rows: Iterable[Terms], n: int, lowest: int, known: set[str], functions: tuple[Function, ...]
+) -> None:
+    """Refuse terms with other exponents, with parameters that are not stated or stand twice, and functions that are not
+    there; a term without a function has at least degree `lowest`."""
+    for term in (term for row in rows for term in row):
+        check_powers(name, term.powers, n, lowest if term.function is None else 0)
+        names = [parameter for parameter, _ in term.parameters]
+        unknown = [parameter for parameter in names if parameter not in known]
         require(not unknown, "parameters that are stated", value_text(unknown, 80))
         distinct("A term's parameter", names)
-        fits = term.function is None or term.function < functions
-        require(fits, f"functions below {functions}", f"{term.function}")
-
-
-def check_slopes(functions: tuple[Function, ...], n: int) -> None:
-    """Refuse functions of another number of variables than n."""
+        there = term.function is None or term.function < len(functions)
+        require(there, f"functions below {len(functions)}", f"{term.function}")
     for function in functions:
         require(len(function.slope) == n, f"slopes of length {n}", f"{len(function.slope)}")
-
-
-def check_parameters(parameters: tuple[Parameter, ...], terms: list[Term]) -> None:
-    """Raise where a parameter has two exponents, or may be 0 under an exponent other than 1."""
-    exponents: dict[str, set[int]] = {}
-    for name, exponent in (pair for term in terms for pair in term.parameters):
-        exponents.setdefault(name, set()).add(exponent)
-    for parameter in parameters:
-        found = exponents.get(parameter.name, set()) - {0}
-        require(
-            len(found) <= 1,
-            f"one exponent of {parameter.name}, so that r is affine in it",
-            f"{sorted(found)}",
-        )
-        keeps_sign = parameter.low > 0 or parameter.high < 0
-        require(found <= {1} or keeps_sign, f"{parameter.name} ≠ 0 under its exponent", f"{sorted(found)}")
 
 
 @dataclass(frozen=True, repr=False)
@@ -388,70 +363,70 @@ class Claim:
 
     def __post_init__(self) -> None:
         n, m, w = len(self.states), len(self.inputs), len(self.disturbances)
+        signals = [s.name for s in (*self.states, *self.inputs, *self.disturbances)]
         require(n > 0 and m > 0 and w > 0, "states, inputs and disturbances", f"{n}, {m}, {w} of them")
-        distinct(
-            "The certificate's signal", [s.name for s in (*self.states, *self.inputs, *self.disturbances)]
-        )
+        distinct("The certificate's signal", signals)
         require(len(self.value) > 0, "a V that is not zero", "no monomial")
         distinct("The certificate's parameter", [p.name for p in self.parameters])
         check_line("what the certificate is about", self.about)
         for text in (*self.provenance, *self.provenance.values()):
             check_line("the certificate's provenance", text)
-        self._check_feedback()
-        self._check_numbers()
-        self._check_shapes(n, m, w)
-        self._check_terms(n)
-
-    def _check_feedback(self) -> None:
-        expected = "state" if self.observer is None else "output injection observer"
-        require(self.feedback == expected, f"feedback {expected!r}", value_text(self.feedback, 60))
-        if self.observer is not None:
-            self.observer.check_shapes([s.name for s in self.states])
-            require(
-                self.observer.energy < self.level,
-                f"errors of an energy below the level {self.level!r}",
-                repr(self.observer.energy),
-            )
-
-    def _check_numbers(self) -> None:
         for name in ("gamma", "level", "reach"):
             require(getattr(self, name) > 0, f"a positive {name}", repr(getattr(self, name)))
         require(self.decay >= 0, "a decay that is not negative", repr(self.decay))
         for low, high in self.shift:
             require(low <= high, "shifts with low ≤ high", f"{low!r}, {high!r}")
-
-    def _check_shapes(self, n: int, m: int, w: int) -> None:
         for name, rows in (("drift", n), ("law", m), ("shift", n if self.shift else 0)):
             length = len(getattr(self, name))
             require(length == rows, f"{rows} rows of {name}", f"{length}")
         for name, rows, columns in (("g1", n, w), ("g2", n, m), ("coordinates", n, n), ("r2", m, m)):
-            lengths = [len(row) for row in getattr(self, name)]
-            require(lengths == [columns] * rows, f"{rows} rows of {columns} in {name}", f"rows of {lengths}")
-        for start in self.starts:
-            require(len(start.path) == n, f"starts with {n} states", f"{len(start.path)}")
+            check_rows(name, getattr(self, name), rows, columns)
+        self._check_feedback()
+        self._check_terms(n)
+
+    def _check_feedback(self) -> None:
+        given = self.observer
+        expected = "state" if given is None else "output injection observer"
+        require(self.feedback == expected, f"feedback {expected!r}", value_text(self.feedback, 60))
+        if given is None:
+            return
+        names = [s.name for s in self.states]
+        unknown = [name for name in given.known if name not in names]
+        require(not unknown, "known states among the states", value_text(unknown, 80))
+        n, e, p = len(names), len(names) - len(given.known), len(given.measured)
+        require(e > 0 and p > 0, "an observer that measures and estimates something", f"{p} and {e}")
+        for name, rows, columns in (("measured", p, n), ("gain", e, p), ("weight", e, e), ("storage", e, e)):
+            check_rows(f"the observer's {name}", getattr(given, name), rows, columns)
+        below = given.energy < self.level
+        require(below, f"errors of an energy below the level {self.level!r}", repr(given.energy))
 
     def _check_terms(self, n: int) -> None:
-        for name, polynomials in (("value", (self.value,)), ("law", self.law), ("penalty", self.penalty)):
-            lowest = 2 if name == "value" else 1
-            for polynomial in polynomials:
-                check_powers(name, [powers for powers, _ in polynomial], n, lowest)
-                distinct(f"A monomial of {name}", [str(powers) for powers, _ in polynomial])
-        known = {p.name for p in self.parameters}
-        for rows, lowest, most in (((self.drift,), 1, len(self.functions)), (self.g1, 0, 0), (self.g2, 0, 0)):
-            for terms in (terms for row in rows for terms in row):
-                plain = [term.powers for term in terms if term.function is None]
-                check_powers("the plant", plain, n, lowest)
-                check_powers("the plant", [term.powers for term in terms if term.function is not None], n, 0)
-                check_names(terms, known, most)
-        plant = [term for row in (self.drift, *self.g1, *self.g2) for terms in row for term in terms]
-        check_parameters(self.parameters, plant)
-        check_slopes(self.functions, n)
+        polynomials = [("value", 2, self.value)]
+        polynomials += [(name, 1, row) for name in ("law", "penalty") for row in getattr(self, name)]
+        for name, lowest, polynomial in polynomials:
+            for powers, _ in polynomial:
+                check_powers(name, powers, n, lowest)
+            distinct(f"A monomial of {name}", [str(powers) for powers, _ in polynomial])
+        known, channels = (
+            {p.name for p in self.parameters},
+            [row for rows in (self.g1, self.g2) for row in rows],
+        )
+        check_terms("the plant", self.drift, n, 1, known, self.functions)
+        for rows in channels:
+            check_terms("the plant", rows, n, 0, known, ())
         for start in self.starts:
-            check_slopes(start.functions, 1)
-            for terms in start.path:
-                check_powers("a start", [term.powers for term in terms if term.function is None], 1, 1)
-                check_powers("a start", [term.powers for term in terms if term.function is not None], 1, 0)
-                check_names(terms, known, len(start.functions))
+            require(len(start.path) == n, f"starts with {n} states", f"{len(start.path)}")
+            check_terms("a start", start.path, 1, 1, known, start.functions)
+        exponents: dict[str, set[int]] = {p.name: set() for p in self.parameters}
+        for term in (term for rows in (self.drift, *channels) for terms in rows for term in terms):
+            for name, exponent in term.parameters:
+                exponents[name] |= {exponent} - {0}
+        for p in self.parameters:
+            found, keeps_sign = exponents[p.name], p.low > 0 or p.high < 0
+            require(
+                len(found) <= 1, f"one exponent of {p.name}, so that r is affine in it", f"{sorted(found)}"
+            )
+            require(found <= {1} or keeps_sign, f"{p.name} ≠ 0 under its exponent", f"{sorted(found)}")
 
     @property
     def degree(self) -> int:

@@ -31,6 +31,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from itertools import product
 from math import comb, prod
+from typing import NamedTuple
 
 import flint
 import numpy as np
@@ -47,53 +48,16 @@ _ASYMMETRY = 1e-9
 Rational = dict[tuple[int, ...], fmpq]
 
 
-@dataclass(frozen=True, eq=False)
-class Quotient:
-    """One term Q S(ℓ) of r.
-
-    Attributes
-    ----------
-    factor : dict of exponents to fmpq
-        Q(z).
-    form : tuple of fmpq
-        ℓ as a linear form of z.
-    """
+class Quotient(NamedTuple):
+    """One term Q S(ℓ) of r: the factor Q(z), and ℓ as a linear form of z."""
 
     factor: Rational
     form: tuple[fmpq, ...]
     function: Function
 
 
-@dataclass(frozen=True, eq=False)
-class Inequality:
-    """V and r in coordinates z.
-
-    Attributes
-    ----------
-    value, polynomial : dict of exponents to fmpq
-        V(z) and A(z).
-    """
-
-    states: int
-    value: Rational
-    polynomial: Rational
-    quotients: tuple[Quotient, ...]
-
-
-def inequality_of(certificate: Certificate) -> Inequality:
-    """V and r of a certificate, every parameter in the middle of its range."""
-    return Algebra(certificate).inequality()
-
-
-def law_slopes(certificate: Certificate) -> list[list[Rational]]:
-    """∂k_i/∂x_j as polynomials in z, a row for each input and a column for each state."""
-    algebra = Algebra(certificate)
-    laws = map(algebra.in_x, certificate.law)
-    return [[terms_of(algebra.moved(law.derivative(j))) for j in range(algebra.n)] for law in laws]
-
-
 class Algebra:
-    """Polynomials in x and in z for the parts of one certificate."""
+    """Polynomials in x and in z for the parts of one certificate, every parameter in the middle of its range."""
 
     def __init__(self, certificate: Certificate) -> None:
         self.certificate = certificate
@@ -104,6 +68,7 @@ class Algebra:
             sum((self.z.constant(rational(a)) * one for a, one in zip(row, z)), self.zero)
             for row in certificate.coordinates
         ]
+        self._units = [tuple(int(j == i) for j in range(n)) for i in range(n)]
         self.parameters = {parameter.name: rational(parameter.middle) for parameter in certificate.parameters}
 
     def in_x(self, polynomial: Polynomial) -> fmpq_mpoly:
@@ -116,58 +81,57 @@ class Algebra:
 
     def line(self, slope: Sequence[float]) -> fmpq_mpoly:
         """ℓᵀx."""
-        return self.x.from_dict({unit: rational(a) for unit, a in zip(self._units(), slope) if a})
+        return self.x.from_dict({unit: rational(a) for unit, a in zip(self._units, slope) if a})
 
     def form(self, slope: Sequence[float]) -> tuple[fmpq, ...]:
         """The coefficients of ℓᵀx as a linear form of z."""
         terms = terms_of(self.moved(self.line(slope)))
-        return tuple(terms.get(unit, fmpq(0)) for unit in self._units())
+        return tuple(terms.get(unit, fmpq(0)) for unit in self._units)
 
-    def _units(self) -> list[tuple[int, ...]]:
-        return [tuple(int(j == i) for j in range(self.n)) for i in range(self.n)]
 
-    def _terms(self, row: Iterable[Term]) -> fmpq_mpoly:
-        """Terms of a field, all with the same function or none, without it, in z."""
-        total: Rational = {}
-        for term in row:
-            factor = prod(
-                (self.parameters[name] ** power for name, power in term.parameters),
-                start=rational(term.coefficient),
-            )
-            total[term.powers] = total.get(term.powers, fmpq(0)) + factor
-        return self.moved(self.x.from_dict(total))
+class Inequality(Algebra):
+    """V(z), and r = A(z) + Σ_j Q_j(z) S_j(ℓ_j(z)): `value`, `polynomial` and `quotients`."""
 
-    def inequality(self) -> Inequality:
-        """V and r."""
-        given = self.certificate
-        in_x = self.in_x(given.value)
+    def __init__(self, certificate: Certificate) -> None:
+        super().__init__(certificate)
+        in_x = self.in_x(certificate.value)
         slope, value = [self.moved(in_x.derivative(i)) for i in range(self.n)], self.moved(in_x)
-        law = [self.moved(self.in_x(row)) for row in given.law]
-        g2, g1 = ([[self._terms(entry) for entry in row] for row in rows] for rows in (given.g2, given.g1))
-        total = self.z.constant(rational(given.decay)) * value
-        for i, row in enumerate(given.drift):
+        law = [self.moved(self.in_x(row)) for row in certificate.law]
+        g2, g1 = (
+            [[self._terms(entry) for entry in row] for row in rows]
+            for rows in (certificate.g2, certificate.g1)
+        )
+        total = self.z.constant(rational(certificate.decay)) * value
+        for i, row in enumerate(certificate.drift):
             total += slope[i] * self._terms(term for term in row if term.function is None)
             total += slope[i] * sum((a * b for a, b in zip(g2[i], law)), self.zero)
-        for row in given.penalty:
+        for row in certificate.penalty:
             h = self.moved(self.in_x(row))
             total += h * h / 2
-        for i, row in enumerate(given.r2):
+        for i, row in enumerate(certificate.r2):
             for j, price in enumerate(row):
                 total += law[i] * law[j] * (rational(price) / 2)
-        factor = 1 / (2 * rational(given.gamma) ** 2)
         for column in zip(*g1):
             along = sum((a * b for a, b in zip(slope, column)), self.zero)
-            total += along * along * factor
-        return Inequality(self.n, terms_of(value), terms_of(total), tuple(self._quotients(slope)))
-
-    def _quotients(self, slope: list[fmpq_mpoly]) -> Iterable[Quotient]:
-        for index, function in enumerate(self.certificate.functions):
+            total += along * along * (1 / (2 * rational(certificate.gamma) ** 2))
+        self.value, self.polynomial = terms_of(value), terms_of(total)
+        self.quotients: list[Quotient] = []
+        for index, function in enumerate(certificate.functions):
             factor = self.zero
-            for i, row in enumerate(self.certificate.drift):
+            for i, row in enumerate(certificate.drift):
                 factor += slope[i] * self._terms(term for term in row if term.function == index)
             if factor:
                 line = self.moved(self.line(function.slope))
-                yield Quotient(terms_of(factor * line), self.form(function.slope), function)
+                self.quotients.append(Quotient(terms_of(factor * line), self.form(function.slope), function))
+
+    def _terms(self, row: Iterable[Term]) -> fmpq_mpoly:
+        """Terms of a field in z, all with the same function or none, without it."""
+        total: Rational = {}
+        for term in row:
+            powers = (self.parameters[name] ** power for name, power in term.parameters)
+            factor = prod(powers, start=rational(term.coefficient))
+            total[term.powers] = total.get(term.powers, fmpq(0)) + factor
+        return self.moved(self.x.from_dict(total))
 
 
 def parity(function: Function) -> int:
@@ -182,17 +146,14 @@ def parity(function: Function) -> int:
 
 def is_symmetric(inequality: Inequality) -> bool:
     """Whether V(−z) = V(z) and r(−z) = r(z) but for rounding, which then is added to the allowance."""
+    signs = [parity(quotient.function) for quotient in inequality.quotients]
     wanted = [(inequality.value, True), (inequality.polynomial, True)]
-    for quotient in inequality.quotients:
-        sign = parity(quotient.function)
-        if sign == 0:
-            return False
-        wanted.append((quotient.factor, sign == -1))
+    wanted += [(quotient.factor, sign == -1) for quotient, sign in zip(inequality.quotients, signs)]
     for terms, even in wanted:
         sizes = [sum(abs(nearest_double(v)) for v in part.values()) for part in by_parity(terms, even)]
         if sizes[1] > _ASYMMETRY * sum(sizes):
             return False
-    return True
+    return 0 not in signs
 
 
 def by_parity(terms: Rational, even: bool) -> tuple[Rational, Rational]:
@@ -213,21 +174,21 @@ def times_powers(factor: Rational, form: Sequence[fmpq], order: int) -> list[Rat
     return result
 
 
+def _tanh(s: arb_series) -> arb_series:
+    below = (2 * s).exp() + 1
+    return 1 - 2 / below if below[0] > 0 else arb_series([arb("nan")] * s.prec, prec=s.prec)
+
+
 Series = Callable[[arb_series], arb_series]
-
-
-def _undefined(s: arb_series) -> arb_series:
-    return arb_series([arb("nan")] * s.prec, prec=s.prec)
-
 
 #: The functions of certificates on power series over intervals, which bound their own derivatives.
 SERIES: dict[str, Series] = {
-    "sin": lambda s: s.sin(),
-    "cos": lambda s: s.cos(),
-    "exp": lambda s: s.exp(),
-    "tanh": lambda s: 1 - 2 / below if (below := (2 * s).exp() + 1)[0] > 0 else _undefined(s),
-    "arctan": lambda s: s.atan(),
-    "log": lambda s: s.log(),
+    "sin": arb_series.sin,
+    "cos": arb_series.cos,
+    "exp": arb_series.exp,
+    "tanh": _tanh,
+    "arctan": arb_series.atan,
+    "log": arb_series.log,
 }
 
 #: Radius of a ball that counts as its middle: the allowance for rounding is larger, see `flexhinf.certify.cells`.
@@ -241,30 +202,13 @@ _BITS = 320  # of the arithmetic on balls
 
 @dataclass(frozen=True)
 class QuotientTable:
-    """Nodes with their polynomials, and bounds of the derivatives by distance from 0.
+    """Nodes with their polynomials, and bounds of the derivatives by distance from 0."""
 
-    Attributes
-    ----------
-    first : int
-        Number of the first node, in spacings from 0.
-    rows : ndarray, shape (nodes, M + 1)
-        s_m; nan where the function is not defined.
-    above, below : ndarray
-        C on [0, (i + 1) pieces] and on [−(i + 1) pieces, 0].
-    largest : float
-        Bound of |S| in the whole table.
-    """
-
-    first: int
-    rows: np.ndarray
-    above: np.ndarray
-    below: np.ndarray
-    largest: float
-
-    @property
-    def order(self) -> int:
-        """M."""
-        return self.rows.shape[1] - 1
+    first: int  # number of the first node, in spacings from 0
+    rows: np.ndarray  # s_m (nodes, M + 1); nan where the function is not defined
+    above: np.ndarray  # C on [0, (i + 1) pieces]
+    below: np.ndarray  # C on [−(i + 1) pieces, 0]
+    largest: float  # bound of |S| in the whole table
 
     def enclose(self, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Polynomials (N, M + 1) for intervals of ℓ, and bounds (N,) of what they leave out: inf beyond the table."""
@@ -274,7 +218,7 @@ class QuotientTable:
         rows = self.rows[np.where(known, place, 0)]
         distance = np.maximum(high - node * _SPACING, node * _SPACING - low)
         constant = np.maximum(_beyond(self.above, high), _beyond(self.below, -low))
-        error = constant * distance ** (self.order + 1) * (1 + 1e-12)
+        error = constant * distance ** self.rows.shape[1] * (1 + 1e-12)
         bad = ~known | ~np.isfinite(error) | ~np.isfinite(rows).all(axis=1)
         return np.where(bad[:, None], 0.0, rows), np.where(bad, np.inf, error)
 
@@ -287,7 +231,11 @@ def _beyond(table: np.ndarray, reach: np.ndarray) -> np.ndarray:
 
 def quotient_table(function: Function, reach: float, order: int) -> QuotientTable:
     """The table of S for Φ(ℓ) = φ(o + ℓ) and |ℓ| ≤ `reach`, with M = `order`."""
-    series = _shifted(function)
+    elementary, offset, halves = SERIES[function.name], function.offset, function.pi_halves
+
+    def series(s: arb_series) -> arb_series:
+        return elementary(s + (arb(offset) + arb.pi() * halves / 2))
+
     reach = min(reach, _FARTHEST)
     count = int(np.ceil(reach / _SPACING)) + 1
     pieces = int(np.ceil(reach / _PIECE)) + 2
@@ -304,12 +252,6 @@ def quotient_table(function: Function, reach: float, order: int) -> QuotientTabl
     finally:
         flint.ctx.cap, flint.ctx.prec = cap, bits
     return QuotientTable(-count, np.array(rows), sides[0], sides[1], max(ends))
-
-
-def _shifted(function: Function) -> Series:
-    """Φ on power series over intervals."""
-    elementary, offset, halves = SERIES[function.name], function.offset, function.pi_halves
-    return lambda s: elementary(s + (arb(offset) + arb.pi() * halves / 2))
 
 
 def _row(function: Series, node: int, order: int) -> list[float]:
@@ -345,74 +287,44 @@ _SUM_ROUNDING = 1e-12  # relative to the sum of all terms' magnitudes: some hund
 
 
 class MeanForms:
-    """Polynomials in z without constants, on the 2n faces.
+    """Polynomials in z without constants, on the 2n faces: enclosed as value + Σ slope_i s_i ± rest, |s_i| ≤ 1."""
 
-    Parameters
-    ----------
-    n : int
-        States.
-    polynomials : sequence of dict of exponents to fmpq
-        Enclosed as value + Σ slope_i s_i ± rest, |s_i| ≤ 1.
-    """
-
-    def __init__(self, n: int, polynomials: Sequence[dict[tuple[int, ...], fmpq]]) -> None:
+    def __init__(self, n: int, polynomials: Sequence[Rational]) -> None:
         self.n, self.count = n, len(polynomials)
         degree = max((sum(powers) for q in polynomials for powers in q), default=1)
-        self.rows = np.array(
-            sorted(
-                (
-                    (p, *b)
-                    for p in range(degree)
-                    for b in product(range(degree + 1), repeat=n - 1)
-                    if sum(b) <= min(degree, p + 3)
-                ),
-                key=sum,
-            )
-        )
-        self._index = {tuple(row): i for i, row in enumerate(self.rows.tolist())}
-        self._levels = self._parents()
+        exponents = product(range(degree), *[range(degree + 1)] * (n - 1))
+        rows = sorted((row for row in exponents if sum(row[1:]) <= min(degree, row[0] + 3)), key=sum)
+        self.rows, self._index = np.array(rows), {row: i for i, row in enumerate(rows)}
+        self._levels = []  # of each degree the monomials, one a degree less for each, and the variable between them
+        total = self.rows.sum(1)
+        for level in range(1, int(total.max()) + 1):
+            places = np.flatnonzero(total == level)
+            below = []
+            for row in self.rows[places].tolist():
+                less = [
+                    (tuple(e - (i == axis) for i, e in enumerate(row)), axis) for axis in range(n - 1, -1, -1)
+                ]
+                below.append(next((self._index[one], axis) for one, axis in less if one in self._index))
+            parents, axes = np.array(below).T
+            self._levels.append((slice(int(places[0]), int(places[-1]) + 1), parents, axes))
         self._pairs = [(i, j) for i in range(n) for j in range(i, n)]
         self._tables = [self._face(polynomials, f, s) for f in range(n) for s in (1, -1)]
 
-    def _parents(self) -> list[tuple[slice, np.ndarray, np.ndarray]]:
-        """For each degree the monomials, one monomial of a degree less for each, and the variable between the two."""
-        total = self.rows.sum(1)
-        levels = []
-        for degree in range(1, int(total.max()) + 1):
-            places = np.flatnonzero(total == degree)
-            parents, axes = [], []
-            for row in self.rows[places].tolist():
-                for axis in range(self.n - 1, -1, -1):
-                    less = tuple(e - (i == axis) for i, e in enumerate(row))
-                    if less in self._index:
-                        parents.append(self._index[less])
-                        axes.append(axis)
-                        break
-            levels.append((slice(int(places[0]), int(places[-1]) + 1), np.array(parents), np.array(axes)))
-        return levels
-
-    def _face(
-        self, polynomials: Sequence[dict[tuple[int, ...], fmpq]], face: int, sign: int
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def _face(self, polynomials: Sequence[Rational], face: int, sign: int) -> tuple[np.ndarray, np.ndarray]:
         """Rows for values and gradients, and for magnitudes of values and second derivatives."""
-        values = [self._column(q, face, sign) for q in polynomials]
-        gradients = [self._derivative(c, i) for c in values for i in range(self.n)]
-        seconds = []
-        for c in values:
+        values, gradients, seconds = np.zeros((self.count, len(self.rows))), [], []
+        for column, polynomial in zip(values, polynomials):
+            for powers, value in polynomial.items():
+                row = (sum(powers) - 1, *powers[:face], *powers[face + 1 :])
+                column[self._index[row]] += nearest_double(value) * sign ** powers[face]
+            slopes = [self._derivative(column, i) for i in range(self.n)]
+            gradients += slopes
             for i, j in self._pairs:
-                weight = 0.5 if i == j else 1.0
-                seconds.append(weight * np.abs(self._derivative(self._derivative(c, i), j)))
+                seconds.append((0.5 if i == j else 1.0) * np.abs(self._derivative(slopes[i], j)))
         return (
             np.array([*values, *gradients]).reshape(-1, len(self.rows)),
             np.array([*np.abs(values), *seconds]).reshape(-1, len(self.rows)),
         )
-
-    def _column(self, polynomial: dict[tuple[int, ...], fmpq], face: int, sign: int) -> np.ndarray:
-        column = np.zeros(len(self.rows))
-        for powers, value in polynomial.items():
-            row = (sum(powers) - 1, *powers[:face], *powers[face + 1 :])
-            column[self._index[row]] += nearest_double(value) * sign ** powers[face]
-        return column
 
     def _derivative(self, column: np.ndarray, axis: int) -> np.ndarray:
         result = np.zeros(len(column))

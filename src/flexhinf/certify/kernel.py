@@ -3,28 +3,145 @@
 What it computes, and why its results are bounds, is said in `flexhinf.certify.cells`. Arithmetic may be fused or not:
 the allowance for rounding covers both. The text depends on the degrees of the polynomials alone, so the object code
 is kept on disk like that of other kernels.
+
+On a face z_f = ±ρ, z_j = ρ t_j of a cube, P = Σ_k ρᵏ P_k(t). A coefficient belongs to a degree k and a monomial tᵝ,
+|β| ≤ k. Monomials stand in groups by |β|, those with even exponents only first; the degrees of one monomial stand
+together.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from functools import cache
+from typing import NamedTuple
 
-from flexhinf.certify.layouts import LANES, LOW, POINTERS, Group, Layout, Shape
-from flexhinf.codegen.emit.text import Lanes, ModuleText, Writer
+import numpy as np
+
+from flexhinf.codegen.emit.opcodes import Lanes, ModuleText, Writer
+
+LANES = 8
+LOW = 3  # monomials through this degree are kept as polynomials in ρ; the others only bounded
+
+#: What the kernel's argument points to, in this order: 64-bit words.
+POINTERS = (
+    "first", "last", "faces", "inputs", "outputs", "work", "level", "value_table", "quotient_table", "table",
+    "segments", "lines", "signs",
+)  # fmt: skip
 
 _VECTOR = f"<{LANES} x double>"
+_TRUTHS = f"<{LANES} x i1>"
 _ATTRIBUTES = 'nounwind "min-legal-vector-width"="512" "prefer-vector-width"="512"'
 
 
-def kernel_text(shape: Shape, entry: str) -> tuple[str, str]:
+class Group(NamedTuple):
+    """The monomials of one |β|, `size`, of a polynomial.
+
+    The coefficient (monomial, degree) stands at offset + monomial · degrees + degree.
+    """
+
+    size: int
+    first: int  # number of the first monomial
+    count: int
+    even: int  # how many have even exponents only
+    degrees: tuple[int, ...]  # those k ≥ |β| that the polynomial has
+    offset: int
+
+
+@cache
+def monomials_of(directions: int, highest: int) -> tuple[tuple[int, ...], ...]:
+    """Exponents of the monomials in t through degree `highest`."""
+    every: list[tuple[int, ...]] = [()]
+    for _ in range(directions):
+        every = [(*head, e) for head in every for e in range(highest + 1 - sum(head))]
+    return tuple(sorted(every, key=lambda beta: (sum(beta), any(e % 2 for e in beta), beta)))
+
+
+class Layout:
+    """Where the coefficients of a polynomial with these ascending degrees in z stand; t has `directions` entries."""
+
+    def __init__(self, directions: int, degrees: Sequence[int]) -> None:
+        self.directions, self.degrees = directions, tuple(degrees)
+        self.monomials = monomials_of(directions, max(self.degrees))
+        sizes = np.array([sum(beta) for beta in self.monomials])
+        even = np.array([not any(e % 2 for e in beta) for beta in self.monomials])
+        self.groups: list[Group] = []
+        self.place: dict[tuple[int, tuple[int, ...]], int] = {}
+        for size in np.unique(sizes).tolist():
+            chosen = np.flatnonzero(sizes == size)
+            kept, offset = tuple(k for k in self.degrees if k >= size), len(self.place)
+            self.groups.append(
+                Group(size, int(chosen[0]), len(chosen), int(even[chosen].sum()), kept, offset)
+            )
+            for b in chosen:
+                for k in kept:
+                    self.place[k, self.monomials[b]] = len(self.place)
+        self.count = len(self.place)
+
+    def shift_lines(self) -> list[tuple[int, int, np.ndarray]]:
+        """(variable, length, places (lines, length + 1)): lines of coefficients along which t_j is shifted."""
+        result = []
+        for k in self.degrees:
+            for j in range(self.directions):
+                by_length: dict[int, list[list[int]]] = {}
+                for others in monomials_of(self.directions - 1, k):
+                    length = k - sum(others)
+                    betas = [(*others[:j], p, *others[j:]) for p in range(length + 1)]
+                    if length > 0:
+                        by_length.setdefault(length, []).append([self.place[k, beta] for beta in betas])
+                result += [(j, length, np.array(lines)) for length, lines in sorted(by_length.items())]
+        return result
+
+
+class Shape:
+    """Sizes that the text depends on.
+
+    `value`, `whole` and `quotients` lay out V, r with all quotients multiplied out, and the factors Q_j; `terms` are
+    the degrees of Q_j ℓᵐ for every quotient and power. `inputs`, `outputs`, `work` are the first row of each input and
+    result of a group of cells and of each part of the work buffer, in vectors, and their "count".
+    """
+
+    def __init__(
+        self,
+        states: int,
+        value: Sequence[int],
+        quotients: Sequence[Sequence[int]],
+        whole: Sequence[int],
+        terms: Sequence[tuple[int, ...]],
+    ) -> None:
+        self.states, d = states, states - 1
+        self.directions, self.terms = d, terms
+        self.value, self.whole = Layout(d, value), Layout(d, whole)
+        self.quotients = [Layout(d, degrees) for degrees in quotients]
+        self.longest = max((self.whole, self.value), key=lambda layout: layout.degrees[-1])
+        one = dict.fromkeys(("inner", "outer", "middle", "half"), 1)
+        one |= dict.fromkeys(("value_rounding", "growth_rounding", "rounding"), 1)
+        self.inputs = _places({"t": d, "h": d} | one | {"error": len(quotients), "s": len(terms)})
+        names = (
+            "least_value", "growth", "upper", "upper_inside", "centre", "allowance", "value", "value_range",
+            "growth_at_centre",
+        )  # fmt: skip
+        self.outputs = _places(dict.fromkeys(names, 1) | {"score": states})
+        highest, monomials = self.longest.degrees[-1], len(self.longest.monomials)
+        low = sum(group.count for group in self.whole.groups if group.size <= LOW) * (highest + 1)
+        self.work = _places({
+            "value": self.value.count, "quotient": max((q.count for q in self.quotients), default=0),
+            "whole": self.whole.count, "scale": monomials, "weight": monomials, "low": low, "low_value": low,
+            "powers": 6 * (highest + 3), "slopes": states,
+        })  # fmt: skip
+
+
+def _places(sizes: dict[str, int]) -> dict[str, int]:
+    return dict(zip([*sizes, "count"], np.cumsum([0, *sizes.values()]).tolist()))
+
+
+def kernel_text(shape: Shape, entry: str) -> str:
     """LLVM text of the entry and of the shift it calls."""
     module = ModuleText(Lanes(LANES))
     longest = max(1, *(layout.degrees[-1] for layout in (shape.whole, shape.value, *shape.quotients)))
     _write_shift(module, longest)
     _Kernel(module, shape).write(entry)
-    return str(module), entry
+    return str(module)
 
 
 class _Code(Writer):
@@ -63,12 +180,13 @@ class _Code(Writer):
     def absolute(self, a: str) -> str:
         return self.intrinsic("fabs", a)
 
-    def negative(self, a: str) -> str:
-        return self.let(f"fneg {_VECTOR} {a}")
-
     def positive(self, a: str) -> str:
         """max(a, 0); of NaN, NaN."""
         return self.select(self.compare("ole", a, self.zero), self.zero, a)
+
+    def largest(self, a: str, even: bool) -> str:
+        """The largest a s for 0 ≤ s ≤ 1, or for |s| ≤ 1."""
+        return self.positive(a) if even else self.absolute(a)
 
     def constant(self, value: float) -> str:
         return self.lanes.constant(value)
@@ -76,22 +194,12 @@ class _Code(Writer):
     def integer(self, operation: str, a: str, b: str) -> str:
         return self.let(f"{operation} i64 {a}, {b}")
 
-    @contextmanager
-    def loop(self, count: str, start: str = "0") -> Iterator[str]:
-        """A loop over the integers from `start` to `count`."""
-        counter = self.allocate("i64")
-        head, body, end = (self.label(what) for what in ("head", "body", "end"))
-        self.do(f"store i64 {start}, ptr {counter}")
-        self.do(f"br label %{head}")
-        self.place(head)
-        index = self.let(f"load i64, ptr {counter}")
-        inside = self.let(f"icmp slt i64 {index}, {count}")
-        self.do(f"br i1 {inside}, label %{body}, label %{end}")
-        self.place(body)
-        yield index
-        self.do(f"store i64 {self.integer('add', index, '1')}, ptr {counter}")
-        self.do(f"br label %{head}")
-        self.place(end)
+    def affine(self, index: str, stride: int, offset: str | int) -> str:
+        """index · stride + offset."""
+        return self.integer("add", self.integer("mul", index, str(stride)), str(offset))
+
+    def logical(self, operation: str, a: str, b: str) -> str:
+        return self.let(f"{operation} {_TRUTHS} {a}, {b}")
 
     @contextmanager
     def where(self, condition: str) -> Iterator[None]:
@@ -102,35 +210,19 @@ class _Code(Writer):
         self.do(f"br label %{end}")
         self.place(end)
 
-    def sum(self, start: str = zero) -> _RunningSum:
-        total = _RunningSum(self, self.allocate(_VECTOR))
-        total.put(start)
-        return total
+    def sum(self, start: str = zero) -> str:
+        """A vector on the stack that is added to: its place."""
+        place = self.allocate(_VECTOR)
+        self.store(start, place)
+        return place
 
+    def add(self, place: str, value: str, operation: str = "fadd") -> None:
+        self.store(self.real(operation, self.load(place), value), place)
 
-@dataclass
-class _RunningSum:
-    """A vector on the stack that is added to."""
-
-    code: _Code
-    place: str
-
-    def get(self) -> str:
-        return self.code.load(self.place)
-
-    def put(self, value: str) -> None:
-        self.code.store(value, self.place)
-
-    def add(self, value: str) -> None:
-        self.put(self.code.plus(self.get(), value))
-
-    def take(self, value: str) -> None:
-        self.put(self.code.minus(self.get(), value))
-
-
-def _finish(code: _Code, head: str, name: str) -> None:
-    """Put a function that is written into the module."""
-    code.module.definitions[name] = "\n".join([f"{head} {_ATTRIBUTES} {{", *code.first, *code.lines, "}"])
+    def finish(self, head: str, name: str) -> None:
+        """Put the function that is written into the module."""
+        text = [f"{head} {_ATTRIBUTES} {{", *self.first, *self.lines, "}"]
+        self.module.definitions[name] = "\n".join(text)
 
 
 def _write_shift(module: ModuleText, longest: int) -> None:
@@ -140,10 +232,7 @@ def _write_shift(module: ModuleText, longest: int) -> None:
     """
     code = _Code(module)
     with code.loop("%last", "%first") as index:
-        row = code.integer("mul", index, "4")
-        variable, length, count, start = (
-            code.word("%segments", code.integer("add", row, str(i))) for i in range(4)
-        )
+        variable, length, count, start = (code.word("%segments", code.affine(index, 4, i)) for i in range(4))
         a = code.load(code.at("%t", variable))
         done = code.label("done")
         labels = [code.label(f"length{L}_") for L in range(1, longest + 1)]
@@ -152,7 +241,7 @@ def _write_shift(module: ModuleText, longest: int) -> None:
         for L, label in enumerate(labels, 1):
             code.place(label)
             with code.loop(count) as line:
-                base = code.integer("add", start, code.integer("mul", line, str(L + 1)))
+                base = code.affine(line, L + 1, start)
                 places = []
                 for p in range(L + 1):
                     pointer = code.at("%lines", code.integer("add", base, str(p)), "i32")
@@ -168,10 +257,10 @@ def _write_shift(module: ModuleText, longest: int) -> None:
         code.place(done)
     code.do("ret void")
     arguments = "ptr noalias %coefficients, ptr noalias %segments, ptr noalias %lines, ptr noalias %t"
-    _finish(code, f"define internal void @shift({arguments}, i64 %first, i64 %last) noinline", "shift")
+    code.finish(f"define internal void @shift({arguments}, i64 %first, i64 %last) noinline", "shift")
 
 
-class _Kernel:
+class _Kernel(_Code):
     """The entry's text: rows, tables and buffers of a group of cells, and what is done to polynomials in them."""
 
     pointers: dict[str, str]
@@ -179,352 +268,301 @@ class _Kernel:
     out: str
 
     def __init__(self, module: ModuleText, shape: Shape) -> None:
-        self.shape, self.code = shape, _Code(module)
-        self.inputs, self.outputs, self.places = shape.input_rows, shape.output_rows, shape.work_places()
+        super().__init__(module)
+        self.shape = shape
         self.top = max(shape.whole.degrees[-1] - 2, shape.value.degrees[-1])  # highest power of ρ
 
     def input(self, name: str, index: int = 0) -> str:
-        return self.code.load(self.code.at(self.rows, str(self.inputs[name] + index)))
+        return self.load(self.at(self.rows, str(self.shape.inputs[name] + index)))
 
     def output(self, name: str, value: str, index: int = 0) -> None:
-        self.code.store(value, self.code.at(self.out, str(self.outputs[name] + index)))
+        self.store(value, self.at(self.out, str(self.shape.outputs[name] + index)))
+
+    def result(self, name: str) -> str:
+        """An output that is already known."""
+        return self.load(self.at(self.out, str(self.shape.outputs[name])))
 
     def work(self, name: str, index: str = "0") -> str:
-        place = self.code.integer("add", str(self.places[name]), index)
-        return self.code.at(self.pointers["work"], place)
+        place = self.integer("add", str(self.shape.work[name]), index)
+        return self.at(self.pointers["work"], place)
 
     def power(self, which: int, exponent: int) -> str:
         """inner, outer, middle, half, outer − middle (of the powers), to an exponent."""
-        return self.code.load(self.work("powers", str(which * (self.top + 3) + exponent)))
+        return self.load(self.work("powers", str(which * (self.top + 3) + exponent)))
 
-    def powers(self) -> None:
-        """Powers of the radii into the work buffer."""
-        code, size = self.code, self.top + 3
-        for which, name in enumerate(("inner", "outer", "middle", "half")):
-            base, value = self.input(name), code.constant(1.0)
-            for exponent in range(size):
-                code.store(value, self.work("powers", str(which * size + exponent)))
-                value = code.times(value, base)
-        for exponent in range(size):
-            difference = code.minus(self.power(1, exponent), self.power(2, exponent))
-            code.store(difference, self.work("powers", str(4 * size + exponent)))
-
-    def scales(self) -> None:
-        """h^β for every monomial: each is another one times one h."""
-        code, layout = self.code, self.shape.longest
-        code.store(code.constant(1.0), self.work("scale"))
-        with code.loop(str(len(layout.monomials)), "1") as b:
-            parent = code.word(self.pointers["signs"], code.integer("mul", b, "2"))
-            variable = code.word(
-                self.pointers["signs"], code.integer("add", code.integer("mul", b, "2"), "1")
-            )
-            h = code.load(code.at(self.rows, code.integer("add", variable, str(self.inputs.get("h", 0)))))
-            code.store(code.times(code.load(self.work("scale", parent)), h), self.work("scale", b))
+    def moved(self, layout: Layout, table: str, base: str, place: str, number: int) -> None:
+        """Coefficients of the face in every lane, re-expanded about the middle of the box of directions."""
+        with self.loop(str(layout.count)) as i:
+            self.store(self.number(self.pointers[table], self.integer("add", base, i)), self.work(place, i))
+        self.shift(place, number)
 
     def shift(self, place: str, number: int) -> None:
-        """Re-expand a polynomial about the middle of the box of directions."""
-        code = self.code
-        bounds = [code.word(self.pointers["segments"], str(number + i)) for i in range(2)]
-        header = 2 + len(self.shape.quotients) + 1
-        segments = code.at(self.pointers["segments"], str(header), "i64")
+        bounds = [self.word(self.pointers["segments"], str(number + i)) for i in range(2)]
+        segments = self.at(self.pointers["segments"], str(len(self.shape.quotients) + 3), "i64")
         arguments = f"ptr {self.work(place)}, ptr {segments}, ptr {self.pointers['lines']}, ptr {self.rows}"
-        code.do(f"call void @shift({arguments}, i64 {bounds[0]}, i64 {bounds[1]})")
-
-    def copy(self, layout: Layout, table: str, base: str, place: str) -> None:
-        """Coefficients of the face in every lane."""
-        code = self.code
-        with code.loop(str(layout.count)) as i:
-            code.store(code.number(table, code.integer("add", base, i)), self.work(place, i))
+        self.do(f"call void @shift({arguments}, i64 {bounds[0]}, i64 {bounds[1]})")
 
     def each(self, group: Group) -> Iterator[tuple[str, bool]]:
         """Loops over the monomials of a group: those with even exponents, then the others."""
         for start, end, even in ((0, group.even, True), (group.even, group.count, False)):
             if end > start:
-                with self.code.loop(str(end), str(start)) as b:
+                with self.loop(str(end), str(start)) as b:
                     yield b, even
 
     def coefficients(self, group: Group, b: str, place: str) -> list[str]:
         """The coefficients of one monomial, by degree, in the cell's own variables."""
-        code = self.code
-        scale = code.load(self.work("scale", code.integer("add", b, str(group.first))))
-        start = code.integer("add", code.integer("mul", b, str(len(group.degrees))), str(group.offset))
+        scale = self.load(self.work("scale", self.integer("add", b, str(group.first))))
+        start = self.affine(b, len(group.degrees), group.offset)
         return [
-            code.times(code.load(self.work(place, code.integer("add", start, str(i)))), scale)
+            self.times(self.load(self.work(place, self.integer("add", start, str(i)))), scale)
             for i in range(len(group.degrees))
         ]
 
-    def keep(self, place: str, group: Group, b: str, power: int, value: str) -> None:
-        """A coefficient of ρ for one of the low monomials."""
-        start = self.code.integer("mul", self.code.integer("add", b, str(group.first)), str(self.top + 1))
-        self.code.store(value, self.work(place, self.code.integer("add", start, str(power))))
+    def low_place(self, place: str, group: Group, b: str, power: int) -> str:
+        """Where the coefficient of a power of ρ stands for one of the low monomials."""
+        monomial = self.integer("add", b, str(group.first))
+        return self.work(place, self.affine(monomial, self.top + 1, power))
 
     def kept(self, place: str, group: Group, b: str) -> list[str]:
-        code = self.code
-        start = code.integer("mul", code.integer("add", b, str(group.first)), str(self.top + 1))
-        return [code.load(self.work(place, code.integer("add", start, str(p)))) for p in range(self.top + 1)]
+        return [self.load(self.low_place(place, group, b, p)) for p in range(self.top + 1)]
 
     def about_middle(self, values: list[str], highest: int) -> list[str]:
         """A polynomial in ρ about the middle of the cell, scaled by its half width."""
-        code, middle = self.code, self.power(2, 1)
-        values = list(values)
+        middle, values = self.power(2, 1), list(values)
         for i in range(highest):
             for p in range(highest - 1, i - 1, -1):
-                values[p] = code.fused(middle, values[p + 1], values[p])
-        return [v if p == 0 or p > highest else code.times(v, self.power(3, p)) for p, v in enumerate(values)]
+                values[p] = self.fused(middle, values[p + 1], values[p])
+        return [v if p == 0 or p > highest else self.times(v, self.power(3, p)) for p, v in enumerate(values)]
 
     # The entry -----------------------------------------------------------------------------------
     def write(self, entry: str) -> None:
-        code = self.code
-        self.words = {name: code.word("%context", str(i)) for i, name in enumerate(POINTERS)}
-        self.pointers = {name: code.let(f"inttoptr i64 {word} to ptr") for name, word in self.words.items()}
-        self.level = code.number(self.pointers["level"], "0")
-        with code.loop(self.words["last"], self.words["first"]) as group:
-            self.rows = code.at(
-                self.pointers["inputs"], code.integer("mul", group, str(self.inputs["count"]))
-            )
-            self.out = code.at(
-                self.pointers["outputs"], code.integer("mul", group, str(self.outputs["count"]))
-            )
-            self.face = code.word(self.pointers["faces"], group)
-            self._group()
-        code.do("ret i64 0")
-        _finish(code, f"define i64 @{entry}(ptr %context)", entry)
+        words = {name: self.word("%context", str(i)) for i, name in enumerate(POINTERS)}
+        self.pointers = {name: self.let(f"inttoptr i64 {word} to ptr") for name, word in words.items()}
+        self.level = self.number(self.pointers["level"], "0")
+        inputs, outputs = self.shape.inputs["count"], self.shape.outputs["count"]
+        with self.loop(words["last"], words["first"]) as group:
+            self.rows = self.at(self.pointers["inputs"], self.integer("mul", group, str(inputs)))
+            self.out = self.at(self.pointers["outputs"], self.integer("mul", group, str(outputs)))
+            self.face = self.word(self.pointers["faces"], group)
+            self._powers()
+            self._value()
+            outside = self.compare("ogt", self.result("least_value"), self.level)
+            for name in ("upper", "upper_inside"):
+                self.output(name, self.constant(float("inf")))
+            full = f"llvm.vector.reduce.and.v{LANES}i1"
+            every = self.let(f"call i1 @{full}({_TRUTHS} {outside})")
+            self.module.declarations[full] = f"declare i1 @{full}({_TRUTHS})"
+            with self.where(self.let(f"xor i1 {every}, true")):
+                self._inequality()
+        self.do("ret i64 0")
+        self.finish(f"define i64 @{entry}(ptr %context)", entry)
 
-    # The group ----------------------------------------------------------------------------------
-    def _group(self) -> None:
-        code = self.code
-        self.powers()
-        self.scales()
-        self._value()
-        outside = code.compare(
-            "ogt", code.load(code.at(self.out, str(self.outputs["least_value"]))), self.level
-        )
-        for name in ("upper", "upper_inside"):
-            self.output(name, code.constant(float("inf")))
-        full = f"llvm.vector.reduce.and.v{LANES}i1"
-        every = code.let(f"call i1 @{full}(<{LANES} x i1> {outside})")
-        code.module.declarations[full] = f"declare i1 @{full}(<{LANES} x i1>)"
-        with code.where(code.let(f"xor i1 {every}, true")):
-            self._inequality()
+    def _powers(self) -> None:
+        """Powers of the radii into the work buffer, and h^β for every monomial: each is another one times one h."""
+        size = self.top + 3
+        for which, name in enumerate(("inner", "outer", "middle", "half")):
+            base, value = self.input(name), self.constant(1.0)
+            for exponent in range(size):
+                self.store(value, self.work("powers", str(which * size + exponent)))
+                value = self.times(value, base)
+        for exponent in range(size):
+            difference = self.minus(self.power(1, exponent), self.power(2, exponent))
+            self.store(difference, self.work("powers", str(4 * size + exponent)))
+        self.store(self.constant(1.0), self.work("scale"))
+        with self.loop(str(len(self.shape.longest.monomials)), "1") as b:
+            parent, variable = (self.word(self.pointers["signs"], self.affine(b, 2, i)) for i in (0, 1))
+            h = self.load(self.at(self.rows, self.integer("add", variable, str(self.shape.inputs["h"]))))
+            self.store(self.times(self.load(self.work("scale", parent)), h), self.work("scale", b))
 
     # V ------------------------------------------------------------------------------------------
     def _value(self) -> None:
-        code, layout = self.code, self.shape.value
-        self.copy(
-            layout, self.pointers["value_table"], code.integer("mul", self.face, str(layout.count)), "value"
-        )
-        self.shift("value", 0)
-        least, growth, spread = code.sum(), code.sum(), code.sum()
+        layout = self.shape.value
+        base = self.integer("mul", self.face, str(layout.count))
+        self.moved(layout, "value_table", base, "value", 0)
+        least, growth, self.value_tail = self.sum(), self.sum(), self.sum()
         for group in layout.groups:
             for b, even in self.each(group):
                 found = self.coefficients(group, b, "value")
-                inner, slope, width = code.zero, code.zero, code.zero
-                high, high_width = code.zero, code.zero
+                inner, slope, width, high, high_width = [self.zero] * 5
                 for k, c in zip(group.degrees, found):
-                    size = code.absolute(c)
-                    inner = code.fused(c, self.power(0, k), inner)
-                    times = code.times(code.constant(float(k)), c)
-                    slope = code.fused(times, self.power(2, k - 2), slope)
-                    width = code.fused(code.absolute(times), self.power(4, k - 2), width)
+                    size = self.absolute(c)
+                    inner = self.fused(c, self.power(0, k), inner)
+                    times = self.times(self.constant(float(k)), c)
+                    slope = self.fused(times, self.power(2, k - 2), slope)
+                    width = self.fused(self.absolute(times), self.power(4, k - 2), width)
                     if group.size > LOW:
-                        high = code.fused(c, self.power(2, k), high)
-                        high_width = code.fused(size, self.power(4, k), high_width)
+                        high = self.fused(c, self.power(2, k), high)
+                        high_width = self.fused(size, self.power(4, k), high_width)
                 if group.size == 0:
-                    least.add(inner)
+                    self.add(least, inner)
                     self.output("growth_at_centre", slope)
-                    growth.add(code.minus(slope, width))
+                    self.add(growth, self.minus(slope, width))
                 else:
-                    least.take(code.positive(code.negative(inner)) if even else code.absolute(inner))
-                    smaller = code.positive(code.negative(slope)) if even else code.absolute(slope)
-                    growth.take(code.plus(smaller, width))
+                    down, falls = (self.let(f"fneg {_VECTOR} {a}") if even else a for a in (inner, slope))
+                    self.add(least, self.largest(down, even), "fsub")
+                    self.add(growth, self.plus(self.largest(falls, even), width), "fsub")
                 if group.size > LOW:
-                    spread.add(code.plus(code.absolute(high), high_width))
+                    self.add(self.value_tail, self.plus(self.absolute(high), high_width))
                 else:
                     for p in range(self.top + 1):
-                        value = found[group.degrees.index(p)] if p in group.degrees else code.zero
-                        self.keep("low_value", group, b, p, value)
-        self.output("least_value", code.minus(least.get(), self.input("value_rounding")))
-        self.output("growth", code.minus(growth.get(), self.input("growth_rounding")))
-        self.value_tail = spread
-        self._centre_value()
+                        value = found[group.degrees.index(p)] if p in group.degrees else self.zero
+                        self.store(value, self.low_place("low_value", group, b, p))
+        self.output("least_value", self.minus(self.load(least), self.input("value_rounding")))
+        self.output("growth", self.minus(self.load(growth), self.input("growth_rounding")))
+        self._centre_value(layout)
 
-    def _centre_value(self) -> None:
+    def _centre_value(self, layout: Layout) -> None:
         """V about the middle of the cell: its value there, and a bound of how far it goes from it."""
-        code, highest = self.code, self.shape.value.degrees[-1]
-        spread = self.value_tail.get()
-        total = code.sum(spread)
-        for group in self.shape.value.groups:
-            if group.size > LOW:
-                continue
+        highest, total = layout.degrees[-1], self.sum(self.load(self.value_tail))
+        for group in layout.groups[: LOW + 1]:
             for b, _ in self.each(group):
                 moved = self.about_middle(self.kept("low_value", group, b), highest)
                 for p, value in enumerate(moved):
-                    self.keep("low_value", group, b, p, value)
+                    self.store(value, self.low_place("low_value", group, b, p))
                     if group.size == 0 and p == 0:
                         self.output("value", value)
                     elif p <= highest:
-                        total.add(code.absolute(value))
-        self.output("value_range", total.get())
+                        self.add(total, self.absolute(value))
+        self.output("value_range", self.load(total))
 
     # r ------------------------------------------------------------------------------------------
     def _inequality(self) -> None:
-        code, shape = self.code, self.shape
-        allowance = code.sum(self.input("rounding"))
-        for j, layout in enumerate(shape.quotients):
-            bound = self._quotient_bound(j, layout)
-            allowance.add(code.times(bound, code.times(self.input("error", j), code.constant(1.000001))))
-        self.output("allowance", allowance.get())
+        shape = self.shape
+        allowance, total, self.tail = self.sum(self.input("rounding")), self.sum(), self.sum()
+        every, start = sum(layout.count for layout in shape.quotients), 0
+        for j, layout in enumerate(shape.quotients):  # a bound of |Q_j|/ρ² on the cell
+            base = self.affine(self.face, every, start)
+            start += layout.count
+            self.moved(layout, "quotient_table", base, "quotient", 1 + j)
+            bound = self.sum()
+            for group in layout.groups:
+                for b, _ in self.each(group):
+                    value = self.zero
+                    for k, c in zip(group.degrees, self.coefficients(group, b, "quotient")):
+                        value = self.fused(self.absolute(c), self.power(1, k - 2), value)
+                    self.add(bound, value)
+            error = self.times(self.input("error", j), self.constant(1.000001))
+            self.add(allowance, self.times(self.load(bound), error))
+        self.output("allowance", self.load(allowance))
         self._load_whole()
         self.shift("whole", 1 + len(shape.quotients))
-        self.tail, total = code.sum(), code.sum()
         for group in shape.whole.groups:
             self._whole_group(group, total)
-        upper = code.plus(code.plus(total.get(), self.tail.get()), allowance.get())
+        upper = self.plus(self.plus(self.load(total), self.load(self.tail)), self.load(allowance))
         self.output("upper", upper)
-        least, centre, spread = (
-            code.load(code.at(self.out, str(self.outputs[name])))
-            for name in ("least_value", "value", "value_range")
-        )
-        reaches = code.compare("ogt", code.plus(centre, spread), self.level)
-        undecided = code.let(f"xor <{LANES} x i1> {code.compare('olt', upper, code.zero)}, splat (i1 true)")
-        crossing = code.let(f"and <{LANES} x i1> {undecided}, {reaches}")
-        begun = code.compare("ole", least, self.level)
-        wanted = code.any(code.let(f"and <{LANES} x i1> {crossing}, {begun}"))
-        with code.where(wanted):
+        least, centre, spread = map(self.result, ("least_value", "value", "value_range"))
+        reaches = self.compare("ogt", self.plus(centre, spread), self.level)
+        undecided = self.logical("xor", self.compare("olt", upper, self.zero), "splat (i1 true)")
+        crossing = self.logical("and", undecided, reaches)
+        begun = self.compare("ole", least, self.level)
+        with self.where(self.any(self.logical("and", crossing, begun))):
             self._multipliers(allowance)
-        with code.where(code.any(undecided)):
+        with self.where(self.any(undecided)):
             self._scores()
-
-    def _quotient_bound(self, j: int, layout: Layout) -> str:
-        """A bound of |Q_j|/ρ² on the cell."""
-        code = self.code
-        start = sum(self.shape.quotients[i].count for i in range(j))
-        every = sum(layout.count for layout in self.shape.quotients)
-        base = code.integer("add", code.integer("mul", self.face, str(every)), str(start))
-        self.copy(layout, self.pointers["quotient_table"], base, "quotient")
-        self.shift("quotient", 1 + j)
-        total = code.sum()
-        for group in layout.groups:
-            for b, _ in self.each(group):
-                value = code.zero
-                for k, c in zip(group.degrees, self.coefficients(group, b, "quotient")):
-                    value = code.fused(code.absolute(c), self.power(1, k - 2), value)
-                total.add(value)
-        return total.get()
 
     def _load_whole(self) -> None:
         """A + Σ s_jm Q_j ℓᵐ on the face."""
-        code, shape = self.code, self.shape
+        shape, table, offset = self.shape, self.pointers["table"], 0
         factors = [self.input("s", q) for q in range(len(shape.terms))]
-        size = shape.table_size
-        base = code.integer("mul", self.face, str(size))
-        offset = 0
-        for group in shape.whole.groups:
-            chosen = [[q for q, degrees in enumerate(shape.terms) if k in degrees] for k in group.degrees]
-            entries = sum(1 + len(q) for q in chosen)
-            with code.loop(str(group.count)) as b:
-                start = code.integer("add", base, code.integer("mul", b, str(entries)))
-                entry = offset
-                target = code.integer(
-                    "add", code.integer("mul", b, str(len(group.degrees))), str(group.offset)
-                )
-                for i, quotients in enumerate(chosen):
-                    value = code.number(self.pointers["table"], code.integer("add", start, str(entry)))
-                    for q in quotients:
+        chosen = {
+            k: [q for q, degrees in enumerate(shape.terms) if k in degrees] for k in shape.whole.degrees
+        }
+        entries = [sum(1 + len(chosen[k]) for k in group.degrees) for group in shape.whole.groups]
+        size = sum(group.count * each for group, each in zip(shape.whole.groups, entries))
+        base = self.integer("mul", self.face, str(size))
+        for group, each in zip(shape.whole.groups, entries):
+            with self.loop(str(group.count)) as b:
+                start, entry = self.affine(b, each, base), offset
+                target = self.affine(b, len(group.degrees), group.offset)
+                for i, k in enumerate(group.degrees):
+                    value = self.number(table, self.integer("add", start, str(entry)))
+                    for q in chosen[k]:
                         entry += 1
-                        number = code.number(self.pointers["table"], code.integer("add", start, str(entry)))
-                        value = code.fused(factors[q], number, value)
+                        number = self.number(table, self.integer("add", start, str(entry)))
+                        value = self.fused(factors[q], number, value)
                     entry += 1
-                    code.store(value, self.work("whole", code.integer("add", target, str(i))))
-            offset += entries * group.count
+                    self.store(value, self.work("whole", self.integer("add", target, str(i))))
+            offset += each * group.count
 
-    def _whole_group(self, group: Group, total: _RunningSum) -> None:
-        code, highest = self.code, self.shape.whole.degrees[-1] - 2
+    def _whole_group(self, group: Group, total: str) -> None:
+        highest = self.shape.whole.degrees[-1] - 2
         for b, even in self.each(group):
             found = self.coefficients(group, b, "whole")
             if group.size > LOW:
-                value, width = code.zero, code.zero
+                value, width = self.zero, self.zero
                 for k, c in zip(group.degrees, found):
-                    value = code.fused(c, self.power(2, k - 2), value)
-                    width = code.fused(code.absolute(c), self.power(4, k - 2), width)
-                self.tail.add(code.plus(code.positive(value) if even else code.absolute(value), width))
-                weight = self.work("weight", code.integer("add", b, str(group.first)))
-                code.store(code.plus(code.absolute(value), width), weight)
+                    value = self.fused(c, self.power(2, k - 2), value)
+                    width = self.fused(self.absolute(c), self.power(4, k - 2), width)
+                self.add(self.tail, self.plus(self.largest(value, even), width))
+                weight = self.work("weight", self.integer("add", b, str(group.first)))
+                self.store(self.plus(self.absolute(value), width), weight)
                 continue
             values = [
-                found[group.degrees.index(p + 2)] if p + 2 in group.degrees else code.zero
+                found[group.degrees.index(p + 2)] if p + 2 in group.degrees else self.zero
                 for p in range(self.top + 1)
             ]
             for p, value in enumerate(self.about_middle(values, highest)):
-                self.keep("low", group, b, p, value)
+                self.store(value, self.low_place("low", group, b, p))
                 if group.size == 0 and p == 0:
                     self.output("centre", value)
-                    total.add(value)
+                    self.add(total, value)
                 elif p <= highest:
-                    total.add(code.positive(value) if even and p % 2 == 0 else code.absolute(value))
+                    self.add(total, self.largest(value, even and p % 2 == 0))
 
-    def _multipliers(self, allowance: _RunningSum) -> None:
+    def _multipliers(self, allowance: str) -> None:
         """The least bound of F + λ(c − V) with λ a ratio of linear coefficients, one for each variable."""
-        code, shape = self.code, self.shape
-        groups = [group for group in shape.whole.groups if group.size <= min(LOW, shape.value.degrees[-1])]
-        best = code.sum(code.constant(float("inf")))
-        width = str(self.top + 1)
-        with code.loop(str(shape.states)) as candidate:
-            place = code.integer("mul", candidate, width)
-            first = code.let(f"icmp eq i64 {candidate}, 0")
-            place = code.let(f"select i1 {first}, i64 1, i64 {place}")
-            slope, growth = (code.load(self.work(name, place)) for name in ("low", "low_value"))
-            ratio = code.real("fdiv", slope, growth)
-            good = code.let(
-                f"and <{LANES} x i1> {code.compare('ogt', ratio, code.zero)}, "
-                f"{code.compare('olt', ratio, code.constant(1e200))}"
-            )
-            factor = code.select(good, ratio, code.zero)
-            total = code.sum()
-            for group in groups:
+        shape = self.shape
+        best = self.sum(self.constant(float("inf")))
+        with self.loop(str(shape.states)) as candidate:
+            place = self.integer("mul", candidate, str(self.top + 1))
+            first = self.let(f"icmp eq i64 {candidate}, 0")
+            place = self.let(f"select i1 {first}, i64 1, i64 {place}")
+            slope, growth = (self.load(self.work(name, place)) for name in ("low", "low_value"))
+            ratio = self.real("fdiv", slope, growth)
+            positive = self.compare("ogt", ratio, self.zero)
+            good = self.logical("and", positive, self.compare("olt", ratio, self.constant(1e200)))
+            factor = self.select(good, ratio, self.zero)
+            total = self.sum()
+            for group in shape.whole.groups[: min(LOW, shape.value.degrees[-1]) + 1]:
                 for b, even in self.each(group):
                     pairs = zip(self.kept("low", group, b), self.kept("low_value", group, b))
                     for p, (f, v) in enumerate(pairs):
-                        value = code.minus(f, code.times(factor, v))
+                        value = self.minus(f, self.times(factor, v))
                         if group.size == 0 and p == 0:
-                            total.add(code.fused(factor, self.level, value))
+                            self.add(total, self.fused(factor, self.level, value))
                         else:
-                            total.add(code.positive(value) if even and p % 2 == 0 else code.absolute(value))
-            total.add(code.plus(self.tail.get(), allowance.get()))
-            rounding = code.plus(self.value_tail.get(), self.input("value_rounding"))
-            total.add(code.times(factor, rounding))
-            bound = total.get()
-            best.put(code.select(code.compare("olt", bound, best.get()), bound, best.get()))
-        self.output("upper_inside", best.get())
+                            self.add(total, self.largest(value, even and p % 2 == 0))
+            self.add(total, self.plus(self.load(self.tail), self.load(allowance)))
+            rounding = self.plus(self.load(self.value_tail), self.input("value_rounding"))
+            self.add(total, self.times(factor, rounding))
+            bound, before = self.load(total), self.load(best)
+            self.store(self.select(self.compare("olt", bound, before), bound, before), best)
+        self.output("upper_inside", self.load(best))
 
     def _scores(self) -> None:
         """How much each variable's nonlinear coefficients add to the bound: what a cell is split by."""
-        code, shape = self.code, self.shape
-        scores = [code.sum() for _ in range(shape.states)]
-        for group in shape.whole.groups:
-            if group.size > LOW or group.size == 0:
-                continue
+        shape, d = self.shape, self.shape.directions
+        scores = [self.sum() for _ in range(shape.states)]
+        centre, *others = shape.whole.groups[: LOW + 1]
+        for group in others:
             for b, _ in self.each(group):
-                total = code.zero
+                total = self.zero
                 for p, value in enumerate(self.kept("low", group, b)):
-                    size = code.absolute(value)
+                    size = self.absolute(value)
                     if p:
-                        scores[0].add(size)
-                    total = code.plus(
-                        total, code.times(size, code.constant(0.25)) if group.size + p == 1 else size
-                    )
-                code.store(total, self.work("weight", code.integer("add", b, str(group.first))))
-        centre = shape.whole.groups[0]
+                        self.add(scores[0], size)
+                    linear = group.size + p == 1
+                    total = self.plus(total, self.times(size, self.constant(0.25)) if linear else size)
+                self.store(total, self.work("weight", self.integer("add", b, str(group.first))))
         for p, value in enumerate(self.kept("low", centre, "0")):
             if p:
-                scores[0].add(code.times(code.absolute(value), code.constant(0.25 if p == 1 else 1.0)))
-        masks = code.at(self.pointers["signs"], str(2 * len(shape.longest.monomials)), "i64")
-        d = shape.directions
+                weight = self.constant(0.25 if p == 1 else 1.0)
+                self.add(scores[0], self.times(self.absolute(value), weight))
         if d:
-            with code.loop(str(len(shape.whole.monomials)), "1") as b:
-                weight = code.load(self.work("weight", b))
+            masks = self.at(self.pointers["signs"], str(2 * len(shape.longest.monomials)), "i64")
+            with self.loop(str(len(shape.whole.monomials)), "1") as b:
+                weight = self.load(self.work("weight", b))
                 for j in range(d):
-                    row = code.integer("add", code.integer("mul", b, str(d)), str(j))
-                    scores[1 + j].add(code.times(weight, code.number(masks, row)))
+                    self.add(scores[1 + j], self.times(weight, self.number(masks, self.affine(b, d, j))))
         for j, score in enumerate(scores):
-            self.output("score", score.get(), j)
+            self.output("score", self.load(score), j)

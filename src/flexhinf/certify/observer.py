@@ -12,9 +12,10 @@ import numpy as np
 
 from flexhinf.certify.certificate import Certificate
 from flexhinf.certify.claim import Observer
-from flexhinf.certify.inequality import Rational, law_slopes
-from flexhinf.certify.problem_to_claim import matrix_rows, nearest_double
-from flexhinf.certify.starts import starts_of, term_weight
+from flexhinf.certify.evaluation import linear_system
+from flexhinf.certify.inequality import Algebra, Rational
+from flexhinf.certify.problem_to_claim import matrix_rows, nearest_double, terms_of
+from flexhinf.certify.starts import starts_of
 from flexhinf.errors import InvalidInput, NumericalFailure
 from flexhinf.hinf.value_function import ValueFunction
 from flexhinf.plant.plant import GeneralisedPlant
@@ -23,11 +24,6 @@ _MARGIN = 1e-2  # of M over the slopes of the law, and of the Lyapunov inequalit
 _OVER = 1.5  # γ_e over the smallest one
 _PASSES = 20  # of hull, M and X, which follow from each other
 _HALVINGS = 60
-
-
-def error_axes(observer: Observer) -> np.ndarray:
-    """Largest initial error in each single state without disturbances (n_e,): ½ X_ii e_i² = ε."""
-    return np.sqrt(2.0 * observer.energy / np.diag(np.array(observer.storage)))
 
 
 def with_observer(
@@ -60,25 +56,17 @@ def with_observer(
     names = solution.state_names
     sensors = np.zeros((len(problem.plant.outputs), len(names)))
     sensors[:, :size] = problem.plant.linearise(problem.operating_point[:size])[3]
-    numbers = certificate.middle
-    linear = np.zeros((size, size))
-    for i, terms in enumerate(certificate.drift[:size]):
-        for term in terms:
-            if term.function is None and sum(term.powers) == 1 and term.powers.index(1) < size:
-                linear[i, term.powers.index(1)] += term_weight(term, numbers)
-    channels = certificate.g1[:size]
-    noise = np.array([[sum(term_weight(t, numbers) for t in entry) for entry in row] for row in channels])
+    a, b1, _ = linear_system(certificate, certificate.middle, np.zeros(len(certificate.functions)))
+    linear, noise, seen = a[:size, :size], b1[:size], sensors[:, :size]
     transform = np.array(certificate.coordinates)
     spread = (transform @ transform.T)[:size, :size]
-    seen = sensors[:, :size]
     price = np.diag(np.diag(seen @ spread @ seen.T)) / bandwidth
     covariance = solve_continuous_are(
         (linear + bandwidth * np.eye(size)).T, seen.T, bandwidth * spread, price
     )
     gain = covariance @ seen.T @ np.linalg.inv(price)
-    closed = linear - gain @ seen
     energy = share * certificate.level
-    weight, storage, gain_error = _error_energy(certificate, closed, noise, energy)
+    weight, storage, gain_error = _error_energy(certificate, linear - gain @ seen, noise, energy)
     measured, gains, weights, storages = map(matrix_rows, (sensors, gain, weight, storage))
     observer = Observer(measured, names[size:], gains, weights, storages, gain_error, energy)
     claimed = replace(certificate, feedback="output injection observer", observer=observer)
@@ -111,23 +99,22 @@ def _error_energy(
 ) -> tuple[np.ndarray, np.ndarray, float]:
     """M, X and γ_e for which the errors are paid. The hull depends on X and M on the hull, so they are iterated."""
     size = len(closed)
-    slopes = [row[:size] for row in law_slopes(certificate)]
+    algebra = Algebra(certificate)
+    laws = map(algebra.in_x, certificate.law)
+    slopes = [[terms_of(algebra.moved(law.derivative(j))) for j in range(size)] for law in laws]
     backwards = np.linalg.inv(np.array(certificate.coordinates))[:, :size]
     widths = np.zeros(len(backwards))
     scale = 1 / np.linalg.norm(backwards, axis=0)
     squares = np.outer(scale, scale)
     for _ in range(_PASSES):
         weight = _weight(certificate, slopes, certificate.reach + 1.05 * widths)
-        found = _storage(
-            closed * scale / scale[:, None], noise / scale[:, None], weight * squares * (1 + _MARGIN)
-        )
+        scaled = closed * scale / scale[:, None], noise / scale[:, None], weight * squares * (1 + _MARGIN)
+        found = _storage(*scaled)
         if found is None:
             break
         storage, gain_error = found[0] / squares, found[1]
-        before, widths = (
-            widths,
-            np.sqrt(2 * energy * np.einsum("ij,ji->i", backwards, np.linalg.solve(storage, backwards.T))),
-        )
+        within = np.einsum("ij,ji->i", backwards, np.linalg.solve(storage, backwards.T))
+        before, widths = widths, np.sqrt(2 * energy * within)
         if np.all(widths <= 1.04 * before):
             return weight, storage, gain_error
     raise _not_found(f"the law's slopes where the estimates are did not settle in {_PASSES} passes")
@@ -142,26 +129,8 @@ def _not_found(reason: str) -> NumericalFailure:
 def _weight(certificate: Certificate, slopes: list[list[Rational]], widest: np.ndarray) -> np.ndarray:
     """M ≻ JᵀR2 J for all J within their bounds on |z_i| ≤ `widest_i`."""
     transform, r2 = np.array(certificate.coordinates), np.array(certificate.r2)
-    at_origin, radius = _slope_bounds(slopes, widest)
-    size = at_origin.shape[1]
-    scale = np.sqrt(np.diag(transform @ transform.T)[:size])
-    base = at_origin.T @ r2 @ at_origin
-    most = float(scale @ np.abs(base) @ scale)
-    reached = radius @ scale
-    extra = np.zeros((size, size))
-    spread = np.sqrt(np.outer(reached, reached) * np.abs(r2)).sum() ** 2
-    if spread:
-        total = (np.abs(r2) @ reached) @ (radius / scale)
-        extra = np.diag(total)
-    ratio = np.sqrt(spread / most) if most else 1.0
-    weight = (1 + ratio) * base + ((1 + 1 / ratio) * extra if spread else 0.0)
-    weight = weight * (1 + _MARGIN) + _MARGIN * np.diag(most / scale**2) / size
-    return (weight + weight.T) / 2
-
-
-def _slope_bounds(slopes: list[list[Rational]], widest: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """J at 0, and a bound of how far it goes from there for |z_i| ≤ widest_i, both (m, n_e)."""
-    at_origin, radius = np.zeros((2, len(slopes), len(slopes[0])))
+    size = len(slopes[0])
+    at_origin, radius = np.zeros((2, len(slopes), size))  # J at 0, and how far it goes from there
     for row, entries in enumerate(slopes):
         for column, terms in enumerate(entries):
             for powers, value in terms.items():
@@ -169,7 +138,18 @@ def _slope_bounds(slopes: list[list[Rational]], widest: np.ndarray) -> tuple[np.
                     radius[row, column] += abs(nearest_double(value)) * np.prod(widest ** np.array(powers))
                 else:
                     at_origin[row, column] = nearest_double(value)
-    return at_origin, radius
+    scale = np.sqrt(np.diag(transform @ transform.T)[:size])
+    base = at_origin.T @ r2 @ at_origin
+    most = float(scale @ np.abs(base) @ scale)
+    reached = radius @ scale
+    extra = np.zeros((size, size))
+    spread = np.sqrt(np.outer(reached, reached) * np.abs(r2)).sum() ** 2
+    if spread:
+        extra = np.diag((np.abs(r2) @ reached) @ (radius / scale))
+    ratio = np.sqrt(spread / most) if most else 1.0
+    weight = (1 + ratio) * base + ((1 + 1 / ratio) * extra if spread else 0.0)
+    weight = weight * (1 + _MARGIN) + _MARGIN * np.diag(most / scale**2) / size
+    return (weight + weight.T) / 2
 
 
 def _storage(closed: np.ndarray, noise: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, float] | None:

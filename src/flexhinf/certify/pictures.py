@@ -10,7 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from flexhinf.certify.claim import Claim, Start
-from flexhinf.certify.starts import longest_run, path_start, path_states
+from flexhinf.certify.evaluation import path_start, path_states
+from flexhinf.certify.starts import longest_run
 from flexhinf.hinf.margin import CheckedPenalty, checked_pair
 from flexhinf.hinf.rays import Inequality
 from flexhinf.hinf.sampled import sample_region
@@ -31,15 +32,7 @@ SAMPLES = 1000
 
 @dataclass(frozen=True, eq=False)
 class Slice:
-    """V and r + αV on a surface through the goal.
-
-    Attributes
-    ----------
-    across, up : ndarray, shapes (A,) and (B,)
-        Coordinates of the surface.
-    value, residual : ndarray, shape (B, A)
-        V, and r with the certificate's αV.
-    """
+    """V and r + αV (B, A) on a surface through the goal with the coordinates `across` (A,) and `up` (B,)."""
 
     across: np.ndarray
     up: np.ndarray
@@ -63,10 +56,7 @@ class Slice:
 class StartSurface(Slice):
     """Equilibria at −a with an integrator at e, where steps from rest to rest start: `across` is a, `up` is e.
 
-    Attributes
-    ----------
-    paths : tuple of ndarray, shape (N, 2)
-        a and e of the proved starts, in the order of the certificate's.
+    `paths` are a and e (N, 2) of the proved starts, in the order of the certificate's.
     """
 
     paths: tuple[np.ndarray, ...]
@@ -78,43 +68,24 @@ class LimitSlice(Slice):
 
     The other one is the largest proved start, or where that lies near the first, a unit of one state with the others
     where V_2 is smallest.
-
-    Attributes
-    ----------
-    limit : str
-        What fails there, as `SampledCheck.limit`.
-    point : ndarray, shape (n,)
-        Deviation at which the level ends.
-    moved : int or None
-        Place of the state that is moved, None for the largest start.
     """
 
-    limit: str
-    point: np.ndarray
-    moved: int | None
+    limit: str  # what fails there, as `SampledCheck.limit`
+    point: np.ndarray  # (n,): deviation at which the level ends
+    moved: int | None  # place of the state that is moved, None for the largest start
 
 
 @dataclass(frozen=True, eq=False)
 class WorstStep:
-    """A step from rest with the disturbance that V says is worst, d = g1ᵀV_xᵀ/γ², for as long as the budget lasts.
-
-    Attributes
-    ----------
-    time : ndarray, shape (N,)
-        s.
-    state, disturbance : ndarray, shapes (N, n), (N, w)
-        Deviations from the goal.
-    value, spent : ndarray, shape (N,)
-        V, and ½γ²∫|d|² until then.
-    """
+    """A step from rest with the disturbance that V says is worst, d = g1ᵀV_xᵀ/γ², for as long as the budget lasts."""
 
     rule: str
     amplitude: float
-    time: np.ndarray
-    state: np.ndarray
-    disturbance: np.ndarray
-    value: np.ndarray
-    spent: np.ndarray
+    time: np.ndarray  # (N,), s
+    state: np.ndarray  # (N, n), deviations from the goal
+    disturbance: np.ndarray  # (N, w)
+    value: np.ndarray  # V
+    spent: np.ndarray  # ½γ²∫|d|² until then
 
 
 def start_surface(
@@ -132,7 +103,7 @@ def start_surface(
         np.sqrt(2.0 * certificate.level * curvature), max(float(np.abs(p[:, 1]).max()) for p in paths)
     )
     a, e = np.linspace(-width, width, POINTS), np.linspace(-height, height, POINTS)
-    rest = path_states(start.path, start.functions, _middle(certificate), a)
+    rest = path_states(start, certificate.middle, a)
     points = np.repeat(rest[None], POINTS, axis=0)
     points[:, :, integral] = e[:, None]
     return StartSurface(a, e, *_on(solution, certificate, penalty, points), paths)
@@ -145,43 +116,31 @@ def limit_slice(
     check = sample_region(solution, certificate.gamma, penalty)
     if check is None or not 0.0 < check.level < np.inf:
         return None
-    point = check.worst_point
-    other, moved = _beside(solution, certificate, point)
-    lengths = _extent(solution, certificate.level, point, other)
+    point, least = check.worst_point, np.linalg.inv(solution.P)
+
+    def apart(choice: tuple[np.ndarray, int | None]) -> float:
+        x = choice[0]
+        sizes = np.sqrt((x @ solution.P @ x) * (point @ solution.P @ point))
+        return 1.0 - float(abs(x @ solution.P @ point) / sizes)
+
+    starts = [path_start(certificate, start, start.amplitude) for start in certificate.starts]
+    choices: list[tuple[np.ndarray, int | None]] = [
+        (x, None) for x in sorted(starts, key=lambda x: -float(solution.value(x)))[:1]
+    ]
+    choices += [(least[:, i] / least[i, i], i) for i in range(len(least))]
+    other, moved = next((choice for choice in choices if apart(choice) > APART), max(choices, key=apart))
+
+    angle = np.linspace(0.0, np.pi, 91)  # how far {V ≤ level} goes in this plane, along rays from the goal
+    unit = np.column_stack([np.cos(angle), np.sin(angle)])
+    ends = np.array([np.sqrt(2.0 * certificate.level / (x @ solution.P @ x)) for x in (other, point)])
+    plane = np.linspace(0.0, FURTHEST, 200)[1:, None, None] * unit * ends
+    value = np.asarray(solution.value((plane @ np.array([other, point])).reshape(-1, len(point))))
+    inside = np.logical_and.accumulate(value.reshape(plane.shape[:2]) <= certificate.level, axis=0)
+    lengths = (float(np.abs(plane[..., k][inside]).max(initial=0.1)) for k in (0, 1))
     across, up = (np.linspace(-SIDES * length, SIDES * length, POINTS) for length in lengths)
     points = across[:, None] * other + up[:, None, None] * point
     value, residual = _on(solution, certificate, penalty, points)
     return LimitSlice(across, up, value, residual, check.limit, point, moved)
-
-
-def _beside(solution: ValueFunction, certificate: Claim, point: np.ndarray) -> tuple[np.ndarray, int | None]:
-    """A second point of the plane, and the place of the state that it moves."""
-    choices: list[tuple[np.ndarray, int | None]] = [
-        (path_start(certificate, start, start.amplitude), None) for start in certificate.starts
-    ]
-    choices = sorted(choices, key=lambda pair: -float(solution.value(pair[0])))[:1]
-    least = np.linalg.inv(solution.P)
-    choices += [(least[:, i] / least[i, i], i) for i in range(len(least))]
-
-    def apart(x: np.ndarray) -> float:
-        sizes = np.sqrt((x @ solution.P @ x) * (point @ solution.P @ point))
-        return 1.0 - float(abs(x @ solution.P @ point) / sizes)
-
-    return next((pair for pair in choices if apart(pair[0]) > APART), max(choices, key=lambda p: apart(p[0])))
-
-
-def _extent(
-    solution: ValueFunction, level: float, point: np.ndarray, other: np.ndarray
-) -> tuple[float, float]:
-    """Largest coordinates (across, up) of {V ≤ level} in a plane, followed along rays from the goal."""
-    angle = np.linspace(0.0, np.pi, 91)
-    unit = np.column_stack([np.cos(angle), np.sin(angle)])
-    ends = np.array([np.sqrt(2.0 * level / (x @ solution.P @ x)) for x in (other, point)])
-    plane = np.linspace(0.0, FURTHEST, 200)[1:, None, None] * unit * ends
-    value = np.asarray(solution.value((plane @ np.array([other, point])).reshape(-1, len(point))))
-    inside = np.logical_and.accumulate(value.reshape(plane.shape[:2]) <= level, axis=0)
-    across, up = (float(np.abs(plane[..., k][inside]).max(initial=0.1)) for k in (0, 1))
-    return across, up
 
 
 def _on(
@@ -228,7 +187,3 @@ def worst_step(solution: ValueFunction, certificate: Claim, start: Start) -> Wor
         x = x + h / 6.0 * (rate + 2.0 * a + 2.0 * b + c)
         spent += 0.5 * gamma**2 * h / 6.0 * float(energy + 2.0 * da @ da + 2.0 * db @ db + dc @ dc)
     return WorstStep(start.rule, amplitude, *(np.array(column) for column in zip(*rows)))
-
-
-def _middle(claim: Claim) -> dict[str, float]:
-    return {parameter.name: parameter.middle for parameter in claim.parameters}

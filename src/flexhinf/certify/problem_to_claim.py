@@ -10,18 +10,18 @@ A claim is about the nominal plant (`statement_of`) or about a box of its parame
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
-from fractions import Fraction
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 from math import pi
-from typing import Any
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
 from flint import fmpq, fmpq_mpoly, fmpq_mpoly_ctx
 
 from flexhinf.certify.certificate import Certificate
-from flexhinf.certify.claim import FUNCTIONS, Function, Parameter, Polynomial, Signal, Term
+from flexhinf.certify.claim import FUNCTIONS, Function, Parameter, Polynomial, Signal, Term, Terms
+from flexhinf.certify.evaluation import linear_part
 from flexhinf.errors import InvalidInput
 from flexhinf.hinf.margin import CheckedPenalty, checked_pair
 from flexhinf.hinf.value_function import ValueFunction
@@ -33,14 +33,19 @@ from flexhinf.polynomial.algebra import product
 from flexhinf.scalars import trace
 from flexhinf.validation import HUGE
 
-Row = tuple[Term, ...]
-Polynomials = tuple[tuple[tuple[tuple[int, ...], float], ...], ...]
-
 #: Operations of CasADi that are functions of a certificate.
 ELEMENTARY = dict(
     zip((ca.OP_SIN, ca.OP_COS, ca.OP_EXP, ca.OP_TANH, ca.OP_ATAN, ca.OP_LOG), FUNCTIONS, strict=True)
 )
-SUMS = {ca.OP_ADD: lambda a, b: a + b, ca.OP_SUB: lambda a, b: a - b, ca.OP_MUL: lambda a, b: a * b}
+OPERATIONS: dict[int, Callable[[Any, Any], Any]] = {
+    ca.OP_ADD: lambda a, b: a + b,
+    ca.OP_SUB: lambda a, b: a - b,
+    ca.OP_MUL: lambda a, b: a * b,
+    ca.OP_NEG: lambda a, b: -a,
+    ca.OP_TWICE: lambda a, b: 2 * a,
+    ca.OP_SQ: lambda a, b: a * a,
+    ca.OP_ASSIGN: lambda a, b: a,
+}
 _HIGHEST_POWER = 10
 _MOST_HALVES = 64  # an offset that is the double nearest to k π/2 means k π/2 itself
 
@@ -49,17 +54,16 @@ _QUARTERS = {"sin": (0, 1, 0, -1), "cos": (1, 0, -1, 0)}
 _AT_ZERO = {"exp": 1, "tanh": 0, "arctan": 0}
 
 
-@dataclass(frozen=True)
-class PlantTerms:
+class PlantTerms(NamedTuple):
     """f, g1, g2 and h of a problem as a certificate has them; see `flexhinf.certify.Certificate`.
 
     `inside` are the parameters that stand in functions of the state, with their nominal values.
     """
 
-    drift: tuple[Row, ...]
-    g1: tuple[tuple[Row, ...], ...]
-    g2: tuple[tuple[Row, ...], ...]
-    penalty: Polynomials
+    drift: tuple[Terms, ...]
+    g1: tuple[tuple[Terms, ...], ...]
+    g2: tuple[tuple[Terms, ...], ...]
+    penalty: tuple[Polynomial, ...]
     functions: tuple[Function, ...]
     parameters: tuple[Parameter, ...]
     inside: tuple[str, ...] = ()
@@ -67,8 +71,7 @@ class PlantTerms:
 
 def rational(value: float) -> fmpq:
     """A double as the rational number it is."""
-    numerator, denominator = Fraction(float(value)).as_integer_ratio()
-    return fmpq(numerator, denominator)
+    return fmpq(*float(value).as_integer_ratio())
 
 
 def nearest_double(value: fmpq) -> float:
@@ -94,18 +97,14 @@ def plant_terms(problem: Problem | None, penalty: Any = None) -> PlantTerms:
     InvalidInput
         A model that has no such form, by name.
     """
-    if isinstance(problem, GeneralisedPlant):
-        return _of_model(problem, penalty)
     if isinstance(problem, PolynomialPlant):
         return _of_polynomials(problem, penalty)
-    raise InvalidInput(
-        "The exact plant is not known, so nothing can be proved about it.",
-        f"expected the problem of a Plant, or a PolynomialPlant, got {type(problem).__name__}",
-        "load_solution(path, problem=…) for a solution from a file",
-    )
-
-
-def _of_model(problem: GeneralisedPlant, penalty: Any) -> PlantTerms:
+    if not isinstance(problem, GeneralisedPlant):
+        raise InvalidInput(
+            "The exact plant is not known, so nothing can be proved about it.",
+            f"expected the problem of a Plant, or a PolynomialPlant, got {type(problem).__name__}",
+            "load_solution(path, problem=…) for a solution from a file",
+        )
     problem.check_unchanged()
     table = problem.plant.parameters
     n, m, k = len(problem.state_names), len(problem.input_names), len(problem.disturbance_names)
@@ -113,9 +112,8 @@ def _of_model(problem: GeneralisedPlant, penalty: Any) -> PlantTerms:
     output = trace(
         lambda x, p: _checked(penalty, x, problem.penalty_output(x, table.named(p))), n, table.size
     )
-    reader = _Reader(
-        n, m + k, flat_names(table), table.vector(), flow.n_instructions() + output.n_instructions()
-    )
+    most = flow.n_instructions() + output.n_instructions()
+    reader = _Reader(n, m + k, flat_names(table), table.vector(), most)
     x, inputs = reader.states, reader.inputs
     moved = [a + rational(b) for a, b in zip(x, problem.operating_point)]
     driven = [a + rational(b) for a, b in zip(inputs[:m], problem.operating_input)]
@@ -127,8 +125,10 @@ def _of_model(problem: GeneralisedPlant, penalty: Any) -> PlantTerms:
         tuple(tuple(reader.row(part) for part in row[chosen]) for row in columns)
         for chosen in (slice(1, 1 + m), slice(1 + m, 1 + m + k))
     )
-    penalty_terms = tuple(reader.polynomial(part) for part in h)
-    return PlantTerms(drift, g1, g2, penalty_terms, tuple(reader.functions), reader.used(), reader.inside)
+    outputs, values = tuple(map(reader.polynomial, h)), reader.values
+    used = [(reader.names[i], float(values[i])) for i in sorted(reader.seen)]
+    parameters = tuple(Parameter(name, value, value) for name, value in used)
+    return PlantTerms(drift, g1, g2, outputs, tuple(reader.functions), parameters, reader.inside)
 
 
 def flat_names(table: ParameterTable) -> list[str]:
@@ -146,7 +146,7 @@ def _checked(penalty: Any, x: Any, h: Any) -> Any:
 def _of_polynomials(plant: PolynomialPlant, penalty: Any) -> PlantTerms:
     n, disturbances, inputs, outputs = plant.size
 
-    def row(parts: dict[int, np.ndarray], *place: int) -> Row:
+    def row(parts: dict[int, np.ndarray], *place: int) -> Terms:
         return tuple(
             Term(value, tuple(exponents))
             for degree, part in sorted(parts.items())
@@ -156,35 +156,27 @@ def _of_polynomials(plant: PolynomialPlant, penalty: Any) -> PlantTerms:
 
     output = trace(lambda x, h: _checked(penalty, x, h), n, outputs)
     reader = _Reader(n, 0, (), np.zeros(0), output.n_instructions())
-    designed = []
-    for i in range(outputs):
-        terms = {term.powers: rational(term.coefficient) for term in row(plant.h_parts, i)}
-        rest = (0,) * (len(reader.context.names()) - n)
-        designed.append(reader.context.from_dict({(*key, *rest): value for key, value in terms.items()}))
-    h = reader.run(output, [reader.states, designed])
+    rest = (0,) * (len(reader.context.names()) - n)
+    designed = [
+        reader.context.from_dict(
+            {(*term.powers, *rest): rational(term.coefficient) for term in row(plant.h_parts, i)}
+        )
+        for i in range(outputs)
+    ]
     return PlantTerms(
         tuple(row({k: part for k, part in plant.f_parts.items() if k}, i) for i in range(n)),
         tuple(tuple(row(plant.g1_parts, i, j) for j in range(disturbances)) for i in range(n)),
         tuple(tuple(row(plant.g2_parts, i, j) for j in range(inputs)) for i in range(n)),
-        tuple(reader.polynomial(part) for part in h),
+        tuple(map(reader.polynomial, reader.run(output, [reader.states, designed]))),
         (),
         (),
     )
 
 
 class _Reader:
-    """Runs traced code on polynomials in states, inputs, parameters, their inverses, and functions.
+    """Runs traced code on polynomials in states, inputs (u, then d), parameters, their inverses, and functions.
 
-    Parameters
-    ----------
-    states, inputs : int
-        Numbers of variables; the inputs are u, then d.
-    parameters : sequence of str
-        Names of the parameters.
-    values : ndarray
-        Their nominal values.
-    most : int
-        Bound on the number of functions.
+    `values` are the nominal values of the `parameters`, `most` bounds the number of functions.
     """
 
     def __init__(
@@ -199,7 +191,7 @@ class _Reader:
         self.names, self.values = tuple(parameters), values
         self.edges = np.cumsum([0, *sizes]).tolist()
         self.functions: list[Function] = []
-        self._seen: set[int] = set()
+        self.seen: set[int] = set()
         self.inside: tuple[str, ...] = ()
 
     def constant(self, value: float) -> fmpq_mpoly:
@@ -226,34 +218,23 @@ class _Reader:
 
     def _operation(self, code: int, operands: list[fmpq_mpoly]) -> fmpq_mpoly:
         first, second = operands[0], operands[-1]
-        simple = {ca.OP_NEG: -1, ca.OP_TWICE: 2, ca.OP_ASSIGN: 1}
-        if code in SUMS:
-            return SUMS[code](first, second)
-        if code in simple:
-            return first * simple[code]
-        if code == ca.OP_SQ:
-            return first * first
+        if code in OPERATIONS:
+            return OPERATIONS[code](first, second)
+        if code in ELEMENTARY:
+            return self._applied(ELEMENTARY[code], first)
         if code in (ca.OP_INV, ca.OP_DIV):
-            return (first if code == ca.OP_DIV else 1) * self._inverse(second)
+            terms, (start, middle, end) = list(terms_of(second).items()), self.edges[2:5]
+            if len(terms) != 1 or any(terms[0][0][:start]) or any(terms[0][0][end:]):
+                raise refused("a quotient by something else than a product of parameters")
+            ((e, value),) = terms
+            inverse = {(*e[:start], *e[middle:end], *e[start:middle], *e[end:]): 1 / value}
+            return (first if code == ca.OP_DIV else 1) * self.context.from_dict(inverse)
         if code in (ca.OP_POW, ca.OP_CONSTPOW) and second.is_constant():
             value = second.leading_coefficient() if second else fmpq(0)
             if value.q == 1 and 0 <= value <= _HIGHEST_POWER:
                 return first ** int(value.p)
-        if code in ELEMENTARY:
-            return self._applied(ELEMENTARY[code], first)
         name = next((name for name in dir(ca) if name.startswith("OP_") and getattr(ca, name) == code), "?")
         raise refused(f"the operation {name.removeprefix('OP_').lower()}")
-
-    def _inverse(self, below: fmpq_mpoly) -> fmpq_mpoly:
-        terms = list(terms_of(below).items())
-        start, end = self.edges[2], self.edges[4]
-        if len(terms) != 1 or any(terms[0][0][:start]) or any(terms[0][0][end:]):
-            raise refused("a quotient by something else than a product of parameters")
-        (exponents, value), count = terms[0], len(self.names)
-        swapped = [0] * len(exponents)
-        swapped[start : start + count] = exponents[start + count : end]
-        swapped[start + count : end] = exponents[start : start + count]
-        return self.context.from_dict({tuple(swapped): 1 / value})
 
     def _applied(self, name: str, argument: fmpq_mpoly) -> fmpq_mpoly:
         """The variable that stands for a function of a linear form of the state; parameters inside are nominal."""
@@ -272,7 +253,12 @@ class _Reader:
             raise refused(f"{name} of a constant: make that a parameter of the plant")
         for place, value in sums.items():
             slope[place or 0] = _exact_double(value, name)
-        function = Function(name, tuple(slope), *_offset(name, offset))
+        value = _exact_double(offset, name)
+        halves = round(value / (pi / 2))
+        if 0 < abs(halves) <= _MOST_HALVES and value == halves * pi / 2 and name in _QUARTERS:
+            function = Function(name, tuple(slope), 0.0, halves)
+        else:
+            function = Function(name, tuple(slope), value)
         if function not in self.functions:
             self.functions.append(function)
         return self._room[self.functions.index(function)]
@@ -290,13 +276,13 @@ class _Reader:
             parts[place][exponents[:start] + (0,) * (end - start) + exponents[end:]] = value
         return [self.context.from_dict(part) for part in parts]
 
-    def row(self, field: fmpq_mpoly, drift: bool = False) -> Row:
+    def row(self, field: fmpq_mpoly, drift: bool = False) -> Terms:
         """The terms of a field. The drift loses its constant, which the operating input balances."""
         result: dict[Any, fmpq] = {}
         for exponents, value in terms_of(field).items():
             states, functions = exponents[: self.edges[1]], exponents[self.edges[4] :]
             powers = self._powers(exponents)
-            self._seen |= {i for i, _ in powers}
+            self.seen |= {i for i, _ in powers}
             pairs = tuple((self.names[i], power) for i, power in powers)
             if sum(functions) > 1 or (any(functions) and not drift):
                 raise refused("a product of functions, or a function in g1 or g2")
@@ -327,27 +313,13 @@ class _Reader:
             return fmpq(_AT_ZERO[function.name])
         raise refused(f"a state times {function.name} of a state, away from where that is rational")
 
-    def polynomial(self, part: fmpq_mpoly) -> tuple[tuple[tuple[int, ...], float], ...]:
+    def polynomial(self, part: fmpq_mpoly) -> Polynomial:
         """A penalised output. Its coefficients are rounded to doubles, and what is checked has these."""
         terms = terms_of(part)
         if any(any(exponents[self.edges[1] :]) for exponents in terms):
             raise refused("a penalty that is no polynomial of the state")
         n = self.edges[1]
         return tuple((key[:n], nearest_double(value)) for key, value in terms.items() if any(key))
-
-    def used(self) -> tuple[Parameter, ...]:
-        """The parameters that stand in terms, at their nominal values."""
-        chosen = [(self.names[i], float(self.values[i])) for i in sorted(self._seen)]
-        return tuple(Parameter(name, value, value) for name, value in chosen)
-
-
-def _offset(name: str, offset: fmpq) -> tuple[float, int]:
-    """The offset as a double and a number of π/2, one of them zero."""
-    value = _exact_double(offset, name)
-    halves = round(value / (pi / 2))
-    if halves and abs(halves) <= _MOST_HALVES and value == halves * pi / 2 and name in _QUARTERS:
-        return 0.0, halves
-    return value, 0
 
 
 def _exact_double(value: fmpq, where: str) -> float:
@@ -387,7 +359,7 @@ def statement_of(
     return claim_of(
         solution,
         solution.problem,
-        replace(terms, penalty=tuple(map(_without_rounding, terms.penalty))),
+        terms._replace(penalty=tuple(map(_without_rounding, terms.penalty))),
         about=about or "a state feedback",
         r2=matrix_rows(solution.expansion.r2),
         value=value_polynomial(solution),
@@ -407,16 +379,16 @@ def claim_of(
     disturbances: Iterable[str] = [f"d{j + 1}" for j in range(solution.expansion.size[1])]
     if isinstance(problem, GeneralisedPlant):
         disturbances = problem.disturbance_names
+    fields = terms._asdict() | {
+        "penalty": tuple(row for row in terms.penalty if row),
+        "parameters": tuple(replace(p, unit=_unit(problem, p.name)) for p in terms.parameters),
+    }
+    del fields["inside"]
     return Certificate(
         states=_signals(problem, solution.state_names),
         inputs=_signals(problem, solution.input_names),
         disturbances=_signals(problem, disturbances),
-        drift=terms.drift,
-        g1=terms.g1,
-        g2=terms.g2,
-        penalty=tuple(row for row in terms.penalty if row),
-        parameters=tuple(replace(p, unit=_unit(problem, p.name)) for p in terms.parameters),
-        functions=terms.functions,
+        **fields,
         **others,
     )
 
@@ -484,18 +456,12 @@ def law_polynomials(solution: ValueFunction, terms: PlantTerms) -> tuple[Polynom
 def coordinates(solution: ValueFunction, terms: PlantTerms, gamma: float, decay: float) -> np.ndarray:
     """T with V_2 = ½|z|² and r_2 diagonal, both up to the 20 bits that T is rounded to."""
     plant, p = solution.expansion, solution.P
-    a, c = plant.f_parts[1], np.zeros((len(terms.penalty), len(p)))
-    for row, polynomial in zip(c, terms.penalty):
-        for powers, value in polynomial:
-            if sum(powers) == 1:
-                row[powers.index(1)] = value
+    a, c = plant.f_parts[1], linear_part(terms.penalty, len(p))
     b1, b2 = plant.g1_parts[0][:, :, 0], plant.g2_parts[0][:, :, 0]
     s = b1 @ b1.T / gamma**2 - b2 @ np.linalg.solve(plant.r2, b2.T)
     quadratic = p @ a + a.T @ p + c.T @ c + p @ s @ p + decay * p
     root = np.linalg.cholesky(np.linalg.inv(p))
-    _, vectors = np.linalg.eigh(-root.T @ quadratic @ root)
-    transform = root @ vectors
-    return few_bits(transform)
+    return few_bits(root @ np.linalg.eigh(-root.T @ quadratic @ root)[1])
 
 
 def few_bits(matrix: np.ndarray) -> np.ndarray:

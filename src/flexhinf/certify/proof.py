@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 
 from flexhinf.certify.box import BoxExcess, Ranges, tolerance_statement
-from flexhinf.certify.box_gain import quadratic_part
 from flexhinf.certify.cells import CellBounds, Outcome, Progress, search
 from flexhinf.certify.certificate import Certificate
 from flexhinf.certify.claim import MOST_STATES
-from flexhinf.certify.inequality import Inequality, inequality_of
+from flexhinf.certify.evaluation import quadratic_part
+from flexhinf.certify.inequality import Inequality
 from flexhinf.certify.observer import check_bandwidth, with_observer
 from flexhinf.certify.problem_to_claim import nearest_double, statement_of
 from flexhinf.certify.starts import largest_values, robot_start, start_inside, starts_of, tabled_start
@@ -50,32 +50,16 @@ class NotProved(NumericalFailure):
         Deviation at which it fails, or where the search gave up.
     """
 
-    def __init__(
-        self,
-        what: str,
-        found: str = "",
-        advice: str = "",
-        *,
-        point: np.ndarray | None = None,
-        reason: str = "",
-    ) -> None:
-        super().__init__(what, found, advice)
-        self.point, self.reason = point, reason
-
-    @classmethod
-    def at(cls, statement: Certificate, outcome: Outcome) -> NotProved:
-        """How a search up to the statement's level ended."""
-        point, where = None, ""
+    def __init__(self, statement: Certificate, outcome: Outcome) -> None:
+        self.point, self.reason, where = None, outcome.reason, ""
         if outcome.point is not None:
-            point = np.array(statement.coordinates) @ outcome.point
-            where = f" at x = {np.array2string(point, precision=6)}"
-        return cls(
+            self.point = np.array(statement.coordinates) @ outcome.point
+            where = f" at x = {np.array2string(self.point, precision=6)}"
+        super().__init__(
             f"The level V <= {statement.level:.8g} is not proved.",
             f"{outcome.reason}{where}, where V = {outcome.value:.8g} and r/|z|^2 = {outcome.residual:.3g}, "
             f"after {outcome.cells} cells",
             "a smaller level, a larger gamma, or a smaller penalty",
-            point=point,
-            reason=outcome.reason,
         )
 
 
@@ -92,7 +76,12 @@ def certify(
     progress: Progress | None = None,
 ) -> Certificate:
     """See `HJISolution.certify`."""
-    check_states(len(solution.P))
+    if len(solution.P) > MOST_STATES:
+        raise InvalidInput(
+            "A proof in so many states would not end.",
+            f"expected at most {MOST_STATES} states, got {len(solution.P)}: cells grow 10 to 23 times with each",
+            "solution.sampled_region(), which looks at points and proves nothing",
+        )
     check_decay(decay)
     if observer is not None:
         check_bandwidth(solution, observer)
@@ -112,13 +101,12 @@ def certify(
         tried *= share
         found, outcome = prove(replace(statement, level=float(tried)), threads=threads, progress=progress)
         if outcome.proved:
-            provenance = {"cells": str(outcome.cells), "method": method_of(outcome)}
-            found = replace(found, starts=starts_of(solution, found), provenance=provenance)
+            found = replace(found, starts=starts_of(solution, found), provenance=_provenance(outcome))
             found = replace(found.with_proved_starts(), sampled_level=sampled)
             return found if observer is None else with_observer(solution, found, observer)
         if level is None and outcome.value == outcome.value:
             tried = min(tried, outcome.value)
-    raise NotProved.at(replace(found, level=float(tried)), outcome)
+    raise NotProved(replace(found, level=float(tried)), outcome)
 
 
 def check_decay(decay: float) -> None:
@@ -128,16 +116,6 @@ def check_decay(decay: float) -> None:
             "There is no such rate of decay.",
             f"expected a finite decay >= 0 in 1/s, got {decay}",
             "0.2, or 0 for none",
-        )
-
-
-def check_states(count: int) -> None:
-    """Refuse more states than a proof can be made in."""
-    if count > MOST_STATES:
-        raise InvalidInput(
-            "A proof in so many states would not end.",
-            f"expected at most {MOST_STATES} states, got {count}: cells grow 10 to 23 times with each",
-            "solution.sampled_region(), which looks at points and proves nothing",
         )
 
 
@@ -172,7 +150,7 @@ def prove(
         return wide, Outcome(True, "proved", None, statement.level, 0.0, 0)
     if not most_cells:
         return statement, Outcome(False, "no definite quadratic form", None, np.nan, np.nan, 0)
-    inequality = inequality_of(statement)
+    inequality = Inequality(statement)
     farthest, forms = _extent(inequality, statement.level)
     reach = _rounded_up(_ROOM * farthest)
     for _ in range(4):
@@ -196,9 +174,9 @@ def wide_statement(statement: Certificate) -> Certificate | None:
     return replace(statement, reach=_rounded_up(reach)) if 0.0 < reach < HUGE else None
 
 
-def method_of(outcome: Outcome) -> str:
-    """How a statement was proved."""
-    return "branch and bound along rays" if outcome.cells else "a definite quadratic form"
+def _provenance(outcome: Outcome, more: str = "") -> dict[str, str]:
+    method = "branch and bound along rays" if outcome.cells else "a definite quadratic form"
+    return {"cells": str(outcome.cells), "method": method + more}
 
 
 def _rounded_up(value: float) -> float:
@@ -210,19 +188,28 @@ def _rounded_up(value: float) -> float:
 def _extent(inequality: Inequality, level: float) -> tuple[float, np.ndarray]:
     """The largest |z_j| of {V ≤ level} and the largest |ℓ| of each function, along random rays: not bounds, only
     where to look."""
-    n = inequality.states
+    n = inequality.n
     rng = np.random.default_rng(0)
     directions = rng.standard_normal((_DIRECTIONS, n))
     directions = np.concatenate([directions, np.eye(n), -np.eye(n)])
     directions /= np.abs(directions).max(axis=1, keepdims=True)
-    parts = _along(inequality, directions)
+    parts = np.zeros((max(map(sum, inequality.value)) + 1, len(directions)))  # V_k by degree k
+    powers: list[Any] = [np.ones_like(directions)]
+    while len(powers) < len(parts):
+        powers.append(powers[-1] * directions)
+    for key, value in inequality.value.items():
+        term = np.full(len(directions), nearest_double(value))
+        for i, e in enumerate(key):
+            if e:
+                term *= powers[e][:, i]
+        parts[sum(key)] += term
     radius = np.zeros(len(directions))
-    step = 0.02 * np.sqrt(level / parts[:, 2])
+    step = 0.02 * np.sqrt(level / parts[2])
     alive = np.ones(len(directions), dtype=bool)
     value = np.zeros(len(directions))
     for _ in range(2000):
         further = radius + step
-        following = sum(part * further**k for k, part in enumerate(parts.T))
+        following = sum(part * further**k for k, part in enumerate(parts))
         alive &= (following < 1.002 * level) & (following > value)
         if not alive.any():
             break
@@ -230,22 +217,6 @@ def _extent(inequality: Inequality, level: float) -> tuple[float, np.ndarray]:
     forms = np.array([[nearest_double(a) for a in q.form] for q in inequality.quotients]).reshape(-1, n)
     reached = radius + step
     return float(reached.max()), np.abs(directions @ forms.T * reached[:, None]).max(axis=0)
-
-
-def _along(inequality: Inequality, directions: np.ndarray) -> np.ndarray:
-    """V_k at directions z, (N, degree + 1)."""
-    highest = max(map(sum, inequality.value))
-    powers: list[Any] = [np.ones_like(directions)]
-    for _ in range(highest):
-        powers.append(powers[-1] * directions)
-    result = np.zeros((len(directions), highest + 1))
-    for key, value in inequality.value.items():
-        term = np.full(len(directions), nearest_double(value))
-        for i, e in enumerate(key):
-            if e:
-                term *= powers[e][:, i]
-        result[:, sum(key)] += term
-    return result
 
 
 def certify_tolerances(
@@ -307,12 +278,11 @@ def certify_tolerances(
     statement = replace(statement, level=float(level))
     found, outcome = prove(statement, threads=threads, progress=progress, most_cells=most_cells)
     if not outcome.proved:
-        raise NotProved.at(found, outcome)
+        raise NotProved(found, outcome)
     if step is not None and not outcome.cells:
         found = _largest(found)
-    provenance = {"cells": str(outcome.cells), "method": f"{method_of(outcome)}, vertices of the box"}
     starts = () if start is None else start_inside(found, start, step)
-    return replace(found, starts=starts, provenance=provenance)
+    return replace(found, starts=starts, provenance=_provenance(outcome, ", vertices of the box"))
 
 
 def _largest(found: Certificate) -> Certificate:
@@ -325,15 +295,13 @@ def _largest(found: Certificate) -> Certificate:
     slopes = np.array([f.slope for f in found.functions]).reshape(-1, len(t)) @ t
     square = 2.0 * found.level * float(np.einsum("ki,ij,kj->k", slopes, inverse, slopes).max(initial=0.0))
     most = _MOST_LEVELS if square == 0.0 else min(_MOST_LEVELS, _FARTHEST**2 / square)
-    low, high = found, max(most, 1.0)
-    factor, proved = high, 1.0
+    low, proved, high = found, 1.0, max(most, 1.0)
+    factor = high
     while high > _FINE * proved:
         tried = wide_statement(replace(found, level=factor * found.level))
         if tried is not None and tried.definite_corners():
             low, proved = tried, factor
         else:
             high = factor
-        if proved == high:
-            break
         factor = math.sqrt(proved * high)
     return low

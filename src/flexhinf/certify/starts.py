@@ -14,14 +14,15 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from flexhinf.certify.certificate import Certificate
-from flexhinf.certify.claim import Claim, Function, Start, Term
+from flexhinf.certify.claim import Claim, Function, Start, Term, Terms
+from flexhinf.certify.evaluation import path_start, path_states, polynomial_values
 from flexhinf.errors import FlexhinfError, NumericalFailure
 from flexhinf.hinf.sampled import settled, step_roles
 from flexhinf.hinf.value_function import ValueFunction
@@ -40,8 +41,6 @@ _INSIDE = 1 - 1e-3  # V on a path stays below this share of the level, so that t
 _FURTHEST = 3  # how far a path is followed, over the amplitude that its beginning predicts
 _ROUNDING = 1e-14  # terms below this, relative to the largest, are what rounding left of a sum that cancels
 
-Terms = tuple[Term, ...]
-
 
 class _NoForm(Exception):
     """A state that is no sum of terms in a and the parameters."""
@@ -52,27 +51,40 @@ def starts_of(solution: ValueFunction, statement: Certificate) -> tuple[Start, .
     rest = rest_path(statement)
     if rest is None:
         return ()
-    path, functions, free = rest
-    found = []
-
-    def equilibrium(a: float) -> np.ndarray:
-        return path_states(path, functions, statement.middle, np.array([a]))[0]
-
+    path, free = rest
+    level, probe, found = statement.start_level, 1e-3, []
     for rule, place in ((SMALLEST_VALUE, settled), (UNCHANGED_INPUT, unchanged_input)):
-        rows = list(_starts_inside(solution, statement.start_level, equilibrium, free, place))
-        if len(rows) > 1:
-            amplitudes = tuple(a for a, _ in rows)
-            table = tuple(tuple(float(x[i]) for _, x in rows) if free[i] else () for i in range(len(free)))
-            found.append(Start(rule, amplitudes[-1], path, functions, amplitudes, table))
+        first = place(solution, path_start(statement, path, probe), free)
+        if first is None:
+            continue
+        step = probe * float(np.sqrt(level / solution.value(first))) / _STEPS
+        amplitudes, starts = [0.0], [np.zeros(len(free))]
+        for _ in range(_LONGEST * _STEPS):
+            amplitude, before = amplitudes[-1], starts[-1]
+            guess = path_start(statement, path, amplitude + step)
+            guess[free] = before[free] * ((amplitude + step) / amplitude if amplitude else 0.0)
+            start: np.ndarray | None = place(solution, guess, free)
+            middle = path_start(statement, path, amplitude + step / 2)
+            if start is not None:
+                middle[free] = (before[free] + start[free]) / 2
+            if start is not None and (solution.value(np.stack([middle, start])) < _BELOW * level).all():
+                amplitudes.append(amplitude + step)
+                starts.append(start)
+            elif step < 1e-4 * amplitude or amplitude == 0.0:
+                break
+            else:
+                step /= 2
+        if len(starts) > 1:
+            columns, grid = np.transpose(starts).tolist(), tuple(amplitudes)
+            table = tuple(tuple(column) if moves else () for column, moves in zip(columns, free))
+            found.append(replace(path, rule=rule, amplitude=grid[-1], amplitudes=grid, table=table))
     return tuple(found)
 
 
 # The equilibrium ----------------------------------------------------------------------------------
-def rest_path(
-    statement: Certificate, side: float = -1.0
-) -> tuple[tuple[Terms, ...], tuple[Function, ...], np.ndarray] | None:
-    """The equilibrium at −a, or with `side` 1 at +a: its states as terms in a, their functions, and which states are
-    integrators; None without integrators, and where the rates do not give the states one by one."""
+def rest_path(statement: Certificate, side: float = -1.0) -> tuple[Start, np.ndarray] | None:
+    """The equilibrium at −a, or with `side` 1 at +a, as terms in a, and which states are integrators (n,); None without
+    integrators, and where the rates do not give the states one by one."""
     try:
         shares, free = step_roles(tuple(signal.name for signal in statement.states), None, None)
     except FlexhinfError:  # no integrator: nothing is commanded
@@ -93,7 +105,8 @@ def rest_path(
             return None
     if len(path) < len(shares):
         return None
-    return tuple(path[i] for i in range(len(shares))), tuple(functions), free
+    rows = tuple(path[i] for i in range(len(shares)))
+    return Start(UNCHANGED_INPUT, 1.0, rows, tuple(functions)), free
 
 
 def _solved(
@@ -176,66 +189,7 @@ def divided(term: Term, divisor: Term) -> Term:
     )
 
 
-def bracket(function: Function, s: np.ndarray) -> np.ndarray:
-    """φ(o + s) − φ(o) in doubles."""
-    phi, o = getattr(np, function.name), function.offset + function.pi_halves * np.pi / 2
-    return phi(o + s) - phi(o)
-
-
-def term_weight(term: Term, parameters: Mapping[str, float]) -> float:
-    """The coefficient of a term for values of the parameters."""
-    return float(term.coefficient * np.prod([parameters[name] ** power for name, power in term.parameters]))
-
-
-def path_states(
-    path: tuple[Terms, ...],
-    functions: tuple[Function, ...],
-    parameters: Mapping[str, float],
-    amplitudes: np.ndarray,
-) -> np.ndarray:
-    """The states of a path at amplitudes (N,) for values of the parameters, in doubles, (N, n)."""
-    brackets = [bracket(function, function.slope[0] * amplitudes) for function in functions]
-    states = np.zeros((len(amplitudes), len(path)))
-    for column, terms in zip(states.T, path):
-        for term in terms:
-            factor = 1.0 if term.function is None else brackets[term.function]
-            column += term_weight(term, parameters) * amplitudes ** term.powers[0] * factor
-    return states
-
-
 # The integrators ----------------------------------------------------------------------------------
-def _starts_inside(
-    solution: ValueFunction,
-    level: float,
-    rest: Callable[[float], np.ndarray],
-    free: np.ndarray,
-    place: Callable[[ValueFunction, np.ndarray, np.ndarray], Any],
-) -> Iterator[tuple[float, np.ndarray]]:
-    """Amplitudes and starts, from 0 on, as long as V stays below the level."""
-    probe = 1e-3
-    first = place(solution, rest(probe), free)
-    if first is None:
-        return
-    step = probe * float(np.sqrt(level / solution.value(first))) / _STEPS
-    yield 0.0, np.zeros(len(free))
-    before, amplitude = np.zeros(len(free)), 0.0
-    start: np.ndarray | None
-    for _ in range(_LONGEST * _STEPS):
-        guess = rest(amplitude + step)
-        guess[free] = before[free] * ((amplitude + step) / amplitude if amplitude else 0.0)
-        start = place(solution, guess, free)
-        middle = rest(amplitude + step / 2)
-        if start is not None:
-            middle[free] = (before[free] + start[free]) / 2
-        if start is None or not (solution.value(np.stack([middle, start])) < _BELOW * level).all():
-            if step < 1e-4 * amplitude or amplitude == 0.0:
-                return
-            step /= 2
-            continue
-        amplitude, before = amplitude + step, start
-        yield amplitude, start
-
-
 def unchanged_input(solution: ValueFunction, x: np.ndarray, free: np.ndarray) -> np.ndarray | None:
     """The integrators at which the law's input is the one that holds the start, by Newton's method."""
     index = np.flatnonzero(free)
@@ -270,14 +224,21 @@ def robot_start(statement: Certificate, side: float = -1.0) -> Start | None:
     """
     linear = all(sum(powers) == 1 for law in statement.law for powers, _ in law)
     rest = rest_path(statement, side)
-    if rest is None or rest[2].sum() != 1 or len(statement.law) != 1 or not linear:
+    if rest is None or rest[1].sum() != 1 or len(statement.law) != 1 or not linear:
         return None
-    path, functions, free = rest[0], list(rest[1]), rest[2]
+    path, functions, place = rest[0].path, list(rest[0].functions), int(np.flatnonzero(rest[1])[0])
+    driven = [i for i, row in enumerate(statement.g2) if row[0]]
+    if len(driven) != 1 or len(statement.g2[driven[0]][0]) != 1:
+        return None
+    (divisor,) = statement.g2[driven[0]][0]
     try:
-        held = _held_input(statement, path, functions)
+        known = dict(enumerate(path))
+        moved = [term_along(term, known, statement, functions) for term in statement.drift[driven[0]]]
     except _NoForm:
         return None
-    place = int(np.flatnonzero(free)[0])
+    held = _gathered(
+        divided(part, divisor) for parts in moved for part in parts
+    )  # the input at −a: −f_i/g2_i
     gains = {powers.index(1): value for powers, value in statement.law[0]}
     terms = [replace(term, coefficient=term.coefficient / gains[place]) for term in held]
     for i, gain in gains.items():
@@ -294,9 +255,9 @@ def tabled_start(
     rest = rest_path(statement, side)
     if rest is None:
         return None
-    path, functions, free = rest
+    path, free = rest
     amplitudes = np.linspace(0.0, step, _KNOTS + 1)
-    states = path_states(path, functions, statement.middle, amplitudes)
+    states = path_states(path, statement.middle, amplitudes)
     for k in range(1, len(states)):
         states[k, free] = 2 * states[k - 1, free] - states[max(k - 2, 0), free] if k > 1 else 0.0
         found = unchanged_input(solution, states[k], free)
@@ -304,21 +265,8 @@ def tabled_start(
             return None
         states[k] = found
     table = tuple(tuple(column.tolist()) if moves else () for column, moves in zip(states.T, free))
-    return Start(NOMINAL_INPUT, float(step), path, functions, tuple(amplitudes.tolist()), table)
-
-
-def _held_input(
-    statement: Certificate, path: tuple[Terms, ...], functions: list[Function]
-) -> tuple[Term, ...]:
-    """The input that holds the robot at −a, in deviation from that at the goal: −f_i/g2_i of the driven rate."""
-    driven = [i for i, row in enumerate(statement.g2) if row[0]]
-    if len(driven) != 1 or len(statement.g2[driven[0]][0]) != 1:
-        raise _NoForm
-    (divisor,) = statement.g2[driven[0]][0]
-    moved = [
-        term_along(term, dict(enumerate(path)), statement, functions) for term in statement.drift[driven[0]]
-    ]
-    return _gathered(divided(part, divisor) for parts in moved for part in parts)
+    grid = tuple(amplitudes.tolist())
+    return replace(path, rule=NOMINAL_INPUT, amplitude=float(step), amplitudes=grid, table=table)
 
 
 def _gathered(terms: Iterable[Term]) -> tuple[Term, ...]:
@@ -335,19 +283,6 @@ def _gathered(terms: Iterable[Term]) -> tuple[Term, ...]:
     )
 
 
-def path_start(statement: Claim, start: Start, amplitude: float) -> np.ndarray:
-    """The start (n,) of one amplitude, every parameter in the middle of its range, in doubles."""
-    return _states(start, statement.middle, np.array([amplitude]))[0]
-
-
-def _states(start: Start, parameters: dict[str, float], amplitudes: np.ndarray) -> np.ndarray:
-    """States (N, n) at amplitudes, with the table."""
-    x = path_states(start.path, start.functions, parameters, amplitudes)
-    for column, row in zip(x.T, start.table):
-        column += np.interp(amplitudes, start.amplitudes, row) if row else 0.0
-    return x
-
-
 def largest_values(statement: Certificate, start: Start, amplitudes: np.ndarray) -> np.ndarray:
     """The largest V over the corners of the box at starts of some amplitudes, in doubles."""
     used = {name for row in start.path for term in row for name, _ in term.parameters}
@@ -356,9 +291,8 @@ def largest_values(statement: Certificate, start: Start, amplitudes: np.ndarray)
     coefficients = np.array([value for _, value in statement.value])
     largest = np.full(len(amplitudes), -np.inf)
     for corner in itertools.product(*ends.values()):
-        x = _states(start, statement.middle | dict(zip(ends, corner)), amplitudes)
-        value = (coefficients * np.prod(x[:, None, :] ** powers, axis=2)).sum(axis=1)
-        largest = np.maximum(largest, value)
+        x = path_states(start, statement.middle | dict(zip(ends, corner)), amplitudes)
+        largest = np.maximum(largest, polynomial_values(powers, coefficients, x))
     return largest
 
 
@@ -384,39 +318,15 @@ _TIME_CONSTANTS = 100.0  # time constants of the slowest mode of the linear loop
 
 @dataclass(frozen=True, eq=False)
 class ProvedStep:
-    """The rest-to-rest step of the largest proved amplitude, for one rule of the integrators' start.
-
-    Attributes
-    ----------
-    amplitude : float
-        In the unit of the moved state.
-    overshoot_percent : float
-        Of the step, in its direction.
-    first_input, peak_input : ndarray, shape (m,)
-        The input at the start and its largest magnitude, absolute values in the unit of the input.
-    time, state : ndarray, shapes (N,) and (N, n)
-        Deviations from the goal.
-    """
+    """The rest-to-rest step of the largest proved amplitude, for one rule of the integrators' start."""
 
     rule: str
-    amplitude: float
-    overshoot_percent: float
-    first_input: np.ndarray
-    peak_input: np.ndarray
-    time: np.ndarray
-    state: np.ndarray
-
-
-def proved_steps(solution: ValueFunction, certificate: Claim) -> tuple[ProvedStep, ...]:
-    """A run from the last start of each path of a certificate.
-
-    Raises
-    ------
-    NumericalFailure
-        A run that does not settle.
-    """
-    longest = longest_run(solution)
-    return tuple(_step(solution, certificate, start, longest) for start in certificate.starts)
+    amplitude: float  # in the unit of the moved state
+    overshoot_percent: float  # of the step, in its direction
+    first_input: np.ndarray  # (m,) at the start; absolute values in the unit of the input
+    peak_input: np.ndarray  # (m,) largest magnitudes
+    time: np.ndarray  # (N,)
+    state: np.ndarray  # (N, n), deviations from the goal
 
 
 def longest_run(solution: ValueFunction) -> float:
@@ -427,37 +337,41 @@ def longest_run(solution: ValueFunction) -> float:
     return _TIME_CONSTANTS / float(-np.linalg.eigvals(closed).real.max())
 
 
-def _step(solution: ValueFunction, certificate: Claim, start: Start, longest: float) -> ProvedStep:
+def proved_steps(solution: ValueFunction, certificate: Claim) -> tuple[ProvedStep, ...]:
+    """A run from the last start of each path of a certificate.
+
+    Raises
+    ------
+    NumericalFailure
+        A run that does not settle.
+    """
     from scipy.integrate import solve_ivp
 
     def rates(_: float, x: np.ndarray) -> np.ndarray:
         f, _g1, g2, _h = solution.exact_fields(x[None])
         return f[0] + g2[0] @ solution.inputs(x[None])[0]
 
-    def settled(_: float, x: np.ndarray) -> float:
-        return float(solution.value(x)) - end
+    longest, steps = longest_run(solution), []
+    for start in certificate.starts:
+        first = path_start(certificate, start, start.amplitude)
+        end = _SETTLED * float(solution.value(first))
 
-    settled.terminal = True  # type: ignore[attr-defined]
-    first = path_start(certificate, start, start.amplitude)
-    end = _SETTLED * float(solution.value(first))
-    fine: dict[str, Any] = {"rtol": 1e-8, "atol": 1e-10, "max_step": longest / _RUN_STEPS}
-    run = solve_ivp(rates, (0.0, longest), first, "LSODA", events=settled, **fine)
-    if run.status != 1:
-        raise NumericalFailure(
-            "The run from the largest proved start does not settle.",
-            f"V is {float(solution.value(run.y[:, -1])):.3g} after {run.t[-1]:.3g} s",
-            "a smaller level",
-        )
-    state = run.y.T
-    inputs = solution.operating_input + solution.inputs(state)
-    moved = [i for i, value in enumerate(first) if abs(value) == start.amplitude]
-    beyond = float(np.max(-state[:, moved] / first[moved], initial=0.0))
-    return ProvedStep(
-        start.rule,
-        start.amplitude,
-        100.0 * max(beyond, 0.0),
-        inputs[0],
-        np.abs(inputs).max(axis=0),
-        run.t,
-        state,
-    )
+        def below(_: float, x: np.ndarray, end: float = end) -> float:
+            return float(solution.value(x)) - end
+
+        below.terminal = True  # type: ignore[attr-defined]
+        fine: dict[str, Any] = {"rtol": 1e-8, "atol": 1e-10, "max_step": longest / _RUN_STEPS}
+        run = solve_ivp(rates, (0.0, longest), first, "LSODA", events=below, **fine)
+        if run.status != 1:
+            raise NumericalFailure(
+                "The run from the largest proved start does not settle.",
+                f"V is {float(solution.value(run.y[:, -1])):.3g} after {run.t[-1]:.3g} s",
+                "a smaller level",
+            )
+        state = run.y.T
+        inputs = solution.operating_input + solution.inputs(state)
+        moved = [i for i, value in enumerate(first) if abs(value) == start.amplitude]
+        beyond = 100.0 * max(float(np.max(-state[:, moved] / first[moved], initial=0.0)), 0.0)
+        peak = np.abs(inputs).max(axis=0)
+        steps.append(ProvedStep(start.rule, start.amplitude, beyond, inputs[0], peak, run.t, state))
+    return tuple(steps)

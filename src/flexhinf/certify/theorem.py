@@ -27,20 +27,11 @@ def theorem_text(claim: Claim, verification: Verification, whole: bool = False) 
     fed = f" (1. to {len(statements) - 1}.) or estimates ({len(statements)}.)" if claim.observer else ""
     lines = [
         "Hypotheses",
-        f"  Plant: {len(claim.states)} states ({', '.join(map(_named, claim.states))}), deviations "
-        f"from {_origin(claim)}, with "
-        f"{', '.join(sorted({f.name for f in claim.functions})) or 'no elementary function'}"
-        f"{' exactly as it is, not expanded' if claim.functions else ''}; V, the law and all numbers are the file's:",
-        *_equations(claim),
-        *_parameters(claim),
-        f"  Disturbance channels: {', '.join(map(_named, claim.disturbances))}.",
-        f"  Feedback: the law, a polynomial of degree {max(map(_degree, claim.law))} for "
-        f"{', '.join(map(_named, claim.inputs))}, is fed the true state{fed}, in continuous time.",
-        *_formulas(claim, whole),
+        *_hypotheses(claim, fed, whole),
         *_observer(claim),
         *(
             f"  Starts on path {i}, steps of up to {_down(start.amplitude)}: x = "
-            f"({', '.join(_path(claim, start))}) for 0 <= a <= {_down(start.amplitude)}."
+            f"({', '.join(_path(start))}) for 0 <= a <= {_down(start.amplitude)}."
             for i, start in enumerate(claim.starts, 1)
         ),
         "",
@@ -58,6 +49,48 @@ def theorem_text(claim: Claim, verification: Verification, whole: bool = False) 
         "  - All names and units.",
     ]
     return "\n".join(lines)
+
+
+def _hypotheses(claim: Claim, fed: str, whole: bool) -> list[str]:
+    """Plant, parameters, channels and feedback; R2, the law and V with every digit, so that what is stated can be
+    refuted without the file."""
+    names = [s.name for s in claim.states]
+    uncertain = [p for p in claim.parameters if p.low < p.high]
+    fixed = [f"{p.name} = {p.low:.10g} {p.unit}".rstrip() for p in claim.parameters if p.low == p.high]
+    of_each = "the equilibrium at the goal (of each robot its own, where it moves with the parameters)"
+    lines = [
+        f"  Plant: {len(names)} states ({', '.join(map(_named, claim.states))}), deviations "
+        f"from {of_each if uncertain else 'the goal'}, with "
+        f"{', '.join(sorted({f.name for f in claim.functions})) or 'no elementary function'}"
+        f"{' exactly as it is, not expanded' if claim.functions else ''}; V, the law and all numbers are the file's:"
+    ]
+    for i, name in enumerate(names):
+        rate = [_sum(claim.drift[i], names, claim.functions)] if claim.drift[i] else []
+        for signals, columns in ((claim.disturbances, claim.g1), (claim.inputs, claim.g2)):
+            entries = zip(signals, columns[i], strict=True) if columns else ()
+            rate += [_sum(terms, names, (), signal.name) for signal, terms in entries if terms]
+        lines.append(f"    d/dt {name} = {_joined(rate)}")
+    if not claim.parameters:
+        lines.append("  Parameters: the numbers of the plant as stored, no tolerance.")
+    if uncertain:
+        box = ", ".join(f"{p.name} in [{p.low:.10g}, {p.high:.10g}] {p.unit}".rstrip() for p in uncertain)
+        lines.append(f"  Parameters, the whole box and not only its corners: {box}.")
+    if fixed:
+        lines.append(f"  Parameters, nominal: {', '.join(fixed)}.")
+    degree = max(max((sum(powers) for powers, _ in law), default=0) for law in claim.law)
+    price = "; ".join(" ".join(f"{value!r}" for value in row) for row in claim.r2)
+    lines += [
+        f"  Disturbance channels: {', '.join(map(_named, claim.disturbances))}.",
+        f"  Feedback: the law, a polynomial of degree {degree} for {', '.join(map(_named, claim.inputs))}, is fed the "
+        f"true state{fed}, in continuous time.",
+        f"    R2 = [{price}]",
+    ]
+    for name, polynomial in [*zip((s.name for s in claim.inputs), claim.law), ("V", claim.value)]:
+        if whole or len(polynomial) <= _MOST_MONOMIALS:
+            lines.append(f"    {name} = {_row(polynomial, claim.states, len(polynomial))}")
+        else:
+            lines.append(f"    {name}: {len(polynomial)} monomials, in the file and on the page")
+    return lines
 
 
 def _statements(claim: Claim, verification: Verification) -> list[tuple[str, str]]:
@@ -131,11 +164,10 @@ def _not_proved(claim: Claim, verification: Verification) -> list[str]:
         else "Which steps start in S: the certificate states no starts.",
         "Dynamics that the plant does not have: friction of another form, coil current, flexible modes, backlash.",
     ]
-    uncertain = [p for p in claim.parameters if p.low < p.high]
-    if not uncertain:
-        texts.append("Other values of the parameters than the stated ones.")
-    else:
+    if any(p.low < p.high for p in claim.parameters):
         texts.append("Parameters outside the stated box, or varying in time.")
+    else:
+        texts.append("Other values of the parameters than the stated ones.")
     if not claim.decay:
         texts.append("Disturbances that last for ever: no decay rate is claimed.")
     return texts
@@ -183,33 +215,6 @@ def _with_estimates(claim: Claim, observer: Observer) -> str:
     )
 
 
-def _formulas(claim: Claim, whole: bool) -> list[str]:
-    """R2, the law and V with every digit, so that what is stated can be refuted without the file."""
-    rows = "; ".join(" ".join(f"{value!r}" for value in row) for row in claim.r2)
-    lines = [f"    R2 = [{rows}]"]
-    named = [*zip((s.name for s in claim.inputs), claim.law), ("V", claim.value)]
-    for name, polynomial in named:
-        if whole or len(polynomial) <= _MOST_MONOMIALS:
-            lines.append(f"    {name} = {_row(polynomial, claim.states, len(polynomial))}")
-        else:
-            lines.append(f"    {name}: {len(polynomial)} monomials, in the file and on the page")
-    return lines
-
-
-def _parameters(claim: Claim) -> list[str]:
-    if not claim.parameters:
-        return ["  Parameters: the numbers of the plant as stored, no tolerance."]
-    uncertain = [p for p in claim.parameters if p.low < p.high]
-    fixed = [f"{p.name} = {p.low:.10g} {p.unit}".rstrip() for p in claim.parameters if p.low == p.high]
-    lines = []
-    if uncertain:
-        box = ", ".join(f"{p.name} in [{p.low:.10g}, {p.high:.10g}] {p.unit}".rstrip() for p in uncertain)
-        lines.append(f"  Parameters, the whole box and not only its corners: {box}.")
-    if fixed:
-        lines.append(f"  Parameters, nominal: {', '.join(fixed)}.")
-    return lines
-
-
 def verification_text(verification: Verification) -> str:
     """The result of the checker in a few lines."""
     if not verification.proved:
@@ -246,26 +251,7 @@ def _up(value: float) -> str:
     return _down(value, ROUND_CEILING)
 
 
-def _origin(claim: Claim) -> str:
-    if any(p.low < p.high for p in claim.parameters):
-        return "the equilibrium at the goal (of each robot its own, where it moves with the parameters)"
-    return "the goal"
-
-
-def _equations(claim: Claim) -> list[str]:
-    """f, and the columns of g1 and g2, a line for each state."""
-    names = [s.name for s in claim.states]
-    lines = []
-    for i, name in enumerate(names):
-        rate = [_sum(claim.drift[i], names, claim.functions)] if claim.drift[i] else []
-        for signals, columns in ((claim.disturbances, claim.g1), (claim.inputs, claim.g2)):
-            entries = zip(signals, columns[i], strict=True) if columns else ()
-            rate += [_sum(terms, names, (), signal.name) for signal, terms in entries if terms]
-        lines.append(f"    d/dt {name} = {_joined(rate)}")
-    return lines
-
-
-def _path(claim: Claim, start: Start) -> list[str]:
+def _path(start: Start) -> list[str]:
     """Each state of a start, as a function of a."""
     rows = []
     for i, terms in enumerate(start.path):
@@ -311,16 +297,11 @@ def _bracket(function: Function, names: list[str]) -> str:
         for value, name in zip(function.slope, names, strict=True)
         if value
     ])  # fmt: skip
-    o = [_angle(function.pi_halves)] * bool(function.pi_halves) + [f"{function.offset:.10g}"] * bool(
-        function.offset
-    )
+    o = [f"{function.offset:.10g}"] * bool(function.offset)
+    if halves := function.pi_halves:  # a whole number of π/2
+        whole, half = halves if halves % 2 else halves // 2, "/2" if halves % 2 else ""
+        o = [{1: "pi", -1: "-pi"}.get(whole, f"{whole}*pi") + half, *o]
     return f"[{function.name}({_joined([*o, inner])}) - {function.name}({_joined(o)})]"
-
-
-def _angle(halves: int) -> str:
-    """A whole number of π/2, not 0."""
-    whole, half = halves if halves % 2 else halves // 2, "/2" if halves % 2 else ""
-    return {1: "pi", -1: "-pi"}.get(whole, f"{whole}*pi") + half
 
 
 def common_unit(signals: tuple[Signal, ...]) -> str:
@@ -331,10 +312,6 @@ def common_unit(signals: tuple[Signal, ...]) -> str:
 
 def _named(signal: Signal) -> str:
     return f"{signal.name} [{signal.unit}]" if signal.unit else signal.name
-
-
-def _degree(polynomial: Polynomial) -> int:
-    return max((sum(powers) for powers, _ in polynomial), default=0)
 
 
 def _row(polynomial: Polynomial, states: tuple[Signal, ...], most: int = _MOST_SHOWN) -> str:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from flexhinf.codegen.compiler import compile_program
+from flexhinf.codegen.compiler import BoundKernel, Kernel, Status, compile_program
 from flexhinf.codegen.compose import DIRECT, Composer, Direct
-from flexhinf.codegen.kernel import BoundKernel, Kernel, Status
 from flexhinf.codegen.memory import Block, Buffer, Columns, Slice, aligned
 from flexhinf.codegen.program import (
     Call,
@@ -20,30 +19,3 @@ from flexhinf.codegen.program import (
     Sweep,
     When,
 )
-
-__all__ = [
-    "DIRECT",
-    "Block",
-    "BoundKernel",
-    "Buffer",
-    "Call",
-    "Cholesky",
-    "Columns",
-    "Composer",
-    "Copy",
-    "Direct",
-    "Guard",
-    "Kernel",
-    "Map",
-    "Normal",
-    "OuterSum",
-    "Polynomial",
-    "Program",
-    "Repeat",
-    "Slice",
-    "Status",
-    "Sweep",
-    "When",
-    "aligned",
-    "compile_program",
-]

@@ -54,16 +54,8 @@ class Direct:
     def columns(self, function: Callable[..., Any], moving: Any, *held: Any) -> Any:
         """``function(column, *held)`` for every column.
 
-        Parameters
-        ----------
-        function : callable
-            Takes a vector per moving matrix, and what is held; returns a vector, or a tuple of vectors.
-        moving : (r, s) array, or tuple of such
-        held : arrays
-
-        Returns
-        -------
-        (r', s) array, or tuple of such
+        `function`: Takes a vector per moving matrix, and what is held; returns a vector, or a tuple of vectors.
+        `moving`: a matrix (r, s) or a tuple of such, as the result (r', s) is.
         """
         matrices = moving if isinstance(moving, tuple) else (moving,)
         results = [function(*column, *held) for column in zip(*(m.T for m in matrices), strict=True)]
@@ -74,9 +66,7 @@ class Direct:
     def sweep(self, stages: Callable[..., Any], matrix: Any, *held: Any) -> Any:
         """``stages(run, column, *held)`` for every column of a matrix (n, s): what is too large for one function.
 
-        Returns
-        -------
-        (n', s) array
+        Returns (n', s).
         """
         return self.columns(partial(stages, self), matrix, *held)
 
@@ -288,10 +278,7 @@ class Composer:
     ) -> tuple[Any, list[tuple[int, ...]], bool]:
         """A function of the blocks among the arrays, the shapes of its results, and whether they are several.
 
-        Parameters
-        ----------
-        shapes : sequence
-            A shape instead of the array's own, or None.
+        `shapes`: A shape instead of the array's own, or None.
         """
         from flexhinf.scalars import drop_empty, trace
 

@@ -13,9 +13,6 @@ import llvmlite.binding as llvm
 
 from flexhinf.codegen.program import Unsupported
 
-_LARGE = 20_000  # operations
-
-
 #: What is done to LLVM's own text, in this order. The emitter shares subexpressions and writes straight lines in
 #: loops: what is left are the columns in hand, addresses, and small loops. Measured, all of level 3 gives the same
 #: speed in up to twice the time, and each run of it leaves 0.2 MB and more in the process, which llvmlite never frees.
@@ -32,19 +29,14 @@ def level(operations: int) -> int:
     For a large program this is what takes the time: measured, level 1 gave the same speed as level 3 in four fifths
     of the time, and level 0 ran five times slower.
     """
-    return 3 if operations <= _LARGE else 1
+    return 3 if operations <= 20_000 else 1
 
 
 @dataclass(frozen=True)
 class Host:
     """The processor that runs this process.
 
-    Attributes
-    ----------
-    triple, cpu, features : str
-        As LLVM names them.
-    version : str
-        Of llvmlite and of LLVM.
+    `triple`, `cpu`, `features`: As LLVM names them. `version`: Of llvmlite and of LLVM.
     """
 
     triple: str
@@ -61,27 +53,18 @@ class Host:
 class Code:
     """Machine code loaded into this process; released when the object is.
 
-    Parameters
-    ----------
-    image : bytes
-        An object file for this host.
-    entry : str
-        Name of the function to find.
-    library : dict of str to str
-        C library functions that it needs.
-
-    Attributes
-    ----------
-    address : int
-        Of the entry.
+    `image`: An object file for this host. `entry`: Name of the function to find. `library`: C library functions that
+    it needs. `address`: Of the entry.
     """
 
     def __init__(self, image: bytes, entry: str, library: dict[str, str]) -> None:
         builder = llvm.JITLibraryBuilder().add_object_img(image).add_current_process().export_symbol(entry)
         for name, address in addresses(library).items():
             builder.import_symbol(name, address)
-        # A linker of its own: what one linker has once linked leaves 10 KB in it for ever.
-        self._linker = _linker()
+        # A linker of its own: what one linker has once linked leaves 10 KB in it for ever. JITLink keeps the sections
+        # of an object together; the older linker takes memory wherever there is some, and where code and constants
+        # then are more than 2 GB apart, in a process with large arrays, it aborts the process.
+        self._linker = llvm.create_lljit_compiler(_target(0), use_jit_link=True)
         self._resources = builder.link(self._linker, "flexhinf")
         self.address: int = self._resources[entry]
 
@@ -99,31 +82,19 @@ def host() -> Host:
 def assemble(text: str, level: int) -> bytes:
     """Optimise LLVM text and return an object file for this host.
 
-    Parameters
-    ----------
-    level : int
-        See `level`.
-
-    Returns
-    -------
-    bytes
+    `level`: See `level`.
     """
     with llvm.create_context() as context, llvm.parse_assembly(text, context) as module:
         module.verify()
         target = _target(level)
-        _optimise(module, target)
+        with (
+            llvm.create_pass_builder(target, llvm.create_pipeline_tuning_options()) as builder,
+            llvm.create_new_module_pass_manager() as passes,
+        ):
+            for name in _PASSES:
+                getattr(passes, f"add_{name}_pass")()
+            passes.run(module, builder)
         return target.emit_object(module)
-
-
-def _optimise(module: llvm.ModuleRef, target: llvm.TargetMachine) -> None:
-    """Run `_PASSES` over the module."""
-    with (
-        llvm.create_pass_builder(target, llvm.create_pipeline_tuning_options()) as builder,
-        llvm.create_new_module_pass_manager() as passes,
-    ):
-        for name in _PASSES:
-            getattr(passes, f"add_{name}_pass")()
-        passes.run(module, builder)
 
 
 def _target(level: int) -> llvm.TargetMachine:
@@ -133,31 +104,14 @@ def _target(level: int) -> llvm.TargetMachine:
     )
 
 
-def _linker() -> llvm.LLJIT:
-    # JITLink keeps the sections of an object together. The older linker takes memory wherever there is some; in a
-    # process with large arrays code and constants can end up more than 2 GB apart, and it then aborts the process.
-    return llvm.create_lljit_compiler(_target(0), use_jit_link=True)
-
-
 _NAMES = {"win32": ("ucrtbase", "msvcrt"), "darwin": ("libm.dylib",)}
 
 
 def addresses(library: dict[str, str]) -> dict[str, int]:
     """Where each function lies.
 
-    Parameters
-    ----------
-    library : dict of str to str
-        Name used in the machine code to name in the C library.
-
-    Returns
-    -------
-    dict of str to int
-
-    Raises
-    ------
-    Unsupported
-        A function that this C library does not have.
+    `library`: Name used in the machine code to name in the C library. Raises Unsupported: A function that this C
+    library does not have.
     """
     return {emitted: _address(name) for emitted, name in library.items()}
 

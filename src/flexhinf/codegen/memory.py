@@ -33,26 +33,12 @@ COLUMN = "column"
 class Buffer:
     """A flat float64 array, known by name.
 
-    Parameters
-    ----------
-    name : str
-        An identifier, unique in the program.
-    size : int or None
-        Number of elements per lane; None leaves it to the array given at run time.
-    role : {"in", "out", "state", "work"}
-        "in" is only read; "out" is written; "state" is read and written; "work" belongs to the kernel: the
-        caller gives no array for it, and it is zero at the start of every run.
-    shared : bool
-        One copy for all lanes (only for "in").
-    cleared : bool
-        False for a work buffer of which every element is written before it is read: then nothing is spent on
-        zeros.
-
-    Raises
-    ------
-    InvalidInput
-        Bad name, size or role; a shared buffer that is not "in"; a work buffer without a size; `cleared` for
-        another.
+    `name`: An identifier, unique in the program. `size`: Number of elements per lane; None leaves it to the array
+    given at run time. `role`: {"in", "out", "state", "work"}, "in" is only read; "out" is written; "state" is read and
+    written; "work" belongs to the kernel: the caller gives no array for it, and it is zero at the start of every run.
+    `shared`: One copy for all lanes (only for "in"). `cleared`: False for a work buffer of which every element is
+    written before it is read: then nothing is spent on zeros. Raises InvalidInput: bad name, size or role; a shared
+    buffer that is not "in"; a work buffer without a size; `cleared` for another.
     """
 
     name: str
@@ -63,58 +49,36 @@ class Buffer:
 
     def __post_init__(self) -> None:
         check_identifier(self.name, "buffer")
-        if self.role not in get_args(Role):
-            raise InvalidInput(
-                f"Buffer '{self.name}' has an unknown role.",
-                f"expected one of {', '.join(get_args(Role))}, got {self.role!r}",
-                "'in' for data, 'state' for what is updated in place, 'out' for results, 'work' for scratch",
-            )
-        if self.size is not None and not (is_integer(self.size) and self.size > 0):
-            raise InvalidInput(
-                f"Buffer '{self.name}' has no usable size.",
-                f"expected a positive integer or None, got {self.size!r}",
-                "None when the array given at run time decides",
-            )
-        if self.size is None and self.role == "work":
-            raise InvalidInput(
-                f"Work buffer '{self.name}' has no size.",
-                "the kernel makes work buffers itself and must know how long they are; got size=None",
-                "a size, or the role 'state' with an array of your own",
-            )
-        if not self.cleared and self.role != "work":
-            raise InvalidInput(
-                f"Buffer '{self.name}' is never cleared.",
-                f"only work buffers are, got cleared=False and role {self.role!r}",
-                "cleared=True",
-            )
-        if self.shared and self.role != "in":
-            raise InvalidInput(
-                f"Buffer '{self.name}' cannot be shared.",
-                f"lanes may only share what they all read (role 'in'), got role {self.role!r}",
-                "shared=False",
-            )
+        unsized = self.size is None and self.role == "work"
+        rows = (
+            (self.role not in get_args(Role), f"one of the roles {', '.join(get_args(Role))}"),
+            (
+                self.size is not None and not (is_integer(self.size) and self.size > 0),
+                "a positive size, or None",
+            ),
+            (unsized, "a size of a work buffer, which the kernel makes itself"),
+            (not self.cleared and self.role != "work", "cleared=True: only work buffers are cleared"),
+            (self.shared and self.role != "in", "shared=False: lanes may only share what they all read"),
+        )
+        for wrong, expected in rows:
+            if wrong:
+                advice = (
+                    "Buffer(name, size, role): in is read, state updated in place, out written, work scratch"
+                )
+                raise InvalidInput(
+                    f"A buffer is not usable: {self.name}.", f"expected {expected}, got {self}", advice
+                )
 
 
 @dataclass(frozen=True)
 class Slice:
     """Elements ``offset + shift + Σ_d strides[d]·k_d + (0 … size-1)`` of a buffer; k_d counts the d-th loop around.
 
-    Parameters
-    ----------
-    offset : int
-        First element, in elements.
-    size : int
-        Number of elements.
-    strides : tuple of int
-        Elements to move per turn of each enclosing `Repeat`, outermost first; ``()`` stays in place.
-    shift : str
-        Name of a count of the program: so many elements further on, known when it runs. A row of a record that is
-        read so many rows after it was written is a queue of any length. Empty for none.
-
-    Raises
-    ------
-    InvalidInput
-        Negative offset, size below one, or strides that are not integers.
+    `offset`: First element, in elements. `size`: Number of elements. `strides`: Elements to move per turn of each
+    enclosing `Repeat`, outermost first; ``()`` stays in place. `shift`: Name of a count of the program: so many
+    elements further on, known when it runs. A row of a record that is read so many rows after it was written is a
+    queue of any length. Empty for none. Raises InvalidInput: negative offset, size below one, or strides that are not
+    integers.
     """
 
     buffer: str
@@ -143,19 +107,9 @@ class Slice:
 class Columns:
     """A slice read as a matrix, of which a `Map` takes one column at a time.
 
-    Parameters
-    ----------
-    whole : Slice
-        All of the matrix.
-    count : int
-        Number of columns, a divisor of the slice's size.
-    order : {"C", "F"}
-        Rows one after the other, or columns one after the other.
-
-    Raises
-    ------
-    InvalidInput
-        A count that does not divide the size, or another order.
+    `whole`: All of the matrix. `count`: Number of columns, a divisor of the slice's size. `order`: {"C", "F"}, rows
+    one after the other, or columns one after the other. Raises InvalidInput: A count that does not divide the size, or
+    another order.
     """
 
     whole: Slice
@@ -192,12 +146,8 @@ class Columns:
 class Block:
     """An array of a program that is being composed: where it lies, its shape, and its order.
 
-    Parameters
-    ----------
-    piece : Slice or None
-        None for an array without elements.
-    order : {"C", "F"}
-        Of a matrix: rows, or columns, one after the other. Only matrices may have "F".
+    `piece`: None for an array without elements. `order`: {"C", "F"}, of a matrix: rows, or columns, one after the
+    other. Only matrices may have "F".
     """
 
     piece: Slice | None
@@ -329,26 +279,10 @@ class OuterSum:
     The sum runs in eight parts, k modulo 8, which are added in pairs at the end: the same order for any number
     of lanes.
 
-    Parameters
-    ----------
-    left, right : Slice
-        (N, r) and (N, c).
-    target : Slice
-        (r, c), not in the memory of left, right and weights.
-    count : int
-        N.
-    weights : Slice or None
-        (N,); ones by default.
-    plus : Slice or None
-        (r, c); zero by default.
-    symmetric : bool
-        Left and right are the same: half of the sums are computed, and the result is exactly symmetric if
-        `plus` is.
-
-    Raises
-    ------
-    InvalidInput
-        Sizes that do not fit, or a target that overlaps what is read.
+    `left`, `right`: (N, r) and (N, c). `target`: (r, c), not in the memory of left, right and weights. `count`: N.
+    `weights`: (N,); ones by default. `plus`: (r, c); zero by default. `symmetric`: Left and right are the same: half
+    of the sums are computed, and the result is exactly symmetric if `plus` is. Raises InvalidInput: sizes that do not
+    fit, or a target that overlaps what is read.
     """
 
     left: Slice
@@ -389,22 +323,10 @@ class Polynomial:
     the order of its variables by one fused multiply-add each; the same bits for any number of lanes. Rows are read in
     their order within each degree.
 
-    Parameters
-    ----------
-    point : Slice
-        x, (n,).
-    table : Slice
-        (Nmon, columns): a row for each monomial in the order of `flexhinf.polynomial.basis`, degree after degree; its
-        first numbers are coefficients of the values, the others are padding.
-    target : Slice
-        The values, not in the memory of point and table.
-    degrees : tuple of int
-        Ascending.
-
-    Raises
-    ------
-    InvalidInput
-        Sizes that do not fit, degrees that do not ascend, or a target that overlaps what is read.
+    `point`: x, (n,). `table`: (Nmon, columns): a row for each monomial in the order of `flexhinf.polynomial.basis`,
+    degree after degree; its first numbers are coefficients of the values, the others are padding. `target`: The
+    values, not in the memory of point and table. `degrees`: Ascending. Raises InvalidInput: sizes that do not fit,
+    degrees that do not ascend, or a target that overlaps what is read.
     """
 
     point: Slice
@@ -439,17 +361,8 @@ class Polynomial:
 class Cholesky:
     """The Cholesky factor of a symmetric positive semidefinite matrix, as `flexhinf.scalars.cholesky`.
 
-    Parameters
-    ----------
-    source : Slice
-        (n, n), symmetric.
-    target : Slice
-        Lᵀ in C order, that is L column by column; apart from the source.
-
-    Raises
-    ------
-    InvalidInput
-        Slices that are not square and of one size, or overlap.
+    `source`: (n, n), symmetric. `target`: Lᵀ in C order, that is L column by column; apart from the source. Raises
+    InvalidInput: slices that are not square and of one size, or overlap.
     """
 
     source: Slice

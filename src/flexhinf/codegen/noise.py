@@ -1,4 +1,7 @@
-"""Normal numbers of a counter, as arrays: the twin of what kernels compute themselves, with the same bits.
+"""Normal numbers of a counter: one algorithm, evaluated on arrays or written into a kernel, with the same bits.
+
+SX has no integers, so kernels have it as text and not traced. Sums and products are not fused: every operation is one
+that IEEE 754 rounds correctly, so that the bits are the same on every processor.
 
 Any step, channel and sample can ask for its own number alone, so results do not depend on lanes, threads or batches,
 and one sample can be replayed alone. The generator is Philox4x32-10 of Salmon, Moraes, Dror & Shaw, "Parallel random
@@ -13,8 +16,8 @@ turn, cos 2πt = sin π(|2t − 1| − ½) for t in (0, 1], of which the Taylor 
 from __future__ import annotations
 
 import math
-from functools import reduce
-from typing import Any
+from collections.abc import Sequence
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -47,30 +50,74 @@ def seed_key(seed: int) -> tuple[int, int]:
     return seed & 0xFFFFFFFF, (seed >> 32) & 0xFFFFFFFF
 
 
-def philox(counter: tuple[Any, Any, Any, Any], key: tuple[int, int]) -> tuple[np.ndarray, ...]:
-    """Four random words of 32 bits for each counter.
+class Arrays:
+    """Operations on NumPy arrays of 64-bit integers and numbers, named as in LLVM; `flexhinf.codegen.emit.normal` has
+    the same as text, so that the algorithm stands here once."""
 
-    Parameters
-    ----------
-    counter : four integers below 2³², or integer arrays that broadcast
-    key : two integers below 2³²
+    WHOLE: ClassVar = {
+        "add": np.add, "sub": np.subtract, "mul": np.multiply, "and": np.bitwise_and, "xor": np.bitwise_xor,
+        "shl": np.left_shift, "lshr": np.right_shift,
+    }  # fmt: skip
+    REAL: ClassVar = {"fadd": np.add, "fsub": np.subtract, "fmul": np.multiply, "fdiv": np.divide}
 
-    Returns
-    -------
-    four arrays of uint64 with values below 2³²
+    def whole(self, name: str, left: Any, right: Any) -> Any:
+        """An operation on integers, unsigned but for "ashr"."""
+        left, right = np.asarray(left, np.uint64), np.asarray(right, np.uint64)
+        if name == "ashr":
+            return (left.view(np.int64) >> right.view(np.int64)).view(np.uint64)
+        return self.WHOLE[name](left, right)
+
+    def real(self, name: str, left: Any, right: Any) -> Any:
+        """An operation on numbers."""
+        return self.REAL[name](left, right)
+
+    def number(self, integer: Any) -> Any:
+        """A signed integer of at most 53 bits as a number, exactly."""
+        return integer.view(np.int64).astype(float)
+
+    def bits(self, number: Any) -> Any:
+        """The bits of a number."""
+        return number.view(np.uint64)
+
+    def float(self, bits: Any) -> Any:
+        """The number of these bits."""
+        return bits.view(np.float64)
+
+    def root(self, number: Any) -> Any:
+        """The square root."""
+        return np.sqrt(number)
+
+
+ARRAYS = Arrays()
+
+
+def philox(counter: Sequence[Any], key: Sequence[Any], run: Any = ARRAYS) -> list[Any]:
+    """Four random words of 32 bits, in 64, for each counter of four such words; the key has two.
+
+    Arguments are integers, or integer arrays that broadcast. In between, what is above 32 bits means nothing.
     """
-    words = [np.asarray(c).astype(np.uint64) for c in np.broadcast_arrays(*counter)]
-    factors = [np.uint64(factor) for factor in MULTIPLIERS]
+    words = list(counter)
     for turn in range(ROUNDS):
-        first, second = factors[0] * words[0], factors[1] * words[2]
-        keys = [np.uint64((int(k) + turn * weyl) & 0xFFFFFFFF) for k, weyl in zip(key, WEYL)]
+        low, high = (
+            run.whole("mul", run.whole("and", word, LOW), factor)
+            for word, factor in zip((words[0], words[2]), MULTIPLIERS)
+        )
+        keys = [run.whole("add", k, turn * weyl) for k, weyl in zip(key, WEYL)] if turn else key
         words = [
-            (second >> np.uint64(32)) ^ words[1] ^ keys[0],
-            second & np.uint64(LOW),
-            (first >> np.uint64(32)) ^ words[3] ^ keys[1],
-            first & np.uint64(LOW),
+            run.whole("xor", run.whole("xor", run.whole("lshr", high, 32), words[1]), keys[0]),
+            high,
+            run.whole("xor", run.whole("xor", run.whole("lshr", low, 32), words[3]), keys[1]),
+            low,
         ]
-    return tuple(words)
+    return [run.whole("and", word, LOW) for word in words]
+
+
+def normal(run: Any, counter: Sequence[Any], key: Sequence[Any]) -> Any:
+    """A number N(0, 1) for each counter, by Box and Muller's transform of 53-bit uniforms. Nothing is fused."""
+    words = philox(counter, key, run)
+    first, second = (_numerator(run, *words[k : k + 2]) for k in (0, 2))
+    radius = run.root(run.real("fmul", _logarithm(run, first), -2.0))
+    return run.real("fmul", radius, _cosine(run, second))
 
 
 def normal_numbers(seed: int, step: Any, channel: Any, sample: Any) -> np.ndarray:
@@ -88,33 +135,46 @@ def normal_numbers(seed: int, step: Any, channel: Any, sample: Any) -> np.ndarra
     ndarray
         At most 8.6 in size.
     """
-    words = philox((step, channel, sample, 0), seed_key(seed))
-    first, second = (_numerator(words[k], words[k + 1]) for k in (0, 2))
-    return np.sqrt(_logarithm(first) * -2.0) * _cosine(second)
+    return normal(ARRAYS, (step, channel, sample, 0), seed_key(seed))
 
 
-def _numerator(high: np.ndarray, low: np.ndarray) -> np.ndarray:
-    return ((high << np.uint64(21)) ^ (low >> np.uint64(11))).astype(np.int64) + 1
+def _numerator(run: Any, high: Any, low: Any) -> Any:
+    """n of the uniform number n/2⁵³, 1 … 2⁵³, as an integer."""
+    bits = run.whole("xor", run.whole("shl", high, 21), run.whole("lshr", low, 11))
+    return run.whole("add", bits, 1)
 
 
-def _polynomial(coefficients: tuple[float, ...], x: np.ndarray) -> np.ndarray:
-    return reduce(
-        lambda value, coefficient: value * x + coefficient, coefficients[1:], np.float64(coefficients[0])
-    )
+def _polynomial(run: Any, coefficients: tuple[float, ...], x: Any) -> Any:
+    """Horner's rule."""
+    value = coefficients[0]
+    for coefficient in coefficients[1:]:
+        value = run.real("fadd", run.real("fmul", value, x), coefficient)
+    return value
 
 
-def _logarithm(numerator: np.ndarray) -> np.ndarray:
-    above = numerator.astype(float).view(np.int64) - SQRT_HALF
-    exponent = ((above >> 52) - 53).astype(float)
-    f = ((above & MANTISSA) + SQRT_HALF).view(float) - 1.0
-    s = f / (f + 2.0)
-    square = s * s
-    half = f * f * 0.5
-    small = s * (half + square * _polynomial(LOGARITHM, square)) + exponent * LN2[1]
-    return exponent * LN2[0] - (half - small - f)
+def _logarithm(run: Any, numerator: Any) -> Any:
+    """log(n/2⁵³)."""
+    real, whole = run.real, run.whole
+    above = whole("sub", run.bits(run.number(numerator)), SQRT_HALF)
+    exponent = run.number(whole("sub", whole("ashr", above, 52), 53))
+    f = real("fsub", run.float(whole("add", whole("and", above, MANTISSA), SQRT_HALF)), 1.0)
+    s = real("fdiv", f, real("fadd", f, 2.0))
+    square = real("fmul", s, s)
+    tail = real("fmul", square, _polynomial(run, LOGARITHM, square))
+    half = real("fmul", real("fmul", f, f), 0.5)
+    # log m = f − (f²/2 − s(f²/2 + R)), and the parts of k·log 2 where they lose least.
+    small = real("fmul", s, real("fadd", half, tail))
+    small = real("fadd", small, real("fmul", exponent, LN2[1]))
+    small = real("fsub", real("fsub", half, small), f)
+    return real("fsub", real("fmul", exponent, LN2[0]), small)
 
 
-def _cosine(numerator: np.ndarray) -> np.ndarray:
-    x = (np.abs(numerator - (1 << 52)) - (1 << 51)).astype(float) * TURN
-    square = x * x
-    return x + square * x * _polynomial(SINE, square)
+def _cosine(run: Any, numerator: Any) -> Any:
+    """cos(2π n/2⁵³)."""
+    from_half = run.whole("sub", numerator, 1 << 52)
+    negative = run.whole("ashr", from_half, 63)
+    distance = run.whole("sub", run.whole("xor", from_half, negative), negative)
+    x = run.real("fmul", run.number(run.whole("sub", distance, 1 << 51)), TURN)
+    square = run.real("fmul", x, x)
+    cubed = run.real("fmul", run.real("fmul", square, x), _polynomial(run, SINE, square))
+    return run.real("fadd", x, cubed)

@@ -36,12 +36,8 @@ if TYPE_CHECKING:
 class Call:
     """Evaluate a traced function; all inputs are read before any output is written, so in-place is safe.
 
-    Parameters
-    ----------
-    function : casadi.Function
-        An SX function whose arguments and results are dense.
-    inputs, outputs : tuple of Slice
-        One per argument and per result, of the same number of elements.
+    `function`: An SX function whose arguments and results are dense. `inputs`, `outputs`: One per argument and per
+    result, of the same number of elements.
     """
 
     function: casadi.Function
@@ -58,19 +54,9 @@ class Call:
 class Map:
     """Evaluate a traced function on every column of matrices, in any order: several at once where that is faster.
 
-    Parameters
-    ----------
-    function : casadi.Function
-        As for `Call`.
-    inputs : tuple of Slice or Columns
-        A slice is the same for all columns.
-    outputs : tuple of Columns
-        May be the very columns of an input (in place), but overlap no input otherwise.
-
-    Raises
-    ------
-    InvalidInput
-        As `Call`; columns of different numbers, no columns, or results that overlap arguments.
+    `function`: As for `Call`. `inputs`: A slice is the same for all columns. `outputs`: May be the very columns of an
+    input (in place), but overlap no input otherwise. Raises InvalidInput: as `Call`; columns of different numbers, no
+    columns, or results that overlap arguments.
     """
 
     function: casadi.Function
@@ -112,10 +98,9 @@ class Copy:
 
     def __post_init__(self) -> None:
         if self.source.size != self.target.size:
+            found = f"expected slices of the same size, got source {self.source}, target {self.target}"
             raise InvalidInput(
-                "A copy joins slices of different sizes.",
-                f"source {self.source}, target {self.target}",
-                "slices of the same size",
+                "A copy joins slices of different sizes.", found, "Slice(buffer, offset, size)"
             )
 
 
@@ -144,10 +129,7 @@ class Normal:
 class Guard:
     """Stop unless every element is finite.
 
-    Parameters
-    ----------
-    code : int
-        Positive; becomes the `Status.code`, beside the index of the outermost loop (0 outside of loops).
+    `code`: Positive; becomes the `Status.code`, beside the index of the outermost loop (0 outside of loops).
     """
 
     source: Slice
@@ -166,16 +148,8 @@ class Guard:
 class Repeat:
     """Run `body` as many times as the count says.
 
-    Parameters
-    ----------
-    count : str or int
-        Name of a count of the program, given when it runs; or a fixed number.
-    body : tuple of steps
-
-    Raises
-    ------
-    InvalidInput
-        A fixed number below 1.
+    `count`: Name of a count of the program, given when it runs; or a fixed number. Raises InvalidInput: A fixed number
+    below 1.
     """
 
     count: str | int
@@ -202,16 +176,8 @@ class When:
     In a lane whose flag is zero beside one whose flag is not, the body runs in vain: what it writes must not
     matter then. Who reads it chooses by the flag.
 
-    Parameters
-    ----------
-    flag : Slice
-        One number.
-    body : tuple of steps
-
-    Raises
-    ------
-    InvalidInput
-        If the flag is not one number, or there is a guard in the body, which would stop lanes in vain.
+    `flag`: One number. Raises InvalidInput: if the flag is not one number, or there is a guard in the body, which
+    would stop lanes in vain.
     """
 
     flag: Slice
@@ -231,17 +197,10 @@ class When:
 class Sweep:
     """Run steps on every column of matrices, in any order, several at once; a column has memory of its own meanwhile.
 
-    Parameters
-    ----------
-    body : tuple of Call, Copy and Repeat
-        They write to the buffer `COLUMN`, which is the column's memory, and may read others, the same for all columns.
-    inputs, outputs : tuple of (Columns, Slice)
-        Columns of a matrix, and where each is before or after the steps, in a memory of `size` numbers.
-
-    Raises
-    ------
-    InvalidInput
-        Other steps, columns of different numbers, sizes that do not fit, or writing elsewhere.
+    `body`: They write to the buffer `COLUMN`, which is the column's memory, and may read others, the same for all
+    columns. `inputs`, `outputs`: tuple of (Columns, Slice), columns of a matrix, and where each is before or after the
+    steps, in a memory of `size` numbers. Raises InvalidInput: other steps, columns of different numbers, sizes that do
+    not fit, or writing elsewhere.
     """
 
     body: tuple[Step, ...]
@@ -318,18 +277,9 @@ ENTRY = PREFIX + "run"
 class Program:
     """Steps over buffers, validated as a whole.
 
-    Parameters
-    ----------
-    name : str
-        An identifier.
-    counts : tuple of str
-        Names of the run-time integers that `Repeat` and shifted slices use.
-
-    Raises
-    ------
-    InvalidInput
-        Duplicate names, unknown buffers or counts, a write to an "in" buffer, a slice outside of a sized
-        buffer, or strides whose number is not the depth of the loop.
+    `name`: An identifier. `counts`: Names of the run-time integers that `Repeat` and shifted slices use. Raises
+    InvalidInput: duplicate names, unknown buffers or counts, a write to an "in" buffer, a slice outside of a sized
+    buffer, or strides whose number is not the depth of the loop.
     """
 
     name: str

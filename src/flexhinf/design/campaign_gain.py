@@ -22,7 +22,7 @@ from flexhinf.analysis.search import MovedLaw, worst_gain
 from flexhinf.analysis.worst_disturbance import DisturbanceRuns
 from flexhinf.campaign import Journal
 from flexhinf.campaign.manifest import UNREADABLE
-from flexhinf.certify.box_gain import linear_part
+from flexhinf.certify.evaluation import linear_part
 from flexhinf.design import certification
 from flexhinf.design.campaign_folder import DesignCampaign
 from flexhinf.design.synthesis.steps import Synthesis, synthesise

@@ -57,39 +57,22 @@ UNSETTLED = 2.0
 
 @dataclass(frozen=True)
 class LawMetrics:
-    """What a law is tuned by: the largest of all joints; infinite where a run diverged, or did not settle.
-
-    Attributes
-    ----------
-    gain_margin : float
-        Smallest factor by which the gain of one input may not rise or fall.
-    damping : float
-        Smallest damping ratio of all oscillations of the running loop, the estimator's among them; NaN where there
-        is none.
-    input_noise : float
-        RMS of the noisiest input, V or N·m.
-    bandwidth : float
-        Of the slowest joint, rad/s.
-    peak_input, settling : float
-        Of the step as deployed; V or N·m (see `JointLimits.equivalent_peak`), s. NaN where it was not run.
-    load_deviation : float
-        rad or m.
-    move_error : float
-        Largest error behind the jerk-limited reference, rad or m.
-    remaining_error : float
-        Largest error in the last tenth of step, load response or move, rad or m.
-    """
+    """Metrics by which a law is tuned: the largest of all joints; infinite where a run diverged, or did not settle."""
 
     peak_sensitivity: float
-    gain_margin: float
-    damping: float
-    input_noise: float
-    bandwidth: float
-    peak_input: float = math.nan
-    settling: float = math.nan
-    load_deviation: float = math.nan
-    move_error: float = math.nan
-    remaining_error: float = math.nan
+    gain_margin: float  # smallest factor by which the gain of one input may not rise or fall
+    damping: (
+        float  # smallest damping ratio of the running loop, its estimator's included; NaN without oscillation
+    )
+    input_noise: float  # RMS of the noisiest input, V or N·m
+    bandwidth: float  # of the slowest joint, rad/s
+    peak_input: float = (
+        math.nan
+    )  # of the step as deployed, V or N·m, see `JointLimits.equivalent_peak`; NaN: not run
+    settling: float = math.nan  # of the step, s; NaN where it was not run
+    load_deviation: float = math.nan  # rad or m
+    move_error: float = math.nan  # largest error behind the jerk-limited reference, rad or m
+    remaining_error: float = math.nan  # largest in the last tenth of step, load response or move, rad or m
 
 
 def unstable_corners(evaluation: LawEvaluation) -> int:
@@ -97,24 +80,43 @@ def unstable_corners(evaluation: LawEvaluation) -> int:
     return 0 if evaluation.corners is None else int(evaluation.corners.unstable)
 
 
-def metrics_of(evaluation: LawEvaluation, criterion: Criterion | None = None) -> LawMetrics:
-    """What a law is tuned by.
+def metrics_of(
+    evaluation: LawEvaluation, criterion: Criterion | None = None, linear: LawMetrics | None = None
+) -> LawMetrics:
+    """Metrics of a law; with the metrics of the loop, `linear`, where it has none of its own.
 
     With a `criterion`, a loop that is far beyond its limits is not run, nor run further after the step. Raises
     `FlexhinfError` if the loop cannot be linearised, or is unstable: then nothing is known in its favour.
     """
-    margins = evaluation.margins
-    if not margins.stable:
-        raise NumericalFailure(
-            "The linear loop with its estimator is unstable at the goal.",
-            "expected all eigenvalues inside the unit circle",
-            "other parameters",
-        )
-    linear = LawMetrics(
-        margins.peak_sensitivity, margins.gain_margin, margins.damping, evaluation.input_noise,
-        margins.slowest_bandwidth,
-    )  # fmt: skip
-    return _run(linear, evaluation, criterion)
+    metrics = linear
+    if metrics is None:
+        margins = evaluation.margins
+        if not margins.stable:
+            raise NumericalFailure(
+                "The linear loop with its estimator is unstable at the goal.",
+                "expected all eigenvalues inside the unit circle",
+                "other parameters",
+            )
+        metrics = LawMetrics(
+            margins.peak_sensitivity, margins.gain_margin, margins.damping, evaluation.input_noise,
+            margins.slowest_bandwidth,
+        )  # fmt: skip
+    if criterion is not None and criterion.is_far(metrics):
+        return metrics
+    quiet = evaluation.quiet
+    limits = evaluation.setup.limits
+    # Without a saturation that would hide a required peak.
+    peak = limits.equivalent_peak(quiet.unlimited_step if limits.limits_peak else quiet.step)
+    metrics = replace(metrics, peak_input=peak, settling=quiet.step.settling.value)
+    if criterion is not None and criterion.is_far(metrics):
+        return metrics
+    worst = {key: each.value for key, each in quiet.worst.items()}
+    return replace(
+        metrics,
+        load_deviation=worst["load_deviation"],
+        move_error=worst["move_error"],
+        remaining_error=max(worst[f"{run}_remaining"] for run in ("step", "load", "move")),
+    )
 
 
 def own_metrics(evaluation: LawEvaluation) -> LawMetrics:
@@ -122,7 +124,7 @@ def own_metrics(evaluation: LawEvaluation) -> LawMetrics:
     try:
         return metrics_of(evaluation)
     except FlexhinfError:
-        return _run(LawMetrics(math.inf, 1.0, 0.0, math.inf, math.nan), evaluation)
+        return metrics_of(evaluation, linear=LawMetrics(math.inf, 1.0, 0.0, math.inf, math.nan))
 
 
 def reference_metrics(evaluation: LawEvaluation) -> LawMetrics:
@@ -145,44 +147,16 @@ def reference_metrics(evaluation: LawEvaluation) -> LawMetrics:
     return own
 
 
-def _run(metrics: LawMetrics, evaluation: LawEvaluation, criterion: Criterion | None = None) -> LawMetrics:
-    """With the metrics of the runs."""
-    if criterion is not None and criterion.is_far(metrics):
-        return metrics
-    quiet = evaluation.quiet
-    peak = evaluation.setup.limits.equivalent_peak(quiet.demanded_step)
-    metrics = replace(metrics, peak_input=peak, settling=quiet.step.settling.value)
-    if criterion is not None and criterion.is_far(metrics):
-        return metrics
-    worst = {key: each.value for key, each in quiet.worst.items()}
-    return replace(
-        metrics,
-        load_deviation=worst["load_deviation"],
-        move_error=worst["move_error"],
-        remaining_error=max(worst[f"{run}_remaining"] for run in ("step", "load", "move")),
-    )
-
-
 @dataclass(frozen=True)
 class Limit:
-    """One limit that all laws keep.
+    """One limit that all laws keep."""
 
-    Attributes
-    ----------
-    metric : str
-        Attribute of `LawMetrics`.
-    least : bool
-        Whether the metric is to be at least the value instead of at most.
-    origin : str
-        Where the value comes from.
-    """
-
-    metric: str
+    metric: str  # attribute of `LawMetrics`
     label: str
     unit: str
     value: float
-    origin: str
-    least: bool = False
+    origin: str  # where the value comes from
+    least: bool = False  # whether the metric is to be at least the value instead of at most
 
     def excess(self, metrics: LawMetrics) -> float:
         """ln of the factor by which it is exceeded; 0 where it is kept."""
@@ -202,27 +176,15 @@ class Limit:
 
 @dataclass(frozen=True)
 class Criterion:
-    """What laws are tuned for.
+    """What laws are tuned for."""
 
-    Attributes
-    ----------
-    mode : {"peak", "bandwidth", "none"}
-    own : LawMetrics
-        Of the design's own law, by which deviation, settling time and errors are divided.
-    linear, shared : tuple of Limit
-        Of the linearised loop; and the one that the user chose, of the runs or of the loop.
-    length : float
-        Of the step, s.
-    resolution : float
-        Deviations and errors below count as this, rad or m.
-    """
-
-    mode: str
-    own: LawMetrics
+    mode: str  # {"peak", "bandwidth", "none"}
+    own: LawMetrics  # Of the design's own law, by which deviation, settling time and errors are divided
+    # linear, shared: Of the linearised loop; and the one that the user chose, of the runs or of the loop
     linear: tuple[Limit, ...]
     shared: tuple[Limit, ...]
-    length: float
-    resolution: float = 0.0
+    length: float  # Of the step, s
+    resolution: float = 0.0  # Deviations and errors below count as this, rad or m
 
     @property
     def limits(self) -> tuple[Limit, ...]:
@@ -231,24 +193,24 @@ class Criterion:
 
     @property
     def text(self) -> str:
-        """One sentence before any result, with the limits."""
+        """The measure with the limits, before any result."""
         return f"{self.measure.rstrip('.')}; with {'; '.join(limit.text for limit in self.limits)}."
 
     @property
     def measure(self) -> str:
-        """What is made small."""
+        """The measure that is made small, in words."""
         text = (
             "Every law, nl-hinf among them, is tuned over all its parameters for the smallest geometric mean of four "
             "ratios to the design as it is: largest deviation under the load, settling time of the step as the "
             "controller is deployed, largest error behind the jerk-limited reference, and largest error that remains "
             "at the end of these three runs, which are those of the nominal robot without measurement noise."
         )
-        if not self.resolution:
-            return text
-        return (
-            f"{text} A deviation or an error below {1e3 * self.resolution:.3g} mrad or mm, which a sensor does not "
-            "show, counts as that."
-        )
+        if self.resolution:
+            text += (
+                f" A deviation or an error below {1e3 * self.resolution:.3g} mrad or mm, which a sensor does not show, "
+                "counts as that."
+            )
+        return text
 
     def ratios(self, metrics: LawMetrics) -> dict[str, float]:
         """Load deviation, settling time, and the two errors over those of the design, by name."""
@@ -302,7 +264,6 @@ def criterion_for(
 
     Parameters
     ----------
-    mode : {"peak", "bandwidth", "none"}
     own : LawMetrics
         Of the design.
     length : float
@@ -315,8 +276,8 @@ def criterion_for(
     resolution : float
         Of a position, rad or m: smaller deviations and errors count as this.
 
-    Raises `InvalidInput` for another mode, or where there is nothing to share: no limit was asked for and the design
-    has no such metric.
+    Raises `InvalidInput` for another mode than `MODES`, or where there is nothing to share: no limit was asked for and
+    the design has no such metric.
     """
     check_mode(mode, "--tune peak")
     limits = {"damping": (LEAST_DAMPING, "default"), **limits}
@@ -355,9 +316,8 @@ def criterion_for(
 def check_mode(mode: str, advice: str) -> None:
     """Refuse what is none of `MODES`."""
     if mode not in MODES:
-        raise InvalidInput(
-            "There is no such way to tune.", f"expected {', '.join(MODES)}, got {mode!r}", advice
-        )
+        found = f"expected {', '.join(MODES)}, got {mode!r}"
+        raise InvalidInput("There is no such way to tune.", found, advice)
 
 
 def stated_limits(setup: LoopSetup, unit: str) -> dict[str, tuple[float, str] | None]:

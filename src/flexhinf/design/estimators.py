@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf.design.design_file import per_signal
-from flexhinf.design.specification import TORQUE_NOISE, Specification, SpecificationError
+from flexhinf.design.specification import TORQUE_NOISE, SpecificationError
 from flexhinf.errors import NotDetectable
 from flexhinf.estimation import (
     ExtendedKalmanFilter,
@@ -55,42 +55,29 @@ Levels = float | tuple[float, ...]
 class EstimatorNoise:
     """R^v of the estimator, a diagonal: variances per sample in the states' units squared.
 
-    Attributes
-    ----------
-    all_states : float
-        On every state.
-    link_velocities, motor_velocities : float or tuple of float
-        Added on the velocities of the links and of the motors, one for all joints or one for each: what a model misses
-        are torques there.
-    source : str
-        Who states these levels: an option, a search, or a default of ours.
+    What a model misses are torques: the levels of the velocities are added to that of all states.
     """
 
     all_states: float = 0.0
     link_velocities: Levels = 0.0
     motor_velocities: Levels = 0.0
-    source: str = "ours"
+    source: str = "ours"  # an option, a search, or a default of ours
 
     @staticmethod
-    def stated(s: Specification) -> EstimatorNoise:
-        """The levels that a specification states; `TORQUE_NOISE` on all velocities where it states none."""
-        everywhere, torques = s.process_noise, s.torque_noise
+    def stated(everywhere: float | None, torques: float | None) -> EstimatorNoise:
+        """The levels that a specification states as its `process_noise` and `torque_noise`; `TORQUE_NOISE` on all
+        velocities where it states none."""
         if everywhere is None and torques is None:
             return EstimatorNoise(0.0, TORQUE_NOISE, TORQUE_NOISE, "ours")
-        named = [
-            option
-            for option, value in (("--process-noise", everywhere), ("--torque-noise", torques))
-            if value is not None
-        ]
+        options = {"--process-noise": everywhere, "--torque-noise": torques}
+        named = " and ".join(option for option, value in options.items() if value is not None)
         torques = torques or 0.0
-        return EstimatorNoise(everywhere or 0.0, torques, torques, f"option {' and '.join(named)}")
+        return EstimatorNoise(everywhere or 0.0, torques, torques, f"option {named}")
 
     @property
     def largest(self) -> float:
         """The largest of the levels; 0 for an estimator that trusts its model entirely."""
-        return float(
-            max(np.max(level) for level in (self.all_states, self.link_velocities, self.motor_velocities))
-        )
+        return float(max(map(np.max, (self.all_states, self.link_velocities, self.motor_velocities))))
 
     def scaled(self, factor: float) -> EstimatorNoise:
         """All levels times a factor: a faster estimator for a factor above 1."""
@@ -101,23 +88,17 @@ class EstimatorNoise:
         """The levels on the motors' velocities times a factor."""
         return replace(self, motor_velocities=_times(factor, self.motor_velocities))
 
-    def diagonal(self, states: Sequence[str]) -> np.ndarray:
-        """Diagonal (n,) of R^v for a plant with these states."""
+    def covariance(self, states: Sequence[str]) -> np.ndarray:
+        """R^v (n, n) for a plant with these states."""
         values, layout = np.full(len(states), self.all_states), Layout.of(states)
         links, motors = self.link_velocities, self.motor_velocities
-        if (
-            layout.rigid and layout.elastic
-        ):  # what a model misses of a rigid joint's motor is a torque on its link
+        if layout.rigid and layout.elastic:  # an unknown torque of a rigid joint's motor is one on its link
             every = np.broadcast_to(motors, layout.n)
             links = layout.motors(every, np.broadcast_to(links, layout.n)[layout.elastic])
             motors = every[layout.elastic]
         for kind, levels in (("link_velocity", links), ("motor_velocity", motors)):
             values[[k for k, name in enumerate(states) if name.startswith(kind)]] += levels
-        return values
-
-    def covariance(self, states: Sequence[str]) -> np.ndarray:
-        """R^v (n, n) for a plant with these states."""
-        return np.diag(self.diagonal(states))
+        return np.diag(values)
 
 
 def _times(factor: float, levels: Levels) -> Levels:
@@ -132,9 +113,8 @@ def noise_variances(plant: Plant, position: float) -> np.ndarray:
     """
     p = plant.parameters.named(plant.parameters.vector())
     stiffness = np.atleast_1d(p.stiffness).astype(float)
-    joints = [
-        name.removeprefix("motor_position") for name in plant.states if name.startswith("motor_position")
-    ]
+    motor = "motor_position"
+    joints = [name.removeprefix(motor) for name in plant.states if name.startswith(motor)]
     variances = []
     for name in plant.outputs:
         factor = VELOCITY_RATE**2 if "velocity" in name else 1.0
@@ -144,32 +124,13 @@ def noise_variances(plant: Plant, position: float) -> np.ndarray:
     return np.array(variances)
 
 
-def sensor_steps(robot: Robot, s: Specification) -> np.ndarray:
+def sensor_steps(robot: Robot, measured: Sequence[str], quantisation: Any, estimator: str) -> np.ndarray:
     """Quantisation step (p,) of each measured signal; of the whole state, (), where that is fed back.
 
-    Raises `SpecificationError` unless there is one for all, one for each name of `Specification.measured`, or one for
-    each signal; for one that is far beyond what the signal is.
+    Raises `SpecificationError` unless there is one for all, one for each name of what is measured, or one for each
+    signal; for one that is far beyond what the signal is.
     """
-    _check_coarse(robot, s)
-    steps, signals = np.asarray(s.quantisation, dtype=float), ()
-    if steps.shape == () or (s.estimator == "none" and steps.size == 1):
-        return steps.reshape(())
-    if s.estimator != "none":
-        each, signals = per_signal(robot, s.measured, s.quantisation)
-        if len(each) == len(signals):
-            return np.array(each)
-    allowed = f"one number, or one for each of {list(s.measured)}" if signals else "one number"
-    raise SpecificationError(
-        "quantisation",
-        "The quantisation does not fit what is measured.",
-        f"expected {allowed}{f' or of {list(signals)}' if signals else ''}, got {len(steps)}",
-        example=",".join(f"{step:g}" for step in np.resize(steps, max(1, len(s.measured)))),
-    )
-
-
-def _check_coarse(robot: Robot, s: Specification) -> None:
-    """Refuse a step of more than the robot's whole range."""
-    each, signals = per_signal(robot, s.measured, s.quantisation)
+    each, signals = per_signal(robot, measured, quantisation)
     units = units_of(robot.joint_names, robot.links.slides)
     for name, step in zip(signals, each * len(signals) if len(each) == 1 else each):
         if step > COARSEST[units[name]]:
@@ -178,18 +139,31 @@ def _check_coarse(robot: Robot, s: Specification) -> None:
                 f"The quantisation of {name!r} leaves nothing to be measured.",
                 f"expected a step of at most {COARSEST[units[name]]:g} {units[name]}, got {step:g}",
             )
+    steps = np.asarray(quantisation, dtype=float)
+    if steps.shape == () or (estimator == "none" and steps.size == 1):
+        return steps.reshape(())
+    if estimator != "none" and len(each) == len(signals):
+        return np.array(each)
+    signals = () if estimator == "none" else signals
+    allowed = f"one number, or one for each of {list(measured)}" if signals else "one number"
+    raise SpecificationError(
+        "quantisation",
+        "The quantisation does not fit what is measured.",
+        f"expected {allowed}{f' or of {list(signals)}' if signals else ''}, got {len(steps)}",
+        example=",".join(f"{step:g}" for step in np.resize(steps, max(1, len(measured)))),
+    )
 
 
-def other_sensors(robot: Robot, s: Specification, sensors: tuple[str, ...]) -> Specification:
-    """The same specification with other sensors. A quantisation per signal is kept for signals that stay; another
-    one has the step of a signal in the same unit, of the same joint if there is one, and no step without any."""
-    if isinstance(s.quantisation, float) or s.estimator == "none":
-        plain = np.asarray(
-            s.quantisation, dtype=float
-        ).tolist()  # without units, which the other sensors may not have
-        return replace(s, measured=sensors, quantisation=plain)
-    joints = robot.joint_names
-    known = dict(zip(expanded(s.measured, SENSORS, joints, robot.rigid), sensor_steps(robot, s).tolist()))
+def other_quantisation(
+    robot: Robot, measured: Sequence[str], quantisation: Any, estimator: str, sensors: Sequence[str]
+) -> Any:
+    """The quantisation of other sensors. One per signal is kept for signals that stay; another signal has the step of
+    one in the same unit, of the same joint if there is one, and no step without any."""
+    if isinstance(quantisation, float) or estimator == "none":
+        # Without units, which the other sensors may not have.
+        return np.asarray(quantisation, dtype=float).tolist()
+    joints, steps = robot.joint_names, sensor_steps(robot, measured, quantisation, estimator).tolist()
+    known = dict(zip(expanded(measured, SENSORS, joints, robot.rigid), steps))
 
     def kind(name: str) -> tuple[str, str]:
         quantity = next(quantity for quantity in SENSORS if name.startswith(quantity))
@@ -200,11 +174,7 @@ def other_sensors(robot: Robot, s: Specification, sensors: tuple[str, ...]) -> S
         own = [value for other, value in known.items() if kind(other) == kind(name)]
         return known.get(name, (own or alike or [0.0])[0])
 
-    return replace(
-        s,
-        measured=sensors,
-        quantisation=tuple(step(name) for name in expanded(sensors, SENSORS, joints, robot.rigid)),
-    )
+    return tuple(step(name) for name in expanded(sensors, SENSORS, joints, robot.rigid))
 
 
 def initial_covariance(

@@ -33,7 +33,7 @@ from flexhinf.design.problem.modes import (
     Mode,
     estimator_modes,
     modes_of,
-    running_modes,
+    sampled_modes,
     stiffness_and_inertia,
 )
 from flexhinf.design.responses import LoadResponse, Move, Response, Scenario, Worst, worst_of
@@ -57,25 +57,13 @@ NEGLIGIBLE = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class LawEvaluation:
-    """One law in one loop.
-
-    Parameters
-    ----------
-    setup : LoopSetup
-        Law, estimator, controller and true plant.
-    scenario : Scenario or None
-        The runs, the same for all laws; without one there are only linear metrics.
-    parameters : mapping of str to float
-        Values that were tuned, by name; empty for a design's own law.
-    other_noise : bool
-        Whether the corners are computed with other R^v too, which takes most of an evaluation's time.
-    """
+    """One law in one loop."""
 
     name: str
-    setup: LoopSetup
-    scenario: Scenario | None = None
-    parameters: Mapping[str, float] | None = None
-    other_noise: bool = True
+    setup: LoopSetup  # law, estimator, controller and true plant
+    scenario: Scenario | None = None  # runs, the same for all laws; without one there are only linear metrics
+    parameters: Mapping[str, float] | None = None  # tuned values by name; empty for a design's own law
+    other_noise: bool = True  # corners with other R^v too, which takes most of an evaluation's time
 
     def in_scenario(self, scenario: Scenario, step: Response | None = None) -> LawEvaluation:
         """The same with runs; linear metrics that were computed are kept, and the step where it was run."""
@@ -115,11 +103,6 @@ class LawEvaluation:
         free = replace(self.setup, specification=replace(self.setup.specification, saturation=np.inf))
         return free.step(self._runs.step_duration, sub_steps=self._runs.sub_steps)
 
-    @property
-    def demanded_step(self) -> Response:
-        """The step whose inputs are held against the limits: without a saturation that would hide a required peak."""
-        return self.unlimited_step if self.setup.limits.limits_peak else self.step
-
     @cached_property
     def move(self) -> Move:
         """The planned move with feedforward: the same reference for every law."""
@@ -142,18 +125,14 @@ class LawEvaluation:
     @cached_property
     def step_samples(self) -> MonteCarlo | None:
         """The step as deployed, on the sampled robots; None without any."""
-        runs = self._runs
-        if not runs.robots:
-            return None
-        return sampled_runs(self.setup, runs.robots, runs.step_duration, runs.sub_steps)
+        runs, setup = self._runs, self.setup
+        return sampled_runs(setup, runs.robots, runs.step_duration, runs.sub_steps) if runs.robots else None
 
     @cached_property
     def move_sample_errors(self) -> np.ndarray | None:
         """Largest error (N,) along the move, on the same robots, rad or m."""
-        runs = self._runs
-        if not runs.robots:
-            return None
-        return move_errors(self.setup, runs.robots, runs.plan, runs.sub_steps, runs.rest)
+        runs, setup = self._runs, self.setup
+        return move_errors(setup, runs.robots, runs.plan, runs.sub_steps, runs.rest) if runs.robots else None
 
     # The linear loop ----------------------------------------------------------------------------------------
     @cached_property
@@ -200,16 +179,13 @@ class LawEvaluation:
         robot = self.setup.robot
         if not robot.uncertain:
             return None
-        return tolerance_corners(self.loop, robot.corner, robot.uncertain, self._other_noises())
-
-    def _other_noises(self) -> tuple[ProcessNoise, ...]:
-        """Other R^v with which the corners are computed: in which directions the estimator may be retuned."""
-        if not (self.other_noise and self.loop.tunable):
-            return ()
-        variance = float(np.diag(self.loop.filter.measurement_noise).min())
-        forms = dict.fromkeys(noise.form for noise in standard_noises(self.loop))
-        ratios = next(ratios for most, ratios in RATIOS if self.loop.states <= most)
-        return tuple(ProcessNoise(form, ratio * variance) for form in forms for ratio in ratios)
+        noises = []
+        if self.other_noise and self.loop.tunable:  # the directions in which the estimator may be retuned
+            variance = float(np.diag(self.loop.filter.measurement_noise).min())
+            forms = dict.fromkeys(noise.form for noise in standard_noises(self.loop))
+            ratios = next(ratios for most, ratios in RATIOS if self.loop.states <= most)
+            noises = [ProcessNoise(form, ratio * variance) for form in forms for ratio in ratios]
+        return tolerance_corners(self.loop, robot.corner, robot.uncertain, tuple(noises))
 
     @cached_property
     def state_corners(self) -> GrowthRates | None:
@@ -247,7 +223,7 @@ class LawEvaluation:
     def running_modes(self) -> tuple[Mode, ...]:
         """Of the running loop: sampled, with estimator and delay."""
         linear = self.loop.linear()
-        return running_modes(linear, self.setup.joints, *self.energy)
+        return sampled_modes(*linear.running.modes(), linear.period, self.setup.joints, *self.energy)
 
     @property
     def least_damped_joint(self) -> str:
@@ -295,22 +271,19 @@ class LawEvaluation:
         move_{error, remaining, peak_input}, drawn_* (step and move on sampled robots), and those of `linear_metrics`.
         """
         metrics: dict[str, float | None] = {key: worst.value for key, worst in self.worst.items()}
-        return metrics | self._sample_metrics() | self.linear_metrics | {"operations": float(self.operations)}
-
-    def _sample_metrics(self) -> dict[str, float | None]:
         step, errors = self.step_samples, self.move_sample_errors
-        if step is None or errors is None:
-            return {}
-        return {
-            "drawn_unsettled": float(step.unsettled),
-            "drawn_overshoot_percent": _median(step.overshoot),
-            "drawn_worst_overshoot_percent": float(step.overshoot.max()),
-            "drawn_settling_s": _median(step.settling),
-            "drawn_worst_settling_s": float(step.settling.max()),
-            "drawn_worst_peak_input": float(step.peak.max()),
-            "drawn_move_error": _median(errors),
-            "drawn_worst_move_error": float(errors.max()),
-        }
+        if step is not None and errors is not None:
+            metrics |= {
+                "drawn_unsettled": float(step.unsettled),
+                "drawn_overshoot_percent": _median(step.overshoot),
+                "drawn_worst_overshoot_percent": float(step.overshoot.max()),
+                "drawn_settling_s": _median(step.settling),
+                "drawn_worst_settling_s": float(step.settling.max()),
+                "drawn_worst_peak_input": float(step.peak.max()),
+                "drawn_move_error": _median(errors),
+                "drawn_worst_move_error": float(errors.max()),
+            }
+        return metrics | self.linear_metrics | {"operations": float(self.operations)}
 
     @cached_property
     def linear_metrics(self) -> dict[str, float | None]:
@@ -318,13 +291,13 @@ class LawEvaluation:
         bandwidth_rad_s and unstable_corners; empty where the loop has no equilibrium."""
         if self.linear_failure:
             return {}
-        found, corners = self.margins, self.corners
-        bandwidth = float(found.bandwidth.min()) if len(found.bandwidth) else np.nan
+        margins, corners = self.margins, self.corners
+        bandwidth = float(margins.bandwidth.min()) if len(margins.bandwidth) else np.nan
         return {
-            "damping": found.damping if np.isfinite(found.damping) else None,
-            "delay_margin_s": found.delay_margin_s,
-            "peak_sensitivity": found.peak_sensitivity,
-            "gain_margin": found.gain_margin,
+            "damping": margins.damping if np.isfinite(margins.damping) else None,
+            "delay_margin_s": margins.delay_margin_s,
+            "peak_sensitivity": margins.peak_sensitivity,
+            "gain_margin": margins.gain_margin,
             "input_noise": self.input_noise,
             "bandwidth_rad_s": bandwidth if np.isfinite(bandwidth) else None,
             "unstable_corners": None if corners is None else float(corners.unstable),
@@ -333,9 +306,7 @@ class LawEvaluation:
     @property
     def input_noises(self) -> np.ndarray | None:
         """RMS of each input (m,) that the measurement noise causes, V or N·m; None with the true state fed back."""
-        if self.setup.noise is None:
-            return None
-        return self.margins.input_noise(self.setup.noise)
+        return None if self.setup.noise is None else self.margins.input_noise(self.setup.noise)
 
     @property
     def input_noise(self) -> float:

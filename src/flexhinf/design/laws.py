@@ -54,25 +54,17 @@ LARGEST_DEGREE = 12
 
 @dataclass(frozen=True)
 class TuningParameter:
-    """One number that is searched for, on a logarithmic scale.
-
-    Attributes
-    ----------
-    start : float or None
-        Where the search begins; None for a number of the design (its bandwidth, its γ/γ*, its degree).
-    lower, upper : float
-        Bounds.
-    relative : bool
-        Whether the bounds are factors of the start.
-    """
+    """One number that is searched for, on a logarithmic scale."""
 
     name: str
     label: str
     unit: str
-    start: float | None
+    start: (
+        float | None
+    )  # of the search; None for a number of the design (its bandwidth, its γ/γ*, its degree)
     lower: float
     upper: float
-    relative: bool = False
+    relative: bool = False  # whether the bounds are factors of the start
 
 
 _BANDWIDTH = TuningParameter("bandwidth", "bandwidth", "rad/s", None, 0.1, 20.0, True)
@@ -81,14 +73,8 @@ _INTEGRAL_RATE = TuningParameter("integral_rate", "integral's pole / bandwidth",
 _ROTOR = TuningParameter("rotor_inertia", "rotor inertia felt / real", "", 0.25, 0.05, 1.0)
 _EFFORT = TuningParameter("effort", "weight of the input, R2 ×", "", 1.0, 1e-4, 1e3)
 _INTEGRAL = TuningParameter("integral_weight", "weight of the integrals ×", "", 1.0, 0.02, 20.0)
-_VELOCITY = TuningParameter(
-    "velocity_weight",
-    f"weight of velocities / positions ({NO_VELOCITY:g}: none)",
-    "s",
-    0.01,
-    NO_VELOCITY,
-    1.0,
-)
+_LABEL = f"weight of velocities / positions ({NO_VELOCITY:g}: none)"
+_VELOCITY = TuningParameter("velocity_weight", _LABEL, "s", 0.01, NO_VELOCITY, 1.0)
 _GAMMA = TuningParameter("gamma_ratio", f"γ/γ* ({INFINITE_GAMMA:g}: ∞)", "", None, 1.02, INFINITE_GAMMA)
 _SIZE = TuningParameter(
     CHANNELS, f"channels of the tolerances × ({NO_CHANNELS:g}: none)", "", 1.0, NO_CHANNELS, 1.0
@@ -111,35 +97,21 @@ _TORQUE, _TORQUE_BOTH = (
 
 @dataclass(frozen=True)
 class LawKind:
-    """What a name stands for.
-
-    Attributes
-    ----------
-    group : str
-        Which panel of the figure it is in.
-    source : str
-        Key into docs/references.bib, or who proposes it.
-    model : str
-        What the law itself has to know of the robot; the estimator knows the whole model.
-    parameters : tuple of TuningParameter
-        All that its gains are made from, and R^v of its estimator.
-    sensors : tuple of tuple of str
-        Sets of measured signals that are tried, and the best kept; empty for those of the design.
-    integral : bool
-        Whether it integrates the error of the link positions.
-    degree : int or None
-        Of V, where the name says it; 0 for the design's degree, or the one that is tuned.
-    """
+    """A law that can be compared."""
 
     name: str
     description: str
-    group: str
-    source: str
-    model: str
-    parameters: tuple[TuningParameter, ...]
-    sensors: tuple[tuple[str, ...], ...] = ()
-    integral: bool = True
-    degree: int | None = None
+    group: str  # panel of the figure
+    source: str  # key into docs/references.bib, or who proposes it
+    model: str  # what the law itself has to know of the robot; the estimator knows the whole model
+    parameters: tuple[TuningParameter, ...]  # all that its gains are made from, and R^v of its estimator
+    sensors: tuple[
+        tuple[str, ...], ...
+    ] = ()  # sets that are tried, and the best kept; empty: those of the design
+    integral: bool = True  # whether it integrates the error of the link positions
+    degree: int | None = (
+        None  # of V, where the name says it; 0 for the design's degree, or the one that is tuned
+    )
 
 
 _ROBUST, _LINEAR_QUADRATIC, _USUAL = "H∞ and γ = ∞", "linear-quadratic", "in use today"
@@ -213,10 +185,7 @@ DEFAULT_LAWS = tuple(_BY_NAME)
 
 
 def law_kind(name: str) -> LawKind:
-    """What a name stands for.
-
-    Raises `InvalidInput` for a name that is not known, with the nearest that is.
-    """
+    """The law of a name. Raises `InvalidInput` for a name that is not known, with the nearest that is."""
     match = _WITH_DEGREE.match(name)
     if match and 2 <= int(match[1]) <= LARGEST_DEGREE:
         degree = int(match[1])
@@ -247,18 +216,10 @@ def law_names(names: Sequence[str] | None = None) -> tuple[str, ...]:
 
 @dataclass(frozen=True, eq=False)
 class LawFactory:
-    """Makes laws about the goal of a design, from its model.
+    """Makes laws about the goal of a design, from its model."""
 
-    Parameters
-    ----------
-    synthesis : Synthesis
-        The design's problem, weights, γ and degree.
-    bandwidth : float
-        Where searches over bandwidths begin, rad/s.
-    """
-
-    synthesis: Synthesis
-    bandwidth: float
+    synthesis: Synthesis  # of the design: problem, weights, γ and degree
+    bandwidth: float  # where searches over bandwidths begin, rad/s
 
     @property
     def problem(self) -> GeneralisedPlant:
@@ -288,13 +249,6 @@ class LawFactory:
             return None
         return {**self.start(kind), "velocity_weight": NO_VELOCITY}
 
-    def _is_own(self, kind: LawKind, values: Mapping[str, float], degree: int | None) -> bool:
-        """Whether these values stand for the design's own law; those of the estimator are none of the law's."""
-        own = self.own(kind)
-        if own is None or degree not in (None, self.synthesis.chosen.degree):
-            return False
-        return all(values.get(n, x) == x for n, x in own.items() if n not in (ESTIMATOR_NOISE, MOTOR_NOISE))
-
     def bounds(self, kind: LawKind) -> dict[str, tuple[float, float]]:
         """Lower and upper bounds of a law's parameters."""
         bounds, start = {}, self.start(kind)
@@ -315,23 +269,28 @@ class LawFactory:
         return self.synthesis.chosen.degree if kind.degree == 0 else kind.degree or 2
 
     def make(self, kind: LawKind, values: Mapping[str, float], degree: int | None = None) -> Law:
-        """The law with these values of its parameters.
+        """The law with these values of its parameters, see `start`, and V of another `degree` than its own.
 
-        Parameters
-        ----------
-        values : mapping of str to float
-            See `start`; R^v of the estimator is none of the law's. A degree is rounded.
-        degree : int, optional
-            Of V, instead of its own.
-
-        Raises `FlexhinfError` if there is no such law: a Riccati equation without a solution, a goal that it does not
-        hold.
+        Values of R^v change nothing here, and a degree among the values is rounded. Raises `FlexhinfError` if there is
+        no such law: a Riccati equation without a solution, a goal that it does not hold.
         """
-        if kind.name == DESIGN or self._is_own(kind, values, degree):
+        own = self.own(kind) if degree in (None, self.synthesis.chosen.degree) else None
+        noises = (ESTIMATOR_NOISE, MOTOR_NOISE)
+        if kind.name == DESIGN or (
+            own is not None and all(values.get(n, x) == x for n, x in own.items() if n not in noises)
+        ):
             return self.synthesis.law
         family, problem = kind.name.removesuffix("-i"), self.problem
         if "bandwidth" in values:
-            return self._of_bandwidth(family, kind.integral, values)
+            bandwidth, rate = values["bandwidth"], values.get("integral_rate", INTEGRAL_RATE)
+            tracked = "link_position" if kind.integral else None
+            if family in ("pd", "pid"):
+                return MotorPD.tuned(problem, bandwidth, values["damping"], tracked, rate)
+            if family in ("pd-gravity", "torque"):
+                rotor = values.get("rotor_inertia", 1.0)
+                return TorqueFeedback.tuned(problem, bandwidth, values["damping"], rotor, tracked, rate)
+            rate = rate if kind.integral else None
+            return FeedbackLinearisation.tuned(problem, bandwidth, kind.integral, integral_rate=rate)
         if family == "hinf" or family.startswith(NL_HINF):
             size = values.get(CHANNELS, 1.0)
             size = 0.0 if size <= NO_CHANNELS * (1.0 + ROUNDING) else size
@@ -343,40 +302,15 @@ class LawFactory:
             return GravityCompensatedLQR.design(problem)
         ratio = values.get("gamma_ratio", INFINITE_GAMMA)
         gamma = np.inf if ratio >= INFINITE_GAMMA * (1.0 - ROUNDING) else ratio * smallest_gamma(problem)
-        return solve_hji(
-            problem, gamma, round(values.get(DEGREE, self.degree(kind))) if degree is None else degree
-        )
-
-    def _of_bandwidth(self, family: str, integral: bool, values: Mapping[str, float]) -> Law:
-        bandwidth, rate = values["bandwidth"], values.get("integral_rate", INTEGRAL_RATE)
-        tracked = "link_position" if integral else None
-        if family in ("pd", "pid"):
-            return MotorPD.tuned(self.problem, bandwidth, values["damping"], tracked, rate)
-        if family in ("pd-gravity", "torque"):
-            rotor = values.get("rotor_inertia", 1.0)
-            return TorqueFeedback.tuned(self.problem, bandwidth, values["damping"], rotor, tracked, rate)
-        return FeedbackLinearisation.tuned(
-            self.problem, bandwidth, integral, integral_rate=rate if integral else None
-        )
+        degree = round(values.get(DEGREE, self.degree(kind))) if degree is None else degree
+        return solve_hji(problem, gamma, degree)
 
 
 def weighted(problem: GeneralisedPlant, effort: float, integral: float, velocity: float) -> GeneralisedPlant:
-    """A problem with other weights: what a linear-quadratic designer turns.
+    """A problem with other weights: those that a linear-quadratic designer turns. Its penalty is the matrix ∂h/∂x.
 
-    Parameters
-    ----------
-    effort : float
-        Factor of R2.
-    integral : float
-        Factor of the columns of h(x) that belong to integrals.
-    velocity : float
-        s. A row for each joint is added, this times the weight of its link position times its link velocity; none up
-        to `NO_VELOCITY`.
-
-    Returns
-    -------
-    GeneralisedPlant
-        Its penalty is the matrix ∂h/∂x at the operating point, so scaled.
+    `effort` and `integral` are factors of R2 and of the columns of h(x) that belong to integrals. `velocity`, s, adds a
+    row for each joint, this times the weight of its link position times its link velocity; none up to `NO_VELOCITY`.
     """
     names = problem.state_names
     factors = [integral if name.endswith("_integral") else 1.0 for name in names]

@@ -1,7 +1,4 @@
-"""The loop that a law runs in: estimator, controller, true plant, and the runs that every evaluation makes.
-
-The plants of a loop: the model, the estimator's, the true one and its smooth part; and what lies between them.
-"""
+"""The loop that a law runs in: estimator, controller, true plant, and the runs that every evaluation makes."""
 
 from __future__ import annotations
 
@@ -50,13 +47,10 @@ def share_derived(known: Any, same: Any) -> None:
 
 @dataclass(frozen=True, eq=False)
 class LoopPlants:
-    """What of a loop there is before a law.
-
-    `specification`: sensors, quantisation, limits, extras and noise.
-    """
+    """The plants of a loop, and what lies between them: all that there is before a law."""
 
     robot: Robot
-    specification: Specification
+    specification: Specification  # sensors, estimator, period, delay, quantisation, limits, extras and noise
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -118,7 +112,8 @@ class LoopPlants:
     @cached_property
     def quantisation(self) -> np.ndarray | None:
         """Step of what is measured, (p,), or one number for the whole state that is fed back; None without any."""
-        steps = sensor_steps(self.robot, self.specification)
+        s = self.specification
+        steps = sensor_steps(self.robot, s.measured, s.quantisation, s.estimator)
         return steps if steps.any() else None
 
     @cached_property
@@ -137,18 +132,9 @@ class LoopPlants:
     ) -> Any:
         """The estimator, its initial mean the robot in equilibrium at a pose (n,); None for "none".
 
-        Parameters
-        ----------
-        at, goal : (n,)
-            The sensors must show every mode at the goal that does not decay.
-        noise : EstimatorNoise
-            Levels of R^v.
-        running : bool
-            As it runs, with the `estimator_model`; otherwise with `model`.
-        linear : bool
-            With the linearisation at the goal: a linear Kalman filter.
-
-        Raises `NotDetectable` if the sensors do not show a mode that does not decay, with the state it is in.
+        It has the `estimator_model` as it runs (`running`), otherwise `model`; with `linear` the linearisation of that
+        at the goal (n,): a linear Kalman filter. Raises `NotDetectable` if the sensors do not show a mode at the goal
+        that does not decay, with the state it is in.
         """
         s, model = self.specification, self.model
         if s.estimator == "none":
@@ -173,33 +159,19 @@ class LoopSetup(LoopPlants):
     """One law with its estimator and controller, round one true plant.
 
     `dataclasses.replace` gives another law, sensors or noise levels; everything derived is made anew.
-
-    Parameters
-    ----------
-    specification : Specification
-        Sensors, estimator, period, delay, quantisation, limits, extras and noise.
-    law : Law
-        Or a schedule of laws, that at the goal first.
-    goal, start : (n,)
-        Link positions, rad or m.
-    estimator_noise : EstimatorNoise, optional
-        R^v; by default what the specification states.
-    linear_model : bool
-        Whether the estimator's model is the linearisation at the goal: a linear Kalman filter.
-    chosen_zone : (n,), optional
-        Errors that are not integrated where the specification states none; see `flexhinf.design.limit_cycle`.
-    quiet : bool
-        Whether runs of the nominal robot have no measurement noise; those of sampled robots, and the noise at the
-        motors, have it in any case.
     """
 
-    law: Law
-    goal: np.ndarray
-    start: np.ndarray
-    estimator_noise: EstimatorNoise | None = None
-    linear_model: bool = False
-    chosen_zone: np.ndarray | None = None
-    quiet: bool = False
+    law: Law  # or a schedule of laws, that at the goal first
+    goal: np.ndarray  # (n,), link positions, rad or m
+    start: np.ndarray  # (n,), likewise
+    estimator_noise: EstimatorNoise | None = None  # R^v; by default what the specification states
+    linear_model: bool = False  # whether the estimator is a linear Kalman filter about the goal
+    chosen_zone: np.ndarray | None = (
+        None  # (n,), dead zone where none is stated, see `flexhinf.design.limit_cycle`
+    )
+    quiet: bool = (
+        False  # whether runs of the nominal robot have no measurement noise; sampled robots have it anyway
+    )
 
     # Parts of the loop --------------------------------------------------------------------------------
     @property
@@ -208,10 +180,15 @@ class LoopSetup(LoopPlants):
         return self.law.laws[0] if isinstance(self.law, Schedule) else self.law
 
     @property
+    def stated_noise(self) -> EstimatorNoise:
+        """Levels of R^v that the specification states, or the default ones."""
+        s = self.specification
+        return EstimatorNoise.stated(s.process_noise, s.torque_noise)
+
+    @property
     def process_noise(self) -> EstimatorNoise:
         """Levels of R^v of the estimator."""
-        stated = EstimatorNoise.stated(self.specification)
-        return stated if self.estimator_noise is None else self.estimator_noise
+        return self.stated_noise if self.estimator_noise is None else self.estimator_noise
 
     @cached_property
     def without_noise(self) -> LoopSetup:
@@ -230,16 +207,10 @@ class LoopSetup(LoopPlants):
         return self.estimator_at(at, self.goal, self.process_noise, running, self.linear_model)
 
     def controller(self, at: np.ndarray, moving: bool = False, start: str | None = None) -> Controller:
-        """A controller for a run that begins at a pose.
+        """A controller for a run that begins at a pose (n,); `moving`: in error coordinates about a moving reference.
 
-        Parameters
-        ----------
-        at : (n,)
-        moving : bool
-            In error coordinates about a moving reference.
-        start : {"zero", "bumpless"}, optional
-            Integrals at zero, or such that the input continues from what holds the model there; by default the first
-            for a moving reference.
+        `start` is "zero" for integrals at zero, the default of a moving reference, or "bumpless": the input continues
+        from what holds the model there.
         """
         s = self.specification
         start = ("zero" if moving else "bumpless") if start is None else start
@@ -251,10 +222,10 @@ class LoopSetup(LoopPlants):
 
     def position_resolution(self, deviations: float = 1.0) -> float:
         """So many standard deviations of a measured position, or one step of its sensor, rad or m: hardly seen."""
-        s = self.specification
-        steps = np.broadcast_to(sensor_steps(self.robot, s), len(self.model.outputs)).tolist()
-        positions = [step for name, step in zip(self.model.outputs, steps) if "position" in name]
-        return max(deviations * float(np.sqrt(s.measurement_noise)), *positions, 0.0)
+        names, steps = self.model.outputs, 0.0 if self.quantisation is None else self.quantisation
+        steps = np.broadcast_to(steps, len(names)).tolist()
+        positions = [step for name, step in zip(names, steps) if "position" in name]
+        return max(deviations * float(np.sqrt(self.specification.measurement_noise)), *positions, 0.0)
 
     @property
     def dead_zone(self) -> np.ndarray | None:
@@ -279,14 +250,9 @@ class LoopSetup(LoopPlants):
     ) -> EquilibriumLoop:
         """The sampled loop about the goal, as it is linearised: with `smooth_plant`, and commanded as the law is.
 
-        A command enters through the integrals of a law that has some; a law without follows x_d(q) and u_d(q).
-
-        Parameters
-        ----------
-        estimated : bool
-            With the estimator; otherwise the true state is fed back.
-        values : mapping, optional
-            Parameters of the true plant, which the estimator does not know.
+        A command enters through the integrals of a law that has some; a law without follows x_d(q) and u_d(q). With the
+        estimator, or with the true state fed back; with other parameters of the plant, which the estimator does not
+        know.
         """
         s, law, plant = self.specification, self.linear_law, _with_values(self.smooth_plant, values)
         return EquilibriumLoop(
@@ -300,14 +266,13 @@ class LoopSetup(LoopPlants):
         estimator, period = self.estimator(self.start), self.specification.period
         controller = Controller(law, estimator, period, self.limits.saturated, start="bumpless")
         x, u = self.equilibrium(self.start)
-        count = len(controller.states)
-        controller.reset(None if estimator is None else x[:count], input=u)
-        measured = x[:count]
+        x = measured = x[: len(controller.states)]
+        controller.reset(None if estimator is None else x, input=u)
         if estimator is not None:
-            output = self.model.traced_output(measured, u, self.model.parameters.vector())
+            output = self.model.traced_output(x, u, self.model.parameters.vector())
             measured = np.asarray(output, dtype=float).ravel()
         controller.step(measured)
-        return np.concatenate([x[:count], controller.integrals]) - law.operating_point
+        return np.concatenate([x, controller.integrals]) - law.operating_point
 
     # Controllers of the runs, made once so that their kernels are shared --------------------------------
     @cached_property
@@ -323,8 +288,9 @@ class LoopSetup(LoopPlants):
     @cached_property
     def command(self) -> Plan | None:
         """How the command of the step gets from start to goal; None where it jumps, or the law does not take one."""
-        way = self.start, self.goal
-        return step_command(self.robot, self.specification, *way) if has_integrals(self.law) else None
+        if not has_integrals(self.law):
+            return None
+        return step_command(self.robot, self.specification, self.start, self.goal)
 
     @property
     def command_time(self) -> float:
@@ -342,18 +308,8 @@ class LoopSetup(LoopPlants):
     ) -> Response:
         """The step from start to goal as the controller is deployed, without a jump of the input, by `command`.
 
-        Parameters
-        ----------
-        duration : float
-            s.
-        values : mapping, optional
-            Parameters of the true plant, which is in equilibrium at the start with them.
-        seed : int
-            Of the measurement noise, added to the specification's.
-        plant : optional
-            Instead of the true plant: MuJoCo's.
-        sub_steps : int, optional
-            Runge–Kutta steps per period of the true plant.
+        The duration is in s. The true plant is in equilibrium at the start with the parameters `values`, or is another
+        `plant` (MuJoCo's). `seed` is added to the specification's; `sub_steps` are Runge–Kutta steps per period.
         """
         options = {} if self.command is None else {"reference": self.command}
         return self._run(
@@ -401,18 +357,10 @@ class LoopSetup(LoopPlants):
     def steps(
         self, robots: Sequence[Mapping[str, Any]], duration: float, sub_steps: int, **options: Any
     ) -> EnsembleResult:
-        """The step of each robot as the controller is deployed, with noise of its own.
+        """The step of each robot, by its parameters, as the controller is deployed, with noise of its own.
 
-        Parameters
-        ----------
-        robots : sequence of mapping
-            Parameters.
-        duration : float
-            s.
-        sub_steps : int
-            Of the true plants: the nominal one's, so that all runs share one kernel.
-        **options
-            Of `Loop.ensemble`: what is said of the runs.
+        The duration is in s; `sub_steps` are the nominal plant's, so that all runs share one kernel. The options are
+        those of `Loop.ensemble`.
         """
         options |= {} if self.command is None else {"reference": self.command}
         return self._run_many(self.bumpless_controller, self.start, robots, duration, sub_steps, **options)
@@ -445,9 +393,7 @@ class LoopSetup(LoopPlants):
         **options: Any,
     ) -> Response:
         plant = _with_values(self.true_plant, values) if values is not None else plant
-        x, _ = self.equilibrium(
-            at, values
-        )  # the controller begins as it boots, with the input that holds the model
+        x, _ = self.equilibrium(at, values)  # the controller boots with the input that holds the model
         return run_response(
             self.loop(controller, plant, sub_steps), self.goal, x[: len(self.goal)], self.joints,
             noise=None if self.quiet else self.noise, duration=duration, initial_state=x,

@@ -29,26 +29,14 @@ NO_LIMIT = "no limit"
 
 @dataclasses.dataclass(frozen=True)
 class About:
-    """What people read about a field.
+    """What people read about a field."""
 
-    Attributes
-    ----------
-    group : str
-        One of `GROUPS`; "" for an argument of the command line, which has no name there.
-    example : str
-        As on the command line; the same text is understood in Python and in a design file.
-    zero : str
-        What 0 stands for at the command line, where it is not a number of the range.
-    default : str
-        What is chosen where the default is None.
-    """
-
-    group: str
+    group: str  # one of `GROUPS`; "" for an argument of the command line, which has no name there
     help: str
-    example: str = ""
+    example: str = ""  # as on the command line; the same text is understood in Python and in a design file
     unit: str = ""
-    zero: str = ""
-    default: str = ""
+    zero: str = ""  # meaning of 0 at the command line, where it is not a number of the range
+    default: str = ""  # choice where the default is None
 
     @property
     def text(self) -> str:
@@ -59,24 +47,14 @@ class About:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class FieldInfo:
-    """One field, as the command line, the design file and the docs see it.
-
-    Attributes
-    ----------
-    kind : Any
-        Its type, with how it is read and its range.
-    allowed : str
-        Its range in words.
-    option : str
-        Its option, which has its name; of a flag both, ``--mujoco/--no-mujoco``.
-    """
+    """One field, as the command line, the design file and the docs see it."""
 
     name: str
     about: About
-    kind: Any
-    allowed: str
+    kind: Any  # Its type, with how it is read and its range
+    allowed: str  # Its range in words
     default: Any
-    option: str
+    option: str  # Its option, which has its name; of a flag both, ``--mujoco/--no-mujoco``
 
     @property
     def is_path(self) -> bool:
@@ -94,23 +72,15 @@ class FieldInfo:
         return TypeAdapter(self.kind)
 
     def read(self, value: Any) -> Any:
-        """A value in SI units, checked against its range.
-
-        Raises
-        ------
-        InvalidInput
-            Its advice is an example.
-        """
+        """A value in SI units, checked against its range. Raises `InvalidInput`, its advice an example."""
         if self.is_path:
             for path in value if self.several else [value]:
                 checked_path(self.option if self.about.group else self.about.unit, path)
         try:
             return self.adapter.validate_python(value)
         except UnicodeEncodeError as error:
-            what, found = "is no text in UTF-8", f"got {value_text(error.object)}"
-            raise InvalidInput(
-                f"The {spaced(self.name)} {what}.", found, "text that can be printed"
-            ) from None
+            what, found = f"The {spaced(self.name)} is no text in UTF-8.", f"got {value_text(error.object)}"
+            raise InvalidInput(what, found, "text that can be printed") from None
         except ValidationError as error:
             first = error.errors(include_url=False)[0]
             own = first.get("ctx", {}).get("error")
@@ -159,15 +129,8 @@ def declared(cls: Any) -> dict[str, FieldInfo]:
             name, default = field.name, field.default
             flag = f"/--no-{option_name(name)[2:]}" if default is True or default is False else ""
             default = [] if field.default_factory is not dataclasses.MISSING else default
-            info = FieldInfo(
-                name,
-                field.metadata["about"],
-                kinds[name],
-                _allowed(kinds[name]),
-                default,
-                option_name(name) + flag,
-            )
-            found[name] = info
+            about, kind = field.metadata["about"], kinds[name]
+            found[name] = FieldInfo(name, about, kind, _allowed(kind), default, option_name(name) + flag)
     return found
 
 

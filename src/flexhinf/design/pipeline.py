@@ -230,7 +230,11 @@ def stages(robot: Robot, specification: Specification) -> int:
     s, states = specification, 5 * len(robot.joint_names)
     robust = ROBUST_STAGES * (preset_of(robot, s) == "robust")
     return (
-        8 + _synthesis_stages(robot, s) + s.mujoco + robust + searches_disturbance(states, rays_of(states, s))
+        8
+        + _synthesis_stages(robot, s)
+        + s.mujoco
+        + robust
+        + searches_disturbance(states, rays_of(states, s.rays))
     )
 
 
@@ -238,7 +242,11 @@ def _synthesis_stages(robot: Robot, s: Specification) -> int:
     """Those of the laws, with one for each pose of a schedule and one for the search of an effort limit."""
     preset, limits = preset_of(robot, s), joint_limits(robot, s)
     limited = preset in ("damped", "robust") and (limits.limits_peak or limits.limits_speed)
-    solved = PROVED_STAGES if preset == "proved" else synthesis_stages(5 * len(robot.joint_names), s)
+    solved = (
+        PROVED_STAGES
+        if preset == "proved"
+        else synthesis_stages(5 * len(robot.joint_names), s.degrees, s.rays)
+    )
     return solved + len(s.via) + limited
 
 

@@ -25,8 +25,9 @@ from flexhinf.certify.box import parameter_ranges, tolerance_statement
 from flexhinf.certify.box_gain import CommonValue, common_value, sampled_gain
 from flexhinf.certify.cells import OutOfTime, Progress, time_limit
 from flexhinf.certify.claim import Start
+from flexhinf.certify.evaluation import path_start
 from flexhinf.certify.proof import NotProved, certify_tolerances
-from flexhinf.certify.starts import largest_values, path_start, robot_start, tabled_start
+from flexhinf.certify.starts import largest_values, robot_start, tabled_start
 from flexhinf.design.joint_limits import joint_limits
 from flexhinf.design.problem.presets import DesignProblem, choose, measured_problem
 from flexhinf.design.specification import Specification
@@ -116,13 +117,13 @@ def sampled_box(law: Law, ranges: Ranges) -> Law:
     start = step_start(statement, law.solution, law.step)
     values = largest_values(statement, start, np.linspace(0.0, abs(law.step), 200))
     about = float(law.problem.r2[0, 0] / law.solution.expansion.r2[0, 0])
-    gain = sampled_gain(statement, ROOM * float(values.max()), about)
-    if not np.isfinite(gain.gamma):
+    gamma, scale = sampled_gain(statement, ROOM * float(values.max()), about)
+    if not np.isfinite(gamma):
         raise NotWithinTolerances(
             f"at some corner of the tolerances the inequality holds with no γ on the region of a step of "
             f"{abs(law.step):.4g}"
         )
-    return replace(law, gamma=gain.gamma, scale=gain.scale)
+    return replace(law, gamma=gamma, scale=scale)
 
 
 def prove_box(

@@ -6,6 +6,7 @@ schema and the table of options in docs/design.md derive from this class, see `f
 
 from __future__ import annotations
 
+import contextlib
 import difflib
 import functools
 from dataclasses import dataclass
@@ -13,6 +14,7 @@ from typing import Annotated, Any, Literal, get_args
 
 from pydantic import BeforeValidator, TypeAdapter, ValidationError
 
+from flexhinf.design import units
 from flexhinf.design.options import (
     ADVANCED,
     HARDWARE,
@@ -27,34 +29,6 @@ from flexhinf.design.options import (
     refused,
     with_parameters,
 )
-from flexhinf.design.units import (
-    AboveOne,
-    Allowed,
-    Count,
-    Degrees,
-    Distances,
-    Duration,
-    Flag,
-    Frequencies,
-    Names,
-    NotNegative,
-    Number,
-    Period,
-    PerJoint,
-    PerJointSpeed,
-    Pose,
-    Poses,
-    Positive,
-    Quanta,
-    Ratio,
-    Seconds,
-    Seed,
-    Stated,
-    Tolerances,
-    Weights,
-    angle_unit_of,
-    choice,
-)
 from flexhinf.design.waypoint_table import Move, WaypointError
 from flexhinf.errors import InvalidInput
 from flexhinf.validation import value_text
@@ -65,10 +39,10 @@ Shaping = Literal["jump", "quintic", "jerk-limited"]
 PRESETS: tuple[str, ...] = get_args(Preset)
 ESTIMATORS: tuple[str, ...] = get_args(Estimator)
 SHAPINGS: tuple[str, ...] = get_args(Shaping)
-PresetName = Annotated[Preset, BeforeValidator(choice), Allowed(", ".join(PRESETS))]
-EstimatorName = Annotated[Estimator, BeforeValidator(choice), Allowed(", ".join(ESTIMATORS))]
-ShapingName = Annotated[Shaping, BeforeValidator(choice), Allowed(", ".join(SHAPINGS))]
-AngleUnit = Annotated[Literal["rad", "deg"], BeforeValidator(choice), Allowed("rad, deg")]
+PresetName = Annotated[Preset, BeforeValidator(units.choice), units.Allowed(", ".join(PRESETS))]
+EstimatorName = Annotated[Estimator, BeforeValidator(units.choice), units.Allowed(", ".join(ESTIMATORS))]
+ShapingName = Annotated[Shaping, BeforeValidator(units.choice), units.Allowed(", ".join(SHAPINGS))]
+AngleUnit = Annotated[Literal["rad", "deg"], BeforeValidator(units.choice), units.Allowed("rad, deg")]
 
 #: Default variance of the velocities per sample: with the default R^n the estimator is then so fast that a load on the
 #: link moves it little more than with the true state fed back, see docs/design.md.
@@ -113,7 +87,13 @@ class SpecificationError(InvalidInput):
 
     def __init__(self, field: str, what: str, found: str, advice: str = "", example: str = "") -> None:
         self.field, self.example = field, example
-        super().__init__(what, found, advice or f"{field}={_python(field, example)}")
+        value = "True"
+        if field in FIELDS and example:  # as a value in Python
+            value = repr(example)
+            if not any(unit in example for unit in ("ms", "deg", "°")):
+                with contextlib.suppress(ValidationError, WaypointError):
+                    value = repr(FIELDS[field].adapter.validate_python(example))
+        super().__init__(what, found, advice or f"{field}={value}")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -129,12 +109,12 @@ class Specification:
     """
 
     # fmt: off
-    pose: Pose | None = option(None, WAY,
+    pose: units.Pose | None = option(None, WAY,
         "Goal, one position per joint: 0.3,-0.5 (rad, m), 30deg,-10deg or 30°,-10°.", "0.3,-0.5", "rad, m",
         default="the robot's home")
-    start: Pose | None = option(None, WAY, "Position from which the step to the goal starts.",
+    start: units.Pose | None = option(None, WAY, "Position from which the step to the goal starts.",
         "0.2,-0.4", "rad, m", default="0.1 rad (10 mm) from the goal")
-    via: Poses = option((), WAY,
+    via: units.Poses = option((), WAY,
         "A pose between start and goal at which a law is designed too; repeat the option for several. The "
         "controller takes the law whose pose is nearest to the command.", "0.1,0.2", "rad, m")
     shaping: ShapingName = option("jump", WAY,
@@ -145,7 +125,7 @@ class Specification:
         "A move that the loop is judged by: a CSV file with columns time and the joints, 'time [s],elbow [deg]'. "
         "The goal is by default its last waypoint.", "waypoints.csv", "s; rad, m",
         default="the way from start to goal, not judged")
-    tracking_error: Tolerances | None = option(None, LOOP,
+    tracking_error: units.Tolerances | None = option(None, LOOP,
         "Largest distance of a link from the move: 1deg (0.01 rad, m), or one per joint 1deg,2mm.", "0.5deg", "rad, m",
         default="5 % of the joint's way along the move")
     angle_unit: AngleUnit | None = option(None, WRITTEN, "Unit in which the report shows angles: rad or deg.", "deg",
@@ -154,96 +134,96 @@ class Specification:
         "Where the weights come from: paper (the robot's own), damped (searched for bandwidth and damping), "
         "robust (searched on the running loop for its tolerances), proved (the step's least gain proved for all).",
         "damped", default="the robot's own weights, or damped where a bandwidth or a damping is required")
-    bandwidth: Frequencies | None = option(None, LOOP,
+    bandwidth: units.Frequencies | None = option(None, LOOP,
         "Least bandwidth, where |command → link position| falls below 1/√2: 4 (rad/s), one per joint 4,6, or with a "
         "unit 4rad/s, 0.6Hz. Weights are searched for it at corners of the tolerances, with the true state; it is "
         "judged on the running loop of the nominal robot.", "4", "rad/s",
         default="0.3 of the lowest vibration with held motors, less where margins of the loop ask for it")
-    damping: Ratio | None = option(None, LOOP,
+    damping: units.Ratio | None = option(None, LOOP,
         "Least damping ratio of every oscillation; searched for and judged as the bandwidth is.", "0.3",
         default="0.2 where weights are searched, down to 0.1 where noise at the motors asks for it")
-    peak_effort: PerJoint | None = option(None, LIMITS,
+    peak_effort: units.PerJoint | None = option(None, LIMITS,
         "Largest input of every motor in the step: 60, or one per joint 87,87,12.", "60",
         "V, N·m or N", zero=NO_LIMIT, default="the robot's effort limits, or none")
-    peak_speed: PerJointSpeed | None = option(None, LIMITS,
+    peak_speed: units.PerJointSpeed | None = option(None, LIMITS,
         "Largest speed of every link: 2 (rad/s, m/s), one per joint 2.2,2.6, or with a unit 120deg/s.", "2",
         "rad/s or m/s", zero=NO_LIMIT, default="the robot's speed limits, or none")
-    overshoot: Positive = option(5.0, LOOP,
+    overshoot: units.Positive = option(5.0, LOOP,
         "Largest overshoot of every link position, in per cent of the step.", "5", "%")
-    peak_sensitivity: AboveOne | None = option(None, LOOP,
+    peak_sensitivity: units.AboveOne | None = option(None, LOOP,
         "Largest peak of |S| of the running loop, with estimator, sampling and delay.", "2",
         default=f"{PEAK_SENSITIVITY:g}")
-    gain_margin: AboveOne | None = option(None, LOOP,
+    gain_margin: units.AboveOne | None = option(None, LOOP,
         "Least factor by which the gain of the running loop may grow or shrink.", "2",
         default=f"{GAIN_MARGIN:g}")
-    penalty: Weights | None = option(None, ADVANCED,
+    penalty: units.Weights | None = option(None, ADVANCED,
         "Weights of h(x): link_position=60,link_position_integral=300, or one per state (integrals last).",
         "link_position=60,link_position_integral=300", default="by the preset")
-    effort: Positive | None = option(None, ADVANCED, "R2, the weight of the input.", "10", zero="the default",
+    effort: units.Positive | None = option(None, ADVANCED, "R2, the weight of the input.", "10", zero="the default",
         default="the robot's own, or 1")
-    gamma_ratio: AboveOne = option(1.5, ADVANCED,
+    gamma_ratio: units.AboveOne = option(1.5, ADVANCED,
         "γ/γ* of the design, at most 1e6; preset proved takes the best of 1.3, 1.5 and 2 for 1.5.", "1.5")
-    checked_gamma_ratio: Positive = option(1.6, ADVANCED,
+    checked_gamma_ratio: units.Positive = option(1.6, ADVANCED,
         "γ/γ* of the inequality that is checked, at most 1e6.", "1.6")
-    checked_penalty: Weights | None = option(None, ADVANCED, "Weights of the inequality that is checked.",
+    checked_penalty: units.Weights | None = option(None, ADVANCED, "Weights of the inequality that is checked.",
         "link_position=54", default="0.9 times the penalty; the robot's own for all tolerances")
-    degrees: Degrees | None = option(None, ADVANCED,
+    degrees: units.Degrees | None = option(None, ADVANCED,
         "Degrees of V to compare: 4, or 2,4,6. The cost of the step decides between several.", "2,4",
         default="2, or up to 6 where that saves more than 5 % of the cost of the step")
-    disturbances: Names | None = option(None, ADVANCED,
+    disturbances: units.Names | None = option(None, ADVANCED,
         "Torques that are disturbances of the synthesis: link_torque,motor_torque.", "link_torque",
         default="the command instead, as in the paper")
-    command: Flag = option(False, ADVANCED, "Whether the command is a disturbance too, beside --disturbances.")
-    friction_model: Flag = option(False, ADVANCED,
+    command: units.Flag = option(False, ADVANCED, "Whether the command is a disturbance too, beside --disturbances.")
+    friction_model: units.Flag = option(False, ADVANCED,
         "Whether the estimator's model (ukf, ekf) has the dry friction of --extras, smoothed; the feedforward of the "
         "planned move has it anyway.")
-    measured: Names = option(("link_position",), HARDWARE,
+    measured: units.Names = option(("link_position",), HARDWARE,
         "link_position, motor_position, joint_torque, link_velocity, motor_velocity; NAME_JOINT for single ones.",
         "motor_position")
     estimator: EstimatorName = option("ukf", HARDWARE,
         "ukf, ekf, observer (output injection), or none (feeds back the true state).",
         "ukf")
-    period: Period = option(1e-3, HARDWARE, "Sampling period of estimator and law: 0.001 (s) or 1ms.", "1ms",
+    period: units.Period = option(1e-3, HARDWARE, "Sampling period of estimator and law: 0.001 (s) or 1ms.", "1ms",
         "s")
-    process_noise: NotNegative | None = option(None, ADVANCED,
+    process_noise: units.NotNegative | None = option(None, ADVANCED,
         "q of R^v = q I, the variance added to every state per sample.", "1e-10")
-    torque_noise: NotNegative | None = option(None, ADVANCED,
+    torque_noise: units.NotNegative | None = option(None, ADVANCED,
         "Variance added to the velocities alone per sample, where unknown torques act.", "1e-7",
         default=f"searched on the running loop with a Kalman filter; {TORQUE_NOISE:g} with the observer")
-    measurement_noise: Positive = option(1e-8, ADVANCED,
+    measurement_noise: units.Positive = option(1e-8, ADVANCED,
         "R^n, the variance of a measured position; the simulated noise has it too.", "1e-8", "rad², m²")
-    saturation: PerJoint | None = option(None, LIMITS, "Limit ± of every input, or one per joint 87,87,12.", "24",
+    saturation: units.PerJoint | None = option(None, LIMITS, "Limit ± of every input, or one per joint 87,87,12.", "24",
         "V, N·m or N", zero=NO_LIMIT, default="the robot's effort limits, or none")
-    extras: Names = option((), HARDWARE,
+    extras: units.Names = option((), HARDWARE,
         "What the true plant has beside the model: inductance, joint_damping, spring_hardening, backlash, "
         "coulomb_friction, stribeck_friction.", "coulomb_friction")
-    delay: Seconds = option(0.0, HARDWARE,
+    delay: units.Seconds = option(0.0, HARDWARE,
         "Delay of the inputs, a multiple of the period, at most 100,000 samples; the estimator "
         "does not know of it.", "5ms", "s")
-    quantisation: Quanta = option(0.0, HARDWARE,
+    quantisation: units.Quanta = option(0.0, HARDWARE,
         "Step of every measurement, in its unit: 1e-4, or one per name of --measured, or per measured signal, such as "
         "0.01deg,0.1Nm; the estimator does not know of it.", "1e-4", "rad, m, …")
-    integral_dead_zone: Distances | None = option(None, ADVANCED,
+    integral_dead_zone: units.Distances | None = option(None, ADVANCED,
         "Errors up to this size are not integrated, against hunting: 1e-3 (rad, m), 0.05deg, or one per joint; "
         "0: none.", "1e-3", "rad, m",
         default="none, or the amplitude of the hunting that dry friction causes")
-    load: Number | None = option(None, TRIED, "Torque on every link in the load response.", "1", "N·m or N",
+    load: units.Number | None = option(None, TRIED, "Torque on every link in the load response.", "1", "N·m or N",
         default="a tenth of what the motors give at the peak input of the step")
-    draws: Count | None = option(None, TRIED,
+    draws: units.Count | None = option(None, TRIED,
         "Robots within their tolerances that make the step (Monte Carlo samples), at most 100,000; 0: none.", "200",
         default="by the number of states")
-    rays: Count | None = option(None, ADVANCED,
+    rays: units.Count | None = option(None, ADVANCED,
         "Directions along which the region is sampled, at most 100,000; 0: none.", "1000",
         default="by the number of states")
-    proof_seconds: NotNegative = option(20.0, ADVANCED,
+    proof_seconds: units.NotNegative = option(20.0, ADVANCED,
         "CPU time that a proof of the region may take, for a robot of one link; what is not proved by then is sampled. "
         "0: no proof.", "60", "s")
-    duration: Duration | None = option(None, TRIED, "Length of the step response.", "5", "s",
+    duration: units.Duration | None = option(None, TRIED, "Length of the step response.", "5", "s",
         zero="the default", default="by the slowest mode")
-    seed: Seed = option(0, ADVANCED, "Seed of directions, noise and sampled robots.", "0")
-    compare_rigid: Flag = option(True, TRIED,
+    seed: units.Seed = option(0, ADVANCED, "Seed of directions, noise and sampled robots.", "0")
+    compare_rigid: units.Flag = option(True, TRIED,
         "Whether the same is designed on the rigid model too, and run on the elastic robot.")
-    mujoco: Flag = option(False, TRIED, "Whether the step is run on MuJoCo's plant too (needs flexhinf[mujoco]).")
+    mujoco: units.Flag = option(False, TRIED, "Whether the step is run on MuJoCo's plant too (needs flexhinf[mujoco]).")
     # fmt: on
 
     def __post_init__(self) -> None:
@@ -255,31 +235,25 @@ class Specification:
             if (value := getattr(self, name)) is not None and value > most:
                 raise _refusal(name, f"expected at most {most:g} ({why}), got {value_text(value)}")
         if self.delay:
-            self._check_delay()
+            from flexhinf.loop.simulation.program import (  # a tenth of the time of `--help`
+                LONGEST_LINEAR,
+                WHOLE,
+            )
+
+            samples, most = (
+                self.delay / self.period,
+                f"{LONGEST_LINEAR * self.period:g} s, {LONGEST_LINEAR} samples",
+            )
+            if samples > LONGEST_LINEAR * (1.0 + WHOLE):
+                found = f"expected at most {most}: {self.delay:g} s are {samples:.0f} samples"
+                raise _refusal("delay", found, f"{self.delay:g}ms")
+            if abs(samples - round(samples)) > WHOLE:
+                raise _refusal("delay", f"expected a multiple of {self.period:g} s, got {self.delay:g} s")
         length = 0.0 if self.duration is None else self.duration / self.period
         if length > RUN_SAMPLES:
-            raise _refusal(
-                "duration",
-                f"expected at most {RUN_SAMPLES * self.period:g} s: {self.duration:g} s are {length:.0f} samples",
-                f"{self.duration:g}ms",
-            )
-
-    def _check_delay(self) -> None:
-        from flexhinf.loop.simulation.program import (
-            LONGEST_LINEAR,
-            WHOLE,
-        )  # a tenth of the time of `flexhinf --help`
-
-        samples = self.delay / self.period
-        if samples > LONGEST_LINEAR * (1.0 + WHOLE):
-            raise _refusal(
-                "delay",
-                f"expected at most {LONGEST_LINEAR * self.period:g} s, {LONGEST_LINEAR} samples: "
-                f"{self.delay:g} s are {samples:.0f} samples",
-                f"{self.delay:g}ms",
-            )
-        if abs(samples - round(samples)) > WHOLE:
-            raise _refusal("delay", f"expected a multiple of {self.period:g} s, got {self.delay:g} s")
+            most = f"{RUN_SAMPLES * self.period:g} s"
+            found = f"expected at most {most}: {self.duration:g} s are {length:.0f} samples"
+            raise _refusal("duration", found, f"{self.duration:g}ms")
 
     @property
     def peak_sensitivity_limit(self) -> float:
@@ -318,7 +292,7 @@ def _checked(make: Any) -> Any:
                 )
         if fields.get("angle_unit") is None:
             texts = (fields.get(name) for name in ("pose", "start", "via", "tracking_error"))
-            fields["angle_unit"] = angle_unit_of(*texts)
+            fields["angle_unit"] = units.angle_unit_of(*texts)
         make(self, **fields)
 
     return init
@@ -346,7 +320,9 @@ def _check_sensor_units(s: Specification) -> None:
         sensors = s.measured[k : k + 1] if single else s.measured
         kinds = [_kind_of(name) for name in sensors]
         fitting = all if len(parts) == 1 else any
-        if isinstance(part, Stated) and not fitting(part.si in SENSOR_UNITS.get(kind, ()) for kind in kinds):
+        if isinstance(part, units.Stated) and not fitting(
+            part.si in SENSOR_UNITS.get(kind, ()) for kind in kinds
+        ):
             raise _refusal(
                 "quantisation",
                 f"expected a step for each of {list(s.measured)} in its own unit, got '{part.number}{part.unit}' for "
@@ -362,18 +338,6 @@ def _kind_of(name: str) -> str:
 def _refusal(name: str, found: str, example: str = "") -> SpecificationError:
     example = example or FIELDS[name].about.example
     return SpecificationError(name, refused(name), found, example=example)
-
-
-def _python(name: str, example: str) -> str:
-    """The example of a field as a value in Python."""
-    if name not in FIELDS or not example:
-        return "True"
-    try:
-        value = FIELDS[name].adapter.validate_python(example)
-    except (ValidationError, WaypointError):
-        return repr(example)
-    text = any(unit in example for unit in ("ms", "deg", "°"))
-    return repr(example if text else value)
 
 
 def json_schema() -> dict[str, Any]:

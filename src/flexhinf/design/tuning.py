@@ -13,13 +13,14 @@ Which of the tuned laws are ranked, the best rival of nonlinear H∞, and where 
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from flexhinf.baselines import Candidate, Judgement, Tuning, tune
 from flexhinf.design.criterion import Criterion, LawMetrics, metrics_of, pareto_front, unstable_corners
-from flexhinf.design.estimators import other_sensors
+from flexhinf.design.estimators import other_quantisation
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.laws import (
     CONTAINED,
@@ -52,32 +53,18 @@ MANY_STATES = 15
 
 @dataclass(frozen=True, eq=False)
 class TunedLaw:
-    """A law, the loop it runs in, and how it was found.
-
-    Attributes
-    ----------
-    evaluation : LawEvaluation
-        Of the law with its sensors, its parameters and its estimator's noise levels.
-    cost : float
-        Of the criterion; 1 for the design.
-    feasible : bool
-        Whether every limit is kept.
-    reason : str
-        Which limits are not kept.
-    tried : tuple of LawMetrics
-        Of all candidates that were run.
-    search : Tuning or None
-        All candidates, those without a run included; None for the design's own law.
-    """
+    """A law, the loop it runs in, and how it was found."""
 
     kind: LawKind
-    evaluation: LawEvaluation
+    evaluation: LawEvaluation  # with the law's own sensors, parameters and noise levels of its estimator
     metrics: LawMetrics
-    cost: float
-    feasible: bool
-    reason: str = ""
-    tried: tuple[LawMetrics, ...] = ()
-    search: Tuning | None = None
+    cost: float  # of the criterion; 1 for the design
+    feasible: bool  # whether every limit is kept
+    reason: str = ""  # limits that are not kept
+    tried: tuple[LawMetrics, ...] = ()  # of all candidates that were run
+    search: Tuning | None = (
+        None  # all candidates, also those that were not run; None for the design's own law
+    )
 
     @property
     def candidates(self) -> int:
@@ -118,37 +105,22 @@ class TunedLaw:
 
 @dataclass(frozen=True, eq=False)
 class Tuner:
-    """Tunes laws for the criterion of a comparison.
-
-    Parameters
-    ----------
-    own : LawEvaluation
-        Of the design's own law: its loop, and the scenario of all laws.
-    same_sensors : bool
-        All laws measure what the design measures, whatever their proponents would choose.
-    seed : int
-        Of the searches' samples; the same for all laws.
-    """
+    """Tunes laws for the criterion of a comparison."""
 
     factory: LawFactory
-    own: LawEvaluation
+    own: LawEvaluation  # of the design's own law: its loop, and the scenario of all laws
     criterion: Criterion
-    same_sensors: bool = False
-    seed: int = 0
+    same_sensors: bool = (
+        False  # all laws measure what the design measures, whatever their proponents would choose
+    )
+    seed: int = 0  # of the searches' samples; the same for all laws
 
     def tune_all(
         self, kinds: Sequence[LawKind], wanted: Sequence[str] = (), progress: Progress = lambda text: None
     ) -> dict[str, TunedLaw | str]:
         """All rounds for all laws: the tuned law by name, or why it cannot be made.
 
-        Parameters
-        ----------
-        wanted : sequence of str
-            Names that were asked for: of these, one that cannot be made is a mistake.
-        progress : callable, optional
-            Called with what comes next, three times for each law.
-
-        Raises `InvalidInput` if a law that was asked for does not fit the robot.
+        Raises `InvalidInput` if a law in `wanted` does not fit the robot. `progress` is called three times a law.
         """
         found: dict[str, TunedLaw | str] = {}
         for kind in kinds:
@@ -195,18 +167,10 @@ class Tuner:
         )
 
     def again(self, law: TunedLaw, others: Sequence[TunedLaw], exchange: bool = False) -> TunedLaw:
-        """A later round: the search goes on from the best of what was found so far and of other laws' parameters.
+        """A later round: the search continues from its best candidate and from the parameters of other laws.
 
-        Parameters
-        ----------
-        law : TunedLaw
-            Of the round before.
-        others : sequence of TunedLaw
-            Of this round where they have fewer parameters, else of the one before; those that have a parameter which
-            this law has not do not count.
-        exchange : bool
-            The last round: beside these, the cheapest others with whatever parameters both have, and a simplex from
-            the best.
+        Others that have a parameter which this law has not do not count. `exchange` is the last round: beside these,
+        the cheapest others with whatever parameters both have, and a simplex from the best.
         """
         if law.kind.name == DESIGN:
             return law
@@ -219,22 +183,21 @@ class Tuner:
         )
 
     @property
-    def _states(self) -> int:
-        return len(self.factory.problem.state_names)
-
-    @property
     def _budget(self) -> tuple[int, int, int]:
-        return next(tuple(counts) for most, *counts in BUDGET if self._states <= most)  # type: ignore[return-value]
+        states = len(self.factory.problem.state_names)
+        return next(tuple(counts) for most, *counts in BUDGET if states <= most)  # type: ignore[return-value]
 
     @property
     def _searched_degree(self) -> int | None:
         """Of V in the search; None for a law's own."""
-        return 2 if self._states > MANY_STATES else None
+        return 2 if len(self.factory.problem.state_names) > MANY_STATES else None
 
     def _tuned(self, kind: LawKind, sensors: tuple[str, ...], found: Tuning) -> TunedLaw:
         searched, best = self._searched_degree, self._robust_best(kind, sensors, found)
         if not best.feasible or (searched is not None and self.factory.degree(kind) > searched):
-            best = self._judged_in_full(kind, sensors, best)
+            with contextlib.suppress(FlexhinfError):  # by the law itself with all its runs
+                metrics = metrics_of(self.evaluation(kind, sensors, best.parameters))
+                best = Candidate(best.parameters, self.criterion.judge(metrics))
         best = min((best, *self._own_candidate(kind)), key=lambda candidate: candidate.order)
         judgement = best.judgement
         if not isinstance(judgement.result, LawMetrics):
@@ -250,14 +213,6 @@ class Tuner:
         return TunedLaw(
             kind, evaluation, judgement.result, judgement.cost, best.feasible, judgement.reason, tried, found
         )
-
-    def _judged_in_full(self, kind: LawKind, sensors: tuple[str, ...], best: Candidate) -> Candidate:
-        """A candidate by the law itself with all its runs; as it was judged where that fails."""
-        try:
-            metrics = metrics_of(self.evaluation(kind, sensors, best.parameters))
-        except FlexhinfError:
-            return best
-        return Candidate(best.parameters, self.criterion.judge(metrics))
 
     def _robust_best(self, kind: LawKind, sensors: tuple[str, ...], found: Tuning) -> Candidate:
         """The cheapest candidate that keeps every limit with no more unstable corners than the design: a law is not
@@ -301,9 +256,18 @@ class Tuner:
         """Over all free parameters, from the design's or from the best so far."""
         start, limits, degree = self._free(kind), self.factory.bounds(kind), self._searched_degree
         begin = start if before is None else dict(before.best.parameters)
-        tried = [values for law in others if (values := self._contained(start, law)) is not None]
+        tried = []
+        for law in others:  # which law is this one with parameters that make no difference?
+            if law.parameters.keys() <= start.keys():
+                neutral = {**CONTAINED, DEGREE: float(self.factory.degree(law.kind)), **law.parameters}
+                tried.append({name: neutral.get(name, value) for name, value in start.items()})
         if exchange:
-            tried += self._exchanged(begin, others)
+            # Own parameters with those of the cheapest other laws where both have them, beside R^v.
+            cheapest = sorted((law for law in others if law.feasible), key=lambda law: law.cost)
+            shared = [(law, begin.keys() & law.parameters.keys()) for law in cheapest]
+            shared = [(law, both) for law, both in shared if both - {ESTIMATOR_NOISE, MOTOR_NOISE}]
+            for law, both in shared[:EXCHANGED]:
+                tried.append({**begin, **{name: law.parameters[name] for name in both}})
 
         def judge(values: Mapping[str, float]) -> Judgement:
             evaluation = self.evaluation(kind, sensors, values, degree)
@@ -315,49 +279,23 @@ class Tuner:
         candidates = (*known, *search.candidates)
         return Tuning(min(candidates, key=lambda candidate: candidate.order), candidates)
 
-    def _contained(self, start: Mapping[str, float], law: TunedLaw) -> dict[str, float] | None:
-        """Parameters with which a law is another one; None where it has not all that the other one has."""
-        if not law.parameters.keys() <= start.keys():
-            return None
-        neutral = {**CONTAINED, DEGREE: float(self.factory.degree(law.kind))}
-        return {name: law.parameters.get(name, neutral.get(name, value)) for name, value in start.items()}
-
-    def _exchanged(self, own: Mapping[str, float], others: Sequence[TunedLaw]) -> list[dict[str, float]]:
-        """Own parameters with those of other laws in their place where both have them, beside R^v; of `EXCHANGED`
-        laws."""
-        cheapest = sorted((law for law in others if law.feasible), key=lambda law: law.cost)
-        found = []
-        for law in cheapest:
-            both = own.keys() & law.parameters.keys()
-            if both - {ESTIMATOR_NOISE, MOTOR_NOISE}:
-                found.append({**own, **{name: law.parameters[name] for name in both}})
-        return found[:EXCHANGED]
-
     def evaluation(
         self, kind: LawKind, sensors: tuple[str, ...], values: Mapping[str, float], degree: int | None = None
     ) -> LawEvaluation:
-        """A law with these sensors and parameters, in the scenario of all laws.
+        """A law with these sensors and parameters, see `LawFactory.start`, in the scenario of all laws.
 
-        Parameters
-        ----------
-        sensors : tuple of str
-            Measured signals.
-        values : mapping of str to float
-            See `LawFactory.start`.
-        degree : int, optional
-            Of V, instead of the law's own.
-
-        Raises `FlexhinfError` if there is no such law.
+        `degree` is of V, instead of the law's own. Raises `FlexhinfError` if there is no such law.
         """
         values = {name: float(round(x)) if name == DEGREE else x for name, x in values.items()}
         own = self.own.setup
         noise = own.process_noise.scaled(values.get(ESTIMATOR_NOISE, 1.0))
         noise = noise.motors_scaled(values.get(MOTOR_NOISE, 1.0))
-        law = self.factory.make(kind, values, degree)
+        law, s = self.factory.make(kind, values, degree), own.specification
+        steps = other_quantisation(own.robot, s.measured, s.quantisation, s.estimator, sensors)
         setup = replace(
             own,
             law=law,
-            specification=other_sensors(own.robot, own.specification, sensors),
+            specification=replace(s, measured=sensors, quantisation=steps),
             estimator_noise=replace(noise, source="tuned"),
             linear_model=kind.name == "lqg",
         )
@@ -385,20 +323,11 @@ def best_rival(laws: Sequence[TunedLaw]) -> TunedLaw | None:
 
 @dataclass(frozen=True)
 class TradeOff:
-    """Where a law is between what it costs and what it holds.
-
-    Attributes
-    ----------
-    point : LawMetrics
-        Of the law as it was tuned.
-    curve : tuple of LawMetrics
-        Load deviation against peak input, by rising peak input: the best of all candidates that were tried and keep the
-        limits of the linear loop. Of the design's own law only its point.
-    """
+    """Where a law is between what it costs and what it holds."""
 
     name: str
-    point: LawMetrics
-    curve: tuple[LawMetrics, ...]
+    point: LawMetrics  # of the law as it was tuned
+    curve: tuple[LawMetrics, ...]  # see `pareto_front`; of the design's own law only its point
 
 
 def trade_offs(laws: Sequence[TunedLaw], criterion: Criterion) -> tuple[TradeOff, ...]:

@@ -77,7 +77,13 @@ def several(value: Any, units: Units = ()) -> tuple[float, ...]:
     >>> several("0.5, 180deg", (TURNING, SLIDING))
     (0.5, 3.141592653589793)
     """
-    return tuple(quantity(one, units) for one in _several(value))
+    if isinstance(value, str):
+        parts: list[Any] = value.split(",")
+    else:
+        parts = _sequence(value) if _is_sequence(value) else [value]
+    if not parts:
+        raise ValueError(value_text(value))
+    return tuple(quantity(one, units) for one in parts)
 
 
 def one_or_several(value: Any, units: Units = ()) -> float | tuple[float, ...]:
@@ -181,10 +187,7 @@ def _row(values: Any) -> tuple[float, ...]:
 class Unreadable(ValueError):
     """Text that is no number with one of some units.
 
-    Attributes
-    ----------
-    meant : str
-        It with its unit in the letters of the SI; empty where that is no unit of these either, or not sure.
+    `meant` is it with its unit in the letters of the SI; empty where that is no unit of these either, or not sure.
     """
 
     def __init__(self, value: str, units: Sequence[Mapping[str, float]]) -> None:
@@ -192,16 +195,6 @@ class Unreadable(ValueError):
         found = [split(one) for one in respelled(value, *(next(iter(known)) for known in units))]
         meant = ["".join(one) for one in found if one and any(one[1] in known for known in units)]
         self.meant = meant[0] if len(meant) == 1 else ""
-
-
-def _several(value: Any) -> list[Any]:
-    """The parts of a text between commas, the elements of a sequence, or the value alone; never none."""
-    if isinstance(value, str):
-        return value.split(",")
-    several = _sequence(value) if _is_sequence(value) else [value]
-    if not several:
-        raise ValueError(value_text(value))
-    return several
 
 
 def _is_sequence(value: Any) -> bool:

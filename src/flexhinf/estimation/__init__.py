@@ -10,17 +10,3 @@ from flexhinf.estimation.constant_gain import (
 from flexhinf.estimation.filter import MODEL_STEP, RecursiveFilter
 from flexhinf.estimation.kalman import ExtendedKalmanFilter, SigmaPoints, UnscentedKalmanFilter
 from flexhinf.estimation.output_injection import OutputInjectionObserver
-
-__all__ = [
-    "MODEL_STEP",
-    "ConstantGainBelief",
-    "ConstantGainFilter",
-    "ExtendedKalmanFilter",
-    "OutputInjectionObserver",
-    "RecursiveFilter",
-    "SigmaPoints",
-    "UnscentedKalmanFilter",
-    "linear_model",
-    "stationary_covariance",
-    "stationary_gain",
-]

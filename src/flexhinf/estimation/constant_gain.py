@@ -32,28 +32,16 @@ class ConstantGainBelief(NamedTuple):
 class ConstantGainFilter(Estimator):
     """x̂ = x̂⁻ + L (y − h(x̂⁻)), x̂⁻ = F(x̂, u), with the gain L carried along in the belief.
 
-    Parameters
-    ----------
-    filter : RecursiveFilter
-        Whose model, discretisation and noises are meant.
-    gain : (n, p) array
-
-    Raises
-    ------
-    InvalidInput
-        If the gain is not (n, p) finite numbers.
+    `filter`: Whose model, discretisation and noises are meant. `gain`: (n, p). Raises InvalidInput: if the gain is not
+    (n, p) finite numbers.
     """
 
     def __init__(self, filter: RecursiveFilter, gain: np.ndarray) -> None:
         self.filter, self.plant, self.period = filter, filter.plant, filter.period
         self.process_noise, self.measurement_noise = filter.process_noise, filter.measurement_noise
-        shape, advice = (
-            (filter.plant.n, len(filter.plant.outputs)),
-            "stationary_gain of linear_model(filter, x, u)",
-        )
-        gain = checked_array(
-            "The gain does not fit the plant.", gain, shape, f"{shape} finite numbers", advice
-        )
+        shape = (filter.plant.n, len(filter.plant.outputs))
+        advice, expected = "stationary_gain of linear_model(filter, x, u)", f"{shape} finite numbers"
+        gain = checked_array("The gain does not fit the plant.", gain, shape, expected, advice)
         self.initial: Any = ConstantGainBelief(np.array(filter.initial.mean), gain)
 
     def settings(self) -> dict[str, Any]:
@@ -107,17 +95,9 @@ def stationary_covariance(
     The Riccati recursion is doubled [anderson1979]: each turn goes as far as all turns before it together, so
     R^v = 0 and a model that is only just detectable need no special case.
 
-    Parameters
-    ----------
-    model : ((n, n), (p, n)) arrays
-        F and H of one sample.
-    process_noise, measurement_noise : (n, n) and (p, p) arrays
-        R^v per sample and R^n, the latter positive definite.
-
-    Raises
-    ------
-    NumericalFailure
-        If the numbers are too far apart for the recursion: R^v and R^n, or a model that grows by decades in a sample.
+    `model`: ((n, n), (p, n)) arrays, F and H of one sample. `process_noise`, `measurement_noise`: (n, n) and (p, p)
+    arrays, R^v per sample and R^n, the latter positive definite. Raises NumericalFailure: if the numbers are too far
+    apart for the recursion: R^v and R^n, or a model that grows by decades in a sample.
     """
     (a, c), r = model, measurement_noise
     n, unit = len(a), np.eye(len(a))
@@ -162,26 +142,11 @@ def placed_gain(
 ) -> np.ndarray:
     """L (n, p) that gives (1 − L H) Φ the eigenvalues exp(s T) for the wanted s [tits1996].
 
-    Parameters
-    ----------
-    drift, measured, transition : (n, n), (p, n) and (n, n) arrays
-        A, H, and Φ = exp(A T).
-    period : float
-        T, s.
-    poles : (n,) complex array
-        s, 1/s: negative real parts, complex ones in conjugate pairs.
-    states : sequence of str
-        Names, for errors.
-
-    Raises
-    ------
-    InvalidInput
-        For another number of poles; poles that do not decay, are not in pairs or turn by more than half a turn per
-        sample; more equal ones than there are independent measurements.
-    NotDetectable
-        If (A, H) is not observable.
-    NumericalFailure
-        If the poles that are reached are not those that were wanted.
+    `drift`, `measured`, `transition`: (n, n), (p, n) and (n, n) arrays, A, H, and Φ = exp(A T). `period`: T, s.
+    `poles`: (n,) complex, s, 1/s: negative real parts, complex ones in conjugate pairs. `states`: Names, for errors.
+    Raises InvalidInput: for another number of poles; poles that do not decay, are not in pairs or turn by more than
+    half a turn per sample; more equal ones than there are independent measurements. Raises NotDetectable: if (A, H) is
+    not observable. Raises NumericalFailure: if the poles that are reached are not those that were wanted.
     """
     from scipy.signal import place_poles
 
@@ -221,10 +186,7 @@ def placed_gain(
 def check_detectable(drift: np.ndarray, measured: np.ndarray, states: Sequence[str]) -> None:
     """Refuse a plant with a mode that neither decays nor shows: no gain makes that error go away.
 
-    Raises
-    ------
-    NotDetectable
-        With the mode and the state it is mainly in.
+    Raises NotDetectable: with the mode and the state it is mainly in.
     """
     hidden = unobservable(drift, measured)
     modes = np.linalg.eigvals(hidden.T @ drift @ hidden)

@@ -14,14 +14,8 @@ from flexhinf.errors import InvalidInput, NumericalFailure
 from flexhinf.plant import Estimator, Gaussian, Plant, eight_stages, rk4_stages, sub_steps
 from flexhinf.plant.protocols import use_default_form
 from flexhinf.scalars import cholesky, jacobian, solve_lower, solve_lower_transposed
-from flexhinf.scalars.dependence import elementary
-from flexhinf.validation import (
-    checked_array,
-    checked_positive,
-    read_only,
-    real_array,
-    value_text,
-)
+from flexhinf.scalars.trace import elementary
+from flexhinf.validation import checked_array, checked_positive, read_only, real_array, value_text
 
 #: Largest step times fastest mode in the estimator's model, of Runge–Kutta steps with so many stages. A mode errs by at
 #: most 0.25⁴/120 = 3.3e-5 of its phase, or 1.25⁸/9! = 1.6e-5, far inside the regions of stability (2.78 and 3.39).
@@ -34,10 +28,7 @@ SEMIDEFINITE = 1e-13
 def covariance_matrix(value: Any, size: int, what: str, definite: bool = False) -> np.ndarray:
     """A covariance from a number, a diagonal or a matrix.
 
-    Raises
-    ------
-    InvalidInput
-        If it is not symmetric positive semidefinite (positive definite if `definite`) of this size.
+    Raises InvalidInput: if it is not symmetric positive semidefinite (positive definite if `definite`) of this size.
     """
     array = real_array(value)
     if array.shape not in ((), (1,), (size,), (size, size)):
@@ -50,11 +41,8 @@ def covariance_matrix(value: Any, size: int, what: str, definite: bool = False) 
     scale = np.sqrt(np.abs(np.diag(matrix)))
     tolerance = 1e-9 * np.outer(scale, scale)
     if not np.all(np.isfinite(matrix)) or np.any(np.abs(matrix - matrix.T) > tolerance):
-        raise InvalidInput(
-            f"The {what} is not a symmetric matrix of finite numbers.",
-            f"got {value_text(value)}",
-            "variances",
-        )
+        what = f"The {what} is not a symmetric matrix of finite numbers."
+        raise InvalidInput(what, f"got {value_text(value)}", "variances")
     # As correlations, so that signals of different scales are judged alike.
     weight = np.where(scale > 0.0, 1.0 / np.where(scale > 0.0, scale, 1.0), 1.0)
     matrix = (matrix + matrix.T) / 2.0
@@ -93,15 +81,8 @@ def correction(
     Joseph's form. The right-hand side is a sum of squares where no weight is negative: however much a measurement
     says, rounding cannot make it indefinite. The difference on the left can.
 
-    Parameters
-    ----------
-    prior : ((n,), (n, s))
-        Mean of the state, and deviations dᵢ.
-    outputs : ((p,), (p, s))
-        Mean of the outputs, and deviations sᵢ.
-    weights : (s,)
-    y, noise : (p,) and (p, p)
-        Measurement, and R^n.
+    `prior`: ((n,), (n, s)), mean of the state, and deviations dᵢ. `outputs`: ((p,), (p, s)), mean of the outputs, and
+    deviations sᵢ. `weights`: (s,). `y`, `noise`: (p,) and (p, p), measurement, and R^n.
     """
     mean, gain, _, innovation, p_yy = gained(run, prior, outputs, weights, y, noise)
     left = run.columns(_left, (prior[1], outputs[1]), gain)
@@ -184,11 +165,8 @@ class RecursiveFilter(Estimator):
         covariance: Any,
     ) -> None:
         if not isinstance(plant, Plant):
-            raise InvalidInput(
-                "An estimator needs a model.",
-                f"expected a Plant, got {type(plant).__name__}",
-                "robot.plant()",
-            )
+            found = f"expected a Plant, got {type(plant).__name__}"
+            raise InvalidInput("An estimator needs a model.", found, "robot.plant()")
         self.plant = plant
         self.period = checked_positive("The sampling period", period, "seconds", "1e-3 for 1 kHz")
         self.process_noise = read_only(covariance_matrix(process_noise, plant.n, "process noise R^v"))
@@ -290,19 +268,19 @@ class RecursiveFilter(Estimator):
             x = self.sub_step(x, u, vector)
         return x
 
+    @property
+    def _method(self) -> Any:
+        return {4: rk4_stages, 8: eight_stages}[self.stages]
+
     def sub_step(self, x: Any, u: Any, p: Any) -> Any:
         """One of the `sub_steps` Runge–Kutta steps of F; p is the vector of parameters."""
-        return self._sub_step(DIRECT, x, u, p)
-
-    def _sub_step(self, run: Any, x: Any, u: Any, p: Any) -> Any:
-        method = {4: rk4_stages, 8: eight_stages}[self.stages]
-        return method(run, self.flow, x, self.period / self.sub_steps, u, p)
+        return self._method(DIRECT, self.flow, x, self.period / self.sub_steps, u, p)
 
     def moved(self, run: Any, x: Any, u: Any, p: Any) -> Any:
         """F of Eq. (9) on a run, with one text of the flow for all stages of all steps."""
 
         def step(x: Any) -> tuple[Any]:
-            return (self._sub_step(run, x, u, p),)
+            return (self._method(run, self.flow, x, self.period / self.sub_steps, u, p),)
 
         return run.repeat(self.sub_steps, step, x)[0]
 

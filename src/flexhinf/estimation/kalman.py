@@ -27,7 +27,7 @@ from flexhinf.errors import InvalidInput
 from flexhinf.estimation.filter import RecursiveFilter, correction, gained, rooted
 from flexhinf.plant import Gaussian, Plant
 from flexhinf.scalars import apply, cholesky, clip, trace
-from flexhinf.scalars.dependence import linear
+from flexhinf.scalars.trace import linear
 from flexhinf.validation import read_only, real_array, real_number, value_text
 
 
@@ -35,18 +35,9 @@ from flexhinf.validation import read_only, real_array, real_number, value_text
 class SigmaPoints:
     """The scaled unscented transform of n variables.
 
-    Parameters
-    ----------
-    n : int
-        Number of variables; there are 2n + 1 points.
-    alpha, beta, kappa : float
-        Table 3. λ = α²(n + κ) − n; the paper's γ = √(n + λ) of Eq. (10) is `spread` here, because γ is also
-        the attenuation level.
-
-    Raises
-    ------
-    InvalidInput
-        If the spread is not a positive number.
+    `n`: Number of variables; there are 2n + 1 points. `alpha`, `beta`, `kappa`: Table 3. λ = α²(n + κ) − n; the
+    paper's γ = √(n + λ) of Eq. (10) is `spread` here, because γ is also the attenuation level. Raises InvalidInput: if
+    the spread is not a positive number.
     """
 
     n: int
@@ -55,11 +46,8 @@ class SigmaPoints:
     kappa: float = 0.0
 
     def __post_init__(self) -> None:
-        if not (
-            self.alpha > 0.0
-            and self.n + self.kappa > 0.0
-            and math.isfinite(self.beta + self.alpha + self.kappa)
-        ):
+        finite = math.isfinite(self.beta + self.alpha + self.kappa)
+        if not (self.alpha > 0.0 and self.n + self.kappa > 0.0 and finite):
             raise InvalidInput(
                 "These scaling parameters give no sigma points.",
                 f"expected finite numbers with alpha > 0 and kappa > {-self.n}, got alpha={self.alpha}, "

@@ -1,6 +1,6 @@
-"""A controller from a shared library: it starts in milliseconds, and needs neither LLVM nor CasADi.
+"""A controller as a shared library: compiled once, loaded in milliseconds without LLVM and without CasADi.
 
-A controller as a shared library: compiled once, loaded in milliseconds without LLVM and without CasADi.
+Which instructions a library needs, and which this processor has, is asked before any of its code is run.
 """
 
 from __future__ import annotations
@@ -12,6 +12,8 @@ import os
 import platform
 import shutil
 import subprocess
+from collections.abc import Iterable
+from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
@@ -20,11 +22,10 @@ import numpy as np
 
 from flexhinf import __version__
 from flexhinf.errors import ControllerInUse, InvalidInput
-from flexhinf.export.processor import MARK, check_instructions, compiler_flags, named_instructions
 from flexhinf.files import write_file
 from flexhinf.validation import checked_path, read_bytes, real_array, value_text
 
-if TYPE_CHECKING:  # both load CasADi
+if TYPE_CHECKING:
     from flexhinf.export.controller_c import ControllerCode
     from flexhinf.loop import Controller
 
@@ -98,19 +99,8 @@ def cortex_m4_bytes(code: ControllerCode) -> int | None:
     with TemporaryDirectory() as work:
         for file, text in ((f"{code.name}.h", code.header), (f"{code.name}.c", code.source)):
             (Path(work) / file).write_text(text, encoding="utf-8")
-        words = [
-            compiler,
-            "-std=c99",
-            "-O2",
-            *core,
-            f"{code.name}.c",
-            "-nostartfiles",
-            *used,
-            "-lm",
-            "-o",
-            "alone",
-        ]
-        if subprocess.run(words, cwd=work, capture_output=True, check=False).returncode:
+        flags = ("-std=c99", "-O2", *core, f"{code.name}.c", "-nostartfiles", *used, "-lm", "-o", "alone")
+        if subprocess.run([compiler, *flags], cwd=work, capture_output=True, check=False).returncode:
             return None
         table = subprocess.run([size, "alone"], cwd=work, capture_output=True, text=True, check=True).stdout
     text, data = table.splitlines()[1].split()[:2]
@@ -120,10 +110,7 @@ def cortex_m4_bytes(code: ControllerCode) -> int | None:
 def build(sources: dict[str, str], folder: Path, flags: tuple[str, ...]) -> Path:
     """Compile and link files of C in a folder that is there; the path of what comes of it.
 
-    Raises
-    ------
-    InvalidInput
-        If there is none (``CC``, cc, gcc, clang), or it fails.
+    Raises InvalidInput: if there is none (``CC``, cc, gcc, clang), or it fails.
     """
     names = (os.environ.get("CC", "cc"), "cc", "gcc", "clang")
     compiler = next(filter(None, map(shutil.which, names)), None)
@@ -158,10 +145,7 @@ def loaded(image: bytes, beside: Path) -> ctypes.CDLL:
     private copy named by content, which is removed at once. Where nothing in the directory for temporary files may be
     run, the copy is made in the folder `beside`.
 
-    Raises
-    ------
-    OSError
-        If it cannot be loaded.
+    Raises OSError: if it cannot be loaded.
     """
     name = hashlib.sha256(image).hexdigest()
     for folder in (None, beside):
@@ -216,20 +200,19 @@ class CompiledController:
         )
         self.digest = str(about["digest"])
         self.units: dict[str, str] = dict(about["units"])
-        self._codes = {int(value): name for value, name in about["codes"].items()}
+        self.code_numbers = {int(value): name for value, name in about["codes"].items()}
         self._starts_anywhere = bool(about["starts_anywhere"])
         self._rest = np.array(about["reference"], dtype=float)
         self._state = np.zeros(-(-int(self._library.flexhinf_state_size()) // 8))
         self._y, self._r = np.zeros(len(self.measured)), np.zeros(max(1, len(self.commanded)))
         self._u, self.estimate = np.zeros(len(self.inputs)), np.zeros(len(self.states))
         self._busy = False
-        self._bind()
+        arrays = (self._state, self._y, self._r, self._u, self.estimate)
+        state, y, r, u, estimate = (ctypes.c_void_p(array.ctypes.data) for array in arrays)
+        step = self._library.flexhinf_step
+        self._run = lambda measured: step(state, y, r, measured, u, estimate)
+        self._begin = lambda x, v: self._library.flexhinf_start(state, x, v)
         self.reset()
-
-    @property
-    def code_numbers(self) -> dict[int, str]:
-        """Every value of `code` by its number in C."""
-        return dict(self._codes)
 
     def _load(self) -> dict[str, Any]:
         """What the file says of itself; none of its code is run before the processor is known to have what it needs."""
@@ -257,13 +240,6 @@ class CompiledController:
             "flexhinf compile DESIGN on this machine",
         )
 
-    def _bind(self) -> None:
-        arrays = (self._state, self._y, self._r, self._u, self.estimate)
-        state, y, r, u, estimate = (ctypes.c_void_p(array.ctypes.data) for array in arrays)
-        step = self._library.flexhinf_step
-        self._run = lambda measured: step(state, y, r, measured, u, estimate)
-        self._begin = lambda x, v: self._library.flexhinf_start(state, x, v)
-
     def step(self, y: Any, reference: Any = None) -> np.ndarray:
         """Input u (m,) for the measurement y (p,) and the command (k,); None for y where there is no measurement.
 
@@ -284,7 +260,7 @@ class CompiledController:
                 self._fill(self._y, y, "measurement", self.measured)
             if reference is not None:
                 self._fill(self._r[: len(self.commanded)], reference, "command", self.commanded)
-            self.code = self._codes[self._run(int(y is not None))]
+            self.code = self.code_numbers[self._run(int(y is not None))]
             return self._u.copy()
         finally:
             self._busy = False
@@ -361,3 +337,87 @@ class CompiledController:
 def load_compiled(path: str | os.PathLike[str]) -> CompiledController:
     """A controller of `flexhinf compile`; see `CompiledController`."""
     return CompiledController(path)
+
+
+#: What the manifest of a library begins with; a line of instruction sets, one of JSON and a zero byte follow.
+MARK = b"flexhinf library 2: instructions, then what it is\n"
+
+#: Instruction sets beyond the oldest processor of a platform that compilers use on their own for such code: the macro
+#: that says so, and LLVM's name without points.
+INSTRUCTIONS = {
+    "__SSE3__": "sse3", "__SSSE3__": "ssse3", "__SSE4_1__": "sse41", "__SSE4_2__": "sse42", "__POPCNT__": "popcnt",
+    "__AVX__": "avx", "__AVX2__": "avx2", "__FMA__": "fma", "__FMA4__": "fma4", "__XOP__": "xop", "__TBM__": "tbm",
+    "__BMI__": "bmi", "__BMI2__": "bmi2", "__LZCNT__": "lzcnt", "__MOVBE__": "movbe", "__F16C__": "f16c",
+    "__GFNI__": "gfni", "__AVX512F__": "avx512f", "__AVX512CD__": "avx512cd", "__AVX512DQ__": "avx512dq",
+    "__AVX512BW__": "avx512bw", "__AVX512VL__": "avx512vl", "__AVX512IFMA__": "avx512ifma",
+    "__AVX512VBMI__": "avx512vbmi", "__AVX512VBMI2__": "avx512vbmi2", "__AVX512VNNI__": "avx512vnni",
+    "__AVX512BITALG__": "avx512bitalg", "__AVX512VPOPCNTDQ__": "avx512vpopcntdq", "__AVX512BF16__": "avx512bf16",
+    "__AVX512FP16__": "avx512fp16", "__APX_F__": "apxf", "__ARM_FEATURE_SVE": "sve", "__ARM_FEATURE_SVE2": "sve2",
+}  # fmt: skip
+
+#: Linux's names for some of them.
+OF_LINUX = {"pni": "sse3", "bmi1": "bmi", "abm": "lzcnt", "apx": "apxf"}
+
+#: PCs since about 2015: with a fused multiply-add, which every other operation of a step is.
+PORTABLE = {"avx2", "fma"}
+
+X86 = ("x86_64", "AMD64")
+
+
+@cache
+def instructions() -> frozenset[str]:
+    """Instruction sets of this processor that the system permits, by LLVM's names without points."""
+    try:
+        text = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace")
+    except OSError:  # no Linux: LLVM knows, where it is installed
+        return _of_llvm()
+    line = next((line for line in text.splitlines() if line.startswith(("flags", "Features"))), "")
+    words = line.partition(":")[2].split()
+    return frozenset(OF_LINUX.get(word, word.replace("_", "")) for word in words)
+
+
+def _of_llvm() -> frozenset[str]:
+    try:
+        from llvmlite.binding import get_host_cpu_features
+
+        features = get_host_cpu_features()
+    except (ImportError, OSError, RuntimeError):
+        return frozenset()
+    return frozenset(name.replace(".", "").replace("-", "") for name, there in features.items() if there)
+
+
+def named_instructions() -> str:
+    """C text: strings, each the name of a set that the compiler may use, with a space before it."""
+    return "\n".join(f'#ifdef {macro}\n    " {name}"\n#endif' for macro, name in INSTRUCTIONS.items())
+
+
+def compiler_flags(processor: str) -> tuple[str, ...]:
+    """What tells gcc and clang for which processors to compile.
+
+    `processor`: {"portable", "any", "native"}, PCs since about 2015 (AVX2 and fused multiply-adds; on a machine
+    without them, as "any"), the oldest ones of the platform, or those with all that this one has. Other platforms than
+    PCs have the first two in common. Raises InvalidInput: for another word.
+    """
+    if processor not in ("portable", "any", "native"):
+        raise InvalidInput(
+            "There is no such choice of processors.",
+            f"expected portable, any or native, got {value_text(processor)}",
+            "portable: PCs since about 2015; any: older ones too, slowly; native: those that are like this one",
+        )
+    if platform.machine() not in X86:
+        return ("-mcpu=native",) if processor == "native" else ()
+    if processor == "native":
+        return ("-march=native",)
+    fused = processor == "portable" and instructions() >= PORTABLE
+    return ("-march=x86-64", *(f"-m{name}" for name in sorted(PORTABLE) if fused))
+
+
+def check_instructions(needed: Iterable[str], name: str) -> None:
+    """Refuse machine code that this processor would end with SIGILL."""
+    needed = set(needed)
+    if needed and (missing := sorted(needed - instructions())):
+        raise InvalidInput(
+            "The library is for another processor.",
+            f"expected one that has {', '.join(missing)}, for which {name} was compiled; this one has not",
+            "flexhinf compile DESIGN --processor portable, or on this machine",
+        )

@@ -47,10 +47,7 @@ LONGEST = 31  # characters that every linker keeps apart
 def checked_identifier(name: object) -> str:
     """A name for functions and files.
 
-    Raises
-    ------
-    InvalidInput
-        If it is no identifier of C, is reserved, or is too long.
+    Raises InvalidInput: if it is no identifier of C, is reserved, or is too long.
     """
     good = isinstance(name, str) and re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", name) is not None
     if not good or str(name).lower() in RESERVED or len(str(name)) > LONGEST:
@@ -103,10 +100,7 @@ MISSING_LIMIT = 10
 class ControllerCode:
     """The C of a controller.
 
-    Parameters
-    ----------
-    name : str
-        A C identifier, checked; all names begin so.
+    `name`: A C identifier, checked; all names begin so.
     """
 
     controller: Controller
@@ -164,19 +158,9 @@ class ControllerCode:
         return numbers * self.real.bytes
 
     @property
-    def constant_bytes(self) -> int:
-        """Default parameters and initial memory, without the code."""
-        return (self.sizes["data"] + self.sizes["memory"]) * self.real.bytes
-
-    @property
     def operations(self) -> int:
         """Operations of the traced functions of a step with a measurement, each as often as it is called."""
         return sum(_operations(step) for step in self.programs["measured"].body)
-
-    @cached_property
-    def data(self) -> np.ndarray:
-        """Default values of the parameters."""
-        return self.controller.data_vector
 
     @cached_property
     def initial_memory(self) -> np.ndarray:
@@ -223,30 +207,7 @@ class ControllerCode:
         estimator = self.controller.estimator
         return None if estimator is None else np.asarray(estimator.initial[0], dtype=float)
 
-    @property
-    def first_measurement(self) -> np.ndarray:
-        """What is measured where the estimate begins, or at the operating point without an estimator, (p,)."""
-        c = self.controller
-        if c.estimator is None:
-            return np.asarray(c.law.operating_point, dtype=float)[: len(c.measured)]
-        plant = c.estimator.plant
-        found = plant.traced_output(self.belief, self.safe_input, plant.parameters.vector())
-        return np.ravel(np.asarray(found, dtype=float))
-
     # Text --------------------------------------------------------------------------------------------
-    @property
-    def start_note(self) -> str:
-        """Where the robot must be at the start, for the README."""
-        if not self.predicts:
-            return "Without an estimator the state is what is measured, so the robot may be anywhere."
-        told = f"call `{self.name}_start` with its state instead"
-        other = told if self.starts_anywhere else "this observer cannot be told of it"
-        return (
-            f"`{self.name}_init` believes the robot at rest at the estimate of the last column, where the step of the "
-            "design starts.\nThe estimator trusts that: from another place the first inputs may be as large as their "
-            f"limits. Where the robot is\nelsewhere, {other}; an input that acts already is its other argument."
-        )
-
     def upper(self, what: str) -> str:
         """A constant's name."""
         return f"{self.name.upper()}_{what}"
@@ -266,13 +227,17 @@ class ControllerCode:
             for name, place in c.data.places.items()
             if place.stop > place.start
         ]
-        signals = [enumeration(self._elements(kind, names)) for kind, names in self.signals.items() if names]
-        begins = BEGINS if self.predicts else "the state is what is measured"
-        sets = (
-            "about another state"
-            if self.starts_anywhere
-            else "the estimate begins where that of @NAME@_init does"
-        )
+        signals = []
+        for kind, names in self.signals.items():
+            texts = [f"{comment(name)}, {comment(self.units.get(name, ''))}".rstrip(", ") for name in names]
+            if kind == "X" and self.belief is not None:
+                begins = zip(texts, self.belief, strict=True)
+                texts = [f"{text}; begins at {value:.6g}" for text, value in begins]
+            rows = zip(constants(self.upper(kind), names), range(len(names)), texts, strict=True)
+            signals += [enumeration(list(rows))] if names else []
+        sets = "the estimate begins where that of @NAME@_init does"
+        if self.starts_anywhere:
+            sets = "about another state"
         summary = [f"{name}: {text}" for name, text in c.summary().items()]
         return fill(
             template("controller.h"), self.name, self.real,
@@ -280,16 +245,10 @@ class ControllerCode:
             SUMMARY="\n * ".join(map(comment, summary)), P=sizes["y"], K=len(c.commanded), M=sizes["u"],
             N=sizes["estimate"], DATA=sizes["data"], MEMORY=sizes["memory"], WORK=max(1, self.scratch), R=sizes["r"],
             SIGNALS="\n".join(signals), OFFSETS=enumeration(places),
-            CODES=enumeration([(self.upper(name), *row) for name, row in self.codes.items()]), BEGINS=begins, SETS=sets,
+            CODES=enumeration([(self.upper(name), *row) for name, row in self.codes.items()]), SETS=sets,
+            BEGINS=BEGINS if self.predicts else "the state is what is measured",
             FIRST=c.first_input.text, HELD=c.first_input.text if self.starts_anywhere else "that of @NAME@_init",
         )  # fmt: skip
-
-    def _elements(self, kind: str, names: Sequence[str]) -> list[tuple[str, int, str]]:
-        """A constant for each signal's place, with its name and unit."""
-        texts = [f"{comment(name)}, {comment(self.units.get(name, ''))}".rstrip(", ") for name in names]
-        if kind == "X" and self.belief is not None:
-            texts = [f"{text}; begins at {value:.6g}" for text, value in zip(texts, self.belief, strict=True)]
-        return list(zip(constants(self.upper(kind), names), range(len(names)), texts, strict=True))
 
     @cached_property
     def source(self) -> str:
@@ -304,7 +263,7 @@ class ControllerCode:
         return fill(
             template("controller.c"), self.name, self.real,
             START=start, ARITHMETIC=arithmetic(self.name, self.real), VERSION=__version__,
-            DEFAULTS=self.numbers(self.data, "        "),
+            DEFAULTS=self.numbers(self.controller.data_vector, "        "),
             OLDEST=constant(self.oldest, self.real), MISSING=MISSING_LIMIT if self.predicts else 0,
             INITIAL=self.numbers(self.initial_memory),
             FUNCTIONS=functions, MEASURED=self._call("measured"), PREDICTED=predicted,

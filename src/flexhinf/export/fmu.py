@@ -13,7 +13,7 @@ import platform
 import sys
 import uuid
 import zipfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -62,14 +62,8 @@ class Variable:
 class Model:
     """What an FMU is made of.
 
-    Attributes
-    ----------
-    period : float
-        Smallest communication step, s; others are whole multiples.
-    variables : tuple of Variable
-        Those of a kind in the order of their references.
-    sources : dict of str to str
-        Files of C without the shell; GUID is still to be put in.
+    `period`: Smallest communication step, s; others are whole multiples. `variables`: Those of a kind in the order of
+    their references. `sources`: Files of C without the shell; GUID is still to be put in.
     """
 
     name: str
@@ -148,39 +142,51 @@ def _start(given: Any, names: Sequence[str], what: str) -> np.ndarray:
     return values
 
 
+def _variables(rows: Iterable[tuple[Any, ...]], unit: Callable[[str], str]) -> list[Variable]:
+    """Variables of rows (prefix, causality, names, first values, about)."""
+    return [
+        Variable(f"{prefix}.{name}", causality, float(value), unit(name), about=about)
+        for prefix, causality, names, values, about in rows
+        for name, value in zip(names, values, strict=True)
+    ]
+
+
 # Models -----------------------------------------------------------------------------------------------
 def _controller_model(code: ControllerCode) -> Model:
     c, signals, units = code.controller, code.signals, code.units
-    first = code.initial_memory[c.memory.places["u"]]
+    if c.estimator is None:
+        measured = np.asarray(c.law.operating_point, dtype=float)[: len(c.measured)]
+    else:  # what is measured where the estimate begins
+        plant = c.estimator.plant
+        output = plant.traced_output(code.belief, code.safe_input, plant.parameters.vector())
+        measured = np.ravel(np.asarray(output, dtype=float))
     belief = code.belief if code.starts_anywhere else None
-    begins = zip(signals["X"], [] if belief is None else belief)
+    y, r, u, x = (signals[kind] for kind in "YRUX")
+    rows = (
+        ("measured", "input", y, measured, ""),
+        ("command", "input", r, c.operating_reference, ""),
+        ("lower", "parameter", u, np.maximum(c.limits.lower, -1e300), "least input"),
+        ("upper", "parameter", u, np.minimum(c.limits.upper, 1e300), "largest input"),
+        ("start", "parameter", () if belief is None else x, () if belief is None else belief,
+         "where the estimate begins"),
+        ("u", "output", u, code.safe_input, ""),
+        ("estimate", "output", x, np.zeros(len(x)), ""),
+    )  # fmt: skip
+    missing = MISSING_LIMIT if code.predicts else 0
+    held = "samples without a measurement until the output is held"
     variables = [
-        *(Variable(f"measured.{s}", "input", float(v), units.get(s, ""))
-          for s, v in zip(signals["Y"], code.first_measurement, strict=True)),
-        *(Variable(f"command.{s}", "input", float(v), units.get(s, ""))
-          for s, v in zip(signals["R"], c.operating_reference, strict=True)),
-        *(Variable(f"lower.{s}", "parameter", float(v), units.get(s, ""), about="least input")
-          for s, v in zip(signals["U"], np.maximum(c.limits.lower, -1e300), strict=True)),
-        *(Variable(f"upper.{s}", "parameter", float(v), units.get(s, ""), about="largest input")
-          for s, v in zip(signals["U"], np.minimum(c.limits.upper, 1e300), strict=True)),
-        *(Variable(f"start.{s}", "parameter", float(v), units.get(s, ""), about="where the estimate begins")
-          for s, v in begins),
-        *(Variable(f"u.{s}", "output", float(v), units.get(s, "")) for s, v in zip(signals["U"], first, strict=True)),
-        *(Variable(f"estimate.{s}", "output", 0.0, units.get(s, "")) for s in signals["X"]),
-        Variable("missing_limit", "parameter", MISSING_LIMIT if code.predicts else 0, kind="Integer",
-                 about="samples without a measurement until the output is held"),
+        *_variables(rows, lambda name: units.get(name, "")),
+        Variable("missing_limit", "parameter", missing, kind="Integer", about=held),
         Variable("code", "output", 0, kind="Integer", about="what the last step returned, 0: all is well"),
         Variable("is_measured", "input", 1, kind="Boolean", about="whether there is a measurement"),
-    ]  # fmt: skip
+    ]
     starts = [variable.start for variable in variables if variable.kind == "Real"]
     model = fill(
         template("fmu_controller.h"), code.name, DOUBLE,
         PERIOD=repr(c.period), PERIOD_TEXT=f"{c.period:g}", START=code.numbers(starts, "        "),
         STARTS=0 if belief is None else len(belief),
     )  # fmt: skip
-    sources = {
-        f"{code.name}.c": code.source, f"{code.name}.h": code.header, f"{code.name}_model.h": model,
-    }  # fmt: skip
+    sources = {f"{code.name}.c": code.source, f"{code.name}.h": code.header, f"{code.name}_model.h": model}
     return Model(code.name, f"sampled controller of {c.period:g} s", c.period, tuple(variables), sources)
 
 
@@ -192,17 +198,19 @@ def _plant_model(plant: Plant, name: str, period: float, start: np.ndarray, acti
     begin = np.concatenate([[0], np.cumsum(sizes)]).tolist()
     first = plant.traced_output(start, acting, parameters)
     measured = np.ravel(np.asarray(first, dtype=float))
-    variables = [
-        *(Variable(f"u.{s}", "input", float(v), plant.unit(s)) for s, v in zip(plant.inputs, acting, strict=True)),
-        *(Variable(f"disturbance.{s}", "input", 0.0, plant.unit(s)) for s in plant.disturbances),
-        *(Variable(f"parameter.{label}", "parameter", float(v), plant.unit(label))
-          for label, v in zip(_labels(plant), parameters, strict=True)),
-        *(Variable(f"start.{s}", "parameter", float(v), plant.unit(s))
-          for s, v in zip(plant.states, start, strict=True)),
-        *(Variable(f"measured.{s}", "output", float(v), plant.unit(s))
-          for s, v in zip(plant.outputs, measured, strict=True)),
-        *(Variable(f"state.{s}", "output", float(v), plant.unit(s)) for s, v in zip(plant.states, start, strict=True)),
-    ]  # fmt: skip
+    labels = []  # a name for each number of the parameters, in the order of their vector
+    for label, value in plant.parameters.values.items():
+        size = int(np.size(value))
+        labels += [label] if size == 1 else [f"{label}[{k + 1}]" for k in range(size)]
+    rows = (
+        ("u", "input", plant.inputs, acting, ""),
+        ("disturbance", "input", plant.disturbances, np.zeros(sizes[1]), ""),
+        ("parameter", "parameter", labels, parameters, ""),
+        ("start", "parameter", plant.states, start, ""),
+        ("measured", "output", plant.outputs, measured, ""),
+        ("state", "output", plant.states, start, ""),
+    )
+    variables = _variables(rows, plant.unit)
     settable = [variable.start for variable in variables][: begin[-1]]
     steps = sub_steps(period, plant.fastest_mode(start))
     given = ["r + FIRST_U", "r + FIRST_D", "r + FIRST_P"]
@@ -224,13 +232,6 @@ def _called(name: str, function: Any, arguments: Sequence[str], result: str) -> 
     return f"{name}({', '.join([*kept, result])});"
 
 
-def _labels(plant: Plant) -> Iterator[str]:
-    """A name for each number of the parameters, in the order of their vector."""
-    for name, value in plant.parameters.values.items():
-        size = int(np.size(value))
-        yield from [name] if size == 1 else [f"{name}[{k + 1}]" for k in range(size)]
-
-
 # The archive ------------------------------------------------------------------------------------------
 def _write(model: Model, path: str | os.PathLike[str]) -> Path:
     target = checked_path("The FMU", path)
@@ -240,7 +241,9 @@ def _write(model: Model, path: str | os.PathLike[str]) -> Path:
     sources[f"{model.name}_fmu.c"] = fill(template("fmu.c"), model.name, DOUBLE, VERSION=__version__)
     files: dict[str, bytes] = {"modelDescription.xml": description(model, guid).encode()}
     files |= {f"sources/{name}": text.encode() for name, text in sources.items()}
-    folder, ending = _platform()
+    system = {"Linux": ("linux", "so"), "Darwin": ("darwin", "dylib"), "Windows": ("win", "dll")}
+    short, ending = system.get(platform.system(), ("linux", "so"))
+    folder = short + ("64" if sys.maxsize > 2**32 else "32")
     files[f"binaries/{folder}/{model.name}.{ending}"] = shared_library(sources)
     archive = io.BytesIO()
     with zipfile.ZipFile(archive, "w", zipfile.ZIP_DEFLATED) as packed:
@@ -253,9 +256,24 @@ def _write(model: Model, path: str | os.PathLike[str]) -> Path:
 def description(model: Model, guid: str) -> str:
     """The text of modelDescription.xml."""
     units = sorted({variable.unit for variable in model.variables if variable.unit})
-    files = [
-        name for name in (f"{model.name}.c", f"{model.name}_fmu.c") if name in model.sources or "_fmu" in name
-    ]
+    own = f"{model.name}.c"
+    files = [*([own] if own in model.sources else []), f"{model.name}_fmu.c"]
+    variables, references = [], {"Real": 0, "Integer": 0, "Boolean": 0}
+    for variable in model.variables:
+        kind, start = variable.kind, repr(float(variable.start))
+        variability = {"input": "continuous", "output": "discrete", "parameter": "fixed"}[variable.causality]
+        if kind != "Real":
+            start = str(int(variable.start)) if kind == "Integer" else str(bool(variable.start)).lower()
+            variability = "fixed" if variable.causality == "parameter" else "discrete"
+        initial = "" if variable.causality == "input" else ' initial="exact"'
+        unit = f" unit={quoteattr(variable.unit)}" if variable.unit else ""
+        about = f" description={quoteattr(variable.about)}" if variable.about else ""
+        variables.append(
+            f'    <ScalarVariable name={quoteattr(variable.name)} valueReference="{references[kind]}" '
+            f'causality="{variable.causality}" variability="{variability}"{initial}{about}>'
+            f'<{kind} start="{start}"{unit}/></ScalarVariable>'
+        )
+        references[kind] += 1
     outputs = [k for k, variable in enumerate(model.variables, 1) if variable.causality == "output"]
     lines = [
         '<?xml version="1.0" encoding="UTF-8"?>',
@@ -270,16 +288,13 @@ def description(model: Model, guid: str) -> str:
         "  </CoSimulation>",
     ]
     if units:
-        lines += [
-            "  <UnitDefinitions>",
-            *(f"    <Unit name={quoteattr(u)}/>" for u in units),
-            "  </UnitDefinitions>",
-        ]
+        named = (f"    <Unit name={quoteattr(unit)}/>" for unit in units)
+        lines += ["  <UnitDefinitions>", *named, "  </UnitDefinitions>"]
     lines += [
         '  <LogCategories><Category name="logStatusError"/></LogCategories>',
         f'  <DefaultExperiment startTime="0" stopTime="1" stepSize="{model.period!r}"/>',
         "  <ModelVariables>",
-        *_variable_lines(model.variables),
+        *variables,
         "  </ModelVariables>",
         "  <ModelStructure>",
         "    <Outputs>",
@@ -289,37 +304,3 @@ def description(model: Model, guid: str) -> str:
         "</fmiModelDescription>",
     ]
     return "\n".join(lines) + "\n"
-
-
-def _variable_lines(variables: Sequence[Variable]) -> Iterator[str]:
-    references = {"Real": 0, "Integer": 0, "Boolean": 0}
-    for variable in variables:
-        whole = variable.kind != "Real"
-        variability = {
-            "input": "discrete" if whole else "continuous",
-            "output": "discrete",
-            "parameter": "fixed",
-        }
-        initial = {"input": "", "output": ' initial="exact"', "parameter": ' initial="exact"'}[
-            variable.causality
-        ]
-        start = {
-            "Real": repr(float(variable.start)), "Integer": str(int(variable.start)),
-            "Boolean": str(bool(variable.start)).lower(),
-        }[variable.kind]  # fmt: skip
-        unit = f" unit={quoteattr(variable.unit)}" if variable.unit else ""
-        about = f" description={quoteattr(variable.about)}" if variable.about else ""
-        yield (
-            f'    <ScalarVariable name={quoteattr(variable.name)} valueReference="{references[variable.kind]}" '
-            f'causality="{variable.causality}" variability="{variability[variable.causality]}"{initial}{about}>'
-            f'<{variable.kind} start="{start}"{unit}/></ScalarVariable>'
-        )
-        references[variable.kind] += 1
-
-
-def _platform() -> tuple[str, str]:
-    """The folder of this machine's binaries in an FMU, and the ending of a shared library."""
-    bits = "64" if sys.maxsize > 2**32 else "32"
-    system = {"Linux": ("linux", "so"), "Darwin": ("darwin", "dylib"), "Windows": ("win", "dll")}
-    short, ending = system.get(platform.system(), ("linux", "so"))
-    return f"{short}{bits}", ending

@@ -7,8 +7,6 @@ import os
 import re
 import subprocess
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from itertools import repeat
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -16,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf import __version__
-from flexhinf.codegen.c import Real, constant
+from flexhinf.codegen.c import constant
 from flexhinf.errors import InvalidInput
 from flexhinf.export.compiled import build, cortex_m4_bytes
 from flexhinf.export.controller_c import MISSING_LIMIT, ControllerCode, code_of, comment, fill, template
@@ -82,10 +80,7 @@ def export_c(
 def checked_folder(folder: str | os.PathLike[str], force: bool) -> Path:
     """The absolute path of a folder that may be written.
 
-    Raises
-    ------
-    InvalidInput
-        If it is a file, or is not empty and `force` is not set.
+    Raises InvalidInput: if it is a file, or is not empty and `force` is not set.
     """
     path = checked_path("The folder", folder).absolute()
     if path.exists() and not path.is_dir():
@@ -108,11 +103,8 @@ def write_files(folder: Path, files: Mapping[str, str | bytes]) -> None:
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            raise InvalidInput(
-                "The output folder cannot be made.",
-                f"{path.parent}: {error.strerror or error}",
-                "another folder",
-            ) from error
+            found = f"{path.parent}: {error.strerror or error}"
+            raise InvalidInput("The output folder cannot be made.", found, "another folder") from error
         data = content.encode("utf-8") if isinstance(content, str) else content
         write_file(path, "exported file", lambda part, data=data: Path(part).write_bytes(data))
 
@@ -120,19 +112,10 @@ def write_files(folder: Path, files: Mapping[str, str | bytes]) -> None:
 def check_room(controller: Controller, real: str, period: str = "", flash: str = "", ram: str = "") -> None:
     """Refuse a controller that does not fit a firmware.
 
-    Parameters
-    ----------
-    real : {"double", "float"}
-    period : str
-        Of the firmware's loop, such as "1ms"; empty for any.
-    flash, ram : str
-        Room for code and constants, and for the state, such as "32kB"; empty for any. The code is counted for a
-        Cortex-M4F where arm-none-eabi-gcc is installed.
-
-    Raises
-    ------
-    InvalidInput
-        If the period is another one, or code, constants or state are larger.
+    `period`: Of the firmware's loop, such as "1ms"; empty for any. `flash`, `ram`: Room for
+    code and constants, and for the state, such as "32kB"; empty for any. The code is counted for a Cortex-M4F where
+    arm-none-eabi-gcc is installed. Raises InvalidInput: if the period is another one, or code, constants or state are
+    larger.
     """
     if period and abs(_quantity(period, SECONDS) - controller.period) > 1e-9 * controller.period:
         raise InvalidInput(
@@ -141,28 +124,24 @@ def check_room(controller: Controller, real: str, period: str = "", flash: str =
             "a design with --period of that length",
         )
     code = code_of(controller, "controller", real)
+    rows = []
     if flash:
         whole = cortex_m4_bytes(code)
-        what, needed = ("constants", code.constant_bytes) if whole is None else ("code and constants", whole)
-        where = "" if whole is None else ", compiled for a Cortex-M4F"
-        advice = "--degrees 2 at the design, --real float"
-        _check_fits(
-            what, _quantity(flash, BYTES), f"{value_text(flash)} (--flash)", needed, f"{real}{where}", advice
-        )
+        constants = (code.sizes["data"] + code.sizes["memory"]) * code.real.bytes
+        what, needed, where = "code and constants need", whole, ", compiled for a Cortex-M4F"
+        if whole is None:
+            what, needed, where = "constants need", constants, ""
+        rows.append((what, flash, "--flash", needed, where, "--degrees 2 at the design, --real float"))
     if ram:
         advice = "--real float, an extended Kalman filter (--estimator ekf), --degrees 2"
-        _check_fits(
-            "state", _quantity(ram, BYTES), f"{value_text(ram)} (--ram)", code.state_bytes, real, advice
-        )
-
-
-def _check_fits(what: str, room: float, stated: str, needed: int, kind: str, advice: str) -> None:
-    if needed > room:
-        raise InvalidInput(
-            f"The controller does not fit: its {what} need{'s' * (what == 'state')} more room.",
-            f"expected at most {stated}, got {needed} bytes in the type {kind}",
-            advice,
-        )
+        rows.append(("state needs", ram, "--ram", code.state_bytes, "", advice))
+    for what, stated, option, needed, where, advice in rows:
+        if needed > _quantity(stated, BYTES):
+            raise InvalidInput(
+                f"The controller does not fit: its {what} more room.",
+                f"expected at most {value_text(stated)} ({option}), got {needed} bytes in the type {real}{where}",
+                advice,
+            )
 
 
 #: Units of times and sizes.
@@ -191,11 +170,11 @@ def controller_files(
     """The files of `export_c`: relative path to text; raises as it does."""
     code = code_of(controller, name, real)
     run = record(code.controller, exact=np.float32 if real == "float" else np.float64)
-    accuracy = _accuracy(code, run)
+    allowed, accuracy = _accuracy(code, run)
     return {
         f"{name}.h": code.header,
         f"{name}.c": code.source,
-        f"{name}_test.c": _test(code, run, accuracy.allowed),
+        f"{name}_test.c": _test(code, run, allowed),
         "README.md": _readme(code, run, accuracy),
         **{file: _filled(code, file) for file in AROUND},
         f"templates/{name}.ino": _filled(code, "sketch.ino"),
@@ -203,40 +182,20 @@ def controller_files(
     }
 
 
-@dataclass(frozen=True)
-class Accuracy:
-    """How far the inputs of the C are from those of the simulation, over the test vector.
+def _accuracy(code: ControllerCode, run: Recording) -> tuple[float, str]:
+    """Largest error that the test vector allows, relative to each input's largest value, and a text for the README.
 
-    Attributes
-    ----------
-    allowed : float
-        By the test vector, relative to each input's largest value.
-    text : str
-        The same for the README.
-    """
-
-    allowed: float
-    text: str
-
-
-def _accuracy(code: ControllerCode, run: Recording) -> Accuracy:
-    """In float it is measured with this machine's C compiler, if there is one.
-
-    Raises
-    ------
-    InvalidInput
-        If more is lost than a test vector may allow.
+    In float it is measured with this machine's C compiler, if there is one. Raises InvalidInput if more is lost than a
+    test vector may allow.
     """
     most = TOLERANCE[code.real.name]
     if code.real.name == "double":
         bits = "the simulation's bits with fused multiply-adds"
-        return Accuracy(most, f"{bits}, {most:.0e} of the largest value without")
+        return most, f"{bits}, {most:.0e} of the largest value without"
     fused, plain = (_measured_error(code, run, flags) for flags in ((), (f"-D{code.upper('PLAIN')}",)))
     if fused is None or plain is None:
-        text = (
-            f"not measured: no C compiler for this machine was found; the test vector allows {100 * most:g} %"
-        )
-        return Accuracy(most, text)
+        no = "not measured: no C compiler for this machine was found"
+        return most, f"{no}; the test vector allows {100 * most:g} %"
     worst = max(fused, plain)
     if worst > most:
         raise InvalidInput(
@@ -246,7 +205,7 @@ def _accuracy(code: ControllerCode, run: Recording) -> Accuracy:
             "--real double; or larger noise levels of the estimator, which condition its covariances better",
         )
     allowed = min(most, max(LEAST_TOLERANCE, SPARE * worst))
-    return Accuracy(
+    return (
         allowed,
         f"{100 * fused:.2g} % of the input's largest value over the test vector, {100 * plain:.2g} % without fused "
         f"multiply-adds, measured at the export; the test vector allows {100 * allowed:.2g} %",
@@ -272,17 +231,13 @@ def _measured_error(code: ControllerCode, run: Recording, flags: Sequence[str]) 
 
 def _filled(code: ControllerCode, file: str) -> str:
     c, signals = code.controller, code.signals
+    reference = c.operating_reference if len(c.operating_reference) else np.zeros(1)
     return fill(
         template(file), code.name, code.real,
         VERSION=__version__, PERIOD_US=round(1e6 * c.period), R=code.sizes["r"],
-        REFERENCE=", ".join(constant(float(v), code.real) for v in _reference(code)),
+        REFERENCE=", ".join(constant(float(v), code.real) for v in reference),
         COMMAND_INTERFACES=_strings(signals["U"]), STATE_INTERFACES=_strings(signals["Y"]),
     )  # fmt: skip
-
-
-def _reference(code: ControllerCode) -> np.ndarray:
-    rest = code.controller.operating_reference
-    return rest if len(rest) else np.zeros(1)
 
 
 def _strings(names: Sequence[str]) -> str:
@@ -296,7 +251,11 @@ def _test(code: ControllerCode, run: Recording, allowed: float) -> str:
     codes = [str(code.codes[kind][0]) for kind in run.codes]
 
     def rows(values: np.ndarray) -> str:
-        return ",\n".join(f"    {{{', '.join(_number(float(v), code.real) for v in row)}}}" for row in values)
+        texts = [
+            ["(@NAME@_real)NAN" if np.isnan(v) else constant(float(v), code.real) for v in row]
+            for row in values
+        ]
+        return ",\n".join(f"    {{{', '.join(row)}}}" for row in texts)
 
     return fill(
         template("test.c"), code.name, code.real,
@@ -309,19 +268,33 @@ def _test(code: ControllerCode, run: Recording, allowed: float) -> str:
     )  # fmt: skip
 
 
-def _number(value: float, real: Real) -> str:
-    return "(@NAME@_real)NAN" if np.isnan(value) else constant(value, real)
-
-
-def _readme(code: ControllerCode, run: Recording, accuracy: Accuracy) -> str:
+def _readme(code: ControllerCode, run: Recording, accuracy: str) -> str:
     c = code.controller
+    begins = "Without an estimator the state is what is measured, so the robot may be anywhere."
+    if code.predicts:
+        other = "this observer cannot be told of it"
+        if code.starts_anywhere:
+            other = f"call `{code.name}_start` with its state instead"
+        begins = (
+            f"`{code.name}_init` believes the robot at rest at the estimate of the last column, where the step of the "
+            "design starts.\nThe estimator trusts that: from another place the first inputs may be as large as their "
+            f"limits. Where the robot is\nelsewhere, {other}; an input that acts already is its other argument."
+        )
+    signals = []
+    for kind, array, starts in (
+        ("Y", "input.y", None), ("R", "input.r", None), ("U", "output.u", code.safe_input),
+        ("X", "output.estimate", code.belief),
+    ):  # fmt: skip
+        for k, name in enumerate(code.signals[kind]):
+            start = "" if starts is None else f"{starts[k]:.6g}"
+            signals.append((f"`{array}`", str(k), comment(name), comment(code.units.get(name, "")), start))
     at_limit = int(((run.u <= c.limits.lower) | (run.u >= c.limits.upper)).any(axis=1).sum())
     none = f"none: set `{code.upper('P_LOWER')}` and `{code.upper('P_UPPER')}` to what the drives take"
     facts = {
         **c.summary(),
         "saturation": c.summary().get("saturation", none),
         "type": code.real.name,
-        "inputs differ from the simulation's by": accuracy.text,
+        "inputs differ from the simulation's by": accuracy,
         "memory of one controller": f"{code.state_bytes} bytes, given by the caller (`{code.name}_state`)",
         "constants": f"{code.sizes['data'] + code.sizes['memory']} numbers",
         "arithmetic operations of one step": f"about {code.operations}; `make cortex-m4` counts instructions",
@@ -329,10 +302,10 @@ def _readme(code: ControllerCode, run: Recording, accuracy: Accuracy) -> str:
     return fill(
         template("README.md"), code.name, code.real,
         VERSION=__version__, PERIOD_TEXT=f"{c.period:g}", SAMPLES=len(run.u), OLDEST=f"{code.oldest:g}",
-        MISSING=MISSING_LIMIT if code.predicts else 0, BEGINS=code.start_note,
+        MISSING=MISSING_LIMIT if code.predicts else 0, BEGINS=begins,
         AT_LIMIT=f"; in {at_limit} of them an input is at its limit" if at_limit else "",
         FACTS=_table(("", ""), [(key, comment(text)) for key, text in facts.items()]),
-        SIGNALS=_table(("array", "element", "signal", "unit", "at the start"), _signal_rows(code)),
+        SIGNALS=_table(("array", "element", "signal", "unit", "at the start"), signals),
         CODES=_table(
             ("constant", "value", "meaning"),
             [(f"`{code.upper(key)}`", str(value), text) for key, (value, text) in code.codes.items()],
@@ -372,23 +345,6 @@ PARTS = {
     "windup_spread": "how much more they push, likewise",
     "windup_limit": "how much more they push at the operating point; infinite for an input that its limits keep nearer",
 }
-
-
-def _signal_rows(code: ControllerCode) -> list[tuple[str, ...]]:
-    arrays = {"Y": "input.y", "R": "input.r", "U": "output.u", "X": "output.estimate"}
-    none = repeat(None)
-    starts = {"Y": none, "R": none, "U": code.safe_input, "X": none if code.belief is None else code.belief}
-    return [
-        (
-            f"`{array}`",
-            str(k),
-            comment(name),
-            comment(code.units.get(name, "")),
-            f"{value:.6g}" if value is not None else "",
-        )
-        for kind, array in arrays.items()
-        for k, (name, value) in enumerate(zip(code.signals[kind], starts[kind], strict=False))
-    ]
 
 
 def _table(head: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:

@@ -220,29 +220,6 @@ def run_realtime(
         As `Loop.run`; for a plant that does not integrate itself, a library of another controller, or a priority or a
         core that there is not.
     """
-    _check_scheduling(priority, core)
-    initial_input = loop.controller.input_before(initial_input, initial_estimate)
-    given: dict[str, Any] = {
-        "reference": reference, "disturbance": disturbance, "noise": noise, "initial_state": initial_state,
-        "seed": seed, "initial_input": initial_input, "multi_turn": multi_turn,
-    }  # fmt: skip
-    steps = _Steps(loop, library, initial_estimate, initial_input)
-    period = loop.controller.period
-    samples = sample_count(duration, period)
-    loop.run_paced(AT_ONCE, steps, duration=period * min(samples - 1, REHEARSED), **given)
-    steps.reset()
-    with undisturbed(priority, core) as scheduling, _stopping() as request:
-        clock = _Clock(period, samples, real_time, steps, request, watch, watch_every)
-        run = loop.run_paced(Pacing(clock.begin, clock.end), clock, duration=duration, **given)
-    run = replace(run, settings={**run.settings, "real_time": real_time, "stepped": steps.name})
-    count = len(run.time)
-    return RealTimeRun(
-        run, clock.timing(run.time), clock.codes[:count], steps.code_names, clock.began,
-        loop.controller.limits.pair, clock.stopped if count < samples and not run.message else None, scheduling,
-    )  # fmt: skip
-
-
-def _check_scheduling(priority: int | None, core: int | None) -> None:
     low, high = PRIORITIES
     if priority is not None and (not isinstance(priority, int) or not low <= priority <= high):
         raise InvalidInput(
@@ -252,44 +229,33 @@ def _check_scheduling(priority: int | None, core: int | None) -> None:
         )
     cores = os.cpu_count() or 1
     if core is not None and (not isinstance(core, int) or not 0 <= core < cores):
-        raise InvalidInput(
-            "There is no such processor core.", f"expected 0 to {cores - 1}, got {value_text(core)}", "0"
-        )
+        expected = f"expected 0 to {cores - 1}, got {value_text(core)}"
+        raise InvalidInput("There is no such processor core.", expected, "0")
+    initial_input = loop.controller.input_before(initial_input, initial_estimate)
+    settings: dict[str, Any] = {
+        "reference": reference, "disturbance": disturbance, "noise": noise, "initial_state": initial_state,
+        "seed": seed, "initial_input": initial_input, "multi_turn": multi_turn,
+    }  # fmt: skip
+    period = loop.controller.period
+    samples = sample_count(duration, period)
+    clock = _Clock(loop, library, {"state": initial_estimate, "input": initial_input}, samples, real_time)
+    loop.run_paced(AT_ONCE, clock, duration=period * min(samples - 1, REHEARSED), **settings)
+    clock.reset()
+    with undisturbed(priority, core) as scheduling, _stopping() as clock.request:
+        watch_samples = max(1, round(watch_every / period))
 
+        def end(k: int) -> None:
+            if watch is not None and k % watch_samples == 0 and not watch():
+                clock.request.append(0)
+            clock.end(k)
 
-class _Steps:
-    """What is stepped, from its start: a controller of its own memory, or a compiled library."""
-
-    def __init__(self, loop: Loop, library: CompiledController | None, state: Any, input: Any) -> None:
-        controller = loop.controller
-        self._start = {"state": state, "input": input}
-        self.code_names = {0: "OK"}
-        if library is None:
-            self.stepped: Any = controller.fresh()
-            self.name = "Controller.step"
-        else:
-            _check_library(library, controller)
-            self.stepped = copy.copy(library)
-            self.code_names = {0: "OK", **library.code_numbers}
-            self.name = f"compiled library {library.path.name}"
-        self._numbers = {name: number for number, name in self.code_names.items()}
-        self._has_code = library is not None
-        self.step = self.stepped.step
-        self.reset()
-
-    @property
-    def estimate(self) -> np.ndarray:
-        """Of the last step, (n,)."""
-        return self.stepped.estimate
-
-    @property
-    def code(self) -> int:
-        """How the last step ended."""
-        return self._numbers[self.stepped.code] if self._has_code else 0
-
-    def reset(self) -> None:
-        """As at the start."""
-        self.stepped.reset(**self._start)
+        run = loop.run_paced(Pacing(clock.begin, end), clock, duration=duration, **settings)
+    run = replace(run, settings={**run.settings, "real_time": real_time, "stepped": clock.name})
+    count = len(run.time)
+    return RealTimeRun(
+        run, clock.timing(run.time), clock.codes[:count], clock.code_names, clock.began,
+        loop.controller.limits.pair, clock.stopped if count < samples and not run.message else None, scheduling,
+    )  # fmt: skip
 
 
 def _check_library(library: CompiledController, controller: Any) -> None:
@@ -317,35 +283,48 @@ def _check_library(library: CompiledController, controller: Any) -> None:
 
 
 class _Clock:
-    """Says when samples begin, steps the controller, and notes all times."""
+    """Says when samples begin, steps a controller of its own memory, or a compiled library, and notes all times."""
 
     def __init__(
         self,
-        period: float,
+        loop: Loop,
+        library: CompiledController | None,
+        start: dict[str, Any],
         samples: int,
         real_time: bool,
-        steps: _Steps,
-        request: list[int],
-        watch: Callable[[], bool] | None,
-        watch_every: float,
     ) -> None:
-        self._period, self._real_time, self._steps, self._request = period, real_time, steps, request
-        self._step, self._k, self._first = steps.step, 0, 0
-        self._watch, self._each = watch, max(1, round(watch_every / period))
+        self._period, self._start, self._real_time = loop.controller.period, start, real_time
+        self.code_names, self.name = {0: "OK"}, "Controller.step"
+        if library is None:
+            self._stepped: Any = loop.controller.fresh()
+        else:
+            _check_library(library, loop.controller)
+            self._stepped = copy.copy(library)
+            self.code_names |= library.code_numbers
+            self.name = f"compiled library {library.path.name}"
+        numbers = {name: number for number, name in self.code_names.items()}
+        self._numbers = None if library is None else numbers
+        self._step, self._k, self._first = self._stepped.step, 0, 0
         # filled, so that no page of memory is missing when it is first written
         self._due, self._woken, self._computed, self._ready, self._over = np.full((5, samples), 0)
         self.codes = np.full(samples, 0)
+        self.request: list[int] = []
         self.began, self.stopped = 0, None
+        self.reset()
+
+    def reset(self) -> None:
+        """The controller as at the start."""
+        self._stepped.reset(**self._start)
 
     @property
     def estimate(self) -> np.ndarray:
         """Of the last step, (n,)."""
-        return self._steps.estimate
+        return self._stepped.estimate
 
     def begin(self, k: int) -> bool:
         """Return when sample k is due; False where the run is to end."""
-        if self._request:
-            self.stopped = self._request[0]
+        if self.request:
+            self.stopped = self.request[0]
             return False
         self._k, now = k, time.perf_counter_ns
         if k == 0:
@@ -364,13 +343,13 @@ class _Clock:
         u = self._step(y, reference)
         end = time.perf_counter_ns()
         k = self._k
-        self._computed[k], self._ready[k], self.codes[k] = end - start, end, self._steps.code
+        self._computed[k], self._ready[k] = end - start, end
+        if self._numbers is not None:
+            self.codes[k] = self._numbers[self._stepped.code]
         return u
 
     def end(self, k: int) -> None:
         """Sample k is over."""
-        if self._watch is not None and k % self._each == 0 and not self._watch():
-            self._request.append(0)
         self._over[k] = time.perf_counter_ns()
 
     def timing(self, times: np.ndarray) -> Timing:
@@ -427,17 +406,31 @@ def _stopping() -> Iterator[list[int]]:
 def undisturbed(priority: int | None, core: int | None) -> Iterator[tuple[str, ...]]:
     """No garbage collection, exact sleeps, and the priority and the core that the system permits; then as before.
 
-    Yields
-    ------
-    tuple of str
-        What was permitted and what was not, in sentences.
+    Yields what was permitted and what was not, in sentences.
     """
     told, undo = [], []
     if priority is not None:
-        told.append(_fifo(priority, undo))
+        try:
+            policy, parameters = os.sched_getscheduler(0), os.sched_getparam(0)
+            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
+            undo.append(lambda: os.sched_setscheduler(0, policy, parameters))
+            told.append(f"The loop ran under SCHED_FIFO with priority {priority}.")
+        except (AttributeError, OSError) as error:
+            reason = getattr(error, "strerror", None) or "this system has none"
+            told.append(
+                f"Real-time priority {priority} was not permitted ({reason}); the loop ran with the usual scheduling."
+            )
     if core is not None:
-        told.append(_kept_on(core, undo))
-    _exact_sleeps()
+        try:
+            before = os.sched_getaffinity(0)
+            os.sched_setaffinity(0, {core})
+            undo.append(lambda: os.sched_setaffinity(0, before))
+            told.append(f"The loop was kept on core {core}.")
+        except (AttributeError, OSError) as error:
+            reason = getattr(error, "strerror", None) or "this system cannot"
+            told.append(f"The loop could not be kept on core {core} ({reason}).")
+    if sys.platform == "linux":  # this thread's sleeps end when they are over, and not up to 50 µs later
+        ctypes.CDLL(None).prctl(_SET_TIMER_SLACK, _SLACK_NS, 0, 0, 0)
     collects = gc.isenabled()
     gc.collect()
     gc.freeze()
@@ -450,31 +443,3 @@ def undisturbed(priority: int | None, core: int | None) -> Iterator[tuple[str, .
             gc.enable()
         for back in undo:
             back()
-
-
-def _fifo(priority: int, undo: list[Callable[[], None]]) -> str:
-    try:
-        policy, parameters = os.sched_getscheduler(0), os.sched_getparam(0)
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
-    except (AttributeError, OSError) as error:
-        reason = getattr(error, "strerror", None) or "this system has none"
-        return f"Real-time priority {priority} was not permitted ({reason}); the loop ran with the usual scheduling."
-    undo.append(lambda: os.sched_setscheduler(0, policy, parameters))
-    return f"The loop ran under SCHED_FIFO with priority {priority}."
-
-
-def _kept_on(core: int, undo: list[Callable[[], None]]) -> str:
-    try:
-        before = os.sched_getaffinity(0)
-        os.sched_setaffinity(0, {core})
-    except (AttributeError, OSError) as error:
-        reason = getattr(error, "strerror", None) or "this system cannot"
-        return f"The loop could not be kept on core {core} ({reason})."
-    undo.append(lambda: os.sched_setaffinity(0, before))
-    return f"The loop was kept on core {core}."
-
-
-def _exact_sleeps() -> None:
-    """Ask Linux to end this thread's sleeps when they are over, and not up to 50 µs later."""
-    if sys.platform == "linux":
-        ctypes.CDLL(None).prctl(_SET_TIMER_SLACK, _SLACK_NS, 0, 0, 0)

@@ -82,10 +82,7 @@ def log_columns(run: RealTimeRun) -> list[LogColumn]:
 def check_log(path: str | os.PathLike[str]) -> Path:
     """Refuse, before any work, a log that could not be written at its end.
 
-    Raises
-    ------
-    InvalidInput
-        For another ending, a package that is missing, or a place that cannot be written.
+    Raises InvalidInput: for another ending, a package that is missing, or a place that cannot be written.
     """
     path = checked_path("The log", path)
     if path.suffix not in ENDINGS:
@@ -105,12 +102,7 @@ def check_log(path: str | os.PathLike[str]) -> Path:
 
 
 def check_place(path: Path, what: str) -> Path:
-    """Refuse a file in a folder that is missing or cannot be written, or with the name of a folder.
-
-    Raises
-    ------
-    InvalidInput
-    """
+    """Refuse a file in a folder that is missing or cannot be written, or with the name of a folder."""
     try:
         if path.is_dir():
             raise OSError("there is a folder of this name")
@@ -128,10 +120,7 @@ def check_place(path: Path, what: str) -> Path:
 def write_log(run: RealTimeRun, path: str | os.PathLike[str]) -> Path:
     """Write a run to a file, whole or not at all; its ending says the format, see `ENDINGS`.
 
-    Raises
-    ------
-    InvalidInput
-        As `check_log`.
+    Raises InvalidInput: as `check_log`.
     """
     path = check_log(path)
     write = {".csv": _write_csv, ".parquet": _write_parquet, ".mcap": _write_mcap}[path.suffix]
@@ -227,14 +216,9 @@ LOUDEST = 0.1 * SWING
 class Recording:
     """Samples one after the other.
 
-    Attributes
-    ----------
-    y, r : (K, p), (K, max(1, k)) arrays
-        Measurements and commands.
-    u, estimate : (K, m), (K, n) arrays
-        What the controller answered; what it held where the sample was refused.
-    codes : list of str
-        "OK", "PREDICTED" or "BAD_MEASUREMENT", one for each sample.
+    `y`, `r`: (K, p), (K, max(1, k)) arrays, measurements and commands. `u`, `estimate`: (K, m), (K, n) arrays, what
+    the controller answered; what it held where the sample was refused. `codes`: "OK", "PREDICTED" or
+    "BAD_MEASUREMENT", one for each sample.
     """
 
     y: np.ndarray
@@ -257,14 +241,8 @@ def record(
     elsewhere, the estimate may be so wrong that the inputs stay at their limits, and any code would answer that. The
     commands swing about the operating point; without an estimator there is no plant, and the states swing too.
 
-    Parameters
-    ----------
-    controller : Controller
-        Only read.
-    interrupted : bool
-        Replay what was measured with samples left out and samples that are not finite.
-    exact : type
-        Of numbers that hold the measurements and commands as they are.
+    `controller`: Only read. `interrupted`: Replay what was measured with samples left out and samples that are not
+    finite. `exact`: Of numbers that hold the measurements and commands as they are.
     """
     time = np.arange(samples)
     rest = controller.operating_reference
@@ -305,13 +283,8 @@ def _measured(controller: Controller, r: np.ndarray) -> np.ndarray:
 def replay(controller: Controller, y: np.ndarray, r: np.ndarray, kinds: list[str]) -> Recording:
     """Feed samples to a fresh controller.
 
-    Parameters
-    ----------
-    controller : Controller
-        Only read.
-    y, r : (K, p), (K, k) arrays
-    kinds : list of str
-        As `Recording.codes`: a sample that is missing is predicted over, one that is not finite refused.
+    `controller`: Only read. `y`, `r`: (K, p), (K, k) arrays. `kinds`: As `Recording.codes`: a sample that is missing
+    is predicted over, one that is not finite refused.
     """
     fresh = controller.fresh()
     held = np.asarray(fresh.input_before(), dtype=float)

@@ -57,10 +57,8 @@ is well-conditioned; 60-digit arithmetic and a family with known solution are am
 
 References are keys of docs/references.bib; docs/synthesis.md has examples, times and comparisons.
 
-What a solve will cost, estimated before it starts: memory, and operations for the progress bar.
-
-Estimates of memory are right within a factor of two from about 100 MB on, which a test measures; so what is begun
-must fit twice.
+What a solve will cost, memory and operations, is estimated before it starts: memory within a factor of two from about
+100 MB on, which a test measures; so what is begun must fit twice.
 """
 
 from __future__ import annotations
@@ -80,17 +78,26 @@ from time import perf_counter
 import numpy as np
 
 from flexhinf.errors import InfeasibleGamma, InvalidInput, NumericalFailure
-from flexhinf.hinf.accuracy import check_errors, degree_errors, equation_residuals, moved, with_accuracy
 from flexhinf.hinf.linear_part import (
     LinearPart,
     Parts,
+    RiccatiSolution,
     ScaledProblem,
     Scaling,
     check_problem,
     linear_smallest_gamma,
+    polish,
+    sensitivity,
 )
-from flexhinf.hinf.recursion import BoundedStates, DegreeRecord, solve_degrees
-from flexhinf.hinf.riccati import RiccatiSolution, polish, sensitivity
+from flexhinf.hinf.recursion import (
+    BoundedStates,
+    DegreeRecord,
+    checked_records,
+    degree_errors,
+    equation_residuals,
+    moved,
+    solve_degrees,
+)
 from flexhinf.hinf.solution import HJISolution
 from flexhinf.plant.polynomial_plant import PolynomialPlant, Problem
 from flexhinf.polynomial import basis
@@ -108,18 +115,9 @@ _CGROUPS, _OWN_GROUPS = Path("/sys/fs/cgroup"), Path("/proc/self/cgroup")
 def estimate_memory(size: tuple[int, int, int, int], degree: int, expanded: bool = False) -> int:
     """Bytes needed at the peak by `solve_hji`, tables included.
 
-    Parameters
-    ----------
-    size : tuple of int
-        States, disturbances, inputs, penalised outputs.
-    degree : int
-        Degree of V.
-    expanded : bool
-        With the Taylor expansion of the plant's code in states, inputs and disturbances together, whose index tuples
-        stay.
+    `size`: States, disturbances, inputs, penalised outputs. `degree`: Degree of V. `expanded`: With the Taylor
+    expansion of the plant's code in states, inputs and disturbances together, whose index tuples stay.
 
-    Notes
-    -----
     The largest arrays are the two half-transformed tensors count(n, k−s) × count(n, s) of a change of
     variables, the insertion tables, and the gradients of the lower degrees.
     """
@@ -147,10 +145,8 @@ def check_cost(size: tuple[int, int, int, int], degree: int, expanded: bool = Fa
     """Memory in bytes, as `estimate_memory`; refuses what would not fit twice in the memory that is available, and
     what would take more than about a day.
 
-    Raises
-    ------
-    InvalidInput
-        With the estimate, what is available, and the highest degree that fits and takes less than about ten minutes.
+    Raises InvalidInput: with the estimate, what is available, and the highest degree that fits and takes less than
+    about ten minutes.
     """
 
     def needed(degree: int) -> int:
@@ -164,30 +160,24 @@ def check_cost(size: tuple[int, int, int, int], degree: int, expanded: bool = Fa
     if 2 * memory <= available and seconds <= _DAY:
         return memory
     fits = max(2, bisect_right(range(degree), 1.0, key=lambda k: cost(k) if k > 2 else 0.0) - 1)
+    size = f"{needed(fits) / 1e9:.3g} GB"
     advice = (
-        f"degree {fits} is the highest that fits and takes less than about ten minutes, with about "
-        f"{needed(fits) / 1e9:.3g} GB"
+        f"degree {fits} is the highest that fits and takes less than about ten minutes, with about {size}"
     )
     if 2 * memory > available:
-        raise InvalidInput(
-            f"{what} does not fit in memory.",
+        found = (
             f"about {memory / 1e9:.3g} GB are needed, {available / 1e9:.3g} GB are available, of which half is "
-            "kept for what the estimate may miss",
-            advice,
+            "kept for what the estimate may miss"
         )
-    raise InvalidInput(
-        f"{what} takes too long.",
-        f"expected less than about a day, got about {seconds / _DAY:.2g} days",
-        advice,
-    )
+        raise InvalidInput(f"{what} does not fit in memory.", found, advice)
+    found = f"expected less than about a day, got about {seconds / _DAY:.2g} days"
+    raise InvalidInput(f"{what} takes too long.", found, advice)
 
 
 def available_memory() -> int:
     """Bytes that can be had without swapping, as far as the system tells, and that this process may have."""
-    found = [
-        free for free in (_free_of_machine(), _free_of_process(), *_free_of_groups()) if free is not None
-    ]
-    return max(1, min(found, default=1 << 62))
+    limits = (_free_of_machine(), _free_of_process(), *_free_of_groups())
+    return max(1, min((free for free in limits if free is not None), default=1 << 62))
 
 
 def _free_of_machine() -> int | None:
@@ -269,10 +259,8 @@ def degree_progress(n: int, degree: int) -> Iterator[Callable[[int], None]]:
 
 
 _SMALL = 5_000  # coefficients of the highest degree up to which bounded states cost little: f is full in them
-_LARGE_P = (
-    64.0,
-    1e3,
-)  # eigenvalue of P in balanced states from which V is found in bounded ones: small, large problems
+#: Eigenvalue of P in balanced states from which V is found in bounded ones: small, large problems.
+_LARGE_P = 64.0, 1e3
 _LARGE_GROWTH = 2.0  # ‖dP/d log γ‖/‖P‖ from which it is: γ below about 1.2 γ*
 _DOUBTFUL_GROWTH = 100.0  # the same, from which the error is measured: γ below about 1.005 γ*
 _DOUBTFUL_P = 1e4  # eigenvalue of P in balanced states from which it is
@@ -323,10 +311,23 @@ def solve_hji(problem: Problem, gamma: float, degree: int) -> HJISolution:
     >>> bool(abs(2 * solution.coefficients(2)[(2,)] - (1 + (1 + s) ** 0.5) / s) < 1e-13)
     True
     """
-    gamma, degree = _checked_gamma(gamma), _checked_degree(degree)
+    level = real_number(gamma) if isinstance(gamma, Real) and not isinstance(gamma, bool) else math.nan
+    if not level > 0:
+        raise InvalidInput(
+            "The attenuation level gamma is not a positive number.",
+            f"expected gamma > 0 (math.inf for no disturbance), got {value_text(gamma)}",
+            "a multiple of smallest_gamma(problem), for example 2; where that is 0 the disturbance does not reach z "
+            "(is it used in flow?), and any gamma > 0 will do",
+        )
+    if not isinstance(degree, Integral) or isinstance(degree, bool) or not 2 <= degree <= _HIGHEST:
+        raise InvalidInput(
+            f"The degree of V is not an integer from 2 to {_HIGHEST}.",
+            f"expected 2, 3, 4, …, got {value_text(degree)}",
+            "4 gives a cubic law; 2 gives the linear one",
+        )
     check_problem(problem)
     try:
-        return _solution(problem, gamma, degree)
+        return _solution(problem, level, int(degree))
     except MemoryError as error:
         raise InvalidInput(
             f"Degree {degree} in {len(problem.state_names)} states does not fit in memory.",
@@ -337,41 +338,57 @@ def solve_hji(problem: Problem, gamma: float, degree: int) -> HJISolution:
 
 def _solution(problem: Problem, gamma: float, degree: int) -> HJISolution:
     """As `solve_hji`, of what is checked."""
-    plant = _expansion(problem, degree)
-    memory = check_cost(plant.size, degree, expanded=not isinstance(problem, PolynomialPlant))
+    expanded = not isinstance(problem, PolynomialPlant)
+    if expanded:  # the expansion itself may already not fit
+        size = len(problem.state_names), len(getattr(problem, "disturbance_names", ())), len(problem.r2), 0
+        check_cost(size, degree, expanded)
+    plant = problem.expand(degree - 1)
+    memory = check_cost(plant.size, degree, expanded)
     linear = LinearPart.of(plant)
     linear.check()
     with degree_progress(len(plant.state_names), degree) as advance:
         solved = _solve(plant, linear, gamma, degree, advance)
     if solved is None:
-        raise _infeasible(linear, gamma)
+        gamma_star = linear_smallest_gamma(linear)
+        if math.isfinite(gamma) and gamma <= gamma_star * (1 + 1e-8):
+            raise InfeasibleGamma(gamma, gamma_star)
+        raise NumericalFailure(
+            "The Riccati equation was not solved.",
+            f"gamma = {gamma:.10g} is above gamma* = {gamma_star:.10g}, but no stabilising solution was found",
+            "a gamma further above gamma*, or better scaled weights",
+        )
     if not all(np.isfinite(part).all() for part in solved.value.values()):
         raise NumericalFailure(
             "The solution left the finite numbers.",
             f"expected finite coefficients through degree {degree}, got infinite ones at gamma = {gamma:.6g}",
             "a gamma further above gamma*, or a lower degree",
         )
-    errors = degree_errors(solved.value, solved.growth, solved.largest, _nearby(plant, gamma, degree, solved))
-    records = with_accuracy(solved.records, equation_residuals(solved.problem, solved.value), errors)
-    check_errors(records, gamma, solved.growth)
-    parts, p = _unscaled(solved.value, solved.scaling)
-    return HJISolution(gamma, degree, p, plant, problem, parts, records, solved.condition, memory)
+    other = None
+    if solved.growth > _DOUBTFUL_GROWTH or solved.largest > _DOUBTFUL_P:
+        other = _nearby(plant, gamma, degree, solved)
+    errors = degree_errors(solved.value, solved.growth, solved.largest, other)
+    records = checked_records(
+        solved.records, equation_residuals(solved.problem, solved.value), errors, gamma, solved.growth
+    )
+    # monomial coefficients in the plant's own units, from tensor entries in scaled ones, and P
+    n, scaling = len(plant.state_names), solved.scaling
+    powers = monomials(1.0 / scaling.state[None, :], solved.value)
+    parts = {
+        k: (entries * basis.multiplicity(n, k) * powers[k][0] * scaling.value**2).astype(float)
+        for k, entries in solved.value.items()
+    }
+    half = np.zeros((n, n))
+    half[np.triu_indices(n)] = parts[2]
+    return HJISolution(gamma, degree, half + half.T, plant, problem, parts, records, solved.condition, memory)
 
 
 @dataclass(frozen=True)
 class _Solved:
     """One pass of the algorithm.
 
-    Attributes
-    ----------
-    value : dict degree → ndarray
-        Tensor entries in the scaled states.
-    condition : float
-        Condition number of the closed loop's eigenvectors, in the states the recursion ran in.
-    growth : float
-        ‖dP/d log γ‖/‖P‖ in scaled states.
-    largest : float
-        Largest eigenvalue of P in scaled states.
+    `value`: Tensor entries in the scaled states. `condition`: Condition number of the closed loop's eigenvectors, in
+    the states the recursion ran in. `growth`: ‖dP/d log γ‖/‖P‖ in scaled states. `largest`: Largest eigenvalue of P in
+    scaled states.
     """
 
     scaling: Scaling
@@ -432,10 +449,8 @@ def _growth(
     return float(np.linalg.norm(change)) / size if size > 0 else 0.0
 
 
-def _nearby(plant: PolynomialPlant, gamma: float, degree: int, solved: _Solved) -> Parts | None:
-    """V, in the same scaled states, of the problem with every number moved in its last bit; None where not needed."""
-    if solved.growth <= _DOUBTFUL_GROWTH and solved.largest <= _DOUBTFUL_P:
-        return None
+def _nearby(plant: PolynomialPlant, gamma: float, degree: int, solved: _Solved) -> Parts:
+    """V, in the same scaled states, of the problem with every number moved in its last bit."""
     rng = np.random.default_rng(0)
     stretch = rng.uniform(0.7, 1.4, len(plant.state_names))
     plant, gamma = moved(plant, rng), float(np.nextafter(gamma, np.inf))
@@ -450,56 +465,3 @@ def _nearby(plant: PolynomialPlant, gamma: float, degree: int, solved: _Solved) 
 def linear_law(problem: Problem, gamma: float) -> HJISolution:
     """The linear H∞ law: `solve_hji` at degree 2."""
     return solve_hji(problem, gamma, 2)
-
-
-def _checked_gamma(gamma: float) -> float:
-    number = real_number(gamma) if isinstance(gamma, Real) and not isinstance(gamma, bool) else math.nan
-    if not number > 0:
-        raise InvalidInput(
-            "The attenuation level gamma is not a positive number.",
-            f"expected gamma > 0 (math.inf for no disturbance), got {value_text(gamma)}",
-            "a multiple of smallest_gamma(problem), for example 2; where that is 0 the disturbance does not reach z "
-            "(is it used in flow?), and any gamma > 0 will do",
-        )
-    return number
-
-
-def _checked_degree(degree: int) -> int:
-    if not isinstance(degree, Integral) or isinstance(degree, bool) or not 2 <= degree <= _HIGHEST:
-        raise InvalidInput(
-            f"The degree of V is not an integer from 2 to {_HIGHEST}.",
-            f"expected 2, 3, 4, …, got {value_text(degree)}",
-            "4 gives a cubic law; 2 gives the linear one",
-        )
-    return int(degree)
-
-
-def _expansion(problem: Problem, degree: int) -> PolynomialPlant:
-    if not isinstance(problem, PolynomialPlant):
-        size = len(problem.state_names), len(getattr(problem, "disturbance_names", ())), len(problem.r2), 0
-        check_cost(size, degree, expanded=True)  # the expansion itself may already not fit
-    return problem.expand(degree - 1)
-
-
-def _infeasible(linear: LinearPart, gamma: float) -> Exception:
-    gamma_star = linear_smallest_gamma(linear)
-    if math.isfinite(gamma) and gamma <= gamma_star * (1 + 1e-8):
-        return InfeasibleGamma(gamma, gamma_star)
-    return NumericalFailure(
-        "The Riccati equation was not solved.",
-        f"gamma = {gamma:.10g} is above gamma* = {gamma_star:.10g}, but no stabilising solution was found",
-        "a gamma further above gamma*, or better scaled weights",
-    )
-
-
-def _unscaled(parts: Parts, scaling: Scaling) -> tuple[Parts, np.ndarray]:
-    """Monomial coefficients in the plant's own units, from tensor entries in scaled ones, and P."""
-    n = len(scaling.state)
-    powers = monomials(1.0 / scaling.state[None, :], parts)
-    value = {
-        k: (entries * basis.multiplicity(n, k) * powers[k][0] * scaling.value**2).astype(float)
-        for k, entries in parts.items()
-    }
-    half = np.zeros((n, n))
-    half[np.triu_indices(n)] = value[2]
-    return value, half + half.T

@@ -1,27 +1,165 @@
 """The linear part of a problem: A, g1, g2 R2^(−½), ∂h/∂x at the operating point, and what it must fulfil.
 
-Every mode that does not decay must be reached by u and seen in z. That is tested mode by mode
+*Standing assumptions.* Every mode that does not decay must be reached by u and seen in z. That is tested mode by mode
 (Popov–Belevitch–Hautus) in balanced coordinates, so that the error names the mode.
 
-A problem in scaled coordinates: units by powers of two, so that nothing is rounded, and Eq. (8) in them.
+*Scaling.* Units by powers of two, so that nothing is rounded: arms mix 1e4 N·m/rad with radians. With x = D ξ and
+V = s² W the Hamiltonian matrix of the Riccati equation is balanced, and so are the coefficients of every higher degree.
 
-Arms mix 1e4 N·m/rad with radians. With x = D ξ and V = s² W the Hamiltonian matrix of the Riccati equation is
-balanced, and so are the coefficients of every higher degree.
+*The quadratic part of Eq. (8)*, a Riccati equation with an indefinite quadratic term (`flexhinf.hinf.hji`): the stable
+invariant subspace of the Hamiltonian matrix (ordered real Schur form) gives P to about 1e-10, which would cap every
+higher degree; Newton steps, one Lyapunov equation each, bring it to rounding.
 
-The smallest feasible attenuation level γ* of Eq. (5), for the linear part, by bisection.
+*The smallest feasible attenuation level* γ* of Eq. (5), by bisection.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from flexhinf.errors import InvalidInput, NotDetectable, NotStabilisable, NumericalFailure
-from flexhinf.hinf.riccati import RiccatiSolution, solve_riccati
 from flexhinf.plant.plant import GeneralisedPlant
 from flexhinf.plant.polynomial_plant import PolynomialPlant, Problem
 from flexhinf.polynomial.algebra import add_part, monomials, product
+
+_AXIS = 1e-13  # eigenvalues this close to the imaginary axis, relative to the norm times n, lie on it
+_ISOTROPY = 1e-6  # asymmetry of U1ᵀU2 beyond which the subspace mixes a mode with its mirror image
+_NEGATIVE = 1e-9  # most negative eigenvalue of P, relative to the largest, that still counts as zero
+_LARGEST_NORM = 1e40  # bound on the norm of P, relative to the norm of the Hamiltonian matrix
+_NEWTON_STEPS = 6
+_ROUNDING = 4 * float(np.finfo(np.longdouble).eps)  # relative residual that no step improves
+
+
+@dataclass(frozen=True)
+class RiccatiSolution:
+    """A stabilising solution P ≥ 0.
+
+    `p`: (n, n), in extended precision (where the machine has it) once it is polished. `closed_loop`: (n, n), A + M P,
+    both the law and the worst disturbance applied. `residual`: Norm of the left-hand side relative to the largest of
+    its terms. `form`: Real Schur form of the closed loop before the last Newton step: close enough for a sensitivity.
+    """
+
+    p: np.ndarray
+    closed_loop: np.ndarray
+    residual: float
+    form: tuple[np.ndarray, np.ndarray] | None = None
+
+
+def solve_riccati(a: np.ndarray, m: np.ndarray, q: np.ndarray) -> RiccatiSolution | None:
+    """Stabilising P ≥ 0 to about 1e-10, or None where there is none; `polish` makes it exact.
+
+    `a`, `m`, `q`: (n, n), in balanced coordinates. `m` is symmetric and indefinite, `q` symmetric positive
+    semidefinite.
+
+    Feasibility is lost in two ways as γ falls: eigenvalues of the Hamiltonian matrix reach the imaginary
+    axis, or the stable subspace loses its graph form (P grows without bound and comes back negative). Both
+    are looked at.
+    """
+    from scipy.linalg import schur
+
+    n = len(a)
+    hamiltonian = np.block([[a, m], [-q, -a.T]]).astype(float)
+    size = float(np.linalg.norm(hamiltonian))
+    if not np.isfinite(size):
+        return None
+    try:
+        ordered: tuple[Any, ...] = schur(hamiltonian, sort="lhp", check_finite=False)
+    except np.linalg.LinAlgError:  # an eigenvalue crossed the axis while the form was being ordered
+        return None
+    triangular, vectors, stable = ordered
+    distance = np.abs(
+        np.diag(triangular)
+    ).min()  # of eigenvalues to the axis: 2×2 blocks have Re λ on their diagonal
+    if stable != n or distance <= _AXIS * n * size:
+        return None
+    upper, lower = vectors[:n, :n], vectors[n:, :n]
+    cross = upper.T @ lower
+    if np.linalg.norm(cross - cross.T) > _ISOTROPY * max(float(np.linalg.norm(cross)), 1e-10):
+        return None
+    try:
+        p = np.linalg.solve(upper.T, lower.T).T
+    except np.linalg.LinAlgError:
+        return None
+    p = (p + p.T) / 2
+    eigenvalues = np.linalg.eigvalsh(p) if np.isfinite(p).all() else np.array([-np.inf])
+    if eigenvalues[0] < -_NEGATIVE * abs(eigenvalues[-1]) or eigenvalues[-1] > _LARGEST_NORM * size:
+        return None
+    return RiccatiSolution(p, (a + m @ p).astype(float), np.nan)
+
+
+def polish(a: np.ndarray, m: np.ndarray, q: np.ndarray, p: np.ndarray) -> RiccatiSolution | None:
+    """Newton steps while the residual falls; the best iterate is kept. None where it does not stabilise.
+
+    P M P cancels where P is large, so P, residual and closed loop are formed in extended precision (where the
+    machine has it); the steps themselves need no more than double.
+
+    `a`, `m`, `q`: (n, n), as for `solve_riccati`. `p`: (n, n), A first approximation.
+    """
+    a, m, q, p = (matrix.astype(np.longdouble) for matrix in (a, m, q, p))
+    p, form = (p + p.T) / 2, None  # no step would take an antisymmetric part away
+    left, scale = _riccati_residual(a, m, q, p)
+    for _ in range(_NEWTON_STEPS):
+        form = _schur((a + m @ p).astype(float))
+        step = _lyapunov_step(form, left.astype(float))
+        if step is None:
+            break
+        candidate = p + step
+        next_left, next_scale = _riccati_residual(a, m, q, candidate)
+        if not _size(next_left) < _size(left):
+            break
+        gained = _size(next_left) < 0.25 * _size(left)
+        p, left, scale = candidate, next_left, next_scale
+        if not gained or _size(left) <= _ROUNDING * scale:
+            break
+    closed_loop = (a + m @ p).astype(float)
+    if np.linalg.eigvals(closed_loop).real.max() >= 0:
+        return None
+    return RiccatiSolution(p, closed_loop, _size(left) / scale, form)
+
+
+def sensitivity(riccati: RiccatiSolution, change: np.ndarray) -> np.ndarray:
+    """ΔP for a small change ΔM of M: A_clᵀ ΔP + ΔP A_cl = −P ΔM P, shape (n, n).
+
+    `change`: (n, n), ΔM, symmetric.
+    """
+    p = riccati.p.astype(float)
+    form = riccati.form or _schur(riccati.closed_loop)
+    step = _lyapunov_step(form, p @ change.astype(float) @ p)
+    return np.full(p.shape, np.inf) if step is None else step
+
+
+def _size(matrix: np.ndarray) -> float:
+    return float(np.sqrt((matrix * matrix).sum()))
+
+
+def _schur(closed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    from scipy.linalg import schur
+
+    form: tuple[Any, ...] = schur(closed, check_finite=False)
+    return form[0], form[1]
+
+
+def _lyapunov_step(form: tuple[np.ndarray, np.ndarray], left: np.ndarray) -> np.ndarray | None:
+    """Δ with closedᵀ Δ + Δ closed = −left; None where the equation is singular to working precision."""
+    from scipy.linalg.lapack import get_lapack_funcs
+
+    triangular, vectors = form
+    (trsyl,) = get_lapack_funcs(("trsyl",), (triangular,))
+    rotated, scale, info = trsyl(triangular, triangular, -vectors.T @ left @ vectors, trana="T")
+    if info != 0 or scale == 0:
+        return None
+    step = vectors @ (rotated / scale) @ vectors.T
+    return (step + step.T) / 2
+
+
+def _riccati_residual(a: np.ndarray, m: np.ndarray, q: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, float]:
+    linear, quadratic = p @ a, p @ m @ p
+    left = linear + linear.T + q + (quadratic + quadratic.T) / 2
+    return left, max(_size(term) for term in (linear, q, quadratic)) or 1.0
+
 
 #: Monomial coefficients by degree.
 Parts = dict[int, np.ndarray]
@@ -31,12 +169,7 @@ Parts = dict[int, np.ndarray]
 class Scaling:
     """x = `state` * ξ (elementwise) and V = `value`² W.
 
-    Attributes
-    ----------
-    state : ndarray, shape (n,)
-        Powers of two.
-    value : float
-        A power of two: g1 and g2 are multiplied by it, h divided by it.
+    `state`: (n,), powers of two. `value`: A power of two: g1 and g2 are multiplied by it, h divided by it.
     """
 
     state: np.ndarray
@@ -56,9 +189,7 @@ def balance(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> Scaling:
     The diagonal similarity is kept symplectic up to one factor: diag(D⁻¹, D) on state and costate, and the
     factor evens out the two off-diagonal blocks.
 
-    Parameters
-    ----------
-    a, b, c : ndarray, shapes (n, n), (n, inputs), (outputs, n)
+    `a`, `b`, `c`: (n, n), (n, inputs), (outputs, n).
     """
     from scipy.linalg import matrix_balance
 
@@ -83,13 +214,8 @@ class ScaledProblem:
     The columns are g1/γ with sign +1 and g2 L⁻ᵀ with sign −1, where R2 = L Lᵀ; q = ½ hᵀh. So both quadratic
     terms of Eq. (8) are sums of squares of *scalar* polynomials V_x g_c, as many as there are channels.
 
-    Attributes
-    ----------
-    n, degree : int
-        States, and degree of V.
-    f, g, q : dict degree → ndarray
-        Monomial coefficients, shapes (n, count), (n, channels, count), (count,).
-    signs : ndarray, shape (channels,)
+    `n`, `degree`: States, and degree of V. `f`, `g`, `q`: Monomial coefficients, shapes (n, count), (n, channels,
+    count), (count,). `signs`: (channels,).
     """
 
     n: int
@@ -120,18 +246,13 @@ class ScaledProblem:
             g[k] = channels * powers[k] * (s / d)[:, None, None]
         signs = np.r_[np.ones(md if disturbed else 0), -np.ones(m)]
         h = {k: part * powers[k] / s for k, part in plant.h_parts.items()}
-        return cls(n, degree, f, g, _half_square(h, n, degree), signs)
-
-
-def _half_square(h: Parts, n: int, degree: int) -> Parts:
-    """½ hᵀh through `degree`."""
-    total: Parts = {}
-    for a, left in h.items():
-        for b, right in h.items():
-            if b <= a and a + b <= degree:
-                weight = 0.5 if a == b else 1.0
-                add_part(total, a + b, weight * product(left.T, right, n, a, b))
-    return {k: part for k, part in total.items() if part.any()}
+        q: Parts = {}  # ½ hᵀh through `degree`
+        for a, left in h.items():
+            for b, right in h.items():
+                if b <= a and a + b <= degree:
+                    weight = 0.5 if a == b else 1.0
+                    add_part(q, a + b, weight * product(left.T, right, n, a, b))
+        return cls(n, degree, f, g, {k: part for k, part in q.items() if part.any()}, signs)
 
 
 _DECAYS = 4.0 * float(np.finfo(float).eps)  # times n: what rounding may add to Re λ, relative to ‖A‖
@@ -155,9 +276,7 @@ def check_problem(problem: object) -> None:
 class LinearPart:
     """ẋ = A x + B1 d + B2 v, z = (C x, v): the input is in units of its own penalty, v = lu.
 
-    Attributes
-    ----------
-    a, b1, b2, c : ndarray, shapes (n, n), (n, md), (n, m), (s, n)
+    `a`, `b1`, `b2`, `c`: (n, n), (n, md), (n, m), (s, n).
     """
 
     a: np.ndarray
@@ -170,10 +289,7 @@ class LinearPart:
     def of(cls, plant: PolynomialPlant) -> LinearPart:
         """Degree-1 part of the expansion.
 
-        Raises
-        ------
-        InvalidInput
-            A number so large that products of squares are not finite.
+        Raises InvalidInput: A number so large that products of squares are not finite.
         """
         b2 = np.linalg.solve(np.linalg.cholesky(plant.r2), plant.g2_parts[0][:, :, 0].T).T
         linear = cls(plant.f_parts[1], plant.g1_parts[0][:, :, 0], b2, plant.h_parts[1], plant.state_names)
@@ -204,9 +320,28 @@ class LinearPart:
         return scaling, LinearPart(a, b[:, :md], b[:, md:], c, self.state_names)
 
     def check(self) -> None:
-        """Stabilisable from the input, detectable in the penalty; see `check_standing_assumptions`."""
+        """(A, g2) stabilisable and (h, A) detectable.
+
+        Raises NotStabilisable, NotDetectable: with the mode and the state it lives in.
+        """
         _, balanced = self.scaled(np.inf)
-        check_standing_assumptions(balanced.a, balanced.b2, balanced.c, self.state_names)
+        a = balanced.a
+        modes = np.linalg.eigvals(a)
+        for mode in modes[(modes.real >= -_DECAYS * len(a) * np.linalg.norm(a)) & (modes.imag >= 0)]:
+            text = f"{mode.real:.4g}" if mode.imag == 0 else f"{mode.real:.4g} ± {abs(mode.imag):.4g}i"
+            if (state := _missed_direction(a.T, balanced.b2.T, mode)) is not None:
+                raise NotStabilisable(
+                    "A mode that does not decay cannot be reached from the input.",
+                    f"eigenvalue {text} of A, mainly in state {self.state_names[state]!r}, "
+                    "has a left eigenvector orthogonal to g2, to ten digits",
+                    "an input that acts on it, or leave that state out of the problem",
+                )
+            if (state := _missed_direction(a, balanced.c, mode)) is not None:
+                raise NotDetectable(
+                    "A mode that does not decay cannot be seen in the penalty.",
+                    f"eigenvalue {text} of A, mainly in state {self.state_names[state]!r}, is not in h(x)",
+                    f"a weight on {self.state_names[state]!r}",
+                )
 
     def riccati(self, gamma: float) -> RiccatiSolution | None:
         """Stabilising P ≥ 0 at this level to about 1e-10, or None. Expects balanced coordinates."""
@@ -224,41 +359,6 @@ class LinearPart:
         return replace(self, a=to_y @ self.a @ to_x, b1=to_y @ self.b1, b2=to_y @ self.b2, c=self.c @ to_x)
 
 
-def check_standing_assumptions(
-    a: np.ndarray, b: np.ndarray, c: np.ndarray, state_names: tuple[str, ...]
-) -> None:
-    """(A, g2) stabilisable and (h, A) detectable.
-
-    Parameters
-    ----------
-    a, b, c : ndarray, shapes (n, n), (n, m), (s, n)
-        Balanced A, g2 and ∂h/∂x.
-
-    Raises
-    ------
-    NotStabilisable, NotDetectable
-        With the mode and the state it lives in.
-    """
-    modes = np.linalg.eigvals(a)
-    lasting = modes[(modes.real >= -_DECAYS * len(a) * np.linalg.norm(a)) & (modes.imag >= 0)]
-    for mode in lasting:
-        state = _missed_direction(a.T, b.T, mode)
-        if state is not None:
-            raise NotStabilisable(
-                "A mode that does not decay cannot be reached from the input.",
-                f"eigenvalue {_mode_text(mode)} of A, mainly in state {state_names[state]!r}, "
-                "has a left eigenvector orthogonal to g2, to ten digits",
-                "an input that acts on it, or leave that state out of the problem",
-            )
-        state = _missed_direction(a, c, mode)
-        if state is not None:
-            raise NotDetectable(
-                "A mode that does not decay cannot be seen in the penalty.",
-                f"eigenvalue {_mode_text(mode)} of A, mainly in state {state_names[state]!r}, is not in h(x)",
-                f"a weight on {state_names[state]!r}",
-            )
-
-
 def _missed_direction(a: np.ndarray, c: np.ndarray, mode: complex) -> int | None:
     """Largest component of a vector v with A v = λ v and C v = 0, or None if there is none."""
     pencil = np.vstack([a - mode * np.eye(len(a)), c])
@@ -268,18 +368,14 @@ def _missed_direction(a: np.ndarray, c: np.ndarray, mode: complex) -> int | None
     return int(np.argmax(np.abs(directions[-1])))
 
 
-def _mode_text(mode: complex) -> str:
-    return f"{mode.real:.4g}" if mode.imag == 0 else f"{mode.real:.4g} ± {abs(mode.imag):.4g}i"
-
-
 def disturbance_reaches_output(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> bool:
     """Whether d influences C x at all: the subspace reached from b, built vector by vector, against C."""
     seen = _REACH * float(np.linalg.norm(c))
     reached = np.zeros((len(a), 0))
     block = b
     while True:
-        block = block - reached @ (reached.T @ block)
-        block = block - reached @ (reached.T @ block)
+        for _ in range(2):
+            block = block - reached @ (reached.T @ block)
         left, sizes, _ = np.linalg.svd(block, full_matrices=False)
         fresh = left[:, sizes > _REACH * (np.linalg.norm(b) if reached.shape[1] == 0 else np.linalg.norm(a))]
         if fresh.shape[1] == 0:
@@ -336,7 +432,7 @@ def smallest_gamma(problem: Problem) -> float:
 def linear_smallest_gamma(linear: LinearPart, relative: float = _RELATIVE) -> float:
     """The same for a linear part at hand, to another relative width where many are tried."""
     linear.check()
-    linear, given = _in_value_states(linear), linear
+    stated, linear = linear, _in_value_states(linear)
     if not is_feasible(linear, float("inf")):
         raise NumericalFailure(
             "The smallest attenuation level cannot be computed: the problem is too ill-conditioned.",
@@ -344,7 +440,7 @@ def linear_smallest_gamma(linear: LinearPart, relative: float = _RELATIVE) -> fl
             "every lasting mode is reached and seen; rounding hides it",
             "an input that reaches each mode that does not decay more directly; weights and inputs of comparable size",
         )
-    _, balanced = given.scaled(float("inf"))
+    _, balanced = stated.scaled(float("inf"))
     if not disturbance_reaches_output(balanced.a, balanced.b1, balanced.c):
         return 0.0
     low, high = _bracket(linear)

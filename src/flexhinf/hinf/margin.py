@@ -19,7 +19,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from numbers import Real
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -42,25 +42,16 @@ _DIFFERENCE = 1e-4  # deviation for the slope of a penalty function
 CheckedPenalty = (
     Penalty | Callable[[np.ndarray], np.ndarray] | Mapping[str, Any] | Sequence[float] | np.ndarray
 )
-Output = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 
-@dataclass(frozen=True, eq=False)
-class CheckedPair:
-    """The pair that is checked instead of the designed one.
+class CheckedPair(NamedTuple):
+    """The γ and penalty that are checked instead of the designed ones.
 
-    Attributes
-    ----------
-    gamma : float
-        The checked attenuation level.
-    output : callable
-        The checked h from x (N, n) and the designed h (N, s).
-    text : str
-        How the pair differs from the designed one.
+    `output`: The checked h from x (N, n) and the designed h (N, s). `text`: How the pair differs from the designed one.
     """
 
     gamma: float
-    output: Output
+    output: Callable[[np.ndarray, np.ndarray], np.ndarray]
     text: str
 
 
@@ -153,40 +144,33 @@ def checked_pair(
             f"expected gamma ≥ the designed {solution.gamma:.6g}, got {checked!r}",
             "a weaker level than the designed one, for example 1.1 times it",
         )
-    output, difference = _checked_penalty(solution, penalty)
     infinite = not np.isfinite(solution.gamma)
     level = "gamma = inf" if infinite else f"{checked / solution.gamma:.4g} times the designed gamma"
-    return CheckedPair(float(checked), output, f"{level}, {difference}")
-
-
-def _checked_penalty(
-    solution: ValueFunction, penalty: CheckedPenalty | None
-) -> tuple[Callable[[np.ndarray, np.ndarray], np.ndarray], str]:
-    """A function (x, designed h) → checked h, and its description."""
-    n = len(solution.P)
-    if penalty is None:
-        return lambda x, h: PENALTY_MARGIN * h, f"{PENALTY_MARGIN} times the designed penalty"
     if isinstance(penalty, Penalty):
-        penalty = _weights_of(solution, penalty)
+        penalty = _states_of(solution, penalty)
+    if penalty is None:
+        text = f"{level}, {PENALTY_MARGIN} times the designed penalty"
+        return CheckedPair(float(checked), lambda x, h: PENALTY_MARGIN * h, text)
     if callable(penalty):
-        return lambda x, h: penalty(x), "a given penalty function"
+        return CheckedPair(float(checked), lambda x, h: penalty(x), f"{level}, a given penalty function")
+    n, names = len(solution.P), solution.state_names
     if isinstance(penalty, Mapping):
-        members = {
-            name: [state for state in solution.state_names if _belongs(state, name)] for name in penalty
-        }
-        groups = {
-            name: found for name, found in members.items() if found and name not in solution.state_names
-        }
+        groups = {}  # link_position_elbow is one joint's of link_position, and so for integrals
+        for group in [name for name in penalty if name not in names]:
+            stem, integral = group.removesuffix("_integral"), group.endswith("_integral")
+            members = [name for name in names if name.startswith(f"{stem}_")]
+            if members := [name for name in members if name.endswith("_integral") == integral]:
+                groups[group] = members
         penalty = Penalty(penalty).expanded(groups).states
         assert isinstance(penalty, Mapping)
-        unknown = sorted(set(penalty) - set(solution.state_names))
+        unknown = sorted(set(penalty) - set(names))
         if unknown:
             raise InvalidInput(
                 "The penalty names a state that does not exist.",
-                f"expected names among {', '.join(solution.state_names)}, got {', '.join(unknown)}",
+                f"expected names among {', '.join(names)}, got {', '.join(unknown)}",
                 "the names of the problem's states",
             )
-        penalty = [penalty.get(name, 0.0) for name in solution.state_names]
+        penalty = [penalty.get(name, 0.0) for name in names]
     weights = real_array(penalty)
     matrix: np.ndarray = np.diag(weights) if weights.ndim == 1 else weights
     if matrix.ndim != 2 or matrix.shape[1] != n or not np.isfinite(matrix).all():
@@ -195,18 +179,11 @@ def _checked_penalty(
             f"expected {n} finite weights or a matrix with {n} columns, got shape {weights.shape}: {penalty!r}",
             "one weight per state, or {name: weight}",
         )
-    return lambda x, h: x @ matrix.T, f"penalty weights {np.array2string(weights, precision=6)}"
+    text = f"{level}, penalty weights {np.array2string(weights, precision=6)}"
+    return CheckedPair(float(checked), lambda x, h: x @ matrix.T, text)
 
 
-def _belongs(state: str, group: str) -> bool:
-    """Whether a state is one joint's of a group: link_position_elbow of link_position, and so for integrals."""
-    stem, integral = group.removesuffix("_integral"), "_integral" if group.endswith("_integral") else ""
-    return state.startswith(f"{stem}_") and state.endswith(integral) and (
-        bool(integral) or not state.endswith("_integral")
-    )  # fmt: skip
-
-
-def _weights_of(solution: ValueFunction, penalty: Penalty) -> Any:
+def _states_of(solution: ValueFunction, penalty: Penalty) -> Any:
     """h of a penalty whose R2 is that of the design: the check is about the law, which was made with that R2."""
     designed = solution.expansion.r2
     if not np.allclose(penalty.r2(len(designed)), designed, rtol=1e-9, atol=0.0):

@@ -29,23 +29,16 @@ from flexhinf.hinf.value_function import ValueFunction
 _BISECTIONS = 40
 _TOGETHER = 64  # points that are evaluated at once at least: of few rays several points each
 _ROUNDING = 1e-11  # r up to this, relative to the largest of its terms, counts as zero
-_SLACK = (
-    2.0  # rays are followed to this many times the lowest level found, to have several starts for the ascent
-)
+#: Rays are followed to this many times the lowest level found, to have several starts for the ascent.
+_SLACK = 2.0
 
 
 @dataclass(frozen=True)
 class Stops:
     """Where rays stopped.
 
-    Attributes
-    ----------
-    level, radius : ndarray, shape (N,)
-        V at the last good point (inf for a ray that did not stop), and the radius.
-    point : ndarray, shape (N, n)
-    broken : ndarray of bool, shape (N,)
-        Whether r > 0 there; otherwise V stopped increasing.
-    direction : ndarray, shape (N, n)
+    `level`, `radius`: (N,), V at the last good point (inf for a ray that did not stop), and the radius. `point`: (N,
+    n). `broken`: (N,), whether r > 0 there; otherwise V stopped increasing. `direction`: (N, n).
     """
 
     level: np.ndarray
@@ -58,25 +51,13 @@ class Stops:
         """Some of the rays."""
         return Stops(*(getattr(self, name)[places] for name in Stops.__dataclass_fields__))
 
-    @classmethod
-    def none(cls, n: int) -> Stops:
-        """No rays in `n` states."""
-        return cls(np.zeros(0), np.zeros(0), np.zeros((0, n)), np.zeros(0, bool), np.zeros((0, n)))
-
 
 @dataclass(frozen=True)
 class Rays:
     """Directions with the gradient of every part of V on them.
 
-    Attributes
-    ----------
-    direction : ndarray, shape (N, n)
-    degrees : ndarray of int, shape (K,)
-        Degrees of V that occur.
-    slopes : ndarray, shape (N, K, n)
-        V_k,x(v).
-    values : ndarray, shape (N, K)
-        V_k(v) = V_k,x(v) v / k, by Euler.
+    `direction`: (N, n). `degrees`: (K,), degrees of V that occur. `slopes`: (N, K, n), V_k,x(v). `values`: (N, K),
+    V_k(v) = V_k,x(v) v / k, by Euler.
     """
 
     direction: np.ndarray
@@ -108,10 +89,7 @@ class Rays:
 class Inequality:
     """r(x) ≤ 0 with the exact fields, for a checked attenuation level and penalty.
 
-    Attributes
-    ----------
-    output : callable
-        The checked h from x (N, n) and the designed h (N, s).
+    `output`: The checked h from x (N, n) and the designed h (N, s).
     """
 
     solution: ValueFunction
@@ -154,13 +132,6 @@ class Inequality:
         priced = np.einsum("ai,aij->aj", slope, g2) @ self.solution.input_price
         return f + np.einsum("aij,aj->ai", g1, disturbance) - np.einsum("aij,aj->ai", g2, priced)
 
-    def stopped(self, rays: Rays, radius: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """V, whether r > 0, and whether V has stopped increasing, at one radius per ray, each (N,)."""
-        x, value, slope, radial = rays.at(radius)
-        terms = self.terms(x, slope)
-        broken = ~(terms.sum(axis=0) <= _ROUNDING * np.abs(terms).max(axis=0))
-        return value, broken, ~(radial > 0)
-
     def follow(
         self, directions: np.ndarray, radii: np.ndarray, growth: float, largest: float, cap: float
     ) -> Stops:
@@ -195,10 +166,12 @@ class Inequality:
     def _along(
         self, rays: Rays, chosen: np.ndarray, radii: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """What `stopped` gives, at several radii (M, K) on each chosen ray, (M, K) each."""
-        points = self.stopped(rays.chosen(np.repeat(chosen, radii.shape[1])), radii.ravel())
-        value, violated, turned = (each.reshape(radii.shape) for each in points)
-        return value, violated, turned
+        """V, whether r > 0, and whether V has stopped increasing, at radii (M, K) on each chosen ray, (M, K) each."""
+        x, value, slope, radial = rays.chosen(np.repeat(chosen, radii.shape[1])).at(radii.ravel())
+        terms = self.terms(x, slope)
+        violated = ~(terms.sum(axis=0) <= _ROUNDING * np.abs(terms).max(axis=0))
+        turned = ~(radial > 0)
+        return value.reshape(radii.shape), violated.reshape(radii.shape), turned.reshape(radii.shape)
 
     def _pinpoint(
         self, rays: Rays, good: np.ndarray, bad: np.ndarray, broken: np.ndarray
@@ -230,16 +203,8 @@ _BOX, _BOXES = 0.2, 20  # half width of a box in which V is minimised, in units 
 class Landscape:
     """q and its gradient in scaled coordinates y, for the inequality or for the growth of V along rays.
 
-    Attributes
-    ----------
-    scale : ndarray, shape (n, n)
-        T of x = T y.
-    level : float
-        c; may be infinite.
-    largest : float
-        Bound on every state.
-    growth : bool
-        Whether q is −x·V_x/|y|² instead of r/|y|².
+    `scale`: (n, n), T of x = T y. `level`: c; may be infinite. `largest`: Bound on every state. `growth`: Whether q is
+    −x·V_x/|y|² instead of r/|y|².
     """
 
     inequality: Inequality

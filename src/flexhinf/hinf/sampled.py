@@ -1,15 +1,9 @@
 """Where the truncated solution can be trusted, judged by looking at points: a `SampledCheck`, not a proof.
 
-With the exact fields, u = −R2⁻¹ g2ᵀ V_xᵀ satisfies V̇ ≤ ½ γ²|d|² − ½ |z|² wherever
-
-    r(x) = V_x f + ½ hᵀh + ½ V_x (g1 g1ᵀ/γ² − g2 R2⁻¹ g2ᵀ) V_xᵀ ≤ 0.
-
-A weaker pair than the designed one is checked, see `flexhinf.hinf.margin`. The level is the smallest V at which r
-becomes positive, or V stops increasing along the ray from 0. Rays give an upper bound; ascent from many starts then
-looks for violations inside the level set, and each lowers it (`rays.py`), until two rounds find none. What is
+A weaker pair than the designed one is checked by r(x) ≤ 0, see `flexhinf.hinf.margin`. The level is the smallest V at
+which r becomes positive, or V stops increasing along the ray from 0. Rays give an upper bound; ascent from many starts
+then looks for violations inside the level set, and each lowers it (`rays.py`), until two rounds find none. What is
 found does not depend on the rays that came first.
-
-The largest step between equilibria whose start lies in a level set of V.
 """
 
 from __future__ import annotations
@@ -107,18 +101,8 @@ def equilibrium_state(
 ) -> np.ndarray:
     """Deviation (n,) at which every rate but the integrals' vanishes, given the moved states.
 
-    Parameters
-    ----------
-    moved : ndarray, shape (n,)
-        Deviation of the moved states, zero elsewhere.
-    integral : ndarray of bool, shape (n,)
-        Integral states; they keep the guess.
-    guess : ndarray, shape (n,), optional
-
-    Raises
-    ------
-    NumericalFailure
-        No equilibrium was found there.
+    `moved`: (n,), deviation of the moved states, zero elsewhere. `integral`: (n,), integral states; they keep the
+    guess. `guess`: (n,). Raises NumericalFailure: no equilibrium was found there.
     """
     n, _, m, _ = solution.expansion.size
     given = integral | (moved != 0)
@@ -283,8 +267,13 @@ def sample_region(
             "the defaults",
         )
     margin, pair = checked_margin(solution, gamma, penalty), checked_pair(solution, gamma, penalty)
-    if not margin.definite and not (_is_linear(solution) and margin.semidefinite):
-        return None
+    if not margin.definite:
+        plant, linear = solution.problem, False
+        if isinstance(plant, PolynomialPlant) and set(solution.value_parts) == {2}:
+            highest = max(plant.f_parts), max(plant.h_parts), max(plant.g1_parts), max(plant.g2_parts)
+            linear = highest == (1, 1, 0, 0)  # r is its quadratic part everywhere
+        if not (linear and margin.semidefinite):
+            return None
     search = _Search(Inequality(solution, pair.gamma, pair.output), np.random.default_rng(seed), largest)
     with np.errstate(all="ignore"):
         contact = search.lowest(rays)
@@ -295,15 +284,6 @@ def sample_region(
         limit, point = ("inequality" if contact.broken[0] else "V stops increasing"), contact.point[0]
         level = level if contact.radius[0] > search.first else 0.0
     return SampledCheck(solution, pair.gamma, pair.text, level, point, limit, rays, seed, float(largest))
-
-
-def _is_linear(solution: ValueFunction) -> bool:
-    """Whether r is its quadratic part everywhere: a linear plant and penalty, and a quadratic V."""
-    plant = solution.problem
-    if not isinstance(plant, PolynomialPlant) or set(solution.value_parts) != {2}:
-        return False
-    highest = max(plant.f_parts), max(plant.h_parts), max(plant.g1_parts), max(plant.g2_parts)
-    return highest == (1, 1, 0, 0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -349,7 +329,15 @@ class _Search:
 
     def touched(self, found: Stops, best: Stops) -> Stops:
         """The lowest contact of a level set with the violations at which rays stopped."""
-        for place in self._apart(found):
+        sphere, chosen = self.inequality.on_sphere(found.direction), []
+        for place in np.argsort(
+            found.level
+        ):  # those that stopped lowest, no two in nearly the same direction
+            if not np.isfinite(found.level[place]) or len(chosen) == _TOUCHES:
+                break
+            if all(sphere[place] @ sphere[other] < _APART for other in chosen):
+                chosen.append(int(place))
+        for place in chosen:
             stop = found.chosen([place])
             landscape = self.landscape(float(stop.level[0]), not stop.broken[0])
             y = touching_point(landscape, np.linalg.solve(landscape.scale, stop.point[0]))
@@ -378,7 +366,7 @@ class _Search:
             rays.append(self.inequality.directions(self.inequality.on_sphere(points)))
         directions = np.concatenate(rays)
         if not len(directions):
-            return Stops.none(self.states)
+            return Stops(*(np.zeros(shape) for shape in (0, 0, (0, self.states), 0, (0, self.states))))
         found = self.follow(directions, level, growth=1.04)
         return found.chosen(np.flatnonzero(found.level < level * (1 - _LOWER)))
 
@@ -387,14 +375,3 @@ class _Search:
         root = self.inequality.root
         size = np.sqrt(2 * level) if np.isfinite(level) else self.largest / float(np.abs(root).max())
         return Landscape(self.inequality, root * size, level, self.largest, growth)
-
-    def _apart(self, found: Stops) -> list[int]:
-        """The rays that stopped lowest, no two of them in nearly the same direction."""
-        sphere = self.inequality.on_sphere(found.direction)
-        chosen: list[int] = []
-        for place in np.argsort(found.level):
-            if not np.isfinite(found.level[place]) or len(chosen) == _TOUCHES:
-                break
-            if all(sphere[place] @ sphere[other] < _APART for other in chosen):
-                chosen.append(int(place))
-        return chosen

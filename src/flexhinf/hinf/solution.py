@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
@@ -20,9 +20,8 @@ import numpy as np
 
 from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.files import read_arrays, write_arrays
-from flexhinf.hinf.accuracy import DOUBTFUL
 from flexhinf.hinf.margin import CheckedMargin, CheckedPenalty, checked_margin
-from flexhinf.hinf.recursion import DegreeRecord
+from flexhinf.hinf.recursion import DOUBTFUL, DegreeRecord
 from flexhinf.hinf.sampled import SampledCheck, sample_region
 from flexhinf.hinf.value_function import ValueFunction
 from flexhinf.notebook import names_text, number_text
@@ -40,65 +39,10 @@ if TYPE_CHECKING:
     from flexhinf.certify.certificate import Certificate
 
 
-def _level(solution: ValueFunction) -> str:
-    if not np.isfinite(solution.gamma):
-        return "gamma = inf: no disturbance"
-    star = solution.gamma_star
-    if star == 0:
-        return f"gamma = {solution.gamma:.10g}, gamma* = 0"
-    excess = solution.gamma / star - 1
-    ratio = f"{1 + excess:.4g}" if abs(excess) >= 1e-3 else f"(1 + {excess:.1e})"
-    return f"gamma = {solution.gamma:.10g} = {ratio} gamma*, gamma* = {star:.10g}"
-
-
-def _counted(number: int, name: str) -> str:
-    return f"{number} {name}" + ("" if number == 1 else "s")
-
-
-def _row(n: int, record: DegreeRecord) -> str:
-    solved = record.method != "zero by parity"
-    residual = f"{record.residual:.1e}" if solved else "–"
-    error = f"{record.error:.1e}" if solved and not np.isnan(record.error) else "–"
-    time = _time(record.seconds) if solved else "–"
-    return _columns(record.degree, count(n, record.degree), record.method, residual, error, time)
-
-
-def _columns(degree: object, size: object, method: str, residual: str, error: str, time: str) -> str:
+def _row(degree: object, size: object, method: str, residual: str, error: str, seconds: float | None) -> str:
+    """A row of the table of a report; no time where there is none."""
+    time = "–" if seconds is None else f"{seconds:.2f} s" if seconds >= 1 else f"{1e3 * seconds:.2f} ms"
     return f"{degree:>6}  {size:>12}  {method:<19}  {residual:>17}  {error:>11}  {time:>8}"
-
-
-def _warning(records: Sequence[DegreeRecord]) -> list[str]:
-    """Which degrees hold few digits, and what to do."""
-    doubtful = [record for record in records if record.error > DOUBTFUL]
-    if not doubtful:
-        return []
-    worst = max(doubtful, key=lambda record: record.error)
-    degrees = ", ".join(str(record.degree) for record in doubtful)
-    return [
-        f"warning: few digits are determined by the data in degree {degrees}: in degree {worst.degree}",
-        f"         each holds to about {worst.error:.0e} of the largest; a gamma further above gamma* gives more",
-        "",
-    ]
-
-
-def _conditioning(degree: int, condition: float) -> list[str]:
-    """Why the method was chosen; the error of the eigenbasis before refinement is about cond(T)^k ε."""
-    growth = condition**degree * np.finfo(float).eps
-    return [
-        f"closed loop: cond(T) = {condition:.3g} for its eigenvectors in scaled states, "
-        f"cond(T)^{degree} eps = {growth:.1e}",
-        f"             (eigenbasis up to {HOPELESS:g} and where its residual is at rounding, Schur otherwise)",
-    ]
-
-
-def _time(seconds: float) -> str:
-    return f"{seconds:.2f} s" if seconds >= 1 else f"{1e3 * seconds:.2f} ms"
-
-
-def _size(memory: int) -> str:
-    if memory >= 1e9:
-        return f"{memory / 1e9:.2f} GB"
-    return f"{memory / 1e6:.1f} MB" if memory >= 1e6 else f"{memory / 1e3:.1f} kB"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -222,8 +166,8 @@ class HJISolution(ValueFunction, Law):
         """
         from flexhinf.certify.proof import certify
 
-        asked = {"decay": decay, "about": about, "observer": observer}
-        return certify(self, gamma, penalty, level, **asked, threads=threads, progress=progress)
+        options = {"decay": decay, "about": about, "observer": observer}
+        return certify(self, gamma, penalty, level, **options, threads=threads, progress=progress)
 
     def law_polynomial(self) -> PolynomialLaw:
         """The law as a table of monomials through degree − 1.
@@ -265,13 +209,15 @@ class HJISolution(ValueFunction, Law):
         degrees = tuple(sorted(self.slope_parts))
         table = np.concatenate([self.slope_parts[k] for k in degrees]).T
         slopes = PolynomialLaw(len(self.P), tuple(k - 1 for k in degrees), table)
-        matrix = input_matrix_of(self.problem, self.expansion)
+        exact = isinstance(self.problem, EXACT_INPUT_MATRIX)
+        matrix = (self.problem if exact else self.expansion).input_matrix
         return GradientLaw(slopes, matrix, np.linalg.inv(self.expansion.r2))
 
     @property
     def law_data(self) -> np.ndarray:
         """Coefficients of the law, flat: data of a kernel, so another γ compiles nothing."""
-        return self._feedback.coefficients.ravel()
+        feedback = self._feedback
+        return (feedback.slopes if isinstance(feedback, GradientLaw) else feedback).coefficients.ravel()
 
     @property
     def law_key(self) -> str:
@@ -283,7 +229,9 @@ class HJISolution(ValueFunction, Law):
 
     def evaluate_law(self, x: np.ndarray, data: np.ndarray) -> np.ndarray:
         """The law at one deviation x (n,) on any element, with its coefficients as an argument."""
-        return self._feedback.evaluate(x, np.asarray(data).reshape(self._feedback.coefficients.shape))
+        feedback = self._feedback
+        table = feedback.slopes if isinstance(feedback, GradientLaw) else feedback
+        return feedback.evaluate(x, np.asarray(data).reshape(table.coefficients.shape))
 
     def summary(self) -> dict[str, str]:
         """γ, degree, states, inputs, coefficients and the largest residual of any degree, for ``repr``."""
@@ -303,25 +251,51 @@ class HJISolution(ValueFunction, Law):
     def report(self) -> str:
         """How each degree was found: method, measured residual, conditioning, time, memory."""
         n, md, m, s = self.expansion.size
-        total = sum(count(n, record.degree) for record in self.records)
-        seconds = sum(record.seconds for record in self.records)
         sizes = (n, "state"), (md, "disturbance"), (m, "input"), (s, "penalised output")
-        kind = "Isaacs" if np.isfinite(self.gamma) else "Bellman"
+        counted = ", ".join(f"{number} {name}" + ("" if number == 1 else "s") for number, name in sizes)
+        kind, level = "Bellman", "gamma = inf: no disturbance"
+        if np.isfinite(self.gamma):
+            kind, star = "Isaacs", self.gamma_star
+            excess = self.gamma / star - 1 if star else np.inf
+            ratio = f"{1 + excess:.4g}" if abs(excess) >= 1e-3 else f"(1 + {excess:.1e})"
+            times = f" = {ratio} gamma*" if star else ""
+            level = f"gamma = {self.gamma:.10g}{times}, gamma* = {star:.10g}"
         lines = [
-            f"Hamilton–Jacobi–{kind} equation, {', '.join(_counted(*size) for size in sizes)}",
-            f"{_level(self)}; V to degree {self.degree}, the law to degree {self.degree - 1}",
+            f"Hamilton–Jacobi–{kind} equation, {counted}",
+            f"{level}; V to degree {self.degree}, the law to degree {self.degree - 1}",
             "",
-            _columns("degree", "coefficients", "method", "relative residual", "error about", "time"),
-            *(_row(n, record) for record in self.records),
-            _columns("total", total, "", "", "", _time(seconds)),
-            "",
-            *_warning(self.records),
+            f"{'degree':>6}  {'coefficients':>12}  {'method':<19}  {'relative residual':>17}  {'error about':>11}  "
+            f"{'time':>8}",
         ]
-        if not np.isnan(self.condition):
-            lines += _conditioning(self.degree, self.condition)
-        return "\n".join(
-            [*lines, f"memory: about {_size(self.memory)} at the peak, estimated before the solve"]
-        )
+        for record in self.records:
+            solved = record.method != "zero by parity"
+            residual = f"{record.residual:.1e}" if solved else "–"
+            error = f"{record.error:.1e}" if solved and not np.isnan(record.error) else "–"
+            size, seconds = count(n, record.degree), record.seconds if solved else None
+            lines.append(_row(record.degree, size, record.method, residual, error, seconds))
+        total = sum(count(n, record.degree) for record in self.records)
+        lines += [_row("total", total, "", "", "", sum(record.seconds for record in self.records)), ""]
+        if doubtful := [record for record in self.records if record.error > DOUBTFUL]:
+            worst, degrees = max(doubtful, key=lambda record: record.error), [str(r.degree) for r in doubtful]
+            lines += [
+                f"warning: few digits are determined by the data in degree {', '.join(degrees)}: "
+                f"in degree {worst.degree}",
+                f"         each holds to about {worst.error:.0e} of the largest; "
+                "a gamma further above gamma* gives more",
+                "",
+            ]
+        if not np.isnan(self.condition):  # the error of the eigenbasis before refinement is about cond(T)^k ε
+            growth = self.condition**self.degree * np.finfo(float).eps
+            lines += [
+                f"closed loop: cond(T) = {self.condition:.3g} for its eigenvectors in scaled states, "
+                f"cond(T)^{self.degree} eps = {growth:.1e}",
+                f"             (eigenbasis up to {HOPELESS:g} and where its residual is at rounding, Schur otherwise)",
+            ]
+        unit, name, digits = (1e9, "GB", 2) if self.memory >= 1e9 else (1e6, "MB", 1)
+        if self.memory < 1e6:
+            unit, name = 1e3, "kB"
+        size = f"{self.memory / unit:.{digits}f} {name}"
+        return "\n".join([*lines, f"memory: about {size} at the peak, estimated before the solve"])
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write to one file, atomically; see `load_solution`.
@@ -387,14 +361,8 @@ EXACT_INPUT_MATRIX = (GeneralisedPlant, PolynomialPlant)
 class GradientLaw:
     """−R2⁻¹ g2(x)ᵀ V_xᵀ with the coefficients of V_x as data.
 
-    Attributes
-    ----------
-    slopes : PolynomialLaw
-        V_x, one row per state.
-    input_matrix : callable
-        g2 at one deviation (n,) on any element, (n, m).
-    price : ndarray, shape (m, m)
-        R2⁻¹.
+    `slopes`: V_x, one row per state. `input_matrix`: g2 at one deviation (n,) on any element, (n, m). `price`: (m, m),
+    R2⁻¹.
     """
 
     slopes: PolynomialLaw
@@ -409,20 +377,10 @@ class GradientLaw:
         )
         return f"gradient {self.slopes.n} {self.slopes.degrees} {digest(priced)}"
 
-    @property
-    def coefficients(self) -> np.ndarray:
-        """Of V_x, (n, Nmon)."""
-        return self.slopes.coefficients
-
     def evaluate(self, x: Any, coefficients: Any) -> Any:
         """The law at one deviation (n,) on any element, (m,)."""
         slope = self.slopes.evaluate(x, coefficients)
         return -(self.price @ (np.asarray(self.input_matrix(x)).T @ slope))
-
-
-def input_matrix_of(problem: Problem | None, expansion: PolynomialPlant) -> Callable[[Any], Any]:
-    """g2 on any element: the exact one where the problem offers it, else its expansion."""
-    return (problem if isinstance(problem, EXACT_INPUT_MATRIX) else expansion).input_matrix
 
 
 _FORMAT, _VERSION = "flexhinf solution", 1
@@ -470,7 +428,12 @@ def _assembled(arrays: dict[str, np.ndarray], whole: bool, problem: Problem | No
     p, value = arrays.pop("P"), _gather(arrays, "V", 2, degree)
     if arrays:
         raise InvalidInput("Foreign arrays.", f"{next(iter(arrays))[:50]!r} does not belong into it")
-    _check_value(p, value, len(states))
+    if any(part.shape != (count(len(states), k),) for k, part in value.items()):
+        raise InvalidInput("Wrong shapes.", f"coefficients of V do not fit {len(states)} states")
+    rows, columns = np.triu_indices(len(states))
+    quadratic = np.where(rows == columns, 0.5, 1.0) * p[rows, columns]
+    if 2 not in value or not np.allclose(p, p.T, 1e-12, 0) or not np.allclose(value[2], quadratic, 1e-12, 0):
+        raise InvalidInput("Wrong numbers.", "P is not symmetric, or V_2 is not half its quadratic form")
     return {
         "gamma": gamma,
         "degree": degree,
@@ -486,15 +449,6 @@ def _assembled(arrays: dict[str, np.ndarray], whole: bool, problem: Problem | No
 
 def _is_integer(value: object, lowest: int, highest: int) -> bool:
     return type(value) is int and lowest <= value <= highest
-
-
-def _check_value(p: np.ndarray, value: dict[int, np.ndarray], n: int) -> None:
-    if any(part.shape != (count(n, k),) for k, part in value.items()):
-        raise InvalidInput("Wrong shapes.", f"coefficients of V do not fit {n} states")
-    rows, columns = np.triu_indices(n)
-    quadratic = np.where(rows == columns, 0.5, 1.0) * p[rows, columns]
-    if 2 not in value or not np.allclose(p, p.T, 1e-12, 0) or not np.allclose(value[2], quadratic, 1e-12, 0):
-        raise InvalidInput("Wrong numbers.", "P is not symmetric, or V_2 is not half its quadratic form")
 
 
 def _record(given: dict[str, Any], degree: int) -> DegreeRecord:

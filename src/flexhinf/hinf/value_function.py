@@ -121,9 +121,15 @@ class ValueFunction:
     # result leaves the finite numbers NumericalFailure; the functions of (N, n) alone return what comes out.
     def value(self, x: np.ndarray) -> np.ndarray:
         """V(x): a scalar, or shape (N,)."""
-        return self._at(
-            x, lambda points: np.concatenate([self._value(chunk) for chunk in self._chunks(points)])
-        )
+
+        def value(points: np.ndarray) -> np.ndarray:
+            chunks = []
+            for chunk in self._chunks(points):
+                powers, start = monomials(chunk, self.value_parts), np.zeros(len(chunk))
+                chunks.append(sum((powers[k] @ part for k, part in self.value_parts.items()), start=start))
+            return np.concatenate(chunks)
+
+        return self._at(x, value)
 
     def gradient(self, x: np.ndarray) -> np.ndarray:
         """V_x(x): shape (n,) or (N, n)."""
@@ -202,7 +208,15 @@ class ValueFunction:
 
     def _at(self, x: np.ndarray, function: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
         """A function of points (N, n) at one deviation or several, all numbers finite."""
-        points, single = self._points(x)
+        n, points = len(self.P), real_array(x)
+        if points.ndim not in (1, 2) or points.shape[-1] != n or not np.isfinite(points).all():
+            raise InvalidInput(
+                "The state does not fit the solution.",
+                f"expected finite numbers of shape ({n},) or (N, {n}), got "
+                f"{points.shape if points.ndim and np.isfinite(points).all() else value_text(x)}",
+                f"deviations of {', '.join(self.state_names)} from the operating point",
+            )
+        points, single = np.atleast_2d(points), points.ndim == 1
         with np.errstate(all="ignore"):
             found = function(points)
         lost = np.flatnonzero(~np.isfinite(found).all(axis=tuple(range(1, found.ndim))))
@@ -214,25 +228,9 @@ class ValueFunction:
             )
         return found[0] if single else found
 
-    def _points(self, x: np.ndarray) -> tuple[np.ndarray, bool]:
-        n = len(self.P)
-        points = real_array(x)
-        if points.ndim not in (1, 2) or points.shape[-1] != n or not np.isfinite(points).all():
-            raise InvalidInput(
-                "The state does not fit the solution.",
-                f"expected finite numbers of shape ({n},) or (N, {n}), got "
-                f"{points.shape if points.ndim and np.isfinite(points).all() else value_text(x)}",
-                f"deviations of {', '.join(self.state_names)} from the operating point",
-            )
-        return np.atleast_2d(points), points.ndim == 1
-
     def _chunks(self, points: np.ndarray) -> list[np.ndarray]:
         step = max(1, _CHUNK // basis.count(len(self.P), self.degree))
         return [points[begin : begin + step] for begin in range(0, max(len(points), 1), step)]
-
-    def _value(self, points: np.ndarray) -> np.ndarray:
-        powers = monomials(points, self.value_parts)
-        return sum((powers[k] @ part for k, part in self.value_parts.items()), start=np.zeros(len(points)))
 
     def _gradient(self, points: np.ndarray) -> np.ndarray:
         return sum(self.gradient_parts(points).values(), start=np.zeros(points.shape))

@@ -1,6 +1,6 @@
 """The report of a design and of a comparison: pages, numbers, files and terminal tables. Computes nothing."""
 
-from flexhinf.pages.campaign import campaign_page, write_campaign
+from flexhinf.pages.campaign import write_campaign
 from flexhinf.pages.campaign_pair import pair_table, pair_verdict, write_pair
 from flexhinf.pages.campaign_text import (
     campaign_verdict,
@@ -29,7 +29,7 @@ from flexhinf.pages.page import (
 from flexhinf.pages.run import check_film, run_met, run_notes, run_tables, run_verdict, write_film
 
 __all__ = [
-    "campaign_page", "campaign_verdict", "certificate_page", "certification_notes", "certification_tables",
+    "campaign_verdict", "certificate_page", "certification_notes", "certification_tables",
     "check_film", "comparison_files", "comparison_notes", "comparison_page", "comparison_tables",
     "comparison_verdict", "design_files", "design_page", "design_tables", "gain_replay_table", "gain_text",
     "metric_text", "missed_by", "notes", "pair_table", "pair_verdict", "replay_command",

@@ -36,35 +36,16 @@ HAND = 0.62
 
 
 def magnification(windup: np.ndarray, slides: np.ndarray, size: float) -> int:
-    """By how much wind-ups are drawn larger: the largest of `FACTORS` with which all of them stay small enough.
-
-    Parameters
-    ----------
-    windup : (N, n)
-        Motor minus link, rad or m.
-    slides : (n,) of bool
-    size : float
-        Of the robot, m.
-    """
+    """By how much wind-ups (N, n), rad or m, are drawn larger: the largest of `FACTORS` with which all stay small
+    enough for a robot of this size, m."""
     largest = np.abs(windup).max(axis=0) / np.where(slides, FARTHEST * size, WIDEST)
     return max(factor for factor in FACTORS if factor == 1 or factor * largest.max() <= 1.0)
 
 
 @dataclass(frozen=True, eq=False)
 class ArmFilm:
-    """A run as it is drawn.
-
-    Parameters
-    ----------
-    time : (N,)
-        s.
-    links, motors, command : (N, n)
-        Positions, rad or m; the motors' seen from the link side.
-    inputs : (N, n)
-        In `unit`.
-    limits : (n,)
-        Of the inputs, infinite where there are none.
-    """
+    """A run as it is drawn: times (N,) in s; positions (N, n) of links, motors (seen from the link side) and command in
+    rad or m; inputs (N, n) in `unit`, and their limits (n,), infinite where there are none."""
 
     robot: Robot
     time: np.ndarray
@@ -78,13 +59,7 @@ class ArmFilm:
 
     @staticmethod
     def of(prepared: DeployedRun, run: RealTimeRun) -> ArmFilm:
-        """Of a run that has one sample at least.
-
-        Raises
-        ------
-        InvalidInput
-            For a run without samples, or a robot whose links have no length.
-        """
+        """Of a run; `InvalidInput` for one without samples, or a robot whose links have no length."""
         n, trajectory = len(prepared.joints), run.trajectory
         state, inputs = trajectory.signals["state"], trajectory.signals["input"]
         bad = np.flatnonzero(~np.isfinite(np.hstack([state, inputs])).all(axis=1))
@@ -145,8 +120,9 @@ class ArmFilm:
     @cached_property
     def view(self) -> tuple[np.ndarray, tuple[str, str]]:
         """Two directions (3, 2) to project on, and what they are called."""
-        down = np.asarray(self.robot.links.down, dtype=float)
-        right, up, names = viewing_plane(down, self.extent, self.size)
+        right, up, names = viewing_plane(
+            np.asarray(self.robot.links.down, dtype=float), self.extent, self.size
+        )
         return np.column_stack([right, up]), names
 
     def arm(self, pose: np.ndarray) -> list[np.ndarray]:
@@ -194,15 +170,8 @@ SKY = "#fbfcfd"
 
 
 def frames(film: ArmFilm, rate: int, resolution: int) -> Iterator[np.ndarray]:
-    """Pictures (height, width, 3) of bytes, `rate` of them a second, the last one the end of the run.
-
-    Parameters
-    ----------
-    rate : int
-        Pictures a second.
-    resolution : int
-        Pixels of an inch, of `PICTURE`.
-    """
+    """Pictures (height, width, 3) of bytes, `rate` of them a second, with `resolution` pixels to an inch of `PICTURE`;
+    the last one is the end of the run."""
     length = float(film.time[-1])
     played = min(max(length, SHORTEST), LONGEST)
     samples = np.linspace(0, len(film.time) - 1, max(2, round(played * rate))).round().astype(int)
@@ -233,13 +202,11 @@ class ArmPicture:
             speed = f"{times} times {'slower' if slowness > 1.0 else 'faster'}"
         figure.text(0.035, 0.945, film.title, fontsize=17, weight="bold", va="center")
         figure.text(0.035, 0.905, f"{drawn}; played {speed}", fontsize=10.5, color=MUTED, va="center")
-        self.clock = figure.text(
-            0.965, 0.935, "", fontsize=20, ha="right", va="center", family="DejaVu Sans Mono"
-        )
+        mono = {"family": "DejaVu Sans Mono", "fontsize": 20}
+        self.clock = figure.text(0.965, 0.935, "", ha="right", va="center", **mono)
         self.moving: list[Artist] = [self.clock]
-        self.traced: list[
-            tuple[Any, Any, np.ndarray]
-        ] = []  # lines that grow, the dots at their ends, their values
+        #: Lines that grow, the dots at their ends, and their values.
+        self.traced: list[tuple[Any, Any, np.ndarray]] = []
         low, high = 0.10 + rows, 0.86
         middle = low + 0.42 * (high - low)
         self._draw_arm(figure.add_axes(PLACE))
@@ -261,8 +228,32 @@ class ArmPicture:
 
     def frame(self, k: int) -> np.ndarray:
         """The picture at sample k."""
+        film = self.film
         self.canvas.restore_region(self.still)
-        self._place(k)
+        self.clock.set_text(f"{film.time[k]:6.2f} s")
+        arm, goal, hands = film.arm(film.links[k]), film.arm(film.command[k]), film.hands(k)
+        for artist, line in zip((*self.links, *self.goal), (*arm, *goal), strict=True):
+            artist.set_data(*line.T)
+        for fan, motor, points in zip(self.fans, self.motors, hands, strict=True):
+            fan.set_xy(points)
+            motor.set_data(*points[1:].T)
+        self.joints.set_data(*np.array([line[0] for line in arm]).T)
+        self.aim.set_data(*goal[-1][-1:].T)
+        begin = int(np.searchsorted(film.time, film.time[k] - TRAIL))
+        past = np.linspace(begin, k, 24).astype(int)
+        self.trail.set_data(*np.array([film.arm(film.links[i])[-1][-1] for i in past]).T)
+        part = slice(0, k + 1, max(1, len(film.time) // 800))
+        for line, dot, values in self.traced:
+            line.set_data(film.time[part], values[part])
+            dot.set_data(film.time[k : k + 1], values[k : k + 1])
+        shown = [film.shown(values[k]) for values in (film.links, film.motors, film.windup)]
+        for j, (texts, bar) in enumerate(zip(self.cells, self.bars, strict=True)):
+            unit = " mm" if film.slides[j] else "°"
+            for text, values, digits in zip(texts, shown, (2, 2, 3), strict=False):
+                text.set_text(f"{number(float(values[j]), decimals=digits)}{unit}")
+            u = float(film.inputs[k, j])
+            bar.set_width(BAR * float(np.clip(u / self.full[j], -1.0, 1.0)))
+            texts[3].set_text(number(u, decimals=2 if self.full[j] < 100.0 else 1))
         renderer = self.canvas.get_renderer()
         for artist in self.moving:
             artist.draw(renderer)
@@ -275,11 +266,9 @@ class ArmPicture:
         middle, reach = 0.5 * (flat.max(axis=0) + flat.min(axis=0)), np.ptp(flat, axis=0)
         box = np.array(PLACE[2:]) * PICTURE
         half = 0.5 * max((reach + 0.2 * film.size) / box) * box  # as much to the inch in both directions
-        axes.set_facecolor(SKY)
-        axes.set_xlim(middle[0] - half[0], middle[0] + half[0])
-        axes.set_ylim(middle[1] - half[1], middle[1] + half[1])
-        for side in axes.spines.values():
-            side.set_visible(False)
+        (left, low), (right, high) = middle - half, middle + half
+        axes.set(facecolor=SKY, xlim=(left, right), ylim=(low, high))
+        axes.spines[:].set_visible(False)
         axes.tick_params(length=0, labelsize=8)
         axes.set_xlabel(f"{film.view[1][0]} (m)", fontsize=9)
         axes.set_ylabel(f"{film.view[1][1]} (m)", fontsize=9)
@@ -287,20 +276,20 @@ class ArmPicture:
         (base,) = axes.plot(*first[0][0], "s", color=MUTED, markersize=15, zorder=1)
         base.set_alpha(0.5)
         dashes = (0, (3.0, 1.6))
-        self.goal = [
-            axes.plot([], [], color=SERIES[2], linewidth=2.2, alpha=0.55, linestyle=dashes, zorder=2)[0]
-            for _ in first
-        ]
+
+        def line(colour: str, width: float, zorder: int, **style: Any) -> Any:
+            return axes.plot([], [], color=colour, linewidth=width, zorder=zorder, **style)[0]
+
+        self.goal = [line(SERIES[2], 2.2, 2, alpha=0.55, linestyle=dashes) for _ in first]
         (self.aim,) = axes.plot([], [], "o", color=SERIES[2], markersize=17, mfc="none", mew=2.2, zorder=2)
-        (self.trail,) = axes.plot([], [], color=SERIES[0], linewidth=1.4, alpha=0.35, zorder=2)
+        self.trail = line(SERIES[0], 1.4, 2, alpha=0.35)
         self.fans = [
             axes.fill([0, 0, 0], [0, 0, 0], color=SERIES[1], alpha=0.25, zorder=3, lw=0)[0] for _ in first
         ]
         self.links = [
-            axes.plot([], [], color=SERIES[0], linewidth=width, alpha=0.9, zorder=4)[0]
-            for width in np.linspace(9.0, 5.0, len(first))
+            line(SERIES[0], float(width), 4, alpha=0.9) for width in np.linspace(9.0, 5.0, len(first))
         ]
-        self.motors = [axes.plot([], [], color=SERIES[1], linewidth=2.6, zorder=5)[0] for _ in first]
+        self.motors = [line(SERIES[1], 2.6, 5) for _ in first]
         (self.joints,) = axes.plot([], [], "o", color=INK, markersize=7, mfc="white", mew=1.8, zorder=6)
         self.moving += [*self.goal, self.aim, self.trail, *self.fans, *self.links, *self.motors, self.joints]
         for name, colour, width, style in (
@@ -309,20 +298,6 @@ class ArmPicture:
         ):  # fmt: skip
             axes.plot([], [], color=colour, linewidth=width, linestyle=style, label=name)
         axes.legend(loc="lower left", bbox_to_anchor=(-0.01, 0.995), ncols=3, fontsize=9.5, handlelength=1.8)
-
-    def _place_arm(self, k: int) -> None:
-        film = self.film
-        arm, goal, hands = film.arm(film.links[k]), film.arm(film.command[k]), film.hands(k)
-        for artist, line in zip((*self.links, *self.goal), (*arm, *goal), strict=True):
-            artist.set_data(*line.T)
-        for fan, motor, points in zip(self.fans, self.motors, hands, strict=True):
-            fan.set_xy(points)
-            motor.set_data(*points[1:].T)
-        self.joints.set_data(*np.array([line[0] for line in arm]).T)
-        self.aim.set_data(*goal[-1][-1:].T)
-        begin = int(np.searchsorted(film.time, film.time[k] - TRAIL))
-        past = np.linspace(begin, k, 24).astype(int)
-        self.trail.set_data(*np.array([film.arm(film.links[i])[-1][-1] for i in past]).T)
 
     # Beside it ------------------------------------------------------------------------------------
     def _draw_lines(
@@ -354,8 +329,7 @@ class ArmPicture:
         peaks = np.abs(film.inputs).max(axis=0)
         self.full = np.where(np.isfinite(film.limits), film.limits, np.where(peaks > 0.0, peaks, 1.0))
         axes.set_axis_off()
-        axes.set_xlim(0.0, 1.0)
-        axes.set_ylim(n - 0.4, -1.0)
+        axes.set(xlim=(0.0, 1.0), ylim=(n - 0.4, -1.0))
         full = "limit" if np.isfinite(film.limits).all() else "peak"
         heads = ("joint", "link", "motor", "wind-up", f"input ({film.unit}), bar up to its {full}")
         places, sides = (0.0, 0.27, 0.42, 0.57, 0.62), ("left", "right", "right", "right", "left")
@@ -373,20 +347,3 @@ class ArmPicture:
             self.cells.append(texts)
             self.bars.append(bar)
             self.moving += [bar, *texts]
-
-    def _place(self, k: int) -> None:
-        film = self.film
-        self.clock.set_text(f"{film.time[k]:6.2f} s")
-        self._place_arm(k)
-        part = slice(0, k + 1, max(1, len(film.time) // 800))
-        for line, dot, values in self.traced:
-            line.set_data(film.time[part], values[part])
-            dot.set_data(film.time[k : k + 1], values[k : k + 1])
-        shown = [film.shown(values[k]) for values in (film.links, film.motors, film.windup)]
-        for j, (texts, bar) in enumerate(zip(self.cells, self.bars, strict=True)):
-            unit = " mm" if film.slides[j] else "°"
-            for text, values, digits in zip(texts, shown, (2, 2, 3), strict=False):
-                text.set_text(f"{number(float(values[j]), decimals=digits)}{unit}")
-            u = float(film.inputs[k, j])
-            bar.set_width(BAR * float(np.clip(u / self.full[j], -1.0, 1.0)))
-            texts[3].set_text(number(u, decimals=2 if self.full[j] < 100.0 else 1))

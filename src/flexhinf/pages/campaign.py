@@ -28,7 +28,6 @@ from flexhinf.pages.campaign_text import (
     SPREAD,
     by_effect,
     campaign_verdict,
-    changes,
     found_text,
     gain_changes,
     limit_text,
@@ -37,6 +36,7 @@ from flexhinf.pages.campaign_text import (
     percent_change,
     percent_text,
     replay_command,
+    sample_changes,
     share_text,
     square_text,
     unbroken,
@@ -77,16 +77,12 @@ CLAIMS = {"designed": "designed for", "proved": "proved", "not claimed": "design
 #: Failures that are listed, metrics whose sensitivity is drawn, and bars of each.
 FAILURES, RANKED, BARS = 20, 4, 8
 
-#: Half height of the panel close to the end, relative to the way of the signal.
+#: Half height of the panel close to the end, relative to the range of the signal.
 CLOSE = 0.12
 
-#: What `flexhinf.campaign.metrics` calls unstable.
-UNSTABLE_MEANS = (
-    "A run is unstable if it diverges to numbers that are not finite, or if, in the last third of the time in which "
-    "command and disturbance stand still, a joint still swings by more than the settling band of ±2 % of its step, by "
-    f"at least {100 * UNDAMPED:.0f} % of its swing in the second third, and either to and fro over the same positions "
-    "or further from the command than before."
-)
+#: Lines of the runs that are compared in one panel.
+_BLACK: dict[str, Any] = {"color": INK, "dashes": (5.0, 1.5), "linewidth": 1.1}
+_COLOURED: tuple[dict[str, Any], ...] = tuple({"color": colour, "linewidth": 1.1} for colour in SERIES)
 
 
 # Page --------------------------------------------------------------------------------------------------------
@@ -105,9 +101,44 @@ def write_campaign(
     plant_run : callable, optional
         Worst case and one of its plants → the run of that plant.
     """
-    judged = CampaignJudgement(table, tuple(requirements))
-    page = campaign_page(judged, run, stored_worsts(table.journal), plant_run)
-    write_page(table.journal.folder, "report of the campaign", page)
+    judged, journal = CampaignJudgement(table, tuple(requirements)), table.journal
+    settings, cases, gains = journal.settings, stored_worsts(journal), stored_gains(journal)
+    with house_style():  # once for all figures
+        parts = (
+            Section("Success", _success(judged), "success"),
+            Section("Worst case", _worst_case(judged, cases, plant_run), "worst-case"),
+            Section("Worst disturbance", _worst_disturbance(judged, gains), "worst-disturbance"),
+            Section("Signals", _signals(judged, run), "signals"),
+            Section("Metrics", _metrics(judged), "metrics"),
+            Section("What matters", _sensitivities(judged), "sensitivity"),
+            Section("Failures", _failures(judged), "failures"),
+        )
+    spread = f", spread {SPREAD[judged.method]}" if "method" in settings else ""
+    request = (
+        f"{judged.count} loops of {settings['duration']} s with the same controller, each with its own measurement "
+        f"noise and with {len(table.names('parameter'))} numbers of its own{spread}."
+    )
+    case = next((one for one in cases if one.metric == judged.main), next(iter(cases), None))
+    search = "" if case is None else f" Search: {worst_text(case)}"
+    groups: dict[str, list[Setting]] = {"Campaign": [], "Numbers that differ": [], "Design": [], "Robot": []}
+    heads = {
+        "variable ": "Numbers that differ",
+        "design ": "Design",
+        "robot ": "Robot",
+        "true robot ": "Robot",
+    }
+    for name, value in settings.items():
+        head = next((head for head in heads if name.startswith(head)), "")
+        shown = name if head == "true robot " else name.removeprefix(head)
+        groups[heads.get(head, "Campaign")].append(Setting(shown, value))
+    page = Page(
+        journal.about.get("title", "Campaign"), request, f"{campaign_verdict(judged)}{search}",
+        tuple(section for section in parts if section.blocks),
+        Settings({name: group for name, group in groups.items() if group}),
+        Provenance(tuple(journal.manifest.get("command", ())), int(settings["seed"])), _key_numbers(judged),
+        _statuses(judged, cases, gains),
+    )  # fmt: skip
+    write_page(journal.folder, "report of the campaign", page)
     return judged
 
 
@@ -118,47 +149,15 @@ def write_page(folder: Path, what: str, page: Page) -> Path:
     return path
 
 
-def campaign_page(
-    judged: CampaignJudgement,
-    run: Run | None = None,
-    worst: Sequence[WorstCase] = (),
-    plant_run: PlantRun | None = None,
-) -> Page:
-    """Everything on one page; arguments as `write_campaign`."""
-    journal, settings = judged.table.journal, judged.table.journal.settings
-    gains = stored_gains(journal)
-    with house_style():
-        parts = (
-            Section("Success", _success(judged), "success"),
-            Section("Worst case", _worst_case(judged, worst, plant_run), "worst-case"),
-            Section("Worst disturbance", _worst_disturbance(judged, gains), "worst-disturbance"),
-            Section("Signals", _signals(judged, run), "signals"),
-            Section("Metrics", _metrics(judged), "metrics"),
-            Section("What matters", _sensitivities(judged), "sensitivity"),
-            Section("Failures", _failures(judged), "failures"),
-        )
-    how = f", spread {SPREAD[judged.method]}" if "method" in settings else ""
-    asked = (
-        f"{judged.count} loops of {settings['duration']} s with the same controller, each with its own measurement "
-        f"noise and with {len(judged.table.names('parameter'))} numbers of its own{how}."
-    )
-    case = next((one for one in worst if one.metric == judged.main), next(iter(worst), None))
-    search = "" if case is None else f" Search: {worst_text(case)}"
-    return Page(
-        journal.about.get("title", "Campaign"), asked, f"{campaign_verdict(judged)}{search}",
-        tuple(section for section in parts if section.blocks), Settings(_settings(settings)),
-        Provenance(tuple(journal.manifest.get("command", ())), int(settings["seed"])), _key_numbers(judged),
-        _statuses(judged, worst, gains),
-    )  # fmt: skip
-
-
 def _key_numbers(judged: CampaignJudgement) -> list[KeyNumber]:
     interval = judged.success
     sure = f"95 %: {percent_text(interval.low)} to {percent_text(interval.high)}" if interval else (
         f"no interval: spread {SPREAD[judged.method]}")  # fmt: skip
     unstable = judged.of_status(UNSTABLE) + judged.of_status(DIVERGED)
-    found = [KeyNumber("success", percent_text(judged.rate), note=sure)]
-    found.append(KeyNumber("unstable", unstable, f"of {judged.count}", unstable_text(judged)))
+    found = [
+        KeyNumber("success", percent_text(judged.rate), note=sure),
+        KeyNumber("unstable", unstable, f"of {judged.count}", unstable_text(judged)),
+    ]
     names = [n for n in judged.table.names("metric") if n in METRIC_LABELS or n.startswith("peak")][:4]
     for name in names:
         worst, unit = judged.worst(name), judged.table.unit(name)
@@ -172,40 +171,20 @@ def _key_numbers(judged: CampaignJudgement) -> list[KeyNumber]:
 
 def _statuses(judged: CampaignJudgement, cases: Sequence[WorstCase], gains: GainResults) -> list[Status]:
     """How many samples fail, which requirements a robot that was found misses, and gains that no theorem allows."""
-    found = (
-        [Status("not met", f"{judged.failures} of {judged.count} samples fail.")] if judged.failures else []
-    )
-    found += [
-        Status(
-            "not met",
-            f"A search found a robot within the tolerances that misses {metric_text(one.metric)} "
-            f"({limit_text(one, case.unit)}).",
-        )
+    missed = [f"{judged.failures} of {judged.count} samples fail."] if judged.failures else []
+    missed += [
+        f"A search found a robot within the tolerances that misses {metric_text(one.metric)} "
+        f"({limit_text(one, case.unit)})."
         for case in cases
         for one in missed_by(case, judged.requirements)
     ]
-    if not found:
-        searched = " and the worst robot found by search" if cases else ""
-        text = f"Every one of {judged.count} samples{searched}; that is no proof for the robots between."
-        found = [Status("met", text)]
-    wrong = [row for row in gains.rows if row.claim == "proved" and not row.kept]
-    text = "A disturbance attains more than the proved γ: the proof or the loop is wrong."
-    return found + [Status("not proved", text) for _ in wrong]
-
-
-def _settings(settings: dict[str, str]) -> dict[str, list[Setting]]:
-    groups: dict[str, list[Setting]] = {"Campaign": [], "Numbers that differ": [], "Design": [], "Robot": []}
-    heads = {
-        "variable ": "Numbers that differ",
-        "design ": "Design",
-        "robot ": "Robot",
-        "true robot ": "Robot",
-    }
-    for name, value in settings.items():
-        head = next((head for head in heads if name.startswith(head)), "")
-        shown = name.removeprefix(head) if head != "true robot " else name
-        groups[heads.get(head, "Campaign")].append(Setting(shown, value))
-    return {name: group for name, group in groups.items() if group}
+    searched = " and the worst robot found by search" if cases else ""
+    met = f"Every one of {judged.count} samples{searched}; that is no proof for the robots between."
+    wrong = "A disturbance attains more than the proved γ: the proof or the loop is wrong."
+    return [
+        *([Status("not met", text) for text in missed] or [Status("met", met)]),
+        *(Status("not proved", wrong) for row in gains.rows if row.claim == "proved" and not row.kept),
+    ]
 
 
 # Success and failures ----------------------------------------------------------------------------------------
@@ -220,121 +199,102 @@ def _success(judged: CampaignJudgement) -> list[Any]:
     interval = (
         "The interval of the rate is that of Clopper and Pearson, exact for independent samples."
         if judged.success else
-        f"The samples are spread {SPREAD[judged.method]} and not independent, so no confidence interval of the rate is "
-        "known from this campaign alone; how much rates of campaigns with other seeds differ says how sure it is, and "
-        "`--method random` has an exact interval."
+        f"The samples are spread {SPREAD[judged.method]} and not independent: no confidence interval of the rate is "
+        "known from this campaign alone (`--method random` has one)."
     )  # fmt: skip
     text = (
-        "A sample is a success if its run reaches its end, is stable there, and keeps every requirement. "
-        f"{interval} The rate is a statement about the distribution that was sampled, not a proof for every robot "
-        f"within it. {UNSTABLE_MEANS}"
+        f"A sample is a success if its run reaches its end, is stable there, and keeps every requirement. {interval} "
+        "The rate is a statement about the sampled distribution, not a proof. A run is unstable if it diverges to "
+        "numbers that are not finite, or if, in the last third of the time in which command and disturbance stand "
+        "still, a joint still swings by more than the settling band of ±2 % of its step, by at least "
+        f"{100 * UNDAMPED:.0f} % of its swing in the second third, and either to and fro over the same positions or "
+        "further from the command than before."
     )
     columns = ("requirement", "limit", "failures", "keep it")
     return [Paragraph(text), Table(columns, rows, "Requirements", "table-success")]
 
 
 def _failures(judged: CampaignJudgement) -> list[Any]:
-    replay = replay_command(judged.table.journal.folder.name, "--sample")
-    worst = judged.worst_of_all
-    if not judged.failures and worst is None:
-        return [Paragraph("No sample fails.")]
+    replay, worst = replay_command(judged.table.journal.folder.name, "--sample"), judged.worst_of_all
     if not judged.failures:
-        text = "No sample fails. This command, in the folder above, runs the worst one again:"
-        return [Paragraph(text), Listing(f"{replay} {worst}")]
-    rows = [
-        (int(k), _reasons_text(judged, int(k)), unbroken(changes(judged, int(k))), f"`{replay} {int(k)}`")
-        for k in judged.failed[:FAILURES]
-    ]
-    listed = f" The {FAILURES} worst are listed; all are in samples.parquet."
+        command = [] if worst is None else [Listing(f"{replay} {worst}")]
+        again = " This command, in the folder above, runs the worst one again:" if command else ""
+        return [Paragraph(f"No sample fails.{again}"), *command]
+    rows = []
+    for k in map(int, judged.failed[:FAILURES]):
+        status = str(judged.column("status")[k])
+        reasons = ["unstable to the end of the run"] if status == UNSTABLE else []
+        for one in judged.missed(k):
+            value = float(judged.column(one.metric)[k])
+            reasons.append(f"{metric_text(one.metric)} {value_text(value, judged.table.unit(one.metric))}")
+        if status == NOT_RUN:
+            reasons = [f"not run: {judged.column('failure')[k]}"]
+        if status == DIVERGED:
+            reasons = [f"diverged at {judged.column('diverged_at_s')[k]:g} s"]
+        rows.append((k, ", ".join(reasons), unbroken(sample_changes(judged, k)), f"`{replay} {k}`"))
     text = f"{judged.failures} samples fail. The last column runs one again, in the folder above."
+    if judged.failures > FAILURES:
+        text += f" The {FAILURES} worst are listed; all are in samples.parquet."
     columns = ("sample", "why", "its numbers", "replay")
-    return [
-        Paragraph(text + (listed if judged.failures > FAILURES else "")),
-        Table(columns, rows, "Failures", "table-failures", stacks=True),
-    ]
+    return [Paragraph(text), Table(columns, rows, "Failures", "table-failures", stacks=True)]
 
 
-def _reasons_text(judged: CampaignJudgement, sample: int) -> str:
-    """Why a sample fails: its status, or the requirements that it misses."""
-    status = str(judged.column("status")[sample])
-    if status == NOT_RUN:
-        return f"not run: {judged.column('failure')[sample]}"
-    if status == DIVERGED:
-        return f"diverged at {judged.column('diverged_at_s')[sample]:g} s"
-    found = ["unstable to the end of the run"] if status == UNSTABLE else []
-    for one in judged.missed(sample):
-        value = float(judged.column(one.metric)[sample])
-        found.append(f"{metric_text(one.metric)} {value_text(value, judged.table.unit(one.metric))}")
-    return ", ".join(found)
-
-
-# Worst robot -------------------------------------------------------------------------------------------------
+# Worst robot and worst disturbance ---------------------------------------------------------------------------
 def _worst_case(judged: CampaignJudgement, cases: Sequence[WorstCase], runs: PlantRun | None) -> list[Any]:
     """What was found for each metric, and the worst run of the one nearest its limit."""
     if not cases:
         return []
-    rows = []
+    rows, used = [], list[float]()
     for case in cases:
-        limits = [one for one in judged.requirements if one.metric == case.metric]
+        own = [one for one in judged.requirements if one.metric == case.metric]
+        shares = [case.found.value / one.limit for one in own if one.at_most and one.limit > 0.0]
+        used.append(math.inf if case.found.status != COMPLETED else max(shares, default=-1.0))
         rows.append((
             metric_text(case.metric), found_text(case, case.nominal),
             f"{found_text(case, case.sampled)} ({case.sample})", found_text(case, case.found),
             "–" if math.isnan(case.factor) else number(case.factor, 3),
-            "; ".join(limit_text(one, case.unit) for one in limits) or "–",
+            "; ".join(limit_text(one, case.unit) for one in own) or "–",
             f"{case.together} of {case.starts}" if case.worse else "none",
         ))  # fmt: skip
     columns = (
         "metric", "nominal", "worst sample", "worst found", "times", "limit", "searches that end there",
     )  # fmt: skip
-    case = max(cases, key=lambda one: _limit_use(one, judged.requirements))
-    text = worst_text(case)
-    return [
-        Paragraph(_search_text(cases)),
-        Table(columns, rows, "The worst robot inside the box of tolerances", "table-worst-case", stacks=True),
-        *([] if runs is None else _worst_figure(judged, case, runs)),
-        Paragraph(f"{text[0].upper()}{text[1:]} This command, in the folder above, runs it again:"),
-        Listing(replay_command(judged.table.journal.folder.name, f"--worst-case {case.metric}")),
-        _worst_numbers(case),
-    ]
-
-
-def _limit_use(case: WorstCase, requirements: Sequence[Requirement]) -> float:
-    """How much of its limit the worst plant uses; −1 where it has none."""
-    if case.found.status != COMPLETED:
-        return math.inf
-    own = [one.limit for one in requirements if one.metric == case.metric and one.at_most and one.limit > 0.0]
-    return max((case.found.value / limit for limit in own), default=-1.0)
-
-
-def _search_text(cases: Sequence[WorstCase]) -> str:
-    case = cases[0]
-    began = "the worst samples, the worst corners of the box and random points" if case.all_corners else (
-        "the worst samples and random points of the box")  # fmt: skip
-    every = f"; each of the {1 << len(case.intervals)} corners was run" if case.all_corners else ""
+    case, first = cases[used.index(max(used))], cases[0]
+    every = f", each of the {1 << len(first.intervals)} corners" if first.all_corners else ""
     outside = (
-        f" {case.outside} samples lie outside the box, since their distribution is not cut off; they are not compared."
-        if case.outside else ""
+        f" {first.outside} samples lie outside the box, since their distribution is not cut off; they are not compared."
+        if first.outside else ""
     )  # fmt: skip
-    return (
-        f"{case.starts} searches for each metric, by gradients from differences and smaller and smaller steps, begin "
-        f"at {began}{every}: {sum(one.runs for one in cases)} runs in all. The box is that of the tolerances, its ends "
-        "included. All runs of a search have the measurement noise of the worst sample; noise is not searched, since "
-        f"it has no bounds. What is found is a lower bound of the worst value inside the box, not a proof.{outside}"
+    about = (
+        f"{first.starts} searches for each metric, by gradients from differences, begin at the worst samples{every} "
+        f"and random points of the box of tolerances: {sum(one.runs for one in cases)} runs in all, with the "
+        "measurement noise of the worst sample. What is found is a lower bound of the worst value inside the box, not "
+        f"a proof.{outside}"
     )
-
-
-def _worst_numbers(case: WorstCase) -> Table:
-    rows = []
+    numbers = []
     for name in by_effect(case):
         value, (low, high) = case.found.numbers[name], case.intervals[name]
         place = "lowest" if value == low else "highest" if value == high else "inside"
         change = percent_change(name, value, case.nominal.numbers[name]) or "–"
         alone = value_text(case.alone[name], case.unit)
-        rows.append((name.replace("_", " "), number(value, 6), case.units[name], change, place, alone))
-    alone = f"{metric_text(case.metric)} with it alone nominal"
-    columns = ("number", "value", "unit", "change", "in its interval", alone)
-    title = f"The robot with the worst {metric_text(case.metric)} found"
-    return Table(columns, rows, title, "table-worst-numbers")
+        numbers.append((name.replace("_", " "), number(value, 6), case.units[name], change, place, alone))
+    heads = (
+        "number",
+        "value",
+        "unit",
+        "change",
+        "in its interval",
+        f"{metric_text(case.metric)} with it alone nominal",
+    )
+    title, text = f"The robot with the worst {metric_text(case.metric)} found", worst_text(case)
+    return [
+        Paragraph(about),
+        Table(columns, rows, "The worst robot inside the box of tolerances", "table-worst-case", stacks=True),
+        *([] if runs is None else _worst_figure(judged, case, runs)),
+        Paragraph(f"{text[0].upper()}{text[1:]} This command, in the folder above, runs it again:"),
+        Listing(replay_command(judged.table.journal.folder.name, f"--worst-case {case.metric}")),
+        Table(heads, numbers, title, "table-worst-numbers"),
+    ]
 
 
 def _worst_figure(judged: CampaignJudgement, case: WorstCase, runs: PlantRun) -> list[Any]:
@@ -349,12 +309,9 @@ def _worst_figure(judged: CampaignJudgement, case: WorstCase, runs: PlantRun) ->
     moved = np.abs(worst.signals["input"] - nominal.signals["input"]).max(axis=0)
     u = worst.names["input"][int(np.argmax(moved))]
     figure, axes = new_figure(3)
-    dashed = {"color": INK, "dashes": (5.0, 1.5)}
-    styles: tuple[dict[str, Any], ...] = ({"color": SERIES[1]}, dashed, {"color": SERIES[0]})
-    with house_style():
-        for (name, run), style in zip(drawn.items(), styles):
-            for axis, values in zip(axes, (run.tracked(signal), run.tracked(signal), run.signal("input", u))):
-                axis.plot(run.time, values, linewidth=1.1, label=name, **style)
+    for (name, run), style in zip(drawn.items(), (_COLOURED[1], _BLACK, _COLOURED[0])):
+        for axis, values in zip(axes, (run.tracked(signal), run.tracked(signal), run.signal("input", u))):
+            axis.plot(run.time, values, label=name, **style)
     reached, half = nominal.tracked(signal)[-1], CLOSE * float(np.ptp(nominal.tracked(signal))) or 1e-3
     axes[1].set_ylim(reached - half, reached + half)
     for axis, name, kind in zip(axes, (signal, signal, u), ("state", "state", "input")):
@@ -367,7 +324,6 @@ def _worst_figure(judged: CampaignJudgement, case: WorstCase, runs: PlantRun) ->
     return [figure_block("worst-case", figure, caption, "The worst run")]
 
 
-# Worst disturbance -------------------------------------------------------------------------------------------
 def _worst_disturbance(judged: CampaignJudgement, found: GainResults) -> list[Any]:
     """What each search attained, against the level that belongs to it."""
     rows = found.rows
@@ -375,8 +331,7 @@ def _worst_disturbance(judged: CampaignJudgement, found: GainResults) -> list[An
         return []
     cells = [
         (
-            "nominal" if row.robot == "nominal" else "worst found",
-            row.loop, f"of the {row.pair}",
+            "nominal" if row.robot == "nominal" else "worst found", row.loop, f"of the {row.pair}",
             square_text(row.gain), square_text(row.gamma), share_text(row), CLAIMS[row.claim],
         )
         for row in rows
@@ -386,24 +341,15 @@ def _worst_disturbance(judged: CampaignJudgement, found: GainResults) -> list[An
     numbers = "" if worst is None else f" The worst robot found: {gain_changes(worst, judged.nominal)}."
     text = (
         "Finite-energy disturbances from rest at the goal, found by power iteration on the gradient of ∫|z|², under "
-        "which V stays inside the sampled or proved level. Where a robot within the tolerances is searched too, robot "
-        "and disturbance are improved in turn, each robot about its own equilibrium. Inputs are held for a period. "
-        "An attained gain is a lower bound. A designed γ is that of the nominal robot with the true state; a proved "
-        "one holds for the z, d, robots and level of its certificate, and for the loop with the true state alone."
-        f"{numbers}{f' No γ is proved of this law: {found.unproved}.' if found.unproved else ''}"
+        "which V stays inside the sampled or proved level; inputs are held for a period. An attained gain is a lower "
+        "bound. A designed γ is that of the nominal robot with the true state; a proved one holds for the z, d, robots "
+        f"and level of its certificate, and for the loop with the true state alone.{numbers}"
+        f"{f' No γ is proved of this law: {found.unproved}.' if found.unproved else ''}"
     )
     figure, (axis,) = new_figure(1)
-    dashed = {"color": INK, "dashes": (5.0, 1.5)}
-    styles: tuple[dict[str, Any], ...] = (
-        {"color": SERIES[0]},
-        {"color": SERIES[1]},
-        dashed,
-        {"color": SERIES[2]},
-    )
-    with house_style():
-        for row, style in zip(rows, styles):
-            name, values = f"{row.robot}, {row.loop}, {row.pair}", np.array(row.disturbance)[:, 0]
-            axis.plot(row.times, values, linewidth=1.1, label=name, **style)
+    for row, style in zip(rows, (*_COLOURED[:2], _BLACK, _COLOURED[2])):
+        name, values = f"{row.robot}, {row.loop}, {row.pair}", np.array(row.disturbance)[:, 0]
+        axis.plot(row.times, values, label=name, **style)
     label(axis, rows[0].names[0].replace("_", " "), "")
     axis.set_xlabel("time (s)")
     legend(axis)
@@ -416,7 +362,7 @@ def _worst_disturbance(judged: CampaignJudgement, found: GainResults) -> list[An
     ]  # fmt: skip
 
 
-# Signals -----------------------------------------------------------------------------------------------------
+# Signals and metrics -----------------------------------------------------------------------------------------
 def _signals(judged: CampaignJudgement, run: Run | None) -> list[Any]:
     """Signals that are kept, in a panel each, and the one that differs most close to its end; the worst run apart."""
     names = judged.table.names("trace")
@@ -425,16 +371,24 @@ def _signals(judged: CampaignJudgement, run: Run | None) -> list[Any]:
     if not traces or not ended.any():
         return []
     time, worst = judged.table.journal.time, judged.worst_of_all
-    lines = _worst_lines(names, traces, ended, time, worst, run)
-    close = int(np.argmax([_late_spread(trace[ended]) for trace in traces]))
+    lines: list[np.ndarray] = []  # of the worst sample: from the table, or run again
+    if worst is not None and worst < len(ended):
+        lines = [trace[worst] for trace in traces] if ended[worst] else []
+    elif worst is not None and run is not None:
+        again = run(worst)
+        at = np.minimum(np.searchsorted(again.time, time - 1e-9), len(again.time) - 1)
+        lines = [again.tracked(name.removeprefix(TRACE))[at] for name in names]
+    spreads = [0.0] * len(names)  # how far apart runs are in the second half, relative to the range of all
+    for k, trace in enumerate(trace[ended] for trace in traces):
+        if np.ptp(trace) > 0.0:
+            late = trace[:, trace.shape[1] // 2 :]
+            spreads[k] = float(np.ptp(late, axis=0).max()) / float(np.ptp(trace))
+    close = int(np.argmax(spreads))
     figure, axes = new_figure(len(names) + 1)
     for axis, k in zip(axes, (*range(len(names)), close)):
         quantile_band(axis, time, traces[k][ended])
         if lines:
-            with house_style():
-                axis.plot(
-                    time, lines[k], color=INK, linewidth=1.1, dashes=(5.0, 1.5), label=f"sample {worst}"
-                )
+            axis.plot(time, lines[k], label=f"sample {worst}", **_BLACK)
         label(axis, names[k].removeprefix(TRACE).replace("_", " "), judged.table.unit(names[k]))
     last = float(np.median(traces[close][ended, -1]))
     half = CLOSE * float(np.ptp(traces[close][ended])) or 1e-3
@@ -445,58 +399,29 @@ def _signals(judged: CampaignJudgement, run: Run | None) -> list[Any]:
     caption = [
         f"All runs, 90 % of them, and their median, of {some}",
         f"{missing} that did not come to their end are left out." if missing else "",
-        f"Dashed: the run with the worst {metric_text(judged.main)}, sample {worst}: {changes(judged, worst)}."
+        f"Dashed: the run with the worst {metric_text(judged.main)}, sample {worst}: {sample_changes(judged, worst)}."
         if worst is not None and lines else "",
         f"Bottom: {names[close].removeprefix(TRACE).replace('_', ' ')} close to where it ends.",
     ]  # fmt: skip
     return [figure_block("signals", figure, caption, "Signals")]
 
 
-def _late_spread(trace: np.ndarray) -> float:
-    """How far apart runs (R, T) are in the second half, relative to the way of all."""
-    way = float(np.ptp(trace))
-    return float(np.ptp(trace[:, trace.shape[1] // 2 :], axis=0).max()) / way if way > 0.0 else 0.0
-
-
-def _worst_lines(
-    names: Sequence[str], traces: Sequence[np.ndarray], ended: np.ndarray, time: np.ndarray,
-    worst: int | None, run: Run | None,
-) -> list[np.ndarray]:  # fmt: skip
-    """The kept signals (T,) of the worst sample: from the table, or run again; none where neither has them."""
-    if worst is None:
-        return []
-    if worst < len(ended):
-        return [trace[worst] for trace in traces] if ended[worst] else []
-    if run is None:
-        return []
-    again = run(worst)
-    at = np.minimum(np.searchsorted(again.time, time - 1e-9), len(again.time) - 1)
-    return [again.tracked(name.removeprefix(TRACE))[at] for name in names]
-
-
-# Metrics -----------------------------------------------------------------------------------------------------
 def _metrics(judged: CampaignJudgement) -> list[Any]:
-    names, parts = (
-        [name for name in judged.table.names(kind) if judged.worst(name) is not None]
-        for kind in ("metric", PART)
-    )
-    return [
-        *_histograms(judged, names),
-        *_quantiles(judged, names, "Metrics over all samples that have them", "table-metrics"),
-        *_quantiles(judged, parts, "Joint by joint", "table-joints"),
-    ]
-
-
-def _quantiles(judged: CampaignJudgement, names: Sequence[str], title: str, anchor: str) -> list[Any]:
-    """A table of metrics; none without any."""
-    rows = []
-    for name in names:
-        cells = ["never" if np.isinf(value) else number(float(value), 3) for value in judged.quantiles(name)]
-        rows.append((metric_text(name), judged.table.unit(name), *cells, judged.worst(name)))
+    """Histograms of the metrics, and quantiles of all and of each joint's."""
+    blocks = list[Any]()
     columns = (
         "", "unit", "least", "5 % are below", "median", "95 % are below", "largest", "sample of the worst",
     )  # fmt: skip
-    return [Table(columns, rows, title, anchor)] if rows else []
+    whole = "Metrics over all samples that have them"
+    for kind, title, anchor in (("metric", whole, "table-metrics"), (PART, "Joint by joint", "table-joints")):
+        names = [name for name in judged.table.names(kind) if judged.worst(name) is not None]
+        rows = []
+        for name in names:
+            cells = ["never" if np.isinf(x) else number(float(x), 3) for x in judged.quantiles(name)]
+            rows.append((metric_text(name), judged.table.unit(name), *cells, judged.worst(name)))
+        blocks += _histograms(judged, names) if kind == "metric" else []
+        blocks += [Table(columns, rows, title, anchor)] if rows else []
+    return blocks
 
 
 def small_panels(count: int, height: float, columns: int = 3, **options: Any) -> tuple[Any, list[Any]]:
@@ -517,17 +442,22 @@ def plain_axis(axis: Any, *which: Any) -> None:
     axis.tick_params(axis="both" if len(which) > 1 else "x", labelsize=8)
 
 
-def bins_of(judged: CampaignJudgement, values: np.ndarray, unit: str) -> list[float]:
-    """Edges of a histogram's bins; times are multiples of the kept period."""
-    time = judged.table.journal.time
+def histogram(
+    axis: Any, judged: CampaignJudgement, name: str, unit: str, values: np.ndarray, counted: str
+) -> None:
+    """How often a metric has which value, with few ticks; the kept period is the grain of times."""
+    time, spread = judged.table.journal.time, float(np.ptp(values))
     period = float(np.diff(time[:2])[0]) if time.size > 1 else 0.0
-    grain = period if unit == "s" and 0.0 < 10.0 * period < np.ptp(values) else 0.0
-    return histogram_bins(values, grain).tolist()
-
-
-def name_with_unit(name: str, unit: str) -> str:
-    """``overshoot (%)``."""
-    return f"{metric_text(name)} ({unit})" if unit else metric_text(name)
+    half = 0.5 * abs(float(values[0])) or 0.5
+    bins = [float(values[0]) - half, float(values[0]) + half]
+    if spread:
+        bins = histogram_bins(
+            values, period if unit == "s" and 0.0 < 10.0 * period < spread else 0.0
+        ).tolist()
+    axis.hist(values, bins=bins, color=SERIES[0], alpha=0.55)
+    axis.grid(axis="x", visible=False)
+    axis.set_xlabel(metric_text(name, unit), fontsize=8)
+    label(axis, counted, "")
 
 
 def _histograms(judged: CampaignJudgement, names: Sequence[str]) -> list[Any]:
@@ -537,18 +467,13 @@ def _histograms(judged: CampaignJudgement, names: Sequence[str]) -> list[Any]:
         return []
     figure, axes = small_panels(len(varied), 1.9)
     for k, (axis, (name, values)) in enumerate(zip(axes, varied.items())):
-        unit, most = judged.table.unit(name), np.abs(values).max()
-        limits = [one.limit for one in judged.requirements if one.metric == name and one.limit < NO_LIMIT]
-        with house_style():
-            axis.hist(values, bins=bins_of(judged, values, unit), color=SERIES[0], alpha=0.55)
-            axis.grid(axis="x", visible=False)
-            axis.locator_params(axis="x", nbins=3 if most > 5e-3 else 2)
-            plain_axis(axis, axis.xaxis)
-            for limit in limits:
-                if most > 0.5 * abs(limit):
-                    axis.axvline(limit, color=INK, linewidth=1.0, dashes=DASHED)
-        axis.set_xlabel(name_with_unit(name, unit), fontsize=8)
-        label(axis, "samples" if k % 3 == 0 else "", "")
+        most = np.abs(values).max()
+        histogram(axis, judged, name, judged.table.unit(name), values, "samples" if k % 3 == 0 else "")
+        axis.locator_params(axis="x", nbins=3 if most > 5e-3 else 2)
+        plain_axis(axis, axis.xaxis)
+        for one in judged.requirements:
+            if one.metric == name and one.limit < NO_LIMIT and most > 0.5 * abs(one.limit):
+                axis.axvline(one.limit, color=INK, linewidth=1.0, dashes=DASHED)
     missing = judged.of_status(DIVERGED) + judged.of_status(NOT_RUN)
     caption = [
         "How many samples have which value; dashed: a limit that is near or exceeded. Values that are never reached "
@@ -572,24 +497,18 @@ def _sensitivities(judged: CampaignJudgement) -> list[Any]:
     figure, axes = small_panels(len(found), 0.9 + 0.2 * bars, columns=2, sharex=True)
     for axis, (name, one) in zip(axes, found.items()):
         places = np.arange(min(bars, len(one.names)))[::-1]
-        with house_style():
-            axis.barh(places, one.total[: len(places)], color=SERIES[0], alpha=0.35, label="with all others")
-            axis.barh(places, one.first[: len(places)], color=SERIES[0], height=0.4, label="alone")
-            axis.set_yticks(places, [n.replace("_", " ") for n in one.names[: len(places)]], fontsize=8)
-            axis.set_xlim(0.0, 1.0)
-            axis.grid(axis="y", visible=False)
-            axis.set_title(f"{metric_text(name)}, R² {number(one.r_squared, 2)}", fontsize=9)
-    with house_style():
-        figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper left", ncols=2, frameon=False)
+        axis.barh(places, one.total[: len(places)], color=SERIES[0], alpha=0.35, label="with all others")
+        axis.barh(places, one.first[: len(places)], color=SERIES[0], height=0.4, label="alone")
+        axis.set_yticks(places, [n.replace("_", " ") for n in one.names[: len(places)]], fontsize=8)
+        axis.set_xlim(0.0, 1.0)
+        axis.grid(axis="y", visible=False)
+        axis.set_title(f"{metric_text(name)}, R² {number(one.r_squared, 2)}", fontsize=9)
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper left", ncols=2, frameon=False)
     first = next(iter(found.values()))
     low = [metric_text(name) for name, one in found.items() if one.r_squared < 0.5]
-    notes = [Note(
-        f"The polynomial explains less than half of the variance of {', '.join(low)} in samples that were left out of "
-        "its fit: there the ranking says little."
-    )] if low else []  # fmt: skip
+    notes = [Note(f"The ranking says little for {', '.join(low)}: R² is less than half.")] if low else []
     caption = (
         f"Sobol indices by SciPy of {first.terms} in the numbers, fitted to {first.count} samples: of this surrogate, "
-        "not of the loop itself. R² is the fraction of the variance that it explains in samples left out of the fit; "
-        "the rest is of higher order, or measurement noise."
+        "not of the loop itself. R² is the fraction of the variance that it explains in samples left out of the fit."
     )
     return [*notes, figure_block("sensitivity", figure, caption, "Which number matters")]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -10,14 +11,14 @@ import numpy as np
 
 from flexhinf.campaign import PairedMetric
 from flexhinf.design.campaign_folder import SIDES, PairResult
-from flexhinf.pages.campaign import bins_of, name_with_unit, plain_axis, small_panels, write_page
+from flexhinf.pages.campaign import histogram, plain_axis, small_panels, write_page
 from flexhinf.pages.campaign_text import (
     SPREAD,
-    changes,
     limit_text,
     metric_text,
     percent_text,
     replay_command,
+    sample_changes,
     unbroken,
     value_text,
 )
@@ -25,6 +26,7 @@ from flexhinf.pages.drawing import DASHED, figure_block, framed
 from flexhinf.report import (
     INK,
     SERIES,
+    Column,
     KeyNumber,
     Listing,
     Note,
@@ -49,37 +51,27 @@ LEAST_P = 1e-6
 
 def write_pair(result: PairResult) -> Path:
     """Write index.html of a comparison; returns its path."""
-    settings, (a, b) = result.judged[0].table.journal.settings, result.paired.success.failures
-    asked = (
+    settings, found = result.judged[0].table.journal.settings, result.paired.success
+    request = (
         f"{result.paired.count} robots, each with its own measurement noise, run twice for {settings['duration']} s: "
         f"with the controller A of {result.names[0]} and with the controller B of {result.names[1]}."
     )
-    found = result.paired.success
     numbers = [
-        KeyNumber("fail with A", a, f"of {found.count}", f"{found.only_a} with A alone"),
-        KeyNumber("fail with B", b, f"of {found.count}", f"{found.only_b} with B alone"),
+        KeyNumber(f"fail with {side}", failures, f"of {found.count}", f"{only} with {side} alone")
+        for side, failures, only in zip("AB", found.failures, (found.only_a, found.only_b))
     ]
     for one in _varied(result)[:2]:
         note = f"median of B − A; {_interval_text(result, one)}"
         numbers.append(KeyNumber(metric_text(one.name), _signed(one.median), one.unit, note))
     stated = [Setting(name, value) for name, value in settings.items() if not name.startswith("design ")]
+    with house_style():  # once for all figures
+        blocks = [*_success(result), *_differences(result), *_extremes(result)]
+    title = f"Two designs on the same robots “{result.pair.a.request.robot.name}”"
     page = Page(
-        f"Two designs on the same robots “{result.pair.a.request.robot.name}”",
-        asked,
-        pair_verdict(result),
-        (pair_section(result),),
-        Settings({"Samples": stated}),
-        Provenance(result.command, int(settings["seed"])),
-        numbers,
-    )
+        title, request, pair_verdict(result), (Section("A against B", blocks, "pair"),),
+        Settings({"Samples": stated}), Provenance(result.command, int(settings["seed"])), numbers,
+    )  # fmt: skip
     return write_page(result.folder, "report of the comparison", page)
-
-
-def pair_section(result: PairResult) -> Section:
-    """Everything that two designs on the same samples show."""
-    with house_style():
-        blocks = [*_designs(result), *_success(result), *_differences(result), *_extremes(result)]
-    return Section("A against B", blocks, "pair")
 
 
 # In words ----------------------------------------------------------------------------------------------------
@@ -133,13 +125,6 @@ def _span(one: PairedMetric) -> str:
     return "" if math.isnan(low) or math.isnan(high) else f"{_signed(low)} to {_signed(high)}"
 
 
-def _caution(result: PairResult) -> str:
-    return (
-        f"The samples are spread {SPREAD[result.judged[0].method]} and not independent: no test and no confidence "
-        "interval holds for them, and none is stated (`--method random` has them)."
-    )
-
-
 def _varied(result: PairResult) -> list[PairedMetric]:
     """Metrics that differ between both in some sample."""
     found = [result.paired.metric(name) for name in result.paired.metrics]
@@ -151,35 +136,27 @@ def _finite(one: PairedMetric) -> np.ndarray:
 
 
 # Blocks ------------------------------------------------------------------------------------------------------
-def _designs(result: PairResult) -> list[Any]:
-    text = (
-        "Robots, their numbers, noise, sensors, motors and step are the same for both; each design has its own "
-        f"report in the folders {SIDES[0]} and {SIDES[1]}."
-    )
-    rows = [(name.replace("_", " "), a, b) for name, a, b in result.pair.differences]
-    if not rows:
-        same = "The specifications do not differ: the controllers are two of the same design."
-        return [Paragraph(text), Note(same)]
-    return [
-        Paragraph(text),
-        Table(("", "A", "B"), rows, "What differs in the specifications", "table-designs"),
-    ]
-
-
 def _success(result: PairResult) -> list[Any]:
+    """What differs in the specifications, and which pairs fail."""
+    differing = [(name.replace("_", " "), a, b) for name, a, b in result.pair.differences]
+    designs: Any = Note("The specifications do not differ: the controllers are two of the same design.")
+    if differing:
+        designs = Table(("", "A", "B"), differing, "What differs in the specifications", "table-designs")
     found, (a, b) = result.paired.success, result.judged
     limits = [
         f"{metric_text(one.metric)} {limit_text(one, a.table.unit(one.metric))}"
         for one in result.paired.requirements
     ]
     test = (
-        "McNemar's test asks whether both fail equally often; only pairs in which one of them fails count, by the "
-        f"binomial distribution: {_p_text(found.p_value)}."
-        if _independent(result) else _caution(result)
+        f"McNemar's test, by the binomial distribution over pairs in which one of them fails: {_p_text(found.p_value)}."
+        if _independent(result) else
+        f"The samples are spread {SPREAD[a.method]} and not independent: no test and no confidence interval holds for "
+        "them, and none is stated (`--method random` has them)."
     )  # fmt: skip
     text = (
-        "A sample is a success if its run reaches its end, is stable there, and keeps the requirements: "
-        f"{'; '.join(limits) or 'there are none'}. {test}"
+        "Robots, noise, sensors, motors and step are the same for both; the folders "
+        f"{SIDES[0]} and {SIDES[1]} have the report of each. A sample is a success if its run reaches its end, is "
+        f"stable there, and keeps the requirements: {'; '.join(limits) or 'there are none'}. {test}"
     )
     pairs = [("A keeps them", found.neither, found.only_b), ("A fails", found.only_a, found.both_fail)]
     rates = []
@@ -187,91 +164,87 @@ def _success(result: PairResult) -> list[Any]:
         ends = ("–", "–") if one.success is None else map(percent_text, (one.success.low, one.success.high))
         rates.append((f"{name}: {source}", percent_text(one.rate), *ends))
     own = result.pair.b.requirements
-    judged = "here both are judged by the same requirements."
-    other = f"The specification of B by itself requires {', '.join(own)}; {judged}"
+    other = f"B by itself requires {', '.join(own)}; here both are judged by the same requirements."
     by_itself = "Each by itself, by Clopper and Pearson"
     return [
+        designs,
         Paragraph(text),
-        *([Note(other)] if own != result.pair.requirements else []),
+        *([Note(other)] if own != result.pair.a.requirements else []),
         Table(("", "B keeps them", "B fails"), pairs, "Pairs", "table-pairs"),
         Table(("", "success", "95 %: from", "to"), rates, by_itself, "table-rates"),
     ]
 
 
-def _differences(result: PairResult) -> list[Any]:
-    """Paired differences in a table, as histograms, and sample by sample."""
-    independent = _independent(result)
-    intervals = (
-        "The interval of the median is exact, by order statistics (the sign test inverted, which asks for no "
-        "symmetry); those of the fractions are Clopper's and Pearson's. Each holds with 95 % by itself, not "
-        "all of them together."
-        if independent else _caution(result)
-    )  # fmt: skip
-    text = (
-        "Chosen before any run: of each metric the median of the differences B − A, and in how many pairs either is "
-        "better: the one with the smaller value, or the larger one where a requirement states a least value. "
-        f"{intervals} A run that is unstable or does not reach its end is worse than all others; pairs of two such "
-        "runs are left out. Values that agree to four digits are equal."
-    )
-    rows = []
-    for name in (*result.paired.metrics, *result.paired.parts):
-        one = result.paired.metric(name)
+def _difference_table(result: PairResult, names: Sequence[str]) -> Table:
+    """Medians of both and of B − A, and in how many pairs either is better; a terminal shows some of the columns."""
+    rows, independent = [], _independent(result)
+    for one in map(result.paired.metric, names):
         if len(one.pairs):
-            shares = [percent_text(share.rate) for share in one.better]
-            if independent:
-                ends = [f" ({percent_text(x.low)} to {percent_text(x.high)})" for x in one.better]
-                shares = [unbroken(share + interval) for share, interval in zip(shares, ends)]
             span = (_span(one) or "too few") if independent else "–"
             medians = (value_text(median, "") for median in one.medians)
-            rows.append(
-                (metric_text(name), one.unit, *medians, _signed(one.median), span, *shares, len(one.pairs))
-            )
-    columns = ("", "unit", "median of A", "of B", "of B − A", "95 %", "A is better", "B is better", "pairs")
-    table = [Table(columns, rows, "Paired differences", "table-differences")] if rows else []
-    return [Paragraph(text), *table, *_figures(result)]
+            shares = [percent_text(share.rate) for share in one.better]
+            ends = [f"{percent_text(x.low)} to {percent_text(x.high)}" for x in one.better]
+            a, b = (unbroken(text) if independent else "–" for text in ends)
+            cells = (*medians, _signed(one.median), span, shares[0], a, shares[1], b, len(one.pairs))
+            rows.append((metric_text(one.name), one.unit, *cells))
+    columns = (
+        "", "unit", Column("median of A", brief="A"), Column("of B", brief="B"), Column("of B − A", brief="B − A"),
+        "95 %", Column("A is better", brief="A better"), Column("95 %", brief=None), Column("B is better", brief=None),
+        Column("95 %", brief=None), Column("pairs", brief=None),
+    )  # fmt: skip
+    title = f"B − A on the same {result.paired.count} robots"
+    return Table(columns, rows, "Paired differences", "table-differences", title=title)
 
 
-def _figures(result: PairResult) -> list[Any]:
+def pair_table(result: PairResult) -> Any:
+    """Paired differences of all metrics, for a terminal."""
+    return _difference_table(result, result.paired.metrics).terminal()
+
+
+def _differences(result: PairResult) -> list[Any]:
+    """Paired differences in a table, as histograms, and sample by sample."""
+    intervals = (
+        " The interval of the median is exact, by order statistics; those of the fractions are Clopper's and "
+        "Pearson's. Each holds with 95 % by itself, not all of them together."
+        if _independent(result) else ""
+    )  # fmt: skip
+    text = (
+        "Better is the smaller value, or the larger one where a requirement states a least value; values that agree to "
+        f"four digits are equal.{intervals} A run that is unstable or does not reach its end is worse than all others; "
+        "pairs of two such runs are left out."
+    )
+    table = _difference_table(result, (*result.paired.metrics, *result.paired.parts))
+    blocks = [Paragraph(text), *([table] if table.rows else [])]
     metrics = _varied(result)[:DRAWN]
     if not metrics:
-        return [Paragraph("No metric differs in any sample.")]
-    histograms, axes = small_panels(len(metrics), 1.9)
-    for k, (axis, one) in enumerate(zip(axes, metrics)):
-        values = _finite(one)
-        half = 0.5 * abs(float(values[0])) or 0.5
-        same = [float(values[0]) - half, float(values[0]) + half]
-        bins = bins_of(result.judged[0], values, one.unit) if np.ptp(values) else same
-        with house_style():
-            axis.hist(values, bins=bins, color=SERIES[0], alpha=0.55)
-            axis.axvline(0.0, color=INK, linewidth=1.0)
-            if math.isfinite(one.median):
-                axis.axvline(one.median, color=SERIES[1], linewidth=1.4, dashes=DASHED)
-            axis.grid(axis="x", visible=False)
+        return [*blocks, Paragraph("No metric differs in any sample.")]
+    histograms, bars = small_panels(len(metrics), 1.9)
+    samples, clouds = small_panels(len(metrics), 2.2)
+    for k, one in enumerate(metrics):
+        axis, values = bars[k], _finite(one)
+        histogram(axis, result.judged[0], one.name, one.unit, values, "pairs" if k % 3 == 0 else "")
+        axis.axvline(0.0, color=INK, linewidth=1.0)
+        if math.isfinite(one.median):
+            axis.axvline(one.median, color=SERIES[1], linewidth=1.4, dashes=DASHED)
         _few_ticks(axis)
-        axis.set_xlabel(name_with_unit(one.name, one.unit), fontsize=8)
-        label(axis, "pairs" if k % 3 == 0 else "", "")
-    samples, axes = small_panels(len(metrics), 2.2)
-    for k, (axis, one) in enumerate(zip(axes, metrics)):
-        both = np.isfinite(one.a) & np.isfinite(one.b)
+        axis, both = clouds[k], np.isfinite(one.a) & np.isfinite(one.b)
         a, b = one.a[both][:POINTS], one.b[both][:POINTS]
         ends = framed(np.array([*a, *b]))
-        with house_style():
-            axis.plot(ends, ends, color=INK, linewidth=1.0, dashes=DASHED)
-            axis.plot(a, b, ".", color=SERIES[0], markersize=3.0, alpha=0.5, markeredgewidth=0.0)
-            axis.set(xlim=ends, ylim=ends)
+        axis.plot(ends, ends, color=INK, linewidth=1.0, dashes=DASHED)
+        axis.plot(a, b, ".", color=SERIES[0], markersize=3.0, alpha=0.5, markeredgewidth=0.0)
+        axis.set(xlim=ends, ylim=ends)
         _few_ticks(axis)
-        axis.set_title(name_with_unit(one.name, one.unit), fontsize=9, wrap=True)
+        axis.set_title(metric_text(one.name, one.unit), fontsize=9, wrap=True)
         axis.set_xlabel("A", fontsize=8)
         label(axis, "B" if k % 3 == 0 else "", "")
     caption = (
-        "How many pairs have which difference B − A; to the right of the line at zero B has the larger value. Dashed: "
-        "the median. Differences that are not finite are left out here."
+        "How many pairs have which difference B − A: right of zero B has the larger value. Dashed: the median. "
+        "Differences that are not finite are left out."
     )
     few = f" The first {POINTS} samples are drawn." if result.paired.count > POINTS else ""
-    points = (
-        f"A point for each robot; on the dashed line both are equal, above it B has the larger value.{few}"
-    )
+    points = f"A point for each robot; above the dashed line B has the larger value.{few}"
     return [
+        *blocks,
         figure_block("differences", histograms, caption, "Distribution of the differences"),
         figure_block("samples", samples, points, "A against B"),
     ]
@@ -292,7 +265,7 @@ def _extremes(result: PairResult) -> list[Any]:
             if one.name in (result.paired.main, varied[0].name):
                 shown.append(sample)
             values = (value_text(float(x[sample]), one.unit) for x in (one.a, one.b))
-            numbers = unbroken(changes(result.judged[0], sample))
+            numbers = unbroken(sample_changes(result.judged[0], sample))
             rows.append((f"{metric_text(one.name)}: {who} is better by most", sample, *values, numbers))
     if not rows:
         return []
@@ -302,24 +275,7 @@ def _extremes(result: PairResult) -> list[Any]:
         for sample in dict.fromkeys(shown)
         for side in SIDES
     ]
-    text = (
-        f"These commands, beside the folder {folder}, run the first of them again, with A and with B; every other one "
-        "by its number, with `--out run.nc` for all its signals:"
-    )
+    text = f"These commands, beside the folder {folder}, run the first of them again, with A and with B:"
     columns = ("", "sample", "A", "B", "its numbers")
-    title = "Largest differences each way"
-    table = Table(columns, rows, title, "table-extremes", stacks=True)
+    table = Table(columns, rows, "Largest differences each way", "table-extremes", stacks=True)
     return [table, Paragraph(text), Listing("\n".join(lines))]
-
-
-def pair_table(result: PairResult) -> Any:
-    """Paired differences of all metrics, for a terminal."""
-    rows, independent = [], _independent(result)
-    for one in map(result.paired.metric, result.paired.metrics):
-        if len(one.pairs):
-            medians = [value_text(median, "") for median in one.medians]
-            span = f" ({_span(one)})" if independent and _span(one) else ""
-            share = percent_text(one.better[0].rate)
-            rows.append((name_with_unit(one.name, one.unit), *medians, f"{_signed(one.median)}{span}", share))
-    columns = ("", "A", "B", "B − A (95 %)" if independent else "B − A", "A better")
-    return Table(columns, rows, f"B − A on the same {result.paired.count} robots").terminal()

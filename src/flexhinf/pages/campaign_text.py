@@ -37,13 +37,13 @@ LISTED = 4
 NO_LIMIT = 1e8
 
 
-# Numbers and names -------------------------------------------------------------------------------------------
-def metric_text(metric: str) -> str:
-    """A metric in a sentence; of a joint with its name behind it."""
+def metric_text(metric: str, unit: str = "") -> str:
+    """A metric in a sentence, its unit in parentheses; of a joint with the joint's name behind it."""
     whole = next((name for name in METRIC_LABELS if metric.startswith(f"{name}_")), "")
+    text = METRIC_LABELS.get(metric, metric.replace("_", " "))
     if whole and metric not in METRIC_LABELS:
-        return f"{METRIC_LABELS[whole]} {metric.removeprefix(f'{whole}_').replace('_', ' ')}"
-    return METRIC_LABELS.get(metric, metric.replace("_", " "))
+        text = f"{METRIC_LABELS[whole]} {metric.removeprefix(f'{whole}_').replace('_', ' ')}"
+    return f"{text} ({unit})" if unit else text
 
 
 def percent_text(fraction: float) -> str:
@@ -76,7 +76,7 @@ def percent_change(name: str, value: float, nominal: float | None) -> str:
     return f"{'+' if change > 0.0 else ''}{number(change, 2)} %"
 
 
-def changes_text(
+def _changes_text(
     numbers: Iterable[tuple[str, float, float | None, str]],
     others: str = "others by less",
     most: int = LISTED,
@@ -91,15 +91,15 @@ def changes_text(
     return ", ".join([*found[:most], *more]) or "nominal numbers"
 
 
-def changes(judged: CampaignJudgement, sample: int) -> str:
-    """A sample by its numbers that are furthest from nominal, for their spread."""
+def sample_changes(judged: CampaignJudgement, sample: int) -> str:
+    """A sample by its numbers that are furthest from nominal, relative to their spread."""
     found = []
     for name, value in judged.numbers(sample).items():
         column, nominal = judged.column(name), judged.nominal.get(name)
         middle, spread = float(column.mean()) if nominal is None else nominal, float(column.std())
         if spread > 0.0 and value != middle:
             found.append((abs(value - middle) / spread, (name, value, nominal, judged.table.unit(name))))
-    return changes_text(change for _, change in sorted(found, key=lambda pair: -pair[0]))
+    return _changes_text(change for _, change in sorted(found, key=lambda pair: -pair[0]))
 
 
 def replay_command(folder: Path | str, which: str) -> str:
@@ -112,7 +112,7 @@ def unbroken(text: str) -> str:
     return text.replace(" %", "\N{NO-BREAK SPACE}%")
 
 
-# Sentences ---------------------------------------------------------------------------------------------------
+# Sentences and tables for a terminal too -----------------------------------------------------------------------
 def campaign_verdict(judged: CampaignJudgement) -> str:
     """How many fail, with what confidence, and the worst of the main metric with its parameters."""
     found, unstable = judged.success, judged.of_status(UNSTABLE) + judged.of_status(DIVERGED)
@@ -126,7 +126,7 @@ def campaign_verdict(judged: CampaignJudgement) -> str:
     if worst is None:
         return f"{text}."
     value = value_text(float(judged.column(judged.main)[worst]), judged.table.unit(judged.main))
-    return f"{text}; worst {metric_text(judged.main)} {value}, at {changes(judged, worst)} (sample {worst})."
+    return f"{text}; worst {metric_text(judged.main)} {value}, at {sample_changes(judged, worst)} (sample {worst})."
 
 
 def unstable_text(judged: CampaignJudgement) -> str:
@@ -144,7 +144,7 @@ def worst_text(case: WorstCase) -> str:
         return f"worst {name}: {sampled} of sample {case.sample}; the search found no worse robot."
     times = "" if math.isnan(case.factor) else f"{number(case.factor, 3)} times "
     numbers, nominal = case.found.numbers, case.nominal.numbers
-    at = changes_text([(n, numbers[n], nominal[n], case.units[n]) for n in by_effect(case)], "{} others")
+    at = _changes_text([(n, numbers[n], nominal[n], case.units[n]) for n in by_effect(case)], "{} others")
     found = found_text(case, case.found)
     return f"worst {name} found: {found} ({times}the {sampled} of sample {case.sample}), at {at}."
 
@@ -190,43 +190,35 @@ def share_text(row: GainRow) -> str:
 def gain_changes(row: GainRow, nominal: Mapping[str, float]) -> str:
     """The robot of a disturbance, by all its numbers."""
     numbers = [(name, value, nominal.get(name), "") for name, value in row.numbers.items()]
-    return changes_text(numbers, most=len(numbers))
+    return _changes_text(numbers, most=len(numbers))
 
 
-# Replays at the terminal -------------------------------------------------------------------------------------
 def replay_table(found: Replayed) -> Any:
     """A sample that was run again: its numbers and metrics, in the table and now."""
-    state = "the same bits" if found.recorded else "not in the table yet"
-    title = f"sample {found.sample}: {found.run.status}; {state if found.same else 'differs'}"
+    state = ("the same bits" if found.same else "differs") if found.recorded else "not in the table yet"
     rows = [
-        (
-            name,
-            *(
-                f"{v:.10g}" if isinstance(v, float) else str(v)
-                for v in (found.recorded.get(name, "–"), value)
-            ),
-        )
+        (name, found.recorded.get(name, "–"), value)
         for name, value in found.again.items()
         if name not in ("sample", "failure") and value == value
     ]
-    return Table(("", "table", "run again"), rows, title).terminal()
+    return _again_table(f"sample {found.sample}: {found.run.status}; {state}", rows, "table")
 
 
 def worst_table(case: WorstCase, again: FoundPlant) -> Any:
     """The worst plant that was run again: its numbers and the metric, in the folder and now."""
     same = again == case.found or (again.status == case.found.status != COMPLETED)
     title = f"worst {metric_text(case.metric)}: {again.status}; {'the same bits' if same else 'differs'}"
-    rows = [(case.metric, f"{case.found.value:.10g}", f"{again.value:.10g}")]
-    rows += [(n, f"{value:.10g}", f"{again.numbers[n]:.10g}") for n, value in case.found.numbers.items()]
-    return Table(("", "found", "run again"), rows, title).terminal()
+    rows = [(case.metric, case.found.value, again.value)]
+    return _again_table(title, rows + [(n, v, again.numbers[n]) for n, v in case.found.numbers.items()])
 
 
 def gain_replay_table(rows: Sequence[GainRow], again: Sequence[float]) -> Any:
     """Gains in the folder, and run again."""
     same = all(row.gain == value for row, value in zip(rows, again))
-    cells = [
-        (f"{row.robot}, {row.loop}, {row.pair}", *(f"{v:.10g}" for v in (row.gain, value, row.gamma)))
-        for row, value in zip(rows, again)
-    ]
-    title = f"worst disturbances: {'the same bits' if same else 'differ'}"
-    return Table(("", "found", "run again", "γ"), cells, title).terminal()
+    cells = [(f"{r.robot}, {r.loop}, {r.pair}", r.gain, value, r.gamma) for r, value in zip(rows, again)]
+    return _again_table(f"worst disturbances: {'the same bits' if same else 'differ'}", cells, "found", "γ")
+
+
+def _again_table(title: str, rows: Iterable[Sequence[Any]], before: str = "found", *more: str) -> Any:
+    texts = [[f"{x:.10g}" if isinstance(x, float) else str(x) for x in row] for row in rows]
+    return Table(("", before, "run again", *more), texts, title).terminal()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from itertools import pairwise
 from textwrap import wrap
 from typing import TYPE_CHECKING, Any
@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from flexhinf.certify import Certificate
-from flexhinf.certify.pictures import LimitSlice, Slice, StartSurface
+from flexhinf.certify.pictures import Slice
 from flexhinf.certify.theorem import AUTHOR, common_unit, persistent_bound, theorem_parts
 from flexhinf.design.certification import CertifiedDegree, Evidence
 from flexhinf.design.specification import Specification
@@ -23,7 +23,6 @@ from flexhinf.report import (
     SERIES,
     Bullets,
     Column,
-    Figure,
     KeyNumber,
     Listing,
     Note,
@@ -73,19 +72,9 @@ def certificate_page(
     s: Specification,
     command: Sequence[str],
 ) -> Page:
-    """Everything on one page.
-
-    Parameters
-    ----------
-    found : sequence of CertifiedDegree
-        All degrees.
-    one : CertifiedDegree
-        The one whose certificate is shown.
-    command : sequence of str
-        That makes the page again.
-    """
+    """Everything on one page: all degrees, the one whose certificate is shown, and the command that makes it again."""
     given = shown.certificate
-    with house_style():
+    with house_style():  # once for all figures
         sections = [
             *_theorem(given),
             Section("Where steps may start", _starts(one, shown), "starts"),
@@ -96,15 +85,12 @@ def certificate_page(
             Section("The law of each degree", _degrees(found), "degrees"),
             Section("How to check it", CHECK, "check"),
         ]
-    reach = (
-        f", and steps of up to {_steps_text(given)} stay in the region."
-        if given.starts
-        else " in the region."
-    )
+    steps = f", and steps of up to {_steps_text(given)} stay in the region."
     who = "all robots of the stated box of parameters" if _is_box(given) else "the nominal robot"
     channels = ", ".join(d.name.replace("_", " ") for d in given.disturbances)
     fed = "the true state or the observer's estimates" if given.observer else "the true state"
     beyond = ", beyond the budget" if given.is_gradient_law else ""
+    reach = steps if given.starts else " in the region."
     return Page(
         f"Certificate: {given.about.split(',')[0]}",
         f"{given.about}. For {who}, fed {fed} in continuous time; disturbances: {channels}.",
@@ -118,10 +104,6 @@ def certificate_page(
 # Numbers --------------------------------------------------------------------------------------------------
 def _is_box(given: Certificate) -> bool:
     return any(p.low < p.high for p in given.parameters)
-
-
-def _rule(rule: str) -> str:
-    return RULES.get(rule, rule)
 
 
 def _position(given: Certificate) -> tuple[float, str]:
@@ -141,25 +123,32 @@ def _steps_text(given: Certificate) -> str:
     return " or ".join(f"{_angle(given, s.amplitude)} ({_rule(s.rule)})" for s in given.starts)
 
 
-def _peak(unit: str) -> str:
-    return "peak voltage" if unit == "V" else "peak input"
-
-
 def _numbers(one: CertifiedDegree, given: Certificate) -> list[KeyNumber]:
     effort, attained, share = given.inputs[0].unit, "", ""
     if given.attained_gain is not None:
         attained = f"attained by a disturbance: {at_least(given.attained_gain)}"
     if given.sampled_level is not None:
         share = f"{100 * given.level / given.sampled_level:.1f} % of the sampled one"
-    found = [
-        KeyNumber("largest proved step", _angle(given, s.amplitude), "", _rule(s.rule)) for s in given.starts
-    ]
-    found.append(KeyNumber("gain, proved", f"≤ {at_most(given.gamma)}", "", attained))
-    found.append(KeyNumber("level of V", at_least(given.level), "", share))
-    for step in one.steps:
-        note, peak = f"nominal robot, {_rule(step.rule)}; not proved", number(float(step.peak_input.max()), 3)
-        found.append(KeyNumber(f"{_peak(effort)}, simulated", peak, effort, note))
-    return found
+    return [
+        *(KeyNumber("largest proved step", _angle(given, s.amplitude), "", _rule(s.rule)) for s in given.starts),
+        KeyNumber("gain, proved", f"≤ {at_most(given.gamma)}", "", attained),
+        KeyNumber("level of V", at_least(given.level), "", share),
+        *(
+            KeyNumber(
+                f"{_peak(effort)}, simulated", number(float(step.peak_input.max()), 3), effort,
+                f"nominal robot, {_rule(step.rule)}; not proved",
+            )
+            for step in one.steps
+        ),
+    ]  # fmt: skip
+
+
+def _rule(rule: str) -> str:
+    return RULES.get(rule, rule)
+
+
+def _peak(unit: str) -> str:
+    return "peak voltage" if unit == "V" else "peak input"
 
 
 def _settings(given: Certificate) -> list[Setting]:
@@ -179,30 +168,26 @@ def _theorem(given: Certificate) -> list[Section]:
     parts["Proved"] = region + parts["Proved"]
     sections = []
     for title, lines in parts.items():
-        if title == "Hypotheses":
-            blocks: list[Any] = _hypotheses(lines)
-        elif title == "Proved":  # with numbers of its own, by which the rest names it
+        blocks: list[Any] = [Bullets(tuple(map(_set, lines)))]
+        if title == "Proved":  # with numbers of its own, by which the rest names it
             blocks = [Paragraph(_set(line)) for line in lines]
-        else:
-            blocks = [Bullets(tuple(map(_set, lines)))]
+        if (
+            title == "Hypotheses"
+        ):  # equations in a table, R2, the law and V as they can be copied, then the rest
+            rows, formulas, others = [], [], []
+            for line in lines:
+                if line.startswith("d/dt "):
+                    name, _, rate = line.removeprefix("d/dt ").partition(" = ")
+                    rows.append((_set(name), _set(f"−{rate[1:]}" if rate[0] == "-" else rate)))
+                elif _FORMULA.match(line):
+                    formulas.append(Listing("\n".join(wrap(line, 110, subsequent_indent="  "))))
+                else:
+                    others.append(_set(line))
+            plant = Table(("state", "its rate"), rows, "", "table-plant", stacks=True)
+            blocks = [Paragraph(others[0]), plant, Bullets(tuple(others[1:])), *formulas]
         anchor = "author" if title == AUTHOR else title.lower().replace(" ", "-")
         sections.append(Section(title, blocks, anchor))
     return sections
-
-
-def _hypotheses(texts: Iterable[str]) -> list[Any]:
-    """The plant with its equations in a table, R2, the law and V as they can be copied, then the rest."""
-    rows, formulas, others = [], [], []
-    for text in texts:
-        if text.startswith("d/dt "):
-            name, _, rate = text.removeprefix("d/dt ").partition(" = ")
-            rows.append((_set(name), _set(f"−{rate[1:]}" if rate[0] == "-" else rate)))
-        elif _FORMULA.match(text):
-            formulas.append(Listing("\n".join(wrap(text, 110, subsequent_indent="  "))))
-        else:
-            others.append(_set(text))
-    plant = Table(("state", "its rate"), rows, "", "table-plant", stacks=True)
-    return [Paragraph(others[0]), plant, Bullets(tuple(others[1:])), *formulas]
 
 
 def _set(text: str) -> str:
@@ -214,7 +199,8 @@ def _set(text: str) -> str:
 
 # Slices of the region -------------------------------------------------------------------------------------
 def _starts(one: CertifiedDegree, shown: Evidence) -> list[Any]:
-    given, effort = shown.certificate, shown.certificate.inputs[0].unit
+    """The largest proved steps, and the slice of the region where they start."""
+    given, effort, surface = shown.certificate, shown.certificate.inputs[0].unit, shown.surface
     if not one.steps:
         return [Paragraph("No steps from rest to rest are stated.")]
     rows = []
@@ -225,23 +211,12 @@ def _starts(one: CertifiedDegree, shown: Evidence) -> list[Any]:
         "start of the integrator", "largest proved step", Column("overshoot", "%", 1),
         Column("first input", effort, digits=3), Column(_peak(effort), effort, digits=3),
     )  # fmt: skip
-    caption = "Simulated, not proved: the nominal robot, undisturbed"
-    table = Table(columns, rows, caption, "table-steps", stacks=True)
-    if shown.surface is None:
-        text = (
-            "A step from rest starts at another equilibrium, of each robot its own, with the integrator at which its "
-            "input does not jump. The run is that of the nominal robot."
-        )
-        return [Paragraph(text), table]
-    text = (
-        "A step from rest starts at another equilibrium, with an integrator that the controller chooses. Where V is "
-        "smallest the region reaches furthest, and the input jumps; where the input does not jump, V is larger."
+    table = Table(
+        columns, rows, "Simulated, not proved: the nominal robot, undisturbed", "table-steps", stacks=True
     )
-    return [Paragraph(text), _surface_figure(given, shown.surface), table]
-
-
-def _surface_figure(given: Certificate, surface: StartSurface) -> Figure:
-    """The slice of the region where steps start."""
+    if surface is None:
+        text = "A step from rest starts at another equilibrium, of each robot its own, without a jump of the input."
+        return [Paragraph(text), table]
     scale, unit = _position(given)
     figure, axis = _slice(given, surface, scale)
     for path, start, colour in zip(surface.paths, given.starts, SERIES[2:]):
@@ -251,27 +226,25 @@ def _surface_figure(given: Certificate, surface: StartSurface) -> Figure:
     label(axis, "integral of the error", next(x.unit for x in given.states if x.name.endswith("_integral")))
     legend(axis)
     text = (
-        "Equilibria at a distance from the goal, with each value of the integrator: a slice of the proved region, "
-        "which is the part that is connected to the goal (+)."
+        "A step from rest starts at another equilibrium, with an integrator that the controller chooses. Where V is "
+        "smallest the region reaches furthest, and the input jumps."
     )
-    return figure_block("starts", figure, [text, *_slice_text(given, surface)], "Starts of steps")
+    caption = "Equilibria at a distance from the goal (+), with each value of the integrator."
+    picture = figure_block("starts", figure, [caption, *_slice_text(given, surface)], "Starts of steps")
+    return [Paragraph(text), picture, table]
 
 
 def _limit(shown: Evidence) -> list[Any]:
+    """The plane in which the sampled level ends."""
     given, plane = shown.certificate, shown.limit
     if plane is None:
         return [Paragraph("Sampling finds no point that limits the level.")]
-    text = (
-        "Sampling looks for points at which the inequality fails, and so says how large a level can be at most; the "
-        f"proof covers all points of V ≤ c = {at_least(given.level, 5)}"
-    )
     sampled = given.sampled_level
-    text += "." if sampled is None else f", {number(100.0 * given.level / sampled, 4)} % of the sampled one."
-    return [Paragraph(text), _limit_figure(given, plane)]
-
-
-def _limit_figure(given: Certificate, plane: LimitSlice) -> Figure:
-    """The plane in which the sampled level ends."""
+    share = "" if sampled is None else f", {number(100.0 * given.level / sampled, 4)} % of the sampled level"
+    text = (
+        f"The proof covers all points of V ≤ c = {at_least(given.level, 5)}{share}; sampling looks for points at which "
+        "the inequality fails, and so says how large a level can be at most."
+    )
     figure, axis = _slice(given, plane, 1.0)
     axis.plot(0.0, 1.0, "D", color=INK, markersize=5, label=f"limits the level: {_LIMITS[plane.limit]}")
     if plane.moved is None:
@@ -288,11 +261,9 @@ def _limit_figure(given: Certificate, plane: LimitSlice) -> Figure:
         f"{s.name.replace('_', ' ')} {number(float(v), 3)} {s.unit}".rstrip()
         for s, v in zip(given.states, plane.point, strict=True)
     )
-    text = (
-        f"The plane through the goal (+), {other}, and the point at which the sampled level ends: deviation {where}. "
-        "A larger level would have it inside."
-    )
-    return figure_block("limit", figure, [text, *_slice_text(given, plane)], "Where the level ends")
+    caption = f"The plane through the goal (+), {other}, and the point where the sampled level ends: deviation {where}."
+    picture = figure_block("limit", figure, [caption, *_slice_text(given, plane)], "Where the level ends")
+    return [Paragraph(text), picture]
 
 
 def _slice(given: Certificate, one: Slice, scale: float) -> tuple[Canvas, Axes]:
@@ -341,54 +312,47 @@ def _steps(one: CertifiedDegree, shown: Evidence) -> list[Any]:
     """The largest proved steps without disturbance, and smaller ones with the worst; none where none is stated."""
     if not one.steps:
         return []
-    given, solution = shown.certificate, one.choice.solution
+    given, solution, blocks = shown.certificate, one.choice.solution, list[Any]()
     value = solution.value if one.box is None else one.box.value
     scale, unit = _position(given)
-    figure, axes = new_figure(3, height=6.4)
-    for step, colour in zip(one.steps, SERIES[2:]):
-        few, name = thin(step.time), f"starts: {_rule(step.rule)}"
-        time, state = step.time[few], step.state[few]
-        axes[0].plot(time, scale * state[:, 0], color=colour, label=name)
-        axes[1].plot(time, (solution.operating_input + solution.inputs(state))[:, 0], color=colour)
-        axes[2].plot(time, value(state) / given.level, color=colour)
-    _finish(axes, one.steps, unit)
-    label(axes[1], "input", given.inputs[0].unit)
-    caption = (
-        "The largest proved step for each start of the integrator, without disturbance. V falls all the way."
-    )
-    blocks = [figure_block("largest", figure, caption, "Largest steps")]
-    if not shown.worst:
-        return blocks
-    figure, axes = new_figure(3, height=6.4)
-    for run, colour in zip(shown.worst, SERIES[2:]):
-        few, name = thin(run.time), f"starts: {_rule(run.rule)}"
-        bound = (run.value[0] + run.spent[few]) / given.level
-        axes[0].plot(run.time[few], scale * run.state[few, 0], color=colour, label=name)
-        axes[1].plot(run.time[few], np.linalg.norm(run.disturbance[few], axis=1), color=colour)
-        axes[2].plot(run.time[few], run.value[few] / given.level, color=colour)
-        axes[2].plot(run.time[few], bound, color=MUTED, linewidth=1.0, dashes=(2.0, 1.5))
-    _finish(axes, shown.worst, unit)
-    label(axes[1], "|d|", common_unit(given.disturbances))
-    caption = (
-        "Steps of 0.8 of the largest ones with the disturbance that V says is worst, d = g1ᵀV_xᵀ/γ², as long as "
-        "the budget lasts. Thin lines: V(x0) + ½γ²∫|d|², which V stays below."
-    )
-    return [*blocks, figure_block("worst", figure, caption, "Worst disturbance")]
-
-
-def _finish(axes: Sequence[Axes], runs: Iterable[Any], unit: str) -> None:
-    """Goal, level, names of the axes, and how long the runs are drawn."""
-    ends = []
-    for run in runs:
-        moving = np.flatnonzero(np.abs(run.state[:, 0]) > SETTLED * np.abs(run.state[0, 0]))
-        last = LONGER * run.time[moving[-1]] if moving.size else np.inf
-        ends.append(float(min(run.time[-1], last)))
-    axes[0].set_xlim(0.0, max(ends))
-    axes[2].axhline(1.0, color=SERIES[0], dashes=DASHED, linewidth=1.2)
-    reference_line(axes[0])
-    label(axes[0], "position − goal", unit)
-    label(axes[2], "V / c", "")
-    legend(axes[0])
+    for runs in (one.steps, shown.worst):
+        if not runs:
+            continue
+        figure, axes = new_figure(3, height=6.4)
+        ends = []  # how long the runs are drawn
+        for run, colour in zip(runs, SERIES[2:]):
+            few = thin(run.time)
+            time, state, name = run.time[few], run.state[few], f"starts: {_rule(run.rule)}"
+            axes[0].plot(time, scale * state[:, 0], color=colour, label=name)
+            if runs is one.steps:
+                axes[1].plot(time, (solution.operating_input + solution.inputs(state))[:, 0], color=colour)
+                axes[2].plot(time, value(state) / given.level, color=colour)
+            else:
+                bound = (run.value[0] + run.spent[few]) / given.level
+                axes[1].plot(time, np.linalg.norm(run.disturbance[few], axis=1), color=colour)
+                axes[2].plot(time, run.value[few] / given.level, color=colour)
+                axes[2].plot(time, bound, color=MUTED, linewidth=1.0, dashes=(2.0, 1.5))
+            moving = np.flatnonzero(np.abs(run.state[:, 0]) > SETTLED * np.abs(run.state[0, 0]))
+            last = LONGER * run.time[moving[-1]] if moving.size else np.inf
+            ends.append(float(min(run.time[-1], last)))
+        axes[0].set_xlim(0.0, max(ends))
+        axes[2].axhline(1.0, color=SERIES[0], dashes=DASHED, linewidth=1.2)
+        reference_line(axes[0])
+        label(axes[0], "position − goal", unit)
+        label(axes[2], "V / c", "")
+        legend(axes[0])
+        if runs is one.steps:
+            label(axes[1], "input", given.inputs[0].unit)
+            caption = "The largest proved step for each start of the integrator, without disturbance."
+            blocks.append(figure_block("largest", figure, caption, "Largest steps"))
+        else:
+            label(axes[1], "|d|", common_unit(given.disturbances))
+            caption = (
+                "Steps of 0.8 of the largest ones with the disturbance that V says is worst, d = g1ᵀV_xᵀ/γ², as long "
+                "as the budget lasts. Thin lines: V(x0) + ½γ²∫|d|², which V stays below."
+            )
+            blocks.append(figure_block("worst", figure, caption, "Worst disturbance"))
+    return blocks
 
 
 # Budget and gain ------------------------------------------------------------------------------------------
@@ -398,10 +362,7 @@ def _budget(shown: Evidence) -> list[Any]:
         "From a start x0 inside, the region holds as long as V(x0) + ½γ²∫|d|² ≤ c. What is left of the level is the "
         "energy ∫|d|² that disturbances may have"
     )
-    also = (
-        "; anything that makes the input differ by v from the law (hold, delay, estimator, limits) takes ½∫vᵀR2v "
-        "from the same budget. `flexhinf design` shows what its own loop spends."
-    )
+    also = "; an input that differs by v from the law takes ½∫vᵀR2v from the same budget."
     rows = []
     for run in shown.worst:
         start, left = float(run.value[0]), given.level - float(run.value[0])
@@ -427,8 +388,7 @@ def _budget(shown: Evidence) -> list[Any]:
     return [
         Paragraph(text + (also if given.is_gradient_law else ".")),
         *([table] if rows else []),
-        Paragraph(f"From rest at the goal, disturbances may have an energy of {energy} in all."),
-        Paragraph(last),
+        Paragraph(f"From rest at the goal, disturbances may have an energy of {energy} in all. {last}"),
     ]
 
 
@@ -504,12 +464,12 @@ def _degrees(found: Sequence[CertifiedDegree]) -> list[Any]:
 
 CHECK = (
     Paragraph(
-        "The certificate's file has every number of the theorem exactly, and nothing of the search. A second program, "
-        "which shares no code with the search, proves it again and says what it proved and what not:"
+        "A second program, which shares no code with the search, proves the certificate's file again and says what it "
+        "proved and what not:"
     ),
     Listing("flexhinf certify --check certificate.json"),
     Paragraph(
-        "It trusts a bound of its own rounding in doubles, but for a random sample of cells. With `--every-cell` it "
-        "proves all of them in exact rationals and balls too: minutes for V of degree 2, hours for degree 6."
+        "It trusts a bound of its own rounding in doubles, but for a random sample of cells; with `--every-cell` it "
+        "proves all of them in exact rationals and balls too (minutes for V of degree 2, hours for degree 6)."
     ),
 )

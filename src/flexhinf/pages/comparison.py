@@ -9,12 +9,11 @@ import numpy as np
 
 from flexhinf.design.criterion import RATIOS, unstable_corners
 from flexhinf.design.laws import DEFAULT_LAWS, DESIGN, NL_HINF
-from flexhinf.design.result import ComparedLaw, Comparison
+from flexhinf.design.result import Comparison
 from flexhinf.design.tuning import TunedLaw, best_rival, is_hinf, ranked, trade_offs
 from flexhinf.pages.design.frequency import Loop, frequency_figures
 from flexhinf.pages.design.laws import (
     FIGURES,
-    LawFigure,
     cell,
     metric_table,
     responses_figure,
@@ -61,9 +60,9 @@ SIGNALS = ("link_position", "link_velocity", "motor_position", "motor_velocity")
 #: How the table of the criterion is read.
 RANKING = (
     "The four columns of ratios are over those of the design as it is; the criterion is their geometric mean, and "
-    "less is better. Every law here keeps every limit. One with more unstable corners of the tolerances than the "
-    "design is not ranked. A law of which no tuning keeps every limit has no numbers, and is named with the reason "
-    "below. The searches are short: differences of less than 10 % say nothing."
+    "less is better; differences of less than 10 % say nothing. Every law here keeps every limit. One with more "
+    "unstable corners of the tolerances than the design is not ranked; a law of which no tuning keeps every limit is "
+    "named with the reason below."
 )
 
 #: Differences of the criterion smaller than this fraction say nothing: two searches of one law end so far apart.
@@ -76,11 +75,6 @@ def tuned_laws(comparison: Comparison) -> list[TunedLaw]:
     return [row.tuned for row in comparison.compared if row.tuned is not None]
 
 
-def rival_of(comparison: Comparison) -> TunedLaw | None:
-    """The best rival by the criterion; None where no other law keeps every limit."""
-    return best_rival(tuned_laws(comparison))
-
-
 def ours_of(comparison: Comparison) -> TunedLaw:
     """The best nonlinear H∞ law tuned as the rivals are; the design as it is where that keeps no limit, or is worse."""
     design = comparison.own.tuned
@@ -89,10 +83,22 @@ def ours_of(comparison: Comparison) -> TunedLaw:
     return min([*tuned, design], key=lambda law: law.cost)
 
 
+def called(law: TunedLaw) -> str:
+    """A law in a sentence."""
+    return "the design" if law.name == DESIGN else law.name
+
+
+def _whole(text: str) -> str:
+    """Names of laws with hyphens at which no line breaks."""
+    for name in sorted((n for n in DEFAULT_LAWS if "-" in n), key=len, reverse=True):
+        text = text.replace(name, name.replace("-", "\u2011"))
+    return text
+
+
 def comparison_verdict(comparison: Comparison) -> str:
     """The best rival against nonlinear H∞, both tuned alike; where ours loses, the first sentence says so."""
-    laws, rival, ours = tuned_laws(comparison), rival_of(comparison), ours_of(comparison)
-    name = called(ours)
+    laws, ours = tuned_laws(comparison), ours_of(comparison)
+    rival, name = best_rival(laws), called(ours)
     if all(is_hinf(row.name) for row in comparison.rows):
         return f"No other law could be compared with {name}."
     if rival is None:
@@ -108,41 +114,28 @@ def comparison_verdict(comparison: Comparison) -> str:
             f"{text} The smallest criterion has {law.name} ({number(law.cost, 3)}), with "
             f"{unstable_corners(law.evaluation)} unstable corners against {unstable_corners(own)}."
         )
-    sentences = [_outcome(rival, ours)]
+    costs = f"{number(rival.cost, 3)} against {number(ours.cost, 3)}; less is better"
+    nothing = "so by this criterion nonlinear H∞ buys nothing on this robot."
+    if rival.cost < ours.cost * (1.0 - EQUAL):
+        text = f"The best rival, {rival.name}, beats {name} by the criterion ({costs}), {nothing}"
+    elif rival.cost <= ours.cost * (1.0 + EQUAL):
+        text = f"Between the best rival, {rival.name}, and {name} there is no difference ({costs}), {nothing}"
+    else:
+        text = f"The best rival, {rival.name}, loses to {name} by the criterion ({costs})."
     better = [
         f"{law.name} ({number(law.cost, 3)})"
         for law in ranked(laws)
         if law is not rival and not is_hinf(law.name) and law.cost < ours.cost * (1.0 - EQUAL)
     ]
     if better:
-        verb = "is" if len(better) == 1 else "are"
-        sentences.append(f"Better than {name} {verb} also {', '.join(better[:3])}.")
+        text += f" Better than {name} {'is' if len(better) == 1 else 'are'} also {', '.join(better[:3])}."
     theirs, mine = (comparison.criterion.ratios(law.metrics) for law in (rival, ours))
-    *parts, last = [f"{number(theirs[key] / mine[key], 3)} times the {text}" for key, text in RATIOS.items()]
-    sentences.append(f"Relative to {name}, {rival.name} has {', '.join(parts)} and {last}.")
+    *parts, last = [f"{number(theirs[key] / mine[key], 3)} times the {what}" for key, what in RATIOS.items()]
+    text += f" Relative to {name}, {rival.name} has {', '.join(parts)} and {last}."
     design = comparison.own.tuned
     if design is not None and ours is not design:
-        sentences.append(f"The design as it is, not tuned for the criterion, has {number(design.cost, 3)}.")
-    return " ".join(sentences)
-
-
-def called(law: TunedLaw) -> str:
-    """A law in a sentence."""
-    return "the design" if law.name == DESIGN else law.name
-
-
-def _outcome(rival: TunedLaw, ours: TunedLaw) -> str:
-    """Best rival, who is better, and what nonlinear H∞ is worth by the criterion."""
-    costs = f"{number(rival.cost, 3)} against {number(ours.cost, 3)}; less is better"
-    nothing = "so by this criterion nonlinear H∞ buys nothing on this robot."
-    if rival.cost < ours.cost * (1.0 - EQUAL):
-        return f"The best rival, {rival.name}, beats {called(ours)} by the criterion ({costs}), {nothing}"
-    if rival.cost <= ours.cost * (1.0 + EQUAL):
-        return (
-            f"Between the best rival, {rival.name}, and {called(ours)} there is no difference that the search can "
-            f"tell ({costs}), {nothing}"
-        )
-    return f"The best rival, {rival.name}, loses to {called(ours)} by the criterion ({costs})."
+        text += f" The design as it is, not tuned for the criterion, has {number(design.cost, 3)}."
+    return text
 
 
 # Page --------------------------------------------------------------------------------------------------------
@@ -150,24 +143,29 @@ def comparison_page(
     comparison: Comparison, command: Sequence[str], warnings: Sequence[str] = (), files: Sequence[str] = ()
 ) -> Page:
     """Everything on one page; parameters as for `flexhinf.pages.page.design_page`."""
-    own, s = comparison.own.evaluation, comparison.specification
+    own, s, robot = comparison.own.evaluation, comparison.specification, comparison.robot
     assert own is not None
-    slides, degrees = comparison.robot.links.slides, s.in_degrees
+    slides, degrees = robot.links.slides, s.in_degrees
     way = f"{pose_text(own.setup.start, slides, degrees)} to {pose_text(own.setup.goal, slides, degrees)}"
     intro = (
-        f"{comparison.robot.name}, {joint_count(len(own.setup.joints))}, {comparison.robot.drive} driven; step from "
-        f"{way}. {count_text(len(comparison.compared), 'law')} with the same commands, load, move, robots and seeds. "
+        f"{robot.name}, {joint_count(len(own.setup.joints))}, {robot.drive} driven; step from {way}. "
+        f"{count_text(len(comparison.compared), 'law')} with the same commands, load, move, robots, seeds and limits. "
         f"“{DESIGN}” is the law as flexhinf design makes it (preset {comparison.synthesis.design_problem.preset}, "
         f"{law_name(comparison.synthesis.chosen.degree)}, {ESTIMATORS[s.estimator]}); {_whole(NL_HINF)} is the same "
-        f"problem tuned as the other laws are. Criterion: {comparison.criterion.measure} All keep the same limits, "
-        "which stand below."
+        f"problem tuned as the other laws are. Criterion: {comparison.criterion.measure}"
     )
     notes = (*comparison_notes(comparison), *(" ".join(text.split()) for text in warnings))
+    limits = [
+        (x.label.rstrip(","), f"{'≥' if x.least else '≤'} {number(x.value, 3)} {x.unit}".strip(), x.origin)
+        for x in comparison.criterion.limits
+    ]
+    trade_off = trade_off_figure(comparison, trade_offs(tuned_laws(comparison), comparison.criterion))
     blocks: dict[tuple[str, str], Sequence[Any]] = {
         ("criterion", "Laws by the criterion"): (
-            _limits(comparison), Paragraph(RANKING), _ranking(comparison), *map(Note, notes),
+            Table(("limit for every law", "value", "stated by"), limits, id="table-limits"), Paragraph(RANKING),
+            _ranking(comparison), *map(Note, notes),
         ),
-        ("trade-off", "Trade-off"): _trade_off(comparison),
+        ("trade-off", "Trade-off"): () if trade_off is None else (trade_off,),
         ("figures", "Figures of every law"): (metric_table(comparison, comparison.compared),),
         ("responses", "Step, load and move"): (responses_figure(comparison),),
         ("frequency", "Frequency responses"): _frequency(comparison),
@@ -180,52 +178,34 @@ def comparison_page(
         status = Status("not met", f"The design as it is: {'; '.join(map(requirement_text, missed))}.")
     sampled = "All figures are of simulated runs, of sampled robots and of the linear loop."
     return Page(
-        f"Control laws compared on {comparison.robot.name}",
-        intro,
-        _whole(comparison_verdict(comparison)),
-        (*sections, *([files_section(files)] if files else [])),
-        Settings(comparison_settings(comparison)),
-        Provenance(tuple(command), s.seed),
-        _key_numbers(comparison),
-        [status, Status("not proved", sampled)],
-    )
+        f"Control laws compared on {robot.name}", intro, _whole(comparison_verdict(comparison)),
+        (*sections, *([files_section(files)] if files else [])), Settings(comparison_settings(comparison)),
+        Provenance(tuple(command), s.seed), _key_numbers(comparison), [status, Status("not proved", sampled)],
+    )  # fmt: skip
 
 
 def comparison_notes(comparison: Comparison) -> list[str]:
     """What the reader must not miss."""
-    found = []
+    found, own, s = [], comparison.own.evaluation, comparison.specification
     for row in comparison.rows:
         if row.failure:
             found.append(f"{row.name} was not compared: {row.failure.rstrip('.')}.")
         if row.evaluation is not None and row.evaluation.linear_failure:
-            found.append(
-                f"The loop of {row.name} could not be linearised: {row.evaluation.linear_failure.rstrip('.')}."
-            )
-    own, s = comparison.own.evaluation, comparison.specification
+            why = row.evaluation.linear_failure.rstrip(".")
+            found.append(f"The loop of {row.name} could not be linearised: {why}.")
     if own is not None and own.setup.left_out:
         names = " and ".join(own.setup.left_out).replace("_", " ")
         found.append(f"The linear loops leave out {names}, as in flexhinf design; the runs have it.")
-    names = [row.name for row in comparison.compared]
-    if comparison.synthesis.chosen.degree == 2 and "hinf" in names:
+    if comparison.synthesis.chosen.degree == 2 and any(row.name == "hinf" for row in comparison.compared):
         found.append("The design chose degree 2: it is a linear law, as hinf is.")
     if s.via:
         found.append(
-            "The design switches between laws of several poses; its linear figures are of the one at the goal, and the "
-            "tuned laws have that one alone."
+            "The design switches between laws of several poses; all else here is of the one at the goal."
         )
     return found
 
 
 # Sections --------------------------------------------------------------------------------------------------
-def _limits(comparison: Comparison) -> Table:
-    """What every law keeps, and who says so."""
-    rows = [
-        (x.label.rstrip(","), f"{'≥' if x.least else '≤'} {number(x.value, 3)} {x.unit}".strip(), x.origin)
-        for x in comparison.criterion.limits
-    ]
-    return Table(("limit for every law", "value", "stated by"), rows, id="table-limits")
-
-
 def _ranking(comparison: Comparison) -> Table:
     """Ranked laws first, by the criterion."""
     laws = tuned_laws(comparison)
@@ -248,11 +228,6 @@ def _ranking(comparison: Comparison) -> Table:
     return Table(columns, rows, "", "table-criterion", stacks=True)
 
 
-def _trade_off(comparison: Comparison) -> list[Any]:
-    figure = trade_off_figure(comparison, trade_offs(tuned_laws(comparison), comparison.criterion))
-    return [] if figure is None else [figure]
-
-
 def _frequency(comparison: Comparison) -> list[Any]:
     """The design, nonlinear H∞ and the best others, in one joint."""
     laws = [law for law in tuned_laws(comparison) if not law.evaluation.linear_failure]
@@ -269,64 +244,50 @@ def _frequency(comparison: Comparison) -> list[Any]:
 
 def _key_numbers(comparison: Comparison) -> list[KeyNumber]:
     """Metrics of nonlinear H∞ beside those of the best rival."""
-    rival, ours, found = rival_of(comparison), ours_of(comparison), []
-
-    def shown(metric: LawFigure, law: TunedLaw) -> str:
-        return cell(metric, law.evaluation.metrics.get(metric.key), comparison)
-
+    rival, ours, found = best_rival(tuned_laws(comparison)), ours_of(comparison), []
     for metric in (one for key in KEYS for one in FIGURES if one.key == key):
-        if ours.evaluation.metrics.get(metric.key) is not None:
-            note = "" if rival is None else f"{_whole(rival.name)}: {shown(metric, rival)}"
-            label = f"{_whole(called(ours))}: {metric.label}"
-            found.append(KeyNumber(label, shown(metric, ours), unit_of(metric, comparison), note))
+        mine = ours.evaluation.metrics.get(metric.key)
+        if mine is not None:
+            note = ""
+            if rival is not None:
+                theirs = cell(metric, rival.evaluation.metrics.get(metric.key), comparison)
+                note = f"{_whole(rival.name)}: {theirs}"
+            unit, name = unit_of(metric, comparison), f"{_whole(called(ours))}: {metric.label}"
+            found.append(KeyNumber(name, cell(metric, mine, comparison), unit, note))
     return found
 
 
 def _laws(comparison: Comparison) -> list[Any]:
+    """What each law is, how it was tuned, and which states it needs."""
     text = (
         "Every law but the design as it is, is tuned over all its parameters and the noise levels of its estimator, in "
-        "three rounds with as many candidates per parameter, with the sensors that its proponents would choose. All "
-        "make the step as they would be deployed: the input continues from what held the robot at the start, by the "
-        "integrals, and by a bias that fades where a law has none. The move is followed in error coordinates, "
-        "(x_d, u_d) from the elastic inverse dynamics."
+        "three rounds with as many candidates per parameter, with the sensors that its proponents would choose. The "
+        "step begins as it would be deployed: the input continues from what held the robot, by the integrals, and by a "
+        "bias that fades where a law has none. The move is followed in error coordinates, (x_d, u_d) from the elastic "
+        "inverse dynamics."
     )
+    rows = []
+    for row in comparison.rows:
+        tuned, kind = row.tuned, row.kind
+        labels, parts = {p.name: (p.label, p.unit) for p in kind.parameters}, []
+        for name, value in ({} if tuned is None else tuned.parameters).items():
+            what, unit = labels.get(name, (name.replace("_", " "), ""))
+            parts.append(f"{what} {number(value, 3)} {unit}".strip())
+        states = [] if row.evaluation is None else row.evaluation.needed_states
+        own = [state for state in states if not state.endswith("_integral")]
+        needs = [
+            name.replace("_", " ") for name in SIGNALS if any(f"{s}_".startswith(f"{name}_") for s in own)
+        ]
+        needs = ["all four states"] if len(needs) == len(SIGNALS) else needs
+        needs += ["integral of the link's error"] if len(own) < len(states) else []
+        rows.append((
+            _whole(row.name), kind.description,
+            ", ".join(parts) or (f"not compared: {row.failure}" if row.failure else "–"),
+            "–" if tuned is None or not tuned.candidates else str(tuned.candidates),
+            ", ".join(name.replace("_", " ") for name in (() if tuned is None else tuned.sensors)) or "–",
+            ", ".join(needs) or "–", kind.model, kind.source,
+        ))  # fmt: skip
     columns = (
         "law", "what it is", "tuned", "candidates", "measured", "needs of the state", "knows", "source",
     )  # fmt: skip
-    return [Paragraph(text), Table(columns, [_law_cells(row) for row in comparison.rows], stacks=True)]
-
-
-def _law_cells(row: ComparedLaw) -> tuple[Any, ...]:
-    tuned, kind = row.tuned, row.kind
-    labels = {p.name: (p.label, p.unit) for p in kind.parameters}
-    parts = []
-    for name, value in ({} if tuned is None else tuned.parameters).items():
-        text, unit = labels.get(name, (name.replace("_", " "), ""))
-        parts.append(f"{text} {number(value, 3)} {unit}".strip())
-    sensors = [] if tuned is None else [name.replace("_", " ") for name in tuned.sensors]
-    return (
-        _whole(row.name),
-        kind.description,
-        ", ".join(parts) or (f"not compared: {row.failure}" if row.failure else "–"),
-        "–" if tuned is None or not tuned.candidates else str(tuned.candidates),
-        ", ".join(sensors) or "–",
-        _needs(row),
-        kind.model,
-        kind.source,
-    )
-
-
-def _needs(row: ComparedLaw) -> str:
-    """States by kind, and integrals."""
-    states = [] if row.evaluation is None else row.evaluation.needed_states
-    own = [state for state in states if not state.endswith("_integral")]
-    kinds = [name.replace("_", " ") for name in SIGNALS if any(f"{s}_".startswith(f"{name}_") for s in own)]
-    integral = ["integral of the link's error"] if len(own) < len(states) else []
-    return ", ".join([*(["all four states"] if len(kinds) == len(SIGNALS) else kinds), *integral]) or "–"
-
-
-def _whole(text: str) -> str:
-    """Names of laws with hyphens at which no line breaks."""
-    for name in sorted((n for n in DEFAULT_LAWS if "-" in n), key=len, reverse=True):
-        text = text.replace(name, name.replace("-", "\u2011"))
-    return text
+    return [Paragraph(text), Table(columns, rows, stacks=True)]

@@ -1,14 +1,12 @@
-"""What the figures of a design have in common: lines of several joints, limits that hide no line, few points.
-
-Numbers, units, poses and robots as the text of a report has them.
-"""
+"""What pages have in common: blocks of a section, figures over time with a line for each joint, units, and numbers,
+poses and robots as text."""
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -21,6 +19,8 @@ from flexhinf.report import (
     MUTED,
     SERIES,
     WIDTH,
+    Block,
+    Column,
     Figure,
     Note,
     Table,
@@ -40,6 +40,9 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure as Canvas
 
+#: A section of a page: notes first, then its blocks; a figure as the function that draws it, None where there is
+#: nothing to draw. Who reads notes or tables only draws nothing.
+Blocks = Iterator[Block | Callable[[], Figure | None]]
 
 #: Points of a line in a figure, at most: more cannot be told apart at the width of a page.
 POINTS = 1500
@@ -70,22 +73,6 @@ def framed(values: np.ndarray, margin: float = 0.06) -> tuple[float, float]:
     return low - room, high + room
 
 
-def widened(low: float, high: float, least: float) -> tuple[float, float]:
-    """An interval about the same middle that is at least `least` wide."""
-    middle, half = 0.5 * (low + high), 0.5 * max(high - low, least)
-    return middle - half, middle + half
-
-
-@house_style()
-def joint_lines(
-    axes: Axes, time: np.ndarray, values: np.ndarray, joints: Sequence[str], **style: Any
-) -> None:
-    """Signals (N, n) of all joints over time (N,), with fewer points."""
-    few = thin(time)
-    for joint, name in enumerate(joints):
-        axes.plot(time[few], values[few, joint], label=name, **{**line_style(joint), **style})
-
-
 @house_style()
 def reference_line(axes: Axes, value: float = 0.0) -> None:
     """A dotted horizontal line behind the others."""
@@ -100,22 +87,9 @@ def vertical_line(axes: Axes, value: float) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Panel:
-    """Signals (N, n) of all joints, for `time_figure`.
-
-    Attributes
-    ----------
-    quantity, unit : str
-        Of the vertical axis.
-    zero : bool
-        Whether there is a dotted line at zero.
-    plan : (N, n), optional
-        Planned signals, dotted, with `plan_name` in the legend.
-    limits : (n,), optional
-        ± limits, dashed, on the sides where a signal comes near its own, with `limit_name` in a legend; limits that
-        differ have the colours of their joints. A limit that is far away would leave the values flat.
-    least : float
-        The vertical axis shows at least so much.
-    """
+    """Signals (N, n) of all joints, for `time_figure`: with a dotted line at zero, a dotted plan (N, n), and limits ±
+    (n,), dashed where a signal comes near its own (one that is far away would leave the values flat). The vertical
+    axis shows `least` at least."""
 
     quantity: str
     unit: str
@@ -143,7 +117,8 @@ class Panel:
     def draw(self, axes: Axes, time: np.ndarray, joints: Sequence[str], **style: Any) -> None:
         """Draw the panel."""
         few = thin(time)
-        joint_lines(axes, time, self.values, joints, **style)
+        for joint, name in enumerate(joints):
+            axes.plot(time[few], self.values[few, joint], label=name, **{**line_style(joint), **style})
         for joint, column in enumerate([] if self.plan is None else self.plan[few].T):
             name = None if joint else self.plan_name
             axes.plot(time[few], column, label=name, color=MUTED, linewidth=1.2, linestyle=DOTTED)
@@ -155,7 +130,9 @@ class Panel:
         if self.limits is not None:
             axes.set_ylim(*framed(np.array([*framed(self.values), *self.limit_sides])))
         if self.least is not None:
-            axes.set_ylim(*widened(*framed(self.values[few]), self.least))
+            low, high = framed(self.values[few])
+            middle, half = 0.5 * (low + high), 0.5 * max(high - low, self.least)
+            axes.set_ylim(middle - half, middle + half)
         label(axes, self.quantity, self.unit)
 
 
@@ -176,6 +153,18 @@ def time_figure(
     if len(joints) > 1 or planned:
         legend(axes[0])
     return figure, axes
+
+
+def time_block(
+    name: str, time: np.ndarray, joints: Sequence[str], panels: Sequence[Panel], caption: str, title: str,
+    height: float | None = None, mark: float | None = None, **style: Any,
+) -> Figure:  # fmt: skip
+    """Panels over one axis of time as a figure of a page; `mark` is a time with a dotted line."""
+    figure, axes = time_figure(time, joints, panels, height, **style)
+    if mark is not None:
+        for axis in axes:
+            vertical_line(axis, mark)
+    return figure_block(name, figure, caption, title)
 
 
 @house_style()
@@ -216,6 +205,12 @@ def figure_block(name: str, figure: Canvas, sentences: str | Iterable[str], titl
     return Figure(f"figure-{name}", figure_to_svg(figure), caption, title)
 
 
+def with_figures(blocks: Blocks) -> list[Block]:
+    """The blocks of a section with its figures drawn."""
+    found = (block() if callable(block) else block for block in blocks)
+    return [block for block in found if block is not None]
+
+
 LAW_NAMES = {2: "linear", 3: "quadratic", 4: "cubic", 5: "quartic", 6: "quintic"}
 
 ESTIMATORS = {
@@ -234,17 +229,8 @@ LISTED = 6
 
 @dataclass(frozen=True)
 class Units:
-    """Units of the signals of a robot; with joints that turn and joints that slide "rad or m".
-
-    Attributes
-    ----------
-    position, speed : str
-        Of link positions and velocities, as the model has them.
-    load, spring, effort : str
-        Of torques on the links, torques of the springs, inputs.
-    degrees : bool
-        Whether angles are shown in degrees, as the user gave them.
-    """
+    """Units of link positions and velocities, torques on the links, torques of the springs, and inputs; "rad or m" with
+    joints that turn and joints that slide. `degrees`: whether angles are shown so, as the user gave them."""
 
     position: str
     speed: str
@@ -257,14 +243,13 @@ class Units:
     def of(plant: Plant, joints: Sequence[str], degrees: bool = False) -> Units:
         """Units of a plant with these joints; degrees only where every joint turns."""
 
-        def unit(signal: str) -> str:
-            return _joined(plant.unit(name) for name in signal_names(signal, joints))
+        def units(names: Iterable[str]) -> str:
+            return " or ".join(dict.fromkeys(plant.unit(name) for name in names))
 
-        position = unit("link_position")
-        return Units(
-            position, " or ".join(f"{each}/s" for each in position.split(" or ")), unit("link_torque"),
-            unit("joint_torque"), _joined(plant.unit(name) for name in plant.inputs), degrees and position == "rad",
-        )  # fmt: skip
+        kinds = ("link_position", "link_torque", "joint_torque")
+        position, load, spring = (units(signal_names(kind, joints)) for kind in kinds)
+        speed = " or ".join(f"{each}/s" for each in position.split(" or "))
+        return Units(position, speed, load, spring, units(plant.inputs), degrees and position == "rad")
 
     @property
     def angle(self) -> str:
@@ -288,14 +273,15 @@ class Units:
             return "°", self.scale
         return " or ".join(f"m{each}" if each == "rad" else "mm" for each in self.position.split(" or ")), 1e3
 
+    def small_text(self, value: float, digits: int) -> str:
+        """A small deviation with its unit."""
+        unit, scale = self.small
+        return f"{number(scale * value, digits)}{'' if unit == '°' else ' '}{unit}"
+
 
 def units_of(e: LawEvaluation) -> Units:
     """Units of the signals of one loop, angles as the user gave them."""
     return Units.of(e.setup.model, e.setup.robot.joint_names, e.setup.specification.in_degrees)
-
-
-def _joined(units: Iterable[str]) -> str:
-    return " or ".join(dict.fromkeys(units))
 
 
 def law_name(degree: int) -> str:
@@ -308,9 +294,14 @@ def joint_count(count: int) -> str:
     return "one elastic joint" if count == 1 else f"{count} elastic joints"
 
 
-def count_text(count: int, noun: str, plural: str = "") -> str:
+def count_text(count: int, noun: str) -> str:
     """A number and what it counts, with the plural where it needs one."""
-    return f"{count} {noun if count == 1 else plural or f'{noun}s'}"
+    return f"{count} {noun if count == 1 else f'{noun}s'}"
+
+
+def in_joint(joint: str, joints: Sequence[str]) -> str:
+    """The name of a joint in brackets, where there are several."""
+    return f" ({joint})" if joint and len(joints) > 1 else ""
 
 
 def listed(words: Sequence[str]) -> str:
@@ -374,14 +365,8 @@ def rounded(value: float | None, digits: int = 3) -> float | None:
 def changes_text(values: Mapping[str, Any], robot: Robot, extras: Sequence[str]) -> str:
     """A robot within its tolerances by its numbers furthest from nominal: ``stiffness −12 %, payload mass hand 2 kg``.
 
-    Parameters
-    ----------
-    values : mapping
-        Parameters of a plant, as `Robot.draw` and `Robot.corner` give them.
-    robot : Robot
-        The nominal one.
-    extras : sequence of str
-        Of the true plant; numbers of extras that it leaves out do not act and are left out here.
+    `values` are as `Robot.draw` and `Robot.corner` give them; numbers of extras that the true plant leaves out do not
+    act and are left out here.
     """
     if not isinstance(values, PlantValues):
         raise TypeError(f"expected parameters that know the robot's numbers, got {type(values).__name__}")
@@ -420,21 +405,23 @@ def finite(value: Any) -> Any:
 _OPTION = re.compile(r"`[^`]*`|--[a-z]+(?:-[a-z]+)*")
 
 
-def joint_table(table: Table) -> Table:
+def joint_table(
+    columns: Sequence[Column], records: Sequence[Mapping[str, Any]], caption: str, name: str, title: str = ""
+) -> Table:
     """A table with a row for each joint, its name first; of a single joint a row for each column, without the name."""
-    if len(table.rows) != 1:
-        return replace(table, stacks=True)
-    cells = list(zip(table.heads, table.rows[0]))[1:]
-    rows = [(column.name, _with_unit(value, column.unit)) for column, value in cells]
-    return replace(table, columns=("", "value"), rows=rows)
+    if len(records) != 1:
+        columns = (Column("joint", key="joint"), *columns)
+        return Table.of(columns, records, caption, name, stacks=True, title=title)
+    rows = []
+    for column, value in zip(columns, Table.of(columns, records).rows[0]):
+        text: Any = value or "–"
+        if value is not None and not isinstance(value, str):
+            unit = column.unit if column.unit == "°" else f" {column.unit}"
+            text = f"{number(float(value))}{unit}".strip()  # pyright: ignore[reportArgumentType]
+        rows.append((column.name, text))
+    return Table(("", "value"), rows, caption, name, title=title)
 
 
-def _with_unit(value: Any, unit: str) -> str:
-    if value is None or isinstance(value, str):
-        return value or "–"
-    return f"{number(float(value))}{'' if unit == '°' else ' '}{unit}".strip()
-
-
-def notes_of(remarks: Iterable[str]) -> list[Note]:
-    """Remarks as blocks of a page, options of the command line set as code."""
-    return [Note(_OPTION.sub(lambda found: f"`{found[0].strip('`')}`", text)) for text in remarks]
+def note(text: str) -> Note:
+    """A remark that the reader must not miss, options of the command line set as code."""
+    return Note(_OPTION.sub(lambda found: f"`{found[0].strip('`')}`", text))

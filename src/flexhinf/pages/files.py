@@ -18,14 +18,13 @@ from flexhinf.design.problem.modes import Mode
 from flexhinf.design.requirements import Requirement
 from flexhinf.design.responses import Response
 from flexhinf.design.result import ComparedLaw, Comparison, Design
-from flexhinf.design.tuning import TradeOff, best_rival, trade_offs
+from flexhinf.design.tuning import best_rival, trade_offs
 from flexhinf.errors import InvalidInput
 from flexhinf.pages.comparison import comparison_page
-from flexhinf.pages.design.margins import corner_rows
-from flexhinf.pages.design.moves import along_rows
+from flexhinf.pages.design.frequency import corner_rows
 from flexhinf.pages.design.region import budget_rows
 from flexhinf.pages.design.requirements import input_rows
-from flexhinf.pages.design.rest import rest_rows, ring_down_rows
+from flexhinf.pages.design.runs import along_rows, long_run_rows, ring_down_rows
 from flexhinf.pages.design.weights import is_used, state_weights, whole_loop_rows
 from flexhinf.pages.drawing import finite
 from flexhinf.pages.page import design_page, notes, verdict
@@ -50,65 +49,52 @@ def design_files(
     beside : sequence of str
         Names of files that the caller writes into the same folder: the page lists them.
     """
-    runs = {f"runs/{name}": response.run.save for name, response in _responses(design.evaluation).items()}
-    for k, response in enumerate(design.evaluation.ring_down.responses):
-        runs[f"runs/ring-down-{k + 1}"] = response.run.save
+    runs = _responses(design.evaluation)
+    runs |= {f"ring-down-{k + 1}": one for k, one in enumerate(design.evaluation.ring_down.responses)}
     if design.mujoco is not None:
-        runs["runs/step-mujoco"] = design.mujoco.run.save
-    saved = {
-        "controller": design.controller().save,
-        **{f"{name}.{ENDING}": save for name, save in runs.items()},
-    }
+        runs["step-mujoco"] = design.mujoco
+    saved = {"controller": design.controller().save}
+    saved |= {f"runs/{name}.{ENDING}": response.run.save for name, response in runs.items()}
     files: dict[str, str | bytes] = {"design.json": to_json(design_numbers(design)), **_saved(saved)}
     if design.proof.certificate is not None:
         files["certificate.json"] = design.proof.certificate.text()
     if design.proof.box is not None and design.proof.box.certificate is not None:
         files[BOX_FILE] = design.proof.box.certificate.text()
-    page = design_page(design, command, warnings, (*files, *beside))
-    return {"index.html": page.html(), **files}
+    return {"index.html": design_page(design, command, warnings, (*files, *beside)).html(), **files}
 
 
 def comparison_files(
     comparison: Comparison, command: Sequence[str], warnings: Sequence[str] = (), beside: Sequence[str] = ()
 ) -> dict[str, str | bytes]:
-    """index.html, comparison.json, and every run of the nominal robot, in a folder for each law."""
+    """index.html, comparison.json, and every run of the nominal robot, in a folder for each law; parameters as for
+    `design_files`."""
     saved = {
         f"runs/{row.name}/{name}.{ENDING}": response.run.save
         for row in comparison.compared
         if row.evaluation is not None
         for name, response in _responses(row.evaluation).items()
     }
-    files: dict[str, str | bytes] = {
-        "comparison.json": to_json(comparison_numbers(comparison)),
-        **_saved(saved),
-    }
-    page = comparison_page(comparison, command, warnings, (*files, *beside))
-    return {"index.html": page.html(), **files}
+    files = {"comparison.json": to_json(comparison_numbers(comparison)), **_saved(saved)}
+    return {"index.html": comparison_page(comparison, command, warnings, (*files, *beside)).html(), **files}
 
 
 def write_design(design: Design, folder: str | Path) -> Path:
-    """Write the report of a design into a folder, which is returned.
-
-    Raises
-    ------
-    InvalidInput
-        As `flexhinf.report.write`.
-    """
+    """Write the report of a design into a folder, which is returned; raises as `flexhinf.report.write`."""
     return write(folder, design_files(design, ()))
 
 
 def write_comparison(comparison: Comparison, folder: str | Path) -> Path:
-    """Write the report of a comparison into a folder, which is returned; raises as `write_design`."""
+    """Write the report of a comparison into a folder, which is returned; raises as `flexhinf.report.write`."""
     return write(folder, comparison_files(comparison, ()))
 
 
-def _responses(e: LawEvaluation) -> dict[str, Any]:
+def _responses(e: LawEvaluation) -> dict[str, Response]:
     return {"step": e.step, "load": e.load_response.response, "move": e.move.response}
 
 
-def _saved(files: Mapping[str, Callable[[Path], object]]) -> dict[str, bytes]:
+def _saved(files: Mapping[str, Callable[[Path], object]]) -> dict[str, str | bytes]:
     """What each function writes; what cannot be written, as the controller of a law that is code, is left out."""
-    found = {}
+    found: dict[str, str | bytes] = {}
     with TemporaryDirectory() as folder:
         for name, save in files.items():
             path = Path(folder) / name
@@ -123,8 +109,15 @@ def _saved(files: Mapping[str, Callable[[Path], object]]) -> dict[str, bytes]:
 
 def design_numbers(design: Design) -> dict[str, Any]:
     """Of one design."""
-    e, status, attained = design.evaluation, design.status, design.attenuation.attained
-    estimator = design.setup.estimator(design.start)
+    e, status, attained, rest = design.evaluation, design.status, design.attenuation.attained, design.rest
+    s, estimator, along, ring_down = (
+        design.specification,
+        design.setup.estimator(design.start),
+        design.synthesis.along,
+        e.ring_down,
+    )
+    modes = {"open": e.open_modes, "closed": design.law_modes, "estimator": e.estimator_modes}
+    inputs = input_rows(design)
     found = {
         "version": 1,
         "robot": design.robot.name,
@@ -134,24 +127,15 @@ def design_numbers(design: Design) -> dict[str, Any]:
         "status": _picked(status, "not_met", "not_proved", "risky"),
         "specification": [_requirement(line) for line in design.requirements],
         "notes": notes(design),
-        "gamma_star": design.gamma_star,
-        "gamma": design.gamma,
+        **_picked(design, "gamma_star", "gamma"),
         "degree": design.chosen.degree,
         "states": list(design.problem.state_names),
-        "operating_point": design.problem.operating_point,
-        "operating_input": design.problem.operating_input,
-        "inputs": {row["what"]: row["value"] for row in input_rows(design)},
-        "input_joints": {row["what"]: row["joint"] for row in input_rows(design)},
+        **_picked(design.problem, "operating_point", "operating_input"),
+        "inputs": {row["what"]: row["value"] for row in inputs},
+        "input_joints": {row["what"]: row["joint"] for row in inputs},
         "weights": _weights(design),
-        "estimator_noise": _estimator_noise(design),
-        **{
-            f"{name}_modes": [_mode(m) for m in modes]
-            for name, modes in (
-                ("open", e.open_modes),
-                ("closed", design.law_modes),
-                ("estimator", e.estimator_modes),
-            )
-        },
+        "estimator_noise": None if s.estimator == "none" else _estimator_noise(design),
+        **{f"{name}_modes": [_mode(m) for m in each] for name, each in modes.items()},
         "margins": _margins(e.margins),
         "state_margins": _margins(e.state_margins),
         "frequency_response": _frequency_response(e.frequency_response),
@@ -165,8 +149,39 @@ def design_numbers(design: Design) -> dict[str, Any]:
         ],
         "starts_inside": design.inside,
         "proof": proof_numbers(design),
-        **_runs(design),
-        "noise_variances": noise_variances(design.problem.plant, design.specification.measurement_noise),
+        "step": {
+            **_picked(design, "start", "goal"),
+            "duration_s": design.scenario.step_duration,
+            **_run(e.step),
+        },
+        "mujoco": None if design.mujoco is None else design.mujoco.metrics,
+        "draws": _samples(e),
+        "ring_down": {
+            **_picked(ring_down, "damping", "diverged"),
+            "fit_error": ring_down.ring_down and ring_down.ring_down.error,
+            "joints": ring_down_rows(ring_down),
+        },
+        "load": {"at_s": e.load_response.at, **_run(e.load_response.response, e.load_response.metrics)},
+        "move": {"duration_s": e.move.plan.duration, **_run(e.move.response, e.move.metrics)},
+        "payload": [_payload(one) for one in design.payloads],
+        "rest": rest
+        and {
+            **_picked(rest, "extras", "limit", "dead_zone", hunts="oscillates"),
+            "amplitudes_without_dead_zone": None if rest.without is None else rest.without.amplitudes,
+            "duration_s": float(rest.response.run.time[-1]),
+            "diverged_at_s": rest.response.diverged_at,
+            "joints": long_run_rows(rest),
+        },
+        "along_move": None if along is None else along_rows(along),
+        "rigid": [
+            {
+                **_picked(loop, "side", "stable"),
+                "modes": [_mode(m) for m in loop.modes],
+                **_run(loop.response),
+            }
+            for loop in (design.rigid.loops if design.rigid else ())
+        ],
+        "noise_variances": noise_variances(design.problem.plant, s.measurement_noise),
         "initial_variance": None if estimator is None else np.diag(estimator.initial.covariance),
     }
     return finite(found)
@@ -204,7 +219,14 @@ def comparison_numbers(comparison: Comparison) -> dict[str, Any]:
         "drawn": len(runs.robots),
         "seed": comparison.specification.seed,
         "laws": [_law(row) for row in comparison.rows],
-        "trade_off": [_trade_off(one) for one in trade_offs(tuned, criterion)],
+        "trade_off": [
+            {
+                "name": one.name,
+                **_picked(one.point, "peak_input", "load_deviation"),
+                "curve": [[point.peak_input, point.load_deviation] for point in one.curve],
+            }
+            for one in trade_offs(tuned, criterion)
+        ],
     }
     return finite(found)
 
@@ -231,41 +253,32 @@ def _mode(m: Mode) -> dict[str, Any]:
 def _weights(design: Design) -> dict[str, Any]:
     problem, whole = design.design_problem, design.synthesis.robust
     search, target, r = problem.search, problem.target, problem.robustness
+    keys = ("better", "count", "corner", "frequency", "damping", "links", "motors", "fraction")
     return {
         **_picked(problem, "preset", "source"),
         "states": {w.signal: w.value for w in state_weights(design.problem, design.robot.joint_names)},
         "effort": design.problem.r2,
-        "wanted": None if target is None else _picked(target, "bandwidth", "damping"),
+        "wanted": target and _picked(target, "bandwidth", "damping"),
         "tries": [
             {
                 **_picked(c, "damping_weights", "target_frequency"),
                 **_picked(c.behaviour, "bandwidth", "damping", "nominal_damping"),
                 "gamma_star": c.design.gamma_star,
-                "used": c is search.chosen,
+                "used": search is not None and c is search.chosen,
             }
-            for c in search.candidates
-        ]
-        if search
-        else [],
-        "robust": None if r is None else {**vars(r), "share": r.fraction},
+            for c in (search.candidates if search else ())
+        ],
+        "robust": r and {**vars(r), "share": r.fraction},
         "whole_loop": whole
         and {
-            **_picked(
-                whole, "better", "count", "corner", "frequency", "damping", "links", "motors", "fraction"
-            ),
-            "figures": [
-                {"what": what, "damped": damped, "robust": robust}
-                for what, _, damped, robust in whole_loop_rows(whole)
-            ],
+            **_picked(whole, *keys),
+            "figures": [{"what": w, "damped": d, "robust": r} for w, _, d, r in whole_loop_rows(whole)],
         },
     }
 
 
-def _estimator_noise(design: Design) -> dict[str, Any] | None:
-    """Rᵛ in use; the trade-off of the search, and the levels in use where they are none of it. None without an
-    estimator."""
-    if design.specification.estimator == "none":
-        return None
+def _estimator_noise(design: Design) -> dict[str, Any]:
+    """Rᵛ in use; the trade-off of the search, and the levels in use where they are none of it."""
     search, tried = design.noise_search, []
     metrics = ("peak_sensitivity", "gain_margin", "damping", "compliance", "input_noise", "noises", "missed")
     if search is not None:
@@ -306,42 +319,6 @@ def _frequency_response(f: FrequencyResponse) -> dict[str, Any]:
     }
 
 
-def _runs(design: Design) -> dict[str, Any]:
-    e, rest, ring_down = design.evaluation, design.rest, design.evaluation.ring_down
-    duration = design.scenario.step_duration
-    rigid = design.rigid.loops if design.rigid else ()
-    return {
-        "step": {**_picked(design, "start", "goal"), "duration_s": duration, **_run(e.step)},
-        "mujoco": None if design.mujoco is None else design.mujoco.metrics,
-        "draws": _samples(e),
-        "ring_down": {
-            **_picked(ring_down, "damping", "diverged"),
-            "fit_error": ring_down.ring_down and ring_down.ring_down.error,
-            "joints": ring_down_rows(ring_down),
-        },
-        "load": {"at_s": e.load_response.at, **_run(e.load_response.response, e.load_response.metrics)},
-        "move": {"duration_s": e.move.plan.duration, **_run(e.move.response, e.move.metrics)},
-        "payload": [_payload(one) for one in design.payloads],
-        "rest": rest
-        and {
-            **_picked(rest, "extras", "limit", "dead_zone", hunts="oscillates"),
-            "amplitudes_without_dead_zone": None if rest.without is None else rest.without.amplitudes,
-            "duration_s": float(rest.response.run.time[-1]),
-            "diverged_at_s": rest.response.diverged_at,
-            "joints": rest_rows(rest),
-        },
-        "along_move": along_rows(design.synthesis.along),
-        "rigid": [
-            {
-                **_picked(loop, "side", "stable"),
-                "modes": [_mode(m) for m in loop.modes],
-                **_run(loop.response),
-            }
-            for loop in rigid
-        ],
-    }
-
-
 def _payload(one: PayloadEvaluation) -> dict[str, Any]:
     """With masses in the true robot that the model does not know."""
     return {
@@ -355,10 +332,7 @@ def _payload(one: PayloadEvaluation) -> dict[str, Any]:
 
 
 def _run(response: Response, metrics: Sequence[Mapping[str, Any]] | None = None) -> dict[str, Any]:
-    return {
-        "diverged_at_s": response.diverged_at,
-        "joints": response.metrics if metrics is None else metrics,
-    }
+    return {"diverged_at_s": response.diverged_at, "joints": response.metrics if metrics is None else metrics}
 
 
 def _samples(e: LawEvaluation) -> dict[str, Any] | None:
@@ -394,12 +368,4 @@ def _law(row: ComparedLaw) -> dict[str, Any]:
         "specification": [_requirement(line) for line in row.requirements],
         "corners": None if e is None or e.corners is None else e.corners.count,
         "joints": e and {"step": e.step.metrics, "load": e.load_response.metrics, "move": e.move.metrics},
-    }
-
-
-def _trade_off(one: TradeOff) -> dict[str, Any]:
-    return {
-        "name": one.name,
-        **_picked(one.point, "peak_input", "load_deviation"),
-        "curve": [[figures.peak_input, figures.load_deviation] for figures in one.curve],
     }

@@ -3,9 +3,10 @@ a terminal."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from itertools import takewhile
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -13,31 +14,25 @@ from flexhinf.design.certification import CertifiedDegree
 from flexhinf.design.requirements import Requirement
 from flexhinf.design.result import Design
 from flexhinf.design.result import Status as Judged
-from flexhinf.pages.design import (
-    frequency,
-    law,
-    margins,
-    moves,
-    region,
-    requirements,
-    rest,
-    step,
-    weights,
-)
+from flexhinf.pages.design import frequency, law, region, requirements, runs, step, weights
 from flexhinf.pages.drawing import (
+    Blocks,
+    in_joint,
     joint_count,
     law_name,
-    notes_of,
+    note,
     pose_text,
     range_text,
     rounded,
     units_of,
+    with_figures,
 )
 from flexhinf.pages.proof import RULES, proof_text
 from flexhinf.pages.settings import design_settings, files_section
 from flexhinf.report import (
     Column,
     KeyNumber,
+    Note,
     Page,
     Provenance,
     Section,
@@ -55,33 +50,32 @@ if TYPE_CHECKING:
 
 
 class Part(NamedTuple):
-    """A section of the page: anchor, title, its blocks (none where it does not apply), and what must not be missed."""
+    """A section of the page: anchor, title, and its blocks, notes first; none where it does not apply."""
 
     anchor: str
     title: str
-    blocks: Callable[[Design], list[Any]]
-    remarks: Callable[[Design], Iterable[str]] = lambda design: ()
+    blocks: Callable[[Design], Blocks]
 
 
 #: In the order of the page.
 PARTS = (
-    Part("specification", "Requirements", requirements.blocks),
-    Part("step", "Step response", step.blocks, step.remarks),
-    Part("draws", "Step response of robots within their tolerances", step.draw_blocks, step.draw_remarks),
-    Part("load", "Load response", moves.load_blocks, moves.load_remarks),
-    Part("payload", "Payload", moves.payload_blocks, moves.payload_remarks),
-    Part("ring-down", "Ring-down after an impulse", rest.ring_down_blocks, rest.ring_down_remarks),
-    Part("move", "Planned move with feedforward", moves.move_blocks, moves.move_remarks),
-    Part("rest", "Long run at rest with dry friction", rest.blocks, rest.remarks),
-    Part("along", "Margins along the move", moves.along_blocks, moves.along_remarks),
-    Part("margins", "Margins of the running loop", margins.blocks, margins.remarks),
-    Part("modes", "Poles", frequency.pole_blocks, frequency.pole_remarks),
-    Part("corners", "Corners of the tolerances", margins.corner_blocks, margins.corner_remarks),
-    Part("weights", "Weights", weights.blocks),
-    Part("noise", "Noise levels of the estimator", weights.noise_blocks),
-    Part("region", "Region: what is proved, what is sampled, and dissipation", region.blocks, region.remarks),
-    Part("rigid", "Rigid design on the same robot", law.rigid_blocks),
-    Part("law", "The law", law.law_blocks, law.law_remarks),
+    Part("specification", "Requirements", requirements.requirements),
+    Part("step", "Step response", step.step),
+    Part("draws", "Step response of robots within their tolerances", step.samples),
+    Part("load", "Load response", runs.load),
+    Part("payload", "Payload", runs.payload),
+    Part("ring-down", "Ring-down after an impulse", runs.ring_down),
+    Part("move", "Planned move with feedforward", runs.move),
+    Part("rest", "Long run at rest with dry friction", runs.long_run),
+    Part("along", "Margins along the move", runs.margins_along),
+    Part("margins", "Margins of the running loop", frequency.margins),
+    Part("modes", "Poles", law.poles),
+    Part("corners", "Corners of the tolerances", frequency.corners),
+    Part("weights", "Weights", weights.weights),
+    Part("noise", "Noise levels of the estimator", weights.noise_levels),
+    Part("region", "Region: what is proved, what is sampled, and dissipation", region.region),
+    Part("rigid", "Rigid design on the same robot", law.rigid),
+    Part("law", "The law", law.law),
 )
 
 
@@ -99,14 +93,14 @@ def design_page(
     files : sequence of str
         Names of the files that stand beside the page.
     """
-    notes = {**remarks(design), "specification": [" ".join(text.split()) for text in warnings]}
+    sections = []
     with house_style():  # once for all figures
-        blocks = {part: part.blocks(design) for part in PARTS}
-    sections = [
-        Section(part.title, (*notes_of(notes[part.anchor]), *found), part.anchor)
-        for part, found in blocks.items()
-        if found
-    ]
+        for part in PARTS:
+            blocks = with_figures(part.blocks(design))
+            if part.anchor == "specification":
+                blocks = [*(note(" ".join(text.split())) for text in warnings), *blocks]
+            if not all(isinstance(block, Note) for block in blocks):
+                sections.append(Section(part.title, tuple(blocks), part.anchor))
     if files:
         sections.append(files_section(files))
     return Page(
@@ -119,6 +113,20 @@ def design_page(
         _key_numbers(design),
         status_lines(design.status, design.requirements),
     )
+
+
+def remarks(design: Design) -> dict[str, list[str]]:
+    """What the reader must not miss, by the anchor of its section, in the order of the page."""
+    found = {}
+    for part in PARTS:
+        blocks = takewhile(lambda block: isinstance(block, Note), part.blocks(design))
+        found[part.anchor] = [block.text for block in blocks if isinstance(block, Note)]
+    return found
+
+
+def notes(design: Design) -> list[str]:
+    """The same as plain sentences, for a terminal and for design.json."""
+    return [text.replace("`", "") for texts in remarks(design).values() for text in texts]
 
 
 def status_lines(status: Judged, lines: Sequence[Requirement]) -> list[Status]:
@@ -139,16 +147,6 @@ def status_lines(status: Judged, lines: Sequence[Requirement]) -> list[Status]:
     return [Status(kind, f"{text[:1].upper()}{text[1:]}.") for kind, text in texts.items() if text]
 
 
-def remarks(design: Design) -> dict[str, list[str]]:
-    """What the reader must not miss, by the anchor of its section, in the order of the page."""
-    return {part.anchor: list(part.remarks(design)) for part in PARTS}
-
-
-def notes(design: Design) -> list[str]:
-    """The same as plain sentences, for a terminal and for design.json."""
-    return [text.replace("`", "") for texts in remarks(design).values() for text in texts]
-
-
 def verdict(design: Design) -> str:
     """The status and what the loop does, in one paragraph for a terminal."""
     status, step_proof = design.status, design.step_proof
@@ -157,7 +155,7 @@ def verdict(design: Design) -> str:
         status = replace(status, not_proved=left)
     parts = [status.line, _headline(design)]
     if design.mujoco is not None:
-        parts.append(f"On MuJoCo's plant: {step.difference_text(design, units_of(design.evaluation))}.")
+        parts.append(f"On MuJoCo's plant: {step.difference_text(design)}.")
     if design.rigid is not None:
         sides = (f"fed from the {loop.side} side it is {law.loop_text(loop)}" for loop in design.rigid.loops)
         parts.append(f"The rigid design on the same robot: {'; '.join(sides)}.")
@@ -178,25 +176,25 @@ def _intro(design: Design) -> str:
     about = f"{robot.description.rstrip('.')}. " if robot.description else ""
     measured = ", ".join(s.measured).replace("_", " ") if s.estimator != "none" else "the true state"
     extras = f" The true plant also has {', '.join(s.extras).replace('_', ' ')}." if s.extras else ""
-    slides, degrees = robot.links.slides, units_of(design.evaluation).degrees
+    degrees = units_of(design.evaluation).degrees
+    start, goal = (pose_text(pose, robot.links.slides, degrees) for pose in (design.start, design.goal))
+    joints = joint_count(len(robot.joint_names)).capitalize()
     return (
-        f"{about}{joint_count(len(robot.joint_names)).capitalize()}, {robot.drive} driven. Measured: "
-        f"{measured}.{extras} "
-        f"Step from {pose_text(design.start, slides, degrees)} to {pose_text(design.goal, slides, degrees)}."
+        f"{about}{joints}, {robot.drive} driven. Measured: {measured}.{extras} Step from {start} to {goal}."
     )
 
 
 def _headline(design: Design) -> str:
-    e = design.evaluation
-    parts = [step.step_text(e.step, units_of(e))]
+    e, units = design.evaluation, units_of(design.evaluation)
+    parts = [step.step_text(e.step, units)]
     if not e.margins.stable:
         parts.append("The sampled loop is unstable at the goal.")
-    before, after = (frequency.vibration_damping(modes) for modes in (e.open_modes, design.law_modes))
-    least = f" ({e.least_damped_joint})" if len(e.setup.joints) > 1 and e.least_damped_joint else ""
+    before, after = (law.vibration_damping(modes) for modes in (e.open_modes, design.law_modes))
     if after:
         parts.append(
             f"Damping ratio of the vibrations: {range_text(before, 2)} without control, {range_text(after, 2)} with "
-            f"the law; smallest of the running loop, estimator included: {number(e.margins.damping, 2)}{least}."
+            f"the law; smallest of the running loop, estimator included: {number(e.margins.damping, 2)}"
+            f"{in_joint(e.least_damped_joint, e.setup.joints)}."
         )
     samples = e.step_samples
     if samples is not None and samples.unsettled:
@@ -208,10 +206,10 @@ def _headline(design: Design) -> str:
         parts.append(
             f"All of {len(samples)} robots sampled within their tolerances settle, the slowest in "
             f"{_worst(design, 'settling', 's')}; the largest overshoot is {_worst(design, 'overshoot', '%', 2)}, the "
-            f"largest input {_worst(design, 'peak', units_of(e).effort)}."
+            f"largest input {_worst(design, 'peak', units.effort)}."
         )
     if design.payloads:
-        parts.append(moves.payload_text(design))
+        parts.append(runs.payload_text(design))
     return " ".join([*parts, proof_text(design)])
 
 
@@ -220,20 +218,15 @@ def _worst(design: Design, metric: str, unit: str, digits: int = 3) -> str:
     samples = design.evaluation.step_samples
     values = getattr(samples, metric)
     joint = getattr(samples, f"{metric}_joints")[int(np.argmax(values))]
-    where = f" ({joint})" if len(design.robot.joint_names) > 1 and joint else ""
-    return f"{number(float(np.max(values)), digits)} {unit}{where}"
+    return f"{number(float(np.max(values)), digits)} {unit}{in_joint(joint, design.robot.joint_names)}"
 
 
 def _key_numbers(design: Design) -> list[KeyNumber]:
-    e, period = design.evaluation, design.specification.period
+    e, period, joints = design.evaluation, design.specification.period, design.evaluation.setup.joints
     response, m, samples, effort = e.step, e.margins, e.step_samples, units_of(e).effort
-    several, settling = len(e.setup.joints) > 1, rounded(response.settling.value)
 
-    def of(joint: str) -> str:
-        return f" ({joint})" if several and joint else ""
-
-    def worst(metric: str, unit: str, joint: str) -> str:
-        nominal = f"nominal robot{of(joint)}"
+    def where(metric: str, unit: str, joint: str) -> str:
+        nominal = f"nominal robot{in_joint(joint, joints)}"
         if samples is None or not len(samples):
             return nominal
         values = getattr(samples, metric)
@@ -241,25 +234,21 @@ def _key_numbers(design: Design) -> list[KeyNumber]:
         if not np.isfinite(values).all():
             bad = "do not settle" if metric == "settling" else "diverge"
             text = f"{int(np.isinf(values).sum())} of {len(values)} sampled robots {bad}"
-        return f"{nominal}; {text}" if several else text
+        return f"{nominal}; {text}" if len(joints) > 1 else text
 
-    overshoot, settles, peak = (
-        worst("overshoot", "%", response.overshoot.joint),
-        worst("settling", "s", response.settling.joint),
-        worst("peak", effort, response.peak.joint),
-    )
+    settling, overshoot, peak = response.settling, response.overshoot, response.peak
+    time = rounded(settling.value)
+    settles = ("not settled", "") if time is None else (time, "s")
     found = [
-        KeyNumber(
-            "settling time", "not settled" if settling is None else settling, "s" if settling else "", settles
-        ),
-        KeyNumber("overshoot", rounded(response.overshoot.value, 2), "%", overshoot),
-        KeyNumber("peak input", rounded(response.peak_input), effort, peak),
+        KeyNumber("settling time", *settles, where("settling", "s", settling.joint)),
+        KeyNumber("overshoot", rounded(overshoot.value, 2), "%", where("overshoot", "%", overshoot.joint)),
+        KeyNumber("peak input", rounded(response.peak_input), effort, where("peak", effort, peak.joint)),
     ]
     if not m.stable:
         return [*found, KeyNumber("margins", "none", note="the sampled loop at the goal is unstable")]
     low, high = m.disk_gain_margins
     delay = f"{number(m.delay_margin_s / period, 3)} periods of {number(1e3 * period, 3)} ms"
-    one = f"one input{of(e.setup.joints[m.weakest_input])}"
+    one = f"one input{in_joint(joints[m.weakest_input], joints)}"
     together = f"all at once × {number(low, 2)} to × {number(high, 3)}"
     found += [
         KeyNumber("peak sensitivity", rounded(m.peak_sensitivity), note="running loop, with the estimator"),
@@ -273,6 +262,14 @@ def _key_numbers(design: Design) -> list[KeyNumber]:
 
 
 # For a terminal of 80 columns --------------------------------------------------------------------------
+def design_tables(design: Design) -> list[Terminal]:
+    """The tables of the page that have a title for a terminal, in its order; of the modes fewer rows."""
+    blocks = (block for part in PARTS for block in part.blocks(design))
+    tables = [block for block in blocks if isinstance(block, Table) and block.title]
+    short = [law.mode_table(design, brief=True) if table.id == "table-modes" else table for table in tables]
+    return [table.terminal() for table in short]
+
+
 def robots_table() -> Terminal:
     """The catalogue: what each robot is, and how many of its numbers have a source."""
     rows = []
@@ -283,26 +280,6 @@ def robots_table() -> Terminal:
         rows.append((name, len(robot.joint_names), robot.drive, numbers, robot.description))
     title = "Robots that come with flexhinf: flexhinf design NAME"
     return Table(("name", "joints", "drive", "numbers", ""), rows, title).terminal()
-
-
-def design_tables(design: Design) -> list[Terminal]:
-    """In the order of the page: requirements, inputs, runs, margins, poles, corners, weights, noise, region."""
-    e, problem, run = design.evaluation, design.design_problem, design.rest
-    tables = [
-        requirements.requirements_of(design),
-        requirements.input_table(design),
-        *([step.spread_table(e)] if e.step_samples is not None and len(e.step_samples) else []),
-        *([rest.rest_table(design, run)] if run is not None and run.oscillates and run.cycles else []),
-        margins.margin_table(e),
-        frequency.mode_table(design, brief=True),
-        *([] if e.corners is None else [margins.corner_table(e)]),
-        *([] if problem.search is None else [weights.candidate_table(design)]),
-        *([] if problem.robustness is None else [weights.robust_table(design)]),
-        *([] if design.noise_search is None else [weights.noise_table(design)]),
-        *([region.budget_table(design)] if region.budget_of(design) else []),
-        region.region_table(design) if design.synthesis.proved is None else region.level_table(design),
-    ]
-    return [table.terminal() for table in tables]
 
 
 def certification_tables(found: Sequence[CertifiedDegree]) -> list[Terminal]:

@@ -12,17 +12,19 @@ import numpy as np
 
 from flexhinf.analysis import FORMS
 from flexhinf.loop import Trajectory
-from flexhinf.paper.claim import Judged
 from flexhinf.paper.disturbances import ENERGIES, RunGain
-from flexhinf.paper.experiments import (
+from flexhinf.paper.loop_setup import (
     FREQUENCY,
+    GOALS,
+    INITIAL_VARIANCE,
     LOAD_FROM,
-    TOLERANCE_DURATION,
+    LONG,
+    SAMPLED_PLANTS,
     TORQUE,
-    Experiments,
+    PaperSetup,
     ToleranceRun,
+    name_goal,
 )
-from flexhinf.paper.loop_setup import GOALS, INITIAL_VARIANCE, SAMPLED_PLANTS, name_goal
 from flexhinf.paper.reproduction import Reproduction
 from flexhinf.paper.settings import PaperSettings
 from flexhinf.paper.tolerances import SWEPT, ToleranceStudy, unstable_of
@@ -60,11 +62,7 @@ from flexhinf.report import (
 
 MISPRINTS = (
     ("Algorithm 1, step 5", "second block X̂ + γ√P again", "X̂ − γ√P"),
-    (
-        "Algorithm 1 and Eq. (10)",
-        "γ is the sigma-point spread",
-        "called spread here; γ is the attenuation level",
-    ),
+    ("Algorithm 1 and Eq. (10)", "γ is the spread", "called spread here; γ is the attenuation level"),
     ("Sec. 5, ẋ4", "+B x4 and −K(x1 − x3)", "−B x4 and +K(x1 − x3), as in Eq. (2) and Sec. 6"),
     ("Eq. (7)", "[pᵀg1 − pᵀg2], [d − u], assumption (6)", "[pᵀg1, pᵀg2], [dᵀ, uᵀ], assumption (4)"),
     ("Sec. 5, h", "Q x5 only", "with 60 x1, as in Eq. (11)"),
@@ -76,7 +74,7 @@ MISPRINTS = (
     ("Sec. 3", "asymptotically stable at u = 0", "with u = k(x): x5 is an integrator"),
     (
         "Figs. 7, 9, 10, 12",
-        "captions lost in the scan",
+        "captions lost",
         "tracking; tolerances measured, estimated; sinusoidal disturbance",
     ),
 )
@@ -102,39 +100,26 @@ FIRST_PART = 6.0
 
 
 # Drawings ----------------------------------------------------------------------------------------------
-def measured(run: Trajectory) -> np.ndarray:
-    """The link position as measured, in degrees, as the paper's figures have it."""
-    return np.degrees(run.signal("output", "link_position"))
-
-
-def estimated(run: Trajectory) -> np.ndarray | None:
-    """The estimate in degrees; None when the true state is fed back."""
+def positions(run: Trajectory) -> tuple[np.ndarray, np.ndarray | None]:
+    """The link position as measured and as estimated, degrees; no estimate where the true state is fed back."""
     same = run.names["output"] == run.names["estimate"]
-    return None if same else np.degrees(run.signal("estimate", "link_position"))
+    estimate = None if same else np.degrees(run.signal("estimate", "link_position"))
+    return np.degrees(run.signal("output", "link_position")), estimate
 
 
-def draw_inputs(runs: Mapping[str, Trajectory]) -> str:
-    """Motor voltages of several laws over time."""
-    figure, (axes,) = new_figure(1)
+def draw_laws(runs: Mapping[str, Trajectory], voltage: bool = False, step: float | None = None) -> str:
+    """Motor voltages of several laws, or link positions with the command, and a settling band for a step, degrees."""
+    figure, (axes,) = new_figure(1, height=None if voltage else 3.6)
+    if not voltage:
+        first = next(iter(runs.values()))
+        command = np.degrees(first.signal("reference", "link_position"))
+        reference_line(axes, first.time, command)
+        if step is not None:
+            settling_band(axes, float(command[-1]), step)
     for law, run in runs.items():
-        volts = run.signal("input", "motor_voltage")
-        time_response(axes, run.time, volts, name=LAWS[law], colour=COLOURS[law])
-    label(axes, "motor voltage", "V")
-    legend(axes)
-    return figure_to_svg(figure)
-
-
-def draw_responses(runs: Mapping[str, Trajectory], step: float | None = None) -> str:
-    """Link positions of several laws, measured and estimated, with the command; a settling band for a step, degrees."""
-    figure, (axes,) = new_figure(1, height=3.6)
-    first = next(iter(runs.values()))
-    command = np.degrees(first.signal("reference", "link_position"))
-    reference_line(axes, first.time, command)
-    if step is not None:
-        settling_band(axes, float(command[-1]), step)
-    for law, run in runs.items():
-        time_response(axes, run.time, measured(run), estimated(run), name=LAWS[law], colour=COLOURS[law])
-    label(axes, "link position", "°")
+        signals = (run.signal("input", "motor_voltage"),) if voltage else positions(run)
+        time_response(axes, run.time, *signals, name=LAWS[law], colour=COLOURS[law])
+    label(axes, *(("motor voltage", "V") if voltage else ("link position", "°")))
     legend(axes)
     return figure_to_svg(figure)
 
@@ -148,18 +133,15 @@ def draw_loads(runs: Mapping[str, Trajectory]) -> str:
     goal, largest = float(command[-1]), 0.0
     settling_band(error, 0.0, goal)
     for colour, (channel, run) in zip(SERIES, runs.items(), strict=False):
-        name, link, estimate = (
-            f"torque at the {channel.removesuffix('_torque')}",
-            measured(run),
-            estimated(run),
-        )
+        name, (link, estimate) = f"torque at the {channel.removesuffix('_torque')}", positions(run)
         time_response(position, run.time, link, estimate, name=name, colour=colour)
         late = run.time >= LOAD_FROM - 1.0
         off = None if estimate is None else estimate[late] - goal
         time_response(error, run.time[late], link[late] - goal, off, colour=colour)
         largest = max(largest, float(np.abs(link[late] - goal).max(initial=0.0)))
-    load = longest.signals["disturbance"].sum(axis=1)  # alike at both places
-    torque.plot(longest.time, load, color=SERIES[3])
+    torque.plot(
+        longest.time, longest.signals["disturbance"].sum(axis=1), color=SERIES[3]
+    )  # alike at both places
     reach = 1.1 * min(max(largest, 1.0), 180.0)
     error.set_ylim(-reach, reach)
     label(position, "link position", "°")
@@ -173,16 +155,16 @@ def draw_loads(runs: Mapping[str, Trajectory]) -> str:
 # Many plants -------------------------------------------------------------------------------------------
 def worst_runs(runs: Sequence[ToleranceRun]) -> dict[str, int]:
     """Which run overshoots most and which settles last, or ends farthest; one that diverged comes before all others."""
-
-    def of(*metrics: str) -> int:
-        values = [[run.metrics[name] for name in metrics] for run in runs]
-        ranks = [[math.inf if value is None else value for value in row] for row in values]
-        return max(range(len(runs)), key=ranks.__getitem__)
-
-    return {
-        "largest overshoot": of("overshoot_percent"),
-        "settles last": of("settling_time_s", "steady_state_error"),
+    found = {
+        "largest overshoot": ("overshoot_percent",),
+        "settles last": ("settling_time_s", "steady_state_error"),
     }
+    worst = {}
+    for name, metrics in found.items():
+        values = [[run.metrics[metric] for metric in metrics] for run in runs]
+        ranks = [[math.inf if value is None else value for value in row] for row in values]
+        worst[name] = max(range(len(runs)), key=ranks.__getitem__)
+    return worst
 
 
 @house_style()
@@ -219,74 +201,63 @@ def _worst_table(runs: Sequence[ToleranceRun]) -> Table:
         changes = runs[k].changes.replace("-", "−")
         rows.append((name, m["overshoot_percent"], m["settling_time_s"], error, changes))
     columns = (
-        "run",
-        Column("overshoot", "%", 2),
-        Column("settling", "s", 2),
-        Column("largest error in the last 3 s", "°", 3),
-        "changes of the plant",
-    )
+        "run", Column("overshoot", "%", 2), Column("settling", "s", 2),
+        Column("largest error in the last 3 s", "°", 3), "changes of the plant",
+    )  # fmt: skip
     caption = (
         "The worst runs of Figures 9 and 10, of the true link; – where a run diverged or did not settle."
     )
     return Table(columns, rows, caption, "table-worst-runs", stacks=True)
 
 
-def _sampled_caption(experiments: Experiments) -> str:
-    runs = experiments.sampled_plants
-    diverged = sum(run.diverged_at is not None for run in runs)
-    return (
-        f"{len(runs)} plants sampled uniformly, with coil inductance; below, the rest of the 30 s enlarged, with the "
-        f"measurement's noise on it. {f'{diverged} runs diverged and are not drawn.' if diverged else ''}"
-    )
-
-
-def _estimated_caption(experiments: Experiments) -> str:
-    if experiments.setup.settings.estimator == "none":
-        return "The true state is fed back, so they are the same."
-    return "The estimator believes in the nominal plant without coil."
-
-
 #: Title, caption, and drawing as SVG, by the figure's number in the paper.
-FIGURES: dict[str, tuple[str, str | Callable[[Experiments], str], Callable[[Experiments], str]]] = {
+FIGURES: dict[str, tuple[str, str | Callable[[PaperSetup], str], Callable[[PaperSetup], str]]] = {
     "03": (
         "Step to 180°: link position.",
         "The paper shows NL-H∞ alone; the linear law of the same γ is added. Dotted: command; grey: ±2 % of the step.",
-        lambda e: draw_responses(e.step_180, 180.0),
+        lambda e: draw_laws(e.step_180, step=180.0),
     ),
     "04": (
         "Step to 180°: motor voltage.",
         "The law is held between samples.",
-        lambda e: draw_inputs(e.step_180),
+        lambda e: draw_laws(e.step_180, voltage=True),
     ),
     "05": (
         "Step to 90°: link position by NL-H∞ and by L-H∞.",
         "The measured and the estimated curve lie on each other. Dotted: command; grey: ±2 % of the step.",
-        lambda e: draw_responses(e.step_90, 90.0),
+        lambda e: draw_laws(e.step_90, step=90.0),
     ),
     "06": (
         "Step to 90°: motor voltage by NL-H∞ and by L-H∞.",
         "At rest at 90° the motor holds the full gravity torque M g L: 10.9 V.",
-        lambda e: draw_inputs(e.step_90),
+        lambda e: draw_laws(e.step_90, voltage=True),
     ),
     "07": (
         "Tracking π + sin(πt/10): link position.",
         "The law acts on the angle from hanging and on the integral of the error, so the arm follows a moving command "
         "with a delay.",
-        lambda e: draw_responses(e.tracking),
+        lambda e: draw_laws(e.tracking),
     ),
     "08": (
         "Tracking π + sin(πt/10): motor voltage.",
         "",
-        lambda e: draw_inputs(e.tracking),
+        lambda e: draw_laws(e.tracking, voltage=True),
     ),
     "09": (
         "Step to 90° under the tolerances of Tables 1 and 2: link position as measured.",
-        _sampled_caption,
+        lambda e: (
+            f"{SAMPLED_PLANTS} plants sampled uniformly, with coil inductance; below, the rest of the 30 s enlarged. "
+            f"{sum(run.diverged_at is not None for run in e.sampled_plants)} runs diverged and are not drawn."
+        ),
         lambda e: draw_sampled(e.sampled_plants, "output"),
     ),
     "10": (
         "The runs of Figure 9 as estimated.",
-        _estimated_caption,
+        lambda e: (
+            "The estimator's model is the nominal plant without coil."
+            if e.settings.estimator != "none"
+            else "The true state is fed back, so they are the same."
+        ),
         lambda e: draw_sampled(e.sampled_plants, "estimate"),
     ),
     "11": (
@@ -305,8 +276,7 @@ FIGURES: dict[str, tuple[str, str | Callable[[Experiments], str], Callable[[Expe
 
 # Figures of the evidence -----------------------------------------------------------------------------
 @house_style()
-def _gain_figure(experiments: Experiments, worst: Sequence[RunGain]) -> Figure:
-    setup = experiments.setup
+def _gain_figure(setup: PaperSetup, worst: Sequence[RunGain]) -> Figure:
     figure, (axes,) = new_figure(height=3.0)
     known = [run for run in worst if math.isfinite(run.gain)]
     axes.plot([run.energy for run in known], [run.gain for run in known], color=SERIES[0], linewidth=1.2)
@@ -332,11 +302,11 @@ def _gain_figure(experiments: Experiments, worst: Sequence[RunGain]) -> Figure:
 
 
 @house_style()
-def _unstable_figure(experiments: Experiments, study: ToleranceStudy) -> Figure | None:
+def _unstable_figure(setup: PaperSetup, study: ToleranceStudy) -> Figure | None:
     """Unstable corners over q, for all forms of R^v."""
     if not study.estimated:
         return None
-    corners, q = study.count("corner"), experiments.setup.settings.process_noise
+    corners, q = study.count("corner"), setup.settings.process_noise
     figure, panels = new_figure(len(GOALS), height=5.2)
     for axes, goal in zip(panels, GOALS, strict=True):
         for form, colour, marker in zip(FORMS, SERIES, "os^D", strict=False):
@@ -358,7 +328,7 @@ def _unstable_figure(experiments: Experiments, study: ToleranceStudy) -> Figure 
 
 
 #: What is drawn of a claim's finding, by the claim.
-EVIDENCE_FIGURES: dict[str, Callable[[Experiments, Any], Figure | None]] = {
+EVIDENCE_FIGURES: dict[str, Callable[[PaperSetup, Any], Figure | None]] = {
     "gain-attained": _gain_figure,
     "withstands-tolerances": _unstable_figure,
 }
@@ -379,54 +349,50 @@ READING = (
 
 def paper_files(reproduction: Reproduction) -> dict[str, str]:
     """index.html, metrics.json, and every figure of the paper."""
-    drawn = {number: draw(reproduction.experiments) for number, (_, _, draw) in FIGURES.items()}
-    files = {
-        "index.html": paper_page(reproduction, drawn).html(),
-        "metrics.json": to_json(reproduction.metrics),
-    }
-    return files | {f"figure_{number}.svg": svg for number, svg in drawn.items()}
+    drawn = {number: draw(reproduction.setup) for number, (_, _, draw) in FIGURES.items()}
+    page, numbers = _page(reproduction, drawn).html(), to_json(reproduction.metrics)
+    figures = {f"figure_{number}.svg": svg for number, svg in drawn.items()}
+    return {"index.html": page, "metrics.json": numbers, **figures}
 
 
-def paper_page(reproduction: Reproduction, drawn: Mapping[str, str]) -> Page:
-    """Everything on one page.
-
-    Parameters
-    ----------
-    drawn : mapping of str to str
-        SVG of the paper's figures, by number.
-    """
-    experiments, judged = reproduction.experiments, reproduction.judged
-    setup, claims = experiments.setup, [one.claim for one in judged if not one.ours]
-    tables, others = count(1), count(13)  # numbered in the order of the page; the paper has 12 figures
+def _page(reproduction: Reproduction, drawn: Mapping[str, str]) -> Page:
+    """Everything on one page, with the SVG of the paper's figures by number."""
+    setup, claims = reproduction.setup, [one.claim for one in reproduction.judged if not one.ours]
+    counters = {"table": count(1), "figure": count(13)}  # in the order of the page; the paper has 12 figures
     figures: list[Figure | Table] = []
     for number, (title, caption, _) in FIGURES.items():
-        text = caption if isinstance(caption, str) else caption(experiments)
+        text = caption if isinstance(caption, str) else caption(setup)
         figures.append(Figure(f"figure-{number}", drawn[number], f"{title} {text}", f"Figure {int(number)}"))
         if number == "09":
-            figures += _numbered([_worst_table(experiments.sampled_plants)], tables, others)
-    paper, ours = (_evidence(experiments, judged, own, tables, others) for own in (False, True))
+            figures += _numbered([_worst_table(setup.sampled_plants)], counters)
+
+    def evidence(ours: bool) -> list[ClaimEvidence]:
+        """Tables and figures of every claim, what fails first."""
+        by_claim, found = {one.claim.id: one for one in reproduction.judged if one.ours == ours}, []
+        for claim in by_verdict([one.claim for one in by_claim.values()]):
+            finding, draw = by_claim[claim.id].finding, EVIDENCE_FIGURES.get(claim.id)
+            figure = draw(setup, finding.data) if draw else None
+            blocks = [*finding.tables, *([figure] if figure else [])]
+            found.append(ClaimEvidence(claim, _numbered(blocks, counters)))
+        return found
+
+    paper, ours = evidence(False), evidence(True)
     gain = ", ".join(f"{k:.4g}" for k in setup.linear.law_data)
     law = (
         f"V of degree {setup.settings.degree} solves Eq. (8) at γ = {setup.gamma:.4f}; "
         f"its linear part is u = ({gain}) · (x1, x2, x3, x4, x5)."
     )
+    places, missing = ("where", "printed", "taken"), ("not given", "chosen")
     instead = (
-        Table(
-            ("where", "printed", "taken"),
-            MISPRINTS,
-            "Misprints of the paper.",
-            "table-misprints",
-            stacks=True,
-        ),
-        Table(("not given", "chosen"), OPEN, "What the paper does not give.", "table-open", stacks=True),
+        Table(places, MISPRINTS, "Misprints of the paper.", "table-misprints", stacks=True),
+        Table(missing, OPEN, "What the paper does not give.", "table-open", stacks=True),
     )
     kind = setup.settings.estimator
     return Page(
         "Nonlinear H∞ control of a flexible joint, reproduced",
         "Elsa & Akbari (2014): the single-link arm of Sec. 6, its Figures 3–12 and its claims, computed again from its "
-        "equations and tables. No printed curve was compared with a computed one: the text was read from a scan "
-        "without the pictures, so a claim is judged by what it says. The law acts on "
-        f"{'the true state' if kind == 'none' else f'the estimate of the {kind.upper()}'}.",
+        "equations and tables. No printed curve was compared with a computed one, so a claim is judged by what it "
+        f"says. The law acts on {'the true state' if kind == 'none' else f'the estimate of the {kind.upper()}'}.",
         summary(claims),
         (
             Section("Verdict per claim", (Paragraph(READING), Claims(claims)), "claims"),
@@ -436,100 +402,78 @@ def paper_page(reproduction: Reproduction, drawn: Mapping[str, str]) -> Page:
             Section("What was taken instead", instead, "instead"),
             Section("The law", (Paragraph(law), Listing(setup.nonlinear.report())), "law"),
         ),
-        Settings(_settings(experiments)),
+        Settings(_settings(setup)),
         Provenance(reproduction.command, setup.settings.seed),
-        _key_numbers(experiments),
+        _key_numbers(setup),
     )
 
 
-def _evidence(
-    experiments: Experiments,
-    judged: Sequence[Judged],
-    ours: bool,
-    tables: Iterator[int],
-    figures: Iterator[int],
-) -> tuple[ClaimEvidence, ...]:
-    """Tables and figures of every claim, what fails first."""
-    by_claim = {one.claim.id: one for one in judged if one.ours == ours}
-    found = []
-    for claim in by_verdict([one.claim for one in by_claim.values()]):
-        finding, draw = by_claim[claim.id].finding, EVIDENCE_FIGURES.get(claim.id)
-        figure = draw(experiments, finding.data) if draw else None
-        blocks = [*finding.tables, *([figure] if figure else [])]
-        found.append(ClaimEvidence(claim, _numbered(blocks, tables, figures)))
-    return tuple(found)
-
-
 def _numbered(
-    blocks: Iterable[Figure | Table], tables: Iterator[int], figures: Iterator[int]
+    blocks: Iterable[Figure | Table], counters: Mapping[str, Iterator[int]]
 ) -> list[Figure | Table]:
     named: list[Figure | Table] = []
     for block in blocks:
+        kind = "table" if isinstance(block, Table) else "figure"
+        k = next(counters[kind])
         if isinstance(block, Table):
-            k = next(tables)
             named.append(replace(block, id=f"table-{k}", caption=f"Table {k}. {block.caption}"))
         else:
-            k = next(figures)
             named.append(replace(block, id=f"figure-{k}", label=f"Figure {k}"))
     return named
 
 
-def _key_numbers(experiments: Experiments) -> list[KeyNumber]:
-    setup = experiments.setup
-    ratio = f"{setup.settings.gamma_ratio:g} γ*; the paper gives none"
+def _key_numbers(setup: PaperSetup) -> list[KeyNumber]:
+    ratio, least = (
+        f"{setup.settings.gamma_ratio:g} γ*; the paper gives none",
+        "smallest feasible γ, by bisection",
+    )
     numbers = [
-        KeyNumber(
-            "γ* of the paper's problem", f"{setup.gamma_star:.4f}", note="smallest feasible γ, by bisection"
-        ),
+        KeyNumber("γ* of the paper's problem", f"{setup.gamma_star:.4f}", note=least),
         KeyNumber("γ of the paper's law here", f"{setup.gamma:.4f}", note=ratio),
     ]
-    for goal, runs in (("180°", experiments.step_180), ("90°", experiments.step_90)):
+    for goal, runs in (("180°", setup.step_180), ("90°", setup.step_90)):
         ours, linear = (runs[name].metrics()["overshoot_percent"] for name in ("nonlinear", "linear"))
-        shown = "diverged" if ours is None else round(ours, 2)
+        shown = ("diverged", "") if ours is None else (round(ours, 2), "%")
         note = "L-H∞ diverged" if linear is None else f"L-H∞: {linear:.1f} %"
-        numbers.append(KeyNumber(f"overshoot, {goal} step", shown, "" if ours is None else "%", note))
+        numbers.append(KeyNumber(f"overshoot, {goal} step", *shown, note))
     return numbers
 
 
-def _settings(experiments: Experiments) -> dict[str, list[Setting]]:
-    setup, s = experiments.setup, experiments.setup.settings
-    steps = [setup.loop(setup.nonlinear, None, coil).sub_steps for coil in (False, True)]
+def _settings(setup: PaperSetup) -> dict[str, list[Setting]]:
+    s, steps = setup.settings, [setup.loop(setup.nonlinear, coil, None).sub_steps for coil in (False, True)]
     units = {"period": "s", "process_noise": "q of Rᵛ = q I", "measurement_noise": "rad²"}
     options = []
     for field in fields(PaperSettings):
         value, flag = getattr(s, field.name), f"--{field.name.replace('_', '-')}"
         source = f"{'default' if value == field.default else 'option'} {flag}"
-        options.append(Setting(field.name.replace("_", " "), value, units.get(field.name, ""), source))
-    arm = [
-        Setting(p.name.replace("_", " "), f"{p.value:g} ± {p.tolerance:g} %", p.unit, p.source)
-        for p in setup.arm.parameters
-    ]
+        options.append((field.name.replace("_", " "), value, units.get(field.name, ""), source))
     noise = f"{math.sqrt(s.measurement_noise):.3g}"
     rows = {
-        "Synthesis": (
+        "Options": options,
+        "Arm": [
+            (p.name.replace("_", " "), f"{p.value:g} ± {p.tolerance:g} %", p.unit, p.source)
+            for p in setup.arm.parameters
+        ],
+        "Synthesis": [
             ("penalty", "(60 x1, 0, 0, 0, 300 x5), R2 = 10", "", "Eq. (11)"),
             ("γ* of the paper's problem", setup.gamma_star, "", "bisection, relative 1e-8"),
             ("γ", setup.gamma, "", "ours"),
             ("expansion", "about the hanging rest", "", "Sec. 6"),
-        ),
-        "Estimator": (
+        ],
+        "Estimator": [
             ("α, β, κ", "1, 2, 0", "", "Table 3"),
             ("initial estimate", "rest", "", "ours"),
             ("P0", f"{INITIAL_VARIANCE:g} I", "", "ours"),
             ("simulated noise", noise, "rad (standard deviation)", "as Rⁿ"),
-        ),
-        "Simulation": (
+        ],
+        "Simulation": [
             ("sub-steps per period", steps[0], "", "Runge–Kutta, plant without coil"),
             ("sub-steps per period", steps[1], "", "Runge–Kutta, plant with coil"),
             ("plants sampled", SAMPLED_PLANTS, "", "ours"),
-            ("length of runs under tolerances", TOLERANCE_DURATION, "s", "ours"),
+            ("length of runs under tolerances", LONG, "s", "ours"),
             ("disturbance torque", TORQUE, "N·m", "ours"),
             ("disturbance from", LOAD_FROM, "s", "ours"),
             ("disturbance frequency", FREQUENCY, "Hz", "ours"),
-        ),
+        ],
     }
-    return {
-        "Options": options,
-        "Arm": arm,
-        **{name: [Setting(*row) for row in group] for name, group in rows.items()},
-    }
+    return {name: [Setting(*row) for row in group] for name, group in rows.items()}

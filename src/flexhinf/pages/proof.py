@@ -7,6 +7,7 @@ from typing import Any
 
 from flexhinf.certify.starts import SMALLEST_VALUE, UNCHANGED_INPUT
 from flexhinf.design.result import Design
+from flexhinf.pages.drawing import listed
 from flexhinf.report import at_least, at_most
 
 #: The certificate for all tolerances, beside that of the nominal robot.
@@ -19,67 +20,62 @@ RULES = {SMALLEST_VALUE: "V smallest", UNCHANGED_INPUT: "input unchanged"}
 def proof_text(design: Design) -> str:
     """What is proved of the step that is asked for, then of the law for all tolerances and for the nominal robot; why
     nothing is."""
-    return " ".join(filter(None, [design.step_proof.text, _box_text(design), _own_text(design)]))
-
-
-def _box_text(design: Design) -> str:
-    """What is proved for all tolerances beside the nominal robot's region; empty where nothing is."""
-    box = design.proof.box
-    if box is None:
-        return ""
-    return (
-        f"Proved, for every robot within the tolerances with the true state fed back: the step of "
-        f"{_amplitude_text(design, abs(box.step))} without a jump of the input, γ = {at_most(box.gamma)} for "
-        f"{penalty_text(design)}."
+    proof, given, box, texts = (
+        design.proof,
+        design.proof.certificate,
+        design.proof.box,
+        [design.step_proof.text],
     )
+    if box is not None:
+        texts.append(
+            f"Proved, for every robot within the tolerances with the true state fed back: the step of "
+            f"{_amplitude_text(design, abs(box.step))} without a jump of the input, γ = {at_most(box.gamma)} for "
+            f"{penalty_text(design)}."
+        )
+    if given is None:
+        return " ".join(filter(None, [*texts, f"No region is proved: {proof.reason.rstrip('.')}."]))
+    reach = "in the region,"
+    if given.starts:  # first with the integrators as the controller starts them
+        start = min(given.starts, key=lambda start: start.rule != UNCHANGED_INPUT)
+        other = (
+            ""
+            if start.rule == UNCHANGED_INPUT
+            else " (only with the integrators started where V is smallest)"
+        )
+        steps = f"{_amplitude_text(design, start.amplitude)}{other}"
+        reach = f"rest-to-rest steps of up to {steps} stay in the region with"
+    text = f"γ = {at_most(given.gamma)}."
+    if proof.inside and proof.budget:
+        spent, left = (f"{100.0 * v / given.level:.2g}" for v in (_spent(design), given.level - proof.start))
+        parts, kept = (
+            listed([term.name for term in proof.budget]),
+            "covers" if proof.lasts else "does not cover",
+        )
+        text += f" The step leaves {left} % of the level, which {kept} the {spent} % that {parts} spend."
+    elif proof.inside:
+        text += " What the estimator and the sampling spend is not covered."
+    whom = "every robot within the tolerances" if covers_tolerances(design) else "the nominal robot"
+    texts.append(f"Proved, for {whom} with the true state fed back: {reach} {text}")
+    return " ".join(filter(None, texts))
+
+
+def _spent(design: Design) -> float:
+    budget = design.proof.budget
+    return budget[-1].budget.total if budget else float("nan")
 
 
 def penalty_text(design: Design) -> str:
     """The z whose gain is proved for all tolerances."""
     if design.specification.checked_penalty is not None:
         return "the z of the checked penalty"
-    return (
-        "the z of the robot's own penalty"
-        if design.robot.penalty
-        else "the z of Eq. (11), scaled to the robot"
-    )
-
-
-def _own_text(design: Design) -> str:
-    proof, given = design.proof, design.proof.certificate
-    if given is None:
-        return f"No region is proved: {proof.reason.rstrip('.')}."
-    steps = step_texts(design)
-    reach = f"rest-to-rest steps of up to {steps[0]} stay in the region with" if steps else "in the region,"
-    text = f"γ = {at_most(given.gamma)}."
-    if proof.inside and proof.budget:
-        spent, left = (f"{100.0 * v / given.level:.2g}" for v in (_spent(design), given.level - proof.start))
-        kept = "which covers" if proof.lasts else "which does not cover"
-        text += f" The step leaves {left} % of the level, {kept} the {spent} % that {_parts(design)} spend."
-    elif proof.inside:
-        text += " What the estimator and the sampling spend is not covered."
-    whom = "every robot within the tolerances" if covers_tolerances(design) else "the nominal robot"
-    return f"Proved, for {whom} with the true state fed back: {reach} {text}"
+    own = design.robot.penalty
+    return "the z of the robot's own penalty" if own else "the z of Eq. (11), scaled to the robot"
 
 
 def covers_tolerances(design: Design) -> bool:
     """Whether the proof is for a box of parameters."""
     given = design.proof.certificate
     return given is not None and any(p.low < p.high for p in given.parameters)
-
-
-def step_texts(design: Design) -> list[str]:
-    """The proved steps, first the one with the integrators as the controller starts them; the other one is longer, and
-    says that its start is not the controller's."""
-    given = design.proof.certificate
-    if given is None:
-        return []
-    found = []
-    for start in sorted(given.starts, key=lambda start: start.rule != UNCHANGED_INPUT):
-        text = _amplitude_text(design, start.amplitude)
-        own = start.rule == UNCHANGED_INPUT
-        found.append(text if own else f"{text} (only with the integrators started where V is smallest)")
-    return found
 
 
 def _amplitude_text(design: Design, amplitude: float) -> str:
@@ -91,29 +87,18 @@ def _amplitude_text(design: Design, amplitude: float) -> str:
 
 def proof_numbers(design: Design) -> dict[str, Any]:
     """For design.json."""
-    return _own_numbers(design) | {"for_all_tolerances": _box_numbers(design)}
-
-
-def _box_numbers(design: Design) -> dict[str, Any]:
-    box, reason = design.proof.box, design.proof.box_reason
-    if box is None or box.certificate is None:
-        return {"proved": covers_tolerances(design), "reason": reason}
-    return {
-        "proved": True, "gamma": box.gamma, "step": abs(box.step), "level": box.certificate.level,
-        "cpu_s": box.cpu_seconds, "file": BOX_FILE,
-    }  # fmt: skip
-
-
-def _own_numbers(design: Design) -> dict[str, Any]:
-    proof, given = design.proof, design.proof.certificate
+    proof, given, box = design.proof, design.proof.certificate, design.proof.box
+    tolerances: dict[str, Any] = {"proved": covers_tolerances(design), "reason": proof.box_reason}
+    if box is not None and box.certificate is not None:
+        tolerances = {
+            "proved": True, "gamma": box.gamma, "step": abs(box.step), "level": box.certificate.level,
+            "cpu_s": box.cpu_seconds, "file": BOX_FILE,
+        }  # fmt: skip
     if given is None:
         return {
-            "strength": "SampledCheck",
-            "proved": False,
-            "step_proved": design.step_proof.proved,
-            "reason": proof.reason,
-            "cpu_s": proof.cpu_seconds,
-        }
+            "strength": "SampledCheck", "proved": False, "step_proved": design.step_proof.proved,
+            "reason": proof.reason, "cpu_s": proof.cpu_seconds, "for_all_tolerances": tolerances,
+        }  # fmt: skip
     return {
         "strength": "Certificate", "proved": True, "feedback": given.feedback,
         "parameters": "tolerances" if covers_tolerances(design) else "nominal",
@@ -122,14 +107,5 @@ def _own_numbers(design: Design) -> dict[str, Any]:
         "step_proved": design.step_proof.proved,
         "start": proof.start, "starts_inside": proof.inside, "spent": _spent(design), "lasts": proof.lasts,
         "attained_gain": given.attained_gain, "cpu_s": proof.cpu_seconds, "file": "certificate.json",
+        "for_all_tolerances": tolerances,
     }  # fmt: skip
-
-
-def _spent(design: Design) -> float:
-    budget = design.proof.budget
-    return budget[-1].budget.total if budget else float("nan")
-
-
-def _parts(design: Design) -> str:
-    names = [term.name for term in design.proof.budget]
-    return " and ".join(filter(None, [", ".join(names[:-1]), names[-1]])) if names else "sampling and hold"

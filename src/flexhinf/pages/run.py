@@ -9,6 +9,7 @@ import os
 import shutil
 import subprocess
 from collections.abc import Iterator
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +24,7 @@ from flexhinf.export.run_log import check_place
 from flexhinf.files import write_file
 from flexhinf.pages.arm_picture import ArmFilm, frames
 from flexhinf.pages.design.requirements import requirement_table
-from flexhinf.pages.drawing import Units, rounded, settling_text
+from flexhinf.pages.drawing import Units, count_text, rounded, settling_text
 from flexhinf.report import Column, Table, number
 from flexhinf.validation import checked_path
 
@@ -50,63 +51,69 @@ def run_met(prepared: DeployedRun, run: RealTimeRun) -> bool:
 
 def run_tables(prepared: DeployedRun, run: RealTimeRun) -> list[Any]:
     """Requirements; figures of each joint; times of the samples."""
-    if run.trajectory.message or not len(run.trajectory.time):
-        return [_times(run.timing)] if len(run.timing.time) else []
-    units = _units(prepared)
-    title = f"{prepared.robot.name}: what is required of this run (* our default)"
-    tables = (
-        []
-        if run.stopped is not None
-        else [requirement_table(prepared.requirements(run), units.degrees, title)]
-    )
-    return [table.terminal() for table in (*tables, _joints(prepared, run, units), _times(run.timing))]
-
-
-def _units(prepared: DeployedRun) -> Units:
-    return Units.of(prepared.plants.model, prepared.joints, prepared.specification.in_degrees)
+    timing, tables = run.timing, list[Table]()
+    if not run.trajectory.message and len(run.trajectory.time):
+        units = Units.of(prepared.plants.model, prepared.joints, prepared.specification.in_degrees)
+        if run.stopped is None:
+            title = f"{prepared.robot.name}: what is required of this run (* our default)"
+            tables.append(requirement_table(prepared.requirements(run), units.degrees, title))
+        tables.append(_joints(prepared, run, units))
+    if tables or len(timing.time):
+        title = f"Times in µs; the period has {number(1e6 * timing.period)} µs"
+        fields = ROWS if timing.real_time else {"step of the controller": "computed", "whole sample": "over"}
+        rows = [
+            (name, *(1e6 * value for value in percentiles(getattr(timing, field)).values()))
+            for name, field in fields.items()
+        ]
+        tables.append(Table(("", *(Column(name, decimals=1) for name in PERCENTILES)), rows, title))
+    return [table.terminal() for table in tables]
 
 
 def _joints(prepared: DeployedRun, run: RealTimeRun, units: Units) -> Table:
     small, factor = units.small
     response = prepared.response(run)
-    peak = Column("peak", units.effort, digits=3, key="peak_input")
+    joint, peak = Column("joint", key="joint"), Column("peak", units.effort, digits=3, key="peak_input")
     if prepared.plan is None:
         rows = [
             {**row, "settled": settling_text(row["settling_time_s"]) if "settling_time_s" in row else None}
             for row in response.metrics
         ]
-        columns = (
-            Column("joint", key="joint"),
-            Column("settled after", key="settled", right=True),
-            Column("overshoot", "%", digits=3, key="overshoot_percent"),
-            Column("end error", small, digits=3, key="steady_state_error", scale=factor),
-            peak,
-        )
-        return Table.of(columns, rows, "Joints")
+        settled = Column("settled after", key="settled", right=True)
+        overshoot = Column("overshoot", "%", digits=3, key="overshoot_percent")
+        error = Column("end error", small, digits=3, key="steady_state_error", scale=factor)
+        return Table.of((joint, settled, overshoot, error, peak), rows, "Joints")
     errors = {"largest": "largest_error", "rms": "rms_error", "at the end": "final_error"}
-    columns = (
-        Column("joint", key="joint"),
-        *(Column(name, digits=3, key=key, scale=factor) for name, key in errors.items()),
-        peak,
-    )
+    columns = (Column(name, digits=3, key=key, scale=factor) for name, key in errors.items())
     metrics = Move.along(prepared.plan, response).metrics
-    return Table.of(columns, metrics, f"Joints: distance from the move, {small}")
-
-
-def _times(timing: Timing) -> Table:
-    what = f"Times in µs; the period has {number(1e6 * timing.period)} µs"
-    rows = ROWS if timing.real_time else {"step of the controller": "computed", "whole sample": "over"}
-    cells = [
-        (name, *(1e6 * value for value in percentiles(getattr(timing, field)).values()))
-        for name, field in rows.items()
-    ]
-    return Table(("", *(Column(name, decimals=1) for name in PERCENTILES)), cells, what)
+    return Table.of((joint, *columns, peak), metrics, f"Joints: distance from the move, {small}")
 
 
 # Sentences ------------------------------------------------------------------------------------------
 def run_verdict(prepared: DeployedRun, run: RealTimeRun) -> str:
     """Real time first, then what the robot did."""
-    return " ".join((_real_time(run.timing), _motion(prepared, run)))
+    text = _real_time(run.timing)
+    if run.trajectory.message:
+        return f"{text} {run.trajectory.message}"
+    if run.stopped is not None:
+        end = run.trajectory.time[-1] if len(run.trajectory.time) else 0.0
+        return f"{text} Stopped at {number(end)} s."
+    response, several = prepared.response(run), len(prepared.joints) > 1
+    units = Units.of(prepared.plants.model, prepared.joints, prepared.specification.in_degrees)
+
+    def named(text: str, joint: str) -> str:
+        return f"{text} ({joint})" if several and joint else text
+
+    effort = named(f"{number(response.peak.value, 3)} {units.effort}", response.peak.joint)
+    if prepared.plan is not None:
+        worst = worst_of(Move.along(prepared.plan, response).metrics, "largest_error")
+        error = f"{number(units.scale * worst.value, 3)}{'' if units.degrees else ' '}{units.angle}"
+        return f"{text} The move was followed within {named(error, worst.joint)} and needed at most {effort}."
+    settling, overshoot = response.settling, response.overshoot
+    settled = f"did not settle ({settling.joint})"
+    if np.isfinite(settling.value):
+        settled = f"settled in {named(settling_text(settling.value), settling.joint)}"
+    over = named(f"{number(overshoot.value, 2)} %", overshoot.joint)
+    return f"{text} The step {settled}, overshot by {over} and needed at most {effort}."
 
 
 def _real_time(timing: Timing) -> str:
@@ -135,79 +142,40 @@ def _real_time(timing: Timing) -> str:
     )
 
 
-def _motion(prepared: DeployedRun, run: RealTimeRun) -> str:
-    if run.trajectory.message:
-        return run.trajectory.message
-    if run.stopped is not None:
-        return f"Stopped at {number(run.trajectory.time[-1] if len(run.trajectory.time) else 0.0)} s."
-    response, units = prepared.response(run), _units(prepared)
-    several = len(prepared.joints) > 1
-
-    def named(text: str, joint: str) -> str:
-        return f"{text} ({joint})" if several and joint else text
-
-    peak = response.peak
-    effort = named(f"{number(peak.value, 3)} {units.effort}", peak.joint)
-    if prepared.plan is not None:
-        worst = worst_of(Move.along(prepared.plan, response).metrics, "largest_error")
-        error = f"{number(units.scale * worst.value, 3)}{'' if units.degrees else ' '}{units.angle}"
-        return f"The move was followed within {named(error, worst.joint)} and needed at most {effort}."
-    settling, overshoot = response.settling, response.overshoot
-    settled = (
-        f"settled in {named(settling_text(settling.value), settling.joint)}"
-        if np.isfinite(settling.value)
-        else f"did not settle ({settling.joint})"
-    )
-    return (
-        f"The step {settled}, overshot by {named(f'{number(overshoot.value, 2)} %', overshoot.joint)} and needed at "
-        f"most {effort}."
-    )
-
-
 def run_notes(run: RealTimeRun) -> list[str]:
     """Where deadlines were missed, what the controller refused, and what the system permitted."""
     notes, spans = list(run.scheduling), run.timing.missed_spans() if run.timing.real_time else []
     if spans and run.timing.slowness <= SLOW:
-        places = ", ".join(_span(span) for span in spans[:LISTED])
+        places = [
+            f"at {number(rounded(span.begin, 4) or 0.0)} s ({count_text(span.samples, 'sample')}, up to "
+            f"{number(1e3 * span.worst, 2)} ms)"
+            for span in spans[:LISTED]
+        ]
         more = f", and {len(spans) - LISTED} more places" if len(spans) > LISTED else ""
-        notes.append(f"Missed deadlines: {places}{more}.")
+        notes.append(f"Missed deadlines: {', '.join(places)}{more}.")
     if spans and not run.scheduling:
         notes.append(
             "A real-time priority and a core of its own keep other programs off: --priority 80 --core 1."
         )
-    refused = {int(code): int(np.sum(run.codes == code)) for code in np.unique(run.codes) if code}
-    for code, count in refused.items():
-        notes.append(f"The controller's step ended with {run.code_names[code]} in {count} samples.")
+    for code in np.unique(run.codes):
+        if code:
+            count = int(np.sum(run.codes == code))
+            notes.append(f"The controller's step ended with {run.code_names[int(code)]} in {count} samples.")
     return notes
-
-
-def _span(span: Any) -> str:
-    samples = f"{span.samples} samples" if span.samples > 1 else "1 sample"
-    return f"at {number(rounded(span.begin, 4) or 0.0)} s ({samples}, up to {number(1e3 * span.worst, 2)} ms)"
 
 
 # Film ------------------------------------------------------------------------------------------------
 def check_film(path: str | os.PathLike[str]) -> Path:
-    """Refuse, before any work, a film that could not be written at its end.
-
-    Raises
-    ------
-    InvalidInput
-        For another ending, an encoder that is missing, or a place that cannot be written.
-    """
+    """Refuse with `InvalidInput`, before any work, a film that could not be written at its end: another ending, an
+    encoder that is missing, a place that cannot be written."""
     path = checked_path("The film", path)
+    gif = f"--record {path.stem or 'arm'}.gif"
     if path.suffix not in FORMATS:
-        raise InvalidInput(
-            "The format of the film is not known.",
-            f"expected a name that ends with {' or '.join(FORMATS)}, got {str(path)!r}",
-            f"--record {path.stem or 'arm'}.gif",
-        )
+        got = f"expected a name that ends with {' or '.join(FORMATS)}, got {str(path)!r}"
+        raise InvalidInput("The format of the film is not known.", got, gif)
     if path.suffix == ".mp4" and _encoder() is None:
-        raise InvalidInput(
-            "A film in MP4 needs an encoder.",
-            f"expected the program ffmpeg or the package 'imageio-ffmpeg', found neither, for {path.name}",
-            f"pip install 'flexhinf[video]', or --record {path.stem or 'arm'}.gif",
-        )
+        got = f"expected the program ffmpeg or the package 'imageio-ffmpeg', found neither, for {path.name}"
+        raise InvalidInput("A film in MP4 needs an encoder.", got, f"pip install 'flexhinf[video]', or {gif}")
     return check_place(path, "film")
 
 
@@ -222,32 +190,21 @@ def write_film(prepared: DeployedRun, run: RealTimeRun, path: str | os.PathLike[
     path = check_film(path)
     rate, resolution = FORMATS[path.suffix]
     film = ArmFilm.of(prepared, run)
-    write = _write_gif if path.suffix == ".gif" else _write_mp4
-    write_file(path, "film", lambda name: write(name, frames(film, rate, resolution), rate))
+
+    def write(name: str) -> None:
+        pictures = frames(film, rate, resolution)
+        if path.suffix == ".mp4":
+            return _write_mp4(name, pictures, rate)
+        from PIL import Image
+
+        plain = Image.Dither.NONE  # with the colours of the first frame, so that nothing flickers
+        first = Image.fromarray(next(pictures)).quantize(128, dither=plain)
+        others = (Image.fromarray(frame).quantize(palette=first, dither=plain) for frame in pictures)
+        options: dict[str, Any] = {"duration": round(1000 / rate), "loop": 0, "optimize": False}
+        return first.save(name, "GIF", save_all=True, append_images=others, **options)
+
+    write_file(path, "film", write)
     return path
-
-
-def _encoder() -> str | None:
-    """The program ffmpeg of this system, or that of imageio-ffmpeg."""
-    if found := shutil.which("ffmpeg"):
-        return found
-    try:
-        import imageio_ffmpeg
-
-        return imageio_ffmpeg.get_ffmpeg_exe()
-    except (ImportError, RuntimeError):
-        return None
-
-
-def _write_gif(name: str, pictures: Iterator[np.ndarray], rate: int) -> None:
-    """With the colours of the first frame, so that nothing flickers."""
-    from PIL import Image
-
-    first = Image.fromarray(next(pictures)).quantize(128, dither=Image.Dither.NONE)
-    others = (Image.fromarray(frame).quantize(palette=first, dither=Image.Dither.NONE) for frame in pictures)
-    first.save(
-        name, "GIF", save_all=True, append_images=others, duration=round(1000 / rate), loop=0, optimize=False
-    )  # fmt: skip
 
 
 def _write_mp4(name: str, pictures: Iterator[np.ndarray], rate: int) -> None:
@@ -262,12 +219,23 @@ def _write_mp4(name: str, pictures: Iterator[np.ndarray], rate: int) -> None:
         assert encoder.stdin is not None
         assert encoder.stderr is not None
         try:
-            encoder.stdin.write(first.tobytes())
-            for frame in pictures:
+            for frame in chain((first,), pictures):
                 encoder.stdin.write(frame.tobytes())
             encoder.stdin.close()
         except BrokenPipeError:
             pass
-        told = encoder.stderr.read().decode(errors="replace")
+        errors = encoder.stderr.read().decode(errors="replace")
     if encoder.returncode:
-        raise OSError(f"ffmpeg: {told.strip()[:200]}")
+        raise OSError(f"ffmpeg: {errors.strip()[:200]}")
+
+
+def _encoder() -> str | None:
+    """The program ffmpeg of this system, or that of imageio-ffmpeg."""
+    if found := shutil.which("ffmpeg"):
+        return found
+    try:
+        import imageio_ffmpeg
+
+        return imageio_ffmpeg.get_ffmpeg_exe()
+    except (ImportError, RuntimeError):
+        return None

@@ -18,7 +18,6 @@ from flexhinf.estimation import MODEL_STEP
 from flexhinf.pages.design.weights import effort_unit, state_weights
 from flexhinf.pages.drawing import limit_text, units_of
 from flexhinf.report import Section, Setting, Table
-from flexhinf.robot import Robot
 from flexhinf.robot.signals import signal_names
 
 #: Name, value, unit and source.
@@ -47,6 +46,7 @@ def comparison_settings(comparison: Comparison) -> dict[str, list[Setting]]:
     assert own is not None
     runs = own.scenario
     assert runs is not None
+    load_run = f"{runs.load_duration:g} s long, in equilibrium at the goal"
     rows = [
         ("laws", [row.name for row in comparison.rows], "", "option --laws, or the default"),
         ("tuned for", criterion.text, "", "ours"),
@@ -54,12 +54,7 @@ def comparison_settings(comparison: Comparison) -> dict[str, list[Setting]]:
         ("shared limit", criterion.mode, "", "option --tune"),
         ("measurement noise", "of the sampled robots only, not of the nominal one", "", "ours"),
         ("command", "the whole step at once, integrals at zero, for every law", "", "ours"),
-        (
-            "load begins at",
-            "a tenth of its run",
-            "",
-            f"{runs.load_duration:g} s long, in equilibrium at the goal",
-        ),
+        ("load begins at", "a tenth of its run", "", load_run),
         ("plan of the move", float(runs.plan.duration), "s", "the same for every law"),
         ("sensors", "those of the design or of the law's proponents", "", "see the table of laws"),
     ]
@@ -67,8 +62,13 @@ def comparison_settings(comparison: Comparison) -> dict[str, list[Setting]]:
 
 
 def _groups(synthesis: Synthesis, e: LawEvaluation) -> dict[str, list[Setting]]:
+    robot = e.setup.robot
+    rows: Rows = [("joints", list(robot.joint_names), "", robot.name)]
+    for p in robot.parameters:
+        spread = f" ({p.spread})" if p.range is not None else f" {p.spread}"
+        rows.append((p.name.replace("_", " "), f"{p.value:g}{spread}".rstrip(), p.unit, p.source))
     groups = {
-        "Robot": _robot(e.setup.robot),
+        "Robot": rows,
         "Synthesis": _synthesis(synthesis, e),
         "Estimator": _estimator(e),
         "Simulation": _simulation(e),
@@ -76,59 +76,46 @@ def _groups(synthesis: Synthesis, e: LawEvaluation) -> dict[str, list[Setting]]:
     return {name: [Setting(*row) for row in rows] for name, rows in groups.items()}
 
 
-def _robot(robot: Robot) -> Rows:
-    rows: Rows = [("joints", list(robot.joint_names), "", robot.name)]
-    for p in robot.parameters:
-        spread = f" ({p.spread})" if p.range is not None else f" {p.spread}"
-        rows.append((p.name.replace("_", " "), f"{p.value:g}{spread}".rstrip(), p.unit, p.source))
-    return rows
-
-
-def _option(s: Specification, name: str) -> str:
-    """Whether a field has its default."""
-    same = getattr(s, name) == getattr(Specification(), name)
-    return f"{'default of' if same else 'option'} --{name.replace('_', '-')}"
-
-
-def _unless(s: Specification, name: str, otherwise: str) -> str:
-    """The option, or where a value comes from that the user did not state."""
-    return otherwise if getattr(s, name) is None else f"option --{name.replace('_', '-')}"
+def _source(s: Specification, name: str, otherwise: str = "") -> str:
+    """The option of a field; where it was not stated its default, or where the value comes from."""
+    option = f"--{name.replace('_', '-')}"
+    if otherwise:
+        return otherwise if getattr(s, name) is None else f"option {option}"
+    return f"{'default of' if getattr(s, name) == getattr(Specification(), name) else 'option'} {option}"
 
 
 def _synthesis(synthesis: Synthesis, e: LawEvaluation) -> Rows:
     s, problem, chosen = e.setup.specification, synthesis.problem, synthesis.design_problem
-    proved, counted = synthesis.proved, "for the number of states"
+    proved, counted, degrees = (
+        synthesis.proved,
+        "for the number of states",
+        [c.degree for c in synthesis.choices],
+    )
     home = "the robot's home" if s.move is None else "the last waypoint of --move"
     rows: Rows = [
         ("preset", chosen.preset, "", "option --preset" if s.preset else "by what is required"),
-        ("pose", synthesis.goal, _units(e), _unless(s, "pose", home)),
+        ("pose", synthesis.goal, _position_unit(e), _source(s, "pose", home)),
         *(
             (f"weight of {w.signal.replace('_', ' ')}", w.value, w.unit, chosen.source)
             for w in state_weights(problem, e.setup.joints)
         ),
         ("R2", np.asarray(problem.penalty.effort), effort_unit(problem), chosen.effort_source),
-        ("disturbances", list(problem.disturbance_names), "", _option(s, "disturbances")),
+        ("disturbances", list(problem.disturbance_names), "", _source(s, "disturbances")),
         ("integrated errors", list(problem.integrate), "", "ours"),
         ("γ* of the problem", chosen.gamma_star, "", "bisection, relative 1e-8"),
-        ("γ/γ*", chosen.gamma / chosen.gamma_star, "", "searched" if proved else _option(s, "gamma_ratio")),
-        (
-            "degrees of V tried", [c.degree for c in synthesis.choices], "",
-            "option --degrees" if s.degrees else counted,
-        ),
-        (
-            "degree of V", synthesis.chosen.degree, "",
-            "by the cost of the step" if len(synthesis.choices) > 1 else "",
-        ),
-    ]  # fmt: skip
+        ("γ/γ*", chosen.gamma / chosen.gamma_star, "", "searched" if proved else _source(s, "gamma_ratio")),
+        ("degrees of V tried", degrees, "", "option --degrees" if s.degrees else counted),
+        ("degree of V", synthesis.chosen.degree, "", "by the cost of the step" if len(degrees) > 1 else ""),
+    ]
     if proved is None:
         checked = "0.9 × the designed one" if s.checked_penalty is None else str(s.checked_penalty)
         return [
             *rows,
-            ("checked γ/γ*", s.checked_gamma_ratio, "", _option(s, "checked_gamma_ratio")),
-            ("checked penalty", checked, "", _option(s, "checked_penalty")),
-            ("rays", synthesis.rays, "", _unless(s, "rays", counted)),
+            ("checked γ/γ*", s.checked_gamma_ratio, "", _source(s, "checked_gamma_ratio")),
+            ("checked penalty", checked, "", _source(s, "checked_penalty")),
+            ("rays", synthesis.rays, "", _source(s, "rays", counted)),
         ]
-    source = _unless(s, "checked_penalty", "the robot's own, or Eq. (11)")
+    source = _source(s, "checked_penalty", "the robot's own, or Eq. (11)")
     return [
         *rows,
         ("γ that is proved", proved.gamma, "", "searched"),
@@ -137,7 +124,7 @@ def _synthesis(synthesis: Synthesis, e: LawEvaluation) -> Rows:
     ]
 
 
-def _units(e: LawEvaluation) -> str:
+def _position_unit(e: LawEvaluation) -> str:
     """The unit of link positions, or that of each joint where they differ."""
     units = [e.setup.model.unit(name) for name in signal_names("link_position", e.setup.joints)]
     return units[0] if len(set(units)) == 1 else ", ".join(units)
@@ -145,27 +132,20 @@ def _units(e: LawEvaluation) -> str:
 
 def _estimator(e: LawEvaluation) -> Rows:
     s, plant, noise = e.setup.specification, e.setup.model, e.setup.process_noise
-    rows: Rows = [("estimator", s.estimator, "", _option(s, "estimator"))]
+    rows: Rows = [("estimator", s.estimator, "", _source(s, "estimator"))]
     if s.estimator == "none":
         return [*rows, ("fed back", "the true state", "", "option --estimator none")]
-    variances = zip(plant.outputs, noise_variances(plant, s.measurement_noise))
-    initial = "stationary covariance of the filter in equilibrium at the goal"
+    rows.append(("measured", list(plant.outputs), "", _source(s, "measured")))
+    for name, variance in zip(plant.outputs, noise_variances(plant, s.measurement_noise)):
+        what, unit = f"Rⁿ of {name.replace('_', ' ')}", f"({plant.unit(name)})²"
+        rows.append((what, float(variance), unit, _source(s, "measurement_noise")))
     links, motors = (
         list(levels) if isinstance(levels, tuple) else levels
         for levels in (noise.link_velocities, noise.motor_velocities)
     )
+    initial = "stationary covariance of the filter in equilibrium at the goal"
     return [
         *rows,
-        ("measured", list(plant.outputs), "", _option(s, "measured")),
-        *(
-            (
-                f"Rⁿ of {name.replace('_', ' ')}",
-                float(v),
-                f"({plant.unit(name)})²",
-                _option(s, "measurement_noise"),
-            )
-            for name, v in variances
-        ),
         ("simulated noise", "white, of these variances", "", "ours"),
         ("Rᵛ on every state", noise.all_states, "per sample", noise.source),
         ("Rᵛ on link velocities, added", links, "per sample", noise.source),
@@ -178,10 +158,9 @@ def _estimator(e: LawEvaluation) -> Rows:
 
 
 def _simulation(e: LawEvaluation) -> Rows:
-    s, runs, filter = e.setup.specification, e.scenario, e.loop.filter
+    s, runs, filter, limits = e.setup.specification, e.scenario, e.loop.filter, e.setup.limits
     assert runs is not None
     extras = f", with {', '.join(s.extras)}" if s.extras else ", no extras"
-    limits = e.setup.limits
     inputs, speeds = (
         limit_text(one) if np.isfinite(one).any() else "none" for one in (limits.saturation, limits.speed)
     )
@@ -191,29 +170,26 @@ def _simulation(e: LawEvaluation) -> Rows:
     ]
     quanta = [0.0] if e.setup.quantisation is None else np.atleast_1d(e.setup.quantisation).tolist()
     steps, seed = "Runge–Kutta steps per period", f"uniform within the tolerances, seed ({s.seed}, 7)"
+    position, units = _position_unit(e), units_of(e)
+    command = "the goal, from the first sample on" if e.setup.command is None else e.setup.command.name
+    zone = "none" if e.setup.dead_zone is None else e.setup.dead_zone
+    load_unit = e.setup.model.unit(e.setup.model.disturbances[0])
     rows: Rows = [
-        ("start pose", e.setup.start, _units(e),
-         _unless(s, "start", "ours: 0.1 rad (10 mm) from the goal")),
-        ("command", "the goal, from the first sample on" if e.setup.command is None else e.setup.command.name, "",
-         _option(s, "shaping")),
-        ("move", runs.plan.name, "", _unless(s, "move", "ours: the way of the step")),
-        ("true plant", f"nominal numbers{extras}", "", _option(s, "extras")),
+        ("start pose", e.setup.start, position, _source(s, "start", "ours: 0.1 rad (10 mm) from the goal")),
+        ("command", command, "", _source(s, "shaping")),
+        ("move", runs.plan.name, "", _source(s, "move", "ours: the way of the step")),
+        ("true plant", f"nominal numbers{extras}", "", _source(s, "extras")),
         ("extras that the linear loop leaves out", list(e.setup.left_out) or "none", "",
          "ours: their slope at standstill holds only for the smallest velocities"),
-        ("sampling period", s.period, "s", _option(s, "period")),
-        ("delay of the inputs", s.delay, "s", _option(s, "delay")),
+        ("sampling period", s.period, "s", _source(s, "period")),
+        ("delay of the inputs", s.delay, "s", _source(s, "delay")),
         ("quantisation of the measurements", quanta[0] if len(set(quanta)) == 1 else quanta, "",
-         _option(s, "quantisation")),
-        ("dead zone of the integrals", "none" if e.setup.dead_zone is None else e.setup.dead_zone, _units(e),
-         _unless(s, "integral_dead_zone", "ours: against hunting")),
-        ("limits of the inputs", inputs, units_of(e).effort if limits.saturated is not None else "",
-         stated[0]),
-        ("limits of the speeds", speeds, units_of(e).speed if limits.limits_speed else "",
-         stated[1]),
-        ("length of the step", runs.step_duration, "s",
-         _unless(s, "duration", "by the slowest mode, 0.5 to 20 s")),
-        ("load", runs.load, e.setup.model.unit(e.setup.model.disturbances[0]),
-         _unless(s, "load", "a tenth of what the motors give at the peak of the step")),
+         _source(s, "quantisation")),
+        ("dead zone of the integrals", zone, position, _source(s, "integral_dead_zone", "ours: against hunting")),
+        ("limits of the inputs", inputs, units.effort if limits.saturated is not None else "", stated[0]),
+        ("limits of the speeds", speeds, units.speed if limits.limits_speed else "", stated[1]),
+        ("length of the step", runs.step_duration, "s", _source(s, "duration", "by the slowest mode, 0.5 to 20 s")),
+        ("load", runs.load, load_unit, _source(s, "load", "a tenth of what the motors give at the peak of the step")),
         ("sampled robots", len(runs.robots), "", seed),
         (steps, runs.sub_steps, "", "true plant: step × fastest mode ≤ 0.01"),
     ]  # fmt: skip
@@ -227,20 +203,12 @@ def files_section(files: Sequence[str]) -> Section:
     """One row for each file; those of one folder that mean the same share a row."""
     grouped: dict[tuple[str, str], list[str]] = {}
     for name in sorted(files):
+        path = PurePath(name)
+        meanings = (text for key, text in MEANING if key in (name, path.suffix, path.stem))
         folder, _, file = name.rpartition("/")
-        grouped.setdefault((folder, _meaning(name)), []).append(file)
-    rows = [
-        (
-            ", ".join(f"`{f'{folder}/' if folder and k == 0 else ''}{file}`" for k, file in enumerate(names)),
-            meaning,
-        )
-        for (folder, meaning), names in grouped.items()
-    ]
+        grouped.setdefault((folder, next(meanings, "")), []).append(file)
+    rows = []
+    for (folder, meaning), names in grouped.items():
+        first = f"{folder}/" if folder else ""
+        rows.append((", ".join(f"`{'' if k else first}{file}`" for k, file in enumerate(names)), meaning))
     return Section("Files beside this page", (Table(("file", "content"), rows, stacks=True),), "files")
-
-
-def _meaning(name: str) -> str:
-    for key, text in MEANING:
-        if name == key or PurePath(name).suffix == key or PurePath(name).stem == key:
-            return text
-    return ""

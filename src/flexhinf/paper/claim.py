@@ -6,26 +6,14 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
-from flexhinf.paper.experiments import Experiments
+from flexhinf.paper.loop_setup import PaperSetup
 from flexhinf.report import Claim, Table
 
 
 @dataclass(frozen=True)
 class Finding:
-    """Result of computing one claim's criterion.
-
-    Attributes
-    ----------
-    verdict : bool or str
-        Whether the criterion is met; "ties" or "not judged" where it cannot be said.
-    evidence : str
-        The numbers behind the verdict, in a sentence.
-    tables : tuple of Table
-    numbers : dict
-        For ``metrics.json``.
-    data : object
-        What the page draws.
-    """
+    """Result of computing one claim's criterion: whether it is met ("ties" or "not judged" where it cannot be said),
+    the numbers behind that in a sentence, tables, numbers for ``metrics.json``, and what the page draws."""
 
     verdict: bool | str
     evidence: str
@@ -50,36 +38,22 @@ class Judged:
 
 @dataclass(frozen=True)
 class PaperClaim:
-    """One claim of the paper, or one question of ours.
-
-    Attributes
-    ----------
-    text : str
-        The claim in a sentence; ``{feedback}`` stands for what is fed back to the law.
-    criterion : str
-        By what it is judged.
-    judge : callable
-        Computes the criterion.
-    figures : tuple of str
-        Anchors of the paper's figures that show it.
-    ours : bool
-        Whether the question is ours; otherwise the claim is the paper's.
-    """
+    """One claim of the paper, or one question of ours, in a sentence (``{feedback}`` stands for what is fed back to the
+    law), with its criterion, what computes it, and anchors of the paper's figures that show it."""
 
     id: str
     text: str
     criterion: str
-    judge: Callable[[Experiments], Finding]
+    judge: Callable[[PaperSetup], Finding]
     figures: tuple[str, ...] = ()
     ours: bool = False
 
-    def judged(self, experiments: Experiments) -> Judged:
+    def judged(self, setup: PaperSetup) -> Judged:
         """Compute the verdict."""
-        finding, verdict = self.judge(experiments), "not judged"
-        if isinstance(finding.verdict, str):
-            verdict = finding.verdict
-        else:
-            verdict = "holds" if finding.verdict else "fails"
-        text = self.text.format(feedback=experiments.setup.feedback)
-        claim = Claim(self.id, text, verdict, finding.evidence, "", self.figures, self.criterion)  # pyright: ignore[reportArgumentType]
+        finding, kind = self.judge(setup), setup.settings.estimator
+        verdict: Any = finding.verdict
+        if not isinstance(verdict, str):
+            verdict = "holds" if verdict else "fails"
+        text = self.text.format(feedback="the true state" if kind == "none" else f"the {kind.upper()}")
+        claim = Claim(self.id, text, verdict, finding.evidence, self.figures, self.criterion)
         return Judged(claim, finding, self.ours)

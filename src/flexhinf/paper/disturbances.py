@@ -11,7 +11,7 @@ The paper gives neither size nor place nor frequency of its disturbance torques.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,16 +20,16 @@ import numpy as np
 from flexhinf.analysis import DisturbanceSearch
 from flexhinf.loop import Sine, Step, Trajectory
 from flexhinf.paper.claim import Finding, PaperClaim
-from flexhinf.paper.experiments import (
+from flexhinf.paper.loop_setup import (
     CHANNELS,
     FREQUENCY,
     LOAD_DURATION,
     LOAD_FROM,
     TORQUE,
-    Experiments,
+    PaperSetup,
+    known,
     load_numbers,
 )
-from flexhinf.paper.loop_setup import PaperSetup
 from flexhinf.plant import Law
 from flexhinf.report import Column, Table
 
@@ -54,17 +54,8 @@ Signal = Callable[[np.ndarray], np.ndarray]
 # Gain of Eq. (5) -----------------------------------------------------------------------------------------
 @dataclass(frozen=True)
 class RunGain:
-    """One disturbance and what it attained.
-
-    Attributes
-    ----------
-    gain : float
-        √(∫|z|²/∫|d|²), the largest over all horizons; infinite if the run diverged.
-    energy : float
-        ∫|d|², rad²·s.
-    reach : float
-        Largest |x1|, rad.
-    """
+    """One disturbance: √(∫|z|²/∫|d|²), the largest over all horizons, infinite if the run diverged; ∫|d|², rad²·s; and
+    the largest |x1|, rad."""
 
     gain: float
     energy: float
@@ -119,9 +110,8 @@ def stated_disturbances() -> dict[str, Signal]:
     return found
 
 
-def attained_gain(experiments: Experiments) -> Finding:
+def attained_gain(setup: PaperSetup) -> Finding:
     """Judge Eq. (5): the largest gain of stated disturbances and of the worst found, within ±180°."""
-    setup = experiments.setup
     runs = GainRuns(setup, setup.nonlinear)
     stated = {name: runs.attained(d) for name, d in stated_disturbances().items()}
     worst = runs.searched()
@@ -129,56 +119,41 @@ def attained_gain(experiments: Experiments) -> Finding:
     tame, largest = (
         max((run.gain for run in group.values() if run.inside), default=math.inf) for group in (stated, found)
     )
-    known = largest if math.isfinite(largest) else None
+    best = known(largest)
     numbers = {
-        "largest_gain": known,
-        "largest_gain_over_gamma": known and known / setup.gamma,
-        "largest_gain_over_gamma_star": known and known / setup.gamma_star,
+        "largest_gain": best,
+        "largest_gain_over_gamma": best and best / setup.gamma,
+        "largest_gain_over_gamma_star": best and best / setup.gamma_star,
     }
     evidence = f"γ = {setup.gamma:.1f}, γ* = {setup.gamma_star:.1f}"
-    if known is None or math.isinf(tame):
+    if best is None or math.isinf(tame):
         evidence += ": the loop diverges under most disturbances tried."
     else:
+        local = f"Nothing tried exceeds γ, within {HORIZON:g} s."
         beyond = [run for run in found.values() if run.gain > setup.gamma and not run.inside]
+        if beyond:
+            first = min(beyond, key=lambda run: run.energy if math.isfinite(run.energy) else math.inf)
+            gain = "diverges" if math.isinf(first.gain) else f"attains {first.gain:.1f}"
+            reach = "" if math.isinf(first.reach) else f", with |x1| up to {math.degrees(first.reach):.0f}°"
+            local = f"Eq. (5) is local: with ∫|d|² = {first.energy:.3g} rad² s the loop {gain}{reach}."
         evidence += (
             f". With |x1| ≤ 180° pulses and decaying sines attain up to {tame:.1f}, the worst disturbances found up to "
-            f"{largest:.1f}: {largest / setup.gamma:.3f} γ, {largest / setup.gamma_star:.3f} γ*. "
-            f"{_beyond_text(beyond) if beyond else f'Nothing tried exceeds γ, within {HORIZON:g} s.'}"
+            f"{largest:.1f}: {largest / setup.gamma:.3f} γ, {largest / setup.gamma_star:.3f} γ*. {local}"
         )
-    table = _gain_table(setup, found)
-    return Finding(largest <= setup.gamma, evidence, (table,), numbers, tuple(worst.values()))
-
-
-def _beyond_text(beyond: Sequence[RunGain]) -> str:
-    first = min(beyond, key=lambda run: run.energy if math.isfinite(run.energy) else math.inf)
-    gain = "diverges" if math.isinf(first.gain) else f"attains {first.gain:.1f}"
-    reach = "" if math.isinf(first.reach) else f", with |x1| up to {math.degrees(first.reach):.0f}°"
-    return f"Eq. (5) is local: with ∫|d|² = {first.energy:.3g} rad² s the loop {gain}{reach}."
-
-
-def _gain_table(setup: PaperSetup, found: dict[str, RunGain]) -> Table:
     rows = []
     for name, run in found.items():
-        values = (
-            run.energy,
-            math.degrees(run.reach),
-            run.gain,
-            run.gain / setup.gamma,
-            run.gain / setup.gamma_star,
-        )
-        rows.append((name, *(value if math.isfinite(value) else None for value in values)))
+        ratios = (run.gain / setup.gamma, run.gain / setup.gamma_star)
+        values = (run.energy, math.degrees(run.reach), run.gain, *ratios)
+        rows.append((name, *map(known, values)))
     columns = (
-        "disturbance d",
-        Column("∫|d|²", "rad² s"),
-        Column("largest |x1|", "°", 1),
-        Column("attained √(∫|z|²/∫|d|²)", "", 1),
-        Column("over γ", "", 3),
-        Column("over γ*", "", 3),
-    )
+        "disturbance d", Column("∫|d|²", "rad² s"), Column("largest |x1|", "°", 1),
+        Column("attained √(∫|z|²/∫|d|²)", "", 1), Column("over γ", "", 3), Column("over γ*", "", 3),
+    )  # fmt: skip
     caption = (
         "Attained gain of Eq. (5) from rest, true state fed back, the largest over all horizons up to 20 s."
     )
-    return Table(columns, rows, caption, "table-gain")
+    table = Table(columns, rows, caption, "table-gain")
+    return Finding(largest <= setup.gamma, evidence, (table,), numbers, tuple(worst.values()))
 
 
 # Torques -------------------------------------------------------------------------------------------------
@@ -189,15 +164,13 @@ def _shown(run: Trajectory) -> tuple[float | None, float | None]:
     return None if peak is None else math.degrees(peak), numbers["recovery_time_s"]
 
 
-def _step_disturbance(experiments: Experiments) -> Finding:
-    found = {c.replace("_torque", ""): _shown(run) for c, run in experiments.step_disturbance.items()}
-    signal = Step(TORQUE, at=LOAD_FROM)
-    fed_back = experiments.load_response(experiments.setup.nonlinear, signal, estimator=None)
-    rows = [
-        (name, *values) for name, values in {**found, "link, true state fed back": _shown(fed_back)}.items()
-    ]
+def _step_disturbance(setup: PaperSetup) -> Finding:
+    found = {c.replace("_torque", ""): _shown(run) for c, run in setup.step_disturbance.items()}
+    fed_back = setup.load_response(setup.nonlinear, Step(TORQUE, at=LOAD_FROM), estimator=None)
+    shown = {**found, "link, true state fed back": _shown(fed_back)}
     columns = ("torque at the", Column("largest deviation", "°", 2), Column("time of recovery", "s", 2))
     caption = f"Torque step of {TORQUE:g} N·m; – where the link does not come back or diverges."
+    rows = [(name, *values) for name, values in shown.items()]
     table = Table(columns, rows, caption, "table-step-disturbance")
     peaks = [peak for peak, _ in found.values() if peak is not None]
     lost = [name for name, (_, recovery) in found.items() if recovery is None]
@@ -224,34 +197,24 @@ def _stays(run: Trajectory, frequency: float) -> bool:
     return bool(error[last].max() <= 1.05 * error[before & ~last].max() + 1e-4)
 
 
-def _sine_disturbance(experiments: Experiments) -> Finding:
-    law, runs = (
-        experiments.setup.nonlinear,
-        {(FREQUENCY, c): r for c, r in experiments.sine_disturbance.items()},
-    )
+def _sine_disturbance(setup: PaperSetup) -> Finding:
+    runs = {(FREQUENCY, c): run for c, run in setup.sine_disturbance.items()}
     for f in FREQUENCIES:
         for c in CHANNELS:
             if (f, c) not in runs:
-                runs[f, c] = experiments.load_response(law, Sine(TORQUE, f, at=LOAD_FROM), c)
+                runs[f, c] = setup.load_response(setup.nonlinear, Sine(TORQUE, f, at=LOAD_FROM), c)
     rows = [(f, *(_shown(runs[f, c])[0] for c in CHANNELS)) for f in FREQUENCIES]
     bad = sorted({f for (f, _), run in runs.items() if not _stays(run, f)})
     peaks = (_shown(runs[FREQUENCY, c])[0] for c in CHANNELS)
     shown = " and ".join("diverged" if peak is None else f"{peak:.1f}°" for peak in peaks)
-    others = (
-        f"The criterion is not kept at {', '.join(f'{f:g}' for f in bad)} Hz."
-        if bad
-        else "It is kept at the other frequencies tried too."
-    )
-    evidence = (
-        f"At {FREQUENCY:g} Hz the link moves by at most {shown} (torque at link and at motor). {others}"
-    )
-    columns = (
-        Column("frequency", "Hz", 2),
-        Column("torque at the link: largest deviation", "°", 2),
-        Column("torque at the motor: largest deviation", "°", 2),
-    )
+    others = "It is kept at the other frequencies tried too."
+    if bad:
+        others = f"The criterion is not kept at {', '.join(f'{f:g}' for f in bad)} Hz."
+    text = f"At {FREQUENCY:g} Hz the link moves by at most {shown} (torque at link and at motor). {others}"
+    places = (Column(f"torque at the {c}: largest deviation", "°", 2) for c in ("link", "motor"))
     caption = f"Torque of {TORQUE:g} N·m from {LOAD_FROM:g} s on. The paper gives neither size, place nor frequency."
-    return Finding(FREQUENCY not in bad, evidence, (Table(columns, rows, caption, "table-frequencies"),))
+    table = Table((Column("frequency", "Hz", 2), *places), rows, caption, "table-frequencies")
+    return Finding(FREQUENCY not in bad, text, (table,))
 
 
 GAIN = PaperClaim(

@@ -22,12 +22,20 @@ import numpy as np
 
 from flexhinf.codegen import Buffer, Call, Program, Repeat, Slice, compile_program
 from flexhinf.estimation import ExtendedKalmanFilter, RecursiveFilter, UnscentedKalmanFilter
-from flexhinf.loop import Step, Trajectory
+from flexhinf.loop import Step
 from flexhinf.loop.shared import share
 from flexhinf.loop.signals.sampling import standard_normal
 from flexhinf.paper.claim import Finding, PaperClaim
-from flexhinf.paper.experiments import SINE, STEP_DURATION, Experiments
-from flexhinf.paper.loop_setup import INITIAL_VARIANCE, LONG, PaperSetup, affordable, in_two_threads
+from flexhinf.paper.loop_setup import (
+    INITIAL_VARIANCE,
+    LONG,
+    SINE,
+    STEP_DURATION,
+    PaperSetup,
+    affordable,
+    in_two_threads,
+    known,
+)
 from flexhinf.plant import Plant
 from flexhinf.report import Column, Table, number
 from flexhinf.scalars import cholesky, solve_lower, trace
@@ -55,28 +63,26 @@ FAR = (0.5, 1.0, 0.5, 1.0)
 
 
 # Bounded -------------------------------------------------------------------------------------------------
-def _is_bounded(experiments: Experiments) -> Finding:
-    setup = experiments.setup
+def _is_bounded(setup: PaperSetup) -> Finding:
     count, grown, diverged, rows = affordable(SEEDS, setup.settings.period), 0, 0, []
     largest = np.zeros(setup.model.n)
     for name, (command, disturbance) in COMMANDS.items():
-        ukf = setup.estimator("ukf")
-        ensemble = setup.ensemble(setup.nonlinear, command, LONG, disturbance=disturbance, estimator=ukf)
-        runs = list(ensemble.trajectories([{}] * count, [setup.seed(k) for k in range(count)]))
-        errors = [_late_errors(run) for run in runs if run.diverged_at is None]
-        diverged += len(runs) - len(errors)
+        loop = setup.loop(setup.nonlinear, estimator=setup.estimator("ukf"))
+        ensemble = loop.ensemble(command, disturbance, setup.deviation(loop), LONG)
+        errors = []  # largest of each state, in the middle and in the last third
+        for run in ensemble.trajectories([{}] * count, [setup.seed(k) for k in range(count)]):
+            if run.diverged_at is None:
+                error, last = np.abs(run.signals["estimate"] - run.signals["state"]), run.time >= 2 * LONG / 3
+                errors.append((error[(run.time >= LONG / 3) & ~last].max(axis=0), error[last].max(axis=0)))
+        diverged += count - len(errors)
         ratios = [float(np.max(late / np.maximum(early, 1e-300))) for early, late in errors]
         grown += sum(ratio > GROWS for ratio in ratios)
         worst = np.max([late for _, late in errors], axis=0) if errors else None
         shown = [None] * setup.model.n if worst is None else worst.tolist()
-        rows.append((name, len(runs), *shown, max(ratios, default=None)))
+        rows.append((name, count, *shown, max(ratios, default=None)))
         largest = largest if worst is None else np.maximum(largest, worst)
-    columns = (
-        "command",
-        "runs",
-        *(Column(name.replace("_", " "), setup.model.unit(name)) for name in setup.model.states),
-        Column("last over middle third", "", 2),
-    )
+    states = (Column(name.replace("_", " "), setup.model.unit(name)) for name in setup.model.states)
+    columns = ("command", "runs", *states, Column("last over middle third", "", 2))
     caption = "Largest |estimation error| of the UKF in the last ten seconds, nominal arm."
     evidence = (
         f"{count} seeds of {len(COMMANDS)} commands, {LONG:g} s each: {diverged} diverged, in {grown} an error grew by "
@@ -84,21 +90,12 @@ def _is_bounded(experiments: Experiments) -> Finding:
     )
     numbers = {"runs": count * len(COMMANDS), "diverged": diverged, "grown": grown}
     numbers |= {"largest_error": largest.tolist()}
-    return Finding(
-        not (grown or diverged), evidence, (Table(columns, rows, caption, "table-bounded"),), numbers
-    )
-
-
-def _late_errors(run: Trajectory) -> tuple[np.ndarray, np.ndarray]:
-    """Largest |estimation error| of each state in the middle and in the last third."""
-    error = np.abs(run.signals["estimate"] - run.signals["state"])
-    middle = (run.time >= LONG / 3) & (run.time < 2 * LONG / 3)
-    return error[middle].max(axis=0), error[run.time >= 2 * LONG / 3].max(axis=0)
+    table = Table(columns, rows, caption, "table-bounded")
+    return Finding(not (grown or diverged), evidence, (table,), numbers)
 
 
 # Reconstruction ------------------------------------------------------------------------------------------
-def _reconstructs(experiments: Experiments) -> Finding:
-    setup = experiments.setup
+def _reconstructs(setup: PaperSetup) -> Finding:
     start = np.array([WRONG, 0.0, WRONG, 0.0])
     ukf = setup.estimator("ukf", mean=start, covariance=np.array([WRONG**2, 0.1, WRONG**2, 0.1]))
     run = setup.run(setup.nonlinear, Step(math.pi), STEP_DURATION, estimator=ukf)
@@ -110,42 +107,27 @@ def _reconstructs(experiments: Experiments) -> Finding:
         span = float(np.ptp(true))
         rmse = float(np.sqrt(np.mean((guess - true)[run.time >= RECONSTRUCTED_FROM] ** 2)))
         rows.append((name.replace("_", " "), rmse, span, 100.0 * rmse / span))
+    unit = "rad or rad/s"
     columns = (
         "state",
-        Column("RMS error", "rad or rad/s"),
-        Column("range in the run", "rad or rad/s"),
+        Column("RMS error", unit),
+        Column("range in the run", unit),
         Column("error / range", "%", 3),
     )
     variance = number(setup.settings.measurement_noise)
     caption = f"UKF on the nominal 180° step, link position measured with Rⁿ = {variance} rad²."
     largest = max(rmse / span for _, rmse, span, _ in rows)
-    return Finding(
-        largest <= RECONSTRUCTED_FRACTION,
-        f"The largest RMS error is {100 * largest:.2g} % of its state's range.",
-        (Table(columns, rows, caption, "table-reconstruction"),),
-    )
+    text = f"The largest RMS error is {100 * largest:.2g} % of its state's range."
+    table = Table(columns, rows, caption, "table-reconstruction")
+    return Finding(largest <= RECONSTRUCTED_FRACTION, text, (table,))
 
 
 # Trials of two filters -----------------------------------------------------------------------------------
 @dataclass(frozen=True)
 class Trial:
-    """What two filters are compared on.
-
-    Attributes
-    ----------
-    model : Plant
-        What both filters believe in, with its sensors.
-    period : float
-        s.
-    process_noise : float
-        q of R^v = q I, of the truth and of the filters.
-    measurement_noise : (p,) tuple
-        Variances R^n, likewise.
-    initial : (n,) tuple
-        Standard deviations of the true start about the filters' initial mean; their P0 is the same.
-    changes : mapping
-        Parameters of the truth that differ from the model's.
-    """
+    """What two filters are compared on: the model that both believe in, with its sensors; the period, s; q of R^v = q
+    I and the variances R^n (p,), of the truth and of the filters; standard deviations (n,) of the true start about
+    the filters' initial mean, their P0; and parameters of the truth that differ from the model's."""
 
     name: str
     model: Plant
@@ -166,17 +148,8 @@ class Trial:
 
 @dataclass(frozen=True)
 class Scores:
-    """Errors of one filter in R runs.
-
-    Attributes
-    ----------
-    squared : (R, n) array
-        Mean squared error of each state over a run; NaN for a filter that failed.
-    mean : (R, n) array
-        Mean error of each state over a run.
-    nees : (R,) array
-        Mean of eᵀ P⁻¹ e over a run; n where the filter's covariance is right.
-    """
+    """Errors of one filter in R runs: mean squared error (R, n) of each state over a run (NaN for a filter that
+    failed), mean error (R, n), and the mean (R,) of eᵀ P⁻¹ e, which is n where the filter's covariance is right."""
 
     squared: np.ndarray
     mean: np.ndarray
@@ -262,19 +235,9 @@ def _program(filter: RecursiveFilter) -> Program:
 # Against the EKF -----------------------------------------------------------------------------------------
 @dataclass(frozen=True)
 class PairedErrors:
-    """Outcome of a trial of both filters.
-
-    Attributes
-    ----------
-    difference, half : float
-        Mean of the paired relative difference (UKF − EKF) and half its 95 % interval; NaN with fewer than two pairs.
-    bias : pair of float
-        Largest |mean error| over the RMS error, UKF's and EKF's.
-    nees : pair of float
-        UKF's and EKF's.
-    pairs : int
-        In which neither filter failed.
-    """
+    """Outcome of a trial of both filters: pairs in which neither failed; mean of the paired relative difference
+    (UKF − EKF) and half its 95 % interval, NaN with fewer than two pairs; largest |mean error| over the RMS error, and
+    NEES, UKF's and EKF's."""
 
     trial: Trial
     pairs: int
@@ -313,51 +276,47 @@ def _trials(setup: PaperSetup) -> tuple[list[Trial], list[Trial]]:
     s, model = setup.settings, setup.model
     q, r, near = s.process_noise, (s.measurement_noise,), (math.sqrt(INITIAL_VARIANCE),) * model.n
     stiff = {"stiffness": setup.arm["stiffness"].interval[1]}
-    periods = dict.fromkeys((s.period, 0.01, 0.05))
     motor = setup.arm.plant(measured=("motor_position",))
-    imu = Plant(
-        model.flow,
-        _imu,
-        states=model.states,
-        inputs=model.inputs,
-        disturbances=model.disturbances,
-        parameters=model.parameters,
-        outputs=("tangential_acceleration", "radial_acceleration", "angular_rate"),
-    )
-    own = [Trial(f"{1e3 * period:g} ms", model, period, q, r, near, {}) for period in periods]
-    own.append(Trial("10 ms, stiffness +12 %", model, 0.01, q, r, near, stiff))
-    own.append(Trial("10 ms, start off by 30°, 1 rad/s", model, 0.01, q, r, FAR, {}))
-    return own, [
+
+    def imu(x: Any, u: Any, p: Any) -> Any:
+        """What an inertial sensor at the link's end feels: specific force along and across the link, rate of turn."""
+        torque = -p.mass * p.gravity * p.length * np.sin(x[0]) - p.stiffness * (x[0] - x[2])
+        tangential = p.length * torque / p.link_inertia + p.gravity * np.sin(x[0])
+        return np.array([tangential, p.length * x[1] ** 2 + p.gravity * np.cos(x[0]), x[1]])
+
+    inertial = Plant(
+        model.flow, imu, states=model.states, inputs=model.inputs, disturbances=model.disturbances,
+        parameters=model.parameters, outputs=("tangential_acceleration", "radial_acceleration", "angular_rate"),
+    )  # fmt: skip
+    periods = dict.fromkeys((s.period, 0.01, 0.05))
+    return [
+        *(Trial(f"{1e3 * period:g} ms", model, period, q, r, near, {}) for period in periods),
+        Trial("10 ms, stiffness +12 %", model, 0.01, q, r, near, stiff),
+        Trial("10 ms, start off by 30°, 1 rad/s", model, 0.01, q, r, FAR, {}),
+    ], [
         Trial("motor position, 10 ms, start off by 30°", motor, 0.01, q, r, FAR, {}),
-        Trial("IMU on the link, 10 ms, start off by 17°", imu, 0.01, q, (1e-2, 1e-2, 1e-4), (0.3,) * 4, {}),
+        Trial(
+            "IMU on the link, 10 ms, start off by 17°", inertial, 0.01, q, (1e-2, 1e-2, 1e-4), (0.3,) * 4, {}
+        ),
     ]
 
 
-def _imu(x: Any, u: Any, p: Any) -> Any:
-    """What an inertial sensor at the link's end feels: specific force along and across the link, rate of turn."""
-    torque = -p.mass * p.gravity * p.length * np.sin(x[0]) - p.stiffness * (x[0] - x[2])
-    tangential = p.length * torque / p.link_inertia + p.gravity * np.sin(x[0])
-    return np.array([tangential, p.length * x[1] ** 2 + p.gravity * np.cos(x[0]), x[1]])
-
-
-def _paired(setup: PaperSetup, step: Trajectory, trial: Trial) -> PairedErrors:
-    """Both filters on the voltage of a step, which drives every plant of the trial."""
-    times = np.arange(max(2, round(DURATION / trial.period))) * trial.period
-    volts = np.interp(times, step.time, step.signals["input"][:, 0])
-    volts = np.clip(np.nan_to_num(volts), -100.0, 100.0)  # of a step that diverged
-    runs = affordable(RUNS, trial.period, DURATION)
-    return PairedErrors.of(trial, *run_trial(trial, volts[:, None], runs, setup.settings.seed))
-
-
-def _beats_ekf(experiments: Experiments) -> Finding:
-    setup = experiments.setup
+def _beats_ekf(setup: PaperSetup) -> Finding:
     step = setup.run(setup.nonlinear, Step(math.pi), DURATION, estimator=None)
-    own, others = ([_paired(setup, step, trial) for trial in trials] for trials in _trials(setup))
+
+    def paired(trial: Trial) -> PairedErrors:
+        """Both filters on the voltage of a step, which drives every plant of the trial."""
+        times = np.arange(max(2, round(DURATION / trial.period))) * trial.period
+        volts = np.interp(times, step.time, step.signals["input"][:, 0])
+        volts = np.clip(np.nan_to_num(volts), -100.0, 100.0)  # of a step that diverged
+        runs = affordable(RUNS, trial.period, DURATION)
+        return PairedErrors.of(trial, *run_trial(trial, volts[:, None], runs, setup.settings.seed))
+
+    own, others = ([paired(trial) for trial in trials] for trials in _trials(setup))
     verdicts = {p.verdict for p in own}
+    verdict: bool | str = "not judged" if verdicts == {"unknown"} else "ties"
     if "worse" in verdicts or verdicts == {"better"}:
-        verdict: bool | str = "worse" not in verdicts
-    else:
-        verdict = "not judged" if verdicts == {"unknown"} else "ties"
+        verdict = "worse" not in verdicts
     largest = max((abs(p.difference) for p in own if p.verdict != "unknown"), default=math.nan)
     wins = [
         f"{p.trial.name} ({100 * p.difference:+.1g} ± {100 * p.half:.1g} %, NEES {p.nees[0]:.1f} against "
@@ -370,44 +329,30 @@ def _beats_ekf(experiments: Experiments) -> Finding:
         f"With the link position measured the RMS errors differ by at most {number(100 * largest, 1)} %. "
         f"{_closed_loops(setup)} The UKF wins with {won}."
     )
-    numbers = {
-        "largest_difference": _known(largest),
-        "trials": {
-            p.trial.name: [_known(v) for v in (p.difference, p.half, *p.nees)] for p in (*own, *others)
-        },
-    }
-    rows = []
+    trials, rows = {}, []
     for p in (*own, *others):
+        trials[p.trial.name] = [known(v) for v in (p.difference, p.half, *p.nees)]
         values = (100.0 * p.difference, 100.0 * p.half, *p.bias, *p.nees)
-        rows.append((p.trial.name, p.pairs, *(_known(value) for value in values), p.verdict))
+        rows.append((p.trial.name, p.pairs, *(known(value) for value in values), p.verdict))
     columns = (
-        "trial",
-        "pairs",
-        Column("UKF − EKF", "% of RMS error"),
-        Column("± (95 %)", "%"),
-        Column("bias UKF", "of RMS", 3),
-        Column("bias EKF", "of RMS", 3),
-        Column("NEES UKF", "", 2),
-        Column("NEES EKF", "", 2),
-        "UKF is",
-    )
+        "trial", "pairs", Column("UKF − EKF", "% of RMS error"), Column("± (95 %)", "%"),
+        Column("bias UKF", "of RMS", 3), Column("bias EKF", "of RMS", 3), Column("NEES UKF", "", 2),
+        Column("NEES EKF", "", 2), "UKF is",
+    )  # fmt: skip
     caption = (
         "UKF against an EKF with exact Jacobians on the same data, matched noises, open loop on the voltage of the "
         "180° step; the link position measured unless another sensor is named. NEES of a right covariance is 4."
     )
+    numbers = {"largest_difference": known(largest), "trials": trials}
     return Finding(verdict, evidence, (Table(columns, rows, caption, "table-ukf-ekf"),), numbers)
 
 
 def _closed_loops(setup: PaperSetup) -> str:
     """How far the closed loops of the two filters differ, with the same noise."""
-    count, gaps = affordable(LOOPS, setup.settings.period), []
+    count, gaps, law = affordable(LOOPS, setup.settings.period), [], setup.nonlinear
     for k in range(count):
-        runs = [
-            setup.run(
-                setup.nonlinear, Step(math.pi), 8.0, estimator=setup.estimator(kind), seed=setup.seed(k)
-            )
-            for kind in ("ukf", "ekf")
-        ]
+        both = (setup.estimator(kind) for kind in ("ukf", "ekf"))
+        runs = [setup.run(law, Step(math.pi), 8.0, estimator=one, seed=setup.seed(k)) for one in both]
         if all(run.diverged_at is None for run in runs):
             ukf, ekf = (run.signal("state", "link_position") for run in runs)
             gaps.append(float(np.degrees(np.abs(ukf - ekf).max())))
@@ -415,10 +360,6 @@ def _closed_loops(setup: PaperSetup) -> str:
         return f"Closed loops: all {count} pairs diverged."
     largest = number(max(gaps), 1)
     return f"In {len(gaps)} pairs of closed loops (180° step, same noise) the link differs by at most {largest}°."
-
-
-def _known(value: float) -> float | None:
-    return float(value) if math.isfinite(value) else None
 
 
 UKF = (

@@ -1,4 +1,4 @@
-"""The paper's arm, problem, laws and estimators, and one way to run them in a closed loop.
+"""The paper's arm, problem, laws, estimators and runs, each made once, and the numbers read off the runs.
 
 What the paper leaves open or misprints, and what was taken instead; the report states all of it.
 """
@@ -6,8 +6,9 @@ What the paper leaves open or misprints, and what was taken instead; the report 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -17,7 +18,7 @@ from flexhinf.analysis import Population, corner_population
 from flexhinf.errors import InfeasibleGamma
 from flexhinf.estimation import ExtendedKalmanFilter, UnscentedKalmanFilter
 from flexhinf.hinf import HJISolution, smallest_gamma, solve_hji
-from flexhinf.loop import Controller, Ensemble, Loop, Step, Trajectory
+from flexhinf.loop import Controller, Loop, Sine, Step, Trajectory, load_metrics
 from flexhinf.paper.settings import PaperSettings
 from flexhinf.plant import GeneralisedPlant, Law, Penalty, Plant
 from flexhinf.robot import Robot, paper_arm
@@ -26,18 +27,45 @@ from flexhinf.robot import Robot, paper_arm
 EFFORT = 10.0
 #: P0 = 1e-4 I: the arm starts at rest, known to about half a degree.
 INITIAL_VARIANCE = 1e-4
-#: The paper's two commands, rad.
-GOALS = (math.pi / 2, math.pi)
+#: The paper's two commands, rad; that of Figs. 7 and 8, π + sin(πt/10).
+GOALS, SINE = (math.pi / 2, math.pi), Sine(1.0, 1.0 / 20.0, offset=math.pi)
+#: Length of a step response and of the tracking run (two periods of sin(πt/10)), s.
+STEP_DURATION, TRACKING_DURATION = 8.0, 40.0
+#: Tracking is judged after the start from rest has died out, s.
+TRACKING_FROM = 10.0
 #: Plants sampled uniformly within the tolerances: those of Figs. 9 and 10.
 SAMPLED_PLANTS = 100
 #: Length of a long run, s: a growth of 0.07/s makes a factor of 8 in it, and 1.7 in the 8 s of a step response.
 LONG = 30.0
-#: Samples that may be spent on a set of runs: 130 runs of 30 s at 1 kHz.
-SAMPLES = 4_000_000
+#: Samples kept of each run of Figs. 9 and 10, and samples that may be spent on a set of runs: 130 of 30 s at 1 kHz.
+KEPT, SAMPLES = 1500, 4_000_000
+#: The command of Figs. 11 and 12 comes after 2 s (Sec. 6); the disturbance once the step has settled.
+COMMAND_AT, LOAD_FROM, LOAD_DURATION = 2.0, 6.0, 14.0
+#: Size of the disturbance torque, N·m: a fifth of the largest gravity torque; and the frequency of the sinusoidal one,
+#: Hz. The paper gives neither.
+TORQUE, FREQUENCY = 2.0, 0.5
+#: Where a torque can act; the paper does not say.
+CHANNELS = ("link_torque", "motor_torque")
+
+
+@dataclass(frozen=True)
+class ToleranceRun:
+    """A plant sampled within the tolerances, by its changes from the nominal plant in per cent, and what is kept of
+    its run: metrics as `Trajectory.metrics`, when it diverged (s), and about `KEPT` samples of the link position as
+    measured and as estimated, degrees."""
+
+    metrics: dict[str, Any]
+    diverged_at: float | None
+    time: np.ndarray
+    output: np.ndarray
+    estimate: np.ndarray
+    changes: str
 
 
 class PaperSetup:
     """What all figures and claims share; everything is computed once, on first use.
+
+    Runs are by the name of the law: "nonlinear" (the paper's) and "linear".
 
     Raises
     ------
@@ -55,7 +83,7 @@ class PaperSetup:
             raise InfeasibleGamma(self.gamma, self.gamma_star)
         self._laws: dict[tuple[Any, ...], HJISolution] = {}
 
-    # Laws -------------------------------------------------------------------------------------------------------
+    # Laws, estimators and plants --------------------------------------------------------------------------------
     @cached_property
     def nonlinear(self) -> HJISolution:
         """NL-H∞, the paper's law (degree as set)."""
@@ -75,14 +103,8 @@ class PaperSetup:
     ) -> HJISolution:
         """NL-H∞ at the settings' ratio of its own γ*; solved once each.
 
-        Parameters
-        ----------
-        weights : mapping of state to float, optional
-            Instead of the paper's; R2 is kept.
-        degree : int, optional
-            Of V; the settings' by default.
-        pose : float, optional
-            Link position to expand about, rad; the hanging rest by default.
+        `weights` by state stand for the paper's, R2 is kept; `degree` is that of V; `pose` the link position to
+        expand about, rad (the hanging rest by default).
         """
         degree = self.settings.degree if degree is None else degree
         key = (None if weights is None else tuple(sorted(weights.items())), degree, pose)
@@ -92,7 +114,6 @@ class PaperSetup:
             self._laws[key] = solve_hji(problem, gamma=gamma, degree=degree)
         return self._laws[key]
 
-    # Estimators -------------------------------------------------------------------------------------------------
     @cached_property
     def model(self) -> Plant:
         """The plant the estimators believe in: nominal, coil neglected."""
@@ -109,24 +130,31 @@ class PaperSetup:
         build = UnscentedKalmanFilter if kind == "ukf" else ExtendedKalmanFilter
         return build(self.model, s.period, s.process_noise, s.measurement_noise, start, covariance, **options)
 
-    @property
-    def feedback(self) -> str:
-        """What is fed back to the law, for a sentence."""
-        kind = self.settings.estimator
-        return "the true state" if kind == "none" else f"the {kind.upper()}"
-
     def seed(self, k: int) -> int:
         """Seed of the k-th of several runs (k < 1000): no two settings share one."""
         return 1000 * self.settings.seed + k
 
-    # Plants ----------------------------------------------------------------------------------------------------
     @cached_property
     def population(self) -> Population:
         """Plants within Tables 1 and 2: sampled ones, all 2048 corners, each tolerance alone, and the nominal one."""
         arm, count = self.arm, len(self.arm.uncertain)
         return corner_population(arm.corner, count, 2**count, self.settings.seed, arm.draw, SAMPLED_PLANTS)
 
+    @cached_property
+    def true_plants(self) -> dict[bool, Plant]:
+        """By whether they have a coil."""
+        return {coil: self.arm.plant(inductance=coil) for coil in (False, True)}
+
     # Runs -------------------------------------------------------------------------------------------------------
+    def loop(self, law: Law, inductance: bool = False, estimator: Any = "settings") -> Loop:
+        """A loop around the true plant; "settings" is the estimator of the settings."""
+        chosen = self.estimator() if isinstance(estimator, str) else estimator
+        return Loop(self.true_plants[inductance], Controller(law, chosen, self.settings.period))
+
+    def deviation(self, loop: Loop) -> float | None:
+        """Standard deviation of the simulated measurement noise, rad; None where the true state is fed back."""
+        return None if loop.controller.estimator is None else math.sqrt(self.settings.measurement_noise)
+
     def run(
         self,
         law: Law,
@@ -140,47 +168,152 @@ class PaperSetup:
         seed: int | None = None,
     ) -> Trajectory:
         """Simulate one closed loop from the hanging rest; a run that diverges says so in its status."""
-        loop, deviation = self._loop(law, estimator, inductance, noise)
+        loop = self.loop(law, inductance, estimator)
         seed = self.settings.seed if seed is None else seed
-        return loop.run(reference, disturbance, deviation, duration, None, seed)
+        return loop.run(reference, disturbance, self.deviation(loop) if noise else None, duration, None, seed)
 
-    def deployed_step(self, law: Law, goal: float, duration: float) -> Trajectory:
-        """The step from the hanging rest as `flexhinf design` runs it, without a jump of the input; coil included."""
-        loop, deviation = self._loop(law, "settings", inductance=True, noise=True)
-        controller = Controller(law, loop.controller.estimator, self.settings.period, start="bumpless")
-        rest, held = self.arm.operating_point(0.0, ("inductance",))
-        deployed = Loop(loop.true_plant, controller)
-        return deployed.run(Step(goal), None, deviation, duration, rest, self.settings.seed, held)
-
-    def ensemble(
-        self,
-        law: Law,
-        reference: Any,
-        duration: float,
-        *,
-        inductance: bool = False,
-        disturbance: Any = None,
-        estimator: Any = "settings",
-        noise: bool = True,
-        **wanted: Any,
-    ) -> Ensemble:
-        """The same of many plants; `wanted` is what `Loop.ensemble` keeps of them."""
-        loop, deviation = self._loop(law, estimator, inductance, noise)
-        return loop.ensemble(reference, disturbance, deviation, duration, **wanted)
-
-    def _loop(self, law: Law, estimator: Any, inductance: bool, noise: bool) -> tuple[Loop, float | None]:
-        """With the deviation of the measurement noise; "settings" is the estimator of the settings."""
-        chosen = self.estimator() if isinstance(estimator, str) else estimator
-        deviation = math.sqrt(self.settings.measurement_noise) if noise and chosen is not None else None
-        return self.loop(law, chosen, inductance), deviation
-
-    def loop(self, law: Law, estimator: Any, inductance: bool = False) -> Loop:
-        """A loop around the true plant."""
-        return Loop(self._true_plants[inductance], Controller(law, estimator, self.settings.period))
+    def _both(self, reference: Any, duration: float) -> dict[str, Trajectory]:
+        laws = {"nonlinear": self.nonlinear, "linear": self.linear}
+        return {name: self.run(law, reference, duration) for name, law in laws.items()}
 
     @cached_property
-    def _true_plants(self) -> dict[bool, Plant]:
-        return {coil: self.arm.plant(inductance=coil) for coil in (False, True)}
+    def step_180(self) -> dict[str, Trajectory]:
+        """Figs. 3 and 4."""
+        return self._both(Step(math.pi), STEP_DURATION)
+
+    @cached_property
+    def step_90(self) -> dict[str, Trajectory]:
+        """Figs. 5 and 6."""
+        return self._both(Step(math.pi / 2), STEP_DURATION)
+
+    @cached_property
+    def tracking(self) -> dict[str, Trajectory]:
+        """Figs. 7 and 8: π + sin(πt/10)."""
+        return self._both(SINE, TRACKING_DURATION)
+
+    @cached_property
+    def sampled_plants(self) -> list[ToleranceRun]:
+        """Figs. 9 and 10: plants sampled uniformly within Tables 1 and 2, coil included, 90° step."""
+        population, period, plants = self.population, self.settings.period, range(SAMPLED_PLANTS)
+        kept = np.arange(0, round(LONG / period) + 1, max(1, round(LONG / period / KEPT)))
+        names, loop = ("output.link_position", "estimate.link_position"), self.loop(self.nonlinear, True)
+        ensemble = loop.ensemble(
+            Step(math.pi / 2), None, self.deviation(loop), LONG, kept=names, instants=kept
+        )
+        found = ensemble.run([dict(population.values[k]) for k in plants], [self.seed(k) for k in plants])
+        runs = []
+        for k in plants:
+            whole = ~np.isnan(found.kept[k]).any(axis=1)
+            diverged_at = None if found.completed[k] else float(found.diverged_at[k])
+            output, estimate = np.degrees(found.kept[k, whole].T)
+            metrics, changes = found.metrics_of(k), population.describe(k)
+            runs.append(ToleranceRun(metrics, diverged_at, period * kept[whole], output, estimate, changes))
+        return runs
+
+    def load_response(
+        self, law: Law, signal: Any, channel: str = "link_torque", estimator: Any = "settings"
+    ) -> Trajectory:
+        """90° commanded after 2 s, then a disturbance torque."""
+        command = Step(math.pi / 2, at=COMMAND_AT)
+        return self.run(law, command, LOAD_DURATION, disturbance={channel: signal}, estimator=estimator)
+
+    @cached_property
+    def step_disturbance(self) -> dict[str, Trajectory]:
+        """Fig. 11, by channel."""
+        signal = Step(TORQUE, at=LOAD_FROM)
+        return {channel: self.load_response(self.nonlinear, signal, channel) for channel in CHANNELS}
+
+    @cached_property
+    def sine_disturbance(self) -> dict[str, Trajectory]:
+        """Fig. 12, by channel."""
+        signal = Sine(TORQUE, FREQUENCY, at=LOAD_FROM)
+        return {channel: self.load_response(self.nonlinear, signal, channel) for channel in CHANNELS}
+
+
+# Numbers of a run, named as in metrics.json ------------------------------------------------------------
+def tracking_numbers(run: Trajectory) -> dict[str, Any]:
+    """RMS error over the run, and the largest error after the start from rest."""
+    if run.diverged_at is not None:
+        return {"tracking_rmse_rad": None, "largest_error_rad": None, "diverged_at_s": run.diverged_at}
+    error = run.tracked("link_position") - run.signals["reference"][:, 0]
+    late = np.abs(error[run.time >= TRACKING_FROM])
+    return {"tracking_rmse_rad": run.metrics()["tracking_rmse"], "largest_error_rad": float(late.max())}
+
+
+def load_numbers(run: Trajectory) -> dict[str, Any]:
+    """Peak deviation from the command and time of recovery (±2 % of the step) after the disturbance started."""
+    if run.diverged_at is not None:
+        return {"peak_deviation_rad": None, "recovery_time_s": None, "diverged_at_s": run.diverged_at}
+    goal = float(run.signals["reference"][-1, 0])
+    m = load_metrics(run.time, run.tracked("link_position"), command=goal, step=goal, start=LOAD_FROM)
+    return {"peak_deviation_rad": m["peak_deviation"], "recovery_time_s": m["recovery_time_s"]}
+
+
+def _step_numbers(run: Trajectory) -> dict[str, Any]:
+    m = run.metrics()
+    return {
+        "overshoot_percent": m["overshoot_percent"],
+        "settling_time_s": m["settling_time_s"],
+        "rise_time_s": m["rise_time_s"],
+        "steady_state_error_rad": m["steady_state_error"],
+        "peak_control_V": m["peak_input"],
+        "estimation_rmse": m["estimation_rmse"],
+        **({} if run.diverged_at is None else {"diverged_at_s": run.diverged_at}),
+    }
+
+
+def _peak_numbers(run: Trajectory) -> dict[str, Any]:
+    return {"peak_control_V": run.metrics()["peak_input"]}
+
+
+def _spread(values: Iterable[float | None]) -> list[float | None]:
+    """[smallest, median, largest] of the numbers among the values."""
+    numbers = [float(value) for value in values if value is not None]
+    return [min(numbers), float(np.median(numbers)), max(numbers)] if numbers else [None, None, None]
+
+
+def _tolerance_numbers(runs: Sequence[ToleranceRun], estimated: bool = False) -> dict[str, Any]:
+    """[smallest, median, largest] over the plants; how many did not settle; the RMS error of each estimated state."""
+    metrics = [run.metrics for run in runs]
+    numbers = {
+        "plants": len(runs),
+        "overshoot_percent": _spread(m["overshoot_percent"] for m in metrics),
+        "settling_time_s": _spread(m["settling_time_s"] for m in metrics),
+        "steady_state_error_rad": _spread(m["steady_state_error"] for m in metrics),
+        "unsettled": sum(m["settling_time_s"] is None for m in metrics),
+        "diverged": sum(run.diverged_at is not None for run in runs),
+    }
+    if estimated:
+        errors = [run.metrics["estimation_rmse"] for run in runs if run.diverged_at is None]
+        numbers["estimation_rmse"] = [_spread(state) for state in zip(*errors, strict=True)]
+    return {"nonlinear": numbers}
+
+
+def _each(
+    numbers: Callable[[Trajectory], dict[str, Any]], runs: Mapping[str, Trajectory]
+) -> dict[str, dict[str, Any]]:
+    names = {"link_torque": "nonlinear", "motor_torque": "nonlinear, torque at the motor"}
+    return {names.get(name, name): numbers(run) for name, run in runs.items()}
+
+
+#: By the figure's number in the paper, from the runs.
+FIGURE_NUMBERS: dict[str, Callable[[PaperSetup], dict[str, Any]]] = {
+    "03": lambda e: _each(_step_numbers, e.step_180),
+    "04": lambda e: _each(_peak_numbers, e.step_180),
+    "05": lambda e: _each(_step_numbers, e.step_90),
+    "06": lambda e: _each(_peak_numbers, e.step_90),
+    "07": lambda e: _each(tracking_numbers, e.tracking),
+    "08": lambda e: _each(_peak_numbers, e.tracking),
+    "09": lambda e: _tolerance_numbers(e.sampled_plants),
+    "10": lambda e: _tolerance_numbers(e.sampled_plants, estimated=True),
+    "11": lambda e: _each(load_numbers, e.step_disturbance),
+    "12": lambda e: _each(load_numbers, e.sine_disturbance),
+}
+
+
+def known(value: float) -> float | None:
+    """None for what is not finite."""
+    return float(value) if math.isfinite(value) else None
 
 
 # Many runs -----------------------------------------------------------------------------------------------

@@ -11,8 +11,7 @@ from typing import Any
 from flexhinf.paper.claim import Judged
 from flexhinf.paper.disturbances import GAIN, TORQUES
 from flexhinf.paper.estimators import UKF
-from flexhinf.paper.experiments import FIGURE_NUMBERS, Experiments
-from flexhinf.paper.loop_setup import PaperSetup
+from flexhinf.paper.loop_setup import FIGURE_NUMBERS, PaperSetup
 from flexhinf.paper.settings import PaperSettings
 from flexhinf.paper.tolerances import COIL, TOLERANCES
 from flexhinf.paper.tracking import ABOUT_THE_GOAL, STEPS_AND_TRACKING
@@ -29,17 +28,9 @@ PAGES = "flexhinf.pages.paper"
 
 @dataclass(frozen=True, eq=False)
 class Reproduction:
-    """Results of the reproduction.
+    """Results of the reproduction: numbers of the paper's figures "03" … "12", its claims, and what makes it again."""
 
-    Attributes
-    ----------
-    figures : dict
-        Numbers of the paper's figures, "03" … "12".
-    command : tuple of str
-        What makes it again.
-    """
-
-    experiments: Experiments
+    setup: PaperSetup
     figures: dict[str, dict[str, Any]]
     judged: tuple[Judged, ...]
     command: tuple[str, ...]
@@ -52,15 +43,12 @@ class Reproduction:
     @cached_property
     def metrics(self) -> dict[str, Any]:
         """As in ``metrics.json``."""
-        setup = self.experiments.setup
-        settings = {
-            "period_s" if name == "period" else name: value for name, value in vars(setup.settings).items()
-        }
+        settings = vars(self.setup.settings).items()
         return {
             "version": 1,
-            "gamma_star": setup.gamma_star,
-            "gamma": setup.gamma,
-            **settings,
+            "gamma_star": self.setup.gamma_star,
+            "gamma": self.setup.gamma,
+            **{"period_s" if name == "period" else name: value for name, value in settings},
             "figures": self.figures,
             "claims": [judged.as_dict() for judged in self.judged if not judged.ours],
             "our_questions": [judged.as_dict() for judged in self.judged if judged.ours],
@@ -88,13 +76,11 @@ def reproduce(
     """
     begin = progress or (lambda text: None)
     begin("synthesis")
-    experiments = Experiments(PaperSetup(settings))
-    figures: dict[str, dict[str, Any]] = {}
+    setup, figures, judged = PaperSetup(settings), dict[str, dict[str, Any]](), list[Judged]()
     for figure, numbers in FIGURE_NUMBERS.items():
         begin(f"figure {int(figure)}")
-        figures[figure] = numbers(experiments)
-    judged: list[Judged] = []
+        figures[figure] = numbers(setup)
     for claim in CLAIMS:
         begin(f"claim: {claim.id.replace('-', ' ')}")
-        judged.append(claim.judged(experiments))
-    return Reproduction(experiments, figures, tuple(judged), tuple(command))
+        judged.append(claim.judged(setup))
+    return Reproduction(setup, figures, tuple(judged), tuple(command))

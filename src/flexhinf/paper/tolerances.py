@@ -24,8 +24,7 @@ from flexhinf.analysis import FORMS, EquilibriumLoop, GrowthRates, ProcessNoise,
 from flexhinf.hinf import HJISolution
 from flexhinf.loop import Step
 from flexhinf.paper.claim import Finding, PaperClaim
-from flexhinf.paper.experiments import STEP_DURATION, Experiments
-from flexhinf.paper.loop_setup import GOALS, LONG, PaperSetup, affordable, name_goal
+from flexhinf.paper.loop_setup import GOALS, LONG, STEP_DURATION, PaperSetup, affordable, known, name_goal
 from flexhinf.plant import Law
 from flexhinf.report import Column, Table, number
 
@@ -59,16 +58,10 @@ def growth_with(
     goals: Sequence[float] = GOALS,
     estimated: bool = True,
 ) -> dict[float, tuple[GrowthRates, ...]]:
-    """Growth rates of a law's loop by goal, for every R^v (None: that of the settings).
+    """Growth rates of a law's loop by goal (rad), for every R^v (None: that of the settings).
 
-    Parameters
-    ----------
-    plants : (N,) array of int, optional
-        Only these of `PaperSetup.population`.
-    goals : sequence of float
-        rad.
-    estimated : bool
-        Whether the estimator of the settings is in the loop; otherwise the true state is fed back.
+    `plants` (N,) are those of `PaperSetup.population`, all by default; `estimated`: with the estimator of the
+    settings in the loop, otherwise the true state is fed back.
     """
     coil, period, interrupted = setup.arm.plant(inductance=True), setup.settings.period, threading.Event()
 
@@ -93,14 +86,8 @@ def growth_with(
 class ToleranceStudy:
     """Growth rates of one law's loop with all plants of `PaperSetup.population`, by goal.
 
-    Attributes
-    ----------
-    chosen : dict of float to GrowthRates
-        With the R^v of the settings, or with the true state fed back where the settings have no estimator.
-    true_state : dict of float to GrowthRates
-        With the true state fed back.
-    swept : dict of float to tuple of GrowthRates
-        Over all forms and q; empty without an estimator.
+    `chosen`: with the R^v of the settings, or with the true state fed back where they have no estimator;
+    `true_state`: fed back; `swept`: over all forms and q, empty without an estimator.
     """
 
     setup: PaperSetup
@@ -151,9 +138,8 @@ def run_growth_rates(
     """(rate in 1/s, late RMS in rad/s) of the link's velocity in runs without noise to a goal, with these plants of
     the population; both infinite for a run that diverged."""
     times = np.arange(round(LONG / setup.settings.period) + 1)
-    ensemble = setup.ensemble(
-        law, Step(goal), LONG, inductance=True, noise=False, kept=["state.link_velocity"], instants=times
-    )
+    loop = setup.loop(law, inductance=True)
+    ensemble = loop.ensemble(Step(goal), None, None, LONG, kept=["state.link_velocity"], instants=times)
     rates, part = [], times / times[-1]
     for velocity in ensemble.run([setup.population.values[k] for k in plants]).kept[:, :, 0]:
         if np.isnan(velocity).any():
@@ -174,24 +160,21 @@ def _agreement(setup: PaperSetup, study: ToleranceStudy) -> tuple[int, int, floa
         plants = dict.fromkeys([*np.argsort(-rates)[:WORST], *np.flatnonzero(kinds == "single"), *sampled])
         jobs += [(goal, int(k), float(rates[k])) for k in plants]
     jobs = jobs[:: max(1, len(jobs) // affordable(len(jobs), setup.settings.period))]
-    found = [
-        rate
-        for goal in GOALS
-        for rate in run_growth_rates(setup, setup.nonlinear, goal, [k for at, k, _ in jobs if at == goal])
-    ]
     agree, error = 0, 0.0
-    for (_, _, expected), (measured, size) in zip(jobs, found, strict=True):
-        decayed = size < ROUNDING and expected < 0.0
-        undecided = abs(expected) < UNDECIDED and abs(measured - expected) < UNDECIDED
-        agree += bool(decayed or undecided or (measured >= 0.0) == (expected >= 0.0))
-        if not decayed and math.isfinite(measured) and math.isfinite(expected):
-            error = max(error, abs(measured - expected))
+    for goal in GOALS:
+        own = [(k, expected) for at, k, expected in jobs if at == goal]
+        found = run_growth_rates(setup, setup.nonlinear, goal, [k for k, _ in own])
+        for (_, expected), (measured, size) in zip(own, found, strict=True):
+            decayed = size < ROUNDING and expected < 0.0
+            undecided = abs(expected) < UNDECIDED and abs(measured - expected) < UNDECIDED
+            agree += bool(decayed or undecided or (measured >= 0.0) == (expected >= 0.0))
+            if not decayed and math.isfinite(measured) and math.isfinite(expected):
+                error = max(error, abs(measured - expected))
     return len(jobs), agree, error
 
 
 # Tolerances ----------------------------------------------------------------------------------------------
-def _withstands_tolerances(experiments: Experiments) -> Finding:
-    setup = experiments.setup
+def _withstands_tolerances(setup: PaperSetup) -> Finding:
     study = ToleranceStudy.of(setup, setup.nonlinear)
     chosen, (runs, agree, error) = study.chosen, _agreement(setup, study)
     numbers: dict[str, Any] = {
@@ -199,7 +182,7 @@ def _withstands_tolerances(experiments: Experiments) -> Finding:
         "corners": study.count("corner"),
         "unstable": {name_goal(g): chosen[g].unstable for g in GOALS},
         "unstable_corners": {name_goal(g): unstable_of(chosen[g], "corner") for g in GOALS},
-        "fastest_growth_per_s": {name_goal(g): _finite(chosen[g].fastest) for g in GOALS},
+        "fastest_growth_per_s": {name_goal(g): known(chosen[g].fastest) for g in GOALS},
         "swept_unstable_corners": {
             name_goal(g): [
                 [r.noise.form, r.noise.q, unstable_of(r, "corner")] for r in study.swept[g] if r.noise
@@ -209,39 +192,30 @@ def _withstands_tolerances(experiments: Experiments) -> Finding:
         "runs": runs,
         "runs_that_agree": agree,
     }
-    evidence = (
-        f"{_growth_text(study)} {agree} of {runs} runs of {LONG:g} s agree with the growth rates of the linear loop "
-        f"(within {number(error, 2)}/s)."
-    )
-    holds = all(rates.unstable == 0 for rates in chosen.values())
-    return Finding(holds, evidence, (_tolerance_table(study),), numbers, study)
-
-
-def _growth_text(study: ToleranceStudy) -> str:
     parts = []
-    for goal in GOALS:
-        rates = study.chosen[goal]
+    for goal, rates in chosen.items():
         pace = f"slowest mode {number(rates.fastest, decimals=3)}/s"
         parts.append(
             f"at {name_goal(goal)} {unstable_of(rates, 'corner')} of {study.count('corner')} corners and "
             f"{unstable_of(rates, 'draw')} of {study.count('draw')} sampled plants "
             f"({'some plant has no equilibrium' if math.isinf(rates.fastest) else pace})"
         )
-    q = study.setup.settings.process_noise
+    q = setup.settings.process_noise
     which = f"R^v = {number(q)} I" if study.estimated else "the true state fed back"
     text = f"Unstable with {which}: {'; '.join(parts)}."
-    growth = max(rates.fastest for rates in study.chosen.values())
+    growth = max(rates.fastest for rates in chosen.values())
     if 0.0 <= growth < math.inf:
         factors = [math.exp(min(growth * seconds, 50.0)) for seconds in (STEP_DURATION, LONG)]
         text += (
             f" The fastest growth makes a factor of {factors[0]:.2g} in {STEP_DURATION:g} s and of {factors[1]:.2g} in "
             f"{LONG:g} s."
         )
-    return text
-
-
-def _finite(rate: float) -> float | None:
-    return float(rate) if math.isfinite(rate) else None
+    text += (
+        f" {agree} of {runs} runs of {LONG:g} s agree with the growth rates of the linear loop (within "
+        f"{number(error, 2)}/s)."
+    )
+    holds = all(rates.unstable == 0 for rates in chosen.values())
+    return Finding(holds, text, (_tolerance_table(study),), numbers, study)
 
 
 def _tolerance_table(study: ToleranceStudy) -> Table:
@@ -253,60 +227,49 @@ def _tolerance_table(study: ToleranceStudy) -> Table:
             found |= {f"q on {form}": study.of_form(form, goal) for form in FORMS}
         for which, group in found.items():
             corners, alone = [unstable_of(rates, "corner") for rates in group], study.sufficient_alone(group)
-            rows.append(
-                (
-                    name_goal(goal),
-                    which,
-                    min(corners),
-                    max(corners),
-                    max(unstable_of(rates, "draw") for rates in group),
-                    _finite(max(rates.fastest for rates in group)),
-                    "; ".join(alone[:3]) + (f" and {len(alone) - 3} more" if len(alone) > 3 else "")
-                    or "none",
-                )
+            sampled, fastest = (
+                max(unstable_of(rates, "draw") for rates in group),
+                max(rates.fastest for rates in group),
             )
+            more = f" and {len(alone) - 3} more" if len(alone) > 3 else ""
+            texts = name_goal(goal), which
+            counts = min(corners), max(corners), sampled, known(fastest)
+            rows.append((*texts, *counts, "; ".join(alone[:3]) + more or "none"))
     columns = (
-        "goal",
-        "R^v",
-        Column("corners unstable, fewest over q"),
-        Column("corners unstable, most over q"),
-        Column("sampled plants unstable, most over q"),
-        Column("fastest growth", "1/s", 3),
+        "goal", "R^v", Column("corners unstable, fewest over q"), Column("corners unstable, most over q"),
+        Column("sampled plants unstable, most over q"), Column("fastest growth", "1/s", 3),
         "one tolerance alone suffices",
-    )
+    )  # fmt: skip
     caption = (
         f"Plants with which the loop is unstable, of {study.count('corner')} corners and {study.count('draw')} sampled "
-        f"ones, with the paper's penalty and the coil; each form of R^v with q from {number(SWEPT[0])} to "
-        f"{number(SWEPT[-1])}. A negative growth is the decay of the slowest loop; – where some plant has no "
-        "equilibrium."
+        f"ones, with the paper's penalty and the coil; q from {number(SWEPT[0])} to {number(SWEPT[-1])}. A negative "
+        "growth is the decay of the slowest loop; – where some plant has no equilibrium."
     )
     return Table(columns, rows, caption, "table-tolerances")
 
 
 # Coil ----------------------------------------------------------------------------------------------------
-def _coil_is_negligible(experiments: Experiments) -> Finding:
-    setup, law, rows = experiments.setup, experiments.setup.nonlinear, []
+def _coil_is_negligible(setup: PaperSetup) -> Finding:
+    law, rows, growth = setup.nonlinear, [], -math.inf
     overshoots: list[float | None] = []
     settlings: list[float | None] = []
-    growth = -math.inf
     for kind in dict.fromkeys(("none", setup.settings.estimator)):
         for goal in GOALS:
             metrics = []
-            for coil in (False, True):
+            for coil, plant in setup.true_plants.items():
                 estimator = setup.estimator(kind)
                 run = setup.run(
                     law, Step(goal), STEP_DURATION, estimator=estimator, noise=False, inductance=coil
                 )
-                loop = EquilibriumLoop(
-                    law, estimator, setup.arm.plant(inductance=coil), setup.settings.period, goal
-                )
+                loop = EquilibriumLoop(law, estimator, plant, setup.settings.period, goal)
                 slowest = loop.modes([setup.arm.nominal]).slowest(5)[0]
                 values = [
                     run.metrics()[key] for key in ("overshoot_percent", "settling_time_s", "peak_input")
                 ]
-                modes = [_mode(complex(m)) for m in slowest if math.isfinite(m.real) and m.imag >= 0.0]
+                modes = [complex(m) for m in slowest if math.isfinite(m.real) and m.imag >= 0.0]
+                texts = [f"{m.real:.3f}" + (f" ± {m.imag:.2f}i" if m.imag > 1e-9 else "") for m in modes]
                 feedback = "true state" if kind == "none" else kind.upper()
-                shown = ", ".join(modes) or "no equilibrium"
+                shown = ", ".join(texts) or "no equilibrium"
                 rows.append((feedback, name_goal(goal), "yes" if coil else "no", *values, shown))
                 metrics.append(values)
             growth = max(growth, float(slowest[0].real))  # with the coil
@@ -317,42 +280,23 @@ def _coil_is_negligible(experiments: Experiments) -> Finding:
             )
     worst, slower = (max(change or 0.0 for change in changes) for changes in (overshoots, settlings))
     lost = sum(None in pair for pair in zip(overshoots, settlings, strict=True))
-    evidence = (
+    pace = f"the slowest mode of any loop has a rate of {number(growth, decimals=3)}/s"
+    text = (
         f"The coil changes the overshoot by at most {worst:.2f} % of the step and the settling time by at most "
-        f"{100 * slower:.1f} %; with it "
+        f"{100 * slower:.1f} %; with it {pace if math.isfinite(growth) else 'some loop has no equilibrium'}."
     )
-    if math.isfinite(growth):
-        evidence += f"the slowest mode of any loop has a rate of {number(growth, decimals=3)}/s."
-    else:
-        evidence += "some loop has no equilibrium."
     if lost:
-        evidence += (
+        text += (
             f" In {lost} of {len(overshoots)} cases a run diverges or does not settle, so no change is known."
         )
     columns = (
-        "feedback",
-        "step",
-        "coil",
-        Column("overshoot", "%", 3),
-        Column("settling", "s", 3),
-        Column("peak", "V", 2),
+        "feedback", "step", "coil", Column("overshoot", "%", 3), Column("settling", "s", 3), Column("peak", "V", 2),
         Column("slowest modes", "1/s"),
-    )
+    )  # fmt: skip
     caption = "Steps and slowest modes in equilibrium, without and with the coil; nominal arm, no noise."
     table = Table(columns, rows, caption, "table-electrical-pole", stacks=True)
     holds = not lost and worst <= OVERSHOOT and slower <= SETTLING and growth < 0.0
-    return Finding(holds, evidence, (table,), {"largest_overshoot_change_percent": worst})
-
-
-def _relative(before: float | None, after: float | None) -> float | None:
-    """|after − before| / before; None where one of them is missing."""
-    if before is None or after is None:
-        return None
-    return abs(after - before) / before if before else math.inf
-
-
-def _mode(mode: complex) -> str:
-    return f"{mode.real:.3f}" + (f" ± {abs(mode.imag):.2f}i" if abs(mode.imag) > 1e-9 else "")
+    return Finding(holds, text, (table,), {"largest_overshoot_change_percent": worst})
 
 
 COIL = PaperClaim(

@@ -3,17 +3,24 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from itertools import pairwise
 from typing import Any
 
 from flexhinf.baselines import GravityCompensatedLQR
 from flexhinf.errors import FlexhinfError
 from flexhinf.hinf import solve_hji
-from flexhinf.loop import Step, Trajectory
+from flexhinf.loop import Controller, Loop, Step, Trajectory
 from flexhinf.paper.claim import Finding, PaperClaim
-from flexhinf.paper.experiments import STEP_DURATION, TRACKING_FROM, Experiments, tracking_numbers
-from flexhinf.paper.loop_setup import GOALS, name_goal
+from flexhinf.paper.loop_setup import (
+    GOALS,
+    SINE,
+    STEP_DURATION,
+    TRACKING_DURATION,
+    TRACKING_FROM,
+    PaperSetup,
+    name_goal,
+    tracking_numbers,
+)
 from flexhinf.report import Column, Table
 
 #: Weights of x1 and of x5, each varied with the other kept at the paper's 60 or 300.
@@ -69,41 +76,56 @@ def _steps_table(runs: dict[tuple[str, str], Trajectory], caption: str, anchor: 
     return Table(("step", "law", *(column for _, column in read)), rows, caption, anchor)
 
 
-def _beats_linear(experiments: Experiments) -> Finding:
-    by_goal = {"90°": experiments.step_90, "180°": experiments.step_180}
-    rows = {(goal, name): runs[law] for goal, runs in by_goal.items() for law, name in LAWS.items()}
+def _beats_linear(setup: PaperSetup) -> Finding:
+    steps = {"90°": setup.step_90, "180°": setup.step_180}
+    rows = {(goal, name): runs[law] for goal, runs in steps.items() for law, name in LAWS.items()}
     table = _steps_table(rows, "The two laws of the same γ on the two steps.", "table-linear")
-    if experiments.setup.settings.degree < 4:  # V of the odd arm has no cubic terms: both laws are one
+    if setup.settings.degree < 4:  # V of the odd arm has no cubic terms: both laws are one
         return Finding("not judged", SAME_LAW, (table,))
     ours, linear = rows["90°", "NL-H∞"], rows["90°", "L-H∞"]
     evidence = f"On 90°, NL-H∞: {step_text(ours)}; L-H∞: {step_text(linear)}."
     return Finding(beats(ours, linear), evidence, (table,))
 
 
-def _beats_linear_about_the_goal(experiments: Experiments) -> Finding:
-    runs = experiments.about_goal
-    rows = {
-        (name_goal(goal), f"{name} about {about}"): runs[goal, about, law]
-        for goal in reversed(GOALS)
-        for about in ("the hanging rest", "the goal")
-        for law, name in LAWS.items()
-    }
+def _beats_linear_about_the_goal(setup: PaperSetup) -> Finding:
+    rows: dict[tuple[str, str], Trajectory] = {}
+    wins, rest = [], setup.arm.operating_point(0.0, ("inductance",))
+    for goal in reversed(GOALS):
+        for about, pose in (("the hanging rest", 0.0), ("the goal", goal)):
+            runs = []
+            for law, name in LAWS.items():
+                degree = 2 if law == "linear" else setup.settings.degree
+                solution, period = setup.law(degree=degree, pose=pose), setup.settings.period
+                loop = setup.loop(solution, inductance=True)
+                controller = Controller(solution, loop.controller.estimator, period, start="bumpless")
+                run = Loop(loop.true_plant, controller).run(
+                    Step(goal),
+                    None,
+                    setup.deviation(loop),
+                    STEP_DURATION,
+                    rest[0],
+                    setup.settings.seed,
+                    rest[1],
+                )
+                runs.append(run)
+                rows[name_goal(goal), f"{name} about {about}"] = run
+        wins.append(beats(*runs))  # of the laws about the goal
     caption = (
-        "The paper's laws, about the hanging rest, and those of the same penalty about the goal. Every step begins at "
-        "the hanging rest without a jump of the input, and the true plant has the motor's coil."
+        "The paper's laws, about the hanging rest, and those of the same penalty about the goal; without a jump of the "
+        "input, coil in the true plant."
     )
     table = _steps_table(rows, caption, "table-about-the-goal")
-    if experiments.setup.settings.degree == 2:
+    if setup.settings.degree == 2:
         return Finding("not judged", SAME_LAW, (table,))
-    wins = [beats(*(runs[goal, "the goal", law] for law in LAWS)) for goal in GOALS]
-    shown = "; ".join(f"{name}: {step_text(runs[math.pi, 'the goal', law])}" for law, name in LAWS.items())
+    shown = "; ".join(
+        f"{name}: {step_text(rows['180°', f'{name} about the goal'])}" for name in LAWS.values()
+    )
     return Finding(all(wins), f"On 180°, {shown}.", (table,))
 
 
 # Tracking ------------------------------------------------------------------------------------------------
-def _tracks_sine(experiments: Experiments) -> Finding:
-    setup = experiments.setup
-    found = {name: tracking_numbers(run) for name, run in experiments.tracking.items()}
+def _tracks_sine(setup: PaperSetup) -> Finding:
+    found = {name: tracking_numbers(run) for name, run in setup.tracking.items()}
     degree, weights = setup.settings.degree, {"link_position": 60.0, "link_position_integral": 300.0}
     others = {
         "NL-H∞ (degree 6)": setup.law(weights, degree=6),
@@ -111,17 +133,14 @@ def _tracks_sine(experiments: Experiments) -> Finding:
         "LQR + gravity compensation": GravityCompensatedLQR.design(setup.problem),
     }
     shown = {"L-H∞ (degree 2)": found["linear"], f"NL-H∞ (degree {degree})": found["nonlinear"]}
-    shown |= {name: tracking_numbers(experiments.track(law)) for name, law in others.items()}
+    shown |= {name: tracking_numbers(setup.run(law, SINE, TRACKING_DURATION)) for name, law in others.items()}
     keys = ("largest_error_rad", "tracking_rmse_rad")
     rows = [
         (name, *(None if m[key] is None else math.degrees(m[key]) for key in keys))
         for name, m in shown.items()
     ]
-    columns = (
-        "law",
-        Column(f"largest error after {TRACKING_FROM:g} s", "°", 2),
-        Column("RMS error, start included", "°", 2),
-    )
+    worst = Column(f"largest error after {TRACKING_FROM:g} s", "°", 2)
+    columns = ("law", worst, Column("RMS error, start included", "°", 2))
     table = Table(columns, rows, "Tracking π + sin(πt/10) by laws of the same weights.", "table-tracking")
     largest, linear = (found[name]["largest_error_rad"] for name in ("nonlinear", "linear"))
     if largest is None:
@@ -129,83 +148,53 @@ def _tracks_sine(experiments: Experiments) -> Finding:
     rival = "diverges" if linear is None else f"reaches {math.degrees(linear):.1f}°"
     text = f"Largest error after {TRACKING_FROM:g} s: {math.degrees(largest):.1f}°; the linear law {rival}."
     if linear is not None and linear < largest:
-        text += (
-            " The order of the step responses is reversed: the nonlinear terms act on x1, not on the error."
-        )
+        text += " The nonlinear terms act on x1, not on the error: the order of the steps is reversed."
     return Finding(largest <= TRACKING_LIMIT, text, (table,))
 
 
 # Weights -------------------------------------------------------------------------------------------------
-Row = dict[Any, Any]
-
-
-def _sweep_weights(experiments: Experiments, pairs: Sequence[tuple[float, float]]) -> list[Row]:
-    """Metrics of the steps by goal, for weights of x1 and x5; None where no law exists."""
-    rows = []
-    for link, integral in pairs:
-        row: Row = {"weights": (link, integral)}
-        weights = {"link_position": link, "link_position_integral": integral}
-        try:
-            law = experiments.setup.law({**weights, "link_velocity": 0.0, "motor_velocity": 0.0})
-        except FlexhinfError:
-            row |= {goal: {key: None for key, _ in (OVERSHOOT, RISE, SETTLING)} for goal in GOALS}
-        else:
-            row |= {g: experiments.setup.run(law, Step(g), STEP_DURATION).metrics() for g in GOALS}
-        rows.append(row)
-    return rows
-
-
-def _falls(rows: Sequence[Row], metric: str) -> bool:
-    """Whether at both goals every value is smaller than the one before; a missing one is infinite."""
-    columns = [[math.inf if row[g][metric] is None else row[g][metric] for row in rows] for g in GOALS]
-    return all(b < a for column in columns for a, b in pairwise(column))
-
-
-def _weights_table(rows: Sequence[Row], which: str, anchor: str) -> Table:
+def judge_weight(setup: PaperSetup, varied: str) -> Finding:
+    """Steps to both goals while the weight of x1 or of x5 is varied: overshoot or rise time falls with each."""
+    weights = LINK_WEIGHTS if varied == "x1" else INTEGRAL_WEIGHTS
+    pairs = [(weight, 300.0) if varied == "x1" else (60.0, weight) for weight in weights]
     read = (OVERSHOOT, (RISE[0], Column(RISE[1].name, "s", 3)), SETTLING)
+    runs: list[dict[float, dict[str, Any]]] = []  # metrics by goal; None where no law exists
+    for link, integral in pairs:
+        own = {"link_position": link, "link_position_integral": integral}
+        try:
+            law = setup.law({**own, "link_velocity": 0.0, "motor_velocity": 0.0})
+        except FlexhinfError:
+            runs.append({goal: {key: None for key, _ in read} for goal in GOALS})
+        else:
+            runs.append({goal: setup.run(law, Step(goal), STEP_DURATION).metrics() for goal in GOALS})
+
+    def falls(metric: str) -> bool:  # a missing value is infinite
+        values = [[math.inf if run[g][metric] is None else run[g][metric] for run in runs] for g in GOALS]
+        return all(b < a for column in values for a, b in pairwise(column))
+
+    def ends(metric: str, digits: int) -> list[str]:  # with the smallest and with the largest weight
+        pairs = [[run[goal][metric] for run in (runs[0], runs[-1])] for goal in GOALS]
+        return [" to ".join("none" if x is None else f"{x:.{digits}f}" for x in pair) for pair in pairs]
+
+    rows = [
+        (*pair, *(run[goal][key] for goal in GOALS for key, _ in read))
+        for pair, run in zip(pairs, runs, strict=True)
+    ]
     columns = [Column("weight of x1", "", 0), Column("weight of x5", "", 0)]
     columns += [Column(f"{name_goal(g)} {c.name}", c.unit, c.decimals) for g in GOALS for _, c in read]
-    cells = [(*row["weights"], *(row[g][key] for g in GOALS for key, _ in read)) for row in rows]
-    return Table(columns, cells, f"The weight of {which} varied.", anchor)
-
-
-def _range(rows: Sequence[Row], goal: float, metric: str, digits: int) -> str:
-    """The metric with the smallest and with the largest weight: ``1.00 to 0.45``."""
-    ends = [row[goal][metric] for row in (rows[0], rows[-1])]
-    return " to ".join("none" if end is None else f"{end:.{digits}f}" for end in ends)
-
-
-def _link_weight(experiments: Experiments) -> Finding:
-    rows = _sweep_weights(experiments, [(weight, 300.0) for weight in LINK_WEIGHTS])
-    at_90, at_180 = (_range(rows, goal, "overshoot_percent", 1) for goal in GOALS)
-    evidence = (
-        f"From a weight of {LINK_WEIGHTS[0]:g} to {LINK_WEIGHTS[-1]:g} the overshoot goes from {at_90} % at 90° and "
-        f"from {at_180} % at 180°."
+    anchor = "table-link-weight" if varied == "x1" else "table-integral-weight"
+    table = Table(columns, rows, f"The weight of {varied} varied.", anchor)
+    over, lead = ends("overshoot_percent", 1), f"From a weight of {weights[0]:g} to {weights[-1]:g} the"
+    if varied == "x1":
+        text = f"{lead} overshoot goes from {over[0]} % at 90° and from {over[1]} % at 180°."
+        return Finding(falls("overshoot_percent"), text, (table,))
+    settles = "falls too" if falls("settling_time_s") else "does not fall steadily"
+    rise = ends("rise_time_s", 2)
+    text = (
+        f"{lead} rise time goes from {rise[0]} s at 90° and from {rise[1]} s at 180°. The settling time (±2 %) "
+        f"{settles}. The overshoot goes from {over[0]} % and {over[1]} %."
     )
-    return Finding(
-        _falls(rows, "overshoot_percent"), evidence, (_weights_table(rows, "x1", "table-link-weight"),)
-    )
-
-
-def integral_weight(experiments: Experiments) -> Finding:
-    """Judge "300 x5 guarantees a fast response"."""
-    rows = _sweep_weights(experiments, [(60.0, weight) for weight in INTEGRAL_WEIGHTS])
-    settles = (
-        "The settling time (±2 %) falls too."
-        if _falls(rows, "settling_time_s")
-        else "The settling time (±2 %) does not fall steadily: it jumps where another swing leaves the band."
-    )
-    rise, over = (
-        [_range(rows, goal, metric, digits) for goal in GOALS]
-        for metric, digits in (("rise_time_s", 2), ("overshoot_percent", 1))
-    )
-    evidence = (
-        f"From a weight of {INTEGRAL_WEIGHTS[0]:g} to {INTEGRAL_WEIGHTS[-1]:g} the rise time goes from {rise[0]} s at "
-        f"90° and from {rise[1]} s at 180°. {settles} The overshoot goes from {over[0]} % and {over[1]} %."
-    )
-    return Finding(
-        _falls(rows, "rise_time_s"), evidence, (_weights_table(rows, "x5", "table-integral-weight"),)
-    )
+    return Finding(falls("rise_time_s"), text, (table,))
 
 
 STEPS_AND_TRACKING = (
@@ -242,14 +231,14 @@ STEPS_AND_TRACKING = (
         "60 x1 reduces the overshoot of the step response.",
         "With 300 x5 kept, the overshoot of the steps to 90° and 180° falls with each larger weight of x1: "
         f"{', '.join(f'{weight:g}' for weight in LINK_WEIGHTS)}.",
-        _link_weight,
+        lambda setup: judge_weight(setup, "x1"),
     ),
     PaperClaim(
         "integral-weight-is-fast",
         "300 x5 guarantees a fast response to a step command.",
         "“Fast” is read as a short time of rise from 10 to 90 % of the step. With 60 x1 kept, it falls at 90° and at "
         f"180° with each larger weight of x5: {', '.join(f'{weight:g}' for weight in INTEGRAL_WEIGHTS)}.",
-        integral_weight,
+        lambda setup: judge_weight(setup, "x5"),
     ),
 )
 

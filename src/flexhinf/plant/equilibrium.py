@@ -1,7 +1,4 @@
-"""The operating point: the equilibrium of a plant with some of its states at a wanted pose.
-
-Several signals as one motion: positions of all joints and their time derivatives.
-"""
+"""The operating point of a plant with some of its states at a wanted pose; and several signals as one motion."""
 
 from __future__ import annotations
 
@@ -18,13 +15,7 @@ ITERATIONS = 50
 
 
 def pose_values(pose: Any, names: Sequence[str]) -> np.ndarray:
-    """One value per name, from a mapping (zero for names left out) or a sequence.
-
-    Raises
-    ------
-    InvalidInput
-        For unknown names, values that are not finite, or another number of them.
-    """
+    """One finite value per name, from a mapping (zero for names left out) or a sequence."""
     if isinstance(pose, Mapping):
         unknown = [name for name in pose if name not in names]
         if unknown:
@@ -36,23 +27,9 @@ def pose_values(pose: Any, names: Sequence[str]) -> np.ndarray:
 
 
 def equilibrium(plant: Model, names: Sequence[str], values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """State x* and input u* with flow(x*, u*, 0) = 0 and the named states at `values`, by Newton's method.
+    """State x* (n,) and input u* (m,) with flow(x*, u*, 0) = 0 and the named states at `values`, by Newton's method.
 
-    Parameters
-    ----------
-    names : sequence of str
-        States that are given.
-    values : ndarray, (len(names),)
-
-    Returns
-    -------
-    x, u : ndarray, (n,) and (m,)
-        Of several such points one near the origin.
-
-    Raises
-    ------
-    NumericalFailure
-        If no such point is found, with the state that keeps moving.
+    Of several such points one near the origin. NumericalFailure, with the state that keeps moving, where there is none.
     """
     n = plant.n
     fixed = [plant.index(name) for name in names]
@@ -82,24 +59,10 @@ def equilibrium(plant: Model, names: Sequence[str], values: np.ndarray) -> tuple
 
 
 def motion_of(signals: Any, times: np.ndarray, order: int, names: Sequence[str] = ()) -> np.ndarray:
-    """Positions and their derivatives, (order + 1, N, n).
+    """Positions and their derivatives, (order + 1, N, n), at times (N,), s.
 
-    Parameters
-    ----------
-    signals : sequence, mapping by name, or one signal
-        Each with a method ``derivatives(t, order)`` (`flexhinf.loop.Signal`), or a number, which is constant;
-        in the order of the joints. One signal may have one column per joint.
-    times : ndarray, (N,)
-        s.
-    order : int
-        Of the highest derivative.
-    names : sequence of str
-        Of the joints' positions; needed for a mapping.
-
-    Raises
-    ------
-    InvalidInput
-        For unknown or missing names, another number of signals, or one without derivatives.
+    Each signal has a method ``derivatives(t, order)`` (`flexhinf.loop.Signal`), or is a number, which is constant; they
+    come in the order of the joints, or by `names`. One signal may have one column per joint.
     """
     if isinstance(signals, Mapping):
         if not names or set(signals) != set(names):
@@ -109,34 +72,26 @@ def motion_of(signals: Any, times: np.ndarray, order: int, names: Sequence[str] 
                 "names=(...) in the order of the joints" if not names else "one signal, or number, for each",
             )
         signals = [signals[name] for name in names]
-    parts = (
-        list(signals)
-        if isinstance(signals, (Sequence, np.ndarray)) and not isinstance(signals, str)
-        else [signals]
-    )
-    motion = np.concatenate([_columns(part, times, order) for part in parts], axis=2) if parts else None
-    if motion is None or (names and motion.shape[2] != len(names)):
-        raise InvalidInput(
-            "The number of signals is not that of the joints.",
-            f"expected one for each of {list(names) or 'the joints'}, got {0 if motion is None else motion.shape[2]}",
-            "one signal per joint",
-        )
+    several = isinstance(signals, (Sequence, np.ndarray)) and not isinstance(signals, str)
+    columns = [np.zeros((order + 1, len(times), 0))]
+    parts: list[Any] = list(signals) if several else [signals]
+    for signal in parts:
+        if hasattr(signal, "derivatives"):
+            rows = np.asarray(signal.derivatives(times, order), dtype=float)
+            columns.append(rows.reshape(order + 1, len(times), -1))
+            continue
+        constant = np.zeros((order + 1, len(times), 1))
+        try:
+            constant[0] = float(signal)
+        except (TypeError, ValueError) as error:
+            raise InvalidInput(
+                "A signal of a moving reference has no derivatives.",
+                f"expected a signal with derivatives(t, order), or a number, got {value_text(signal)}",
+                "fh.Sine, fh.JerkLimited(..., smoothing=...), fh.Quintic; fh.Spline(times, values) for samples",
+            ) from error
+        columns.append(constant)
+    motion = np.concatenate(columns, axis=2)
+    if motion.shape[2] != (len(names) or max(1, motion.shape[2])):
+        found = f"expected one for each of {list(names) or 'the joints'}, got {motion.shape[2]}"
+        raise InvalidInput("The number of signals is not that of the joints.", found, "one signal per joint")
     return motion
-
-
-def _columns(signal: Any, times: np.ndarray, order: int) -> np.ndarray:
-    """One signal's (order + 1, N, k)."""
-    if hasattr(signal, "derivatives"):
-        rows = np.asarray(signal.derivatives(times, order), dtype=float)
-        return rows.reshape(order + 1, len(times), -1)
-    try:
-        value = float(signal)
-    except (TypeError, ValueError) as error:
-        raise InvalidInput(
-            "A signal of a moving reference has no derivatives.",
-            f"expected a signal with derivatives(t, order), or a number, got {value_text(signal)}",
-            "fh.Sine, fh.JerkLimited(..., smoothing=...), fh.Quintic; fh.Spline(times, values) for samples",
-        ) from error
-    rows = np.zeros((order + 1, len(times), 1))
-    rows[0] = value
-    return rows

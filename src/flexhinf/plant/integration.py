@@ -22,19 +22,7 @@ MOST_SUB_STEPS = 100_000
 
 
 def rk4_step(flow: Callable[[Any, Any], Any], x: Any, inputs: Any, step: Any) -> Any:
-    """One Runge–Kutta step of order four for ẋ = flow(x, v).
-
-    Parameters
-    ----------
-    flow : callable
-        ``flow(x, v)`` → ẋ.
-    x : ndarray, (n,)
-        State at the start.
-    inputs : sequence of three
-        v at the start, the middle and the end of the step.
-    step : float
-        Length of the step, s.
-    """
+    """One Runge–Kutta step of order four for ẋ = flow(x, v), v at the start, the middle and the end of the step, s."""
     start, middle, end = inputs
     k1 = flow(x, start)
     k2 = flow(_Ahead(step / 2)(x, k1), middle)
@@ -44,15 +32,7 @@ def rk4_step(flow: Callable[[Any, Any], Any], x: Any, inputs: Any, step: Any) ->
 
 
 def rk4_stages(run: Any, flow: Callable[..., Any], x: Any, step: float, *held: Any) -> Any:
-    """`rk4_step` of ẋ = flow(x, *held), the flow called four times by a run.
-
-    Parameters
-    ----------
-    x : (n,)
-    step : float
-        s.
-    held : arrays
-    """
+    """`rk4_step` of ẋ = flow(x, *held), x (n,), over a step in s, the flow called four times by a run."""
     k1 = run.call(flow, x, *held)
     k2 = run.call(flow, run.call(_Ahead(step / 2), x, k1), *held)
     k3 = run.call(flow, run.call(_Ahead(step / 2), x, k2), *held)
@@ -132,22 +112,7 @@ class _Joined:
 
 
 def sub_steps(period: float, fastest_mode: float, largest: float = SIMULATION_STEP) -> int:
-    """How many steps of at most `largest` / |λ| make one period.
-
-    Parameters
-    ----------
-    period : float
-        s.
-    fastest_mode : float
-        |λ|, rad/s.
-    largest : float
-        Allowed step times |λ|.
-
-    Raises
-    ------
-    InvalidInput
-        If that is not a number, or more than `MOST_SUB_STEPS`.
-    """
+    """How many steps of at most `largest` / |λ| make one period, s; |λ| is the fastest mode, rad/s."""
     wanted = period * fastest_mode / largest - 1e-9
     if not wanted <= MOST_SUB_STEPS:
         raise InvalidInput(
@@ -160,35 +125,25 @@ def sub_steps(period: float, fastest_mode: float, largest: float = SIMULATION_ST
 
 
 def fastest_modes(plant: Any, parameters: np.ndarray, x: Any = None, u: Any = None) -> np.ndarray:
-    """`fastest_mode` of a `Plant` with each of some parameters, (N, P), all at one point: (N,), rad/s.
-
-    Raises
-    ------
-    InvalidInput
-        If one of them has no finite Jacobian there.
-    """
+    """`fastest_mode` of a `Plant` with each of some parameters, (N, P), all at one point: (N,), rad/s."""
     point = np.zeros(len(plant.states)) if x is None else real_array(x)
     held = np.zeros(len(plant.inputs)) if u is None else real_array(u)
     points = [np.broadcast_to(point, (len(parameters), len(plant.states)))]
     if plant.engaged is not None and len(parameters):
         points.append(np.array([plant.engaged(point, plant.parameters.named(row)) for row in parameters]))
-    return np.max([_fastest_at(plant, rows, held, parameters) for rows in points], axis=0)
-
-
-def _fastest_at(plant: Any, points: np.ndarray, u: np.ndarray, parameters: np.ndarray) -> np.ndarray:
-    count, n = points.shape
-    if not count:
-        return np.zeros(0)
-    rest = (np.tile(row[:, None], count) for row in (u, np.zeros(len(plant.disturbances))))
-    jacobians = np.asarray(plant.traced_jacobians(points.T, *rest, parameters.T)[0], dtype=float)
-    jacobians = jacobians.reshape(n, count, n).swapaxes(0, 1)
-    bad = np.argwhere(~np.isfinite(jacobians))
-    if len(bad):
-        k, row, column = bad[0].tolist()
-        raise InvalidInput(
-            "The plant has no linearisation at this point.",
-            f"expected finite derivatives, got d({plant.states[row]}')/d({plant.states[column]}) = "
-            f"{jacobians[k, row, column]} at x = {points[k].tolist()}",
-            "a point where the model is smooth",
-        )
-    return np.abs(np.linalg.eigvals(jacobians)).max(axis=1)
+    (count, n), fastest = points[0].shape, np.zeros(len(parameters))
+    rest = [np.tile(row[:, None], count) for row in (held, np.zeros(len(plant.disturbances)))]
+    for rows in points if count else ():
+        jacobians = np.asarray(plant.traced_jacobians(rows.T, *rest, parameters.T)[0], dtype=float)
+        jacobians = jacobians.reshape(n, count, n).swapaxes(0, 1)
+        bad = np.argwhere(~np.isfinite(jacobians))
+        if len(bad):
+            k, row, column = bad[0].tolist()
+            raise InvalidInput(
+                "The plant has no linearisation at this point.",
+                f"expected finite derivatives, got d({plant.states[row]}')/d({plant.states[column]}) = "
+                f"{jacobians[k, row, column]} at x = {rows[k].tolist()}",
+                "a point where the model is smooth",
+            )
+        fastest = np.maximum(fastest, np.abs(np.linalg.eigvals(jacobians)).max(axis=1))
+    return fastest

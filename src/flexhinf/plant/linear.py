@@ -1,8 +1,6 @@
-"""A plant's linearisation at an equilibrium, as a plant: what a linear estimator believes in.
+"""A plant's linearisation at an equilibrium, as a plant: what linear estimators believe in. Systems of python-control.
 
 On it the extended Kalman filter *is* the linear Kalman filter, and a loop is one that every textbook covers.
-
-Systems of python-control as plants.
 """
 
 from __future__ import annotations
@@ -39,31 +37,14 @@ class LinearOutput:
 
 
 def linear_plant(plant: Plant, x: Any, u: Any) -> Plant:
-    """The linearisation of a plant at an equilibrium, in absolute coordinates and with the plant's own names.
+    """The linearisation of a plant at an equilibrium (x, u), in absolute coordinates and with the plant's own names.
 
-    Parameters
-    ----------
-    x, u : (n,) and (m,) arrays
-        The equilibrium: flow(x, u, 0) = 0.
-
-    Returns
-    -------
-    Plant
-        Its parameters are the matrices and the equilibrium, so that two linearisations of the same size share code.
-
-    Raises
-    ------
-    InvalidInput
-        If shapes do not fit or (x, u) is no equilibrium.
+    Its parameters are the matrices and the equilibrium, so that two linearisations of the same size share code.
     """
     a, b, g, c = plant.linearise(x, u)
     x, u = real_array(x), real_array(u)
-    plant.check_equilibrium(
-        x,
-        u,
-        "A plant is linearised at an equilibrium.",
-        "robot.operating_point(pose), or operating_point and operating_input of a problem",
-    )
+    advice = "robot.operating_point(pose), or operating_point and operating_input of a problem"
+    plant.check_equilibrium(x, u, "A plant is linearised at an equilibrium.", advice)
     value, slope = plant.output_at(x, u)
     parameters = {
         "state_matrix": a, "input_matrix": b, "disturbance_matrix": g, "output_matrix": c, "feedthrough": slope,
@@ -101,17 +82,15 @@ def plant_from_control(system: Any, inputs: Sequence[str] | None = None) -> Plan
     labels = list(linear.input_labels)
     chosen = labels if inputs is None else list(inputs)
     if not set(chosen) <= set(labels) or not chosen:
-        raise InvalidInput(
-            "The system has no such inputs.", f"expected some of {labels}, got {chosen}", str(labels[:1])
-        )
+        found = f"expected some of {labels}, got {chosen}"
+        raise InvalidInput("The system has no such inputs.", found, str(labels[:1]))
     places = [labels.index(name) for name in chosen]
     others = [k for k, name in enumerate(labels) if name not in chosen]
     a, b, c, d = (np.asarray(m, dtype=float) for m in (linear.A, linear.B, linear.C, linear.D))
     if d[:, others].any():
-        raise InvalidInput(
-            "A disturbance acts on a measurement directly.", f"expected D = 0 for {[labels[k] for k in others]}",
-            "measurement noise is the loop's; other disturbances act through a state",
-        )  # fmt: skip
+        found = f"expected D = 0 for {[labels[k] for k in others]}"
+        advice = "measurement noise is the loop's; other disturbances act through a state"
+        raise InvalidInput("A disturbance acts on a measurement directly.", found, advice)
     n, m = len(a), len(chosen)
     parameters = {
         "state_matrix": a, "input_matrix": b[:, places], "disturbance_matrix": b[:, others], "output_matrix": c,

@@ -1,9 +1,4 @@
-"""Model code with names: ẋ = flow(x, u, d, p), y = output(x, u, p), evaluated, linearised and traced.
-
-Code of a model apart from its text: as it was traced once, and as what a file or a pickle can hold of it.
-
-Plants as systems of python-control. Needs the extra ``control``.
-"""
+"""Models with names: ẋ = flow(x, u, d, p), y = output(x, u, p), evaluated, linearised and traced."""
 
 from __future__ import annotations
 
@@ -52,14 +47,8 @@ EQUILIBRIUM_TOLERANCE = 1e-9
 class StoredCode:
     """flow or output of a model as the instructions of its traced function: all that a file or a pickle can hold.
 
-    It runs on numbers and symbols.
-
-    Parameters
-    ----------
-    arrays : mapping of str to ndarray
-        As `flexhinf.scalars.function_arrays` makes them.
-    table : ParameterTable
-        The names, in the order of the parameter vector.
+    It runs on numbers and symbols. The arrays are those of `flexhinf.scalars.function_arrays`; the table has the names,
+    in the order of the parameter vector.
     """
 
     def __init__(self, arrays: Mapping[str, np.ndarray], table: ParameterTable) -> None:
@@ -76,13 +65,7 @@ class StoredCode:
 
 
 class TracedCode:
-    """A traced function of one result, evaluated on numbers without a copy of them: a microsecond a call.
-
-    Parameters
-    ----------
-    function : casadi.Function
-        As `flexhinf.scalars.trace` makes it.
-    """
+    """A traced function of one result, evaluated on numbers without a copy of them: a microsecond a call."""
 
     def __init__(self, function: Any) -> None:
         self.function = function
@@ -95,21 +78,13 @@ class TracedCode:
         return TracedCode, (self.function,)
 
     def evaluate(self, *arrays: Any) -> np.ndarray | None:
-        """Its result on vectors of numbers or symbols; None for any other element.
-
-        Raises
-        ------
-        InvalidInput
-            If a vector has another size than the function was traced with.
-        """
+        """Its result on vectors of numbers or symbols of the sizes that it has; None for any other element."""
         vectors = [np.asarray(array) for array in arrays]
         sizes = [vector.size for vector in vectors]
         if sizes != self._sizes:
-            raise InvalidInput(
-                f"The arguments of {self.function.name()} do not fit the model.",
-                f"expected vectors of {self._sizes} elements, got {sizes}",
-                "one element for each name",
-            )
+            what = f"The arguments of {self.function.name()} do not fit the model."
+            found = f"expected vectors of {self._sizes} elements, got {sizes}"
+            raise InvalidInput(what, found, "one element for each name")
         if any(vector.dtype == object for vector in vectors):
             elements = [element for vector in vectors for element in vector.flat]
             if any(isinstance(element, Symbol) for element in elements):
@@ -150,11 +125,8 @@ def signals(what: str, model: Callable[[], Any]) -> np.ndarray:
             "the names in states, inputs and disturbances, and NumPy functions on the elements",
         ) from error
     if signals.ndim != 1:
-        raise InvalidInput(
-            f"{what} does not return a vector.",
-            f"expected one axis, got shape {signals.shape}",
-            "np.array([...]) of the elements",
-        )
+        found = f"expected one axis, got shape {signals.shape}"
+        raise InvalidInput(f"{what} does not return a vector.", found, "np.array([...]) of the elements")
     return signals
 
 
@@ -233,10 +205,9 @@ class Model(Summarised):
         for name, unit in self.units.items():
             checked_text(f"the unit of {value_text(name)}", unit)
         if not self.states or not self.inputs:
+            found = f"got {len(self.states)} states and {len(self.inputs)} inputs"
             raise InvalidInput(
-                "A plant needs at least one state and one input.",
-                f"got {len(self.states)} states and {len(self.inputs)} inputs",
-                "states=(...), inputs=(...)",
+                "A plant needs at least one state and one input.", found, "states=(...), inputs=(...)"
             )
         distinct("Of states and inputs, the name", (*self.states, *self.inputs))
         rows = self.traced_flow.size1_out(0)
@@ -250,11 +221,9 @@ class Model(Summarised):
         if not self.outputs:
             object.__setattr__(self, "outputs", tuple(f"output_{i + 1}" for i in range(measured)))
         if len(self.outputs) != measured:
-            raise InvalidInput(
-                "output(x, u, p) and the names of the outputs disagree.",
-                f"expected {len(self.outputs)} signals {list(self.outputs)}, got {measured}",
-                "one name per signal",
-            )
+            what = "output(x, u, p) and the names of the outputs disagree."
+            found = f"expected {len(self.outputs)} signals {list(self.outputs)}, got {measured}"
+            raise InvalidInput(what, found, "one name per signal")
 
     @property
     def n(self) -> int:
@@ -273,11 +242,8 @@ class Model(Summarised):
 
     def expanded(self, names: str | Sequence[str]) -> tuple[str, ...]:
         """Names of signals, with each group replaced by what it stands for."""
-        return tuple(
-            single
-            for name in checked_names("The signals", names)
-            for single in self.groups.get(name, (name,))
-        )
+        groups = (self.groups.get(name, (name,)) for name in checked_names("The signals", names))
+        return tuple(single for group in groups for single in group)
 
     @property
     def code_key(self) -> tuple[object, ...]:
@@ -319,8 +285,7 @@ class Model(Summarised):
     @cached_property
     def _flow_symbols(self) -> tuple[list[np.ndarray], list[Any]]:
         """Symbols for x, u, d and the parameter vector, as arrays and as columns."""
-        sizes = (len(self.states), len(self.inputs), len(self.disturbances), self.parameters.size)
-        arrays = [symbols(name, size) for name, size in zip("xudp", sizes)]
+        arrays = [symbols(name, size) for name, size in zip("xudp", self._sizes)]
         return arrays, [pack(array) for array in arrays]
 
     def with_parameters(self, **changes: Any) -> Self:
@@ -376,7 +341,7 @@ class Model(Summarised):
 
         if x is None and u is None:
             return python_control().nlsys(rates, measured, **names)
-        x, u = _points(x, self.states, "x", at_once=1)[0], _points(u, self.inputs, "u", at_once=1)[0]
+        x, u, _ = (rows[0] for rows in self._points(x, u, one=True))
         a, b, g, c = self.linearise(x, u)
         d = np.hstack([self.output_at(x, u)[1], np.zeros((len(c), g.shape[1]))])
         return python_control().ss(a, np.hstack([b, g]), c, d, **names)
@@ -391,9 +356,8 @@ class Model(Summarised):
         """Refuse a point at which a rate is not zero, relative to the plant's own rates."""
         rate = self.derivative(x, u)
         worst = int(np.argmax(np.abs(rate)))
-        largest = (
-            EQUILIBRIUM_TOLERANCE * max(1.0, self.fastest_mode(x, u)) if np.isfinite(rate).all() else -1.0
-        )
+        finite = np.isfinite(rate).all()
+        largest = EQUILIBRIUM_TOLERANCE * max(1.0, self.fastest_mode(x, u)) if finite else -1.0
         if not abs(rate[worst]) <= largest:
             found = f"expected flow = 0, got d/dt {self.states[worst]} = {rate[worst]:.6g}"
             raise InvalidInput(what, found, advice)
@@ -401,9 +365,8 @@ class Model(Summarised):
     def summary(self) -> dict[str, str]:
         """States, inputs, disturbances, measured signals and parameters, for ``repr``."""
         kinds = ("states", "inputs", "disturbances", "outputs")
-        facts = {
-            ("measured" if kind == "outputs" else kind): names_text(getattr(self, kind)) for kind in kinds
-        }
+        facts = {kind: names_text(getattr(self, kind)) for kind in kinds}
+        facts["measured"] = facts.pop("outputs")
         return facts | {"parameters": names_text(tuple(self.parameters.values))}
 
     # Numbers --------------------------------------------------------------------------------------
@@ -413,11 +376,13 @@ class Model(Summarised):
         return self._trace_flow()
 
     def _trace_flow(self) -> Any:
-        sizes = (len(self.states), len(self.inputs), len(self.disturbances), self.parameters.size)
-        return trace(self._flow_text, *sizes, name="flow", names=("x", "u", "d", "p"))
+        return trace(self._flow_text, *self._sizes, name="flow", names=("x", "u", "d", "p"))
+
+    @property
+    def _sizes(self) -> tuple[int, ...]:
+        return len(self.states), len(self.inputs), len(self.disturbances), self.parameters.size
 
     def _flow_text(self, x: Any, u: Any, d: Any, p: Any) -> np.ndarray:
-        """What the text of flow computes of symbols."""
         return signals("flow(x, u, d, p)", lambda: self.flow(x, u, d, self.parameters.named(p)))
 
     @cached_property
@@ -435,14 +400,12 @@ class Model(Summarised):
     @cached_property
     def traced_arrest(self) -> Any:
         """arrest as a CasADi function of (x, (h,), parameter vector)."""
-        assert self.arrest is not None
-        arrest, named = self.arrest, self.parameters.named
-        sizes = len(self.states), 1, self.parameters.size
+        arrest: Any = self.arrest
+        named, sizes = self.parameters.named, (len(self.states), 1, self.parameters.size)
         return trace(lambda x, h, p: arrest(x, h[0], named(p)), *sizes, name="arrest", names=("x", "h", "p"))
 
     @cached_property
     def _codes(self) -> tuple[TracedCode, TracedCode]:
-        """The traced flow and output, to be called."""
         return TracedCode(self.traced_flow), TracedCode(self.traced_output)
 
     def evaluate_flow(self, x: Any, u: Any, d: Any, p: Any) -> Any:
@@ -470,21 +433,12 @@ class Model(Summarised):
         return ca.Function("jacobians", symbols, [ca.densify(r) for r in results], {"cse": True})
 
     def derivative(self, x: Any = None, u: Any = None, d: Any = None) -> np.ndarray:
-        """ẋ at the nominal parameters; x (n,) or (N, n), u (m,) or (N, m), d likewise; zero by default.
-
-        Raises
-        ------
-        InvalidInput
-            If a shape does not fit.
-        """
-        wanted = ((x, self.states, "x"), (u, self.inputs, "u"), (d, self.disturbances, "d"))
-        given = [_points(value, names, letter) for value, names, letter in wanted]
+        """ẋ at the nominal parameters; x (n,) or (N, n), u (m,) or (N, m), d likewise; zero by default."""
+        given = self._points(x, u, d)
         count = max(map(len, given)) if all(map(len, given)) else 0
         if any(len(rows) not in (1, count) for rows in given):
-            raise InvalidInput(
-                "The numbers of points differ.", f"got {[len(rows) for rows in given]} rows of x, u and d",
-                "one row for each point, or one vector for all",
-            )  # fmt: skip
+            found = f"got {[len(rows) for rows in given]} rows of x, u and d"
+            raise InvalidInput("The numbers of points differ.", found, "a row for each point, or one for all")
         if not count:  # to CasADi, a matrix without columns is a zero
             return np.zeros((0, self.n))
         vector = np.broadcast_to(self.parameters.vector(), (count, self.parameters.size))
@@ -495,48 +449,29 @@ class Model(Summarised):
     def linearise(
         self, x: Any = None, u: Any = None, d: Any = None
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """(A, B, G, C): exact Jacobians of flow in x, u, d, and of output in x, at one point.
-
-        Parameters
-        ----------
-        x, u, d : (n,), (m,) and (k,) arrays
-            Zero by default.
-
-        Raises
-        ------
-        InvalidInput
-            If a shape does not fit.
-        """
-        wanted = ((x, self.states, "x"), (u, self.inputs, "u"), (d, self.disturbances, "d"))
-        points = [_points(value, names, letter, at_once=1)[0] for value, names, letter in wanted]
-        a, b, g, c = (
-            np.asarray(r, dtype=float) for r in self.traced_jacobians(*points, self.parameters.vector())
-        )
+        """(A, B, G, C): exact Jacobians of flow in x, u, d, and of output in x, at one point, zero by default."""
+        points = [rows[0] for rows in self._points(x, u, d, one=True)]
+        jacobians = self.traced_jacobians(*points, self.parameters.vector())
+        a, b, g, c = (np.asarray(matrix, dtype=float) for matrix in jacobians)
         return a, b, g, c
 
     def fastest_mode(self, x: Any = None, u: Any = None) -> float:
-        """Largest |eigenvalue| of ∂flow/∂x at a point (the origin by default) and where it is engaged, rad/s.
+        """Largest |eigenvalue| of ∂flow/∂x at a point (the origin by default) and where it is engaged, rad/s."""
+        point = [rows[0] for rows in self._points(x, u, one=True)]
+        return float(fastest_modes(self, self.parameters.vector()[None], *point[:2])[0])
 
-        Raises
-        ------
-        InvalidInput
-            If the plant has no finite Jacobian there.
-        """
-        point = [
-            _points(value, names, letter, 1)[0]
-            for value, names, letter in ((x, self.states, "x"), (u, self.inputs, "u"))
-        ]
-        return float(fastest_modes(self, self.parameters.vector()[None], *point)[0])
-
-
-def _points(value: Any, names: Sequence[str], letter: str, at_once: int | None = None) -> np.ndarray:
-    """Rows of numbers (N, len(names)); zeros for None."""
-    rows = np.atleast_2d(np.zeros(len(names)) if value is None else real_array(value))
-    fits = rows.ndim == 2 and rows.shape[1] == len(names) and not (at_once and len(rows) != at_once)
-    if not fits or not np.isfinite(rows).all():
-        raise InvalidInput(
-            f"The point {letter} does not fit the plant.",
-            f"expected {len(names)} finite numbers for {list(names)}, got {value_text(value)}",
-            "one number per name" + ("" if at_once else ", or one row of them for each point"),
-        )
-    return rows
+    def _points(self, x: Any, u: Any, d: Any = None, one: bool = False) -> list[np.ndarray]:
+        """Rows of numbers for x, u and d, (N, n), (N, m) and (N, k); zeros for None."""
+        found = []
+        kinds = (("x", x, self.states), ("u", u, self.inputs), ("d", d, self.disturbances))
+        for letter, value, names in kinds:
+            rows = np.atleast_2d(np.zeros(len(names)) if value is None else real_array(value))
+            fits = rows.ndim == 2 and rows.shape[1] == len(names) and (not one or len(rows) == 1)
+            if not fits or not np.isfinite(rows).all():
+                raise InvalidInput(
+                    f"The point {letter} does not fit the plant.",
+                    f"expected {len(names)} finite numbers for {list(names)}, got {value_text(value)}",
+                    "one number per name" + ("" if one else ", or one row of them for each point"),
+                )
+            found.append(rows)
+        return found

@@ -31,26 +31,14 @@ class Parameters:
 
 @dataclass(frozen=True)
 class ParameterTable:
-    """Nominal values, and the order in which they stand in a kernel's parameter vector.
-
-    Parameters
-    ----------
-    values : mapping of str to float or array
-        Finite nominal values, in SI units.
-
-    Raises
-    ------
-    InvalidInput
-        For a value that is not a finite number, or a name that is not an identifier.
-    """
+    """Nominal values (finite numbers or arrays, SI units), and their order in a kernel's parameter vector."""
 
     values: Mapping[str, Any]
 
     def __post_init__(self) -> None:
         if not isinstance(self.values, Mapping):
-            raise InvalidInput(
-                "The parameters are not named.", f"expected a mapping, got {self.values!r}", "{'mass': 1.0}"
-            )
+            found = f"expected a mapping, got {self.values!r}"
+            raise InvalidInput("The parameters are not named.", found, "{'mass': 1.0}")
         checked = {}
         for name, value in self.values.items():
             if not str(name).isidentifier() or keyword.iskeyword(str(name)) or str(name).startswith("_"):
@@ -59,7 +47,15 @@ class ParameterTable:
                     "expected a Python identifier without a leading underscore that is no keyword",
                     "letters, digits and underscores, for example lambda_ for lambda",
                 )
-            checked[str(name)] = _finite(str(name), value)
+            array = real_array(value)
+            if not np.all(np.isfinite(array)):
+                raise InvalidInput(
+                    f"The parameter {name!r} is not a finite number.",
+                    f"expected finite numbers, got {value_text(value)}",
+                    "correct the value; a limit that does not exist is left out rather than infinite",
+                )
+            array.setflags(write=False)
+            checked[str(name)] = array
         object.__setattr__(self, "values", checked)
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -85,10 +81,9 @@ class ParameterTable:
         """A vector (size,) of numbers or elements, by name."""
         vector = np.asarray(vector)
         if vector.shape != (self.size,):
+            found = f"expected shape ({self.size},) for {list(self.names)}, got {vector.shape}"
             raise InvalidInput(
-                "The parameter vector does not fit the parameters.",
-                f"expected shape ({self.size},) for {list(self.names)}, got {vector.shape}",
-                "vector(), changed in place",
+                "The parameter vector does not fit the parameters.", found, "vector(), changed"
             )
         named, start = {}, 0
         for name, value in self.values.items():
@@ -107,32 +102,18 @@ class ParameterTable:
         return {name: value for name, value in values.items() if name in self.values}
 
     def replaced(self, changes: Mapping[str, Any]) -> ParameterTable:
-        """A copy with some values changed.
-
-        Raises
-        ------
-        InvalidInput
-            For an unknown name, another shape, or a value that is not finite.
-        """
+        """A copy with some values changed: known names, the same shapes, finite numbers."""
         for name, value in changes.items():
             if name not in self.values:
                 raise unknown_name(f"There is no parameter {name!r}.", name, self.names, AS_STATED)
             if np.shape(value) != self.values[name].shape:
-                raise InvalidInput(
-                    f"The parameter {name!r} has the wrong shape.",
-                    f"expected {self.values[name].shape}, got {np.shape(value)}",
-                    "one number for each nominal number",
-                )
+                what = f"The parameter {name!r} has the wrong shape."
+                found = f"expected {self.values[name].shape}, got {np.shape(value)}"
+                raise InvalidInput(what, found, "one number for each nominal number")
         return ParameterTable({**self.values, **changes})
 
     def vectors(self, rows: Sequence[Mapping[str, Any]]) -> np.ndarray:
-        """Vectors (N, size) of many plants, each with some values changed: `replaced` for all of them at once.
-
-        Raises
-        ------
-        InvalidInput
-            As `replaced`, for the first row that does not fit.
-        """
+        """Vectors (N, size) of many plants, each with some values changed: `replaced` for all of them at once."""
         found, start = np.tile(self.vector(), (len(rows), 1)), 0
         fits = all(name in self.values for row in rows for name in row)
         try:
@@ -148,15 +129,3 @@ class ParameterTable:
         if not (fits and np.all(np.isfinite(found))):  # `replaced` raises, and says which value it is
             return np.array([self.replaced(row).vector() for row in rows])
         return found
-
-
-def _finite(name: str, value: Any) -> np.ndarray:
-    array = real_array(value)
-    if not np.all(np.isfinite(array)):
-        raise InvalidInput(
-            f"The parameter {name!r} is not a finite number.",
-            f"expected finite numbers, got {value_text(value)}",
-            "correct the value; a limit that does not exist is left out rather than infinite",
-        )
-    array.setflags(write=False)
-    return array

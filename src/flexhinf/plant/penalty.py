@@ -12,6 +12,7 @@ import numpy as np
 
 from flexhinf.errors import InvalidInput
 from flexhinf.plant.model import has_a_name
+from flexhinf.plant.polynomial_plant import checked_r2
 from flexhinf.validation import checked_array, checked_names, real_array, value_text
 
 
@@ -43,8 +44,26 @@ class Penalty:
             object.__setattr__(self, "states", dict(self.states))
             checked_names("The weighted states", self.states)
         elif not callable(self.states):
-            self._check_rows_of_numbers()
-        _refuse_negative(self.states)
+            rows = real_array(self.states)
+            if rows.ndim not in (1, 2):
+                found = "expected weights by name, one number per state, a matrix or a function, got "
+                found += value_text(self.states)
+                raise InvalidInput("The penalty is not made of weights.", found, "{'link_position': 60.0}")
+            if not isinstance(self.states, (list, tuple, np.ndarray)):
+                object.__setattr__(self, "states", rows)
+        named: Mapping[Any, Any] = {}
+        if isinstance(self.states, Mapping):
+            named = self.states
+        elif not callable(self.states) and np.ndim(self.states) == 1:
+            named = {k + 1: weight for k, weight in enumerate(self.states)}
+        for name, weight in named.items():
+            values = np.atleast_1d(real_array(weight))
+            if np.any(values < 0.0):  # what is no number is refused where the names are known
+                raise InvalidInput(
+                    f"The weight {f'number {name}' if isinstance(name, int) else f'of {name!r}'} is negative.",
+                    f"expected weights >= 0 (the sign would not act: h(x) is squared), got {value_text(weight)}",
+                    f"{np.abs(values).max():g}, or leave the weight out",
+                )
         effort = real_array(self.effort)
         if not np.all(np.isfinite(effort)) or effort.ndim > 2:
             raise InvalidInput(
@@ -69,18 +88,6 @@ class Penalty:
             )
         return {"states": self.states, "effort": self.effort}
 
-    def _check_rows_of_numbers(self) -> None:
-        rows = real_array(self.states)
-        if rows.ndim not in (1, 2):
-            raise InvalidInput(
-                "The penalty is not made of weights.",
-                "expected weights by name, one number per state, a matrix or a function, got "
-                f"{value_text(self.states)}",
-                "for example {'link_position': 60.0}",
-            )
-        if not isinstance(self.states, (list, tuple, np.ndarray)):
-            object.__setattr__(self, "states", rows)
-
     @staticmethod
     def of(penalty: Any) -> Penalty:
         """A Penalty as it is; anything else as the weights of the states, with R2 = I."""
@@ -89,20 +96,13 @@ class Penalty:
     def expanded(self, groups: Mapping[str, Sequence[str]]) -> Penalty:
         """The same penalty with the name of each group replaced by its signals; single names win over groups.
 
-        Parameters
-        ----------
-        groups : mapping of str to sequence of str
-            A group of states; ``NAME_integral`` then stands for the integrals of all of them. Its weight is one
-            number, or one for each.
-
-        Raises
-        ------
-        InvalidInput
-            If a group has another number of weights than members.
+        ``NAME_integral`` of a group stands for the integrals of all of its states. A weight of a group is one number,
+        or one for each.
         """
         if not isinstance(self.states, Mapping):
             return self
         weights: dict[str, Any] = {}
+        singles: dict[str, Any] = {}
         weight: Any
         for name, weight in self.states.items():
             stem = name.removesuffix("_integral")
@@ -115,32 +115,21 @@ class Penalty:
                 )
             each = weight if members and np.ndim(weight) else [weight] * len(members)
             weights.update(zip(members, each))
-        singles = {
-            n: w for n, w in self.states.items() if not (n in groups or n.removesuffix("_integral") in groups)
-        }
+            if not members and stem not in groups:
+                singles[name] = weight
         return replace(self, states={**weights, **singles})
 
     def r2(self, inputs: int) -> np.ndarray:
         """R2 as a symmetric positive definite matrix (m, m)."""
         effort = np.asarray(self.effort, dtype=float)
-        if effort.ndim == 2:
-            matrix = effort
-        else:
-            matrix = np.diag(np.full(inputs, effort) if effort.ndim == 0 else effort)
+        matrix = (
+            np.diag(np.full(inputs, effort) if effort.ndim == 0 else effort) if effort.ndim < 2 else effort
+        )
         if matrix.shape != (inputs, inputs):
-            raise InvalidInput(
-                "The effort penalty R2 has the wrong shape.",
-                f"expected ({inputs}, {inputs}) for {inputs} inputs, got {matrix.shape}",
-                "a number, one number per input, or a matrix",
-            )
-        symmetric = np.allclose(matrix, matrix.T, rtol=1e-9, atol=1e-12 * np.abs(matrix).max())
-        if not symmetric or np.linalg.eigvalsh(matrix)[0] <= 0.0:
-            raise InvalidInput(
-                "The effort penalty R2 is not symmetric positive definite.",
-                f"expected positive eigenvalues (the input must cost something), got {matrix.tolist()}",
-                "a positive number, for example effort=10",
-            )
-        return (matrix + matrix.T) / 2.0
+            found = f"expected ({inputs}, {inputs}) for {inputs} inputs, got {matrix.shape}"
+            advice = "a number, one number per input, or a matrix"
+            raise InvalidInput("The effort penalty R2 has the wrong shape.", found, advice)
+        return checked_r2(matrix, 1e-9)
 
     def evaluate(self, x: Any, names: Sequence[str], p: Any) -> Any:
         """h(x) on any element, shape (s,)."""
@@ -148,7 +137,12 @@ class Penalty:
             return np.atleast_1d(np.asarray(self.states(x, p)))
         rows = self.matrix
         if rows is not None:
-            _check_rows(rows, names)
+            if rows.shape[1] != len(names) or not len(rows) or not np.all(np.isfinite(rows)):
+                raise InvalidInput(
+                    "The penalty does not fit the states.",
+                    f"expected finite numbers with a column for each of {list(names)}, got shape {rows.shape}",
+                    "one row per penalised signal",
+                )
             return rows @ np.asarray(x)
         weights = self.weights(names)
         return np.array([weights[i] * x[i] for i in range(len(weights)) if weights[i] != 0.0])
@@ -186,28 +180,3 @@ def unknown_weight(name: str, known: Sequence[str]) -> InvalidInput:
         f"expected names out of {list(known)}",
         f"{close!r}; integrals of a tracking error are called NAME_integral",
     )
-
-
-def _refuse_negative(states: Any) -> None:
-    """Refuse a negative weight: |h(x)|² does not see the sign, so another number was meant."""
-    if callable(states) or (not isinstance(states, Mapping) and np.ndim(states) != 1):
-        return
-    named = states if isinstance(states, Mapping) else {k + 1: weight for k, weight in enumerate(states)}
-    for name, weight in named.items():
-        values = np.atleast_1d(real_array(weight))
-        if np.any(values < 0.0):  # what is no number is refused where the names are known
-            what = f"of {name!r}" if isinstance(states, Mapping) else f"number {name}"
-            raise InvalidInput(
-                f"The weight {what} in the penalty is negative.",
-                f"expected weights >= 0 (the sign would not act: h(x) is squared), got {value_text(weight)}",
-                f"{np.abs(values).max():g}, or leave the weight out",
-            )
-
-
-def _check_rows(rows: np.ndarray, names: Sequence[str]) -> None:
-    if rows.shape[1] != len(names) or not len(rows) or not np.all(np.isfinite(rows)):
-        raise InvalidInput(
-            "The penalty does not fit the states.",
-            f"expected a matrix of finite numbers with a column for each of {list(names)}, got shape {rows.shape}",
-            "one row per penalised signal",
-        )

@@ -21,7 +21,7 @@ from flexhinf.plant.model import EQUILIBRIUM_TOLERANCE, Model, StoredCode, Trace
 from flexhinf.plant.penalty import Penalty
 from flexhinf.plant.polynomial_plant import PolynomialPlant
 from flexhinf.scalars import apply, digest, pack, symbols, trace
-from flexhinf.validation import read_only, real_array
+from flexhinf.validation import distinct, read_only, real_array
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -93,10 +93,7 @@ class GeneralisedPlant(Summarised):
             )
         for name in self.integrate:
             self.plant.index(name)
-        if len(set(self.integrate)) != len(self.integrate):
-            raise InvalidInput(
-                "A state's error is integrated twice.", f"got {list(self.integrate)}", "each name once"
-            )
+        distinct("Of the integrated states", self.integrate)
         if self.command and not self.integrate:
             raise InvalidInput(
                 "The command enters through the integral of the tracking error, and no state is integrated.",
@@ -118,12 +115,16 @@ class GeneralisedPlant(Summarised):
             )
         object.__setattr__(self, "disturbances", channels)
         self.penalty.r2(len(self.plant.inputs))
-        self.plant.check_equilibrium(
-            *self._equilibrium,
-            "The operating point is not an equilibrium: f(x*) is not zero.",
-            "pose=(...): the equilibrium at that pose is computed",
-        )
-        self._check_penalty()
+        what = "The operating point is not an equilibrium: f(x*) is not zero."
+        advice = "pose=(...): the equilibrium at that pose is computed"
+        self.plant.check_equilibrium(*self._equilibrium, what, advice)
+        table = self.plant.parameters
+        origin = np.zeros(len(self.state_names))
+        offset = np.asarray(self.penalty_output(origin, table.named(table.vector())), dtype=float)
+        if offset.ndim != 1 or not np.all(np.abs(offset) <= EQUILIBRIUM_TOLERANCE):
+            found = f"expected a vector with h(0) = 0, got {offset.tolist()}"
+            advice = "a penalty on deviations from the operating point"
+            raise InvalidInput("The penalty h(x) is not zero at the operating point.", found, advice)
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         vars(self).update(read_only(state))  # copies share their arrays
@@ -149,23 +150,20 @@ class GeneralisedPlant(Summarised):
     @cached_property
     def _equilibrium(self) -> tuple[np.ndarray, np.ndarray]:
         if self.equilibrium is not None:
-            return self._given_equilibrium(*self.equilibrium)
+            x, u = read_only(tuple(map(real_array, self.equilibrium)))
+            shapes = (self.plant.n,), (len(self.plant.inputs),)
+            if self.pose is not None or (x.shape, u.shape) != shapes:
+                raise InvalidInput(
+                    "The operating point does not fit the plant.",
+                    f"expected equilibrium=(x*, u*) of shapes {shapes} and no pose, got {x.shape}, {u.shape}, "
+                    f"pose={self.pose!r}",
+                    "either pose or equilibrium",
+                )
+            object.__setattr__(self, "equilibrium", (x, u))
+            return x, u
         if self.pose is None:
             return read_only((np.zeros(self.plant.n), np.zeros(len(self.plant.inputs))))
         return read_only(equilibrium_of(self.plant, self.integrate, pose_values(self.pose, self.integrate)))
-
-    def _given_equilibrium(self, x: Any, u: Any) -> tuple[np.ndarray, np.ndarray]:
-        x, u = read_only((real_array(x), real_array(u)))
-        shapes = (self.plant.n,), (len(self.plant.inputs),)
-        if self.pose is not None or (x.shape, u.shape) != shapes:
-            raise InvalidInput(
-                "The operating point does not fit the plant.",
-                f"expected equilibrium=(x*, u*) of shapes {shapes} and no pose, got {x.shape}, {u.shape}, "
-                f"pose={self.pose!r}",
-                "either pose or equilibrium",
-            )
-        object.__setattr__(self, "equilibrium", (x, u))
-        return x, u
 
     @property
     def operating_point(self) -> np.ndarray:
@@ -177,24 +175,10 @@ class GeneralisedPlant(Summarised):
         """u*, shape (m,)."""
         return self._equilibrium[1]
 
-    def _check_penalty(self) -> None:
-        table = self.plant.parameters
-        origin = np.zeros(len(self.state_names))
-        offset = np.asarray(self.penalty_output(origin, table.named(table.vector())), dtype=float)
-        if offset.ndim != 1 or not np.all(np.abs(offset) <= EQUILIBRIUM_TOLERANCE):
-            raise InvalidInput(
-                "The penalty h(x) is not zero at the operating point.",
-                f"expected a vector with h(0) = 0, got {offset.tolist()}",
-                "a penalty on deviations from the operating point",
-            )
-
     def summary(self) -> dict[str, str]:
         """States, inputs, disturbances, R2 and operating point, for ``repr``."""
-        point = [
-            f"{name} = {value:.4g}"
-            for name, value in zip(self.plant.states, self._equilibrium[0], strict=True)
-            if value
-        ]
+        places = zip(self.plant.states, self._equilibrium[0], strict=True)
+        point = [f"{name} = {value:.4g}" for name, value in places if value]
         return {
             "states": names_text(self.state_names),
             "inputs": names_text(self.input_names),
@@ -204,13 +188,9 @@ class GeneralisedPlant(Summarised):
         }
 
     # The problem ----------------------------------------------------------------------------------
-    @property
+    @cached_property
     def r2(self) -> np.ndarray:
         """R2 of Eq. (4), (m, m), read-only."""
-        return self._r2
-
-    @cached_property
-    def _r2(self) -> np.ndarray:
         return read_only(self.penalty.r2(len(self.plant.inputs)))
 
     def flow(self, x: Any, u: Any, d: Any, p: Any) -> Any:
@@ -266,29 +246,14 @@ class GeneralisedPlant(Summarised):
     def expand(self, degree: int) -> PolynomialPlant:
         """Exact Taylor expansion about the operating point, at the nominal parameters.
 
-        The last one is kept: another γ for the same problem asks whether its code has changed, and expands nothing.
-
-        Parameters
-        ----------
-        degree : int
-            Highest degree ≥ 1 of f and h; that of g1 and g2 is one less.
-
-        Raises
-        ------
-        InvalidInput
-            As `flexhinf.plant.expansion.expand_control_affine`.
+        `degree` ≥ 1 is the highest of f and h; that of g1 and g2 is one less. The last expansion is kept: another γ for
+        the same problem asks whether its code has changed, and expands nothing.
         """
         self.check_unchanged()
-        if degree not in self._expansion:
-            expansion = expand_problem(self, degree)
-            self._expansion.clear()
-            self._expansion[degree] = expansion
-        return self._expansion[degree]
-
-    @cached_property
-    def _expansion(self) -> dict[int, PolynomialPlant]:
-        """The last expansion, by its degree."""
-        return {}
+        last: tuple[int, PolynomialPlant] | None = vars(self).get("_expansion")
+        if last is None or last[0] != degree:
+            last = vars(self)["_expansion"] = degree, expand_problem(self, degree)
+        return last[1]
 
     def __getstate__(self) -> dict[str, Any]:
         """For copies and pickles: without the last expansion, which may be large."""
@@ -318,7 +283,7 @@ class GeneralisedPlant(Summarised):
         return ca.Function("fields", [pack(x)], [ca.densify(o) for o in outputs], {"cse": True})
 
     @cached_property
-    def _varying_fields(self) -> tuple[Any, tuple[np.ndarray | None, ...]]:
+    def _field_codes(self) -> tuple[Any, tuple[np.ndarray | None, ...]]:
         """Those of the traced fields that depend on x as one function, and the values of the others (None elsewhere).
 
         Constant matrices of many points are most of what would otherwise be copied out of CasADi.
@@ -326,23 +291,17 @@ class GeneralisedPlant(Summarised):
         import casadi as ca
 
         x = ca.SX.sym("x", len(self.state_names))
-        outputs = self._traced_fields.call([x])
+        outputs, values = self._traced_fields.call([x]), self._traced_fields.call([np.zeros(x.numel())])
         depends = [any(ca.which_depends(output, x, 1, True)) for output in outputs]
-        at_origin = self._traced_fields.call([np.zeros(len(self.state_names))])
-        constant = tuple(
-            None if varies else np.asarray(value, dtype=float).ravel()
-            for varies, value in zip(depends, at_origin, strict=True)
-        )
-        varying = [output for varies, output in zip(depends, outputs, strict=True) if varies]
-        return ca.Function("varying_fields", [x], varying, {"cse": True}), constant
+        constant = [np.asarray(value, dtype=float).ravel() for value in values]
+        varying = [output for varies, output in zip(depends, outputs) if varies]
+        kept = tuple(None if varies else value for varies, value in zip(depends, constant))
+        return ca.Function("varying_fields", [x], varying, {"cse": True}), kept
 
-    @cached_property
+    @property
     def input_matrix_is_constant(self) -> bool:
         """Whether g2 does not depend on the state, as the code is written."""
-        import casadi as ca
-
-        x = ca.SX.sym("x", len(self.state_names))
-        return not any(ca.which_depends(self._traced_fields.call([x])[2], x, 1, True))
+        return self._field_codes[1][2] is not None
 
     def input_matrix(self, x: Any) -> Any:
         """Exact g2 (n, m) at one deviation x (n,), on numbers or symbols."""
@@ -361,7 +320,7 @@ class GeneralisedPlant(Summarised):
         if not count:  # to CasADi, a matrix without columns is a zero
             f, g1, g2, h = self.fields(np.zeros((1, n)))
             return f[:0], g1[:0], g2[:0], h[:0]
-        traced, constant = self._varying_fields
+        traced, constant = self._field_codes
         varying = iter(traced.call([points.T]))
         f, g1, g2, h = (
             np.broadcast_to(value, (count, len(value))) if value is not None else next(varying).full().T

@@ -1,9 +1,4 @@
-"""A plant whose fields are polynomials: what every expansion ends in, and what can be given by hand.
-
-Coefficients given by hand: gathered into homogeneous parts, or refused with what is wrong.
-
-What synthesis needs to know of a plant with an objective.
-"""
+"""A plant whose fields are polynomials: what every expansion ends in, and what can be given by hand."""
 
 from __future__ import annotations
 
@@ -25,60 +20,30 @@ _MOST = 200_000_000  # coefficients of one part, zeros included: 1.6 GB
 _REST = 1e-9  # |f(x*)| up to this, relative to its row of the Jacobian or to one, is rounding
 
 
-def numbered_names(kind: str, given: Sequence[str] | None, letter: str, count: int) -> tuple[str, ...]:
-    """One name per signal, all distinct; numbered letters by default."""
-    if given is None:
-        return tuple(f"{letter}{i + 1}" for i in range(count))
-    names = checked_names(f"The {kind}s", given)
-    if len(names) != count:
-        raise InvalidInput(
-            f"The number of {kind} names is not the number of {kind}s.",
-            f"expected {count} names, got {len(names)}: {', '.join(names)}",
-            f"one name per {kind}, in the order of {letter}",
-        )
-    distinct(f"The {kind}", names)
-    return names
-
-
-def checked_point(kind: str, given: Any, count: int) -> np.ndarray:
-    """Finite coordinates (count,); the origin by default."""
-    what, expected = f"The operating point does not fit the plant's {kind}s.", f"{count} finite numbers"
-    point = np.zeros(count) if given is None else given
-    return checked_array(what, point, (count,), expected, "leave it out for the origin")
-
-
-def checked_r2(r2: Any) -> np.ndarray:
-    """R2 as a symmetric positive definite matrix (m, m)."""
+def checked_r2(r2: Any, rounding: float = 1e-12) -> np.ndarray:
+    """R2 as a symmetric positive definite matrix (m, m); `rounding` is the asymmetry that is allowed, relatively."""
     given, r2 = r2, np.atleast_2d(real_array(r2))
     if r2.ndim != 2 or r2.shape[0] != r2.shape[1] or not r2.size or not np.isfinite(r2).all():
+        found = f"expected real numbers of shape (m, m), m >= 1, got {value_text(given)}"
+        raise InvalidInput("R2 is not a finite square matrix.", found, "R2 = lᵀl > 0")
+    half = (r2 + r2.T) / 2
+    eigenvalues, asymmetry = np.linalg.eigvalsh(half), np.abs(r2 - r2.T).max()
+    if asymmetry > rounding * np.abs(r2).max() or eigenvalues[0] <= 0:
         raise InvalidInput(
-            "R2 is not a finite square matrix.",
-            f"expected real numbers of shape (m, m), m >= 1, got {value_text(given)}",
-            "R2 = lᵀl > 0",
+            "R2, the effort penalty, is not symmetric positive definite.",
+            f"eigenvalues of its symmetric part {eigenvalues.tolist()}, asymmetry {asymmetry:.3g}",
+            "every input needs a positive price, for example effort=10",
         )
-    if not np.allclose(r2, r2.T, rtol=1e-12, atol=0) or np.linalg.eigvalsh(r2)[0] <= 0:
-        raise InvalidInput(
-            "R2 is not symmetric positive definite.",
-            f"eigenvalues of its symmetric part {np.linalg.eigvalsh((r2 + r2.T) / 2).tolist()}, "
-            f"asymmetry {np.abs(r2 - r2.T).max():.3g}",
-            "every input needs a positive price",
-        )
-    return (r2 + r2.T) / 2
+    return half
 
 
 def _numbers(name: str, given: Any) -> np.ndarray:
     try:
         return real_array(given, strict=True)
     except ValueError:
-        raise InvalidInput(
-            f"A coefficient of {name} is not made of numbers.",
-            f"expected an array of real numbers, got {value_text(given)}",
-            "rows of equal length",
-        ) from None
-
-
-def _is_exponent(given: Any) -> bool:
-    return isinstance(given, (int, np.integer)) and not isinstance(given, bool) and bool(given >= 0)
+        found = f"expected an array of real numbers, got {value_text(given)}"
+        what = f"A coefficient of {name} is not made of numbers."
+        raise InvalidInput(what, found, "rows of equal length") from None
 
 
 def parts_from_input(name: str, given: Any, n: int) -> dict[int, np.ndarray]:
@@ -107,7 +72,8 @@ def parts_from_mapping(name: str, given: Any, n: int, axes: int) -> dict[int, np
     shape = values[0].shape
     by_degree: dict[int, tuple[list[list[int]], list[np.ndarray]]] = {}
     for key, value in zip(given, values, strict=True):
-        if not isinstance(key, tuple) or len(key) != n or not all(map(_is_exponent, key)):
+        whole = isinstance(key, tuple) and not any(isinstance(entry, bool) for entry in key)
+        if not whole or len(key) != n or not all(isinstance(e, (int, np.integer)) and e >= 0 for e in key):
             raise InvalidInput(
                 f"A key of {name} is not an exponent vector.",
                 f"expected {n} integers ≥ 0, got {value_text(key)}",
@@ -119,8 +85,15 @@ def parts_from_mapping(name: str, given: Any, n: int, axes: int) -> dict[int, np
                 f"expected {axes} axes, shape {shape} as in the first entry, got {value.shape} at {key}",
                 f"one array per monomial, as many rows as {name} has",
             )
-        _check_degree(name, key, shape)
-        tuples, coefficients = by_degree.setdefault(int(sum(key)), ([], []))
+        degree = int(sum(key))
+        if degree > _HIGHEST or basis.count(n, degree) * int(np.prod(shape)) > _MOST:
+            raise InvalidInput(
+                f"A monomial of {name} has too high a degree.",
+                f"expected at most degree {_HIGHEST} and {_MOST:.0e} coefficients of one degree, got degree "
+                f"{value_text(degree, 40)} in {n} {'state' if n == 1 else 'states'}",
+                "a lower degree: V of degree d takes f through degree d − 1",
+            )
+        tuples, coefficients = by_degree.setdefault(degree, ([], []))
         tuples.append([i for i, e in enumerate(key) for _ in range(int(e))])
         coefficients.append(value)
     parts = {}
@@ -132,25 +105,12 @@ def parts_from_mapping(name: str, given: Any, n: int, axes: int) -> dict[int, np
     return parts
 
 
-def _check_degree(name: str, key: tuple[int, ...], shape: tuple[int, ...]) -> None:
-    n, degree = len(key), int(sum(key))
-    if degree > _HIGHEST or basis.count(n, degree) * int(np.prod(shape)) > _MOST:
-        raise InvalidInput(
-            f"A monomial of {name} has too high a degree.",
-            f"expected at most degree {_HIGHEST} and {_MOST:.0e} coefficients of one degree, got degree "
-            f"{value_text(degree, 40)} in {n} {'state' if n == 1 else 'states'}",
-            "a lower degree: V of degree d takes f through degree d − 1",
-        )
-
-
 def checked_parts(
     name: str, parts: dict[int, np.ndarray], n: int, shape: tuple[int | None, ...], lowest: int
 ) -> dict[int, np.ndarray]:
     """Shapes and finiteness; zero parts dropped; the lowest degree always present."""
     if not parts:
-        raise InvalidInput(
-            f"{name} has no coefficients.", "expected at least one degree, got none", "give zeros"
-        )
+        raise InvalidInput(f"{name} has no coefficients.", "expected at least one degree", "give zeros")
     lead = np.shape(next(iter(parts.values())))[:-1]
     if n < 1:
         raise InvalidInput("The plant has no states.", "expected n >= 1, got 0", "one row of f per state")
@@ -158,10 +118,8 @@ def checked_parts(
     checked: dict[int, np.ndarray] = {}
     for degree, given in sorted(parts.items()):
         part = np.ascontiguousarray(real_array(given))
-        expected = (
-            *("any" if s is None else s for s in (shape if not fits else lead)),
-            basis.count(n, degree),
-        )
+        sizes = ("any" if size is None else size for size in (lead if fits else shape))
+        expected = (*sizes, basis.count(n, degree))
         if not fits or part.shape != expected:
             raise InvalidInput(
                 f"{name} does not fit the plant (n = {n} states).",
@@ -169,9 +127,8 @@ def checked_parts(
                 "f has n rows; g1 and g2 have n rows and one column per input; R2 is (inputs, inputs)",
             )
         if not np.isfinite(part).all():
-            raise InvalidInput(
-                f"{name} has a coefficient that is not finite.", f"at degree {degree}", "check the parameters"
-            )
+            what = f"{name} has a coefficient that is not finite."
+            raise InvalidInput(what, f"at degree {degree}", "check the parameters")
         if degree == lowest or part.any():
             checked[degree] = part
     if lowest not in checked:
@@ -208,11 +165,6 @@ class Problem(Protocol):
              ▲                │
              └──── law ◄──────┘
 
-    Attributes
-    ----------
-    state_names : sequence of str, length n
-    operating_point : ndarray, shape (n,)
-    r2 : ndarray, shape (m, m)
     """
 
     @property
@@ -393,35 +345,44 @@ class PolynomialPlant(Summarised):
         return cls.from_parts(n, flow, fields(g1), fields(g2), output, r2, **named)
 
     def _set(
-        self,
-        n: int,
-        f: dict[int, np.ndarray],
-        g1: dict[int, np.ndarray],
-        g2: dict[int, np.ndarray],
-        h: dict[int, np.ndarray],
-        r2: Any,
-        state_names: Sequence[str] | None = None,
-        operating_point: Any = None,
-        input_names: Sequence[str] | None = None,
-        operating_input: Any = None,
-    ) -> None:
+        self, n: int, f: dict[int, np.ndarray], g1: dict[int, np.ndarray], g2: dict[int, np.ndarray],
+        h: dict[int, np.ndarray], r2: Any, state_names: Sequence[str] | None = None, operating_point: Any = None,
+        input_names: Sequence[str] | None = None, operating_input: Any = None,
+    ) -> None:  # fmt: skip
         r2 = checked_r2(r2)
-        names = numbered_names("state", state_names, "x", n)
-        inputs = numbered_names("input", input_names, "u", len(r2))
-        distinct("Of states and inputs, the name", (*names, *inputs))
+        signals = (
+            ("state", "x", state_names, operating_point, n),
+            ("input", "u", input_names, operating_input, len(r2)),
+        )
+        names, points = [], []
+        for kind, letter, stated, point, count in signals:
+            own = [f"{letter}{i + 1}" for i in range(count)]
+            names.append(checked_names(f"The {kind}s", own if stated is None else stated))
+            if len(names[-1]) != count:
+                raise InvalidInput(
+                    f"The number of {kind} names is not the number of {kind}s.",
+                    f"expected {count} names, got {len(names[-1])}: {', '.join(names[-1])}",
+                    f"one name per {kind}, in the order of {letter}",
+                )
+            distinct(f"The {kind}", names[-1])
+            what, expected = (
+                f"The operating point does not fit the plant's {kind}s.",
+                f"{count} finite numbers",
+            )
+            point = np.zeros(count) if point is None else point
+            points.append(checked_array(what, point, (count,), expected, "leave it out for the origin"))
+        distinct("Of states and inputs, the name", (*names[0], *names[1]))
         parts = {
-            "f": checked_parts("f", f, n, (n,), 1),
-            "g1": checked_parts("g1", g1, n, (n, None), 0),
-            "g2": checked_parts("g2", g2, n, (n, len(r2)), 0),
-            "h": checked_parts("h", h, n, (None,), 1),
+            "f_parts": checked_parts("f", f, n, (n,), 1),
+            "g1_parts": checked_parts("g1", g1, n, (n, None), 0),
+            "g2_parts": checked_parts("g2", g2, n, (n, len(r2)), 0),
+            "h_parts": checked_parts("h", h, n, (None,), 1),
         }
-        check_rest("f", parts["f"], names)
-        check_rest("h", parts["h"], tuple(f"z{i + 1}" for i in range(parts["h"][1].shape[0])))
-        point = checked_point("state", operating_point, n)
-        point_input = checked_point("input", operating_input, len(r2))
-        named = {f"{name}_parts": value for name, value in parts.items()}
-        points = {"operating_point": point, "operating_input": point_input}
-        self.__setstate__({**named, "r2": r2, "state_names": names, "input_names": inputs, **points})
+        check_rest("f", parts["f_parts"], names[0])
+        check_rest("h", parts["h_parts"], tuple(f"z{i + 1}" for i in range(parts["h_parts"][1].shape[0])))
+        own_names = {"state_names": names[0], "input_names": names[1]}
+        own_points = {"operating_point": points[0], "operating_input": points[1]}
+        self.__setstate__({**parts, "r2": r2, **own_names, **own_points})
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Take over attributes; copies share their arrays, so nobody may write them."""
@@ -436,9 +397,8 @@ class PolynomialPlant(Summarised):
     def summary(self) -> dict[str, str]:
         """Sizes and highest degrees of the fields, for ``repr``."""
         _, disturbances, _, outputs = self.size
-        degrees = ", ".join(
-            f"{name} {max(getattr(self, f'{name}_parts'))}" for name in ("f", "g1", "g2", "h")
-        )
+        names = ("f", "g1", "g2", "h")
+        degrees = ", ".join(f"{name} {max(getattr(self, f'{name}_parts'))}" for name in names)
         return {
             "states": names_text(self.state_names),
             "inputs": names_text(self.input_names),
@@ -449,21 +409,17 @@ class PolynomialPlant(Summarised):
 
     def expand(self, degree: int) -> PolynomialPlant:
         """The same plant with f and h truncated after `degree`, g1 and g2 after `degree` − 1."""
-        kept, last = {}, (("f", degree), ("g1", degree - 1), ("g2", degree - 1), ("h", degree))
-        if all(max(getattr(self, f"{name}_parts")) <= highest for name, highest in last):
+        last = {"f": degree, "g1": degree - 1, "g2": degree - 1, "h": degree}
+        parts = {name: getattr(self, f"{name}_parts") for name in last}
+        if all(max(parts[name]) <= highest for name, highest in last.items()):
             return self
-        for name, highest in last:
-            parts = getattr(self, f"{name}_parts")
-            kept[name] = {k: part for k, part in parts.items() if k <= highest}
-        return PolynomialPlant.from_parts(
-            len(self.state_names),
-            **kept,
-            r2=self.r2,
-            state_names=self.state_names,
-            operating_point=self.operating_point,
-            input_names=self.input_names,
-            operating_input=self.operating_input,
-        )
+        kept = {
+            name: {k: part for k, part in parts[name].items() if k <= highest}
+            for name, highest in last.items()
+        }
+        own = ("r2", "state_names", "operating_point", "input_names", "operating_input")
+        named = {name: getattr(self, name) for name in own}
+        return PolynomialPlant.from_parts(len(self.state_names), **kept, **named)
 
     @property
     def input_matrix_is_constant(self) -> bool:

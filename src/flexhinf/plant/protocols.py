@@ -9,6 +9,7 @@ import abc
 from collections.abc import Mapping
 from functools import cached_property
 from itertools import count
+from operator import attrgetter
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -48,19 +49,9 @@ class Numbered(Summarised):
 class Law(Numbered):
     """A state feedback u = u* + k(x − x*), evaluated on any element.
 
-    A subclass has four attributes (or properties) and writes `law_data` and `evaluate_law`; everything else has a
-    default.
-
-    Attributes
-    ----------
-    state_names : tuple of str
-        States of the plant, then one integral ``NAME_integral`` per tracked state.
-    input_names : tuple of str
-        One name per input.
-    operating_point : ndarray, (n,)
-        x*, integrals included.
-    operating_input : ndarray, (m,)
-        u*.
+    A subclass writes `law_data` and `evaluate_law` and has four attributes (or properties); everything else has a
+    default. `state_names` are states of the plant, then one integral ``NAME_integral`` per tracked state; the operating
+    point is x* (n,), integrals included, and u* (m,).
     """
 
     state_names: tuple[str, ...]
@@ -121,18 +112,10 @@ class Law(Numbered):
         return None
 
     def evaluate_about(self, x: Any, state: Any, input: Any, data: Any) -> Any:
-        """k(x), (m,), for a deviation x (n,), integrals last, from a moving reference.
+        """k(x), (m,), for a deviation x (n,), integrals last, from a moving reference: its state and input.
 
         A law that depends on where it acts overrides this: then u = input + k, k = 0 for x = 0, and `evaluate_law` is
         the same about (x*, u*). By default k is a function of the deviation alone.
-
-        Parameters
-        ----------
-        x : (n,)
-        state, input : (n without integrals,) and (m,)
-            The reference and its input, of any element.
-        data : flat array
-            As `law_data`.
         """
         return self.evaluate_law(x, data)
 
@@ -156,26 +139,10 @@ class ProblemLaw(Law):
     """Base of laws that stand for a `GeneralisedPlant`: names and operating point are the problem's."""
 
     problem: GeneralisedPlant
-
-    @property
-    def state_names(self) -> tuple[str, ...]:
-        """Of the problem."""
-        return self.problem.state_names
-
-    @property
-    def input_names(self) -> tuple[str, ...]:
-        """Of the problem."""
-        return self.problem.input_names
-
-    @property
-    def operating_point(self) -> np.ndarray:
-        """x* of the problem, (n,)."""
-        return self.problem.operating_point
-
-    @property
-    def operating_input(self) -> np.ndarray:
-        """u* of the problem, (m,)."""
-        return self.problem.operating_input
+    state_names: Any = property(attrgetter("problem.state_names"))
+    input_names: Any = property(attrgetter("problem.input_names"))
+    operating_point: Any = property(attrgetter("problem.operating_point"))
+    operating_input: Any = property(attrgetter("problem.operating_input"))
 
 
 class Gaussian(NamedTuple):
@@ -186,20 +153,11 @@ class Gaussian(NamedTuple):
 
 
 class Estimator(Numbered):
-    """A recursive estimator as pure functions of frozen beliefs.
+    """A recursive estimator as pure functions of frozen beliefs about the states of a plant, the model it believes in.
 
-    A subclass has five attributes and writes `initial_at`, `time_update` and `measurement_update`.
-
-    Attributes
-    ----------
-    plant : Plant
-        The model it believes in.
-    period : float
-        Between two samples, s.
-    process_noise, measurement_noise : ndarray, (n, n) and (p, p)
-        R^v and R^n.
-    initial : Gaussian
-        x(0|−1), or a named tuple that begins with the mean.
+    A subclass writes `initial_at`, `time_update` and `measurement_update`, and has five attributes. The period between
+    two samples is in s; process and measurement noise are R^v (n, n) and R^n (p, p); `initial` is x(0|−1), or a named
+    tuple that begins with the mean.
     """
 
     plant: Plant
@@ -216,12 +174,19 @@ class Estimator(Numbered):
 
     def summary(self) -> dict[str, str]:
         """Model, period and noises."""
+        noises = []
+        for covariance in (self.process_noise, self.measurement_noise):
+            values = np.sqrt(np.diag(covariance))
+            low, high = f"{values.min():.3g}", f"{values.max():.3g}"
+            noises.append(
+                f"standard deviation{'' if low == high else 's'} {low}" + f" to {high}" * (low != high)
+            )
         return {
             "states": names_text(tuple(self.plant.states)),
             "measured": names_text(tuple(self.plant.outputs)),
             "period": number_text(self.period, "s"),
-            "process noise": f"{_deviations(self.process_noise)} per sample",
-            "measurement noise": _deviations(self.measurement_noise),
+            "process noise": f"{noises[0]} per sample",
+            "measurement noise": noises[1],
         }
 
     # To be written --------------------------------------------------------------------------------
@@ -246,10 +211,7 @@ class Estimator(Numbered):
     def settings(self) -> dict[str, Any]:
         """Arguments that make this estimator again: numbers, arrays, texts, a Plant or another Estimator by name.
 
-        Raises
-        ------
-        InvalidInput
-            By default: an estimator that does not say them cannot be saved.
+        By default it is refused: an estimator that does not say them cannot be saved.
         """
         raise InvalidInput(
             f"{type(self).__name__} cannot be saved.",
@@ -267,49 +229,30 @@ class Estimator(Numbered):
 
         By default it is one traced piece. An estimator of many states composes it of pieces in loops.
         """
-
-        def update(u: Any, p: Any, noise: Any, *parts: Any) -> Any:
-            return tuple(self.time_update(type(belief)(*parts), u, self.plant.parameters.named(p), noise))
-
-        return type(belief)(*run.call(update, u, p, process_noise, *belief))
+        return self._update_on(run, self.time_update, belief, p, process_noise, u)
 
     def measurement_update_on(
         self, run: Any, belief: Any, y: Any, u: Any, p: Any, measurement_noise: Any
     ) -> Any:
         """`measurement_update` on a run, likewise."""
+        return self._update_on(run, self.measurement_update, belief, p, measurement_noise, y, u)
 
-        def update(y: Any, u: Any, p: Any, noise: Any, *parts: Any) -> Any:
-            named = self.plant.parameters.named(p)
-            return tuple(self.measurement_update(type(belief)(*parts), y, u, named, noise))
+    def _update_on(self, run: Any, update: Any, belief: Any, p: Any, noise: Any, *given: Any) -> Any:
+        kind, count, named = type(belief), len(given), self.plant.parameters.named
 
-        return type(belief)(*run.call(update, y, u, p, measurement_noise, *belief))
+        def updated(*arguments: Any) -> Any:
+            p, noise, *parts = arguments[count:]
+            return tuple(update(kind(*parts), *arguments[:count], named(p), noise))
 
-
-def _deviations(covariance: np.ndarray) -> str:
-    """Standard deviations of a covariance in a few words."""
-    values = np.sqrt(np.diag(covariance))
-    low, high = f"{values.min():.3g}", f"{values.max():.3g}"
-    return f"standard deviation {low}" if low == high else f"standard deviations {low} to {high}"
+        return kind(*run.call(updated, *given, p, noise, *belief))
 
 
 class BlackBox(abc.ABC):
     """A true plant that integrates itself, such as a physics engine.
 
-    A subclass writes `reset`, `step` and `output`. It may also have names, so that disturbances are commanded and
-    the true state is recorded.
-
-    Attributes
-    ----------
-    disturbances : tuple of str
-        Channels of the disturbance; none by default.
-    states : tuple of str
-        Names of what `state` returns; none by default.
-    units : mapping of str to str
-        By name.
-    groups : mapping of str to tuple of str
-        One name for several signals, see `flexhinf.Plant`.
-    limits : mapping of str to (float, float)
-        Range of a state by name.
+    A subclass writes `reset`, `step` and `output`. It may also have names, so that disturbances are commanded and the
+    true state is recorded: channels of the disturbance, what `state` returns, units, groups (see `flexhinf.Plant`) and
+    limits, the range of a state, by name.
     """
 
     disturbances: tuple[str, ...] = ()

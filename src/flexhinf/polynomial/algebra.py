@@ -1,12 +1,11 @@
 """Algebra of homogeneous polynomials: monomials at points, gradients, products.
 
-A polynomial is a mapping degree → *monomial coefficients* in the order of `basis.indices`, along the last
-axis. Only degrees that occur are keys: a missing degree is exactly zero, which is how parity is used.
+A polynomial is a mapping degree → *monomial coefficients* in the order of `basis.indices`, along the last axis. Only
+degrees that occur are keys: a missing degree is exactly zero, which is how parity is used.
 
-Both cores, where an array is large enough for it to pay, and the same bits from any number of them.
-
-A BLAS that shares one product among threads adds its terms in another order for another number of them. So large
-products are cut into tiles of a fixed size, each below where BLAS starts threads, and the tiles are shared.
+Large products run on all processors, with the same bits from any number of them: a BLAS that shares one product among
+threads adds its terms in another order for another number of them, so products are cut into tiles of a fixed size, each
+below where BLAS starts threads, and the tiles are shared.
 """
 
 from __future__ import annotations
@@ -41,12 +40,7 @@ def tile_products(kind: np.dtype) -> int:
 
 
 def matrix_product(left: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """`left` @ `right`, the same bits for any number of threads.
-
-    Parameters
-    ----------
-    left, right : ndarray, shapes (rows, inner), (inner, columns)
-    """
+    """`left` (rows, inner) @ `right` (inner, columns), the same bits for any number of threads."""
     (rows, inner), columns = left.shape, right.shape[1]
     kind = np.result_type(left, right)
     most = tile_products(kind)
@@ -91,18 +85,9 @@ _ROWS = 64  # monomials of one factor whose products are formed at a time when n
 
 
 def monomials(x: np.ndarray, degrees: Iterable[int]) -> dict[int, np.ndarray]:
-    """All monomials of the given degrees at the points `x`.
+    """All monomials of the given degrees at the points `x` (N, n): degree → (N, count(n, degree)).
 
     Each is one variable times a monomial of one degree less, so elements may be of any type that multiplies.
-
-    Parameters
-    ----------
-    x : ndarray, shape (N, n)
-    degrees : iterable of int
-
-    Returns
-    -------
-    dict degree → ndarray, shape (N, count(n, degree))
     """
     wanted = set(degrees)
     points, n = x.shape
@@ -126,18 +111,7 @@ def monomials(x: np.ndarray, degrees: Iterable[int]) -> dict[int, np.ndarray]:
 
 
 def evaluate(polynomial: Mapping[int, np.ndarray], x: np.ndarray) -> np.ndarray:
-    """Values at points.
-
-    Parameters
-    ----------
-    polynomial : mapping degree → ndarray, shape (…, count(n, degree))
-        Must not be empty.
-    x : ndarray, shape (N, n)
-
-    Returns
-    -------
-    ndarray, shape (N, …)
-    """
+    """Values (N, …) of a polynomial, not empty, degree → (…, count(n, degree)), at the points `x` (N, n)."""
     shape = next(iter(polynomial.values())).shape[:-1]
     total = np.zeros((len(x), int(np.prod(shape))))
     powers = monomials(x, polynomial)
@@ -147,46 +121,25 @@ def evaluate(polynomial: Mapping[int, np.ndarray], x: np.ndarray) -> np.ndarray:
 
 
 def gradient(entries: np.ndarray, n: int, k: int) -> np.ndarray:
-    """Monomial coefficients of the n partial derivatives of a homogeneous polynomial.
+    """Monomial coefficients (count(n, k−1), n) of the partial derivatives of a homogeneous polynomial of degree k.
 
-    ∂ᵢ of a symmetric tensor polynomial of degree k is k times the tensor with one index fixed to i.
-
-    Parameters
-    ----------
-    entries : ndarray, shape (count(n, k),)
-        *Tensor entries* (monomial coefficient divided by multiplicity).
-
-    Returns
-    -------
-    ndarray, shape (count(n, k−1), n)
+    ∂ᵢ of a symmetric tensor polynomial of degree k is k times the tensor with one index fixed to i. The `entries`
+    (count(n, k),) are *tensor entries* (monomial coefficient divided by multiplicity).
     """
     return entries[basis.insertion(n, k)] * (k * basis.multiplicity(n, k - 1))[:, None]
 
 
 def product(left: np.ndarray, right: np.ndarray, n: int, a: int, b: int) -> np.ndarray:
-    """Sum of products Σ_c left_c(x) right_c(x) of homogeneous polynomials of degrees `a` and `b`.
+    """Sum of products Σ_c left_c(x) right_c(x) of homogeneous polynomials of degrees `a` and `b`: (count(n, a+b),).
 
-    Every pair of monomials is one entry of a matrix product; the entries are then added up by the monomial
-    they belong to. Columns of `right` that are zero are not visited.
-
-    Parameters
-    ----------
-    left : ndarray, shape (count(n, a), c)
-    right : ndarray, shape (c, count(n, b))
-
-    Returns
-    -------
-    ndarray, shape (count(n, a+b),)
+    `left` is (count(n, a), c), `right` (c, count(n, b)). Every pair of monomials is one entry of a matrix product; the
+    entries are then added up by the monomial they belong to. Columns of `right` that are zero are not visited.
     """
     rows, size = left.shape[0], basis.count(n, a + b)
     if rows * right.shape[1] <= _CACHED_TABLE:
         return np.bincount(basis.merge(n, a, b).ravel(), matrix_product(left, right).ravel(), size)
-    return _product_by_columns(left, right, n, a, b)
-
-
-def _product_by_columns(left: np.ndarray, right: np.ndarray, n: int, a: int, b: int) -> np.ndarray:
-    """The same without a table of all pairs: one monomial of `right` at a time, grouped by its last index."""
-    total = np.zeros(basis.count(n, a + b))
+    # Without a table of all pairs: one monomial of `right` at a time, grouped by its last index.
+    total = np.zeros(size)
     active: np.ndarray = np.any(right, axis=0)
     prefixed = np.ascontiguousarray(basis.merge(n, a, b - 1).T)
     last = basis.indices(n, b - 1)[:, -1] if b > 1 else np.zeros(1, int)

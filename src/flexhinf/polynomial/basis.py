@@ -40,14 +40,9 @@ def count(n: int, k: int) -> int:
 
 @lru_cache(_CACHED)
 def offsets(n: int, k: int) -> np.ndarray:
-    """First rank of the tuples that begin with each index.
+    """First rank of the tuples that begin with each index, (n + 1,); the last entry is `count(n, k)`.
 
-    Tuples with all indices ≥ j are exactly the ranks `offsets(n, k)[j]` and above.
-
-    Returns
-    -------
-    ndarray of int, shape (n + 1,)
-        The last entry is `count(n, k)`; for k = 0 the first n entries are 0.
+    Tuples with all indices ≥ j are exactly the ranks `offsets(n, k)[j]` and above. For k = 0 the first n entries are 0.
     """
     if k == 0:
         return _frozen(np.array([0] * n + [1]))
@@ -64,12 +59,7 @@ def factors(n: int, k: int) -> tuple[np.ndarray, np.ndarray]:
 
 @lru_cache(_CACHED)
 def indices(n: int, k: int) -> np.ndarray:
-    """Sorted index tuples of degree `k`, in lexicographic order.
-
-    Returns
-    -------
-    ndarray of int16, shape (count(n, k), k)
-    """
+    """Sorted index tuples of degree `k`, in lexicographic order, int16 (count(n, k), k)."""
     table = np.empty((count(n, k), k), np.int16)
     if k:
         tails, start, first = indices(n, k - 1), offsets(n, k - 1), offsets(n, k)
@@ -82,12 +72,7 @@ def indices(n: int, k: int) -> np.ndarray:
 
 @lru_cache(_CACHED)
 def exponents(n: int, k: int) -> np.ndarray:
-    """Exponent vector of each monomial of degree `k`, in the order of `indices`.
-
-    Returns
-    -------
-    ndarray of int16, shape (count(n, k), n)
-    """
+    """Exponent vector of each monomial of degree `k`, in the order of `indices`, int16 (count(n, k), n)."""
     table = np.zeros((count(n, k), n), np.int16)
     rows = np.arange(len(table))
     for column in indices(n, k).T:
@@ -97,15 +82,10 @@ def exponents(n: int, k: int) -> np.ndarray:
 
 @lru_cache(_CACHED)
 def insertion(n: int, k: int) -> np.ndarray:
-    """Rank, among the tuples of degree `k`, of the tuple β of degree k−1 with the index j inserted.
+    """Rank, among the tuples of degree `k`, of the tuple β of degree k−1 (row) with the index j (column) inserted.
 
-    If j comes before the first index i of β the new tuple begins with j and its tail is β; otherwise it still
-    begins with i, and j is inserted into the tail, which is the table one degree below.
-
-    Returns
-    -------
-    ndarray of int32, shape (count(n, k−1), n)
-        Row: rank of β. Column: j.
+    If j comes before the first index i of β the new tuple begins with j and its tail is β; otherwise it still begins
+    with i, and j is inserted into the tail, which is the table one degree below. int32 (count(n, k−1), n).
     """
     if k < 1:
         raise ValueError(f"insertion needs degree k >= 1, got {k}")
@@ -126,11 +106,8 @@ def insertion(n: int, k: int) -> np.ndarray:
 def removal(n: int, k: int) -> np.ndarray:
     """Rank, among the tuples of degree k−1, of the tuple α of degree `k` without its index at each position.
 
-    Without its first index a tuple is its tail; otherwise the first index stays and the tail loses one.
-
-    Returns
-    -------
-    ndarray of int32, shape (count(n, k), k)
+    Without its first index a tuple is its tail; otherwise the first index stays and the tail loses one. int32 (count(n,
+    k), k).
     """
     table = np.zeros((count(n, k), k), np.int32)
     if k > 1:
@@ -144,12 +121,7 @@ def removal(n: int, k: int) -> np.ndarray:
 
 @lru_cache(_CACHED)
 def multiplicity(n: int, k: int) -> np.ndarray:
-    """Number of distinct orderings of each tuple: the multinomial k! / ∏ αᵢ!.
-
-    Returns
-    -------
-    ndarray of float64, shape (count(n, k),)
-    """
+    """Number of distinct orderings of each tuple: the multinomial k! / ∏ αᵢ!, float64 (count(n, k),)."""
     tuples = indices(n, k)
     orderings = np.ones(len(tuples))
     run = np.ones(len(tuples))
@@ -168,26 +140,12 @@ def _binomials(size: int) -> np.ndarray:
 
 
 def rank(n: int, tuples: np.ndarray) -> np.ndarray:
-    """Rank of sorted index tuples.
-
-    Parameters
-    ----------
-    n : int
-        Number of variables.
-    tuples : array_like of int, shape (N, k)
-        Each row ascending, entries in 0 … n−1.
-
-    Returns
-    -------
-    ndarray of int64, shape (N,)
-    """
+    """Rank, int64 (N,), of sorted index tuples (N, k): each row ascending, entries in 0 … n−1."""
     tuples = np.asarray(tuples, dtype=np.int64)
     k = tuples.shape[1]
     table = _binomials(n + k + 1)
     result = np.full(len(tuples), count(n, k) - 1, np.int64)
-    for j in range(
-        k
-    ):  # minus the number of sorted tuples that come later, counted at the first differing place
+    for j in range(k):  # minus the number of tuples that come later, counted at the first differing place
         result -= table[n - 1 - tuples[:, j] + k - j - 1, k - j]
     return result
 
@@ -196,9 +154,7 @@ def rank(n: int, tuples: np.ndarray) -> np.ndarray:
 def merge(n: int, a: int, b: int) -> np.ndarray:
     """Rank of the union of tuples of degrees `a` and `b`: where a product of monomials goes.
 
-    Returns
-    -------
-    ndarray of int32, shape (count(n, a), count(n, b))
+    int32 (count(n, a), count(n, b)).
     """
     table = np.arange(count(n, a), dtype=np.int32)[:, None]
     for degree in range(1, b + 1):
@@ -208,23 +164,9 @@ def merge(n: int, a: int, b: int) -> np.ndarray:
 
 
 def from_kronecker(coefficients: Any, n: int, k: int) -> np.ndarray:
-    """Monomial coefficients of C (x ⊗ … ⊗ x).
+    """Monomial coefficients (rows, count(n, k)) of C (x ⊗ … ⊗ x), C (rows, n^k), array_like or SciPy sparse.
 
-    Parameters
-    ----------
-    coefficients : array_like or SciPy sparse, shape (rows, n^k)
-        C; need not be symmetric, orderings are added up.
-    n, k : int
-        Variables and degree.
-
-    Returns
-    -------
-    ndarray, shape (rows, count(n, k))
-
-    Raises
-    ------
-    InvalidInput
-        Wrong number of columns.
+    C need not be symmetric, orderings are added up.
     """
     matrix: Any = coefficients if hasattr(coefficients, "tocoo") else real_array(coefficients)
     if len(matrix.shape) != 2 or matrix.shape[1] != n**k:
@@ -245,16 +187,7 @@ def from_kronecker(coefficients: Any, n: int, k: int) -> np.ndarray:
 
 
 def to_kronecker(part: np.ndarray, n: int, k: int) -> np.ndarray:
-    """The symmetric C with C (x ⊗ … ⊗ x) equal to a polynomial given by monomial coefficients.
-
-    Parameters
-    ----------
-    part : ndarray, shape (…, count(n, k))
-
-    Returns
-    -------
-    ndarray, shape (…, n^k)
-    """
+    """The symmetric C (…, n^k) with C (x ⊗ … ⊗ x) equal to a polynomial of monomial coefficients (…, count(n, k))."""
     return (part / multiplicity(n, k))[..., _ranks(np.arange(n**k), n, k)]
 
 

@@ -15,6 +15,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
@@ -31,16 +32,10 @@ _ACCEPT = 3e-14  # residual above which the eigenvector route is given up
 
 @dataclass(frozen=True)
 class HomologicalSolution:
-    """Solution of one degree.
+    """Solution of one degree: tensor entries (count(n, k),) of V_k.
 
-    Attributes
-    ----------
-    entries : ndarray, shape (count(n, k),)
-        Tensor entries of V_k.
-    method : str
-        "eigenbasis", "eigenbasis, refined" or "Schur".
-    residual : float
-        ‖V_x A x + r‖ / (‖A‖ ‖V‖ + ‖r‖), norms of the tensor entries.
+    The method is "eigenbasis", "eigenbasis, refined" or "Schur"; the residual ‖V_x A x + r‖ / (‖A‖ ‖V‖ + ‖r‖) has norms
+    of the tensor entries.
     """
 
     entries: np.ndarray
@@ -70,12 +65,7 @@ class HomologicalEquation:
         return self.eigenbasis.condition
 
     def solve(self, known: np.ndarray, k: int) -> HomologicalSolution:
-        """V of degree `k`, from the tensor entries of r.
-
-        Parameters
-        ----------
-        known : ndarray, shape (count(n, k),)
-        """
+        """V of degree `k`, from the tensor entries (count(n, k),) of r."""
         if self.condition**k * np.finfo(float).eps < HOPELESS:
             solution = self._by_eigenbasis(known, k)
             if solution.residual <= _ACCEPT:
@@ -93,67 +83,52 @@ class HomologicalEquation:
             np.add.at(total, rows.ravel(), matrix_product(slopes, self.matrix).ravel())
         return total / basis.multiplicity(n, k) + known
 
-    @cached_property
-    def _norm(self) -> float:
-        return float(np.linalg.norm(self.matrix, 2))
-
     def _relative(self, residual: np.ndarray, entries: np.ndarray, known: np.ndarray) -> float:
         scale = self._norm * np.linalg.norm(entries) + np.linalg.norm(known)
         return float(np.linalg.norm(residual) / scale) if scale > 0 else 0.0
 
-    def _by_eigenbasis(self, known: np.ndarray, k: int) -> HomologicalSolution:
-        entries = self._divide(known, k)
-        residual = self.residual(entries, known, k)
-        relative = self._relative(residual, entries, known)
-        first = HomologicalSolution(entries, "eigenbasis", relative)
-        if (relative <= _REFINE and len(known) > _SMALL) or not np.isfinite(relative):
-            return first
-        entries = entries + self._divide(residual, k)
-        refined = self._relative(self.residual(entries, known, k), entries, known)
-        return HomologicalSolution(entries, "eigenbasis, refined", refined) if refined < relative else first
+    @cached_property
+    def _norm(self) -> float:
+        return float(np.linalg.norm(self.matrix, 2))
 
-    def _divide(self, known: np.ndarray, k: int) -> np.ndarray:
-        quotient = self.eigenbasis.enter(known, k)
-        quotient /= -diagonal_sums(self.eigenbasis.flow, k)
-        return self.eigenbasis.leave(quotient, k)
+    def _by_eigenbasis(self, known: np.ndarray, k: int) -> HomologicalSolution:
+        def divide(right: np.ndarray) -> np.ndarray:
+            quotient = self.eigenbasis.enter(right, k)
+            quotient /= -diagonal_sums(self.eigenbasis.flow, k)
+            return self.eigenbasis.leave(quotient, k)
+
+        return self._refined(divide, known, k, "eigenbasis", "eigenbasis, refined", _REFINE)
 
     def _by_schur(self, known: np.ndarray, k: int) -> HomologicalSolution:
-        entries = self._substitute(known, k)
+        def substituted(right: np.ndarray) -> np.ndarray:
+            rotated = self.schur_basis.enter(right, k)
+            return self.schur_basis.leave(substitute(self.schur_basis.flow, -rotated, k), k)
+
+        return self._refined(substituted, known, k, "Schur", "Schur", np.inf)
+
+    def _refined(
+        self, inverse: Any, known: np.ndarray, k: int, method: str, refined: str, enough: float
+    ) -> HomologicalSolution:
+        """The better one of a solution and the same refined once; a large one with a residual of `enough` as it is."""
+        entries = inverse(known)
         residual = self.residual(entries, known, k)
         relative = self._relative(residual, entries, known)
-        if len(known) <= _SMALL:
-            refined = entries + self._substitute(residual, k)
-            after = self._relative(self.residual(refined, known, k), refined, known)
-            if after < relative:
-                entries, relative = refined, after
-        return HomologicalSolution(entries, "Schur", relative)
-
-    def _substitute(self, known: np.ndarray, k: int) -> np.ndarray:
-        rotated = self.schur_basis.enter(known, k)
-        return self.schur_basis.leave(substitute(self.schur_basis.flow, -rotated, k), k)
+        first = HomologicalSolution(entries, method, relative)
+        if (relative <= enough and len(known) > _SMALL) or not np.isfinite(relative):
+            return first
+        entries = entries + inverse(residual)
+        after = self._relative(self.residual(entries, known, k), entries, known)
+        return HomologicalSolution(entries, refined, after) if after < relative else first
 
 
 _CHUNK = 100_000
 
 
 def substitute(triangular: np.ndarray, known: np.ndarray, k: int) -> np.ndarray:
-    """Tensor entries of V with V_z T z = r.
+    """Tensor entries (count(n, k),) of V with V_z T z = r, T (n, n) upper triangular, from those of r.
 
-    Parameters
-    ----------
-    triangular : ndarray, shape (n, n)
-        T, upper triangular; no sum of k diagonal entries vanishes.
-    known : ndarray, shape (count(n, k),)
-        Tensor entries of r.
-
-    Returns
-    -------
-    ndarray, shape (count(n, k),)
-
-    Notes
-    -----
-    In tensor entries, k times the symmetrised equation reads
-    Σ_m ( T[i_m, i_m] v[i] + Σ_{j < i_m} v[i with i_m replaced by j] T[j, i_m] ) = r[i].
+    No sum of k diagonal entries vanishes. In tensor entries, k times the symmetrised equation reads
+        Σ_m ( T[i_m, i_m] v[i] + Σ_{j < i_m} v[i with i_m replaced by j] T[j, i_m] ) = r[i].
     """
     n = len(triangular)
     tuples, table, removal = basis.indices(n, k), basis.insertion(n, k), basis.removal(n, k)

@@ -18,15 +18,9 @@ PARTS = 8
 
 @dataclass(frozen=True, eq=False)
 class PolynomialLaw:
-    """u_i(x) = Σ_a coefficients[i, a] x^exponents[a], x and u deviations from the operating point.
+    """u_i(x) = Σ_a coefficients[i, a] x^exponents[a], x (n,) and u (m,) deviations from the operating point.
 
-    Attributes
-    ----------
-    n : int
-        Number of states.
-    degrees : tuple of int
-        Degrees that occur, ascending. The exponents are all monomials of these degrees, degree by degree.
-    coefficients : ndarray, shape (m, Nmon)
+    The exponents are all monomials of the degrees that occur, ascending, degree by degree; coefficients (m, Nmon).
     """
 
     n: int
@@ -44,7 +38,6 @@ class PolynomialLaw:
             )
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """Take over attributes; copies share their arrays, so nobody may write them."""
         vars(self).update(read_only(state))
 
     @property
@@ -53,36 +46,21 @@ class PolynomialLaw:
         return np.concatenate([basis.exponents(self.n, k) for k in self.degrees])
 
     def evaluate(self, x: np.ndarray, coefficients: np.ndarray | None = None) -> np.ndarray:
-        """The law at one state, on any element type.
+        """The law (m,) at one state (n,) of floats, or of objects that multiply and add (symbols, intervals).
 
-        Every monomial is one variable times a monomial of one degree less, shared by all inputs.
-
-        Parameters
-        ----------
-        x : ndarray, shape (n,)
-            Floats, or objects that multiply and add (symbols, intervals).
-        coefficients : ndarray, shape (m, Nmon), optional
-            Instead of the law's own; a new law with the same monomials then needs no recompilation.
-
-        Returns
-        -------
-        ndarray, shape (m,)
+        Every monomial is one variable times a monomial of one degree less, shared by all inputs. Other `coefficients`
+        (m, Nmon) than the law's own make a new law with the same monomials, which needs no recompilation.
         """
         x = np.asarray(x)
         coefficients = self.coefficients if coefficients is None else np.asarray(coefficients)
         powers = monomials(x[None, :], self.degrees)
-        return _total(coefficients, np.concatenate([powers[k][0] for k in self.degrees]))
-
-
-def _total(coefficients: np.ndarray, powers: np.ndarray) -> np.ndarray:
-    """Σ_a coefficients[:, a] powers[a]; of objects in eight parts, a modulo 8, which are added in pairs.
-
-    That is an eighth of the latency of one sum after the other: the law lies between measurement and input.
-    """
-    if powers.dtype != object or not powers.size:
-        return coefficients @ powers
-    sums = [coefficients[:, k::PARTS] @ powers[k::PARTS] for k in range(min(PARTS, powers.size))]
-    while len(sums) > 1:
-        odd = sums[len(sums) - len(sums) % 2 :]
-        sums = [*(a + b for a, b in zip(sums[::2], sums[1::2], strict=False)), *odd]
-    return sums[0]
+        row = np.concatenate([powers[k][0] for k in self.degrees])
+        if row.dtype != object or not row.size:
+            return coefficients @ row
+        # Objects are added in eight parts, and those in pairs: an eighth of the latency of one sum after the other, and
+        # the law lies between measurement and input.
+        sums = [coefficients[:, k::PARTS] @ row[k::PARTS] for k in range(min(PARTS, row.size))]
+        while len(sums) > 1:
+            odd = sums[len(sums) - len(sums) % 2 :]
+            sums = [*(a + b for a, b in zip(sums[::2], sums[1::2], strict=False)), *odd]
+        return sums[0]

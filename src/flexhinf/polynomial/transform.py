@@ -50,20 +50,9 @@ class Workspace:
 def change_variables(
     entries: np.ndarray, n: int, k: int, matrix: np.ndarray, workspace: Workspace | None = None
 ) -> np.ndarray:
-    """Tensor entries of p(M z) as a polynomial in z, for p homogeneous of degree `k`.
+    """Tensor entries (count(n, k),) of p(M z) as a polynomial in z, of those of p, homogeneous of degree `k`.
 
-    Parameters
-    ----------
-    entries : ndarray, shape (count(n, k),)
-        Tensor entries of p, real or complex.
-    matrix : ndarray, shape (n, n)
-        M, real or complex.
-    workspace : Workspace, optional
-        To be used again by later calls, one at a time.
-
-    Returns
-    -------
-    ndarray, shape (count(n, k),)
+    Entries and M (n, n) are real or complex. A workspace is used again by later calls, one at a time.
     """
     dtype = np.result_type(entries, matrix)
     tensor = np.ascontiguousarray(entries, dtype).reshape(-1, 1)
@@ -97,55 +86,41 @@ def _contract_one_index(
     columns = min(width, max(1, products * blocks // n**2))
     rows = max(1, _TILE_BYTES // (n * columns * tensor.itemsize) if s else products // n**2)
     edges = [(block * n) // blocks for block in range(blocks + 1)]
+    start, first = basis.offsets(n, s), basis.offsets(n, s + 1)
 
     def contract(top: int, left: int) -> None:
-        chosen = opening[top : top + rows]
-        opened = tensor[:, left : left + columns][chosen]
-        _contract_tile(opened, left, n, s, matrix, edges, result[top : top + rows])
+        """Contract axis 1 of a tile (rows, n, tails from `left` on) and keep what is sorted."""
+        opened, kept = tensor[:, left : left + columns][opening[top : top + rows]], result[top : top + rows]
+        if s == 0:
+            np.matmul(opened[:, :, 0], matrix, out=kept)
+            return
+        right = left + opened.shape[2]
+        for low, high in pairwise(edges):
+            begin = max(start[low], left)
+            if begin >= right:
+                return
+            contracted = np.matmul(matrix[:, low:high].T, opened[:, :, begin - left :])
+            for j in range(low, high):
+                tail = max(start[j], left)
+                if tail < right:
+                    place = first[j] - start[j]
+                    kept[:, place + tail : place + right] = contracted[:, j - low, tail - begin :]
 
     tiles = ((top, left) for top in range(0, len(opening), rows) for left in range(0, width, columns))
     run_all(contract, tiles, large=opening.size * width > _LARGE)
     return result
 
 
-def _contract_tile(
-    opened: np.ndarray, left: int, n: int, s: int, matrix: np.ndarray, edges: list[int], result: np.ndarray
-) -> None:
-    """Contract axis 1 of `opened` (rows, n, tails from `left` on) and keep what is sorted."""
-    if s == 0:
-        np.matmul(opened[:, :, 0], matrix, out=result)
-        return
-    start, first = basis.offsets(n, s), basis.offsets(n, s + 1)
-    right = left + opened.shape[2]
-    for low, high in pairwise(edges):
-        begin = max(start[low], left)
-        if begin >= right:
-            return
-        contracted = np.matmul(matrix[:, low:high].T, opened[:, :, begin - left :])
-        for j in range(low, high):
-            tail = max(start[j], left)
-            if tail < right:
-                place = first[j] - start[j]
-                result[:, place + tail : place + right] = contracted[:, j - low, tail - begin :]
-
-
-_NEGLIGIBLE = (
-    5_000  # coefficients up to which one complex change of variables is cheaper than a real one and pairs
-)
+_NEGLIGIBLE = 5_000  # coefficients up to which one complex change of variables is cheaper than real and pairs
 _PAIR = np.array([[1, 1], [1j, -1j]]) / np.sqrt(2)
 
 
 @dataclass(frozen=True)
 class Coordinates:
-    """x = M G z with real M, and G unitary in 2×2 blocks.
+    """x = M G z with real M, and G unitary in 2×2 blocks (`rotations`, by their first variable).
 
-    Attributes
-    ----------
-    flow : ndarray, shape (n, n)
-        The matrix in these coordinates, (M G)⁻¹ A (M G): diagonal or upper triangular, complex.
-    real, inverse : ndarray, shape (n, n)
-        M and M⁻¹.
-    rotations : dict first variable → ndarray, shape (2, 2)
+    `flow` is the matrix in these coordinates, (M G)⁻¹ A (M G): diagonal or upper triangular, complex; `real` and
+    `inverse` are M and M⁻¹.
     """
 
     flow: np.ndarray
@@ -205,34 +180,20 @@ def schur_coordinates(matrix: np.ndarray) -> Coordinates:
 
     form: tuple[Any, ...] = schur(matrix, output="real")
     triangular, orthogonal = form
-    rotations = {
-        int(i): _triangulating(triangular[i : i + 2, i : i + 2])
-        for i in np.flatnonzero(np.diag(triangular, -1))
-    }
+    rotations = {}  # unitary, the first column an eigenvector of the block
+    for i in np.flatnonzero(np.diag(triangular, -1)).tolist():
+        _, vectors = np.linalg.eig(triangular[i : i + 2, i : i + 2].astype(complex))
+        a, b = vectors[:, 0]
+        rotations[i] = np.array([[a, -np.conj(b)], [b, np.conj(a)]])
     result = Coordinates(triangular, orthogonal, orthogonal.T, rotations)
     pairs = result._pairs()
     return Coordinates(np.triu(pairs.conj().T @ triangular @ pairs), orthogonal, orthogonal.T, rotations)
 
 
-def _triangulating(block: np.ndarray) -> np.ndarray:
-    """Unitary 2×2 matrix whose first column is an eigenvector of the block."""
-    _, vectors = np.linalg.eig(block.astype(complex))
-    a, b = vectors[:, 0]
-    return np.array([[a, -np.conj(b)], [b, np.conj(a)]])
-
-
 def rotate_pairs(entries: np.ndarray, n: int, k: int, rotations: Mapping[int, np.ndarray]) -> np.ndarray:
-    """Tensor entries of p(G z), where G is the identity but for 2×2 blocks on the diagonal.
+    """Tensor entries (count(n, k),), complex, of p(G z), where G is the identity but for 2×2 blocks on the diagonal.
 
-    Parameters
-    ----------
-    entries : ndarray, shape (count(n, k),)
-    rotations : mapping first variable → ndarray, shape (2, 2)
-        The blocks; a block at i acts on variables i and i+1.
-
-    Returns
-    -------
-    ndarray of complex, shape (count(n, k),)
+    A block at i acts on variables i and i+1.
     """
     result = entries.astype(complex)
     for first, rotation in rotations.items():
@@ -244,12 +205,9 @@ def rotate_pairs(entries: np.ndarray, n: int, k: int, rotations: Mapping[int, np
 
 @lru_cache(4096)
 def _pair_tuples(n: int, k: int, first: int, m: int) -> np.ndarray:
-    """Ranks of the tuples that hold the pair's variables exactly m times.
+    """Ranks of the tuples that hold the pair's variables exactly m times, int32 (tuples of the other indices, m + 1).
 
-    Returns
-    -------
-    ndarray of int32, shape (tuples of the other k − m indices, m + 1)
-        Column b: the second variable b times, the first m − b times.
+    Column b: the second variable b times, the first m − b times.
     """
     others = basis.indices(n, k - m)
     rest = np.flatnonzero(~((others == first) | (others == first + 1)).any(axis=1)).astype(np.int32)

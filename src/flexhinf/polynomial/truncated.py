@@ -15,6 +15,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import lru_cache
 from math import comb
+from typing import Any
 from weakref import WeakValueDictionary
 
 import numpy as np
@@ -49,12 +50,8 @@ def space(n: int, degree: int) -> Space:
 class Space:
     """Polynomials in `n` variables, truncated after total degree `degree`. Made by `space`, which interns it.
 
-    Attributes
-    ----------
-    size : int
-        Length of a dense coefficient vector.
-    zero, constant : Support
-        No monomial at all, and only the constant one.
+    `size` is the length of a dense coefficient vector; `zero` and `constant` are the supports without any monomial, and
+    with the constant one only.
     """
 
     def __init__(self, n: int, degree: int) -> None:
@@ -81,105 +78,67 @@ class Space:
         if self.remembered > REMEMBERED_PAIRS:
             self.remembered = pairs
             for support in self._supports.values():
-                support.forget()
+                support.sums.clear()
+                support.products.clear()
+                support.steps = None
 
 
 class Support:
     """Which monomials of a space a polynomial has. Made by `Space.support`, so equal supports are one object.
 
-    Attributes
-    ----------
-    monomials : ndarray of int, shape (N,)
-        Ascending numbers of the monomials.
-    edges : list of int
-        Monomials of degree k are at `monomials[edges[k]:edges[k + 1]]`.
-    has_constant : bool
-        Whether the first monomial is the constant one.
+    `monomials` are ascending numbers (N,); those of degree k are at `monomials[edges[k]:edges[k + 1]]`.
     """
 
-    __slots__ = ("_compositions", "_products", "_sums", "edges", "has_constant", "monomials", "space")
+    __slots__ = ("edges", "has_constant", "monomials", "products", "space", "steps", "sums")
 
     def __init__(self, space: Space, monomials: np.ndarray) -> None:
         self.space = space
         self.monomials = monomials
         self.edges: list[int] = np.searchsorted(monomials, space.edges).tolist()
         self.has_constant = self.edges[1] > 0
-        self._sums: dict[Support, _Sum] = {}
-        self._products: dict[Support, _Product] = {}
-        self._compositions: list[_Product] | None = None
-
-    def forget(self) -> None:
-        """Drop what was worked out for this support."""
-        self._sums.clear()
-        self._products.clear()
-        self._compositions = None
-
-    def lowest_degree(self) -> int:
-        """Smallest degree of a monomial of the support (which is not empty)."""
-        return next(k for k in range(self.space.degree + 1) if self.edges[k + 1] > 0)
+        self.sums: dict[Support, tuple[Support, Any, Any]] = {}
+        self.products: dict[Support, _Product] = {}
+        self.steps: list[_Product] | None = None
 
     def ranks(self, k: int) -> np.ndarray:
         """Ranks, in `basis.indices(n, k)`, of the monomials of degree `k`."""
         return self.monomials[self.edges[k] : self.edges[k + 1]] - self.space.edges[k]
 
-    def sum(self, other: Support) -> _Sum:
-        """The union with `other`, and where each of the two is in it."""
-        found = self._sums.get(other)
+    def sum(self, other: Support) -> tuple[Support, Any, Any]:
+        """The union with `other`, and the places of each of the two in it; None for one that is the union itself."""
+        found = self.sums.get(other)
         if found is None:
-            found = self._sums[other] = _Sum(self, other)
-            self.space.remember(found.size)
+            union = np.union1d(self.monomials, other.monomials)
+            support = self.space.support(union)
+            places = (
+                None if one is support else np.searchsorted(union, one.monomials) for one in (self, other)
+            )
+            found = self.sums[other] = (support, *places)
+            self.space.remember(len(union))
         return found
 
     def product(self, other: Support) -> _Product:
         """The products with `other` through the degree of the space."""
-        found = self._products.get(other)
+        found = self.products.get(other)
         if found is None:
-            found = self._products[other] = _Product(self, other, self.space.degree)
+            found = self.products[other] = _Product(self, other, self.space.degree)
             self.space.remember(found.pairs)
         return found
 
     def compositions(self) -> list[_Product]:
         """The products of Horner's rule for a series in a polynomial of this support (without constant)."""
-        if self._compositions is not None:
-            return self._compositions
-        lowest, degree = self.lowest_degree(), self.space.degree
+        if self.steps is not None:
+            return self.steps
+        degree = self.space.degree
+        lowest = next(k for k in range(degree + 1) if self.edges[k + 1] > 0)
         inner, steps = self.space.constant, []
         for k in reversed(range(degree // lowest)):
             step = _Product(self, inner, degree - k * lowest, constant=True)
             steps.append(step)
             inner = step.support
-        self._compositions = steps
+        self.steps = steps
         self.space.remember(sum(step.pairs for step in steps))
         return steps
-
-
-class _Sum:
-    """The union of two supports."""
-
-    __slots__ = ("left", "right", "size", "support")
-
-    def __init__(self, a: Support, b: Support) -> None:
-        union = np.union1d(a.monomials, b.monomials)
-        self.support = a.space.support(union)
-        self.size = len(union)
-        #: Places of each one in the union; None for a support that is the union itself.
-        self.left = None if a is self.support else np.searchsorted(union, a.monomials)
-        self.right = None if b is self.support else np.searchsorted(union, b.monomials)
-
-    def __call__(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-        if self.left is None:
-            if self.right is None:
-                return a + b
-            result = a.copy()
-            result[self.right] += b
-        else:
-            result = np.zeros(self.size)
-            result[self.left] = a
-            if self.right is None:
-                result += b
-            else:
-                result[self.right] += b
-        return result
 
 
 class _Product:
@@ -228,8 +187,14 @@ def add(a: Support, x: np.ndarray, b: Support, y: np.ndarray) -> tuple[Support, 
     """Sum of two polynomials of one space."""
     if a is b:
         return a, x + y
-    plan = a.sum(b)
-    return plan.support, plan(x, y)
+    support, left, right = a.sum(b)
+    if left is None and right is None:
+        return support, x + y
+    result = x.copy() if left is None else np.zeros(len(support.monomials))
+    if left is not None:
+        result[left] = x
+    result[slice(None) if right is None else right] += y
+    return support, result
 
 
 def multiply(a: Support, x: np.ndarray, b: Support, y: np.ndarray) -> tuple[Support, np.ndarray]:
@@ -239,22 +204,11 @@ def multiply(a: Support, x: np.ndarray, b: Support, y: np.ndarray) -> tuple[Supp
 
 
 def compose(series: Sequence[float], a: Support, x: np.ndarray) -> tuple[Support, np.ndarray]:
-    """Σ seriesₖ pᵏ for a polynomial p without constant term, truncated, by Horner's rule.
+    """Σ seriesₖ pᵏ for a polynomial p = (a, x) without constant term, truncated, by Horner's rule.
 
-    The inner steps of the rule are multiplied by p again, once for each step that follows, so they are
-    needed to lower degrees only: the whole rule costs little more than its last product.
-
-    Parameters
-    ----------
-    series : sequence of float, length `degree` + 1
-        Univariate Taylor coefficients.
-    a, x : Support, ndarray
-        The polynomial p.
-
-    Returns
-    -------
-    Support, ndarray
-        Monomials whose coefficient is exactly zero are dropped (half of them, for a sine about 0).
+    The inner steps of the rule are multiplied by p again, once for each step that follows, so they are needed to lower
+    degrees only: the whole rule costs little more than its last product. The series has degree + 1 Taylor coefficients.
+    Monomials whose coefficient is exactly zero are dropped (half of them, for a sine about 0).
     """
     if not len(a.monomials) or not a.space.degree:
         support, result = a.space.constant, np.array([series[0]], dtype=float)

@@ -1,10 +1,7 @@
 """What a section is made of: paragraphs, notes, lists, listings, figures. See also `table` and `claims`.
 
-Every block is a frozen value that checks itself where it is made, and knows how to write itself as HTML.
-
-Text for a page, escaped, with numbers written for reading; JSON, in which a number that is not finite is refused.
-
-What a reader needs to make a report again: every setting with its source, versions, seed, command.
+Every block is a frozen value that checks itself where it is made, and writes itself as HTML; numbers are written for
+reading. JSON, in which a number that is not finite is refused.
 """
 
 from __future__ import annotations
@@ -15,7 +12,7 @@ import math
 import platform
 import re
 import shlex
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from decimal import ROUND_CEILING, ROUND_FLOOR, ROUND_HALF_EVEN, Context, Decimal
 from importlib import metadata
@@ -59,13 +56,7 @@ def unit_html(unit: str) -> str:
 def number(value: Real | float, digits: int = 4, decimals: int | None = None) -> str:
     """A number for reading: true minus sign, powers of ten instead of e-notation, ∞ for infinity.
 
-    Parameters
-    ----------
-    value : real number
-    digits : int
-        Significant digits, where `decimals` is not given. Whole numbers keep all theirs.
-    decimals : int, optional
-        Fixed digits after the point, so that a column lines up.
+    `digits` are significant ones (whole numbers keep all theirs), `decimals` fixed ones, so that a column lines up.
 
     Examples
     --------
@@ -75,15 +66,12 @@ def number(value: Real | float, digits: int = 4, decimals: int | None = None) ->
     if isinstance(value, Integral):
         return str(int(value)).replace("-", "−")
     x = float(value)
-    if math.isnan(x):
-        return "not a number"
-    if math.isinf(x):
-        return "∞" if x > 0 else "−∞"
+    if not math.isfinite(x):
+        return "not a number" if math.isnan(x) else "∞" if x > 0 else "−∞"
+    written = f"{x:.{digits}g}"
     if decimals is not None:
         written = f"{x:.{decimals}f}"
         written = written.lstrip("-") if float(written) == 0.0 else written
-    else:
-        written = f"{x:.{digits}g}"
     if "e" in written:
         mantissa, _, power = written.partition("e")
         written = f"{mantissa}·10{str(int(power)).translate(_SUPERSCRIPT)}"
@@ -123,10 +111,7 @@ def _rounded(value: float, digits: int, rounding: str, decimals: int | None = No
 
 
 def scalar(value: object, decimals: int | None = None) -> str:
-    """One value of a table or a setting, as plain text (not yet escaped): yes, no, – for None, numbers, text.
-
-    Lists and tuples are written with commas between their elements.
-    """
+    """One value of a table or a setting, as plain text (not yet escaped): yes, no, – for None, numbers, text, lists."""
     if value is None:
         return "–"
     if hasattr(value, "tolist"):  # NumPy scalars and arrays
@@ -142,12 +127,7 @@ def scalar(value: object, decimals: int | None = None) -> str:
 
 # JSON -------------------------------------------------------------------------------------------------
 def to_json(value: object) -> str:
-    """Text of a JSON document; lists of numbers stay on one line, the order of keys is kept.
-
-    Parameters
-    ----------
-    value : object
-        Mappings with text keys, lists, tuples, arrays, text, numbers (NumPy's too), True, False, None.
+    """Text of a JSON document; lists of numbers stay on one line, the order of keys is kept, NumPy's values are taken.
 
     Raises
     ------
@@ -168,52 +148,43 @@ def to_json(value: object) -> str:
 
 
 def _written(value: object, place: tuple[str, ...], depth: int) -> str:
+    where = ".".join(place) or "the document"
     if hasattr(value, "tolist"):
         value = value.tolist()  # pyright: ignore[reportAttributeAccessIssue]
+    ends, lines, nested = "{}", list[str](), True
     if isinstance(value, Mapping):
-        for key in value:
+        for key, element in value.items():
             if not isinstance(key, str):
-                got = f"got {key!r} in {_named(place)}"
+                got = f"got {key!r} in {where}"
                 raise InvalidInput("A key of a JSON object is text.", got, f"the key {str(key)!r}")
-        return _indented(
-            "{}",
-            [
+            lines.append(
                 f"{json.dumps(key, ensure_ascii=False)}: {_written(element, (*place, key), depth + 1)}"
-                for key, element in value.items()
-            ],
-            depth,
-        )
-    if isinstance(value, (list, tuple)):
-        written = [_written(element, (*place, str(index)), depth + 1) for index, element in enumerate(value)]
+            )
+    elif isinstance(value, (list, tuple)):
+        ends = "[]"
+        lines = [_written(element, (*place, str(index)), depth + 1) for index, element in enumerate(value)]
         nested = any(isinstance(each, (Mapping, list, tuple)) or hasattr(each, "tolist") for each in value)
-        return _indented("[]", written, depth) if nested else f"[{', '.join(written)}]"
-    if value is None or isinstance(value, (str, bool)):
+    elif value is None or isinstance(value, (str, bool)):
         return json.dumps(value, ensure_ascii=False)
-    if isinstance(value, Integral):
+    elif isinstance(value, Integral):
         return str(int(value))
-    if isinstance(value, Real):
+    elif isinstance(value, Real):
         if not math.isfinite(value):
+            what, got = "A number of the report is not finite.", f"{where} = {float(value)}"
             raise NumericalFailure(
-                "A number of the report is not finite.",
-                f"{_named(place)} = {float(value)}",
-                "None, where there is no number to give (it is written as null)",
+                what, got, "None, where there is no number to give (it is written as null)"
             )
         return repr(float(value))
-    raise InvalidInput(
-        "JSON has no such value.",
-        f"expected text, a number, true, false, null, a list or a mapping; got {type(value).__name__} "
-        f"at {_named(place)}",
-        "a value of one of these kinds",
-    )
-
-
-def _indented(ends: str, lines: Sequence[str], depth: int) -> str:
+    else:
+        raise InvalidInput(
+            "JSON has no such value.",
+            f"expected text, a number, true, false, null, a list or a mapping; got {type(value).__name__} at {where}",
+            "a value of one of these kinds",
+        )
+    if not nested:
+        return f"{ends[0]}{', '.join(lines)}{ends[1]}"
     indent = "\n" + "  " * (depth + 1)
     return f"{ends[0]}{indent}{f',{indent}'.join(lines)}{indent[:-2]}{ends[1]}" if lines else ends
-
-
-def _named(place: tuple[str, ...]) -> str:
-    return ".".join(place) or "the document"
 
 
 _ROOT = re.compile(r"<svg\b[^>]*>")
@@ -231,7 +202,7 @@ _ID = re.compile(r"[a-z][a-z0-9-]*\Z")
 
 
 class Block:
-    """A piece of a section."""
+    """A piece of a page: it has text, and perhaps an anchor `id` and `blocks` within it."""
 
     def html(self) -> str:
         """The block as HTML, every text escaped."""
@@ -239,17 +210,15 @@ class Block:
 
     def ids(self) -> tuple[str, ...]:
         """The anchors that this block makes on the page."""
-        return ()
+        own, inner = getattr(self, "id", ""), getattr(self, "blocks", ())
+        return (*([own] if own else []), *(name for block in inner for name in block.ids()))
 
 
 def check_id(name: str) -> None:
     """Raise `InvalidInput` unless `name` can be an anchor: small letters, then digits and hyphens too."""
     if not _ID.match(name):
-        raise InvalidInput(
-            "An anchor on a report page has small letters, digits and hyphens only.",
-            f"expected something like figure-03, got {name!r}",
-            "another id",
-        )
+        what = "An anchor on a report page has small letters, digits and hyphens only."
+        raise InvalidInput(what, f"expected something like figure-03, got {name!r}", "another id")
 
 
 @dataclass(frozen=True)
@@ -258,10 +227,11 @@ class Paragraph(Block):
 
     text: str
     _frame: ClassVar[str] = "<p>{}</p>"
+    _escaped: ClassVar[Callable[[str], str]] = prose
 
     def html(self) -> str:
         """The text in its frame."""
-        return self._frame.format(prose(self.text))
+        return self._frame.format(type(self)._escaped(self.text))
 
 
 class Note(Paragraph):
@@ -270,15 +240,11 @@ class Note(Paragraph):
     _frame = '<p class="note"><strong>Note.</strong> {}</p>'
 
 
-@dataclass(frozen=True)
-class Listing(Block):
+class Listing(Paragraph):
     """Text set as it is: a command, a file, a few lines of code."""
 
-    text: str
-
-    def html(self) -> str:
-        """The listing as HTML."""
-        return f"<pre><code>{escape(self.text)}</code></pre>"
+    _frame = "<pre><code>{}</code></pre>"
+    _escaped = escape
 
 
 @dataclass(frozen=True)
@@ -294,19 +260,8 @@ class Bullets(Block):
 
 @dataclass(frozen=True)
 class Figure(Block):
-    """A drawing with its caption and an anchor.
-
-    Parameters
-    ----------
-    id : str
-        The anchor, for example ``figure-03``.
-    svg : str
-        A drawing as `flexhinf.report.figure_to_svg` writes it.
-    caption : str
-        What is seen, after the label.
-    label : str
-        For example ``Figure 3``; set bold before the caption.
-    """
+    """A drawing, as `flexhinf.report.figure_to_svg` writes it, with its caption, an anchor (``figure-03``) and a label
+    (``Figure 3``)."""
 
     id: str
     svg: str
@@ -326,27 +281,14 @@ class Figure(Block):
             f'<figcaption id="{self.id}-caption">{label}{prose(self.caption)}</figcaption></figure>'
         )
 
-    def ids(self) -> tuple[str, ...]:
-        """The figure's own anchor."""
-        return (self.id,)
-
 
 # Drawings inside a page ------------------------------------------------------------------------------
 def inline(svg: str, prefix: str, described_by: str = "") -> str:
-    """The ``svg`` element for the inside of an HTML page.
+    """The ``svg`` element of a drawing for the inside of an HTML page, named by the element `described_by`.
 
     Declarations, metadata and name spaces go; every id gets `prefix`, since all drawings of a page share one
     set of names; the colours of `LIGHT` become variables of the style sheet, so that a drawing follows
     light and dark; its size is left to the page. Only markup is looked at: a joint may be called ``url(x)``.
-
-    Parameters
-    ----------
-    svg : str
-        A whole SVG document.
-    prefix : str
-        Comes before every id of the drawing.
-    described_by : str, optional
-        The id of the element that says what is drawn.
 
     Raises
     ------
@@ -357,11 +299,8 @@ def inline(svg: str, prefix: str, described_by: str = "") -> str:
     root = _ROOT.search(drawing)
     view = _VIEW.search(root.group()) if root else None
     if root is None or view is None or "</svg>" not in drawing:
-        raise InvalidInput(
-            "A figure of a report is an SVG document with a viewBox.",
-            f"got text that begins with {svg[:40]!r}",
-            "figure_to_svg(figure)",
-        )
+        what, got = "A figure of a report is an SVG document with a viewBox.", f"got {svg[:40]!r} …"
+        raise InvalidInput(what, got, "figure_to_svg(figure)")
     body = drawing[root.end() : drawing.rindex("</svg>") + len("</svg>")]
     active = next(filter(None, map(_ACTIVE.search, _MARKUP.findall(body))), None)
     if active or "<![CDATA[" in body:
@@ -375,28 +314,27 @@ def inline(svg: str, prefix: str, described_by: str = "") -> str:
         named = _NAME.sub(rf"\1{prefix}-", mark[0])
         return _COLOUR.sub(lambda match: f"var(--{_ROLE[match.group()]})", named)
 
-    body = _MARKUP.sub(own, body)
     described = f' aria-labelledby="{described_by}"' if described_by else ""
     wide = f' style="--units: {view.group(1)}"'
-    return f'<svg {view.group()}{wide} role="img"{described}>{body}'
+    return f'<svg {view.group()}{wide} role="img"{described}>{_MARKUP.sub(own, body)}'
 
 
 @dataclass(frozen=True)
 class Setting:
-    """One number or choice that had a part in the result.
-
-    Parameters
-    ----------
-    value : object
-        Text, a number, yes or no, None, or a list of these.
-    source : str, optional
-        Who says so: ``Table 1``, ``ours``, ``option --period``.
-    """
+    """One number or choice (text, a number, yes or no, None, or a list of these) that had a part in the result, and who
+    says so: ``Table 1``, ``ours``, ``option --period``."""
 
     name: str
     value: object
     unit: str = ""
     source: str = ""
+
+    def html(self) -> str:
+        """A row of the table of settings."""
+        value = f"{prose(scalar(self.value))}{unit_html(self.unit)}"
+        return (
+            f'<tr><th scope="row">{prose(self.name)}</th><td>{value}</td><td>{prose(self.source)}</td></tr>'
+        )
 
 
 @dataclass(frozen=True)
@@ -408,11 +346,10 @@ class Settings(Block):
     def html(self) -> str:
         """One folded table per group inside one folded part."""
         count = sum(len(group) for group in self.groups.values())
+        head = "".join(f'<th scope="col">{name}</th>' for name in ("Setting", "Value", "From"))
         parts = "".join(
-            f'<div class="table"><table class="settings"><caption>{prose(name)}</caption>'
-            '<thead><tr><th scope="col">Setting</th><th scope="col">Value</th>'
-            '<th scope="col">From</th></tr></thead>'
-            f"<tbody>{''.join(_row(setting) for setting in group)}</tbody></table></div>"
+            f'<div class="table"><table class="settings"><caption>{prose(name)}</caption><thead><tr>{head}</tr></thead>'
+            f"<tbody>{''.join(setting.html() for setting in group)}</tbody></table></div>"
             for name, group in self.groups.items()
         )
         return f"<details><summary>Every assumption and setting ({count})</summary>{parts}</details>"
@@ -420,17 +357,8 @@ class Settings(Block):
 
 @dataclass(frozen=True)
 class Provenance(Block):
-    """Where a report comes from.
-
-    Parameters
-    ----------
-    command : sequence of str
-        The words of the command that makes the report again; none for a report written from Python.
-    seed : int or None
-        None where nothing was drawn.
-    versions : mapping of str to str
-        Name and version of what had a part, as `versions` finds them.
-    """
+    """Where a report comes from: the words of the command that makes it again (none for a report written from Python),
+    the seed (None where nothing was drawn), and name and version of what had a part, as `versions` finds them."""
 
     command: Sequence[str]
     seed: int | None
@@ -440,12 +368,10 @@ class Provenance(Block):
         """The command as a listing, then seed and versions."""
         listed = ", ".join(f"{escape(name)} {escape(version)}" for name, version in self.versions.items())
         seed = "nothing was drawn at random" if self.seed is None else f"seed {self.seed}"
-        again = (
-            "<p>This command makes the report again:</p>"
-            f'<pre class="command"><code>{escape(shlex.join(self.command))}</code></pre>'
-        )
-        if not self.command:
-            again = "<p>Written from Python with the settings above.</p>"
+        command = escape(shlex.join(self.command))
+        again = "<p>Written from Python with the settings above.</p>"
+        if self.command:
+            again = f'<p>This command makes the report again:</p><pre class="command"><code>{command}</code></pre>'
         return f'{again}<p class="versions">Random numbers: {seed}. Versions: {listed}.</p>'
 
 
@@ -458,10 +384,3 @@ def versions(distribution: str = "flexhinf") -> dict[str, str]:
             names.append(re.split(r"[^A-Za-z0-9._-]", requirement.strip(), maxsplit=1)[0])
     found = {name: metadata.version(name) for name in names}
     return {**found, "Python": platform.python_version(), "on": f"{platform.system()} {platform.machine()}"}
-
-
-def _row(setting: Setting) -> str:
-    return (
-        f'<tr><th scope="row">{prose(setting.name)}</th>'
-        f"<td>{prose(scalar(setting.value))}{unit_html(setting.unit)}</td><td>{prose(setting.source)}</td></tr>"
-    )

@@ -9,7 +9,7 @@ import io
 import re
 import textwrap
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from functools import cache
@@ -28,28 +28,18 @@ if TYPE_CHECKING:
 #: Colours of figures and pages, by role, for light and for dark surroundings. The series colours are those of Okabe and
 #: Ito [okabe2008], which readers with any of the common colour-vision deficiencies can tell apart; in the dark they are
 #: the same hues, lighter.
-LIGHT: dict[str, str] = {
-    "ink": "#1f2328",
-    "muted": "#6a737d",
-    "grid": "#dfe3e8",
-    "series-1": "#0072b2",
-    "series-2": "#d55e00",
-    "series-3": "#009e73",
-    "series-4": "#a6559d",
-    "series-5": "#c98a00",
-    "series-6": "#3f9bd4",
+_COLOURS = {
+    "ink": ("#1f2328", "#e6e8eb"),
+    "muted": ("#6a737d", "#9aa3ad"),
+    "grid": ("#dfe3e8", "#353b43"),
+    "series-1": ("#0072b2", "#4fa8e0"),
+    "series-2": ("#d55e00", "#ff8b4d"),
+    "series-3": ("#009e73", "#2fc799"),
+    "series-4": ("#a6559d", "#d794cf"),
+    "series-5": ("#c98a00", "#edbb45"),
+    "series-6": ("#3f9bd4", "#8cc8ee"),
 }
-DARK: dict[str, str] = {
-    "ink": "#e6e8eb",
-    "muted": "#9aa3ad",
-    "grid": "#353b43",
-    "series-1": "#4fa8e0",
-    "series-2": "#ff8b4d",
-    "series-3": "#2fc799",
-    "series-4": "#d794cf",
-    "series-5": "#edbb45",
-    "series-6": "#8cc8ee",
-}
+LIGHT, DARK = ({role: pair[k] for role, pair in _COLOURS.items()} for k in (0, 1))
 
 INK: str = LIGHT["ink"]
 MUTED: str = LIGHT["muted"]
@@ -139,30 +129,17 @@ def _settings() -> dict[Any, Any]:
 def new_figure(
     rows: int = 1, *, width: float = WIDTH, height: float | None = None
 ) -> tuple[Figure, list[Axes]]:
-    """A figure of stacked panels over one axis of time.
+    """A figure of stacked panels over one axis of time, and the panels from top to bottom.
 
-    Parameters
-    ----------
-    rows : int
-        Number of panels, one above the other.
-    width, height : float
-        In inches; without a height each panel gets what suits its number.
-
-    Returns
-    -------
-    figure : matplotlib.figure.Figure
-    axes : list of matplotlib.axes.Axes
-        From top to bottom; the lowest bears the label of time.
+    `width` and `height` are in inches; without a height each panel gets what suits its number.
     """
     from matplotlib.figure import Figure
 
-    with house_style():
-        figure = Figure(
-            figsize=(width, height or 0.7 + (2.6 if rows == 1 else 2.1 * rows)), layout="constrained"
-        )
-        axes = list(figure.subplots(rows, 1, sharex=True, squeeze=False)[:, 0])
-        axes[-1].set_xlabel("time (s)")
-        figure.align_ylabels(axes)
+    height = height or 0.7 + (2.6 if rows == 1 else 2.1 * rows)
+    figure = Figure(figsize=(width, height), layout="constrained")
+    axes = list(figure.subplots(rows, 1, sharex=True, squeeze=False)[:, 0])
+    axes[-1].set_xlabel("time (s)")
+    figure.align_ylabels(axes)
     return figure, axes
 
 
@@ -184,24 +161,9 @@ def time_response(
     name: str = "",
     colour: str = SERIES[0],
 ) -> None:
-    """One signal over time: as measured a solid line, as estimated a dashed one on top of it.
+    """One signal (N,) over time (N,), s: as measured a solid line, as estimated a dashed one on top of it.
 
-    Parameters
-    ----------
-    axes : matplotlib.axes.Axes
-    time : (N,) array
-        In seconds.
-    measured, estimated : (N,) array
-        In the unit of the axis.
-    name : str
-        For the legend, where the two become "name, measured" and "name, estimated".
-    colour : str
-        One of `SERIES`.
-
-    Raises
-    ------
-    InvalidInput
-        Lengths differ.
+    In the legend the two become "name, measured" and "name, estimated". Lengths that differ are refused.
     """
     _same_length(time, measured, estimated)
     lead = f"{name}, " if name else ""
@@ -228,15 +190,7 @@ def settling_band(axes: Axes, target: float, step: float, tolerance: float = 0.0
 
 @house_style()
 def quantile_band(axes: Axes, time: np.ndarray, runs: np.ndarray) -> None:
-    """Many runs at once: at each time their extremes, the band that holds 90 % of them, and the median.
-
-    Parameters
-    ----------
-    axes : matplotlib.axes.Axes
-    time : (N,) array
-        In seconds.
-    runs : (R, N) array
-        One row per run, in the unit of the axis.
+    """Many runs (R, N) at once: at each time (N,), s, their extremes, the band that holds 90 % of them, the median.
 
     Raises
     ------
@@ -264,49 +218,38 @@ def legend(axes: Axes) -> None:
     if not handles:
         return
     wrapped = ["\n".join(textwrap.wrap(name, 70)) for name in names]
+    letters = [max(map(len, name.split("\n"))) for name in wrapped]
     room = 72.0 * axes.figure.bbox.width / axes.figure.dpi - 70.0  # pt, beside tick and axis labels
-    rows = next(
-        (count for count in range(1, len(names)) if _legend_width(wrapped, count) <= room), len(names)
-    )
+    columns = 1
+    for rows in range(1, len(names)):  # Matplotlib fills a legend column by column
+        parts = np.array_split(letters, -(-len(names) // rows))
+        if sum(5.4 * max(part) + 42.0 for part in parts) <= room:
+            columns = len(parts)
+            break
     axes.legend(
-        handles,
-        wrapped,
-        loc="lower left",
-        bbox_to_anchor=(0.0, 1.0),
-        ncols=-(-len(names) // rows),
-        borderaxespad=0.2,
+        handles, wrapped, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=columns, borderaxespad=0.2,
         columnspacing=1.4,
-    )
-
-
-def _legend_width(names: Sequence[str], rows: int) -> float:
-    """About how wide a legend of so many rows is, in points; Matplotlib fills it column by column."""
-    columns = np.array_split([max(map(len, name.split("\n"))) for name in names], -(-len(names) // rows))
-    return sum(5.4 * max(letters) + 42.0 for letters in columns)
+    )  # fmt: skip
 
 
 @house_style()
 def figure_to_svg(figure: Figure) -> str:
     """A figure as an SVG document; the same figure gives the same bytes, and no date is in them.
 
-    The figure is laid out and drawn once: `Figure.savefig` draws it twice, first without output, to lay it out.
+    The figure is laid out and drawn once: `Figure.savefig` draws it twice, first without output, to lay it out. Names
+    with dollar signs are set as they are, not as formulas; powers of ten beside logarithmic axes stay formulas.
     """
     from matplotlib.backends.backend_svg import FigureCanvasSVG
 
+    for text in _texts(figure):
+        if "$" in text.get_text() and not _POWER.fullmatch(text.get_text()):
+            text.set_parse_math(False)
     stream = io.StringIO()
-    _take_literally(figure)
     with warnings.catch_warnings():  # the browser has fonts for every script
         warnings.filterwarnings("ignore", "Glyph .* missing from font")
         FigureCanvasSVG(figure).print_svg(stream, metadata=_METADATA)
     rounded = _PATH.sub(lambda path: _DECIMALS.sub(r"\1", path.group()), stream.getvalue())
     return "\n".join(line.rstrip() for line in rounded.splitlines()) + "\n"
-
-
-def _take_literally(figure: Figure) -> None:
-    """Set names with dollar signs as they are, not as formulas; powers of ten beside logarithmic axes stay formulas."""
-    for text in _texts(figure):
-        if "$" in text.get_text() and not _POWER.fullmatch(text.get_text()):
-            text.set_parse_math(False)
 
 
 def _texts(artist: Artist) -> Iterator[Text]:

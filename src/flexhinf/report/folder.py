@@ -68,7 +68,7 @@ def _marker(folder: Path) -> dict[str, Any] | None:
 
 
 def check(path: str | os.PathLike[str]) -> Path:
-    """Make sure, before any work is done, that a report can be written to `path`.
+    """Make sure, before any work is done, that a report can be written to `path`; the absolute path, links followed.
 
     Nothing is changed, but for hidden left-overs of runs that were killed, which are cleared away.
 
@@ -78,18 +78,12 @@ def check(path: str | os.PathLike[str]) -> Path:
         A folder that does not exist yet (nor need its parents), an empty one, or an earlier report as it was written:
         without other files or folders in it, and none of its files changed.
 
-    Returns
-    -------
-    pathlib.Path
-        The absolute path, symbolic links followed.
-
     Raises
     ------
     InvalidInput
         `path` is a file, a folder that holds something else, the working folder, or cannot be written.
     """
-    with _refusals(path):
-        target = _resolved(path)
+    with _refusals(path) as target:
         if target.parent.is_dir():
             with locked(_lock(target), _BRIEFLY) as state:
                 if state != "busy":
@@ -97,26 +91,26 @@ def check(path: str | os.PathLike[str]) -> Path:
                     _refuse(target)
         else:
             _refuse(target)
-        _probe(target)
+        # Can a folder be made where the target, or the first of its parents, will be?
+        above = next(folder for folder in target.parents if folder.exists())
+        if not above.is_dir():
+            raise InvalidInput("A folder of the path is a file.", f"{above} in {target}", "another name")
+        trial = above / _beside(target, "new").name
+        trial.mkdir()
+        trial.rmdir()
     return target
 
 
 @contextmanager
-def _refusals(path: str | os.PathLike[str]) -> Iterator[None]:
+def _refusals(path: str | os.PathLike[str]) -> Iterator[Path]:
+    """The absolute path, symbolic links followed; what the system refuses becomes `InvalidInput`."""
     try:
-        yield
+        yield checked_path("The report's folder", path).expanduser().resolve()
     except InvalidInput:
         raise
     except (OSError, RuntimeError, ValueError) as error:
-        raise InvalidInput(
-            "The report's folder cannot be written.",
-            f"{path}: {error}",
-            "a folder that you may write to, with room",
-        ) from error
-
-
-def _resolved(path: str | os.PathLike[str]) -> Path:
-    return checked_path("The report's folder", path).expanduser().resolve()
+        what, hint = "The report's folder cannot be written.", "a folder that you may write to, with room"
+        raise InvalidInput(what, f"{path}: {error}", hint) from error
 
 
 def write(path: str | os.PathLike[str], files: Mapping[str, str | bytes]) -> Path:
@@ -131,31 +125,26 @@ def write(path: str | os.PathLike[str], files: Mapping[str, str | bytes]) -> Pat
     files : mapping
         Relative path, with ``/`` between its parts, to content; text is written as UTF-8.
 
-    Returns
-    -------
-    pathlib.Path
-        The folder.
-
     Raises
     ------
     InvalidInput
         As `check`; or a file's name leaves the folder; or the system refuses to write (full disk, …).
     """
-    for name in files:
-        _check_name(name)
-    contents = {
-        name: content.encode("utf-8") if isinstance(content, str) else content
-        for name, content in files.items()
-    }
+    contents: dict[str, bytes] = {}
+    for name, content in files.items():
+        pure, outside = PurePosixPath(name), "\\" in name or name == MARKER or not name.isprintable()
+        if outside or not pure.parts or ".." in pure.parts or pure.is_absolute():
+            what = "A file of a report stays inside its folder, and is not the marker."
+            raise InvalidInput(what, f"expected a relative path, got {name!r}", "for example figure_03.svg")
+        contents[name] = content.encode("utf-8") if isinstance(content, str) else content
     marker = {
         "what": _WHAT,
         "version": 2,
         "note": "A new report replaces this folder whole, unless one of these files (SHA-256) was changed.",
-        "files": {str(PurePosixPath(name)): _digest(contents[name]) for name in sorted(contents)},
+        "files": {str(PurePosixPath(n)): hashlib.sha256(contents[n]).hexdigest() for n in sorted(contents)},
     }
     contents[MARKER] = to_json(marker).encode("utf-8")
-    with _refusals(path):
-        target = _resolved(path)
+    with _refusals(path) as target:
         target.parent.mkdir(parents=True, exist_ok=True)
         with locked(_lock(target), _PATIENCE) as state:
             if state == "busy":
@@ -177,11 +166,10 @@ def _replace(target: Path, contents: Mapping[str, bytes]) -> None:
         fresh.mkdir()
         for name, content in contents.items():
             for folder in reversed(PurePosixPath(name).parents[:-1]):
-                (fresh / folder).mkdir(
-                    exist_ok=True
-                )  # never `fresh` itself: who deleted it would delete again
+                (fresh / folder).mkdir(exist_ok=True)  # never `fresh`: who deleted it would delete again
             (fresh / name).write_bytes(content)
-        found = {str(file.relative_to(fresh).as_posix()): file.stat().st_size for file in _files(fresh)}
+        paths = [path for path in fresh.rglob("*") if path.is_symlink() or not path.is_dir()]
+        found = {str(path.relative_to(fresh).as_posix()): path.stat().st_size for path in paths}
         if found != {str(PurePosixPath(name)): len(content) for name, content in contents.items()}:
             raise InvalidInput(
                 "The report's folder was changed while it was written; nothing was published.",
@@ -191,10 +179,6 @@ def _replace(target: Path, contents: Mapping[str, bytes]) -> None:
         _exchange(fresh, target)
     finally:
         shutil.rmtree(fresh, ignore_errors=True)
-
-
-def _files(folder: Path) -> list[Path]:
-    return [path for path in sorted(folder.rglob("*")) if path.is_symlink() or not path.is_dir()]
 
 
 def _refuse(target: Path) -> None:
@@ -235,74 +219,31 @@ def _refuse_strangers(folder: Path, target: Path) -> None:
     listed = ours if isinstance(ours, (dict, list)) else ()  # before version 2, a list of names
     known = {MARKER, *(str(PurePosixPath(name)) for name in listed if isinstance(name, str))}
     homes = {str(parent) for name in known for parent in PurePosixPath(name).parents}
-    others = {
-        str(path.relative_to(folder).as_posix()): path
-        for path in sorted(folder.rglob("*"))
-        if path.name not in _LITTER or path.is_dir()
-    }
-    strangers = [
-        name
-        for name, path in others.items()
-        if name not in (homes if path.is_dir() and not path.is_symlink() else known)
-    ]
-    if strangers:
-        raise InvalidInput(
-            "The report's folder holds files that are not of the report, and is left alone.",
-            f"got {_some(strangers)} in {target}",
-            "move them elsewhere, or another folder for the report",
-        )
-    changed = [
-        name for name, path in others.items() if name in digests and _content_digest(path) != digests[name]
-    ]
-    if changed:
-        raise InvalidInput(
-            "Files of the report were changed since it was written, and it is left alone.",
-            f"got {_some(changed)} in {target}",
-            "copy them elsewhere and delete the folder, or another folder for the report",
-        )
-
-
-def _some(names: list[str]) -> str:
-    return f"{', '.join(repr(name) for name in names[:3])}{' …' if len(names) > 3 else ''}"
-
-
-def _digest(content: bytes) -> str:
-    return hashlib.sha256(content).hexdigest()
-
-
-def _content_digest(path: Path) -> str:
-    """Of a file itself; of a link, a FIFO and what cannot be read it is no file's."""
-    try:
-        return "" if path.is_symlink() else file_digest(path)
-    except OSError:
-        return ""
-
-
-def _probe(target: Path) -> None:
-    """Try whether a folder can be made where the target, or the first of its parents, will be."""
-    above = next(folder for folder in target.parents if folder.exists())
-    if not above.is_dir():
-        raise InvalidInput("A folder of the path is a file.", f"{above} in {target}", "another name")
-    trial = above / _beside(target, "new").name
-    trial.mkdir()
-    trial.rmdir()
-
-
-def _check_name(name: str) -> None:
-    parts = PurePosixPath(name).parts
-    if (
-        not parts
-        or not name.isprintable()
-        or "\\" in name
-        or ".." in parts
-        or PurePosixPath(name).is_absolute()
-        or name == MARKER
+    strangers, changed = [], []
+    for path in sorted(folder.rglob("*")):
+        if path.name in _LITTER and not path.is_dir():
+            continue
+        name = str(path.relative_to(folder).as_posix())
+        if name not in (homes if path.is_dir() and not path.is_symlink() else known):
+            strangers.append(name)
+        elif name in digests:
+            try:  # of a link, a FIFO and what cannot be read the digest is no file's
+                digest = "" if path.is_symlink() else file_digest(path)
+            except OSError:
+                digest = ""
+            changed += [name] if digest != digests[name] else []
+    for names, what, hint in (
+        (strangers, "The report's folder holds files that are not of the report", "move them elsewhere"),
+        (
+            changed,
+            "Files of the report were changed since it was written",
+            "copy them elsewhere and delete the folder",
+        ),
     ):
-        raise InvalidInput(
-            "A file of a report stays inside its folder, and is not the marker.",
-            f"expected a relative path, got {name!r}",
-            "for example figure_03.svg",
-        )
+        if names:
+            some = f"{', '.join(repr(name) for name in names[:3])}{' …' if len(names) > 3 else ''}"
+            got, hint = f"got {some} in {target}", f"{hint}, or another folder for the report"
+            raise InvalidInput(f"{what}; it is left alone.", got, hint)
 
 
 def _beside(target: Path, kind: str) -> Path:
@@ -317,6 +258,7 @@ def _exchange(fresh: Path, target: Path) -> None:
     """Give `fresh` the target's name; should that fail, the earlier report has, or gets back, its name.
 
     What was put into the earlier report since it was checked is looked for once nobody finds it by that name any more.
+    Where names cannot be exchanged there are two renamings, and for a moment there is no report.
     """
     if not target.exists():
         publish(fresh, target)
@@ -327,45 +269,36 @@ def _exchange(fresh: Path, target: Path) -> None:
             exchange(fresh, target)
             raise
     else:
-        _exchange_in_two(fresh, target)
-
-
-def _exchange_in_two(fresh: Path, target: Path) -> None:
-    """The same in two renamings, where names cannot be exchanged: for a moment there is no report."""
-    earlier = _beside(target, "old")
-    try:
-        os.rename(target, earlier)
-        _refuse_strangers(earlier, target)
-        publish(fresh, target)
-    except BaseException:
-        if earlier.exists() and not target.exists():
-            os.rename(earlier, target)
-        raise
-    shutil.rmtree(earlier, ignore_errors=True)
+        earlier = _beside(target, "old")
+        try:
+            os.rename(target, earlier)
+            _refuse_strangers(earlier, target)
+            publish(fresh, target)
+        except BaseException:
+            if earlier.exists() and not target.exists():
+                os.rename(earlier, target)
+            raise
+        shutil.rmtree(earlier, ignore_errors=True)
 
 
 def _clear(target: Path, sure: bool) -> None:
     """Clear away what killed runs left beside the target; a report that they had set aside comes back.
 
-    Parameters
-    ----------
-    sure : bool
-        Whether the lock is held: then nobody else is writing. Else only what is old is taken for left over.
+    `sure`: the lock is held, so nobody else is writing. Else only what is old is taken for left over.
     """
     for folder in sorted(target.parent.iterdir()):
         match = _TEMPORARY.match(folder.name)
-        if not match or match["name"] != target.name or not (sure or _old(folder)):
+        if not match or match["name"] != target.name:
             continue
-        if folder.is_symlink() or not folder.is_dir():  # not ours; a pipe would keep us waiting
+        try:
+            old = sure or time.time() - folder.stat().st_mtime > ABANDONED_AFTER_S
+        except OSError:
+            old = False
+        if (
+            not old or folder.is_symlink() or not folder.is_dir()
+        ):  # no folder: not ours; a pipe would keep us waiting
             continue
         if match["kind"] == "old" and is_report(folder) and not target.exists():
             os.rename(folder, target)
         else:
             shutil.rmtree(folder, ignore_errors=True)
-
-
-def _old(folder: Path) -> bool:
-    try:
-        return time.time() - folder.stat().st_mtime > ABANDONED_AFTER_S
-    except OSError:
-        return False

@@ -2,8 +2,6 @@
 
 From top to bottom: what was asked, what is not met, not proved or risky, the verdict, the numbers that matter; sections
 with figures and tables; then every assumption and setting, versions, seed and the command that makes the page again.
-
-Claims and what became of them: a table with one verdict per claim, and the evidence of each below.
 """
 
 from __future__ import annotations
@@ -38,53 +36,35 @@ _ORDER: tuple[str, ...] = ("fails", "ties", "not judged", "holds")
 
 @dataclass(frozen=True)
 class Claim:
-    """One claim, judged.
+    """One claim of a paper, judged: "holds", "fails", "ties" (the difference lies within its own confidence interval)
+    or "not judged"; another verdict is refused with `InvalidInput`.
 
-    Parameters
-    ----------
-    id : str
-        Its name in ``metrics.json`` and, after ``claim-``, its anchor on the page.
-    text : str
-        The claim in one sentence.
-    verdict : {"holds", "fails", "ties", "not judged"}
-        "ties": the difference lies within its own confidence interval.
-    evidence : str
-        The numbers behind the verdict.
-    repair : str, optional
-        Where the claim fails: the smallest change that makes it hold.
-    figures : tuple of str, optional
-        Anchors of the figures that show it.
-    criterion : str, optional
-        By what it is judged, fixed before the result; shown before the verdict.
-
-    Raises
-    ------
-    InvalidInput
-        The verdict is none of the four, or the id cannot be an anchor.
+    `id` is its name in ``metrics.json`` and, after ``claim-``, its anchor; `evidence` the numbers behind the verdict;
+    `figures` anchors of the figures that show it; `criterion` is fixed before the result and shown before the verdict.
     """
 
     id: str
     text: str
     verdict: Verdict
     evidence: str
-    repair: str = ""
     figures: tuple[str, ...] = ()
     criterion: str = ""
 
     def __post_init__(self) -> None:
         check_id(self.id)
-        if self.verdict not in get_args(Verdict):
-            raise InvalidInput(
-                "A claim has one of four verdicts.",
-                f"expected one of {', '.join(get_args(Verdict))}; got {self.verdict!r} for {self.id!r}",
-                "'not judged' where the run gave no evidence",
-            )
+        _check_kind("claim", self.verdict, get_args(Verdict))
 
     def as_dict(self) -> dict[str, str]:
         """The claim as it stands in ``metrics.json``."""
-        entry = {"id": self.id, "text": self.text, "criterion": self.criterion, "verdict": self.verdict}
-        entry |= {"evidence": self.evidence, "repair": self.repair}
-        return {key: value for key, value in entry.items() if value or key not in ("criterion", "repair")}
+        criterion = {"criterion": self.criterion} if self.criterion else {}
+        known = {"id": self.id, "text": self.text, **criterion}
+        return {**known, "verdict": self.verdict, "evidence": self.evidence}
+
+
+def _check_kind(what: str, kind: str, kinds: Sequence[str]) -> None:
+    if kind not in kinds:
+        got = f"expected one of {', '.join(kinds)}; got {kind!r}"
+        raise InvalidInput(f"A {what} on a page is of one of {len(kinds)} kinds.", got, f"{kinds[0]!r}")
 
 
 @dataclass(frozen=True)
@@ -115,25 +95,25 @@ class ClaimEvidence(Block):
     claim: Claim
     blocks: Sequence[Block] = ()
 
+    @property
+    def id(self) -> str:
+        """The claim's anchor."""
+        return f"claim-{self.claim.id}"
+
     def html(self) -> str:
         """An article; colour is never the only sign of a verdict."""
-        claim = self.claim
-        own = {name for block in self.blocks for name in block.ids()}
-        links = ", ".join(
-            f'<a href="#{name}">{escape(_spoken(name))}</a>' for name in claim.figures if name not in own
-        )
-        seen = f' <span class="seen">See {links}.</span>' if links else ""
-        parts = [f'<article class="claim" id="claim-{claim.id}"><h3>{prose(claim.text)}</h3>']
+        claim, links = self.claim, []
+        for name in claim.figures:
+            if name not in self.ids():
+                word, _, rest = name.partition("-")  # figure-03 is read as Figure 3
+                spoken = f"{word.capitalize()} {rest.lstrip('0') or rest}".strip()
+                links.append(f'<a href="#{name}">{escape(spoken)}</a>')
+        seen = f' <span class="seen">See {", ".join(links)}.</span>' if links else ""
+        parts = [f'<article class="claim" id="{self.id}"><h3>{prose(claim.text)}</h3>']
         if claim.criterion:
             parts.append(f"<p><strong>Criterion.</strong> {prose(claim.criterion)}</p>")
         parts.append(f"<p>{badge(claim.verdict)} {prose(claim.evidence)}{seen}</p>")
-        if claim.repair:
-            parts.append(f'<p class="repair"><strong>Repaired by:</strong> {prose(claim.repair)}</p>')
         return "\n".join([*parts, *(block.html() for block in self.blocks), "</article>"])
-
-    def ids(self) -> tuple[str, ...]:
-        """The claim's anchor and those of its blocks."""
-        return (f"claim-{self.claim.id}", *(name for block in self.blocks for name in block.ids()))
 
 
 def by_verdict(claims: Sequence[Claim]) -> list[Claim]:
@@ -149,13 +129,12 @@ def summary(claims: Sequence[Claim]) -> str:
     >>> summary([Claim("a", "A.", "holds", "1 < 2"), Claim("b", "B.", "fails", "2 > 1")])
     'Of 2 claims 1 holds, 1 fails.'
     """
-    verdicts = [claim.verdict for claim in claims]
-    one = {"holds": "holds", "fails": "fails", "ties": "ties", "not judged": "is not judged"}
-    many = {"holds": "hold", "fails": "fail", "ties": "tie", "not judged": "are not judged"}
-    counts = {verdict: verdicts.count(verdict) for verdict in one}
-    parts = [
-        f"{count} {(one if count == 1 else many)[verdict]}" for verdict, count in counts.items() if count
-    ]
+    verdicts, parts = [claim.verdict for claim in claims], []
+    plurals = {"holds": "hold", "fails": "fail", "ties": "tie", "not judged": "are not judged"}
+    for verdict, plural in plurals.items():
+        count = verdicts.count(verdict)
+        one = "is not judged" if verdict == "not judged" else verdict
+        parts += [f"{count} {one if count == 1 else plural}"] if count else []
     noun = "claim" if len(verdicts) == 1 else "claims"
     return f"Of {len(verdicts)} {noun} {', '.join(parts)}." if parts else "No claim was judged."
 
@@ -166,39 +145,16 @@ def badge(kind: str) -> str:
     return f'<span class="badge {colours}"><span aria-hidden="true">{sign}</span> {kind}</span>'
 
 
-def _spoken(anchor: str) -> str:
-    """``figure-03`` is read as Figure 3."""
-    word, _, rest = anchor.partition("-")
-    return f"{word.capitalize()} {rest.lstrip('0') or rest}".strip()
-
-
 @dataclass(frozen=True)
 class Status:
-    """Part of the line at the top that says how far a result can be relied on.
-
-    Parameters
-    ----------
-    kind : {"met", "proved", "not met", "not proved", "risky"}
-    text : str
-        What is.
-
-    Raises
-    ------
-    InvalidInput
-        For another kind.
-    """
+    """Part of the line at the top that says how far a result can be relied on: met, proved, not met, not proved or
+    risky. Another kind is refused with `InvalidInput`."""
 
     kind: str
     text: str
 
     def __post_init__(self) -> None:
-        kinds = [kind for kind in _BADGES if kind not in get_args(Verdict)]
-        if self.kind not in kinds:
-            raise InvalidInput(
-                "A status is of one of five kinds.",
-                f"expected one of {', '.join(kinds)}; got {self.kind!r}",
-                "'risky' for what holds with little to spare",
-            )
+        _check_kind("status", self.kind, [kind for kind in _BADGES if kind not in get_args(Verdict)])
 
     def html(self) -> str:
         """The status as an entry of the line, its badge first."""
@@ -222,7 +178,7 @@ class KeyNumber:
 
 
 @dataclass(frozen=True)
-class Section:
+class Section(Block):
     """A heading and the blocks under it; `id` is its anchor."""
 
     title: str
@@ -237,29 +193,11 @@ class Section:
         body = "\n".join(block.html() for block in self.blocks)
         return f'<section id="{self.id}">\n<h2>{prose(self.title)}</h2>\n{body}\n</section>'
 
-    def ids(self) -> tuple[str, ...]:
-        """Its own anchor and those of its blocks."""
-        return (self.id, *(name for block in self.blocks for name in block.ids()))
-
 
 @dataclass(frozen=True)
 class Page:
-    """A report.
-
-    Parameters
-    ----------
-    asked : str
-        What was asked, in one or two sentences.
-    verdict : str
-        What came out, in one line.
-    settings : Settings
-        Every assumption and setting.
-    provenance : Provenance
-        Command, seed, versions.
-    numbers : sequence of KeyNumber, optional
-        The numbers that matter, at the top.
-    status : sequence of Status, optional
-        What is not met, not proved or risky, before the verdict.
+    """A report: what was asked, in one or two sentences; the verdict, in one line; the sections; every setting;
+    command, seed and versions; the numbers that matter; what is not met, not proved or risky.
 
     Raises
     ------
@@ -278,15 +216,11 @@ class Page:
 
     def __post_init__(self) -> None:
         names = [name for section in self.sections for name in section.ids()]
-        twice = sorted(
-            {name for name in names if names.count(name) > 1} | ({"settings", "again"} & set(names))
-        )
+        own = {"settings", "again"}
+        twice = sorted({name for name in names if names.count(name) > 1} | (own & set(names)))
         if twice:
-            raise InvalidInput(
-                "Every anchor of a report page is there once ('settings' and 'again' are the page's own).",
-                f"used more than once: {', '.join(twice)}",
-                "another id",
-            )
+            what = "Every anchor of a report page is there once ('settings' and 'again' are the page's own)."
+            raise InvalidInput(what, f"used more than once: {', '.join(twice)}", "another id")
         blocks = [block for section in self.sections for block in section.blocks]
         pointed = {n for b in blocks if isinstance(b, ClaimEvidence) for n in b.claim.figures}
         pointed |= {f"claim-{c.id}" for b in blocks if isinstance(b, Claims) for c in b.claims}
@@ -300,6 +234,11 @@ class Page:
 
     def html(self) -> str:
         """The whole page as text; the same page gives the same text."""
+        light = "".join(f"  --{role}: {colour};\n" for role, colour in LIGHT.items())
+        dark = "".join(f"    --{role}: {colour};\n" for role, colour in DARK.items())
+        sheet = resources.files("flexhinf.report").joinpath("page.css").read_text(encoding="utf-8")
+        # Paper is light: the dark colours are for screens only.
+        screen = f"@media screen and (prefers-color-scheme: dark) {{\n  :root {{\n{dark}  }}\n}}\n"
         tail = (
             Section("Settings", (self.settings,), "settings"),
             Section("How to make this again", (self.provenance,), "again"),
@@ -315,18 +254,8 @@ class Page:
             '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
             '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
             '<meta name="color-scheme" content="light dark">\n<meta name="generator" content="flexhinf">\n'
-            f"<title>{escape(self.title)}</title>\n<style>\n{_style()}</style>\n</head>\n<body>\n<main>\n<header>\n"
-            f'<h1>{prose(self.title)}</h1>\n<p class="asked">{prose(self.asked)}</p>\n'
+            f"<title>{escape(self.title)}</title>\n<style>\n:root {{\n{light}}}\n{screen}{sheet}</style>\n</head>\n"
+            f'<body>\n<main>\n<header>\n<h1>{prose(self.title)}</h1>\n<p class="asked">{prose(self.asked)}</p>\n'
             f'{status}<p class="verdict">{prose(self.verdict)}</p>\n{strip}</header>\n'
             f'<nav aria-label="Contents"><ol>{contents}</ol></nav>\n{body}\n</main>\n</body>\n</html>\n'
         )
-
-
-def _style() -> str:
-    """The style sheet, the palette's colours as variables before it."""
-    light = "".join(f"  --{role}: {colour};\n" for role, colour in LIGHT.items())
-    dark = "".join(f"    --{role}: {colour};\n" for role, colour in DARK.items())
-    sheet = resources.files("flexhinf.report").joinpath("page.css").read_text(encoding="utf-8")
-    # Paper is light: the dark colours are for screens only.
-    screen = f"@media screen and (prefers-color-scheme: dark) {{\n  :root {{\n{dark}  }}\n}}\n"
-    return f":root {{\n{light}}}\n{screen}{sheet}"

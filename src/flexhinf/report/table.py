@@ -21,22 +21,11 @@ WIDTH = 80
 
 @dataclass(frozen=True)
 class Column:
-    """How a column is headed and how its numbers are written.
+    """How a column is headed and how its numbers are written: with so many `decimals` (numbers of comparable size get
+    common ones), or each with so many significant `digits`.
 
-    Parameters
-    ----------
-    name, unit : str
-        Of the header.
-    decimals : int, optional
-        Digits after the point. Without them numbers of comparable size get common decimals.
-    digits : int, optional
-        Significant digits, of each number by itself.
-    key, scale : str, float
-        For `Table.of`: the entry of a record, and the factor that brings it to `unit`.
-    brief : str or None
-        Header in a terminal where it differs; None for a column that is only on pages.
-    right : bool
-        Whether texts are right-aligned too.
+    For `Table.of` it shows the entry `key` of a record, times `scale`. In a terminal the header is `brief` where it
+    differs, and a column with None is left out; texts are aligned to the `right` too.
     """
 
     name: str
@@ -47,11 +36,6 @@ class Column:
     scale: float = 1.0
     brief: str | None = ""
     right: bool = False
-
-    @property
-    def heading(self) -> str:
-        """Header in a terminal."""
-        return self.brief or ", ".join(part for part in (self.name, self.unit) if part)
 
 
 @dataclass(frozen=True)
@@ -73,10 +57,8 @@ class Table(Block):
     rows : sequence
         Each a sequence of text, numbers, yes/no, None or `Cell`, as many as there are columns; or one text, the title
         of the rows below it.
-    caption : str, optional
-        Above the table on a page.
-    id : str, optional
-        An anchor.
+    caption, id : str, optional
+        Above the table on a page; an anchor.
     stacks : bool, optional
         Whether a narrow screen shows each row as a list of its cells, for tables with sentences in them; other tables
         scroll sideways in their frame.
@@ -119,10 +101,6 @@ class Table(Block):
         names = [column.name for column in self.heads]
         return [dict(zip(names, row)) for row in self.rows if not isinstance(row, str)]
 
-    def ids(self) -> tuple[str, ...]:
-        """The table's anchor, if it has one."""
-        return (self.id,) if self.id else ()
-
     @cached_property
     def heads(self) -> list[Column]:
         """The columns."""
@@ -134,14 +112,21 @@ class Table(Block):
         found = []
         for index, column in enumerate(self.heads):
             cells = [row[index] for row in self.rows if not isinstance(row, str)]
-            values = [cell.value if isinstance(cell, Cell) else cell for cell in cells]
+            values: list[Any] = [cell.value if isinstance(cell, Cell) else cell for cell in cells]
             known = [value for value in values if value is not None]
             numeric = bool(known) and all(isinstance(v, Real) and not isinstance(v, bool) for v in known)
+            decimals = column.decimals
+            if numeric and decimals is None:  # 4 digits for the largest number, where sizes are comparable
+                sizes = [
+                    abs(float(v))
+                    for v in known
+                    if not isinstance(v, Integral) and math.isfinite(v) and v != 0
+                ]
+                if sizes and max(sizes) < 1e4 * min(sizes) and 1e-3 <= max(sizes) < 1e6:
+                    decimals = max(0, 3 - math.floor(math.log10(max(sizes))))
+            texts = [scalar(value, decimals) for value in values]
             if numeric and column.digits:
-                texts = ["–" if v is None else number(v, column.digits) for v in values]  # pyright: ignore[reportArgumentType]
-            else:
-                decimals = _decimals(known) if numeric and column.decimals is None else column.decimals
-                texts = [scalar(value, decimals) for value in values]
+                texts = ["–" if v is None else number(v, column.digits) for v in values]
             found.append((numeric or column.right, texts))
         return found
 
@@ -169,12 +154,13 @@ class Table(Block):
         body = []
         for line in self._lines():
             if isinstance(line, str):
-                head_of = f'<th scope="rowgroup" colspan="{len(css)}"><strong>{prose(line)}</strong></th>'
-                body.append(f"<tr>{head_of}</tr>")
-                continue
-            cells = [_cell(css_of, label, *cell) for css_of, label, cell in zip(css, labels, line)]
-            if grouped:
-                cells[0] = f'<th scope="row">{prose(line[0][0])}</th>'
+                cells = [f'<th scope="rowgroup" colspan="{len(css)}"><strong>{prose(line)}</strong></th>']
+            else:
+                best = '<strong>{}</strong><br><span class="unit">best</span>'
+                texts = [(best if mark == "best" else "{}").format(prose(text)) for text, mark in line]
+                cells = [f"<td{one}{label}>{text}</td>" for one, label, text in zip(css, labels, texts)]
+                if grouped:
+                    cells[0] = f'<th scope="row">{prose(line[0][0])}</th>'
             body.append(f"<tr>{''.join(cells)}</tr>")
         anchor = f' id="{self.id}"' if self.id else ""
         caption, named = "", ""
@@ -190,10 +176,7 @@ class Table(Block):
     def terminal(self, wide: bool = False) -> Terminal:
         """The table for a terminal; its texts are taken as they are, so a joint may be called [red] or :cat:.
 
-        Parameters
-        ----------
-        wide : bool
-            Whether no column may take several lines.
+        `wide`: no column may take several lines.
         """
         from rich.box import SIMPLE_HEAD
         from rich.table import Table as Terminal
@@ -206,10 +189,9 @@ class Table(Block):
         )  # fmt: skip
         indent = " " if any(isinstance(row, str) for row in self.rows) else ""
         there = [k for k, column in enumerate(self.heads) if column.brief is not None]
-        for k in there:
-            right = self._written[k][0]
-            heading = Text(self.heads[k].heading)
-            table.add_column(heading, justify="right" if right else "left", no_wrap=wide or right)
+        for column, (right, _) in ((self.heads[k], self._written[k]) for k in there):
+            heading = column.brief or ", ".join(part for part in (column.name, column.unit) if part)
+            table.add_column(Text(heading), justify="right" if right else "left", no_wrap=wide or right)
         for line in self._lines():
             if isinstance(line, str):
                 table.add_row(Text(line, "bold"))
@@ -218,20 +200,3 @@ class Table(Block):
                 cells[0] = (indent + cells[0][0], cells[0][1])
                 table.add_row(*(Text(f"{t}*") if m == "best" else Text(t, m) for t, m in cells))
         return table
-
-
-def _cell(css: str, label: str, text: str, mark: str) -> str:
-    words = (
-        f'<strong>{prose(text)}</strong><br><span class="unit">best</span>' if mark == "best" else prose(text)
-    )
-    return f"<td{css}{label}>{words}</td>"
-
-
-def _decimals(values: Sequence[Any]) -> int | None:
-    """Common decimals, 4 digits for the largest number, where sizes are comparable."""
-    sizes = [
-        abs(float(v)) for v in values if not isinstance(v, Integral) and math.isfinite(v) and v != 0
-    ]  # fmt: skip
-    if sizes and max(sizes) < 1e4 * min(sizes) and 1e-3 <= max(sizes) < 1e6:
-        return max(0, 3 - math.floor(math.log10(max(sizes))))
-    return None

@@ -6,8 +6,8 @@ A single link in closed form, as in Sec. 6: its inertia is stated about the join
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -26,37 +26,36 @@ from flexhinf.robot.payload import carried
 from flexhinf.validation import HUGE, real_array, value_text
 
 
-@dataclass(frozen=True)
-class Pendulum:
-    """I q̈1 + m g l sin q1 = spring torque + disturbance; q1 = 0 hangs.
+class JointTree:
+    """Joints of a robot's links: names, which of them slide, and ranges (rad, m)."""
 
-    Parameters of the plant are plain numbers with the names of the paper's Tables 1 and 2.
-
-    Parameters
-    ----------
-    joint : str
-        Name of the joint.
-    range : (lower, upper), optional
-        rad.
-    """
-
-    joint: str = "joint"
-    range: tuple[float, float] | None = None
+    tree: Tree
 
     @property
     def joint_names(self) -> tuple[str, ...]:
         """Names of the joints."""
-        return (self.joint,)
+        return self.tree.names
 
     @property
     def slides(self) -> tuple[bool, ...]:
-        """It turns."""
-        return (False,)
+        """Whether each joint is prismatic."""
+        return tuple(joint.slides for joint in self.tree.joints)
 
     @property
     def limits(self) -> tuple[tuple[float, float] | None, ...]:
-        """Range of the joint, rad."""
-        return (self.range,)
+        """Range of each joint, rad or m."""
+        return tuple(joint.limits for joint in self.tree.joints)
+
+
+@dataclass(frozen=True)
+class Pendulum(JointTree):
+    """I q̈1 + m g l sin q1 = spring torque + disturbance; q1 = 0 hangs. Its tree is of one joint that turns.
+
+    Parameters of the plant are plain numbers with the names of the paper's Tables 1 and 2.
+    """
+
+    tree: Tree = field(default_factory=lambda: Tree((Joint("joint"),)))
+    down: ClassVar[tuple[float, float, float]] = (1.0, 0.0, 0.0)  # of free fall, in the frame of `rigid`
 
     def required(self) -> tuple[str, ...]:
         """Names of the parameters that the link must have."""
@@ -80,10 +79,6 @@ class Pendulum:
             own["mass"] = mass
         return own
 
-    def joint_array(self, column: list[float]) -> Any:
-        """A plain number."""
-        return column[0]
-
     def accelerations(self, q: Any, dq: Any, torque: Any, p: Any, armature: Any = None) -> Any:
         """q̈1 = (τ − m g l sin q1) / I."""
         assert armature is None  # a single joint is elastic
@@ -98,11 +93,6 @@ class Pendulum:
         """M g l sin q1, (1,), N·m, of any element."""
         return p.mass * p.gravity * p.length * np.sin(np.asarray(q))
 
-    @property
-    def down(self) -> tuple[float, float, float]:
-        """Direction of free fall in the frame of `rigid`."""
-        return (1.0, 0.0, 0.0)
-
     def fall(self, p: Any) -> tuple[Any, ...]:
         """Acceleration of free fall in the frame of `rigid`, m/s²."""
         return (p.gravity, 0.0, 0.0)
@@ -115,29 +105,18 @@ class Pendulum:
         """
         mass, length = float(p.mass), float(p.length)
         about = float(p.link_inertia) - 0.5 * mass * length**2
-        tree = Tree((Joint(self.joint, limits=self.range),))
         six = [[about, 0.0, 0.0, about, 0.0, about]]
-        return tree, np.array([2.0 * mass or 1.0]), np.array([[0.5 * length, 0.0, 0.0]]), np.array(six)
+        return self.tree, np.array([2.0 * mass or 1.0]), np.array([[0.5 * length, 0.0, 0.0]]), np.array(six)
 
 
 @dataclass(frozen=True)
-class Arm:
+class Arm(JointTree):
     """A tree of rigid links.
 
     Parameters of the plant: ``gravity``, ``mass`` (n,), ``centre_of_mass`` (n, 3) in each link's frame, and
     ``inertia`` (n, 6), xx xy xz yy yz zz about the centre of mass in axes parallel to the link's frame.
 
-    Parameters
-    ----------
-    tree : Tree
-        Joints and placements; constant.
-    down : (3,)
-        Direction of free fall in the world's frame; made a unit vector.
-
-    Raises
-    ------
-    InvalidInput
-        If there is no such direction.
+    The tree is constant; `down` is the direction of free fall in the world's frame, made a unit vector.
     """
 
     tree: Tree
@@ -147,27 +126,9 @@ class Arm:
         vector = real_array(self.down)
         length = float(np.linalg.norm(vector))
         if vector.shape != (3,) or not 1.0 / HUGE < length < HUGE:
-            raise InvalidInput(
-                "The direction of gravity is none.",
-                f"expected three numbers, got {value_text(self.down)}",
-                "[0, 0, -1]",
-            )
+            found = f"expected three numbers, got {value_text(self.down)}"
+            raise InvalidInput("The direction of gravity is none.", found, "[0, 0, -1]")
         object.__setattr__(self, "down", tuple(float(entry) / length for entry in vector))
-
-    @property
-    def joint_names(self) -> tuple[str, ...]:
-        """Names of the joints."""
-        return self.tree.names
-
-    @property
-    def slides(self) -> tuple[bool, ...]:
-        """Whether each joint is prismatic."""
-        return tuple(joint.slides for joint in self.tree.joints)
-
-    @property
-    def limits(self) -> tuple[tuple[float, float] | None, ...]:
-        """Range of each joint, rad or m."""
-        return tuple(joint.limits for joint in self.tree.joints)
 
     def _names(self, joint: str, quantity: str, components: tuple[str, ...]) -> list[str]:
         return [per_joint(f"{quantity}_{component}", joint, len(self.tree)) for component in components]
@@ -196,10 +157,6 @@ class Arm:
                 inertia[i] = six_of(whole)
         return {"gravity": values["gravity"], "mass": mass, "centre_of_mass": centre, "inertia": inertia}
 
-    def joint_array(self, column: list[float]) -> Any:
-        """An array (n,)."""
-        return np.array(column)
-
     # Dynamics -------------------------------------------------------------------------------------
     def fall(self, p: Any) -> tuple[Any, ...]:
         """Acceleration of free fall in the world's frame, m/s²."""
@@ -211,12 +168,12 @@ class Arm:
 
     def accelerations(self, q: Any, dq: Any, torque: Any, p: Any, armature: Any = None) -> Any:
         """q̈1, (n,) of any element; `armature` as for `forward_dynamics`."""
-        bodies = bodies_of(self.tree, p.mass, p.centre_of_mass, p.inertia)
+        bodies = bodies_of(*self.rigid(p))
         return np.array(forward_dynamics(self.tree, bodies, q, dq, torque, self.fall(p), armature))
 
     def torques(self, q: Any, dq: Any, ddq: Any, p: Any) -> Any:
         """M(q) q̈ + C(q, q̇) q̇ + G(q) by the recursive Newton–Euler algorithm, (n,) of any element."""
-        bodies = bodies_of(self.tree, p.mass, p.centre_of_mass, p.inertia)
+        bodies = bodies_of(*self.rigid(p))
         return np.array(inverse_dynamics(self.tree, bodies, q, dq, ddq, self.fall(p)))
 
     def gravity_torque(self, q: Any, p: Any) -> Any:

@@ -1,11 +1,7 @@
-"""Where the links are at joint positions, and joint positions at which a point of a link is at a place.
+"""Kinematics of a robot: where points of its links are, poses that reach a place, references and poses it can follow.
 
-The way back is a least-squares problem within the joints' ranges, solved by SciPy's trust-region method: its steps are
-damped as in Levenberg's and Marquardt's method [marquardt1963], so that singular poses do no harm.
-
-Where the links of a robot are, as straight lines: for drawings.
-
-Whether a robot can follow a reference and hold a pose: joints within their limits, inputs within their own.
+The way back from a place is a least-squares problem within the joints' ranges, solved by SciPy's trust-region method:
+its steps are damped as in Levenberg's and Marquardt's method [marquardt1963], so that singular poses do no harm.
 """
 
 from __future__ import annotations
@@ -18,11 +14,12 @@ import numpy as np
 
 from flexhinf.errors import InvalidInput
 from flexhinf.plant.equilibrium import motion_of
-from flexhinf.robot.dynamics.algorithms import frames_of
+from flexhinf.robot.dynamics import frames_of
 from flexhinf.robot.elastic import DRIVES
+from flexhinf.robot.parameters import checked_limits
 from flexhinf.robot.robot import Robot
 from flexhinf.robot.signals import UNITS, signal_names
-from flexhinf.validation import HUGE, checked_array, checked_positive, real_array, unknown_name, value_text
+from flexhinf.validation import HUGE, checked_array, checked_positive, unknown_name
 
 
 def position_ranges(robot: Robot) -> np.ndarray:
@@ -59,30 +56,48 @@ def check_reference(
         for name, value in (("duration", duration), ("period", period))
     )
     times = np.append(np.arange(0.0, duration, period), duration)
-    names = signal_names("link_position", robot.joint_names)
+    quantities = ("link_position", "link_velocity", DRIVES[robot.drive])
+    names, rates, motors = (signal_names(quantity, robot.joint_names) for quantity in quantities)
     if isinstance(signals, Mapping):
         full = dict(zip(robot.joint_names, names))
         signals = {full.get(name, name): signal for name, signal in signals.items()}
-    fastest = np.array(robot.speed_limits) if speed is None else _per_joint(robot, "speed", speed)
+    fastest = checked_limits(
+        "The speeds", robot.speed_limits if speed is None else speed, robot.joint_names, rates
+    )
     order = 4 if effort is not None else 1 if np.isfinite(fastest).any() else 0
     motion = motion_of(signals, times, order, names)
-    _within_positions(robot, motion[0], times)
-    if order:
-        _within_speeds(robot, motion[1], fastest, times)
-    if effort is None:
-        return 0.0
-    limit = _per_joint(robot, "effort", effort)
-    _, inputs = robot.inverse_dynamics(*motion)
-    share = np.abs(inputs) / limit
-    row, joint = divmod(int(np.argmax(share)), share.shape[1])
-    if share[row, joint] > 1.0:
+    low, high = position_ranges(robot)
+    outside = (motion[0] < low) | (motion[0] > high) | ~np.isfinite(motion[0])
+    if np.any(outside):
+        row = int(np.argmax(np.any(outside, axis=1)))
+        joint = int(np.argmax(outside[row]))
         raise InvalidInput(
-            f"The reference needs more of joint {robot.joint_names[joint]!r} than its motor gives.",
-            f"expected at most {limit[joint]:g} {_unit(robot, joint)}, got a feedforward of "
-            f"{inputs[row, joint]:.4g} {_unit(robot, joint)} at t = {times[row]:g} s",
-            "a slower reference (JerkLimited with lower limits, a longer Quintic), or a larger effort",
+            f"The reference leaves the limits of joint {robot.joint_names[joint]!r}.",
+            f"expected {low[joint]:g} to {high[joint]:g} {'m' if robot.links.slides[joint] else 'rad'}, got "
+            f"{motion[0, row, joint]:.6g} at t = {times[row]:g} s",
+            "a reference within the limits; angles are in rad",
         )
-    return float(share[row, joint])
+    checks = [(motion[1], fastest, "link_velocity")] if order else []
+    if effort is not None:
+        limit = checked_limits("The efforts", effort, robot.joint_names, motors)
+        checks.append((robot.inverse_dynamics(*motion)[1], limit, DRIVES[robot.drive]))
+    largest = 0.0
+    for rows, limit, quantity in checks:
+        share = np.abs(rows) / limit
+        row, joint = divmod(int(np.argmax(share)), share.shape[1])
+        largest = float(share[row, joint])
+        if largest > 1.0:
+            name, unit = robot.joint_names[joint], UNITS[quantity][robot.links.slides[joint]]
+            fast = quantity == "link_velocity"
+            raise InvalidInput(
+                f"The reference moves joint {name!r} faster than it may."
+                if fast
+                else f"The reference needs more of joint {name!r} than its motor gives.",
+                f"expected at most {limit[joint]:g} {unit}, got {'' if fast else 'a feedforward of '}"
+                f"{rows[row, joint]:.4g} {unit} at t = {times[row]:g} s",
+                "a slower reference (JerkLimited with lower limits, a longer Quintic), or a larger limit",
+            )
+    return largest if effort is not None else 0.0
 
 
 def check_holding(
@@ -108,10 +123,13 @@ def check_holding(
         The operating point.
     """
     x, u = robot.operating_point(pose)
-    limits = np.array(robot.effort_limits) if limit is None else _per_joint(robot, "effort", limit)
+    motors = signal_names(DRIVES[robot.drive], robot.joint_names)
+    stated = robot.effort_limits if limit is None else limit
+    limits = checked_limits("The efforts", stated, robot.joint_names, motors)
     worst = int(np.argmax(np.abs(u) / limits))
     if abs(u[worst]) > limits[worst]:
-        unit, (stated, larger) = _unit(robot, worst), explain(worst)
+        unit = UNITS[DRIVES[robot.drive]][robot.links.slides[worst]]
+        stated, larger = explain(worst)
         raise InvalidInput(
             f"The motor of joint {robot.joint_names[worst]!r} cannot hold this pose.",
             f"expected a holding input of at most {limits[worst]:g} {unit}, got {u[worst]:.4g} {unit} at the pose "
@@ -119,63 +137,6 @@ def check_holding(
             f"a pose nearer to where the arm hangs, a lighter load, or a larger {larger}",
         )
     return x, u
-
-
-def _within_positions(robot: Robot, positions: np.ndarray, times: np.ndarray) -> None:
-    """The first time at which any joint is outside."""
-    low, high = position_ranges(robot)
-    outside = (positions < low) | (positions > high) | ~np.isfinite(positions)
-    if not np.any(outside):
-        return
-    row = int(np.argmax(np.any(outside, axis=1)))
-    joint = int(np.argmax(outside[row]))
-    slides = robot.links.slides[joint]
-    raise InvalidInput(
-        f"The reference leaves the limits of joint {robot.joint_names[joint]!r}.",
-        f"expected {low[joint]:g} to {high[joint]:g} {'m' if slides else 'rad'}, got "
-        f"{positions[row, joint]:.6g} at t = {times[row]:g} s",
-        "a reference within the limits; angles are in rad",
-    )
-
-
-def _within_speeds(robot: Robot, rates: np.ndarray, limits: np.ndarray, times: np.ndarray) -> None:
-    """The joint that is furthest beyond its limit, when it is."""
-    share = np.abs(rates) / limits
-    row, joint = divmod(int(np.argmax(share)), share.shape[1])
-    if share[row, joint] > 1.0:
-        unit = "m/s" if robot.links.slides[joint] else "rad/s"
-        raise InvalidInput(
-            f"The reference moves joint {robot.joint_names[joint]!r} faster than it may.",
-            f"expected at most {limits[joint]:g} {unit}, got {rates[row, joint]:.4g} {unit} at t = {times[row]:g} s",
-            "a slower reference (JerkLimited with a lower velocity, a longer Quintic)",
-        )
-
-
-def _per_joint(robot: Robot, what: str, stated: Any) -> np.ndarray:
-    """One positive limit of the effort or the speed per joint (n,); may be infinite."""
-    joints = robot.joint_names
-    given = stated
-    if isinstance(stated, Mapping):
-        signal = DRIVES[robot.drive] if what == "effort" else "link_velocity"
-        signals = dict(zip(signal_names(signal, joints), joints))
-        named = {signals.get(name, name): value for name, value in stated.items()}
-        given = [named.pop(joint, np.nan) for joint in joints]
-        given = [np.nan] if named else given
-    try:
-        limits = np.broadcast_to(real_array(given), (len(joints),))
-    except ValueError:
-        limits = np.array([np.nan])
-    if not np.all(limits > 0.0):
-        raise InvalidInput(
-            f"The limit of the {what} does not fit the {'motors' if what == 'effort' else 'joints'}.",
-            f"expected one positive number, or one for each of {list(joints)}, got {value_text(stated)}",
-            f"{what}=60.0",
-        )
-    return limits
-
-
-def _unit(robot: Robot, joint: int) -> str:
-    return UNITS[DRIVES[robot.drive]][robot.links.slides[joint]]
 
 
 #: Starts of the search beside the given one; a place counts as reached within this fraction of the robot's size.
@@ -187,15 +148,10 @@ SINGULAR = 0.05
 
 @dataclass(frozen=True, eq=False)
 class Reached:
-    """A pose at which a point of a link is at a place.
+    """A pose, (n,) in rad or m, at which a point of a link is at a place.
 
-    Attributes
-    ----------
-    pose : (n,)
-        rad or m.
-    mobility : float
-        Smallest singular value of the point's Jacobian, in the directions that the robot can move it in, over
-        the largest that it has at other poses: 0 at a singular pose.
+    Its mobility is the smallest singular value of the point's Jacobian, in the directions that the robot can move it
+    in, over the largest that it has at other poses: 0 at a singular pose.
     """
 
     pose: np.ndarray
@@ -225,17 +181,7 @@ def link_frames(robot: Robot, positions: Sequence[float] | np.ndarray) -> tuple[
 def position_of(
     robot: Robot, positions: Any, link: str | None = None, offset: Sequence[float] = (0.0, 0.0, 0.0)
 ) -> np.ndarray:
-    """Where a point is in the world (3,), m.
-
-    Parameters
-    ----------
-    positions : (n,)
-        rad or m.
-    link : str, optional
-        Name of the joint that carries it; the last one by default.
-    offset : (3,)
-        Of the point in the link's frame, m.
-    """
+    """Where a point is in the world (3,), m, at joint positions (n,): `offset` (m) in the frame of a link, the last."""
     turns, places = link_frames(robot, positions)
     k = _place(robot, link)
     return places[k] + turns[k] @ np.asarray(offset, dtype=float)
@@ -248,25 +194,18 @@ def pose_at(
     offset: Sequence[float] = (0.0, 0.0, 0.0),
     near: Sequence[float] | np.ndarray | None = None,
 ) -> Reached:
-    """Joint positions at which a point of a link is at a place, by a search that begins near a pose.
+    """Joint positions (n,) at which a point of a link is at a place (3,), m, by a search that begins near a pose.
 
-    Parameters
-    ----------
-    place : (3,)
-        In the world's frame, m.
-    link, offset
-        As for `position_of`.
-    near : (n,), optional
-        Where the search begins; the robot's home by default. Other starts are tried only where it fails.
-
-    Raises
-    ------
-    InvalidInput
-        For what is no place, a link that is not there, and a place out of reach, with how near the point gets.
+    `link` and `offset` as for `position_of`. The search begins at `near`, or at the robot's home; other starts are
+    tried only where it fails. A place out of reach is refused, with how near the point gets.
     """
     from scipy.optimize import least_squares
 
-    wanted, shift = _three("place", place), _three("offset", offset)
+    points = f"three numbers of at most {HUGE:g}, m"
+    wanted, shift = (
+        checked_array(f"The {name} is no point.", value, (3,), points, "(0.4, 0.0, 0.3)", HUGE)
+        for name, value in (("place", place), ("offset", offset))
+    )
     k, n = _place(robot, link), len(robot.joint_names)
     low, high = position_ranges(robot)
 
@@ -301,19 +240,15 @@ def pose_at(
             "a place nearer by, or the point of another link",
         )
     pose = np.clip(best.x, low, high)
-    return Reached(pose, _mobility(at, pose, rng))
-
-
-def _mobility(at: Any, pose: np.ndarray, rng: np.random.Generator) -> float:
-    """The smallest singular value that is not zero at poses in general, over its largest there."""
 
     def values(q: np.ndarray) -> np.ndarray:
         step = 1e-6 * np.eye(len(q))
         return np.linalg.svd(np.array([(at(q + e) - at(q - e)) / 2e-6 for e in step]).T, compute_uv=False)
 
-    typical = np.max([values(pose + rng.uniform(-1.0, 1.0, len(pose))) for _ in range(8)], axis=0)
+    # Over the smallest singular value that is not zero at poses in general.
+    typical = np.max([values(pose + rng.uniform(-1.0, 1.0, n)) for _ in range(8)], axis=0)
     rank = max(1, int(np.sum(typical > 1e-6 * typical[0])))
-    return float(values(pose)[rank - 1] / typical[rank - 1])
+    return Reached(pose, float(values(pose)[rank - 1] / typical[rank - 1]))
 
 
 def _place(robot: Robot, link: str | None) -> int:
@@ -325,34 +260,18 @@ def _place(robot: Robot, link: str | None) -> int:
     return names.index(link)
 
 
-def _three(what: str, value: Any) -> np.ndarray:
-    points = f"three numbers of at most {HUGE:g}, m"
-    return checked_array(f"The {what} is no point.", value, (3,), points, "(0.4, 0.0, 0.3)", HUGE)
-
-
 def skeleton(robot: Robot, positions: Sequence[float] | np.ndarray) -> tuple[np.ndarray, ...]:
-    """The links at some joint positions, one line for each link.
+    """The links at joint positions (n,), rad or m: for each the points (2 or more, 3) of a line in the world, m.
 
     A link is drawn from its own joint through the joints that it carries. One that carries none ends at twice the
     distance of its centre of mass, where a uniform rod would end: a robot file states no shapes.
-
-    Parameters
-    ----------
-    positions : (n,)
-        rad or m.
-
-    Returns
-    -------
-    tuple of (2 or more, 3) arrays
-        Points of each link in the world's frame, m, in the order of the joints; the joint's own place is the first.
     """
     table = robot.plant().parameters
     tree, _, centres, _ = robot.links.rigid(table.named(table.vector()))
     turns, places = link_frames(robot, positions)
-    n = len(tree)
     lines = []
-    for i in range(n):
-        carried = [places[k] for k in range(n) if tree.parents[k] == i]
+    for i in range(len(tree)):
+        carried = [places[k] for k, parent in enumerate(tree.parents) if parent == i]
         end = places[i] + 2.0 * turns[i] @ np.asarray(centres[i], dtype=float)
         lines.append(np.array([places[i], *(carried or [end])]))
     return tuple(lines)

@@ -8,7 +8,8 @@ of the robot. What would change the dynamics and is not read is refused by name,
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from typing import Any
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
@@ -18,12 +19,10 @@ import numpy as np
 from flexhinf.errors import InvalidInput
 from flexhinf.robot.dynamics import Joint, Placement
 from flexhinf.robot.urdf import (
-    MOST_JOINTS,
     MOST_LINKS,
     RigidArm,
     check_body,
     check_lock,
-    check_selection,
     locked_joints,
     merged,
     moved,
@@ -64,47 +63,44 @@ _NOT_FINITE = re.compile(r"(^|\s)[+-]?(nan|inf)", re.IGNORECASE)
 def read_mjcf(
     root: Element, file: str, joints: Sequence[str] | None = None, locked: Mapping[str, float] | None = None
 ) -> RigidArm:
-    """The moving joints of an MJCF file and their links. Needs the extra ``mujoco``.
+    """The moving joints of an MJCF file and their links, from its root <mujoco>. Needs the extra ``mujoco``.
 
-    Parameters
-    ----------
-    root : Element
-        <mujoco>, from `flexhinf.validation.read_xml`.
-    file : str
-        Name of the file, for messages.
-    joints, locked
-        As for `flexhinf.robot.urdf.read_urdf`.
-
-    Raises
-    ------
-    InvalidInput
-        For joint names that are not in it, and what is not read and would change the dynamics.
+    `joints` and `locked` as for `flexhinf.robot.urdf.read_urdf`; what is not read and would change the dynamics is
+    refused.
     """
-    check_selection(joints, locked)
-    spec = _specification(root, file)
+    mujoco = extra_package("mujoco", "mujoco", f"{file}: MJCF is read by MuJoCo, which is not installed.")
+    for element in root.iter():
+        if element.tag in REFUSED:
+            found = "expected bodies, joints and inertials in this file"
+            raise _refusal(file, f"<{element.tag}> is not read", found, REFUSED[element.tag])
+    bodies = sum(1 for _ in root.iter("body"))
+    if bodies > MOST_LINKS:
+        found = f"expected at most {MOST_LINKS}, got {bodies}"
+        raise _refusal(file, "there are too many bodies", found, "one robot")
+    kept = _kept(root, file)
+    with _refused_by_mujoco(file):
+        spec = mujoco.MjSpec.from_string(ElementTree.tostring(kept, encoding="unicode"))
+    _check(spec, file)
+    spec.compiler.fusestatic = spec.compiler.discardvisual = False
+    spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)  # shapes may overlap
     movable = tuple(joint.name for joint in spec.joints)
     still = locked_joints(file, movable, joints, locked)
-    moving = [name for name in movable if name not in still]
-    if not 0 < len(moving) <= MOST_JOINTS:
-        raise InvalidInput(
-            f"{file}: nothing moves, or too much.",
-            f"expected 1 to {MOST_JOINTS} joints, got {len(moving)}",
-            "joints=[...]: the others are locked",
-        )
-    _check_couplings(root, file, set(moving))
+    _check_couplings(root, file, {name for name in movable if name not in still})
     _use_shapes(spec, file)
-    try:
+    with _refused_by_mujoco(file):
         model = spec.compile()
-    except Exception as error:  # whatever MuJoCo's compiler refuses
-        raise _unread(file, error) from error
     return _arm(model, file, movable, still)
 
 
-def _unread(file: str, error: Exception) -> InvalidInput:
-    text = " ".join(str(error).split())
-    return InvalidInput(
-        f"{file}: MuJoCo does not read this file.", f"got: {text}", "a file that MuJoCo's own viewer opens"
-    )
+@contextmanager
+def _refused_by_mujoco(file: str) -> Iterator[None]:
+    try:
+        yield
+    except Exception as error:  # whatever MuJoCo's parser and compiler refuse
+        found = f"got: {' '.join(str(error).split())}"
+        raise _refusal(
+            file, "MuJoCo does not read it", found, "a file that MuJoCo's own viewer opens"
+        ) from error
 
 
 def _refusal(file: str, what: str, found: str, advice: str) -> InvalidInput:
@@ -112,31 +108,6 @@ def _refusal(file: str, what: str, found: str, advice: str) -> InvalidInput:
 
 
 # Before MuJoCo reads it ---------------------------------------------------------------------------
-def _specification(root: Element, file: str) -> Any:
-    """MuJoCo's own description of the bodies, joints, shapes and actuators, checked and not yet compiled."""
-    mujoco = extra_package("mujoco", "mujoco", f"{file}: MJCF is read by MuJoCo, which is not installed.")
-    for element in root.iter():
-        if element.tag in REFUSED:
-            raise _refusal(
-                file,
-                f"<{element.tag}> is not read",
-                "expected bodies, joints and inertials in this file",
-                REFUSED[element.tag],
-            )
-    bodies = sum(1 for _ in root.iter("body"))
-    if bodies > MOST_LINKS:
-        raise _refusal(
-            file, "there are too many bodies", f"expected at most {MOST_LINKS}, got {bodies}", "one robot"
-        )
-    kept = _kept(root, file)
-    try:
-        spec = mujoco.MjSpec.from_string(ElementTree.tostring(kept, encoding="unicode"))
-    except Exception as error:  # whatever MuJoCo's parser refuses
-        raise _unread(file, error) from error
-    _check(spec, file)
-    spec.compiler.fusestatic = spec.compiler.discardvisual = False
-    spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)  # shapes may overlap
-    return spec
 
 
 def _kept(root: Element, file: str) -> Element:
@@ -170,12 +141,8 @@ def _kept(root: Element, file: str) -> Element:
             lowest = 0.0 if key in ("mass", "density") else -HUGE
             outside = any(number < lowest or number > HUGE for number in map(_number, text.split()))
             if outside or _NOT_FINITE.search(text):
-                raise _refusal(
-                    file,
-                    f"{key} of <{element.tag}> cannot be read",
-                    f"expected numbers from {lowest:g} to {HUGE:g}, got {value_text(text, 60)}",
-                    "correct the value",
-                )
+                found = f"expected numbers from {lowest:g} to {HUGE:g}, got {value_text(text, 60)}"
+                raise _refusal(file, f"{key} of <{element.tag}> cannot be read", found, "correct the value")
     return kept
 
 
@@ -225,12 +192,9 @@ def _check(spec: Any, file: str) -> None:
                 raise _refusal(file, f"the {key}range of {where} is none", found, f'{key}range="-1 1"')
     for where, joint in parts:
         if joint.type.name not in KINDS:
-            raise _refusal(
-                file,
-                f"{where} is of type {joint.type.name.removeprefix('mjJNT_').lower()!r}",
-                "expected hinge or slide",
-                "a robot on a fixed base with joints of one degree of freedom",
-            )
+            what = f"{where} is of type {joint.type.name.removeprefix('mjJNT_').lower()!r}"
+            advice = "a robot on a fixed base with joints of one degree of freedom"
+            raise _refusal(file, what, "expected hinge or slide", advice)
 
 
 def _check_couplings(root: Element, file: str, moving: set[str]) -> None:
@@ -254,10 +218,8 @@ def _check_couplings(root: Element, file: str, moving: set[str]) -> None:
         ]
         coupled = {part.get("joint") for part in element}
         if acting and (element.tag != "fixed" or coupled & moving):
-            raise _refusal(
-                file, f"a tendon has {acting[0]}", "expected joints that are coupled by links alone",
-                "the robot without it",
-            )  # fmt: skip
+            found = "expected joints that are coupled by links alone"
+            raise _refusal(file, f"a tendon has {acting[0]}", found, "the robot without it")
 
 
 def _number(text: str) -> float:
@@ -274,7 +236,10 @@ def _use_shapes(spec: Any, file: str) -> None:
         stated = body.explicitinertial and spec.compiler.inertiafromgeom.name != "mjINERTIAFROMGEOM_TRUE"
         light = geom.mass == 0.0 or (not geom.mass > 0.0 and geom.density == 0.0)
         solid = kind in SOLID and not geom.meshname
-        if stated or light or kind == "plane" or not (solid or _carrier(body)):
+        carrier = body
+        while carrier is not None and not len(carrier.joints):
+            carrier = carrier.parent
+        if stated or light or kind == "plane" or not (solid or carrier is not None):
             geom.type, geom.meshname, geom.hfieldname = type(geom.type).mjGEOM_SPHERE, "", ""
             geom.mass, geom.density, geom.size = 0.0, 0.0, (1.0, 0.0, 0.0)
             geom.fromto = (np.nan,) * 6
@@ -285,13 +250,6 @@ def _use_shapes(spec: Any, file: str) -> None:
                 f"expected <inertial> in its body, or a solid {', '.join(SOLID)}, got type {kind!r}",
                 'an <inertial> with mass and inertia; mass="0" for a shape that is only drawn',
             )
-
-
-def _carrier(body: Any) -> bool:
-    """Whether a joint carries a body."""
-    while body is not None and not len(body.joints):
-        body = body.parent
-    return body is not None
 
 
 # From MuJoCo's model ------------------------------------------------------------------------------
@@ -370,12 +328,8 @@ _NO_GRAVITY = 1 << 7  # mjDSBL_GRAVITY
 def _placement(file: str, position: np.ndarray, quaternion: np.ndarray) -> Placement:
     """A place from MuJoCo's position and unit quaternion (w, x, y, z)."""
     if not np.all(np.abs(position) <= HUGE):
-        raise _refusal(
-            file,
-            "a body is out of all proportion",
-            f"expected at most {HUGE:g} m, got {position.tolist()}",
-            "metres",
-        )
+        found = f"expected at most {HUGE:g} m, got {position.tolist()}"
+        raise _refusal(file, "a body is out of all proportion", found, "metres")
     w, *axis = quaternion.tolist()
     place = Placement(translation=tuple(position.tolist()))
     angle = 2.0 * float(np.arctan2(np.linalg.norm(axis), w))

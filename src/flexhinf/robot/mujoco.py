@@ -1,14 +1,12 @@
-"""MuJoCo's viewer beside a run: links, and motors as they stand behind their springs.
+"""The same robot in MuJoCo: physics that is not ours, as a true plant for `flexhinf.Loop`, and its viewer beside a run.
 
-MuJoCo's model of the robot has no shapes. What is shown is drawn into the viewer's own scene: capsules from joint to
+MuJoCo has no elastic joint. Each rotor is a body of its own that turns about an axis of the world, with `armature`
+making up its inertia, and a fixed tendon θ − q with the joint's stiffness is the spring; backlash is the tendon's own
+dead band. Dry friction is MuJoCo's own, a constraint that its solver meets at each step (`frictionloss`): the rotor
+sticks but for a creep that is far below the one of our smoothed friction.
+
+MuJoCo's model of the robot has no shapes. What the viewer shows is drawn into its own scene: capsules from joint to
 joint, for the links as they are and for the motors with the wind-up of their springs drawn larger.
-
-The same robot in MuJoCo: physics that is not ours, as a true plant for `flexhinf.Loop`.
-
-MuJoCo has no elastic joint. Each rotor is a body of its own that turns about an axis of the world, with
-`armature` making up its inertia, and a fixed tendon θ − q with the joint's stiffness is the spring; backlash is the
-tendon's own dead band. Dry friction is MuJoCo's own, a constraint that its solver meets at each step (`frictionloss`):
-the rotor sticks but for a creep that is far below the one of our smoothed friction.
 """
 
 from __future__ import annotations
@@ -26,7 +24,7 @@ import numpy as np
 
 from flexhinf.errors import InvalidInput
 from flexhinf.plant import BlackBox, Parameters
-from flexhinf.robot.dynamics import Tree
+from flexhinf.robot.dynamics import matrix_of
 from flexhinf.robot.elastic import checked_extras, torque_per_input
 from flexhinf.robot.kinematics import skeleton
 from flexhinf.robot.robot import Robot
@@ -60,20 +58,10 @@ def check_display() -> None:
 
 
 class MuJoCoView:
-    """A window that shows a robot in MuJoCo while it runs; use it as a context.
+    """A window that shows a robot in MuJoCo while it runs; use it as a context, which refuses where none can be opened.
 
     A thread of its own draws, on data of its own: a run that calls `show` does not wait for the window, but shares the
     processor and the interpreter with it.
-
-    Parameters
-    ----------
-    plant : MuJoCoPlant
-        The same robot, as it is driven.
-
-    Raises
-    ------
-    InvalidInput
-        If no window can be opened, when the context is entered.
     """
 
     def __init__(self, robot: Robot, plant: MuJoCoPlant) -> None:
@@ -124,7 +112,8 @@ class MuJoCoView:
         return not self._ended.is_set()
 
     def _draw_until_ended(self) -> None:
-        viewer = self._viewer
+        viewer, mujoco = self._viewer, self._mujoco
+        kind = mujoco.mjtGeom.mjGEOM_CAPSULE
         while not self._ended.wait(FRAME):
             if not viewer.is_running():
                 self._ended.set()
@@ -133,9 +122,13 @@ class MuJoCoView:
                 scene = viewer.user_scn
                 scene.ngeom = 0
                 for larger, radius, colour in ((0.0, LINK, BLUE), (LARGER, MOTOR, ORANGE)):
-                    for line in self._lines(larger):
-                        for end in line[1:]:
-                            self._draw(scene, line[0], end, radius * self._size, colour)
+                    rgba = np.array(colour, dtype=np.float32)
+                    ends = [(line[0], end) for line in self._lines(larger) for end in line[1:]]
+                    for begin, end in ends[: scene.maxgeom - scene.ngeom]:
+                        geom = scene.geoms[scene.ngeom]
+                        scene.ngeom += 1
+                        mujoco.mjv_initGeom(geom, kind, np.zeros(3), np.zeros(3), np.eye(3).ravel(), rgba)
+                        mujoco.mjv_connector(geom, kind, radius * self._size, begin, end)
             viewer.sync()
 
     def _lines(self, larger: float) -> tuple[np.ndarray, ...]:
@@ -143,16 +136,6 @@ class MuJoCoView:
         n = len(self._robot.joint_names)
         x = self._robot.layout.whole(self._state)
         return skeleton(self._robot, x[:n] + larger * (x[2 * n : 3 * n] - x[:n]))
-
-    def _draw(self, scene: Any, begin: np.ndarray, end: np.ndarray, radius: float, colour: tuple) -> None:
-        if scene.ngeom >= scene.maxgeom:
-            return
-        mujoco, kind = self._mujoco, self._mujoco.mjtGeom.mjGEOM_CAPSULE
-        geom = scene.geoms[scene.ngeom]
-        scene.ngeom += 1
-        rgba = np.array(colour, dtype=np.float32)
-        mujoco.mjv_initGeom(geom, kind, np.zeros(3), np.zeros(3), np.eye(3).ravel(), rgba)
-        mujoco.mjv_connector(geom, kind, radius, begin, end)
 
 
 #: The part of a rotor's inertia that MuJoCo's body has; the rest is its armature.
@@ -219,7 +202,7 @@ class MuJoCoPlant(BlackBox):
         on = checked_extras(extras, False, packed, robot.name)
         check_expressed(on)
         self._step = checked_positive("The step of integration", step, "seconds", "1e-3")
-        self._mujoco: Any = _imported()
+        self._mujoco: Any = extra_package("mujoco", "mujoco", "MuJoCo is not installed.")
         self._p = p = Parameters(packed)
         joints = robot.joint_names
         self._n, self._robot = len(joints), robot
@@ -281,27 +264,18 @@ def check_expressed(extras: Sequence[str]) -> None:
             f"expected extras out of {list(EXPRESSED)}, got {list(extras)}",
             "the same without MuJoCo: robot.plant(extras=...) as the true plant; or without this extra",
         )
-    _imported()
-
-
-def _imported() -> Any:
-    return extra_package("mujoco", "mujoco", "MuJoCo is not installed.")
+    extra_package("mujoco", "mujoco", "MuJoCo is not installed.")
 
 
 # The model ----------------------------------------------------------------------------------------
 def mujoco_xml(robot: Robot, parameters: Mapping[str, Any], extras: Sequence[str] = ()) -> str:
     """The robot as MJCF: links, rotors, springs; joints in the order links, then motors.
 
-    Parameters
-    ----------
-    parameters : mapping
-        Of its plant.
-    extras : sequence of str
-        Out of joint_damping, backlash and coulomb_friction.
+    The parameters are those of its plant; extras out of `EXPRESSED`.
     """
     p = Parameters(dict(parameters))
     rigid = robot.links.rigid(p)
-    tree: Tree = rigid[0]
+    tree = rigid[0]
     links, motors = (signal_names(name, robot.joint_names) for name in MECHANICAL[::2])
     friction = p.friction
     if robot.drive == "voltage":
@@ -317,11 +291,18 @@ def mujoco_xml(robot: Robot, parameters: Mapping[str, Any], extras: Sequence[str
         f'frictionloss="{_n(dry)}" {STICKING}'
         for i, j, b, dry in zip(range(n), *rotor)
     ]
-    rotors = [
-        f"<body><joint name={quoteattr(motors[i])} type={_kind(tree.joints[i].slides)} {_across(robot)} {own[i]}/>"
-        f"{_rotor(tree.joints[i].slides, rotor[0][i])}</body>"
-        for i in layout.elastic
-    ]
+    down = np.asarray(robot.links.down)
+    across = np.cross(
+        down, np.eye(3)[int(np.argmin(np.abs(down)))]
+    )  # gravity does not act on rotors that slide
+    axis, rotors = _row(across / np.linalg.norm(across)), []
+    for i in layout.elastic:
+        slides, share = tree.joints[i].slides, rotor[0][i] * ROTOR_SHARE
+        mass, moment = (share, 1.0) if slides else (1.0, share)
+        rotors.append(
+            f'<body><joint name={quoteattr(motors[i])} type="{"slide" if slides else "hinge"}" axis="{axis}" {own[i]}/>'
+            f'<inertial pos="0 0 0" mass="{_n(mass)}" diaginertia="{_row([moment] * 3)}"/></body>'
+        )
     springs = [
         f'<fixed stiffness="{_n(k)}" damping="{_n(c)}" springlength="{_n(-0.5 * width)} {_n(0.5 * width)}">'
         f'<joint joint={quoteattr(motors[i])} coef="1"/><joint joint={quoteattr(links[i])} coef="-1"/></fixed>'
@@ -342,29 +323,17 @@ def _bodies(rigid: Any, parent: int, names: Sequence[str], motors: Sequence[str]
     for i, joint in enumerate(tree.joints):
         if tree.parents[i] == parent:
             place = joint.placement
+            moments, axes = np.linalg.eigh(matrix_of(inertias[i]))  # our own decomposition: MuJoCo's rounds
+            if np.linalg.det(axes) < 0.0:
+                axes[:, 0] *= -1.0
             text += (
                 f'<body pos="{_row(place.translation)}" quat="{_row(_quaternion(place.rotation))}">'
-                f"{_inertial(masses[i], centres[i], inertias[i])}<joint name={quoteattr(names[i])} "
-                f'type={_kind(joint.slides)} axis="{_row(joint.axis)}" {motors[i]}/>'
+                f'<inertial pos="{_row(centres[i])}" quat="{_row(_quaternion(axes))}" mass="{_n(masses[i])}" '
+                f'diaginertia="{_row(moments)}"/><joint name={quoteattr(names[i])} '
+                f'type="{"slide" if joint.slides else "hinge"}" axis="{_row(joint.axis)}" {motors[i]}/>'
                 f"{_bodies(rigid, i, names, motors)}</body>"
             )
     return text
-
-
-def _rotor(slides: bool, inertia: float) -> str:
-    mass, moment = (inertia * ROTOR_SHARE, 1.0) if slides else (1.0, inertia * ROTOR_SHARE)
-    return f'<inertial pos="0 0 0" mass="{_n(mass)}" diaginertia="{_n(moment)} {_n(moment)} {_n(moment)}"/>'
-
-
-def _across(robot: Robot) -> str:
-    """An axis that gravity does not act along, for rotors that slide."""
-    down = np.asarray(robot.links.down)
-    across = np.cross(down, np.eye(3)[int(np.argmin(np.abs(down)))])
-    return f'axis="{_row(across / np.linalg.norm(across))}"'
-
-
-def _kind(slides: bool) -> str:
-    return '"slide"' if slides else '"hinge"'
 
 
 def _n(number: Any) -> str:
@@ -373,16 +342,6 @@ def _n(number: Any) -> str:
 
 def _row(numbers: Any) -> str:
     return " ".join(_n(number) for number in numbers)
-
-
-def _inertial(mass: float, centre: Any, six: Any) -> str:
-    """Principal moments by our own decomposition: MuJoCo's rounds."""
-    xx, xy, xz, yy, yz, zz = six
-    moments, axes = np.linalg.eigh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    if np.linalg.det(axes) < 0.0:
-        axes[:, 0] *= -1.0
-    place = f'pos="{_row(centre)}" quat="{_row(_quaternion(axes))}"'
-    return f'<inertial {place} mass="{_n(mass)}" diaginertia="{_row(moments)}"/>'
 
 
 def _quaternion(rotation: Any) -> np.ndarray:

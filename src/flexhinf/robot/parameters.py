@@ -1,7 +1,4 @@
-"""The physical numbers a robot is made of: unit, and what they must be.
-
-A physical number with its unit, tolerance and source.
-"""
+"""The physical numbers a robot is made of: unit, tolerance and source, and what they must be."""
 
 from __future__ import annotations
 
@@ -25,14 +22,7 @@ from flexhinf.validation import (
 
 
 class Quantity(NamedTuple):
-    """What is known of a number before its value.
-
-    Attributes
-    ----------
-    unit, sliding_unit : str
-        For a joint that turns, and for one that slides.
-    sign : {"positive", "not negative", "any"}
-    """
+    """Unit of a number of a joint that turns, of one that slides, and its sign: "positive", "not negative" or "any"."""
 
     unit: str
     sliding_unit: str
@@ -54,9 +44,7 @@ QUANTITIES: dict[str, Quantity] = {
     **{f"inertia_{axes}": _same("kg·m²") for axes in INERTIA},
     "length": _same("m"),  # of a single link: from the axis to the centre of mass
     "link_inertia": _same("kg·m²", "positive"),  # of a single link: about the axis
-    "inertia_scale": _same(
-        "1", "positive"
-    ),  # factor of all moments of a link: a tolerance that keeps it a body
+    "inertia_scale": _same("1", "positive"),  # factor of a link's moments: a tolerance that keeps it a body
     # what a link carries
     "payload_mass": _same("kg", "not negative"),
     **{f"payload_centre_of_mass_{axis}": _same("m") for axis in VECTOR},
@@ -95,12 +83,7 @@ def unit_of(quantity: str, slides: bool = False) -> str:
 def parameter_units(values: Mapping[str, Any], slides: Sequence[bool]) -> dict[str, str]:
     """Units of a plant's parameters: of a number by its name, of an array's elements by ``name[1]``, ``name[2]``, ….
 
-    Parameters
-    ----------
-    values : mapping of str to number or array
-        Arrays have one row per joint, and are counted row by row.
-    slides : (n,) sequence of bool
-        Whether each joint is prismatic.
+    Arrays have one row per joint, and are counted row by row; `slides` says which joints are prismatic.
     """
     units = {}
     for name, value in values.items():
@@ -120,17 +103,21 @@ def per_joint(quantity: str, joint: str, joints: int) -> str:
 
 
 def check_parameters(robot: str, parameters: Sequence[Parameter], slides: Mapping[str, bool]) -> None:
-    """Refuse parameters that mean nothing, or have the wrong sign.
-
-    Parameters
-    ----------
-    slides : mapping of str to bool
-        Joints by name, and whether they are prismatic.
-    """
+    """Refuse parameters that mean nothing, or have the wrong sign; `slides`: joints by name, whether prismatic."""
     known: dict[str, tuple[str, bool]] = {"gravity": ("gravity", False)}
     for joint, sliding in slides.items():
         known |= {per_joint(quantity, joint, len(slides)): (quantity, sliding) for quantity in QUANTITIES}
-    _check_meanings(robot, list(slides))
+    meaning: dict[str, tuple[str, str]] = {}
+    for joint in slides if len(slides) > 1 else ():
+        for quantity in QUANTITIES:
+            label = per_joint(quantity, joint, len(slides))
+            other = meaning.setdefault(label, (quantity, joint))
+            if other != (quantity, joint):  # friction of smoothing_a is friction_smoothing of a
+                raise InvalidInput(
+                    f"Two numbers of the robot {robot!r} have one name: {label!r}.",
+                    f"expected distinct names, got {other[0]} of joint {other[1]!r} and {quantity} of joint {joint!r}",
+                    f"another name for the joint {joint!r}",
+                )
     for parameter in parameters:
         if parameter.name not in known:
             raise InvalidInput(
@@ -141,69 +128,45 @@ def check_parameters(robot: str, parameters: Sequence[Parameter], slides: Mappin
             )
         quantity, sliding = known[parameter.name]
         sign, unit = QUANTITIES[quantity].sign, unit_of(quantity, sliding)
-        _check_size(parameter.name, parameter.value, sign, unit)
-        for end in parameter.interval:
-            _check_size(parameter.name, end, sign, unit, " at one end of its range")
-
-
-def _check_size(name: str, value: float, sign: str, unit: str, where: str = "") -> None:
-    """Refuse a value with the wrong sign, or out of all proportion."""
-    if (sign == "positive" and not value > 0.0) or (sign != "any" and value < 0.0):
-        raise InvalidInput(
-            f"The parameter {name!r} must {'be positive' if sign == 'positive' else 'not be negative'}.",
-            f"expected {'> 0' if sign == 'positive' else '>= 0'} {unit}, got {value:g} {unit}{where}",
-            "correct the value",
-        )
-    if not within_proportion(value, positive=sign == "positive"):
-        raise InvalidInput(
-            f"The parameter {name!r} is out of all proportion.",
-            f"expected {1 / HUGE:g} to {HUGE:g} {unit}, got {value:g} {unit}{where}",
-            "its value in SI units",
-        )
-
-
-def _check_meanings(robot: str, joints: Sequence[str]) -> None:
-    """Refuse joints whose names make one name of two numbers: friction of smoothing_a, friction_smoothing of a."""
-    if len(joints) < 2:
-        return
-    meaning: dict[str, tuple[str, str]] = {}
-    for joint in joints:
-        for quantity in QUANTITIES:
-            other = meaning.setdefault(per_joint(quantity, joint, len(joints)), (quantity, joint))
-            if other != (quantity, joint):
+        positive, ends = sign == "positive", " at one end of its range"
+        for value, where in ((parameter.value, ""), *((end, ends) for end in parameter.interval)):
+            if (positive and not value > 0.0) or (sign != "any" and value < 0.0):
                 raise InvalidInput(
-                    f"Two numbers of the robot {robot!r} have one name: {per_joint(quantity, joint, len(joints))!r}.",
-                    f"expected distinct names, got {other[0]} of joint {other[1]!r} and {quantity} of joint {joint!r}",
-                    f"another name for the joint {joint!r}",
+                    f"The parameter {parameter.name!r} must {'be positive' if positive else 'not be negative'}.",
+                    f"expected {'> 0' if positive else '>= 0'} {unit}, got {value:g} {unit}{where}",
+                    "correct the value",
+                )
+            if not within_proportion(value, positive=positive):
+                raise InvalidInput(
+                    f"The parameter {parameter.name!r} is out of all proportion.",
+                    f"expected {1 / HUGE:g} to {HUGE:g} {unit}, got {value:g} {unit}{where}",
+                    "its value in SI units",
                 )
 
 
-def checked_limits(robot: str, field: str, stated: Any, joints: Sequence[str]) -> tuple[float, ...]:
-    """One number for each joint, positive and in proportion; infinite where no limit is stated."""
-    if stated is None:
-        return (np.inf,) * len(joints)
-    found = stated
-    if isinstance(stated, Sequence) and not isinstance(stated, str):
-        found = [np.inf if limit is None else limit for limit in stated]
-    limits = real_array(found)
+def checked_limits(what: str, stated: Any, joints: Sequence[str], signals: Sequence[str] = ()) -> np.ndarray:
+    """One positive limit per joint (n,); infinite where none is stated.
+
+    Stated as a number or None for each joint, and with `signals` also as a number for all, or by the joints' names or
+    those of their signals.
+    """
+    listed = stated
+    if isinstance(stated, Mapping):
+        named = {dict(zip(signals, joints)).get(name, name): value for name, value in stated.items()}
+        listed = [named.get(joint, np.nan) for joint in joints] if set(named) <= set(joints) else np.nan
+    elif isinstance(stated, Sequence) and not isinstance(stated, str):
+        listed = [np.inf if limit is None else limit for limit in stated]
+    limits = real_array(np.inf if stated is None else listed)
+    limits = np.full(len(joints), limits) if limits.ndim == 0 and (signals or stated is None) else limits
     usable = (limits == np.inf) | ((limits >= 1.0 / HUGE) & (limits <= HUGE))
     if limits.shape != (len(joints),) or not np.all(usable):
-        raise InvalidInput(
-            f"The {field.replace('_', ' ')} of the robot {robot!r} do not fit its joints.",
-            f"expected a number > 0, or None, for each of {list(joints)}, got {value_text(stated)}",
-            f"{field}=[{', '.join(['10.0'] * min(len(joints), 3))}{', …' if len(joints) > 3 else ''}]",
-        )
-    return tuple(limits.tolist())
+        found = f"expected a number > 0, or None, for each of {list(joints)}, got {value_text(stated)}"
+        raise InvalidInput(f"{what} do not fit the joints.", found, f"[{', '.join(['10.0'] * len(joints))}]")
+    return limits
 
 
 def checked_rigid(robot: str, rigid: Sequence[str], joints: Sequence[str]) -> tuple[str, ...]:
-    """Names of rigid joints in the order of the joints: some of them, not all.
-
-    Raises
-    ------
-    InvalidInput
-        For another name, or a robot without any elastic joint.
-    """
+    """Names of rigid joints in the order of the joints: some of them, not all."""
     unknown = [name for name in rigid if name not in joints]
     if unknown or len(set(rigid)) >= len(joints):
         raise InvalidInput(
@@ -217,16 +180,9 @@ def checked_rigid(robot: str, rigid: Sequence[str], joints: Sequence[str]) -> tu
 
 
 class PlantValues(dict[str, Any]):
-    """Parameters of a plant by name, and the numbers of the robot that they come from.
+    """Parameters of a plant by name, and in `numbers` every parameter of the robot that they come from.
 
     A plant knows of a payload only that a link is heavier; the robot knows it by its own name.
-
-    Parameters
-    ----------
-    values : mapping
-        Numbers and arrays.
-    numbers : mapping of str to float
-        Every parameter of the robot by name.
     """
 
     def __init__(self, values: Mapping[str, Any], numbers: Mapping[str, float]) -> None:
@@ -268,11 +224,8 @@ class Parameter:
         checked_text(f"the unit of {self.name!r}", self.unit)
         checked_text(f"the source of {self.name!r}", self.source)
         if not (is_real(self.value) and math.isfinite(real_array(self.value))):
-            raise InvalidInput(
-                f"The parameter {self.name!r} is not finite.",
-                f"expected a finite number, got {value_text(self.value)}",
-                "correct the value",
-            )
+            found = f"expected a finite number, got {value_text(self.value)}"
+            raise InvalidInput(f"The parameter {self.name!r} is not finite.", found, "correct the value")
         if abs(self.value) > HUGE:
             raise InvalidInput(
                 f"The parameter {self.name!r} is out of all proportion.",
@@ -280,32 +233,23 @@ class Parameter:
                 "its value in SI units",
             )
         if not (is_real(self.tolerance) and 0.0 <= self.tolerance < 100.0):
-            raise InvalidInput(
-                f"The tolerance of {self.name!r} is not a percentage.",
-                f"expected 0 to below 100 per cent, got {value_text(self.tolerance)}",
-                "12 for ±12 %",
-            )
-
-        if self.range is not None:
-            object.__setattr__(self, "range", self._checked_range(self.range))
-
-    def _checked_range(self, given: Any) -> tuple[float, float]:
-        """Two numbers with the nominal value between them."""
-        ends = real_array(given)
+            found = f"expected 0 to below 100 per cent, got {value_text(self.tolerance)}"
+            raise InvalidInput(f"The tolerance of {self.name!r} is not a percentage.", found, "12 for ±12 %")
+        if self.range is None:
+            return
+        ends = real_array(self.range)
         if ends.shape != (2,) or not -HUGE <= ends[0] <= self.value <= ends[1] <= HUGE:
             raise InvalidInput(
                 f"The range of {self.name!r} does not hold its value.",
-                f"expected [lower, upper] with lower <= {self.value:g} <= upper, got {value_text(given)}",
+                f"expected [lower, upper] with lower <= {self.value:g} <= upper, got {value_text(self.range)}",
                 f"a range about the nominal value, in {self.unit or 'SI units'}",
             )
         if self.tolerance:
+            found = f"expected one of them, got {self.tolerance:g} per cent and {value_text(self.range)}"
             raise InvalidInput(
-                f"The parameter {self.name!r} has a tolerance and a range.",
-                f"expected one of them, got {self.tolerance:g} per cent and {value_text(given)}",
-                "one of the two",
+                f"The parameter {self.name!r} has a tolerance and a range.", found, "one of the two"
             )
-        lower, upper = ends.tolist()
-        return lower, upper
+        object.__setattr__(self, "range", tuple(ends.tolist()))
 
     def at(self, sign: float) -> float:
         """The value at −1 (lower end), 0 (nominal), 1 (upper end), or linearly between two of these."""
@@ -330,27 +274,17 @@ class Parameter:
 def checked_signs(
     uncertain: Sequence[Parameter], signs: Mapping[str, float] | Sequence[float]
 ) -> Mapping[str, float]:
-    """Signs of a corner by name, each within [−1, 1].
-
-    Raises
-    ------
-    InvalidInput
-        For another number of signs than uncertain parameters, or a sign that is too large.
-    """
+    """Signs of a corner by name, each within [−1, 1]."""
     if not isinstance(signs, Mapping):
         names = [parameter.name for parameter in uncertain]
         if len(signs) != len(names):
+            found = f"expected one for each of {names}, got {len(signs)}"
             raise InvalidInput(
-                "A corner needs one sign per uncertain parameter.",
-                f"expected one for each of {names}, got {len(signs)}",
-                "a sign, −1, 0 or 1, for each",
+                "A corner needs one sign per uncertain parameter.", found, "−1, 0 or 1 for each"
             )
         signs = dict(zip(names, signs, strict=True))
     for name, sign in signs.items():
         if not -1.0 <= sign <= 1.0:
-            raise InvalidInput(
-                f"The sign for {name!r} leaves its tolerance.",
-                f"expected −1 to 1, got {sign!r}",
-                "−1, 0 or 1",
-            )
+            found = f"expected −1 to 1, got {sign!r}"
+            raise InvalidInput(f"The sign for {name!r} leaves its tolerance.", found, "−1, 0 or 1")
     return signs

@@ -17,6 +17,7 @@ from flexhinf.robot.dynamics import Joint, Tree
 from flexhinf.robot.elastic import CONSTANTS, SPRING
 from flexhinf.robot.parameters import INERTIA, VECTOR, Parameter, per_joint, unit_of
 from flexhinf.robot.robot import Robot
+from flexhinf.validation import checked_positive
 
 #: A plain number, or one with tolerance and source.
 Number = float | Parameter
@@ -58,24 +59,20 @@ class Link:
                     "x, y, z" if length == 3 else "xx, xy, xz, yy, yz, zz",
                 )
             object.__setattr__(self, name, value)
-        if not _value(self.mass) > 0.0:
-            raise InvalidInput(
-                "The mass of a link must be positive.",
-                f"expected > 0 kg, got {_value(self.mass):g}",
-                "its mass",
-            )
-        xx, xy, xz, yy, yz, zz = map(_value, self.inertia)
+        checked_positive("The mass of a link", value_of(self.mass), "kg", "its mass")
+        xx, xy, xz, yy, yz, zz = map(value_of, self.inertia)
         moments = np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        got = f"got {[float(f'{moment:.6g}') for moment in moments]} kg·m²"
         if not moments[0] > 0.0:
             raise InvalidInput(
                 "The inertia of a link must be positive.",
-                f"expected principal moments > 0 kg·m², got {_listed(moments)}",
+                f"expected principal moments > 0 kg·m², {got}",
                 "inertia = {xx, xy, xz, yy, yz, zz} about the centre of mass; a point mass gets a small one",
             )
         if moments[2] > (moments[0] + moments[1]) * (1.0 + TRIANGLE_SLACK):
             raise InvalidInput(
                 "The inertia of a link violates the triangle inequality: no rigid body has it.",
-                f"expected each principal moment <= the sum of the others, got {_listed(moments)} kg·m²",
+                f"expected each principal moment <= the sum of the others, {got}",
                 "moments about the centre of mass (not about the joint), in kg·m²",
             )
 
@@ -150,11 +147,8 @@ class ElasticJoint:
     def __post_init__(self) -> None:
         twisting = [name for name in SPRING if getattr(self, name) is not None]
         if self.stiffness is None and twisting:
-            raise InvalidInput(
-                "A rigid joint has no spring.",
-                f"expected no number of a spring, got {twisting}",
-                "its stiffness; or leave them out",
-            )
+            found = f"expected no number of a spring, got {twisting}"
+            raise InvalidInput("A rigid joint has no spring.", found, "its stiffness; or leave them out")
         if (self.motor_inertia is None) == (self.rotor_inertia is None):
             raise InvalidInput(
                 "The inertia on the motor side must be stated once.",
@@ -165,7 +159,7 @@ class ElasticJoint:
         if self.rotor_inertia is not None and self.gear_ratio is None:
             raise InvalidInput(
                 "A rotor inertia needs its gear ratio.",
-                f"expected gear_ratio beside rotor_inertia = {_value(self.rotor_inertia):g} kg·m², got none",
+                f"expected gear_ratio beside rotor_inertia = {value_of(self.rotor_inertia):g} kg·m², got none",
                 "gear_ratio = 1 for a direct drive; or motor_inertia, reflected to the link side",
             )
         if self.hub_inertia is not None and self.rotor_inertia is None:
@@ -186,19 +180,9 @@ class ElasticJoint:
         if self.inductance is not None and self.drive == "current":
             raise InvalidInput(
                 "A motor whose input is its current has no use for an inductance.",
-                f"expected no inductance beside torque_constant alone, got {_value(self.inductance):g} H",
+                f"expected no inductance beside torque_constant alone, got {value_of(self.inductance):g} H",
                 "leave it out; or resistance and back_emf_constant, for a motor whose input is a voltage",
             )
-
-    @property
-    def stated(self) -> dict[str, Number]:
-        """The numbers that are given, by name."""
-        return {name: number for name, number in vars(self).items() if number is not None}
-
-    @property
-    def rigid(self) -> bool:
-        """Whether it has no spring."""
-        return self.stiffness is None
 
     @property
     def drive(self) -> str:
@@ -208,12 +192,9 @@ class ElasticJoint:
         return "torque" if self.torque_constant is None else "current"
 
 
-def _value(number: Number) -> float:
+def value_of(number: Number) -> float:
+    """Its value, finite."""
     return number.value if isinstance(number, Parameter) else Parameter("of a part", number).value
-
-
-def _listed(numbers: Any) -> list[float]:
-    return [float(f"{number:.6g}") for number in numbers]
 
 
 # Robots ------------------------------------------------------------------------------------------
@@ -259,14 +240,24 @@ def assembled(
         numbers: dict[str, Any] = {"mass": link.mass}
         numbers |= {f"centre_of_mass_{axis}": value for axis, value in zip(VECTOR, link.centre_of_mass)}
         numbers |= {f"inertia_{axes}": value for axes, value in zip(INERTIA, link.inertia)}
-        numbers |= spring.stated
+        numbers |= {quantity: number for quantity, number in vars(spring).items() if number is not None}
         for quantity, number in numbers.items():
             label = per_joint(quantity, joint.name, len(joints))
             parameters.append(_parameter(label, number, quantity, joint.slides))
     direction: Any = tuple(down)
-    drive = _common_drive(name, [joint.name for joint in joints], elastic)
-    rigid = tuple(joint.name for joint, spring in zip(joints, elastic) if spring.rigid)
-    return Robot(name, tuple(parameters), links=Arm(tree, direction), drive=drive, rigid=rigid, **settings)
+    drives = {joint.name: spring.drive for joint, spring in zip(joints, elastic)}
+    if len(set(drives.values())) > 1:
+        kinds = " and by ".join(f"{drive}s" for drive in sorted(set(drives.values())))
+        raise InvalidInput(
+            f"The robot {name!r} is driven by {kinds}.",
+            f"expected the same motor constants for all joints, got {drives}",
+            "resistance, torque_constant and back_emf_constant of every motor (voltages), torque_constant alone "
+            "(currents), or none (torques)",
+        )
+    rigid = tuple(joint.name for joint, spring in zip(joints, elastic) if spring.stiffness is None)
+    return Robot(
+        name, tuple(parameters), links=Arm(tree, direction), drive=elastic[0].drive, rigid=rigid, **settings
+    )
 
 
 def single_link_robot(
@@ -291,30 +282,17 @@ def single_link_robot(
             "expected a revolute joint, got a prismatic one",
             "mass, centre_of_mass and inertia of the link",
         )
-    if elastic.rigid:
+    if elastic.stiffness is None:
         raise InvalidInput(
             f"The only joint of the robot {name!r} is rigid.",
             "expected an elastic joint, got none",
             "[joint.spring] with stiffness = … (N·m/rad)",
         )
     numbers = {"mass": link.mass, "length": link.length, "gravity": gravity, "link_inertia": link.inertia}
-    numbers |= elastic.stated
-    parameters = tuple(_parameter(quantity, number, quantity) for quantity, number in numbers.items())
-    links = Pendulum(joint.name, joint.limits)
-    return Robot(name, parameters, links=links, drive=elastic.drive, **settings)
-
-
-def _common_drive(robot: str, joints: Sequence[str], elastic: Sequence[ElasticJoint]) -> str:
-    drives = {joint: spring.drive for joint, spring in zip(joints, elastic)}
-    if len(set(drives.values())) > 1:
-        found = " and by ".join(f"{drive}s" for drive in sorted(set(drives.values())))
-        raise InvalidInput(
-            f"The robot {robot!r} is driven by {found}.",
-            f"expected the same motor constants for all joints, got {drives}",
-            "resistance, torque_constant and back_emf_constant of every motor (voltages), torque_constant alone "
-            "(currents), or none (torques)",
-        )
-    return next(iter(drives.values()))
+    numbers |= vars(elastic)
+    parameters = [_parameter(name, number, name) for name, number in numbers.items() if number is not None]
+    links = Pendulum(Tree((Joint(joint.name, limits=joint.limits),)))
+    return Robot(name, tuple(parameters), links=links, drive=elastic.drive, **settings)
 
 
 def _parameter(label: str, number: Number, quantity: str, slides: bool = False) -> Parameter:

@@ -1,10 +1,8 @@
-"""What a robot carries: a body of unknown mass that is fixed to one of its links.
+"""What a robot carries: a body of unknown mass that is fixed to one of its links; and its mass, weighed by the motors.
 
 A payload is part of its link's mass, centre of mass and inertia in every plant (`carried`), so that dynamics,
 estimator, MuJoCo and feedforward see it. Its numbers are parameters of the robot: a mass of 0 to 3 kg is one uncertain
 number, and the inertia of the payload is in proportion to its mass.
-
-The mass of a payload, weighed by the motors at rest.
 
 A robot that stands still is held by its motors, and with an integral of the position error it stands where it was
 commanded to, whatever it carries. So what the motors give there is u = u0(q) + Σ m_i s_i(q), where u0 holds the robot
@@ -38,16 +36,9 @@ SHAPES = {
 
 @dataclass(frozen=True)
 class Frame:
-    """A place that can carry a payload.
+    """A place that can carry a payload: fixed to the link of a joint, `placement` in that link's frame.
 
-    Attributes
-    ----------
-    joint : str
-        The joint whose link it is fixed to.
-    placement : Placement
-        In that link's frame.
-    tip : (3,), optional
-        Where a payload is that states no centre of mass, m, in this frame; its origin by default.
+    A payload that states no centre of mass is at `tip`, m, in this frame.
     """
 
     joint: str
@@ -127,19 +118,7 @@ class Payload:
 
 
 def inertia_of_shape(kind: str, sizes: Sequence[float]) -> tuple[float, ...]:
-    """Moments of a uniform body over its mass, m²: xx, xy, xz, yy, yz, zz about its centre.
-
-    Parameters
-    ----------
-    kind : {"sphere", "box", "cylinder"}
-    sizes : sequence of float
-        As `SHAPES` lists them, m.
-
-    Raises
-    ------
-    InvalidInput
-        For another number of sizes, or sizes that are not positive.
-    """
+    """Moments of a uniform body over its mass, m²: xx, xy, xz, yy, yz, zz about its centre; sizes as in `SHAPES`."""
     names = SHAPES[kind]
     if len(sizes) != len(names) or not all(0.0 < size < np.inf for size in sizes):
         raise InvalidInput(
@@ -173,8 +152,9 @@ def payload_from_text(text: str) -> Payload:
     head, colon, place = text.partition(":")
     words, at, link = (part.strip() for part in head.partition("@"))
     try:
-        numbers = [_number(word) for word in words.removesuffix("kg").split("..")]
-        centre = [_number(word) for word in place.split(",")] if colon else None
+        # A number without the underscores that Python allows.
+        numbers = [float(word.replace("_", "x")) for word in words.removesuffix("kg").split("..")]
+        centre = [float(word.replace("_", "x")) for word in place.split(",")] if colon else None
         if (
             not all(np.isfinite([*numbers, *(centre or ())]))
             or len(numbers) > 3
@@ -198,19 +178,10 @@ def payload_from_text(text: str) -> Payload:
     return Payload(mass, link, offset)
 
 
-def _number(word: str) -> float:
-    """A number without the underscores that Python allows."""
-    return float(word.replace("_", "x"))
-
-
 def payload_ends(uncertain: Sequence[Parameter]) -> list[dict[str, float]]:
-    """Masses (kg) by name with all payloads at the lower, and at the upper ends of their ranges; where those are the
-    nominal ones they are left out.
+    """Masses (kg) by name of a robot's uncertain payloads at the lower, and at the upper ends of their ranges.
 
-    Parameters
-    ----------
-    uncertain : sequence of Parameter
-        A robot's.
+    Where those are the nominal ones they are left out.
     """
     masses = [p for p in uncertain if p.name.startswith("payload_mass")]
     ends = ({p.name: p.interval[end] for p in masses} for end in (0, 1))
@@ -220,16 +191,9 @@ def payload_ends(uncertain: Sequence[Parameter]) -> list[dict[str, float]]:
 def carried(
     values: Mapping[str, float], joint: str, joints: int, body: tuple[float, np.ndarray, np.ndarray]
 ) -> tuple[float, np.ndarray, np.ndarray]:
-    """A link's mass, centre of mass (3,) and inertia (3, 3) about it, with what it carries.
+    """A link's mass, centre of mass (3,) and inertia (3, 3) about it, with what it carries; `body` is the link alone.
 
-    Parameters
-    ----------
-    values : mapping of str to float
-        The robot's parameters by name.
-    joints : int
-        How many there are.
-    body : (mass, centre, inertia)
-        The link alone.
+    The robot's parameters come by name; it has so many `joints`.
     """
 
     def of(quantity: str) -> float:
@@ -294,10 +258,16 @@ def weigh_payload(robot: Any, pose: Any, effort: Any, unloaded: Any = None) -> W
             "load_robot(..., payload='0..3kg@LINK')",
         )
     _, model = robot.operating_point(pose)
-    base = model if unloaded is None else _efforts(robot, unloaded, "unloaded")
+    given: list[np.ndarray] = []
+    for name, values in (("effort", effort), ("unloaded", model if unloaded is None else unloaded)):
+        what = f"The {name} does not fit the joints of the robot {robot.name!r}."
+        expected = f"{len(model)} finite numbers ({DRIVES[robot.drive]})"
+        advice = "one mean of each motor's input at rest"
+        given.append(checked_array(what, values, (len(model),), expected, advice))
+    measured, base = given
     each = torque_per_input(robot.drive, SimpleNamespace(**robot.plant_parameters()))
     per_input = np.broadcast_to(np.asarray(each, dtype=float), len(robot.joint_names))
-    extra = per_input * (_efforts(robot, effort, "effort") - base)
+    extra = per_input * (measured - base)
     heavier = [robot.plant_parameters({**robot.nominal, name: robot[name].value + 1.0}) for name in names]
     per_kilogram = np.array([per_input * (robot.operating_point(pose, (), p)[1] - model) for p in heavier]).T
     least = SHORTEST_LEVER * abs(robot["gravity"].value)
@@ -318,11 +288,3 @@ def weigh_payload(robot: Any, pose: Any, effort: Any, unloaded: Any = None) -> W
         dict(zip(names, hidden.tolist())),
         extra - per_kilogram @ added,
     )
-
-
-def _efforts(robot: Any, values: Any, name: str) -> np.ndarray:
-    """One finite number for each motor."""
-    n = len(robot.joint_names)
-    what = f"The {name} does not fit the joints of the robot {robot.name!r}."
-    expected = f"{n} finite numbers ({DRIVES[robot.drive]})"
-    return checked_array(what, values, (n,), expected, "one mean of each motor's input at rest")

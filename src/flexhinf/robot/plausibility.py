@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterator
+from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
@@ -57,6 +58,9 @@ AS_RIGID = 3.0
 #: Largest mass that is carried over that of the links that move: industrial robots carry less than their own.
 CARRIED = (10.0, 100.0)
 
+#: Numbers of one joint that are looked at.
+OF_JOINT = ("gear_ratio", "motor_inertia", "static_friction", "coulomb_friction")
+
 #: Units in which inertias are tabulated, and what they are in kg·m².
 INERTIA_UNITS = {"kg·cm²": 1e-4, "kg·mm²": 1e-6, "g·cm²": 1e-7, "g·mm²": 1e-9}
 
@@ -71,14 +75,9 @@ class Question(NamedTuple):
 
 
 def check_plausible(robot: Robot, file: str) -> Robot:
-    """The same robot; asks about numbers that are probably in another unit.
-
-    Raises
-    ------
-    InvalidInput
-        For a number that no robot has, with the unit that was probably meant.
-    """
-    for question in _questions(robot):
+    """The same robot; asks about numbers that are probably in another unit, and refuses those that no robot has."""
+    p = Parameters(robot.plant_parameters())
+    for question in chain(_geometry_questions(robot, p), _load_questions(robot, p)):
         if question.wrong:
             raise InvalidInput(f"{file}: {question.what}", question.found, question.advice)
         warnings.warn(
@@ -101,13 +100,7 @@ def check_angles(where: str, angles: tuple[float, ...]) -> None:
 
 
 def check_fast(robot: Robot, period: float) -> None:
-    """Refuse springs that vibrate so fast that a loop with this period neither sees nor damps them.
-
-    Parameters
-    ----------
-    period : float
-        Sampling period, s.
-    """
+    """Refuse springs that vibrate so fast that a loop with this sampling period, s, neither sees nor damps them."""
     p = Parameters(robot.plant_parameters())
     stiffness, motors = np.atleast_1d(p.stiffness), np.atleast_1d(p.motor_inertia)
     root, elastic = np.sqrt(stiffness), robot.layout.elastic
@@ -133,13 +126,7 @@ def check_fast(robot: Robot, period: float) -> None:
 
 
 def check_delay(robot: Robot, delay: float) -> None:
-    """Refuse a delay of the inputs longer than a period of the lowest vibration: no loop damps what it answers so late.
-
-    Parameters
-    ----------
-    delay : float
-        s.
-    """
+    """Refuse a delay, s, longer than a period of the lowest vibration: no loop damps what it answers so late."""
     p = Parameters(robot.plant_parameters())
     held = _mass_matrix(robot, p)[np.ix_(robot.layout.elastic, robot.layout.elastic)]
     squares = np.linalg.eigvals(np.linalg.solve(held, np.diag(np.atleast_1d(p.stiffness))))
@@ -159,38 +146,24 @@ def _mass_matrix(robot: Robot, p: Parameters) -> np.ndarray:
     return np.array(mass_matrix(tree, bodies, np.asarray(robot.home)), dtype=float)
 
 
-def _questions(robot: Robot) -> Iterator[Question]:
-    p = Parameters(robot.plant_parameters())
-    yield from _ranges(robot)
-    yield from _lengths_and_inertias(robot, p)
-    yield from _gravity(robot)
-    yield from _payloads(robot)
-    yield from _springs_and_motors(robot, p)
-    yield from _friction(robot)
-
-
-def _ranges(robot: Robot) -> Iterator[Question]:
-    for joint, limits, slides in zip(robot.joint_names, robot.links.limits, robot.links.slides):
-        if limits is None or slides or max(map(abs, limits)) <= TURNS:
-            continue
-        whole = all(float(limit).is_integer() for limit in limits)
-        meant = [float(f"{limit / DEGREES:.5g}") for limit in limits]
-        yield Question(
-            f"the limits of joint {joint!r} are many turns apart.",
-            f"expected rad, got {limits[0]:g} to {limits[1]:g}; were degrees meant?",
-            f"{meant[0]:g} to {meant[1]:g} rad; or a continuous joint, which has no limits",
-            whole,
-        )
-
-
-def _lengths_and_inertias(robot: Robot, p: Parameters) -> Iterator[Question]:
+def _geometry_questions(robot: Robot, p: Parameters) -> Iterator[Question]:
+    """Ranges of the joints, their places, and the links' centres of mass and inertias."""
     tree, masses, centres, inertias = robot.links.rigid(p)
-    for i, joint in enumerate(tree.joints):
-        lengths = {
-            "place of joint": float(np.linalg.norm(joint.placement.translation)),
-            "centre of mass of the link behind joint": float(np.linalg.norm(centres[i])),
-        }
-        for what, length in lengths.items():
+    for joint, limits in zip(tree.joints, robot.links.limits):
+        if limits is not None and not joint.slides and max(map(abs, limits)) > TURNS:
+            meant = [float(f"{limit / DEGREES:.5g}") for limit in limits]
+            yield Question(
+                f"the limits of joint {joint.name!r} are many turns apart.",
+                f"expected rad, got {limits[0]:g} to {limits[1]:g}; were degrees meant?",
+                f"{meant[0]:g} to {meant[1]:g} rad; or a continuous joint, which has no limits",
+                all(float(limit).is_integer() for limit in limits),
+            )
+    massless = isinstance(robot.links, Pendulum) and robot.nominal["mass"] == 0.0
+    for joint, mass, centre, inertia in zip(tree.joints, masses, centres, inertias):
+        lengths = {"place of joint": joint.placement.translation}
+        lengths["centre of mass of the link behind joint"] = centre
+        for what, vector in lengths.items():
+            length = float(np.linalg.norm(vector))
             if length > LENGTH[0]:
                 yield Question(
                     f"the {what} {joint.name!r} is far away.",
@@ -198,106 +171,81 @@ def _lengths_and_inertias(robot: Robot, p: Parameters) -> Iterator[Question]:
                     f"{length / 1000.0:.4g} for {length:.4g} mm",
                     length > LENGTH[1],
                 )
-        largest = float(np.linalg.eigvalsh(matrix_of(inertias[i]))[-1])
-        size = np.sqrt(max(largest, 0.0) / masses[i]) if masses[i] > 0.0 else 0.0
-        if size > GYRATION[0] and not (isinstance(robot.links, Pendulum) and robot.nominal["mass"] == 0.0):
-            unit, factor = min(
-                INERTIA_UNITS.items(), key=lambda one: abs(np.log(size * np.sqrt(one[1]) / 0.1))
-            )
+        largest = float(np.linalg.eigvalsh(matrix_of(inertia))[-1])
+        size = np.sqrt(max(largest, 0.0) / mass) if mass > 0.0 else 0.0
+        if size > GYRATION[0] and not massless:
+            distances = {unit: abs(np.log(size * np.sqrt(one) / 0.1)) for unit, one in INERTIA_UNITS.items()}
+            unit = min(distances, key=lambda one: distances[one])
             yield Question(
                 f"the inertia of the link behind joint {joint.name!r} is that of a very large body.",
-                f"expected kg·m², got {largest:.4g} kg·m² for {masses[i]:.4g} kg, a radius of gyration of {size:.3g} m",
-                f"{largest * factor:.4g} if {largest:.4g} {unit} were meant",
+                f"expected kg·m², got {largest:.4g} kg·m² for {mass:.4g} kg, a radius of gyration of {size:.3g} m",
+                f"{largest * INERTIA_UNITS[unit]:.4g} if {largest:.4g} {unit} were meant",
                 size > GYRATION[1],
             )
 
 
-def _gravity(robot: Robot) -> Iterator[Question]:
-    gravity = robot.nominal["gravity"]
+def _load_questions(robot: Robot, p: Parameters) -> Iterator[Question]:
+    """Gravity, payloads, and what springs, motors and friction are against the weights and inertias that they move."""
+    nominal, gravity, tree = robot.nominal, robot.nominal["gravity"], robot.links.rigid(p)[0]
+    n = len(tree)
+    rng = np.random.default_rng(0)
+    poses = [np.asarray(robot.home), *rng.uniform(-np.pi, np.pi, (POSES, n))]
+    torques = [np.abs(np.array(robot.links.gravity_torque(pose, p), dtype=float)) for pose in poses]
+    weights = np.max(torques, axis=0)  # largest |G| of each joint, N·m or N
     if abs(gravity) > GRAVITY:
         yield Question(
             "gravity is stronger than on any planet.",
             f"expected m/s², got {gravity:g}; were cm/s² or mm/s² meant?",
             f"{gravity / (100.0 if abs(gravity) < 5000.0 else 1000.0):g}",
         )
-    if isinstance(robot.links, Pendulum) or gravity == 0.0:
-        return
-    p = Parameters(robot.plant_parameters())
-    weight = float(np.sum(p.mass)) * abs(gravity)
-    if _weights(robot, p).max() < 1e-9 * weight:
+    heavy = not isinstance(robot.links, Pendulum) and gravity != 0.0
+    if heavy and weights.max() < 1e-9 * (float(np.sum(p.mass)) * abs(gravity)):
         yield Question(
             "no joint carries any weight: gravity acts along the axes of all joints.",
             f"expected 'down' in the world's frame, got down = {[float(f'{x:.4g}') for x in robot.links.down]}",
             "down = [1, 0, 0] for an arm in a vertical plane with axes along z; gravity = 0 if this is meant",
         )
-
-
-def _payloads(robot: Robot) -> Iterator[Question]:
-    masses = {p.name: p for p in robot.parameters}
-    own = sum(p.value for name, p in masses.items() if name.startswith("mass"))
-    for name, payload in masses.items():
-        upper = payload.interval[1]
-        if name.startswith("payload_mass") and own > 0.0 and upper > CARRIED[0] * own:
+    own = sum(value for name, value in nominal.items() if name.startswith("mass"))
+    payloads = [one for one in robot.parameters if one.name.startswith("payload_mass")]
+    for upper in (payload.interval[1] for payload in payloads):
+        if own > 0.0 and upper > CARRIED[0] * own:
             yield Question(
                 f"the payload is {upper / own:.3g} times as heavy as the robot.",
                 f"expected kg, got up to {upper:.4g} kg for links of {own:.3g} kg; were grams meant?",
                 f"{upper / 1000.0:.4g}kg for {upper:.4g} g",
                 upper > CARRIED[1] * own,
             )
-
-
-def _weights(robot: Robot, p: Parameters) -> np.ndarray:
-    """Largest |G| of each joint (n,) over home and random poses, N·m or N."""
-    rng, n = np.random.default_rng(0), len(robot.joint_names)
-    poses = [np.asarray(robot.home), *rng.uniform(-np.pi, np.pi, (POSES, n))]
-    return np.max(
-        [np.abs(np.array(robot.links.gravity_torque(pose, p), dtype=float)) for pose in poses], axis=0
-    )
-
-
-def _springs_and_motors(robot: Robot, p: Parameters) -> Iterator[Question]:
-    tree = robot.links.rigid(p)[0]
-    moved, weights = np.diag(_mass_matrix(robot, p)), _weights(robot, p)
-    motors = np.atleast_1d(p.motor_inertia)
-    stiffness = robot.layout.motors(np.full(len(tree), np.inf), np.atleast_1d(p.stiffness))
-    carried = any(robot.nominal[name] for name in robot.nominal if name.startswith("payload_mass"))
-    load = "own weight and its payload's" if carried else "own weight"
-    for i, joint in enumerate(tree.joints):
-        twist, ratio = weights[i] / stiffness[i], motors[i] / moved[i]
+    load = "own weight and its payload's" if any(one.value for one in payloads) else "own weight"
+    inertias, motors = np.diag(_mass_matrix(robot, p)), np.atleast_1d(p.motor_inertia)
+    stiffness = robot.layout.motors(np.full(n, np.inf), np.atleast_1d(p.stiffness))
+    for joint, weight, inertia, motor, spring in zip(tree.joints, weights, inertias, motors, stiffness):
+        stated = {one: nominal.get(per_joint(one, joint.name, n)) for one in OF_JOINT}
+        twist, ratio = weight / spring, motor / inertia
         if not joint.slides and twist > TWIST[0]:
             yield Question(
                 f"the spring of joint {joint.name!r} twists by {twist * DEGREES:.3g}° under the robot's {load}.",
-                f"expected N·m/rad, got {stiffness[i]:g} for {weights[i]:.3g} N·m; was N·m/deg meant?",
-                f"stiffness = {stiffness[i] * DEGREES:.5g} for {stiffness[i]:g} N·m/deg",
+                f"expected N·m/rad, got {spring:g} for {weight:.3g} N·m; was N·m/deg meant?",
+                f"stiffness = {spring * DEGREES:.5g} for {spring:g} N·m/deg",
                 twist > TWIST[1],
             )
         if ratio > MOTOR[0]:
-            gear = robot.nominal.get(per_joint("gear_ratio", joint.name, len(tree)), 1.0)
-            own = motors[i] / gear**2
+            rotor = motor / (stated["gear_ratio"] or 1.0) ** 2
             yield Question(
                 f"the motor of joint {joint.name!r} has {ratio:.2g} times the inertia of all that it moves.",
-                f"expected kg·m², got {own:.4g}, seen from the link {motors[i]:.4g}, for {moved[i]:.3g}",
-                f"{own * 1e-7:.4g} if {own:.4g} g·cm² were meant; seen from the link it is J N², N the gear ratio",
+                f"expected kg·m², got {rotor:.4g}, seen from the link {motor:.4g}, for {inertia:.3g}",
+                f"{rotor * 1e-7:.4g} if {rotor:.4g} g·cm² were meant; seen from the link it is J N², N the gear ratio",
                 ratio > MOTOR[1],
             )
-        stated = per_joint("motor_inertia", joint.name, len(tree)) in robot.nominal
-        if stated and ratio < NOT_REFLECTED:
+        if stated["motor_inertia"] is not None and ratio < NOT_REFLECTED:
             yield Question(
                 f"the motor of joint {joint.name!r} has {ratio:.2g} of the inertia that it moves.",
-                f"expected it seen from the link, got motor_inertia = {motors[i]:g}; is it that of the rotor alone?",
-                f"rotor_inertia = {motors[i]:g} and gear_ratio; a direct drive has gear_ratio = 1",
+                f"expected it seen from the link, got motor_inertia = {motor:g}; is it that of the rotor alone?",
+                f"rotor_inertia = {motor:g} and gear_ratio; a direct drive has gear_ratio = 1",
             )
-
-
-def _friction(robot: Robot) -> Iterator[Question]:
-    count = len(robot.joint_names)
-    for joint in robot.joint_names:
-        static, moving = (
-            robot.nominal.get(per_joint(f"{kind}_friction", joint, count)) for kind in ("static", "coulomb")
-        )
-        if static is not None and moving is not None and static < moving:
+        static, sliding = stated["static_friction"], stated["coulomb_friction"]
+        if static is not None and sliding is not None and static < sliding:
             yield Question(
-                f"joint {joint!r} sticks less than it slides.",
-                f"expected static_friction >= coulomb_friction, got {static:g} and {moving:g}",
+                f"joint {joint.name!r} sticks less than it slides.",
+                f"expected static_friction >= coulomb_friction, got {static:g} and {sliding:g}",
                 "exchange them, or static_friction as measured at standstill",
             )

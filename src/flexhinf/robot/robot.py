@@ -18,18 +18,16 @@ from flexhinf.robot.elastic import (
     DRY,
     ElasticFlow,
     Engaged,
+    InverseFlow,
     Layout,
     Sticking,
     checked_extras,
-    reflected,
-    required_of_drive,
-)
-from flexhinf.robot.feedforward import (
-    InverseFlow,
     checked_pose,
     flat_coordinates,
     motion_rows,
     operating_point,
+    reflected,
+    required_of_drive,
     state_and_input,
 )
 from flexhinf.robot.parameters import (
@@ -105,17 +103,16 @@ class Robot(Summarised):
         required = (*self.links.required(), *driven)
         missing = [name for name in required if name not in names]
         if missing or len(set(names)) != len(names):
-            raise InvalidInput(
-                f"The robot {self.name!r} does not have the parameters of its model.",
-                f"expected each of {list(required)} once, got {names}",
-                f"add {missing}" if missing else "each name once",
-            )
+            what = f"The robot {self.name!r} does not have the parameters of its model."
+            found = f"expected each of {list(required)} once, got {names}"
+            raise InvalidInput(what, found, f"add {missing}" if missing else "each name once")
         check_parameters(self.name, self.parameters, dict(zip(self.joint_names, self.links.slides)))
         home = checked_pose(self.home, np.zeros(len(self.joint_names)), self.links, self.name)
         object.__setattr__(self, "home", tuple(home.tolist()))
         for kind in ("effort_limits", "speed_limits"):
-            limits = checked_limits(self.name, kind, getattr(self, kind), self.joint_names)
-            object.__setattr__(self, kind, limits)
+            what = f"The {kind.replace('_', ' ')} of the robot {self.name!r}"
+            limits = checked_limits(what, getattr(self, kind), self.joint_names)
+            object.__setattr__(self, kind, tuple(limits.tolist()))
 
     # Numbers --------------------------------------------------------------------------------------
     @property
@@ -167,14 +164,12 @@ class Robot(Summarised):
     def plant_parameters(self, values: Mapping[str, float] | None = None) -> PlantValues:
         """The parameters of the robot's plants: reflected to the link side, arrays where there are joints.
 
-        Parameters
-        ----------
-        values : mapping of str to float, optional
-            All parameters by name; nominal by default.
+        They come of all parameters by name, nominal by default.
         """
         values = self.nominal if values is None else values
         columns = reflected(values, self.drive, self.joint_names, self.rigid)
-        arrays = {name: self.links.joint_array(column) for name, column in columns.items()}
+        single = isinstance(self.links, Pendulum)
+        arrays = {name: column[0] if single else np.array(column) for name, column in columns.items()}
         return PlantValues(self.links.packed(values) | arrays, values)
 
     # Plants ---------------------------------------------------------------------------------------
@@ -211,37 +206,34 @@ class Robot(Summarised):
         on = checked_extras(extras, inductance, self.plant_parameters(), self.name)
         sensors = expanded(measured, SENSORS, self.joint_names, self.rigid)
         sticks = tuple(name for name in on if name in DRY) if sticking and not self.rigid else ()
-        key = sensors, tuple(name for name in on if name not in sticks), sticks
-        if key not in self._plants:
-            self._plants[key] = self._built(*key)
-        return self._plants[key]
-
-    @cached_property
-    def _plants(self) -> dict[tuple[tuple[str, ...], ...], Plant]:
-        """Those that were built, by sensors and extras: each is traced once, and none can be changed."""
-        return {}
-
-    def __getstate__(self) -> dict[str, Any]:
-        """For copies and pickles: without plants, which are built again where they are needed."""
-        return {name: value for name, value in vars(self).items() if name != "_plants"}
-
-    def _built(self, sensors: tuple[str, ...], on: tuple[str, ...], sticks: tuple[str, ...]) -> Plant:
-        joints, positions = self.joint_names, signal_names("link_position", self.joint_names)
-        states = (*MECHANICAL, "coil_current") if "inductance" in on else MECHANICAL
-        return Plant(
-            ElasticFlow(self.links, self.drive, on, self.layout.rigid),
-            Sensors(sensors, joints, on, self.layout.rigid),
-            states=[name for quantity in states for name in names_of(quantity, joints, self.rigid)],
+        on = tuple(name for name in on if name not in sticks)
+        key = sensors, on, sticks
+        # Each is traced once, and none can be changed.
+        built: dict[tuple[tuple[str, ...], ...], Plant] = vars(self).setdefault("_plants", {})
+        if key in built:
+            return built[key]
+        joints, slides, rigid = self.joint_names, self.links.slides, self.layout.rigid
+        quantities = (*MECHANICAL, "coil_current") if "inductance" in on else MECHANICAL
+        ranges = zip(signal_names("link_position", joints), self.links.limits)
+        built[key] = Plant(
+            ElasticFlow(self.links, self.drive, on, rigid),
+            Sensors(sensors, joints, on, rigid),
+            states=[name for quantity in quantities for name in names_of(quantity, joints, self.rigid)],
             inputs=signal_names(DRIVES[self.drive], joints),
             disturbances=(*signal_names("link_torque", joints), *signal_names("motor_torque", joints)),
             parameters=self.plant_parameters(),
             outputs=sensors,
-            units=units_of(joints, self.links.slides, self.plant_parameters()),
+            units=units_of(joints, slides, self.plant_parameters()),
             groups=groups_of(joints, self.rigid),
-            limits={name: ends for name, ends in zip(positions, self.links.limits) if ends is not None},
+            limits={name: ends for name, ends in ranges if ends is not None},
             engaged=Engaged(self.layout) if "backlash" in on else None,
             arrest=Sticking(len(joints), sticks) if sticks else None,
         )
+        return built[key]
+
+    def __getstate__(self) -> dict[str, Any]:
+        """For copies and pickles: without plants, which are built again where they are needed."""
+        return {name: value for name, value in vars(self).items() if name != "_plants"}
 
     def operating_point(
         self, pose: Any = None, extras: str | Sequence[str] = (), parameters: Mapping[str, Any] | None = None
@@ -273,34 +265,14 @@ class Robot(Summarised):
         return operating_point(self.links, self.drive, q, Parameters(packed), on, self.layout)
 
     def inverse_dynamics(
-        self,
-        q: Any,
-        dq: Any = None,
-        ddq: Any = None,
-        dddq: Any = None,
-        ddddq: Any = None,
+        self, q: Any, dq: Any = None, ddq: Any = None, dddq: Any = None, ddddq: Any = None,
         extras: str | Sequence[str] = (),
-    ) -> tuple[np.ndarray, np.ndarray]:
+    ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
         """State and input of a motion of the links: elastic inverse dynamics [deluca2016], exact.
 
-        Parameters
-        ----------
-        q, dq, ddq, dddq, ddddq : (n,) or (N, n)
-            Link positions (rad, m) and their first four time derivatives; zero by default.
-        extras : sequence of str
-            Dry friction of the motors, as for `plant`; the others are refused by name.
-
-        Returns
-        -------
-        x : ndarray, (4n,) or (N, 4n)
-            State of `plant`.
-        u : ndarray, (n,) or (N, n)
-            Its input, V, or N·m (N).
-
-        Raises
-        ------
-        InvalidInput
-            For shapes that do not fit, or an extra that is not modelled.
+        Link positions q (rad, m) and four time derivatives, (n,) or (N, n) each and zero by default, give the state,
+        (4n,) or (N, 4n), and the input, (n,) or (N, n), V, A, or N·m (N), of `plant`. Of the `extras` only dry friction
+        is modelled; others are refused by name.
         """
         rows, single = motion_rows((q, dq, ddq, dddq, ddddq), self.joint_names)
         packed = self.plant_parameters()
@@ -308,9 +280,7 @@ class Robot(Summarised):
         x, u = state_and_input(InverseFlow(self.links, self.drive, on, self.layout.rigid), packed, rows)
         return (x[0], u[0]) if single else (x, u)
 
-    def inverse_flow(
-        self, q: Any, dq: Any, ddq: Any, dddq: Any, ddddq: Any, p: Any
-    ) -> tuple[Any, Any]:  # fmt: skip
+    def inverse_flow(self, q: Any, dq: Any, ddq: Any, dddq: Any, ddddq: Any, p: Any) -> tuple[Any, Any]:
         """`inverse_dynamics` at one point for laws: on any element, the plant's parameters p as attributes."""
         return InverseFlow(self.links, self.drive, rigid=self.layout.rigid)(q, dq, ddq, dddq, ddddq, p)
 
@@ -336,11 +306,9 @@ class Robot(Summarised):
         ----------
         penalty : Penalty or weights, optional
             Instead of the robot's own; weights alone, without an effort, keep the robot's own R2 (1 where it states
-            no penalty), see `Penalty`. Weights by name are those
-            of states, of ``link_position_integral``, of ``joint_torque`` (deviation of the spring's torque) and of
-            ``joint_torque_rate`` (its rate: the vibration); a plain name stands for all joints, with one weight for
-            all or one each. The input's weight is the
-            penalty's effort.
+            no penalty), see `Penalty`. Weights by name are those of states, of ``link_position_integral``, of
+            ``joint_torque`` (deviation of the spring's torque) and of ``joint_torque_rate`` (its rate: the vibration);
+            a plain name stands for all joints, with one weight for all or one each. The effort is the input's weight.
         pose : sequence or mapping, optional
             Link positions to design about, rad or m; the robot's home by default.
         measured : sequence of str
@@ -370,15 +338,10 @@ class Robot(Summarised):
             )
         plant = self.plant(measured, extras=extras)
         states = (*plant.states, *(f"{name}_integral" for name in plant.expanded(integrate)))
-        return plant.with_objective(
-            robot_penalty(
-                Penalty.of(chosen).expanded(plant.groups), self.joint_names, states, plant.groups, self.layout
-            ),
-            command=command,
-            integrate=integrate,
-            disturbances=disturbances,
-            equilibrium=self.operating_point(pose, extras),
-        )
+        weights = Penalty.of(chosen).expanded(plant.groups)
+        weights = robot_penalty(weights, self.joint_names, states, plant.groups, self.layout)
+        point = self.operating_point(pose, extras)
+        return plant.with_objective(weights, command, integrate, None, disturbances, point)
 
     # Tolerances -----------------------------------------------------------------------------------
     @cached_property
@@ -388,23 +351,14 @@ class Robot(Summarised):
 
     def draw(self, rng: np.random.Generator) -> dict[str, Any]:
         """Parameters of a plant (`Plant.with_parameters`), the uncertain ones uniform in their intervals."""
-        return self.plant_parameters(
-            {p.name: p.value for p in self.parameters}
-            | {p.name: float(rng.uniform(*p.interval)) for p in self.uncertain}
-        )
+        drawn = {p.name: float(rng.uniform(*p.interval)) for p in self.uncertain}
+        return self.plant_parameters({**self.nominal, **drawn})
 
     def corner(self, signs: Mapping[str, float] | Sequence[float]) -> dict[str, Any]:
         """Parameters of a plant (`Plant.with_parameters`), the uncertain ones at one end of their intervals.
 
-        Parameters
-        ----------
-        signs : mapping by name (0 if absent) or one number per uncertain parameter
-            −1, 0 or 1: lower end, nominal, upper end; anything between is allowed.
-
-        Raises
-        ------
-        InvalidInput
-            For unknown names, another number of signs, or a sign outside [−1, 1].
+        Signs come by name (0 if absent), or one for each uncertain parameter: −1, 0 or 1 for the lower end, nominal and
+        the upper end, or anything between; InvalidInput for others.
         """
         signs = checked_signs(self.uncertain, signs)
         for name in signs.keys() - self.nominal.keys():

@@ -1,7 +1,4 @@
-"""Robots from files: TOML of our own, or a URDF or an MJCF file with the elastic data beside it.
-
-The paper's robot: Tables 1 and 2.
-"""
+"""Robots from files: TOML of our own, or a URDF or an MJCF file with the elastic data beside it."""
 
 from __future__ import annotations
 
@@ -17,12 +14,12 @@ from flexhinf.robot.arm import Pendulum
 from flexhinf.robot.dynamics import Joint, Placement, Tree
 from flexhinf.robot.mjcf import read_mjcf
 from flexhinf.robot.parameters import INERTIA, Parameter, per_joint, unit_of
-from flexhinf.robot.parts import ElasticJoint, Link, SingleLink, assembled, single_link_robot
+from flexhinf.robot.parts import ElasticJoint, Link, SingleLink, assembled, single_link_robot, value_of
 from flexhinf.robot.payload import SHAPES, Frame, Payload, inertia_of_shape, payload_from_text
 from flexhinf.robot.plausibility import check_angles, check_plausible
 from flexhinf.robot.robot import Robot
 from flexhinf.robot.schema import RobotFile, check_tolerance, nesting_advice
-from flexhinf.robot.urdf import MOST_JOINTS, RigidArm, check_selection, read_urdf
+from flexhinf.robot.urdf import MOST_JOINTS, check_selection, read_urdf
 from flexhinf.validation import checked_path, distinct, nearest, read_toml, read_xml, unknown_name, value_text
 
 GRAVITY = 9.81
@@ -102,15 +99,7 @@ def load_robot(
 
 
 def format_reader(suffix: str) -> Callable[..., Robot] | None:
-    """The function that an installed package states for files of an ending; None where there is none.
-
-    It is called as `load_robot` is, with a path and all keywords.
-
-    Raises
-    ------
-    InvalidInput
-        For two packages that read the same ending, and for one that cannot be imported.
-    """
+    """The reader that an installed package states for files of an ending, called as `load_robot`; None without one."""
     points = entry_points(group=FORMATS, name=suffix.lower().removeprefix("."))
     if len(points) > 1:
         raise InvalidInput(
@@ -122,11 +111,9 @@ def format_reader(suffix: str) -> Callable[..., Robot] | None:
         try:
             return point.load()
         except (ImportError, AttributeError) as error:
-            raise InvalidInput(
-                f"The reader of {suffix!r} files cannot be imported.",
-                f"expected {point.value}, got {type(error).__name__}: {error}",
-                "the package that states this reader, installed again",
-            ) from error
+            what = f"The reader of {suffix!r} files cannot be imported."
+            found = f"expected {point.value}, got {type(error).__name__}: {error}"
+            raise InvalidInput(what, found, "the package that states this reader, installed again") from error
     return None
 
 
@@ -151,40 +138,30 @@ def _existing(source: str | Path) -> Path:
     )
 
 
-def _read(path: Path, with_motors: bool) -> RobotFile:
-    """The tables of a file; with MJCF motors, [joint.motor] may be left out."""
-    try:
-        data = read_toml(path)
-    except InvalidInput as error:
-        if "joint" not in error.found and "overwrite" not in error.found:
-            raise
-        advice = f"correct that line; each joint begins with {nesting_advice()}"
-        raise InvalidInput(error.what, error.found, advice) from error
-    rows = data.get("joint")
-    if isinstance(rows, list):
-        if len(rows) > MOST_JOINTS:
-            raise InvalidInput(
-                f"{path.name}: there are too many joints.",
-                f"expected at most {MOST_JOINTS}, got {len(rows)}",
-                "one robot",
-            )
-        for row in rows if with_motors or "mjcf" in data else ():
-            if isinstance(row, dict):
-                row.setdefault("motor", {})
-    return RobotFile(data, path.name)
-
-
 class PartsReader:
     """Makes a robot of one file; a number takes its tolerance from itself, its joint or the whole file, in this order.
 
-    Parameters
-    ----------
-    with_motors : bool
-        Whether another file states the motors, so that [joint.motor] may be left out.
+    With `with_motors` another file states the motors, so that [joint.motor] may be left out.
     """
 
     def __init__(self, path: Path, with_motors: bool = False) -> None:
-        self._file, self.file = _read(path, with_motors), path.name
+        self.file = path.name
+        try:
+            data = read_toml(path)
+        except InvalidInput as error:
+            if "joint" not in error.found and "overwrite" not in error.found:
+                raise
+            advice = f"correct that line; each joint begins with {nesting_advice()}"
+            raise InvalidInput(error.what, error.found, advice) from error
+        rows = data.get("joint")
+        if isinstance(rows, list):
+            if len(rows) > MOST_JOINTS:
+                found = f"expected at most {MOST_JOINTS}, got {len(rows)}"
+                raise InvalidInput(f"{path.name}: there are too many joints.", found, "one robot")
+            for row in rows if with_motors or "mjcf" in data else ():
+                if isinstance(row, dict):
+                    row.setdefault("motor", {})
+        self._file = RobotFile(data, path.name)
         self.table = self._file.root
         self.table.name = self.table.name or path.stem
         self._stated: dict[str | None, dict[str, float]] = {None: self.table.tolerances}
@@ -192,7 +169,8 @@ class PartsReader:
         self._used: set[tuple[str | None, str]] = set()
         for joint, stated in self._stated.items():
             for key, value in stated.items():
-                check_tolerance(self.file, f"{key} in {_table_name(joint)}", value)
+                where = "[tolerances]" if joint is None else f"[joint.tolerances] of {joint!r}"
+                check_tolerance(self.file, f"{key} in {where}", value)
 
     # Robots ---------------------------------------------------------------------------------------
     def whole_robot(
@@ -217,7 +195,7 @@ class PartsReader:
         links = [self._link(row) for row in table.joint]
         springs = [self._elastic(row) for row in table.joint]
         settings = self._settings(table.joint)
-        if isinstance(links[0], SingleLink) and len(links) == 1 and table.down is None:
+        if isinstance(links[0], SingleLink) and len(links) == 1 and "down" not in settings:
             robot = single_link_robot(table.name, joints[0], links[0], springs[0], **settings)
         elif any(isinstance(link, SingleLink) for link in links):
             raise InvalidInput(
@@ -226,8 +204,17 @@ class PartsReader:
                 "mass, centre_of_mass and inertia of each link",
             )
         else:
-            robot = assembled(table.name, joints, links, springs, **self._down(None), **settings)
-        return self._finished(robot, *_own_frames(joints, links), payload)
+            robot = assembled(table.name, joints, links, springs, **settings)
+        # A file states no shapes: a payload without a place of its own is where the link is drawn to end, at twice the
+        # distance of the centre of mass.
+        frames = {}
+        for joint, link in zip(joints, links):
+            centre = (link.length, 0.0, 0.0) if isinstance(link, SingleLink) else link.centre_of_mass
+            x, y, z = (2.0 * value_of(x) for x in centre)
+            frames[joint.name] = Frame(joint.name, Placement(), tip=(x, y, z))
+        carriers = set(Tree(tuple(joints)).parents)
+        tips = [joint.name for i, joint in enumerate(joints) if i not in carriers]
+        return self._finished(robot, frames, tips, payload)
 
     def robot_with(
         self, rigid: Path, chosen: Sequence[str] | None, locked: Mapping[str, float] | None, payload: Any
@@ -235,11 +222,8 @@ class PartsReader:
         """The robot whose links another file states."""
         table, file = self.table, self.file
         for row in table.joint:
-            twice = [
-                key
-                for key in ("kind", "axis", "xyz", "rpy", "parent", "link")
-                if getattr(row, key) is not None
-            ]
+            keys = ("kind", "axis", "xyz", "rpy", "parent", "link")
+            twice = [key for key in keys if getattr(row, key) is not None]
             if twice:
                 raise InvalidInput(
                     f"{file}: the joint {row.name!r} states {twice[0]!r}, which the URDF states too.",
@@ -247,7 +231,12 @@ class PartsReader:
                     f"leave it out; {rigid.name} decides",
                 )
         chosen = chosen if chosen is not None else table.joints
-        arm = _rigid(rigid, chosen, {**table.locked, **(locked or {})})
+        still = {**table.locked, **(locked or {})}
+        root = read_xml(rigid) if rigid.suffix.lower() in MJCF else None
+        if root is not None and root.tag == "mujoco":
+            arm = read_mjcf(root, rigid.name, chosen, still)
+        else:
+            arm = read_urdf(rigid, chosen, still)
         distinct(f"{file}: the joint", [row.name for row in table.joint])
         rows = {row.name: row for row in table.joint}
         names = [joint.name for joint in arm.joints]
@@ -268,31 +257,39 @@ class PartsReader:
             for j, r in zip(arm.joints, kept)
         ]
         springs = [self._elastic(row, arm.motors.get(row.name, {}), rigid.name) for row in kept]
-        links = [self._tolerated(link, name, rigid.name) for link, name in zip(arm.links, names)]
+        links = []
+        for link, name in zip(arm.links, names):
+            mass, centre = (self._tolerance(name, quantity) for quantity in ("mass", "centre_of_mass"))
+            centres = [
+                Parameter("centre_of_mass", value_of(x), centre, source=rigid.name)
+                for x in link.centre_of_mass
+            ]
+            inertias = [Parameter("inertia", value_of(x), source=rigid.name) for x in link.inertia]
+            links.append(
+                Link(Parameter("mass", value_of(link.mass), mass, source=rigid.name), centres, inertias)
+            )
         # <limit effort> is a torque: it says nothing about a motor whose input is a voltage or a current.
         efforts = arm.efforts if springs[0].drive == "torque" else None
-        settings = self._settings(kept, GRAVITY if arm.gravity is None else arm.gravity, efforts, arm.speeds)
-        robot = assembled(table.name, placed, links, springs, **self._down(arm.down), **settings)
+        fall = GRAVITY if arm.gravity is None else arm.gravity
+        settings = self._settings(kept, fall, arm.down, efforts, arm.speeds)
+        robot = assembled(table.name, placed, links, springs, **settings)
         frames = {name: Frame(joint, place) for name, (joint, place) in arm.frames.items()}
         return self._finished(robot, frames, arm.tips, payload)
-
-    def _down(self, otherwise: Any) -> dict[str, Any]:
-        down = otherwise if self.table.down is None else self.table.down
-        return {} if down is None else {"down": down}
 
     def _settings(
         self,
         rows: Sequence[Any],
         fall: float = GRAVITY,
+        direction: Sequence[float] | None = None,
         efforts: Sequence[float] | None = None,
         speeds: Sequence[float] | None = None,
     ) -> dict[str, Any]:
-        """Arguments of a robot beside its parts; limits that the rows state, over those of another file."""
         table, nothing = self.table, [None] * len(rows)
         penalty = (
             None if table.penalty is None else Penalty(table.penalty.weights, effort=table.penalty.effort)
         )
-        return {
+        down = direction if table.down is None else table.down
+        return ({} if down is None else {"down": down}) | {
             "gravity": fall if table.gravity is None else self._number(table.gravity, "gravity"),
             "penalty": penalty,
             "home": table.home,
@@ -302,26 +299,64 @@ class PartsReader:
         }
 
     def _finished(self, robot: Robot, frames: Mapping[str, Frame], tips: Sequence[str], given: Any) -> Robot:
-        """The robot with its payloads: what is `given`, or what the file states; checked.
+        """The robot with its payloads (those `given`, or the file's), its tolerances and units checked.
 
-        Parameters
-        ----------
-        frames : mapping of str to Frame
-            What can carry a payload.
-        tips : sequence of str
-            Those at the ends: the only one is meant where a payload does not say what carries it.
+        Payloads are in `frames`; where one does not say in which, that of the only one of the `tips` is meant.
         """
-        stated = [self._payload(row) for row in self.table.payload] if given is None else _payloads(given)
-        where = [self._frame(payload, frames, tips) for payload in stated]
-        distinct(f"{self.file}: a payload of the link of joint", [frame.joint for frame in where])
-        if isinstance(robot.links, Pendulum):
-            self._check_plane(stated)
-        count = len(robot.joint_names)
-        added = [
-            number for payload, frame in zip(stated, where) for number in payload.parameters(frame, count)
-        ]
-        robot = robot.with_parameters(*self._inertia_scales(robot.joint_names), *added)
-        self._check_tolerances()
+        names, count = robot.joint_names, len(robot.joint_names)
+        rows = given if isinstance(given, (list, tuple)) else [given]
+        if given is not None and not all(isinstance(row, (str, Payload)) for row in rows):
+            found = f"expected text, a Payload or several, got {value_text(given)}"
+            raise InvalidInput("The payload is none.", found, "payload='0..3kg@hand'")
+        if given is None:
+            payloads = [self._payload(row) for row in self.table.payload]
+        else:
+            payloads = [row if isinstance(row, Payload) else payload_from_text(row) for row in rows]
+        places = []
+        for payload in payloads:
+            at = tips[0] if not payload.at and len(tips) == 1 else payload.at
+            if at not in frames:
+                fault = f"is at {value_text(at, 60)}, which carries nothing"
+                raise InvalidInput(
+                    f"{self.file}: the payload {fault if at else 'does not say what carries it, of several ends'}.",
+                    f"expected one of {list(frames)}",
+                    f"at = {tips[0]!r}, or --payload 0..3kg@{tips[0]}",
+                )
+            places.append(frames[at])
+        distinct(f"{self.file}: a payload of the link of joint", [frame.joint for frame in places])
+        for payload in payloads if isinstance(robot.links, Pendulum) else ():
+            # A link that states no frame of its own carries on the line from its axis to its centre of mass.
+            beside = [x.value for x in (payload.centre_of_mass or ())[1:]]
+            if any(beside):
+                raise InvalidInput(
+                    f"{self.file}: the payload is beside a link that states axis_inertia and length only.",
+                    f"expected its centre of mass at [x, 0, 0], x along the link, got y, z = {beside}",
+                    "mass, centre_of_mass and inertia of the link instead of axis_inertia",
+                )
+        added = [number for one, frame in zip(payloads, places) for number in one.parameters(frame, count)]
+        scales = []  # a factor of all moments of a link whose inertia has a tolerance in a table [tolerances]
+        links = {row.name: row.link for row in self.table.joint}
+        for joint in names:
+            link = links.get(joint)
+            own = link is not None and link.inertia is not None and link.inertia.tolerance is not None
+            if own or (link is not None and link.axis_inertia is not None):
+                continue
+            if tolerance := self._tolerance(joint, "inertia"):
+                label = per_joint("inertia_scale", joint, count)
+                unit = unit_of("inertia_scale")
+                scales.append(Parameter(label, 1.0, tolerance, unit, "tolerance of its inertia"))
+        robot = robot.with_parameters(*scales, *added)
+        moving = {joint for joint, _ in self._used}
+        for joint, stated in self._stated.items():
+            for key in stated if joint in moving else ():
+                if (joint, key) not in self._used:
+                    where = "[tolerances]" if joint is None else f"[joint.tolerances] of {joint!r}"
+                    owner = "no joint states" if joint is None else f"the joint {joint!r} does not state"
+                    raise InvalidInput(
+                        f"{self.file}: {where} has {key!r}, which {owner}.",
+                        f"expected keys out of {sorted(k for one, k in self._used if one == joint)}, got {key!r}",
+                        f"state {key!r} with its value first, or leave out its tolerance",
+                    )
         return self._file.check_units(check_plausible(robot, self.file))
 
     # Numbers --------------------------------------------------------------------------------------
@@ -330,19 +365,6 @@ class PartsReader:
         key = KEYS.get(quantity, quantity)
         self._used |= {(None, key), (joint, key)}
         return self._stated.get(joint, {}).get(key, self._stated[None].get(key, 0.0))
-
-    def _check_tolerances(self) -> None:
-        """Refuse tolerances of numbers that no joint has."""
-        moving = {joint for joint, _ in self._used}
-        for joint, stated in self._stated.items():
-            for key in stated if joint in moving else ():
-                if (joint, key) not in self._used:
-                    raise InvalidInput(
-                        f"{self.file}: {_table_name(joint)} has {key!r}, which "
-                        + ("no joint states." if joint is None else f"the joint {joint!r} does not state."),
-                        f"expected keys out of {sorted(k for one, k in self._used if one == joint)}, got {key!r}",
-                        f"state {key!r} with its value first, or leave out its tolerance",
-                    )
 
     def _number(self, table: Any, quantity: str, joint: str | None = None) -> Any:
         """One number with tolerance, or range, and source; three that share them of a vector."""
@@ -354,20 +376,6 @@ class PartsReader:
             return tuple(Parameter(quantity, x, tolerance, source=table.source) for x in table.value)
         ends = None if ends is None else (ends[0], ends[1])
         return Parameter(quantity, table.value, tolerance, source=table.source, range=ends)
-
-    def _inertia_scales(self, joints: Sequence[str]) -> list[Parameter]:
-        """A factor of all moments of a link, of those whose inertia has a tolerance in a table [tolerances]."""
-        links = {row.name: row.link for row in self.table.joint}
-        scales = []
-        for joint in joints:
-            link = links.get(joint)
-            stated = link is not None and link.inertia is not None and link.inertia.tolerance is not None
-            if stated or (link is not None and link.axis_inertia is not None):
-                continue
-            if tolerance := self._tolerance(joint, "inertia"):
-                name, unit = per_joint("inertia_scale", joint, len(joints)), unit_of("inertia_scale")
-                scales.append(Parameter(name, 1.0, tolerance, unit, "tolerance of its inertia"))
-        return scales
 
     # Parts ----------------------------------------------------------------------------------------
     def _elastic(self, row: Any, motor: Mapping[str, float] | None = None, source: str = "") -> ElasticJoint:
@@ -422,15 +430,6 @@ class PartsReader:
             mass, centre = (self._number(stated[key], key, row.name) for key in whole[:2])
             return Link(mass, centre, moments)
 
-    def _tolerated(self, link: Link, joint: str, source: str) -> Link:
-        """A link of another file, with the tolerances that this one states."""
-        mass, centre = (self._tolerance(joint, quantity) for quantity in ("mass", "centre_of_mass"))
-        return Link(
-            Parameter("mass", float(link.mass), mass, source=source),  # type: ignore[arg-type]
-            [Parameter("centre_of_mass", float(x), centre, source=source) for x in link.centre_of_mass],  # type: ignore[arg-type]
-            [Parameter("inertia", float(x), source=source) for x in link.inertia],  # type: ignore[arg-type]
-        )
-
     # Payload --------------------------------------------------------------------------------------
     def _payload(self, table: Any) -> Payload:
         shapes = {kind: getattr(table, kind) for kind in ("inertia", *SHAPES)}
@@ -454,69 +453,6 @@ class PartsReader:
                 per_mass = inertia_of_shape(kind, [sizes] if isinstance(sizes, float) else sizes)
         with located(f"{self.file}: payload"):
             return Payload(mass, table.at or "", centre, per_mass)
-
-    def _check_plane(self, payloads: Sequence[Payload]) -> None:
-        """A link that states no frame of its own carries on the line from its axis to its centre of mass."""
-        for payload in payloads:
-            beside = [] if payload.centre_of_mass is None else [x.value for x in payload.centre_of_mass[1:]]
-            if any(beside):
-                raise InvalidInput(
-                    f"{self.file}: the payload is beside a link that states axis_inertia and length only.",
-                    f"expected its centre of mass at [x, 0, 0], x along the link, got y, z = {beside}",
-                    "mass, centre_of_mass and inertia of the link instead of axis_inertia",
-                )
-
-    def _frame(self, payload: Payload, frames: Mapping[str, Frame], tips: Sequence[str]) -> Frame:
-        if not payload.at and len(tips) == 1:
-            return frames[tips[0]]
-        if payload.at not in frames:
-            raise InvalidInput(
-                f"{self.file}: the payload is at {value_text(payload.at, 60)}, which carries nothing."
-                if payload.at
-                else f"{self.file}: the payload does not say what carries it, and there are several ends.",
-                f"expected one of {list(frames)}",
-                f"at = {tips[0]!r}, or --payload 0..3kg@{tips[0]}",
-            )
-        return frames[payload.at]
-
-
-def _rigid(path: Path, joints: Sequence[str] | None, locked: Mapping[str, float]) -> RigidArm:
-    """The links of a URDF or an MJCF file."""
-    if path.suffix.lower() in MJCF:
-        root = read_xml(path)
-        if root.tag == "mujoco":
-            return read_mjcf(root, path.name, joints, locked)
-    return read_urdf(path, joints, locked)
-
-
-def _own_frames(joints: Sequence[Joint], links: Sequence[Any]) -> tuple[dict[str, Frame], list[str]]:
-    """Frames of a robot file's own links by joint, and those at the ends.
-
-    A file states no shapes: a payload without a place of its own is where the link is drawn to end, at twice the
-    distance of the centre of mass.
-    """
-    frames = {}
-    for joint, link in zip(joints, links):
-        centre = (link.length, 0.0, 0.0) if isinstance(link, SingleLink) else link.centre_of_mass
-        x, y, z = (2.0 * (x.value if isinstance(x, Parameter) else float(x)) for x in centre)
-        frames[joint.name] = Frame(joint.name, Placement(), tip=(x, y, z))
-    carriers = set(Tree(tuple(joints)).parents)
-    return frames, [joint.name for i, joint in enumerate(joints) if i not in carriers]
-
-
-def _payloads(given: Any) -> list[Payload]:
-    rows = given if isinstance(given, (list, tuple)) else [given]
-    if not all(isinstance(row, (str, Payload)) for row in rows):
-        raise InvalidInput(
-            "The payload is none.",
-            f"expected text, a Payload or several, got {value_text(given)}",
-            "payload='0..3kg@hand'",
-        )
-    return [row if isinstance(row, Payload) else payload_from_text(row) for row in rows]
-
-
-def _table_name(joint: str | None) -> str:
-    return "[tolerances]" if joint is None else f"[joint.tolerances] of {joint!r}"
 
 
 def catalogue() -> dict[str, Path]:

@@ -10,13 +10,16 @@ from __future__ import annotations
 import json
 import math
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import fields
 from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 from flexhinf.errors import InvalidInput
+from flexhinf.robot.dynamics import KINDS
 from flexhinf.robot.elastic import DRIVES, SPRING
 from flexhinf.robot.parameters import INERTIA, QUANTITIES
+from flexhinf.robot.parts import ElasticJoint
 from flexhinf.robot.signals import UNITS
 from flexhinf.robot.units import Stated, measured, respelled
 from flexhinf.validation import nearest, real_number, value_text
@@ -41,18 +44,8 @@ class RobotFileWarning(UserWarning):
 class Key(NamedTuple):
     """What may stand behind a key.
 
-    Attributes
-    ----------
-    read : callable
-        ``read(file, value, key, place)`` → what it is, or ``Unusable``.
-    units : tuple of str
-        SI units of its numbers: for a joint that turns, and one that slides.
-    size : int
-        Of a list, 0 for any.
-    inside : str
-        Name of the table that stands there.
-    default
-        What it is where it is left out.
+    ``read(file, value, key, place)`` returns what it is, or raises `Unusable`. Units are SI, for a joint that turns and
+    one that slides; a size is that of a list, 0 for any; `inside` names the table that stands there.
     """
 
     read: Callable[..., Any]
@@ -68,24 +61,9 @@ class Unusable(ValueError):
 
 
 class RobotFile:
-    """The tables of one file.
+    """The tables of one file, as TOML has them: `root` has every key of `TABLES`.
 
-    Parameters
-    ----------
-    data : dict
-        As TOML has them.
-    name : str
-        Of the file, for messages.
-
-    Attributes
-    ----------
-    root : SimpleNamespace
-        Its tables, with every key of `TABLES`.
-
-    Raises
-    ------
-    InvalidInput
-        The first mistake of the file, with the number of the others.
+    The first mistake is refused, with the number of the others.
     """
 
     def __init__(self, data: dict[str, Any], name: str) -> None:
@@ -144,13 +122,7 @@ class RobotFile:
             return None
 
     def check_units(self, robot: Any) -> Any:
-        """The robot; refuses units of a joint that turns where it slides, and of another drive.
-
-        Raises
-        ------
-        InvalidInput
-            With the key, its value and the unit that the joint has.
-        """
+        """The robot; refuses units of a joint that turns where it slides, and of another drive."""
         slides = dict(zip(robot.joint_names, robot.links.slides))
         for place, units, number in self.stated:
             if place[0] != "home" and (len(place) < 3 or place[0] != "joint"):
@@ -208,6 +180,21 @@ def _positive(file: RobotFile, value: Any, key: Key, place: tuple[Any, ...]) -> 
     return number
 
 
+def _checked(usable: Callable[[Any], bool], expected: str) -> Callable[..., Any]:
+    """A reader of values that stand as they are."""
+
+    def read(file: RobotFile, value: Any, key: Key, place: tuple[Any, ...]) -> Any:
+        if not usable(value):
+            raise Unusable(expected)
+        return value
+
+    return read
+
+
+def _table(file: RobotFile, value: Any, key: Key, place: tuple[Any, ...]) -> SimpleNamespace:
+    return file.table(value, TABLES[key.inside], place)
+
+
 def _percent(file: RobotFile, value: Any, key: Key, place: tuple[Any, ...]) -> float:
     if isinstance(value, str):
         try:
@@ -240,30 +227,6 @@ def _quantity(file: RobotFile, value: Any, key: Key, place: tuple[Any, ...]) -> 
     return file.table(value, {"value": one, **TOLERANCE, **ends}, place)
 
 
-def _text(file: RobotFile, value: Any, key: Key, place: tuple[Any, ...]) -> str:
-    if not isinstance(value, str):
-        raise Unusable("a text")
-    return value
-
-
-def _kind(file: RobotFile, value: Any, key: Key, place: tuple[Any, ...]) -> str:
-    if value not in ("revolute", "continuous", "prismatic"):
-        raise Unusable("'revolute', 'continuous' or 'prismatic'")
-    return value
-
-
-def _flag(file: RobotFile, value: Any, key: Key, place: tuple[Any, ...]) -> bool:
-    if not isinstance(value, bool):
-        raise Unusable("true or false")
-    return value
-
-
-def _texts(file: RobotFile, value: Any, key: Key, place: tuple[Any, ...]) -> list[str]:
-    if not isinstance(value, list) or not all(isinstance(entry, str) for entry in value):
-        raise Unusable("a list of names")
-    return value
-
-
 def _numbers(file: RobotFile, value: Any, key: Key, place: tuple[Any, ...]) -> float | list[float]:
     one = _list if isinstance(value, list) else _number
     return one(file, value, key._replace(size=0), place)
@@ -275,10 +238,6 @@ def _named(file: RobotFile, value: Any, key: Key, place: tuple[Any, ...]) -> dic
         raise Unusable("numbers by name")
     one = _number if key.units else _numbers
     return {name: one(file, entry, key, (*place, name)) for name, entry in value.items()}
-
-
-def _table(file: RobotFile, value: Any, key: Key, place: tuple[Any, ...]) -> SimpleNamespace:
-    return file.table(value, TABLES[key.inside], place)
 
 
 def _stated_keys(file: RobotFile, value: Any, key: Key, place: tuple[Any, ...]) -> dict[str, Any]:
@@ -296,6 +255,13 @@ def _rows(file: RobotFile, value: Any, key: Key, place: tuple[Any, ...]) -> list
 # Keys ---------------------------------------------------------------------------------------------
 _POSITION, _METRES = UNITS["link_position"], ("m",)
 _EFFORT = tuple(dict.fromkeys(unit for drive in DRIVES.values() for unit in UNITS[drive]))
+_text = _checked(lambda value: isinstance(value, str), "a text")
+_flag = _checked(lambda value: isinstance(value, bool), "true or false")
+_kind = _checked(lambda value: value in KINDS, "'revolute', 'continuous' or 'prismatic'")
+_texts = _checked(
+    lambda value: isinstance(value, list) and all(isinstance(entry, str) for entry in value),
+    "a list of names",
+)
 _TEXT, _PERCENT = Key(_text), Key(_percent, ("%",))
 TOLERANCE = {"tolerance": _PERCENT, "source": Key(_text, default="assumption")}
 _MASS, _CENTRE = Key(_quantity, ("kg",)), Key(_quantity, _METRES, 3)
@@ -303,11 +269,7 @@ _THREE = Key(_list, _METRES, 3)
 _INERTIA_TABLE = Key(_table, inside="inertia")
 
 #: Numbers of a motor, its gear and its friction; its constants say what its input is.
-MOTOR = (
-    "motor_inertia", "rotor_inertia", "hub_inertia", "gear_ratio", "gear_efficiency", "motor_efficiency", "friction",
-    "coulomb_friction", "static_friction", "stribeck_velocity", "friction_smoothing", "resistance", "inductance",
-    "torque_constant", "back_emf_constant",
-)  # fmt: skip
+MOTOR = tuple(one.name for one in fields(ElasticJoint) if one.name not in SPRING)
 
 
 def _quantities(names: tuple[str, ...], required: tuple[str, ...] = ()) -> dict[str, Key]:
@@ -371,6 +333,17 @@ def nesting_advice(name: str = "") -> str:
 
 def check_nesting(data: dict[str, Any], file: str) -> None:
     """Refuse tables that are not where a joint has them: [joint.yaw.spring], [yaw.spring], [[joint.spring]]."""
+    for written, name in _misplaced(data):
+        tables = ", ".join(f"[{word}]" for word in written[:3])
+        raise InvalidInput(
+            f"{file}: {tables} {'is no table' if len(written) == 1 else 'are no tables'} of a robot file.",
+            f"expected [[joint]] for each joint and its tables below it, got {tables}",
+            nesting_advice(name),
+        )
+
+
+def _misplaced(data: dict[str, Any]) -> Iterator[tuple[list[str], str]]:
+    """Tables as written, and the joint that they seem to be of."""
     rows = data.get("joint")
     each = [row for row in rows if isinstance(row, dict)] if isinstance(rows, list) else []
     names = {str(row.get("name")) for row in each}
@@ -379,22 +352,20 @@ def check_nesting(data: dict[str, Any], file: str) -> None:
         if isinstance(table, dict):
             named = [k for k, value in table.items() if k not in TABLES["joint"] and isinstance(value, dict)]
             written = [f"{word}.{key}" for key in named] or [word]
-            raise _misplaced(file, written, named[0] if named else str(table.get("name", "")))
+            yield written, named[0] if named else str(table.get("name", ""))
         if word == "joints" and isinstance(table, list) and any(isinstance(row, dict) for row in table):
-            raise _misplaced(file, ["[joints]"], "")
+            yield ["[joints]"], ""
     for row in each:
         for key, value in row.items():
             if key in OF_JOINT and isinstance(value, list):
-                raise _misplaced(file, [f"[joint.{key}]"], str(row.get("name", "")))
+                yield [f"[joint.{key}]"], str(row.get("name", ""))
             if key not in TABLES["joint"] and (parts := _parts_of_joint(key, value, names)):
-                raise _misplaced(file, [f"joint.{part}" for part in parts], key)
+                yield [f"joint.{part}" for part in parts], key
     for key, value in data.items():
-        if key in TABLES[""]:
-            continue
         if key in ("link", "spring", "motor") and isinstance(value, (dict, list)):
-            raise _misplaced(file, [key], "")
-        if parts := _parts_of_joint(key, value, names):
-            raise _misplaced(file, parts, key)
+            yield [key], ""
+        if key not in TABLES[""] and (parts := _parts_of_joint(key, value, names)):
+            yield parts, key
 
 
 def _parts_of_joint(key: str, value: Any, names: set[str]) -> list[str]:
@@ -404,15 +375,6 @@ def _parts_of_joint(key: str, value: Any, names: set[str]) -> list[str]:
         return []
     parts = [f"{key}.{part}" for part in OF_JOINT if part in inside]
     return parts or [key] * (key in names)
-
-
-def _misplaced(file: str, written: list[str], name: str) -> InvalidInput:
-    tables = ", ".join(f"[{word}]" for word in written[:3])
-    return InvalidInput(
-        f"{file}: {tables} {'is no table' if len(written) == 1 else 'are no tables'} of a robot file.",
-        f"expected [[joint]] for each joint and its tables below it, got {tables}",
-        nesting_advice(name),
-    )
 
 
 def check_tolerance(file: str, where: str, tolerance: float) -> None:

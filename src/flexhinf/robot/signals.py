@@ -83,13 +83,7 @@ def units_of(
 def expanded(
     names: str | Sequence[str], quantities: Sequence[str], joints: Sequence[str], rigid: Sequence[str] = ()
 ) -> tuple[str, ...]:
-    """Single names from single and plain ones; the torque of a rigid joint is measured by none.
-
-    Raises
-    ------
-    InvalidInput
-        For no name, an unknown one, or the same signal twice.
-    """
+    """Single names from single and plain ones, each once; the torque of a rigid joint is measured by none."""
     requested = checked_names("The sensors", names)
     every = {
         quantity: names_of(quantity, joints, rigid if quantity == "joint_torque" else ())
@@ -113,17 +107,7 @@ def expanded(
 
 @dataclass(frozen=True)
 class Sensors:
-    """y: the measured signals.
-
-    Parameters
-    ----------
-    names : sequence of str
-        Single names, see `expanded`.
-    extras : sequence of str
-        What the joint adds: a torque sensor feels the spring as it is.
-    rigid : tuple of int
-        Joints without a spring.
-    """
+    """y: the measured signals by their single names; with `extras` a torque sensor feels the spring as it is."""
 
     names: tuple[str, ...]
     joints: tuple[str, ...]
@@ -153,14 +137,8 @@ class Sensors:
 class WeightedStatesAndTorques:
     """h(x): weighted states, then weighted torques K (q2 − q1) of the springs and their rates, as deviations.
 
-    Parameters
-    ----------
-    states : tuple of float
-        One weight per state, integrals included.
-    torques, rates : tuple of float
-        One weight per elastic joint, 1/(N·m) or 1/N, and s/(N·m) or s/N.
-    layout : Layout, optional
-        Of the state; by default all joints are elastic.
+    One weight per state, integrals included, and per elastic joint: of torques 1/(N·m) or 1/N, of rates s/(N·m) or s/N.
+    Without a layout all joints are elastic.
     """
 
     states: tuple[float, ...]
@@ -188,23 +166,9 @@ def robot_penalty(
     groups: Mapping[str, Sequence[str]] | None = None,
     layout: Layout | None = None,
 ) -> Penalty:
-    """The penalty as the plant understands it: one without torques stays as it is.
+    """The penalty (single names only) as the plant understands it: one without torques stays as it is.
 
-    Parameters
-    ----------
-    penalty : Penalty
-        Single names only, see `Penalty.expanded`.
-    joints, states : sequence of str
-        Names; the states with the integrals.
-    groups : mapping of str to sequence of str
-        Plain names that stand for all joints, which an error lists first.
-    layout : Layout, optional
-        Which joints have a spring; all by default.
-
-    Raises
-    ------
-    InvalidInput
-        For a weight of something that is neither a state nor a spring's torque.
+    `states` include the integrals; the names of `groups`, which stand for all joints, an error lists first.
     """
     layout = Layout(len(joints)) if layout is None else layout
     rigid = [joints[i] for i in layout.rigid]

@@ -25,7 +25,7 @@ _LONGEST = 40
 _MOST_SPELLED = 16
 
 #: Powers of kg, m, s, rad and A.
-Dimension = tuple[int, int, int, int, int]
+Dimension = tuple[int, ...]
 _MASS, _LENGTH, _TIME, _ANGLE, _CURRENT = ((0,) * i + (1,) + (0,) * (4 - i) for i in range(5))
 _FORCE, _TORQUE = (1, 1, -2, 0, 0), (1, 2, -2, 0, 0)
 _VOLT, _OHM, _HENRY = (1, 2, -3, 0, -1), (1, 2, -3, 0, -2), (1, 2, -2, 0, -2)
@@ -69,12 +69,7 @@ _POWERS = {"": 1, "²": 2, "³": 3}
 class Stated(float):
     """A number in SI units that was stated in a unit; everything computed with it is a plain float.
 
-    Attributes
-    ----------
-    number, unit : str
-        As they were written: "30" and "mm".
-    si : str
-        The SI unit that it has: rad, m, rad/s, m/s, N·m, N or s.
+    `number` and `unit` are as they were written, "30" and "mm"; `si` is the SI unit that it has.
     """
 
     number: str
@@ -95,7 +90,7 @@ def split(text: str) -> tuple[str, str] | None:
 
 
 def measured(text: str, *si: str) -> Stated:
-    """A finite number with a unit, in the first of these SI units that measures the same.
+    """A finite number with a unit, in the first of these SI units that measures the same; ValueError for other text.
 
     Examples
     --------
@@ -103,27 +98,16 @@ def measured(text: str, *si: str) -> Stated:
     10000.0
     >>> measured("90deg", "rad") == math.pi / 2
     True
-
-    Raises
-    ------
-    ValueError
-        For text that is no number with a unit, and for a unit that measures something else.
     """
     parts = split(text)
     known = _unit(parts[1]) if parts is not None and len(parts[1]) <= _LONGEST else None
-    fitting = [one for one in si if known is not None and _required(one)[1] == known[1]]
-    if parts is None or known is None or not fitting:
-        raise ValueError(text)
-    value = float(parts[0]) * (known[0] / _required(fitting[0])[0])
-    if not math.isfinite(value):
-        raise ValueError(text)
-    return Stated(value, *parts, fitting[0])
-
-
-def _required(unit: str) -> tuple[float, Dimension]:
-    known = _unit(unit)
-    assert known is not None, unit
-    return known
+    if parts is not None and known is not None:
+        for unit in si:
+            size, dimension = _unit(unit) or (1.0, ())
+            value = float(parts[0]) * (known[0] / size)
+            if dimension == known[1] and math.isfinite(value):
+                return Stated(value, *parts, unit)
+    raise ValueError(text)
 
 
 def lettered(unit: str) -> str:
@@ -154,7 +138,7 @@ def respelled(text: str, *si: str) -> list[str]:
         between = parts[1][at : match.start()]
         found = [before + between + one for before in found for one in atoms][:_MOST_SPELLED]
         at = match.end()
-    fitting = {_required(one)[1] for one in si}
+    fitting = [unit[1] for one in si if (unit := _unit(one))]
     whole = [one + parts[1][at:] for one in found]
     known = [one for one in whole if one != parts[1] and (unit := _unit(one)) and unit[1] in fitting]
     return [f"{parts[0]} {one}" for one in known]
@@ -167,24 +151,18 @@ def _unit(text: str) -> tuple[float, Dimension] | None:
     if not above:
         return None
     size, total = 1.0, [0] * 5
-    for part, sign in [(above, 1), *((one, -1) for one in below)]:
-        found = _product(part.strip())
-        if found is None:
+    for part, sign in [(above.strip(), 1), *((one.strip(), -1) for one in below)]:
+        factor, at = 1.0, 0
+        while at < len(part):
+            match = _FACTOR.match(part, at)
+            if match is None:
+                return None
+            power = int(match[2]) if match[2] else _POWERS[match[3] or ""]
+            one, dimension = _ATOMS[match[1]]
+            factor *= one**power
+            total = [a + sign * power * b for a, b in zip(total, dimension)]
+            at = match.end()
+        if not part:
             return None
-        size *= found[0] ** sign
-        total = [a + sign * b for a, b in zip(total, found[1])]
-    return size, (total[0], total[1], total[2], total[3], total[4])
-
-
-def _product(text: str) -> tuple[float, list[int]] | None:
-    size, total, at = 1.0, [0] * 5, 0
-    while at < len(text):
-        match = _FACTOR.match(text, at)
-        if match is None:
-            return None
-        power = int(match[2]) if match[2] else _POWERS[match[3] or ""]
-        one, dimension = _ATOMS[match[1]]
-        size *= one**power
-        total = [a + power * b for a, b in zip(total, dimension)]
-        at = match.end()
-    return (size, total) if text else None
+        size *= factor**sign
+    return size, tuple(total)

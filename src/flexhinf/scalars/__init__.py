@@ -1,9 +1,19 @@
 """Elements that model code can be read on: numbers, symbols, truncated polynomials, power series in time."""
 
 from flexhinf.scalars.jet import Jet, Series, coefficients, derivative, jets, series
-from flexhinf.scalars.linear_algebra import cholesky, gram, solve_lower, solve_lower_transposed
-from flexhinf.scalars.piecewise import absolute, clip, maximum, minimum, sign, where
-from flexhinf.scalars.symbol import Symbol
+from flexhinf.scalars.symbol import (
+    Symbol,
+    absolute,
+    cholesky,
+    clip,
+    gram,
+    maximum,
+    minimum,
+    sign,
+    solve_lower,
+    solve_lower_transposed,
+    where,
+)
 from flexhinf.scalars.trace import (
     apply,
     digest,
@@ -18,35 +28,3 @@ from flexhinf.scalars.trace import (
     trace,
     unpack,
 )
-
-__all__ = [
-    "Jet",
-    "Series",
-    "Symbol",
-    "absolute",
-    "apply",
-    "cholesky",
-    "clip",
-    "coefficients",
-    "derivative",
-    "digest",
-    "divide",
-    "drop_empty",
-    "function_arrays",
-    "function_from_arrays",
-    "gram",
-    "jacobian",
-    "jets",
-    "maximum",
-    "minimum",
-    "pack",
-    "serial",
-    "series",
-    "sign",
-    "solve_lower",
-    "solve_lower_transposed",
-    "symbols",
-    "trace",
-    "unpack",
-    "where",
-]

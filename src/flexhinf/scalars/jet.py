@@ -2,7 +2,7 @@
 
 Model code run on jets gives its Taylor coefficients about a point, exactly, with no finite differences.
 What is not listed here raises: it never guesses. Functions that are not smooth are refused by name
-(`flexhinf.scalars.piecewise`, and every comparison).
+(`flexhinf.scalars.symbol`, and every comparison).
 
 A truncated power series in one variable, usually time, whose coefficients are any elements.
 
@@ -22,6 +22,14 @@ import numpy as np
 from flexhinf.errors import InvalidInput
 from flexhinf.polynomial import univariate
 from flexhinf.polynomial.truncated import Support, add, compose, multiply, size, space
+
+
+def _termwise(of: Callable[[Sequence[Any], Sequence[Any]], tuple[Any, ...]]) -> Any:
+    def method(self: Series, other: Any) -> Any:
+        right = self._beside(other)
+        return NotImplemented if right is None else Series(of(self.coefficients, right))
+
+    return method
 
 
 class Series:
@@ -53,42 +61,32 @@ class Series:
             return None
         return (other, *(0.0 for _ in self.coefficients[1:]))
 
-    def __add__(self, other: Any) -> Any:
-        right = self._beside(other)
-        return NotImplemented if right is None else Series(_sum(self.coefficients, right))
-
-    __radd__ = __add__
-
     def __neg__(self) -> Series:
         return Series(tuple(-c for c in self.coefficients))
 
-    def __sub__(self, other: Any) -> Any:
-        right = self._beside(other)
-        return NotImplemented if right is None else Series(_difference(self.coefficients, right))
-
-    def __rsub__(self, other: Any) -> Any:
-        left = self._beside(other)
-        return NotImplemented if left is None else Series(_difference(left, self.coefficients))
+    __add__ = __radd__ = _termwise(lambda a, b: tuple(x + y for x, y in zip(a, b)))
+    __sub__ = _termwise(lambda a, b: tuple(x - y for x, y in zip(a, b)))
+    __rsub__ = _termwise(lambda a, b: tuple(y - x for x, y in zip(a, b)))
+    __rtruediv__ = _termwise(lambda a, b: _quotient(b, a))
 
     def __mul__(self, other: Any) -> Any:
-        if isinstance(other, Series):
-            return Series(_product(self.coefficients, self._beside(other) or ()))
-        if self._beside(other) is None:
+        right = self._beside(other)
+        if right is None:
             return NotImplemented
-        return Series(tuple(c * other for c in self.coefficients))
+        a = self.coefficients
+        if isinstance(other, Series):
+            return Series(tuple(_convolved(a, right, k) for k in range(len(a))))
+        return Series(tuple(c * other for c in a))
 
     __rmul__ = __mul__
 
     def __truediv__(self, other: Any) -> Any:
-        if isinstance(other, Series):
-            return Series(_quotient(self.coefficients, self._beside(other) or ()))
-        if self._beside(other) is None:
+        right = self._beside(other)
+        if right is None:
             return NotImplemented
+        if isinstance(other, Series):
+            return Series(_quotient(self.coefficients, right))
         return Series(tuple(c / other for c in self.coefficients))
-
-    def __rtruediv__(self, other: Any) -> Any:
-        left = self._beside(other)
-        return NotImplemented if left is None else Series(_quotient(left, self.coefficients))
 
     # NumPy's ufuncs on object arrays call the method of the same name.
     def sin(self) -> Series:
@@ -106,40 +104,25 @@ class Series:
 def series(*derivatives: Sequence[Any]) -> np.ndarray:
     """Object array of `Series` from a signal and its derivatives.
 
-    Parameters
-    ----------
-    derivatives : (n,) each
-        Value, first derivative, second derivative, …; the j-th coefficient is the j-th of them over j!.
+    `derivatives`: (n,) each, value, first derivative, second derivative, …; the j-th coefficient is the j-th of them
+    over j!.
     """
     array = np.empty(len(derivatives[0]), dtype=object)
     for i, row in enumerate(zip(*derivatives, strict=True)):
-        array[i] = Series(tuple(_over(c, math.factorial(j)) for j, c in enumerate(row)))
+        array[i] = Series(tuple(c if j < 2 else c / math.factorial(j) for j, c in enumerate(row)))
     return array
 
 
 def derivative(array: Any, order: int) -> np.ndarray:
     """The derivative of an order, (n,), of an array of `Series`; of other elements, which are constant, zero."""
-    found = [_derivative(entry, order) for entry in array]
+    factor, found = math.factorial(order), []
+    for entry in array:
+        if isinstance(entry, Series):
+            term = entry.coefficients[order]
+            found.append(term if factor == 1 else factor * term)
+        else:
+            found.append(0.0 if order else entry)
     return np.array(found)
-
-
-def _derivative(entry: Any, order: int) -> Any:
-    if not isinstance(entry, Series):
-        return 0.0 if order else entry
-    factor = math.factorial(order)
-    return entry.coefficients[order] if factor == 1 else factor * entry.coefficients[order]
-
-
-def _over(element: Any, factor: int) -> Any:
-    return element if factor == 1 else element / factor
-
-
-def _sum(a: Sequence[Any], b: Sequence[Any]) -> tuple[Any, ...]:
-    return tuple(x + y for x, y in zip(a, b))
-
-
-def _difference(a: Sequence[Any], b: Sequence[Any]) -> tuple[Any, ...]:
-    return tuple(x - y for x, y in zip(a, b))
 
 
 def _convolved(a: Sequence[Any], b: Sequence[Any], k: int) -> Any:
@@ -148,10 +131,6 @@ def _convolved(a: Sequence[Any], b: Sequence[Any], k: int) -> Any:
     for i in range(max(0, k - len(b) + 1), min(k + 1, len(a))):
         total = total + a[i] * b[k - i]
     return total
-
-
-def _product(a: Sequence[Any], b: Sequence[Any]) -> tuple[Any, ...]:
-    return tuple(_convolved(a, b, k) for k in range(len(a)))
 
 
 def _quotient(a: Sequence[Any], b: Sequence[Any]) -> tuple[Any, ...]:
@@ -179,6 +158,24 @@ def _number(value: Any) -> float | None:
     if type(value) is float:
         return value
     return float(value) if isinstance(value, (Real, np.bool_)) else None
+
+
+def _operator(of_jets: Callable[[Any, Any], Jet], of_number: Callable[[Any, float], Jet]) -> Any:
+    """An operator of a jet with another of its kind, or with a real number."""
+
+    def method(self: Jet, other: Any) -> Any:
+        if isinstance(other, Jet):
+            if self.support.space is not other.support.space:
+                raise InvalidInput(
+                    "Two truncated polynomials of different kinds cannot be combined.",
+                    f"expected the same variables and degree, got {self!r} and {other!r}",
+                    "the elements of one call of jets(point, degree)",
+                )
+            return of_jets(self, other)
+        number = _number(other)
+        return NotImplemented if number is None else of_number(self, number)
+
+    return method
 
 
 def _elementary(name: str) -> Callable[[Jet], Jet]:
@@ -260,14 +257,6 @@ class Jet:
 
     # arithmetic
 
-    def _beside(self, other: Jet) -> None:
-        if self.support.space is not other.support.space:
-            raise InvalidInput(
-                "Two truncated polynomials of different kinds cannot be combined.",
-                f"expected the same variables and degree, got {self!r} and {other!r}",
-                "the elements of one call of jets(point, degree)",
-            )
-
     def _shifted(self, amount: float) -> Jet:
         if self.support.has_constant:
             values = self.values.copy()
@@ -282,25 +271,19 @@ class Jet:
             return Jet(self.support.space.zero, np.zeros(0))
         return Jet(self.support, self.values * factor)
 
-    def __add__(self, other: Any) -> Any:
-        if isinstance(other, Jet):
-            self._beside(other)
-            return Jet(*add(self.support, self.values, other.support, other.values))
-        number = _number(other)
-        return NotImplemented if number is None else self._shifted(number)
+    def _divided(self, divisor: float) -> Jet:
+        if divisor == 0.0:
+            raise InvalidInput(
+                "A truncated polynomial was divided by zero.",
+                f"expected a number different from zero, got {self!r} / {divisor}",
+                "parameters that are not zero",
+            )
+        return Jet(self.support, self.values / divisor)
 
-    __radd__ = __add__
-
-    def __sub__(self, other: Any) -> Any:
-        if isinstance(other, Jet):
-            self._beside(other)
-            return Jet(*add(self.support, self.values, other.support, -other.values))
-        number = _number(other)
-        return NotImplemented if number is None else self._shifted(-number)
-
-    def __rsub__(self, other: Any) -> Any:
-        number = _number(other)
-        return NotImplemented if number is None else (-self)._shifted(number)
+    def _to_jet(self, exponent: Jet) -> Jet:
+        if exponent.support is exponent.support.space.constant:
+            return self._power(exponent.constant)
+        return (self.log() * exponent).exp()
 
     def __neg__(self) -> Jet:
         return Jet(self.support, -self.values)
@@ -308,55 +291,27 @@ class Jet:
     def __pos__(self) -> Jet:
         return self
 
-    def __mul__(self, other: Any) -> Any:
-        if isinstance(other, Jet):
-            self._beside(other)
-            return Jet(*multiply(self.support, self.values, other.support, other.values))
-        number = _number(other)
-        return NotImplemented if number is None else self._scaled(number)
-
-    __rmul__ = __mul__
-
-    def __truediv__(self, other: Any) -> Any:
-        if isinstance(other, Jet):
-            self._beside(other)
-            return self * other._power(-1.0)
-        number = _number(other)
-        if number is None:
-            return NotImplemented
-        if number == 0.0:
-            raise InvalidInput(
-                "A truncated polynomial was divided by zero.",
-                f"expected a number different from zero, got {self!r} / {number}",
-                "parameters that are not zero",
-            )
-        return Jet(self.support, self.values / number)
-
-    def __rtruediv__(self, other: Any) -> Any:
-        number = _number(other)
-        return NotImplemented if number is None else self._power(-1.0)._scaled(number)
-
-    def __pow__(self, other: Any) -> Any:
-        if isinstance(other, Jet):
-            self._beside(other)
-            if other.support is other.support.space.constant:
-                return self._power(other.constant)
-            return (self.log() * other).exp()
-        number = _number(other)
-        return NotImplemented if number is None else self._power(number)
-
-    def __rpow__(self, other: Any) -> Any:
-        number = _number(other)
-        if number is None:
-            return NotImplemented
-        return (self * float(univariate.log(number, 0)[0])).exp()
-
     def _power(self, exponent: float) -> Jet:
         if exponent == 2.0:
             return self * self
         if exponent == 3.0:
             return self * self * self
         return self._compose(lambda x, degree: univariate.power(x, exponent, degree))
+
+    __add__ = __radd__ = _operator(lambda a, b: Jet(*add(a.support, a.values, b.support, b.values)), _shifted)
+    __sub__ = _operator(
+        lambda a, b: Jet(*add(a.support, a.values, b.support, -b.values)), lambda a, x: a._shifted(-x)
+    )
+    __rsub__ = _operator(lambda a, b: b - a, lambda a, x: (-a)._shifted(x))
+    __mul__ = __rmul__ = _operator(
+        lambda a, b: Jet(*multiply(a.support, a.values, b.support, b.values)), _scaled
+    )
+    __truediv__ = _operator(lambda a, b: a * b._power(-1.0), _divided)
+    __rtruediv__ = _operator(lambda a, b: b / a, lambda a, x: a._power(-1.0)._scaled(x))
+    __pow__ = _operator(_to_jet, _power)
+    __rpow__ = _operator(
+        lambda a, b: b**a, lambda a, x: (a * float(univariate.FUNCTIONS["log"](x, 0)[0])).exp()
+    )
 
     # functions; NumPy's ufuncs on object arrays call the method of the same name
 
@@ -415,21 +370,8 @@ class Jet:
 def jets(point: Any, degree: int) -> np.ndarray:
     """The coordinates about a point: pointᵢ + xᵢ, to run model code on.
 
-    Parameters
-    ----------
-    point : array_like, shape (n,)
-        Where to expand, finite.
-    degree : int
-        Total degree that is kept, ≥ 0.
-
-    Returns
-    -------
-    ndarray of Jet, shape (n,)
-
-    Raises
-    ------
-    InvalidInput
-        For a point that is not a finite vector, or a degree that is not a whole number ≥ 0.
+    `point`: (n,), finite. `degree`: Total degree that is kept, ≥ 0. Returns an array of `Jet`, (n,).
+    Raises InvalidInput: for a point that is not a finite vector, or a degree that is not a whole number ≥ 0.
     """
     point = np.asarray(point, dtype=float)
     if point.ndim != 1 or not len(point) or not np.isfinite(point).all():
@@ -456,22 +398,9 @@ def jets(point: Any, degree: int) -> np.ndarray:
 def terms(array: Any, n: int, degree: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The terms that an array of jets and numbers has (a number is a constant polynomial).
 
-    Parameters
-    ----------
-    array : array_like of Jet or float, shape (...)
-    n, degree : int
-        Variables and degree of the jets.
-
-    Returns
-    -------
-    rows, monomials : ndarray of int, shape (N,)
-        Flat place of the element, and number of the monomial in its dense coefficient vector.
-    values : ndarray, shape (N,)
-
-    Raises
-    ------
-    InvalidInput
-        For an element that is neither, or a jet with other variables or another degree.
+    `array`: of jets or numbers, any shape. `n`, `degree`: Variables and degree of the jets. Returns `rows, monomials`,
+    (N,): Flat place of the element, and number of the monomial in its dense coefficient vector. Returns `values` (N,).
+    Raises InvalidInput: for an element that is neither, or a jet with other variables or another degree.
     """
     array = np.asarray(array, dtype=object)
     home = space(n, degree)
@@ -497,20 +426,8 @@ def terms(array: Any, n: int, degree: int) -> tuple[np.ndarray, np.ndarray, np.n
 def coefficients(array: Any, n: int, degree: int) -> np.ndarray:
     """Dense monomial coefficients of an array of jets and numbers (a number is a constant polynomial).
 
-    Parameters
-    ----------
-    array : array_like of Jet or float, shape (...)
-    n, degree : int
-        Variables and degree of the jets.
-
-    Returns
-    -------
-    ndarray, shape (..., C(n+degree, degree))
-
-    Raises
-    ------
-    InvalidInput
-        For an element that is neither, or a jet with other variables or another degree.
+    `array`: of jets or numbers, shape (...). `n`, `degree`: Variables and degree of the jets. Returns (..., C(n+degree,
+    degree)). Raises InvalidInput: for an element that is neither, or a jet with other variables or another degree.
     """
     array = np.asarray(array, dtype=object)
     rows, monomials, values = terms(array, n, degree)

@@ -3,10 +3,18 @@
 ``casadi.SX`` is itself array-like, which confuses NumPy inside object arrays; `Symbol` is the thin
 wrapper which makes slicing, ``@``, ``np.outer`` and ``np.sin`` work. What is not listed here raises: it
 never guesses.
+
+Functions that are not smooth dispatch on the element, or refuse by name: NumPy's own ``where``, ``sign``, ``clip`` and
+``maximum`` compare elements, which a symbol, a truncated polynomial or an interval cannot answer with yes or no.
+
+Small dense linear algebra on any element (``np.linalg`` takes floats only) is loops over indices, for matrices of the
+size of a state vector. A matrix that is not positive semidefinite gives NaN, which the callers turn into an error or a
+status: a kernel cannot raise.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from numbers import Real
 from typing import Any
 
@@ -122,3 +130,131 @@ class Symbol:
     def __repr__(self) -> str:
         text = str(self.sx)
         return f"Symbol({text if len(text) < 60 else text[:57] + '...'})"
+
+
+def _sx(value: Any) -> ca.SX:
+    return value.sx if isinstance(value, Symbol) else ca.SX(float(value))
+
+
+def _dispatch(name: str, numeric: Callable[..., Any], symbolic: Callable[..., ca.SX]) -> Callable[..., Any]:
+    """A function that uses NumPy on numbers and CasADi on symbols, element by element."""
+
+    def one(*elements: Any) -> Any:
+        kinds = {type(e) for e in elements if not isinstance(e, (float, int, bool, np.generic))}
+        if not kinds:
+            return numeric(*elements)
+        if kinds == {Symbol}:
+            return Symbol(symbolic(*map(_sx, elements)))
+        offender = next(kind for kind in kinds if kind is not Symbol)
+        method = getattr(offender, f"piecewise_{name}", None)
+        if method is not None:
+            return method(*elements)
+        raise InvalidInput(
+            f"The function {name} is not smooth, so it is not defined on {offender.__name__} elements.",
+            f"expected numbers or symbols, got {offender.__name__}",
+            "a smooth model for the synthesis (tanh instead of sign); piecewise ones in the true plant only",
+        )
+
+    def function(*arguments: Any) -> Any:
+        if all(np.asarray(a).dtype != object for a in arguments):
+            return numeric(*arguments)
+        result = np.frompyfunc(one, len(arguments), 1)(*arguments)
+        return result
+
+    function.__name__ = name
+    return function
+
+
+where = _dispatch("where", np.where, lambda c, a, b: ca.if_else(c, a, b))
+maximum = _dispatch("maximum", np.maximum, ca.fmax)
+minimum = _dispatch("minimum", np.minimum, ca.fmin)
+sign = _dispatch("sign", np.sign, ca.sign)
+absolute = _dispatch("absolute", np.abs, ca.fabs)
+clip = _dispatch(
+    "clip",
+    np.clip,
+    lambda x, low, high: ca.if_else(
+        x < low, low, ca.if_else(x > high, high, x)
+    ),  # NaN stays NaN; fmax drops it
+)
+
+where.__doc__ = """``a`` where the condition holds, else ``b``; both branches are evaluated.
+
+A condition on symbols compares elements (``x[0] > 0``), or arrays by ``np.greater(x, y, dtype=object)``:
+the operators of NumPy's arrays want yes or no.
+"""
+maximum.__doc__ = "The larger of two elements."
+minimum.__doc__ = "The smaller of two elements."
+sign.__doc__ = "−1, 0 or 1."
+absolute.__doc__ = "The absolute value."
+clip.__doc__ = "``x`` limited to [low, high]."
+
+
+#: A pivot this small, times n, relative to what it is made of is zero: the matrix is singular to rounding.
+PIVOT_TOLERANCE = 1e-14
+
+
+def _empty_like(*arrays: Any) -> np.ndarray:
+    dtype = object if any(np.asarray(a).dtype == object for a in arrays) else float
+    return np.zeros(np.shape(arrays[0]), dtype=dtype)
+
+
+def gram(columns: np.ndarray, weights: Any, other: np.ndarray | None = None) -> np.ndarray:
+    """Σ wᵢ aᵢ bᵢᵀ over columns; exactly symmetric when `other` is not given.
+
+    `columns`, `other`: (n, s), (m, s), columns aᵢ and bᵢ (bᵢ = aᵢ by default). `weights`: (s,).
+    """
+    weighted = columns * weights
+    if other is not None:
+        return weighted @ other.T
+    n = len(columns)
+    result = np.zeros((n, n), dtype=weighted.dtype)
+    for i in range(n):
+        for j in range(i + 1):
+            result[i, j] = result[j, i] = weighted[i] @ columns[j]
+    return result
+
+
+def cholesky(matrix: np.ndarray) -> np.ndarray:
+    """Lower L with L Lᵀ = matrix, for a positive semidefinite matrix (n, n).
+
+    A pivot that is zero to rounding gives a zero column, so exactly known states (P = 0) are allowed; a
+    negative one gives NaN.
+
+    A pivot is what elimination leaves of a_jj: vᵀ A v with v = (−w, 1), w = A_j⁻¹ a_j. Rounding moves it by some units
+    of the last place of Σᵢ vᵢ² aᵢᵢ, which may be many times a_jj where the entries before it are nearly singular. That
+    sum is carried along: it grows by (l_ij / l_jj)² of its value at j with each column j. A pivot below zero is
+    compared with it, one above zero with a_jj.
+    """
+    n = len(matrix)
+    factor = _empty_like(matrix)
+    moved = [abs(matrix[j, j]) for j in range(n)]
+    for j in range(n):
+        pivot = matrix[j, j] - factor[j, :j] @ factor[j, :j]
+        small = pivot <= abs(matrix[j, j]) * (PIVOT_TOLERANCE * n)
+        singular = small & (pivot >= moved[j] * (-PIVOT_TOLERANCE * n))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            root = np.sqrt(pivot)
+            inverse = where(singular, 0.0, 1.0 / root)
+        factor[j, j] = where(singular, 0.0, root)
+        for i in range(j + 1, n):
+            factor[i, j] = (matrix[i, j] - factor[i, :j] @ factor[j, :j]) * inverse
+            ratio = factor[i, j] * inverse
+            moved[i] = moved[i] + ratio * ratio * moved[j]
+    return factor
+
+
+def solve_lower(factor: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """Solve L X = B for lower-triangular L (n, n) and B (n,) or (n, k)."""
+    solution = _empty_like(right, factor)
+    for i in range(len(factor)):
+        solution[i] = (right[i] - factor[i, :i] @ solution[:i]) / factor[i, i]
+    return solution
+
+
+def solve_lower_transposed(factor: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """Solve Lᵀ X = B for lower-triangular L (n, n) and B (n,) or (n, k)."""
+    solution = _empty_like(right, factor)
+    for i in reversed(range(len(factor))):
+        solution[i] = (right[i] - factor[i + 1 :, i] @ solution[i + 1 :]) / factor[i, i]
+    return solution

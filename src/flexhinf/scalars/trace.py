@@ -1,12 +1,16 @@
 """From NumPy code to a CasADi function: run the code once on symbols and keep what it computed.
 
-A traced function as arrays, for files: its instructions in order, and the same function built from them again.
+Then: a traced function as arrays, for files, and what expressions of symbols depend on. An entry that no symbol
+reaches is constant: that is proved from its graph. A difference of equal terms, cos(x1 + x2) − cos(x2 + x1), is
+reached all the same; such an entry counts as constant if it is the same to rounding at points drawn at random,
+provided that it has no comparison in it: then it is analytic, and an analytic function that is not constant differs at
+random points with probability one.
 """
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -20,6 +24,19 @@ from flexhinf.validation import is_real, value_text
 
 #: CasADi's operations by number and by name; files hold the names.
 NAMES = {getattr(ca, name): name for name in dir(ca) if name.startswith("OP_")}
+
+#: Of a function: opcode, places in the work vector that are read and written (for arguments and results: which one, and
+#: where in it), and the value of a constant.
+Instruction = tuple[int, list[int], list[int], float]
+
+
+def instructions(function: ca.Function) -> Iterator[Instruction]:
+    """The instructions of a scalar-expanded (SX) function, in order."""
+    for k in range(function.n_instructions()):
+        code = function.instruction_id(k)
+        constant = function.instruction_constant(k) if code == ca.OP_CONST else 0.0
+        yield code, list(function.instruction_input(k)), list(function.instruction_output(k)), constant
+
 
 COLUMNS = ("first", "second", "result", "value")
 
@@ -44,24 +61,14 @@ ONE_OPERAND = -1
 def function_arrays(function: ca.Function) -> dict[str, np.ndarray]:
     """The instructions of a scalar-expanded (SX) function.
 
-    Parameters
-    ----------
-    function : casadi.Function
-        As `trace` makes it: dense columns as arguments and results.
-
-    Returns
-    -------
-    dict
-        ``operation`` (K,) names; ``first``, ``second``, ``result`` (K,) places in a work vector, or, for arguments
-        and results, which one and where in it; ``value`` (K,) constants; ``sizes`` of arguments, then of results;
-        ``arguments``, how many there are.
+    `function`: As `trace` makes it: dense columns as arguments and results. Returns ``operation`` (K,) names;
+    ``first``, ``second``, ``result`` (K,) places in a work vector, or, for arguments and results, which one and where
+    in it; ``value`` (K,) constants; ``sizes`` of arguments, then of results; ``arguments``, how many there are.
     """
     operations, rows = [], []
-    for k in range(function.n_instructions()):
-        code = function.instruction_id(k)
-        read, written = list(function.instruction_input(k)), list(function.instruction_output(k))
+    for code, read, written, constant in instructions(function):
         if code == ca.OP_CONST:
-            row = (0, 0, written[0], function.instruction_constant(k))
+            row = (0, 0, written[0], constant)
         elif code == ca.OP_INPUT:
             row = (read[0], read[1], written[0], 0.0)
         elif code == ca.OP_OUTPUT:
@@ -85,10 +92,7 @@ def function_arrays(function: ca.Function) -> dict[str, np.ndarray]:
 def function_from_arrays(arrays: Mapping[str, np.ndarray], name: str = "stored") -> ca.Function:
     """The function again.
 
-    Raises
-    ------
-    ValueError, IndexError, KeyError
-        If the arrays are no function's.
+    Raises ValueError, IndexError, KeyError: if the arrays are no function's.
     """
     count, sizes = int(arrays["arguments"]), [int(size) for size in arrays["sizes"]]
     if not (0 <= count <= len(sizes) and all(0 <= size <= LONGEST for size in sizes)):
@@ -137,10 +141,7 @@ def unpack(column: ca.SX, shape: tuple[int, ...]) -> np.ndarray:
 def pack(array: Any) -> ca.SX:
     """A dense SX column from an array of symbols and numbers, in C order.
 
-    Raises
-    ------
-    InvalidInput
-        For text, complex numbers and whatever else is no real number.
+    Raises InvalidInput: for text, complex numbers and whatever else is no real number.
     """
     flat = np.asarray(array, dtype=object).ravel()
     strange = next((a for a in flat if not isinstance(a, Symbol) and not is_real(a)), None)
@@ -160,25 +161,10 @@ def trace(
 ) -> ca.Function:
     """Run `function` on symbols and return what it computed as a CasADi function.
 
-    Parameters
-    ----------
-    function : callable
-        Takes one array per entry of `shapes`; returns an array, or a tuple of arrays.
-    shapes : int or tuple of int
-        Shape of each argument.
-    name, names : str
-        Name of the function, and of its arguments.
-
-    Returns
-    -------
-    casadi.Function
-        Every argument and result is a dense column with the C-order flattening of the array; common
-        subexpressions are computed once.
-
-    Raises
-    ------
-    InvalidInput
-        If `function` branches on a symbol or asks for its float value.
+    `function`: Takes one array per entry of `shapes`; returns an array, or a tuple of arrays. `shapes`: Shape of each
+    argument. `name`, `names`: Name of the function, and of its arguments. Returns every argument and result is a dense
+    column with the C-order flattening of the array; common subexpressions are computed once. Raises InvalidInput: if
+    `function` branches on a symbol or asks for its float value.
     """
     labels = list(names) if names is not None else [f"i{k}" for k in range(len(shapes))]
     arguments = [symbols(label, shape) for label, shape in zip(labels, shapes, strict=True)]
@@ -225,11 +211,8 @@ def jacobian(
 ) -> Callable[..., tuple[np.ndarray, np.ndarray]]:
     """Exact value and Jacobian of `function` with respect to its first argument.
 
-    Returns
-    -------
-    callable
-        Called like `function` (first result only), on numbers or symbols; returns the flat value (k,) and the
-        Jacobian (k, n), n the size of the first argument.
+    Returns called like `function` (first result only), on numbers or symbols; returns the flat value (k,) and the
+    Jacobian (k, n), n the size of the first argument.
     """
     traced = trace(function, *shapes, name=name)
     inputs = [ca.SX.sym(f"i{k}", traced.size1_in(k)) for k in range(traced.n_in())]
@@ -265,19 +248,9 @@ def divide(function: ca.Function, moving: Sequence[bool]) -> tuple[ca.Function |
 
     Quotients by what is computed before are products with its reciprocal, which is computed before too.
 
-    Parameters
-    ----------
-    function : casadi.Function
-        As `trace` makes it.
-    moving : sequence of bool
-        Which arguments the rest alone may read.
-
-    Returns
-    -------
-    before : casadi.Function or None
-        Of the other arguments: a column of numbers. None where there is nothing to compute.
-    rest : casadi.Function
-        Of all arguments, and of that column if there is one: the results of the function.
+    `function`: As `trace` makes it. `moving`: Which arguments the rest alone may read. Returns `before`, Of the other
+    arguments: a column of numbers. None where there is nothing to compute. Returns `rest`, Of all arguments, and of
+    that column if there is one: the results of the function.
     """
     arguments = [ca.SX.sym(function.name_in(k), function.size1_in(k)) for k in range(function.n_in())]
     results = [ca.SX.zeros(function.size1_out(k)) for k in range(function.n_out())]
@@ -296,14 +269,12 @@ def divide(function: ca.Function, moving: Sequence[bool]) -> tuple[ca.Function |
             value.name = named(value.sx)
         return value.sx if value.name is None else value.name
 
-    for k in range(function.n_instructions()):
-        code, read = function.instruction_id(k), function.instruction_input(k)
-        written = function.instruction_output(k)
+    for code, read, written, constant in instructions(function):
         if code == ca.OP_OUTPUT:
             results[written[0]][written[1]] = outside(places[read[0]])
             continue
         if code == ca.OP_CONST:
-            value = _Value(ca.SX(function.instruction_constant(k)), False, True)
+            value = _Value(ca.SX(constant), False, True)
         elif code == ca.OP_INPUT:
             value = _Value(arguments[read[0]][read[1]], moving[read[0]], True)
         else:
@@ -337,3 +308,134 @@ class _Value:
         if self.inverse is None:
             self.inverse = named(1.0 / self.sx)
         return self.inverse
+
+
+#: Points per radius, and the radii about the origin, at which entries are compared.
+POINTS, RADII = 8, (0.3, 1.0, 3.0)
+
+#: Differences this small relative to the terms they are made of are rounding.
+ROUNDING = 1e-13
+
+#: Operations that are not smooth, or jump: of the difference of their operands, of the first one, or of both.
+COMPARISONS = {ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE, ca.OP_FMIN, ca.OP_FMAX}
+STEPS = {ca.OP_FABS, ca.OP_SIGN, ca.OP_FLOOR, ca.OP_CEIL, ca.OP_IF_ELSE_ZERO, ca.OP_NOT, ca.OP_ATAN2}
+PAIRS = {ca.OP_FMOD, ca.OP_REMAINDER, ca.OP_COPYSIGN, ca.OP_AND, ca.OP_OR}
+
+#: Operations with poles, by the place of the operand that decides where: arctan(sin x / cos x) jumps at those.
+POLES = {ca.OP_TAN: 0, ca.OP_INV: 0, ca.OP_DIV: 1}
+
+#: Operations with a branch point, and what is zero there: √(x²) is |x|, and arcsin(sin x) a triangle wave.
+BRANCHES = {
+    ca.OP_SQRT: lambda x: x, ca.OP_ASIN: lambda x: 1.0 - x**2, ca.OP_ACOS: lambda x: 1.0 - x**2,
+}  # fmt: skip
+
+#: Operations whose result is a linear combination of their operands.
+LINEAR = {ca.OP_ASSIGN, ca.OP_ADD, ca.OP_SUB, ca.OP_NEG, ca.OP_TWICE}
+
+#: What moves numbers, arithmetic, sines and cosines.
+ELEMENTARY = {
+    ca.OP_INPUT, ca.OP_OUTPUT, ca.OP_CONST, ca.OP_ASSIGN, ca.OP_ADD, ca.OP_SUB, ca.OP_MUL, ca.OP_DIV, ca.OP_NEG,
+    ca.OP_TWICE, ca.OP_SQ, ca.OP_INV, ca.OP_SIN, ca.OP_COS,
+}  # fmt: skip
+
+
+def switches(expressions: ca.SX, z: ca.SX, poles: bool = True) -> ca.SX:
+    """What decides, in operations that are not smooth or have poles, (s, 1): where one is zero, code may switch.
+
+    `z`: casadi.SX, (k, 1), all symbols of the expressions. `poles`: With those of quotients and tangents, beyond which
+    a bounded function of them goes on elsewhere, and branch points of roots and inverse sines.
+    """
+    function = ca.Function("walked", [z], [ca.densify(ca.vec(expressions))])
+    work: dict[int, ca.SX] = {}
+    found: list[ca.SX] = []
+    for operation, read, written, constant in instructions(function):
+        if operation == ca.OP_OUTPUT:
+            continue
+        if operation == ca.OP_INPUT:
+            value = z[read[1]]
+        elif operation == ca.OP_CONST:
+            value = ca.SX(constant)
+        else:
+            operands = [work[place] for place in read]
+            if operation in COMPARISONS:
+                found.append(operands[0] - operands[1])
+            elif operation in STEPS or operation in PAIRS:
+                found.extend(operands[: 2 if operation in PAIRS else 1])
+            elif poles and operation in POLES and not operands[POLES[operation]].is_constant():
+                found.append(operands[POLES[operation]])
+            elif poles and operation in BRANCHES:
+                found.append(BRANCHES[operation](operands[0]))
+            value = (ca.SX.unary if len(operands) == 1 else ca.SX.binary)(operation, *operands)
+        work[written[0]] = value
+    return ca.vertcat(*found) if found else ca.SX.zeros(0, 1)
+
+
+def elementary(function: ca.Function) -> bool:
+    """Whether a traced function has nothing but arithmetic, sines and cosines."""
+    return all(code in ELEMENTARY for code, *_ in instructions(function))
+
+
+def linear(function: ca.Function) -> bool:
+    """Whether the results are linear (with a constant) in the first argument, as every operation of the graph says.
+
+    The derivative does not say it: that of an angle wrapped by arctan2(sin x, cos x) is one, that of floor(x) zero.
+    """
+    moves: dict[int, bool] = {}  # of the work vector: whether a number depends on the first argument
+    for operation, read, written, _ in instructions(function):
+        if operation == ca.OP_OUTPUT:
+            continue
+        if operation == ca.OP_INPUT:
+            found = read[0] == 0
+        else:
+            operands = [moves[place] for place in read]
+            found = any(operands)
+            fixed = operation in LINEAR
+            fixed |= operation == ca.OP_MUL and not all(operands)
+            fixed |= operation == ca.OP_DIV and not operands[1]
+            if found and not fixed:
+                return False
+        moves[written[0]] = found
+    return True
+
+
+def varying(entries: ca.SX, z: ca.SX, scale: ca.SX) -> np.ndarray:
+    """Which entries (r, c) are not constant in z, as booleans.
+
+    `entries`: casadi.SX, (r, c). `z`: casadi.SX, (k, 1). `scale`: casadi.SX, (r, c), size of the terms that each entry
+    is made of: what rounding is compared with.
+    """
+    flat, sizes = ca.densify(ca.vec(entries)), ca.densify(ca.vec(scale))
+    if not flat.numel():
+        return np.zeros(entries.shape, dtype=bool)
+    reached: Any = np.asarray(ca.DM(ca.jacobian_sparsity(flat, z), 1.0)).astype(bool).any(axis=1)
+    places = np.flatnonzero(reached)
+    values, terms = _at_points(flat[places.tolist()], sizes[places.tolist()], z)
+    differs = reached.copy()
+    for place, value, term in zip(places, values, terms):
+        fine = np.isfinite(value) & np.isfinite(term)
+        same = fine.sum() >= POINTS and np.ptp(value[fine]) <= ROUNDING * term[fine].max()
+        differs[place] = not (same and not switches(flat[int(place)], z, poles=False).numel())
+    return differs.reshape(entries.shape, order="F")
+
+
+def nonzero(entries: ca.SX, z: ca.SX, scale: ca.SX) -> np.ndarray:
+    """Which entries (r, c) are not zero everywhere, as booleans; arguments as in `varying`."""
+    differs = varying(entries, z, scale)
+    flat, sizes = ca.densify(ca.vec(entries)), ca.densify(ca.vec(scale))
+    values, terms = _at_points(flat, sizes, z)
+    large = np.array([bool(np.any(~(np.abs(v) <= ROUNDING * t))) for v, t in zip(values, terms)], dtype=bool)
+    return differs | large.reshape(entries.shape, order="F")
+
+
+def sizes_of_rows(matrix: ca.SX, columns: int | None = None) -> ca.SX:
+    """Σⱼ |mᵢⱼ| for every entry of row i, with as many columns as the matrix or as asked for."""
+    sizes = ca.sum2(ca.fabs(ca.densify(matrix)))
+    return ca.repmat(sizes, 1, matrix.shape[1] if columns is None else columns)
+
+
+def _at_points(flat: ca.SX, sizes: ca.SX, z: ca.SX) -> tuple[np.ndarray, np.ndarray]:
+    """Values and sizes of terms, both (k, N), at the points."""
+    rng = np.random.default_rng(1)
+    points = np.hstack([radius * rng.normal(size=(z.numel(), POINTS)) for radius in RADII])
+    values = ca.Function("values", [z], [flat, sizes])
+    return tuple(np.asarray(v, dtype=float).reshape(flat.numel(), points.shape[1]) for v in values(points))  # type: ignore[return-value]

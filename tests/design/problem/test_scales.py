@@ -11,6 +11,7 @@ from scipy.linalg import eigh, solve_continuous_are
 
 from flexhinf.design.problem.modes import JointScales
 from flexhinf.design.problem.weights import LinearFamily, LinearProblem
+from flexhinf.robot.elastic import Layout
 
 pytestmark = pytest.mark.oracle
 
@@ -43,7 +44,7 @@ def test_a_spring_between_two_masses_gets_the_damping_of_its_weight() -> None:
     for zeta in (0.05, 0.3, 0.9):
         link, motor, stiffness, per_input = rng.uniform(0.1, 3.0, 4)
         one = (np.array([v]) for v in (stiffness, link, motor, 0.0, per_input))
-        scales = JointScales(*one, held=float(np.sqrt(stiffness / link)))
+        scales = JointScales(*one, float(np.sqrt(stiffness / link)), Layout(1))
         weight = scales.weights(np.array([1.0]), zeta)["joint_torque_rate"][0]
         square = stiffness * (1 / link + 1 / motor)
         a, b = np.array([[0.0, 1.0], [-square, 0.0]]), np.array([[0.0], [per_input / motor]])
@@ -59,7 +60,7 @@ def test_the_input_costs_as_much_as_the_position_at_the_pace() -> None:
     """(M + J) q̈ + d q̇ = k u, driven with u = sin ωt, in steady state: |w q| = |u|."""
     link, motor, drag, per_input, pace = 0.7, 1.9, 3.0, 2.5, 4.0
     one = (np.array([v]) for v in (50.0, link, motor, drag, per_input))
-    weights = JointScales(*one, held=1.0).weights(np.array([pace]), 0.0)
+    weights = JointScales(*one, 1.0, Layout(1)).weights(np.array([pace]), 0.0)
     response = per_input / ((link + motor) * (1j * pace) ** 2 + drag * 1j * pace)
     assert weights["link_position"][0] * abs(response) == pytest.approx(1.0)
 

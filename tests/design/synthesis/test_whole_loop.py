@@ -62,7 +62,7 @@ def test_more_tolerance_without_more_overshoot_within_the_same_limits(
     assert problem.search is not None
     assert problem.search.chosen is problem.search.candidates[-1]
     design = cast(Design, SimpleNamespace(synthesis=synthesis, setup=robust.setup))
-    text = "".join(block.html() for block in weights.whole_loop_blocks(design))
+    text = "".join(block.html() for block in weights.whole_loop(design))
     assert "3 times the noise" in text
     assert "First unstable:" in text
     again = replace(found, found=found.damped)
@@ -90,7 +90,7 @@ def test_where_nothing_is_better_the_design_is_that_of_damped(
     np.testing.assert_array_equal(robust.solution.gain, damped.solution.gain)
     assert robust.design_problem.preset == "robust"
     design = cast(Design, SimpleNamespace(synthesis=robust, setup=e.setup))
-    assert "None was better" in weights.whole_loop_blocks(design)[0].html()
+    assert "None was better" in next(weights.whole_loop(design)).html()
 
 
 def test_without_tolerances_the_preset_is_refused_before_any_search(

@@ -89,8 +89,8 @@ def test_without_a_moving_reference_it_acts_about_its_own_point():
 def test_a_law_said_anew_is_not_taken_for_what_it_came_from():
     moving = Controller(Plain(), None, H, moving=True)
     np.testing.assert_allclose(moving.step([1.3], [1.0, 0.6]), [0.6 - 3.0 * 0.3], rtol=1e-13)
-    assert not moving.law_code.placed
-    assert Controller(Cubed(), None, H, moving=True).law_code.placed
+    assert not moving.law.depends_on_reference
+    assert Controller(Cubed(), None, H, moving=True).law.depends_on_reference
 
 
 @pytest.mark.parametrize("threshold", [controller.ONE_TRACE, 0])

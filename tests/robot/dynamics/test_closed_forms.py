@@ -8,8 +8,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from flexhinf.robot import Joint, Placement, load_robot
-from flexhinf.robot.dynamics import Tree, bodies_of, forward_dynamics, inverse_dynamics, mass_matrix
-from flexhinf.robot.dynamics.algorithms import regrouped
+from flexhinf.robot.dynamics import (
+    Tree,
+    bodies_of,
+    forward_dynamics,
+    inverse_dynamics,
+    mass_matrix,
+    regrouped,
+)
 from flexhinf.scalars import jets, trace
 
 ANGLES = st.lists(st.floats(-3.0, 3.0), min_size=6, max_size=6)

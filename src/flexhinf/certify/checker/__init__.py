@@ -1,22 +1,9 @@
 """Proves a certificate again, from its data alone and by another program than the one that found it.
 
-**Theorem.** Let k, V, γ, α, c be those of the certificate, and let S be the component of {x: V(x) ≤ c} that contains 0.
-Let `verify` return `proved`. Then, for every value of the parameters in the stated box (constant in time), for exact
-state feedback u = k(x) in continuous time without limits,
-
-1. S is compact and star-shaped, V > 0 on S \\ {0}, and V grows along every ray from 0 inside S; on S, with the exact
-   elementary functions and z = (h(x), R2^½ u), V̇ ≤ −αV + ½γ²|d|² − ½|z|²;
-2. if V(x(0)) + ½γ² ∫|d|² dt ≤ c and x(0) is in S, then x(t) is in S for ever, and ∫|z|² dt ≤ γ² ∫|d|² dt + 2V(x(0));
-3. with d = 0 the set S is invariant, and every trajectory that starts in it tends to 0, exponentially fast;
-4. where g2 is certain and k is k̂ = −R2⁻¹g2ᵀV_xᵀ up to rounding (`Verification.gradient_law`): for u = k̂(x) + v (an
-   estimate, a hold, a delay, a limit), if V(x(0)) + ½γ²∫|d|² dt + ½∫vᵀR2v dt ≤ c and x(0) is in S, then x(t) is in S
-   for ever, and ∫|z|² dt ≤ γ²∫|d|² dt + ∫vᵀR2v dt + 2V(x(0)), z with the u that is applied;
-5. for α > 0 and |d(t)| ≤ (2αc)^½/γ at all times, S is invariant;
-6. every start of every stated path lies in S;
-7. with an observer of energy ε: the starts of 6. have V ≤ c − ε, and for u = k̂(x̂) with the stated observer, 2. holds
-   with V(x(0)) + ½ e₀ᵀXe₀ + ½(γ² + γ_e²)∫|d|² dt ≤ c where ½ e₀ᵀXe₀ + ½γ_e²∫|d|² dt ≤ ε, and ∫|z|² dt is at most
-   (γ² + γ_e²)∫|d|² dt + 2V(x(0)) + e₀ᵀXe₀, and 3. with e too;
-8. for a linear law and V of degree two (`Verification.peaks`): with d = 0, |u_i| stays below its bound from each start.
+`verify` returns `proved` only where the theorem of docs/certificate.md holds (its parts 1. to 8. have the numbers that
+are used here): for every value of the parameters in the stated box (constant in time), for exact state feedback
+u = k(x) in continuous time without limits, S the component of {x: V(x) ≤ c} that contains 0, with the exact elementary
+functions and z = (h(x), R2^½ u).
 
 **How, and what to read.** These files decide, in this order; all of them fit on a few screens:
 
@@ -78,10 +65,9 @@ class Verification:
         Why not, else empty.
     cells, accepted, with_level : int
         Cells that were looked at, that were accepted, and of these the ones that needed V ≤ c.
-    resampled : int
-        Cells that were proved a second time, in rationals and balls.
-    every_cell : bool
-        Whether these are all of them, and all at which the level set ended.
+    resampled, every_cell : int, bool
+        Cells that were proved a second time, in rationals and balls; whether these are all, and all at which the level
+        set ended.
     faces : int
         Of the cube: n where V and r are even but for rounding, else 2n.
     corners : int
@@ -89,10 +75,8 @@ class Verification:
         no cells. 0 where cells decide.
     starts : int
         Intervals of amplitudes whose starts were shown to be inside.
-    gradient_law : bool
-        Whether 4. of the theorem is proved too.
-    peaks : tuple of float
-        Of 8. of the theorem, in the inputs' units; empty where it is not proved.
+    gradient_law, peaks : bool, tuple of float
+        Whether 4. of the theorem is proved too; the bounds of 8., in the inputs' units, empty where it is not proved.
     rounding : float
         Largest allowance for rounding in r/ρ².
     """

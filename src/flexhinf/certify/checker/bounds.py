@@ -242,39 +242,19 @@ _UP = 1 + 1e-12  # more than a few roundings
 
 @dataclass(frozen=True, eq=False)
 class Bounds:
-    """What is known on each cell of a batch, arrays of shape (cells,) where not said.
+    """What is known on each cell of a batch, arrays of shape (cells,) where not said."""
 
-    Attributes
-    ----------
-    least_value : ndarray
-        Lower bound of V at the inner end of the interval of ρ.
-    least_growth : ndarray
-        Lower bound of ∂V/∂ρ / ρ.
-    largest, largest_inside : ndarray
-        Upper bounds of r/ρ², and of r/ρ² + λ(c − V): so of r/ρ² where V ≤ c.
-    multiplier : ndarray
-        λ ≥ 0.
-    level : float
-        c.
-    value, constant : ndarray
-        V and r/ρ² at the centre, rounded; proves nothing.
-    remainder, rounding : ndarray
-        What the other bounds allow for functions' remainders, and for rounding and odd parts.
-    form : CentredForm
-        Of r/ρ²; where a cut is worth most.
-    """
-
-    least_value: np.ndarray
-    least_growth: np.ndarray
-    largest: np.ndarray
-    largest_inside: np.ndarray
-    multiplier: np.ndarray
-    level: float
-    value: np.ndarray
-    constant: np.ndarray
-    remainder: np.ndarray
-    rounding: np.ndarray
-    form: CentredForm
+    least_value: np.ndarray  # lower bound of V at the inner end of the interval of ρ
+    least_growth: np.ndarray  # lower bound of ∂V/∂ρ / ρ
+    largest: np.ndarray  # upper bound of r/ρ²
+    largest_inside: np.ndarray  # of r/ρ² + λ(c − V): so of r/ρ² where V ≤ c
+    multiplier: np.ndarray  # λ ≥ 0
+    level: float  # c
+    value: np.ndarray  # V at the centre, rounded; proves nothing
+    constant: np.ndarray  # r/ρ² at the centre, rounded; proves nothing
+    remainder: np.ndarray  # what the other bounds allow for functions' remainders
+    rounding: np.ndarray  # and for rounding and odd parts
+    form: CentredForm  # of r/ρ²; where a cut is worth most
 
     @property
     def finished(self) -> np.ndarray:

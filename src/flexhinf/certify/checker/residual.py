@@ -97,25 +97,14 @@ class Residual:
     """r(z, p) = Σ over products π of parameters: π(p) · (A_π(z) + Σ_j S_j(ℓ_jᵀTz) B_{π,j}(z)).
 
     S_j(s) = (φ_j(o + s) − φ_j(o))/s, and B_j has the factor s = ℓ_jᵀTz.
-
-    Attributes
-    ----------
-    value : fmpq_mpoly
-        V(Tz).
-    plain, factors : lists of fmpq_mpoly by product; and for each function j
-        A_π and B_{π,j}.
-    arguments : list of fmpq_mpoly
-        ℓ_jᵀTz.
-    gradient_law : bool
-        Whether g2 is certain and R2 k = −g2ᵀV_xᵀ up to rounding of the coefficients: for the budget of the theorem.
     """
 
-    value: Any
+    value: Any  # V(Tz)
     products: list[Exponents]
-    plain: list[Any]
-    factors: list[list[Any]]
-    arguments: list[Any]
-    gradient_law: bool
+    plain: list[Any]  # A_π by product
+    factors: list[list[Any]]  # for each function j, B_{π,j} by product
+    arguments: list[Any]  # ℓ_jᵀTz
+    gradient_law: bool  # g2 is certain and R2 k = −g2ᵀV_xᵀ up to rounding: for the budget of the theorem
 
 
 def residual(claim: Claim) -> Residual:

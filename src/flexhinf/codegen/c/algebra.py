@@ -293,10 +293,7 @@ def row_function(name: str, ones: dict[bool, str], real: Real, lanes: int) -> st
 def _statements(real: Real, x: str, results: dict[bool, str]) -> list[str]:
     """What is done with an x within the reach: reduced, two polynomials, one of them by the quadrant.
 
-    Parameters
-    ----------
-    results : dict of bool to str
-        What is said before the value of the sine (False) and the cosine (True).
+    `results`: What is said before the value of the sine (False) and the cosine (True).
     """
 
     def number(value: float) -> str:

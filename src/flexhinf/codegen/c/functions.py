@@ -20,50 +20,31 @@ import casadi
 import numpy as np
 
 from flexhinf.codegen.emit.dataflow import (
+    LIBRARY,
     MULTIPLY_ADD,
     MULTIPLY_SUBTRACT,
+    SINGLE,
     SUBTRACT_PRODUCT,
     Dataflow,
-    Operation,
     read_dataflow,
 )
 from flexhinf.errors import InvalidInput
 
 
-@dataclass(frozen=True)
 class Real:
-    """``double`` or ``float``.
+    """``double`` or ``float``: the end of constants and of the names of ``<math.h>``, bytes, and the distance from 1 to
+    the next number. Nothing is computed in double in a float build."""
 
-    Parameters
-    ----------
-    name : {"double", "float"}
-    """
-
-    name: Literal["double", "float"]
-
-    @property
-    def suffix(self) -> str:
-        """Of constants, and of the functions of ``<math.h>``: nothing is computed in double in a float build."""
-        return "" if self.name == "double" else "f"
-
-    @property
-    def bytes(self) -> int:
-        """Of one number."""
-        return 8 if self.name == "double" else 4
-
-    @property
-    def epsilon(self) -> float:
-        """Distance from 1 to the next number."""
-        return float(np.finfo(np.float64 if self.name == "double" else np.float32).eps)
+    def __init__(self, name: Literal["double", "float"]) -> None:
+        self.name = name
+        self.suffix, self.bytes = ("", 8) if name == "double" else ("f", 4)
+        self.epsilon = float(np.finfo(np.float64 if name == "double" else np.float32).eps)
 
 
 def constant(value: float, real: Real) -> str:
     """A number as C writes it; read back, it is the nearest one of this type.
 
-    Raises
-    ------
-    InvalidInput
-        If it is NaN, or lies beyond the type.
+    Raises InvalidInput: if it is NaN, or lies beyond the type.
     """
     if math.isinf(value):
         huge = f"HUGE_VAL{real.suffix.upper()}"
@@ -82,86 +63,46 @@ def constant(value: float, real: Real) -> str:
     return text + real.suffix
 
 
-Rule = Callable[..., str]
-"""(type, text of each operand) → expression."""
-
-
-def _infix(sign: str) -> Rule:
-    return lambda real, left, right: f"{left} {sign} {right}"
-
-
-def _function(name: str) -> Rule:
-    return lambda real, *operands: f"{name}{real.suffix}({', '.join(operands)})"
-
-
-def _truth(sign: str) -> Rule:
-    return lambda real, left, right: _number(real, f"{left} {sign} {right}")
-
-
-def _number(real: Real, condition: str) -> str:
-    return f"({condition}) ? {constant(1.0, real)} : {constant(0.0, real)}"
-
-
-def _set(real: Real, value: str) -> str:
-    """Whether a number stands for "true": NaN does, as in C."""
-    return f"{value} != {constant(0.0, real)}"
-
-
-def _logical(sign: str) -> Rule:
-    return lambda real, left, right: _number(real, f"({_set(real, left)}) {sign} ({_set(real, right)})")
-
-
-def _extremum(sign: str) -> Rule:
-    """fmin, fmax of C: a NaN loses, the first operand wins a tie."""
-    return lambda real, left, right: f"({right} {sign} {left} || isnan({left})) ? {right} : {left}"
-
-
-def _sign(real: Real, value: str) -> str:
-    zero, one = constant(0.0, real), constant(1.0, real)
-    return f"({value} < {zero}) ? -{one} : (({value} > {zero}) ? {one} : {value})"
-
-
-#: Functions of ``<math.h>``, by CasADi's names; those of `WITHOUT_CALL` are single instructions.
-FUNCTIONS = (
-    "sqrt", "fabs", "floor", "ceil", "copysign", "sin", "cos", "tan", "asin", "acos", "atan", "atan2", "sinh", "cosh",
-    "tanh", "asinh", "acosh", "atanh", "exp", "expm1", "log", "log1p", "pow", "hypot", "fmod", "remainder", "erf",
+#: Functions that are written here instead of called where numbers are double; and functions of two numbers.
+SINES = {casadi.OP_SIN: "sin", casadi.OP_COS: "cos"}
+OF_TWO = (
+    casadi.OP_ATAN2, casadi.OP_POW, casadi.OP_CONSTPOW, casadi.OP_HYPOT, casadi.OP_FMOD, casadi.OP_REMAINDER,
+    casadi.OP_COPYSIGN,
 )  # fmt: skip
-WITHOUT_CALL = ("fabs", "floor", "ceil", "copysign")
 
-OPERATIONS: dict[int, Rule] = {
-    MULTIPLY_ADD: lambda real, left, right, plus: f"FMA({left}, {right}, {plus})",
-    MULTIPLY_SUBTRACT: lambda real, left, right, minus: f"FMA({left}, {right}, -{minus})",
-    SUBTRACT_PRODUCT: lambda real, left, right, minuend: f"FMA(-{left}, {right}, {minuend})",
-    casadi.OP_ASSIGN: lambda real, value: value,
-    casadi.OP_ADD: _infix("+"),
-    casadi.OP_SUB: _infix("-"),
-    casadi.OP_MUL: _infix("*"),
-    casadi.OP_DIV: _infix("/"),
-    casadi.OP_NEG: lambda real, value: f"-{value}",
-    casadi.OP_SQ: lambda real, value: f"{value} * {value}",
-    casadi.OP_TWICE: lambda real, value: f"{value} + {value}",
-    casadi.OP_INV: lambda real, value: f"{constant(1.0, real)} / {value}",
-    casadi.OP_SIGN: _sign,
-    casadi.OP_FMIN: _extremum("<"),
-    casadi.OP_FMAX: _extremum(">"),
-    casadi.OP_LT: _truth("<"),
-    casadi.OP_LE: _truth("<="),
-    casadi.OP_EQ: _truth("=="),
-    casadi.OP_NE: _truth("!="),
-    casadi.OP_NOT: lambda real, value: _number(real, f"{value} == {constant(0.0, real)}"),
-    casadi.OP_AND: _logical("&&"),
-    casadi.OP_OR: _logical("||"),
-    casadi.OP_IF_ELSE_ZERO: lambda real, flag, value: (
-        f"({_set(real, flag)}) ? {value} : {constant(0.0, real)}"
-    ),
-    casadi.OP_CONSTPOW: _function("pow"),
-    **{getattr(casadi, f"OP_{name.upper()}"): _function(name) for name in FUNCTIONS},
+#: Expressions of operands {0}, {1}, … and of {one} and {zero}; {f} ends the names of functions of the type.
+OPERATIONS: dict[int, str] = {
+    **{code: f"{name}{{f}}({{0}})" for code, name in {**LIBRARY, **SINGLE, **SINES}.items()},
+    **{code: f"{LIBRARY.get(code, 'copysign')}{{f}}({{0}}, {{1}})" for code in OF_TWO},
+    MULTIPLY_ADD: "FMA({0}, {1}, {2})",
+    MULTIPLY_SUBTRACT: "FMA({0}, {1}, -{2})",
+    SUBTRACT_PRODUCT: "FMA(-{0}, {1}, {2})",
+    casadi.OP_ASSIGN: "{0}",
+    casadi.OP_ADD: "{0} + {1}",
+    casadi.OP_SUB: "{0} - {1}",
+    casadi.OP_MUL: "{0} * {1}",
+    casadi.OP_DIV: "{0} / {1}",
+    casadi.OP_NEG: "-{0}",
+    casadi.OP_SQ: "{0} * {0}",
+    casadi.OP_TWICE: "{0} + {0}",
+    casadi.OP_INV: "{one} / {0}",
+    casadi.OP_SIGN: "({0} < {zero}) ? -{one} : (({0} > {zero}) ? {one} : {0})",
+    # fmin, fmax of C: a NaN loses, the first operand wins a tie
+    casadi.OP_FMIN: "({1} < {0} || isnan({0})) ? {1} : {0}",
+    casadi.OP_FMAX: "({1} > {0} || isnan({0})) ? {1} : {0}",
+    casadi.OP_LT: "({0} < {1}) ? {one} : {zero}",
+    casadi.OP_LE: "({0} <= {1}) ? {one} : {zero}",
+    casadi.OP_EQ: "({0} == {1}) ? {one} : {zero}",
+    casadi.OP_NE: "({0} != {1}) ? {one} : {zero}",
+    casadi.OP_NOT: "({0} == {zero}) ? {one} : {zero}",
+    # NaN stands for "true", as in C
+    casadi.OP_AND: "(({0} != {zero}) && ({1} != {zero})) ? {one} : {zero}",
+    casadi.OP_OR: "(({0} != {zero}) || ({1} != {zero})) ? {one} : {zero}",
+    casadi.OP_IF_ELSE_ZERO: "({0} != {zero}) ? {1} : {zero}",
 }
 
-#: Operations that call the mathematical library.
-LIBRARY = {casadi.OP_CONSTPOW} | {
-    getattr(casadi, f"OP_{name.upper()}") for name in FUNCTIONS if name not in WITHOUT_CALL
-}
+#: Operations that call the mathematical library; the others are single instructions.
+CALLS = {*LIBRARY, *SINES, casadi.OP_SQRT}
 
 
 INDENT = "    "
@@ -178,25 +119,13 @@ def function_text(
 ) -> str:
     """The definition of ``static void name(in₀, …, out₀, …)``.
 
-    Parameters
-    ----------
-    function : casadi.Function
-    lanes : int
-        0 for any number of them, which is then the last argument ``count``: of a function without library calls, and
-        with one element in every moving argument and result. For more than one, element e of a moving argument or of
-        a result is the row ``[e * lanes + lane]``, and no result may lie where an argument does. For one, every store
-        comes after every load, so that results may take the place of arguments.
-    moving : tuple of bool
-        Which arguments differ from lane to lane.
-    calls : mapping, optional
-        Names of our own C functions for an operation, by CasADi's opcode.
-    rows : callable, optional
-        The name of such a function of all lanes, (x, out…), for the opcodes of its results in ascending order.
-
-    Raises
-    ------
-    Unsupported
-        An operation that is not in the table.
+    `lanes`: 0 for any number of them, which is then the last argument ``count``: of a function without library calls,
+    and with one element in every moving argument and result. For more than one, element e of a moving argument or of a
+    result is the row ``[e * lanes + lane]``, and no result may lie where an argument does. For one, every store comes
+    after every load, so that results may take the place of arguments. `moving`: Which arguments differ from lane to
+    lane. `calls`: Names of our own C functions for an operation, by CasADi's opcode. `rows`: The name of such a
+    function of all lanes, (x, out…), for the opcodes of its results in ascending order. Raises Unsupported: an
+    operation that is not in the table.
     """
     flow = read_dataflow(function, OPERATIONS, fused=True)
     writer = _Function(flow, real, lanes, moving or (False,) * function.n_in(), calls or {}, rows)
@@ -204,14 +133,10 @@ def function_text(
     arguments = [f"const {real.name} *{restrict}in{k}" for k in range(function.n_in())]
     arguments += [f"{real.name} *{restrict}out{k}" for k in range(function.n_out())]
     arguments += ["int count"] * (lanes == 0)
-    used = {op.arguments[0] for op in flow.operations if op is not None and op.code == casadi.OP_INPUT}
+    used = {op.arguments[0] for op in flow.operations.values() if op.code == casadi.OP_INPUT}
     unused = [f"{INDENT}(void)in{k};" for k in range(function.n_in()) if k not in used]
     body = writer.single() if lanes == 1 else writer.several()
     return "\n".join([f"static void {name}({', '.join(arguments)})", "{", *body, *unused, "}"])
-
-
-def _is(operation: Operation | None, code: int) -> bool:
-    return operation is not None and operation.code == code
 
 
 @dataclass(frozen=True, eq=False)
@@ -226,62 +151,59 @@ class _Function:
     def single(self) -> Iterator[str]:
         """Straight lines."""
         needed = self._needed()
-        for k, operation in enumerate(self.flow.operations):
-            if k in needed and operation is not None and operation.code != casadi.OP_CONST:
-                yield f"{INDENT}const {self.real.name} v{k} = {self._expression(operation, 'v', set())};"
+        for k, operation in self.flow.operations.items():
+            if k in needed and operation.code != casadi.OP_CONST:
+                yield f"{INDENT}const {self.real.name} v{k} = {self._expression(k, 'v', set())};"
         for result, element, value in self.flow.outputs:
             yield f"{INDENT}out{result}[{element}] = {self._operand(value, 'v', set())};"
 
     def several(self) -> Iterator[str]:
-        """Loops over the lanes, cut where the library is called."""
-        levels, needed = self._levels(), self._needed()
+        """Loops over the lanes, cut where the library is called; one call may be of all lanes at once."""
+        operations, levels, needed = self.flow.operations, self._levels(), self._needed()
         last = max(levels.values(), default=0)
         kept = self._kept(levels, needed)
         for k in sorted(kept):
             yield f"{INDENT}{self.real.name} w{k}[{self.lanes}];"
         for level in range(last + 1):
             here = [k for k in sorted(needed) if levels.get(k) == level]
-            plain = [k for k in here if self.flow.operations[k].code not in LIBRARY]  # type: ignore[union-attr]
-            called = [k for k in here if k not in set(plain)]
-            yield from self._loop(self._lines(plain, kept, level == last))
-            rows = [k for k in called if self._of_rows(k)]
-            yield from self._loop(self._lines([k for k in called if k not in set(rows)], kept, False))
-            yield from self._row_calls(rows)
+            called = [k for k in here if operations[k].code in CALLS]
+            rows = [k for k in called if self._is_of_rows(k)]
+            yield from self._loop([k for k in here if k not in set(called)], kept, level == last)
+            yield from self._loop([k for k in called if k not in set(rows)], kept, False)
+            # a sine and a cosine of one argument are one call
+            of: dict[int, dict[int, int]] = {}  # argument → operation → value
+            for k in rows:
+                of.setdefault(operations[k].arguments[0], {})[operations[k].code] = k
+            for argument, values in of.items():
+                assert self.rows is not None
+                source, place = operations[argument], f"w{argument}"
+                if source.code == casadi.OP_INPUT and self.moving[source.arguments[0]]:
+                    k, element = source.arguments
+                    place = f"in{k} + {element * self.lanes}" if element else f"in{k}"
+                places = "".join(f", w{values[code]}" for code in sorted(values))
+                yield f"{INDENT}{self.rows(tuple(sorted(values)))}({place}{places});"
 
-    def _row_calls(self, rows: list[int]) -> Iterator[str]:
-        """The calls for all lanes at once; a sine and a cosine of one argument are one call."""
-        of: dict[int, dict[int, int]] = {}  # argument → operation → value
-        for k in rows:
-            operation = self.flow.operations[k]
-            assert operation is not None
-            of.setdefault(operation.arguments[0], {})[operation.code] = k
-        for argument, values in of.items():
-            assert self.rows is not None
-            places = "".join(f", w{values[code]}" for code in sorted(values))
-            yield f"{INDENT}{self.rows(tuple(sorted(values)))}({self._row_of(argument)}{places});"
+    def _is_of_rows(self, k: int) -> bool:
+        """Whether one call computes the value for all lanes: its argument moves."""
+        operation = self.flow.operations[k]
+        source = self.flow.operations[operation.arguments[0]]
+        held = source.code == casadi.OP_INPUT and not self.moving[source.arguments[0]]
+        known = self.rows is not None and operation.code in self.calls
+        return known and not held and source.code != casadi.OP_CONST
 
-    def _loop(self, lines: list[str]) -> Iterator[str]:
-        if lines:
-            yield f"{INDENT}for (int l = 0; l < {self.lanes or 'count'}; ++l) {{"
-            yield from (INDENT * 2 + line for line in lines)
-            yield f"{INDENT}}}"
-
-    def _lines(self, values: list[int], kept: set[int], last: bool) -> list[str]:
+    def _loop(self, values: list[int], kept: set[int], last: bool) -> Iterator[str]:
         """One loop: its values, those of them that are kept, and at the end the results."""
         here, lines, loaded = set(values), [], set()
 
         def load(arguments: tuple[int, ...]) -> None:
             for k in arguments:
-                operation = self.flow.operations[k]
-                if operation is not None and operation.code == casadi.OP_INPUT and k not in loaded:
+                if self.flow.operations[k].code == casadi.OP_INPUT and k not in loaded:
                     loaded.add(k)
-                    lines.append(f"const {self.real.name} v{k} = {self._expression(operation, 'v', set())};")
+                    lines.append(f"const {self.real.name} v{k} = {self._expression(k, 'v', set())};")
 
         for k in values:
-            operation = self.flow.operations[k]
-            assert operation is not None
-            load(operation.arguments)
-            lines.append(f"const {self.real.name} v{k} = {self._expression(operation, 'w', here | loaded)};")
+            load(self.flow.operations[k].arguments)
+            lines.append(f"const {self.real.name} v{k} = {self._expression(k, 'w', here | loaded)};")
             if k in kept:
                 lines.append(f"w{k}[l] = v{k};")
         if last:
@@ -290,74 +212,42 @@ class _Function:
                 f"out{result}[{self._row(element)}] = {self._operand(value, 'w', here | loaded)};"
                 for result, element, value in self.flow.outputs
             ]
-        return lines
-
-    def _of_rows(self, k: int) -> bool:
-        """Whether one call computes the value for all lanes."""
-        operation = self.flow.operations[k]
-        if operation is None or self.rows is None or operation.code not in self.calls:
-            return False
-        source = self.flow.operations[operation.arguments[0]]
-        held = _is(source, casadi.OP_CONST) or (
-            _is(source, casadi.OP_INPUT) and not self.moving[source.arguments[0]]  # type: ignore[union-attr]
-        )
-        return not held
-
-    def _row_of(self, value: int) -> str:
-        """Where the numbers of all lanes stand."""
-        operation = self.flow.operations[value]
-        if (
-            operation is not None
-            and operation.code == casadi.OP_INPUT
-            and self.moving[operation.arguments[0]]
-        ):
-            argument, element = operation.arguments
-            return f"in{argument} + {element * self.lanes}" if element else f"in{argument}"
-        return f"w{value}"
+        if lines:
+            yield f"{INDENT}for (int l = 0; l < {self.lanes or 'count'}; ++l) {{"
+            yield from (INDENT * 2 + line for line in lines)
+            yield f"{INDENT}}}"
 
     def _row(self, element: int) -> str:
         return f"{element * self.lanes} + l" if element else "l"
 
     def _levels(self) -> dict[int, int]:
         """The loop of each operation: after every library call that it depends on."""
-        levels: dict[int, int] = {}
-        for k, operation in enumerate(self.flow.operations):
-            if operation is None or operation.code in (casadi.OP_CONST, casadi.OP_INPUT):
-                continue
-            level = 0
-            for argument in operation.arguments:
-                source = self.flow.operations[argument]
-                if argument in levels and source is not None:
-                    level = max(level, levels[argument] + (source.code in LIBRARY))
-            levels[k] = level
-        ends = [levels.get(value, 0) for _, _, value in self.flow.outputs]
-        if any(
-            levels.get(value) == max(ends) and self.flow.operations[value].code in LIBRARY  # type: ignore[union-attr]
-            for _, _, value in self.flow.outputs
-        ):
+        operations, levels = self.flow.operations, {}
+        for k, operation in operations.items():
+            if operation.code not in (casadi.OP_CONST, casadi.OP_INPUT):
+                before = [
+                    levels[argument] + (operations[argument].code in CALLS)
+                    for argument in operation.arguments
+                    if argument in levels
+                ]
+                levels[k] = max(before, default=0)
+        results = [value for _, _, value in self.flow.outputs]
+        end = max((levels.get(value, 0) for value in results), default=0)
+        if any(levels.get(value) == end and operations[value].code in CALLS for value in results):
             levels[-1] = max(levels.values()) + 1  # a loop for the results alone
         return levels
 
     def _kept(self, levels: dict[int, int], needed: set[int]) -> set[int]:
         """Values that another loop needs."""
-        kept = set()
-        last = max(levels.values(), default=0)
-
-        def mark(argument: int, level: int, library: bool) -> None:
-            source = self.flow.operations[argument]
-            if argument in levels and source is not None:
-                other = levels[argument] != level or (source.code in LIBRARY) != library
-                if other:
-                    kept.add(argument)
-
-        for k in needed:
-            operation = self.flow.operations[k]
-            if k in levels and operation is not None:
-                for argument in operation.arguments:
-                    mark(argument, levels[k], operation.code in LIBRARY)
-        for _, _, value in self.flow.outputs:
-            mark(value, last, False)
-        return kept
+        operations = self.flow.operations
+        uses = [(value, max(levels.values(), default=0), False) for _, _, value in self.flow.outputs]
+        for k in needed & levels.keys():
+            uses += [(a, levels[k], operations[k].code in CALLS) for a in operations[k].arguments]
+        return {
+            value
+            for value, level, called in uses
+            if value in levels and (levels[value] != level or (operations[value].code in CALLS) != called)
+        }
 
     def _needed(self) -> set[int]:
         """Values that some result depends on."""
@@ -366,19 +256,20 @@ class _Function:
         while stack:
             value = stack.pop()
             operation = self.flow.operations[value]
-            if value not in needed and operation is not None:
+            if value not in needed:
                 needed.add(value)
                 stack.extend(operation.arguments if operation.code != casadi.OP_INPUT else ())
         return needed
 
     def _operand(self, value: int, row: str, here: set[int]) -> str:
         operation = self.flow.operations[value]
-        if operation is not None and operation.code == casadi.OP_CONST:
+        if operation.code == casadi.OP_CONST:
             text = constant(operation.constant, self.real)
             return f"({text})" if text.startswith("-") else text
         return f"w{value}[l]" if row == "w" and value not in here else f"v{value}"
 
-    def _expression(self, operation: Operation, row: str, here: set[int]) -> str:
+    def _expression(self, value: int, row: str, here: set[int]) -> str:
+        operation = self.flow.operations[value]
         if operation.code == casadi.OP_INPUT:
             argument, element = operation.arguments
             several = self.lanes != 1 and self.moving[argument]
@@ -386,4 +277,5 @@ class _Function:
         operands = [self._operand(argument, row, here) for argument in operation.arguments]
         if operation.code in self.calls:
             return f"{self.calls[operation.code]}({operands[0]})"
-        return OPERATIONS[operation.code](self.real, *operands)
+        one, zero = constant(1.0, self.real), constant(0.0, self.real)
+        return OPERATIONS[operation.code].format(*operands, one=one, zero=zero, f=self.real.suffix)

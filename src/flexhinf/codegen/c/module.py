@@ -9,7 +9,7 @@ import casadi
 from flexhinf.codegen.c import algebra
 from flexhinf.codegen.c.algebra import function as sine_function
 from flexhinf.codegen.c.algebra import row_function
-from flexhinf.codegen.c.functions import INDENT, LIBRARY, Real, constant, function_text
+from flexhinf.codegen.c.functions import CALLS, INDENT, SINES, Real, constant, function_text
 from flexhinf.codegen.memory import COLUMN, Columns, Slice, overlap, whole
 from flexhinf.codegen.program import (
     Call,
@@ -27,28 +27,17 @@ from flexhinf.codegen.program import (
     When,
 )
 from flexhinf.scalars import drop_empty
+from flexhinf.scalars.trace import instructions
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
-
-#: Functions that are written here instead of called, by CasADi's opcode.
-SINES = {casadi.OP_SIN: "sin", casadi.OP_COS: "cos"}
 
 
 class Translator:
     """Collects the functions of one or more programs; what two of them share is written once.
 
-    Parameters
-    ----------
-    prefix : str
-        An identifier; every function's name begins so.
-    lanes : int
-        Columns of a matrix that a function is evaluated for at once, side by side, where there are so many.
-
-    Attributes
-    ----------
-    functions : dict of str to str
-        Name to text, in an order in which C can read it.
+    `prefix`: An identifier; every function's name begins so. `lanes`: Columns of a matrix that a function is evaluated
+    for at once, side by side, where there are so many. `functions`: Name to text, in an order in which C can read it.
     """
 
     def __init__(self, prefix: str, real: Real, lanes: int = 1) -> None:
@@ -65,10 +54,7 @@ class Translator:
         Every buffer is a pointer in the order of the program, work buffers included: the caller gives them, and they
         are not cleared.
 
-        Raises
-        ------
-        Unsupported
-            A step or an operation for which there is no C here.
+        Raises Unsupported: A step or an operation for which there is no C here.
         """
         full = f"{self.prefix}_{name}"
         body = list(self._body(program.body, []))
@@ -105,15 +91,23 @@ class Translator:
             elif isinstance(step, OuterSum):
                 yield self._outer_sum(step, loops)
             elif isinstance(step, Polynomial):
-                yield self._polynomial(step, loops)
+                sizes = step.point.size, step.target.size, step.columns
+                short = f"polynomials{''.join(f'_{number}' for number in (*sizes, *step.degrees))}"
+                name = self._helper(short, algebra.polynomial(f"{self.prefix}_{short}", *sizes, step.degrees))
+                places = [self._at(piece, loops) for piece in (step.point, step.table, step.target)]
+                yield f"{name}({', '.join(places)});"
             elif isinstance(step, Cholesky):
                 name = self._helper("cholesky", algebra.cholesky(f"{self.prefix}_cholesky", self.real))
                 places = self._at(step.source, loops), self._at(step.target, loops)
                 yield f"{name}({', '.join(places)}, {step.order});"
             elif isinstance(step, Copy):
-                yield self._copy(step, loops)
+                places = self._at(step.source, loops), self._at(step.target, loops)
+                yield f"{self._copier()}({', '.join(places)}, {step.source.size});"
             elif isinstance(step, Guard):
-                yield from self._guard(step, loops)
+                name = self._helper("finite", algebra.finite(f"{self.prefix}_finite"))
+                yield f"if (!{name}({self._at(step.source, loops)}, {step.source.size})) {{"
+                yield f"{INDENT}return {step.code};"
+                yield "}"
             else:
                 raise _unsupported("random numbers, which belong to a simulation")
 
@@ -127,16 +121,6 @@ class Translator:
         terms += [f"{stride} * {loop}" for stride, loop in zip(piece.strides, loops, strict=False) if stride]
         return " + ".join(terms)
 
-    def _copy(self, step: Copy, loops: Sequence[str]) -> str:
-        source, target = self._at(step.source, loops), self._at(step.target, loops)
-        return f"{self._copier()}({source}, {target}, {step.source.size});"
-
-    def _guard(self, step: Guard, loops: Sequence[str]) -> Iterator[str]:
-        name = self._helper("finite", algebra.finite(f"{self.prefix}_finite"))
-        yield f"if (!{name}({self._at(step.source, loops)}, {step.source.size})) {{"
-        yield f"{INDENT}return {step.code};"
-        yield "}"
-
     def _outer_sum(self, step: OuterSum, loops: Sequence[str]) -> str:
         apart = step.plus is None or not overlap(step.plus, step.target)
         wide = algebra.WIDE if apart and step.shape[1] >= algebra.WIDE else 1
@@ -148,17 +132,13 @@ class Translator:
         places = [self._at(piece, loops) for piece in pieces if piece is not None]
         return f"{name}({', '.join(places)}, {step.count}, {step.shape[0]}, {step.shape[1]});"
 
-    def _polynomial(self, step: Polynomial, loops: Sequence[str]) -> str:
-        sizes = step.point.size, step.target.size, step.columns
-        short = f"polynomials{''.join(f'_{number}' for number in (*sizes, *step.degrees))}"
-        name = self._helper(short, algebra.polynomial(f"{self.prefix}_{short}", *sizes, step.degrees))
-        places = [self._at(piece, loops) for piece in (step.point, step.table, step.target)]
-        return f"{name}({', '.join(places)});"
-
     def _map(self, step: Map, loops: list[str]) -> Iterator[str]:
         """Columns are gathered from where they lie, `lanes` at once, and put back; single numbers stay."""
         moving = tuple(isinstance(piece, Columns) for piece in step.inputs)
-        if self.lanes > 1 and _elementwise(step):
+        codes = {code for code, *_ in instructions(step.function)}
+        simple = all(piece.size == 1 for piece in (*step.inputs, *step.outputs) if isinstance(piece, Columns))
+        apart = not any(overlap(whole(one), result.whole) for one in step.inputs for result in step.outputs)
+        if self.lanes > 1 and simple and apart and not codes & CALLS:  # numbers become numbers one by one
             name = self._function(step.function, 0, moving)
             places = [self._at(whole(piece), loops) for piece in (*step.inputs, *step.outputs)]
             yield f"{name}({', '.join(places)}, {step.count});"
@@ -278,22 +258,16 @@ class Translator:
         key = (function.serialize(), lanes, moving)
         if key not in self._names:
             name = f"{self.prefix}_{function.name()}{len(self._names)}"
-            calls = self._calls(function)
+            used = {code for code, *_ in instructions(function)}
+            calls = {}  # sine and cosine of our own, where they are used; a float build calls the library
+            for code, short in SINES.items():
+                if code in used and self.real.name == "double":
+                    text = sine_function(f"{self.prefix}_{short}", code == casadi.OP_COS, self.real)
+                    calls[code] = self._helper(short, text)
             rows = self._row if lanes > 1 else None
             self.functions[name] = function_text(name, function, self.real, lanes, moving, calls, rows)
             self._names[key] = name
         return self._names[key]
-
-    def _calls(self, function: casadi.Function) -> dict[int, str]:
-        """Sine and cosine of our own, where they are used; a float build calls the library."""
-        used = {function.instruction_id(k) for k in range(function.n_instructions())}
-        return {
-            code: self._helper(
-                short, sine_function(f"{self.prefix}_{short}", code == casadi.OP_COS, self.real)
-            )
-            for code, short in SINES.items()
-            if code in used and self.real.name == "double"
-        }
 
     def _row(self, codes: tuple[int, ...]) -> str:
         """One of them, or both, of a row."""
@@ -338,15 +312,6 @@ def _shared(body: Sequence[Step]) -> dict[Slice, str]:
         for piece in inner:
             found.setdefault(piece, f"spread{len(found)}")
     return found
-
-
-def _elementwise(step: Map) -> bool:
-    """Whether numbers become numbers one by one, without library calls and not in place."""
-    pieces = (*step.inputs, *step.outputs)
-    simple = all(piece.size == 1 for piece in pieces if isinstance(piece, Columns))
-    codes = {step.function.instruction_id(k) for k in range(step.function.n_instructions())}
-    apart = not any(overlap(whole(one), result.whole) for one in step.inputs for result in step.outputs)
-    return simple and apart and not codes & LIBRARY
 
 
 def _times(counter: str, stride: int) -> str:

@@ -3,8 +3,6 @@
 In a kernel for a single run neighbouring columns travel in the lanes of one vector; in a kernel of several lanes
 an element is one number of every lane. Every number is computed by the same operations in either case.
 
-Guards: a run, or a lane of it, ends where a number is not finite.
-
 Polynomials in nested form: every coefficient is read once, one after the other, and no monomial is ever formed.
 """
 
@@ -12,18 +10,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import reduce
 
 from flexhinf.codegen.emit.function import load
-from flexhinf.codegen.emit.text import Lanes, Writer
-from flexhinf.codegen.program import Guard
+from flexhinf.codegen.emit.opcodes import Lanes, Writer
 from flexhinf.polynomial import basis
 
 TILE, WIDE = 4, 8
 """Rows and columns of a sum that share what is loaded: 16 sums and what they are made of fill 24 of 32 registers in
 lanes; in a kernel for a single run eight rows of eight columns in a vector each."""
 
-PIVOT_TOLERANCE = 1e-14  # as flexhinf.scalars.linear_algebra, which says what it means
+PIVOT_TOLERANCE = 1e-14  # as flexhinf.scalars.symbol, which says what it means
 
 
 @dataclass(frozen=True)
@@ -32,18 +28,6 @@ class Operand:
 
     pointer: str
     shared: bool = False
-
-
-@dataclass(frozen=True)
-class Terms:
-    """What is summed: N rows of r and of c numbers, and weights."""
-
-    left: Operand
-    right: Operand
-    weights: Operand | None
-    count: int
-    rows: int
-    columns: int
 
 
 @dataclass(frozen=True)
@@ -61,12 +45,7 @@ class Tile:
 class Algebra:
     """Emits the loops.
 
-    Parameters
-    ----------
-    loop : callable
-        (first, end, body): a loop over first ≤ k < end.
-    fused : bool
-        The target has a fused multiply-add.
+    `loop`: (first, end, body): a loop over first ≤ k < end. `fused`: The target has a fused multiply-add.
     """
 
     writer: Writer
@@ -79,15 +58,48 @@ class Algebra:
         return self.writer.lanes.width == 1
 
     # Σ_k w_k l_kᵀ r_k + plus -------------------------------------------------------------------------
-    def outer_sum(self, terms: Terms, plus: Operand | None, target: str, symmetric: bool) -> None:
-        """See `flexhinf.codegen.program.OuterSum`: tiles, whose sums stay in registers while k runs."""
+    def outer_sum(
+        self,
+        operands: tuple[Operand, Operand, Operand | None, Operand | None],
+        count: int,
+        shape: tuple[int, int],
+        target: str,
+        symmetric: bool,
+    ) -> None:
+        """See `flexhinf.codegen.program.OuterSum`: tiles, whose sums stay in registers while k runs.
+
+        `operands`: Left, right, weights and plus.
+        """
+        (left, right, weights, plus), (rows, columns) = operands, shape
+
+        def factors_of(i: str, height: int) -> Callable[[str], list[str]]:
+            """Term k's factors of some rows from i on: weighted ones are computed once, for all columns."""
+            source, pitch, start = left, rows, i
+            if weights is not None:
+                memory = self.writer.allocate(f"[{count * height} x {self.writer.lanes.element}]")
+
+                def term(k: str) -> None:
+                    weight = self.load(weights, k, 1)
+                    for first, together in self._vectors(height):
+                        factor = self.load(left, self.at(k, rows, self.ahead(i, first)), together)
+                        product = self.writer_of(together).real("fmul", factor, self.spread(weight, together))
+                        self.store(memory, self.at(k, height, first), product, together)
+
+                self.loop("0", str(count), term)
+                source, pitch, start = Operand(memory), height, "0"
+
+            def factors(k: str) -> list[str]:
+                first = self.at(k, pitch, start)
+                return [self.load(source, self.ahead(first, a), 1) for a in range(height)]
+
+            return factors
 
         def some_rows(i: str, height: int, number: str) -> None:
-            factors = self._factors(terms, i, height)
+            factors = factors_of(i, height)
 
             def tile(j: str, width: int) -> None:
-                place = Tile(i, height, j, width, terms.columns)
-                for cell, together, total in self._tile(place, terms.right, str(terms.count), factors):
+                place = Tile(i, height, j, width, columns)
+                for cell, together, total in self._tile(place, right, str(count), factors):
                     if plus is not None:
                         added = self.load(plus, cell, together)
                         total = self.writer_of(together).real("fadd", total, added)
@@ -98,37 +110,18 @@ class Algebra:
                 tile(i, height)
             else:
                 wide = self.side * max(1, self.side // height)
-                self._blocks(terms.columns, wide, lambda j, width, _: tile(j, width))
+                self._blocks(columns, wide, lambda j, width, _: tile(j, width))
 
-        self._blocks(terms.rows, self.side, some_rows)
+        def mirrored(i: str) -> None:
+            def element(j: str) -> None:
+                value = self.at(j, rows, i)
+                self.store(target, value, self.load(Operand(target), self.at(i, rows, j), 1), 1)
+
+            self.loop("0", i, element)
+
+        self._blocks(rows, self.side, some_rows)
         if symmetric:
-            self._mirror(target, terms.rows)
-
-    def _factors(self, terms: Terms, i: str, height: int) -> Callable[[str], list[str]]:
-        """Term k's factors of some rows from i on: weighted ones are computed once, for all columns."""
-        left, pitch, start = terms.left, terms.rows, i
-        if terms.weights is not None:
-            left, pitch, start = self._weighted(terms, terms.weights, i, height), height, "0"
-
-        def factors(k: str) -> list[str]:
-            first = self.at(k, pitch, start)
-            return [self.load(left, self.ahead(first, a), 1) for a in range(height)]
-
-        return factors
-
-    def _weighted(self, terms: Terms, weights: Operand, i: str, height: int) -> Operand:
-        """w_k l_ki of some rows from i on, (N, height)."""
-        memory = self.writer.allocate(f"[{terms.count * height} x {self.writer.lanes.element}]")
-
-        def term(k: str) -> None:
-            weight = self.load(weights, k, 1)
-            for first, together in self._vectors(height):
-                factor = self.load(terms.left, self.at(k, terms.rows, self.ahead(i, first)), together)
-                product = self.writer_of(together).real("fmul", factor, self.spread(weight, together))
-                self.store(memory, self.at(k, height, first), product, together)
-
-        self.loop("0", str(terms.count), term)
-        return Operand(memory)
+            self.loop("0", str(rows), mirrored)
 
     def _tile(
         self,
@@ -140,10 +133,7 @@ class Algebra:
     ) -> list[tuple[str, int, str]]:
         """Σ_k<count factors(k)ᵀ r_k, beginning with zeros or with what is in a matrix.
 
-        Returns
-        -------
-        list of (str, int, str)
-            Place of a vector's first element in the tile's matrix, elements, and their sums.
+        Returns for each vector the place of its first element in the tile's matrix, its length, and its sums.
         """
         vectors = [(self.ahead(tile.j, first), n) for first, n in self._vectors(tile.width)]
         cells = []
@@ -190,15 +180,6 @@ class Algebra:
             found.append((first, together))
             first += together
         return found
-
-    def _mirror(self, target: str, n: int) -> None:
-        def row(i: str) -> None:
-            def element(j: str) -> None:
-                self.store(target, self.at(j, n, i), self.load(Operand(target), self.at(i, n, j), 1), 1)
-
-            self.loop("0", i, element)
-
-        self.loop("0", str(n), row)
 
     # Lᵀ of A = L Lᵀ ----------------------------------------------------------------------------------
     def cholesky(self, source: Operand, target: str, n: int) -> None:
@@ -355,80 +336,6 @@ class Algebra:
         return writer.real("fadd", writer.real("fmul", a, b), c)
 
 
-_SUMS = 4  # of a guard, as many as the latency of an addition asks for
-
-
-@dataclass(frozen=True)
-class Guards:
-    """Emits guards.
-
-    Parameters
-    ----------
-    each : callable
-        (turns, body): a loop, or its turns written out if they are few.
-    codes, steps : str
-        Where the code of each lane, and the step at which it failed, are kept; a label ``finish`` ends the run.
-    """
-
-    writer: Writer
-    each: Callable[[int, Callable[[str], None]], None]
-    algebra: Algebra
-    codes: str
-    steps: str
-
-    def guard(self, source: str, shared: bool, step: Guard, turn: str) -> None:
-        """Σ 0·x, which is NaN if some x is not finite: leave the straight path only then."""
-        writer, lanes = self.writer, self.writer.lanes
-        zero = lanes.constant(0.0)
-        sums = [writer.allocate(lanes.real) for _ in range(min(_SUMS, step.source.size))]
-        for place in sums:
-            writer.do(f"store {lanes.real} {zero}, ptr {place}, align 8")
-
-        def test(element: str) -> None:
-            place = sums[int(element) % len(sums) if element.isdecimal() else 0]
-            so_far = writer.let(f"load {lanes.real}, ptr {place}, align 8")
-            value = load(writer, source, element, shared)
-            total = self.algebra.multiply_add(writer, value, zero, so_far)
-            writer.do(f"store {lanes.real} {total}, ptr {place}, align 8")
-
-        self.each(step.source.size, test)
-        parts = [writer.let(f"load {lanes.real}, ptr {place}, align 8") for place in sums]
-        total = reduce(lambda a, b: writer.real("fadd", a, b), parts)
-        bad = writer.compare("uno", total, zero)
-        failed, go_on = writer.label("failed"), writer.label("on")
-        writer.do(f"br i1 {writer.any(bad)}, label %{failed}, label %{go_on}, !prof !0")
-        writer.place(failed)
-        self._record(bad, step.code, turn, go_on)
-        writer.place(go_on)
-
-    def largest_code(self) -> str:
-        """Of all lanes, at the end."""
-        lanes = self.writer.lanes
-        codes = self.writer.let(f"load {lanes.integer}, ptr {self.codes}, align 8")
-        if lanes.width == 1:
-            return codes
-        name = f"llvm.vector.reduce.umax.{lanes.suffix('i64')}"
-        self.writer.module.declarations[name] = f"declare i64 @{name}({lanes.integer})"
-        return self.writer.let(f"call i64 @{name}({lanes.integer} {codes})")
-
-    def _record(self, bad: str, code: int, turn: str, go_on: str) -> None:
-        """Mark the lanes that fail for the first time; stop when no lane is left."""
-        writer, lanes = self.writer, self.writer.lanes
-        integer, boolean = lanes.integer, lanes.boolean
-        codes = writer.let(f"load {integer}, ptr {self.codes}, align 8")
-        steps = writer.let(f"load {integer}, ptr {self.steps}, align 8")
-        alive = writer.let(f"icmp eq {integer} {codes}, {lanes.whole(0)}")
-        fresh = writer.let(f"and {boolean} {bad}, {alive}")
-        if lanes.width > 1:
-            turn = writer.splat(turn, "i64")
-        codes = writer.let(f"select {boolean} {fresh}, {integer} {lanes.whole(code)}, {integer} {codes}")
-        steps = writer.let(f"select {boolean} {fresh}, {integer} {turn}, {integer} {steps}")
-        writer.do(f"store {integer} {codes}, ptr {self.codes}, align 8")
-        writer.do(f"store {integer} {steps}, ptr {self.steps}, align 8")
-        left = writer.any(writer.let(f"icmp eq {integer} {codes}, {lanes.whole(0)}"))
-        writer.do(f"br i1 {left}, label %{go_on}, label %finish")
-
-
 TOGETHER = 8
 """Values that are summed in one pass: in registers in lanes, in one vector in a kernel for a single run."""
 
@@ -440,10 +347,7 @@ class Nested:
     Each degree's rows are read in their order, whatever the loops: measured, several innermost sums side by side wait
     less for each other, and longer for what they read from many places.
 
-    Parameters
-    ----------
-    n, values, columns : int
-        Variables, polynomials, and numbers of a row of the table.
+    `n`, `values`, `columns`: Variables, polynomials, and numbers of a row of the table.
     """
 
     algebra: Algebra

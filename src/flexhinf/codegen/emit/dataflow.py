@@ -14,11 +14,24 @@ from dataclasses import dataclass, replace
 import casadi
 
 from flexhinf.codegen.program import Unsupported
+from flexhinf.scalars.trace import instructions
 
 # Fused operations, numbered beside CasADi's own (which are not negative).
 MULTIPLY_ADD = -1  # a·b + c
 MULTIPLY_SUBTRACT = -2  # a·b - c
 SUBTRACT_PRODUCT = -3  # c - a·b, arguments (a, b, c)
+
+#: Functions of the C library by opcode; and those of them that are single instructions.
+LIBRARY: dict[int, str] = {casadi.OP_CONSTPOW: "pow"} | {
+    getattr(casadi, f"OP_{name.upper()}"): name
+    for name in (
+        "tan", "asin", "acos", "atan", "atan2", "sinh", "cosh", "tanh", "asinh", "acosh", "atanh", "exp", "expm1",
+        "log", "log1p", "pow", "hypot", "fmod", "remainder", "erf",
+    )
+}  # fmt: skip
+SINGLE: dict[int, str] = {
+    getattr(casadi, f"OP_{name.upper()}"): name for name in ("sqrt", "fabs", "floor", "ceil", "copysign")
+}
 
 #: Quotients by one number from which they share its reciprocal, whatever it is.
 MANY = 3
@@ -28,14 +41,8 @@ MANY = 3
 class Operation:
     """One value: a constant, an input element, or an operation on earlier values.
 
-    Attributes
-    ----------
-    code : int
-        CasADi's opcode, or a fused operation.
-    arguments : tuple of int
-        Earlier values; for OP_INPUT (argument, element).
-    constant : float
-        Value of an OP_CONST.
+    `code`: CasADi's opcode, or a fused operation. `arguments`: Earlier values; for OP_INPUT (argument, element).
+    `constant`: Value of an OP_CONST.
     """
 
     code: int
@@ -47,70 +54,52 @@ class Operation:
 class Dataflow:
     """A function as values and what leaves it.
 
-    Attributes
-    ----------
-    operations : list of Operation
-        Value k is the result of operation k. None where a product was fused away.
-    outputs : list of (int, int, int)
-        (result, element, value).
+    `operations`: Value k is the result of operation k; products that were fused away are missing. `outputs`:
+    (result, element, value). `size`: operations before products were fused.
     """
 
-    operations: list[Operation | None]
+    operations: dict[int, Operation]
     outputs: list[tuple[int, int, int]]
+    size: int
 
 
 def read_dataflow(function: casadi.Function, supported: Container[int], fused: bool) -> Dataflow:
     """Read the instructions of an SX function.
 
-    Parameters
-    ----------
-    function : casadi.Function
-    supported : container of int
-        Opcodes that can be emitted.
-    fused : bool
-        Fuse a product with the one sum that uses it (the target has a fused multiply-add).
-
-    Returns
-    -------
-    Dataflow
-
-    Raises
-    ------
-    Unsupported
-        Naming the first opcode that is not supported.
+    `supported`: Opcodes that can be emitted. `fused`: Fuse a product with the one sum that uses it (the target has a
+    fused multiply-add). Raises Unsupported: naming the first opcode that is not supported.
     """
-    operations: list[Operation | None] = []
+    operations: list[Operation] = []
     outputs: list[tuple[int, int, int]] = []
     register: dict[int, int] = {}
-    for k in range(function.n_instructions()):
-        code = function.instruction_id(k)
-        arguments = function.instruction_input(k)
-        results = function.instruction_output(k)
+    for code, arguments, results, constant in instructions(function):
         if code == casadi.OP_OUTPUT:
             outputs.append((results[0], results[1], register[arguments[0]]))
             continue
         if code == casadi.OP_CONST:
-            operation = Operation(code, (), function.instruction_constant(k))
+            operation = Operation(code, (), constant)
         elif code == casadi.OP_INPUT:
             operation = Operation(code, (arguments[0], arguments[1]))
         elif code in supported:
             operation = Operation(code, tuple(register[argument] for argument in arguments))
         else:
+            names = [name for name in dir(casadi) if name.startswith("OP_") and getattr(casadi, name) == code]
             raise Unsupported(
                 f"Function '{function.name()}' cannot be compiled.",
-                f"the operation {_operation_name(code)} has no machine code here",
+                f"the operation {names[0] if names else code} has no machine code here",
             )
         register[results[0]] = len(operations)
         operations.append(operation)
     operations, outputs = _share_reciprocals(operations, outputs)
+    kept = dict(enumerate(operations))
     if fused:
-        _fuse(operations, outputs)
-    return Dataflow(operations, outputs)
+        _fuse(kept, outputs)
+    return Dataflow(kept, outputs, len(operations))
 
 
 def _share_reciprocals(
-    operations: list[Operation | None], outputs: list[tuple[int, int, int]]
-) -> tuple[list[Operation | None], list[tuple[int, int, int]]]:
+    operations: list[Operation], outputs: list[tuple[int, int, int]]
+) -> tuple[list[Operation], list[tuple[int, int, int]]]:
     """The same values with one division for all quotients by one number.
 
     Only by an argument of the function (a mass, an inertia), by a square root (a pivot of Cholesky's), which may
@@ -118,23 +107,21 @@ def _share_reciprocals(
     that is below 6e-309 is infinite, which a square root other than zero never is, and neither an argument nor an
     inertia should be.
     """
-    quotients = Counter(
-        operation.arguments[1] for operation in operations if operation and operation.code == casadi.OP_DIV
-    )
+    quotients = Counter(op.arguments[1] for op in operations if op.code == casadi.OP_DIV)
 
     def shared(divisor: int) -> bool:
         if quotients[divisor] >= MANY:
             return True
         operation = operations[divisor]
-        if operation is not None and operation.code == casadi.OP_IF_ELSE_ZERO:
+        if operation.code == casadi.OP_IF_ELSE_ZERO:
             operation = operations[operation.arguments[1]]
-        return operation is not None and operation.code in (casadi.OP_INPUT, casadi.OP_SQRT)
+        return operation.code in (casadi.OP_INPUT, casadi.OP_SQRT)
 
-    written: list[Operation | None] = []
+    written: list[Operation] = []
     places: list[int] = []
     reciprocals: dict[int, int] = {}
     for operation in operations:
-        if operation is not None and operation.code != casadi.OP_INPUT:
+        if operation.code != casadi.OP_INPUT:
             divisor = operation.arguments[1] if operation.code == casadi.OP_DIV else -1
             operation = replace(operation, arguments=tuple(places[a] for a in operation.arguments))
             if quotients[divisor] > 1 and shared(divisor):
@@ -147,37 +134,28 @@ def _share_reciprocals(
     return written, [(result, element, places[value]) for result, element, value in outputs]
 
 
-def _fuse(operations: list[Operation | None], outputs: list[tuple[int, int, int]]) -> None:
-    uses = [0] * len(operations)
-    for operation in operations:
-        if operation is not None and operation.code != casadi.OP_INPUT:
-            for argument in operation.arguments:
-                uses[argument] += 1
-    for _, _, value in outputs:
-        uses[value] += 1
+def _fuse(operations: dict[int, Operation], outputs: list[tuple[int, int, int]]) -> None:
+    uses = Counter(value for _, _, value in outputs)
+    for operation in operations.values():
+        if operation.code != casadi.OP_INPUT:
+            uses.update(operation.arguments)
 
-    def factors(value: int) -> tuple[int, int] | None:
-        product = operations[value]
+    def factors(value: int) -> tuple[int, ...] | None:
+        product = operations.get(value)
         if product is None or uses[value] != 1:
             return None
         if product.code == casadi.OP_MUL:
-            return product.arguments[0], product.arguments[1]
-        return (product.arguments[0], product.arguments[0]) if product.code == casadi.OP_SQ else None
+            return product.arguments
+        return product.arguments * 2 if product.code == casadi.OP_SQ else None
 
-    for k, operation in enumerate(operations):
-        if operation is None or operation.code not in (casadi.OP_ADD, casadi.OP_SUB):
+    for k, operation in list(operations.items()):
+        if operation.code not in (casadi.OP_ADD, casadi.OP_SUB):
             continue
         left, right = operation.arguments
         add = operation.code == casadi.OP_ADD
         if (pair := factors(right)) is not None:
             operations[k] = Operation(MULTIPLY_ADD if add else SUBTRACT_PRODUCT, (*pair, left))
-            operations[right] = None
+            del operations[right]
         elif (pair := factors(left)) is not None:
             operations[k] = Operation(MULTIPLY_ADD if add else MULTIPLY_SUBTRACT, (*pair, right))
-            operations[left] = None
-
-
-def _operation_name(code: int) -> str:
-    return next(
-        (name for name in dir(casadi) if name.startswith("OP_") and getattr(casadi, name) == code), str(code)
-    )
+            del operations[left]

@@ -12,8 +12,7 @@ from functools import reduce
 import casadi
 
 from flexhinf.codegen.emit.dataflow import Dataflow, read_dataflow
-from flexhinf.codegen.emit.opcodes import NEAR, OPCODES, is_far
-from flexhinf.codegen.emit.text import Lanes, ModuleText, Writer
+from flexhinf.codegen.emit.opcodes import NEAR, OPCODES, Lanes, ModuleText, Writer, is_far
 
 BLOCK = 8
 """Columns of a `Map` that travel together in the lanes of a kernel for a single run."""
@@ -23,14 +22,9 @@ BLOCK = 8
 class Packer:
     """Copies neighbouring columns of a matrix into elements of as many lanes, and back.
 
-    Parameters
-    ----------
-    each : callable
-        (turns, body): a loop, or its turns written out if they are few.
-    wide : Lanes
-        Of the packed elements; in a kernel of several lanes these are the kernel's, and a column goes alone.
-    left : int
-        Columns; lanes without one are zero.
+    `each`: (turns, body): a loop, or its turns written out if they are few. `wide`: Of the packed elements; in a
+    kernel of several lanes these are the kernel's, and a column goes alone. `left`: Columns; lanes without one are
+    zero.
     """
 
     writer: Writer
@@ -104,28 +98,10 @@ def emit_function(
 ) -> int:
     """Add ``void name(in₀, …, out₀, …)`` over pointers to the module.
 
-    Parameters
-    ----------
-    function : casadi.Function
-    lanes : Lanes
-        Numbers that travel together in one element.
-    shared : tuple of bool
-        Which arguments hold one number for all lanes.
-    fused : bool
-        The target has a fused multiply-add.
+    `lanes`: Numbers that travel together in one element. `shared`: Which arguments hold one number for all lanes.
+    `fused`: The target has a fused multiply-add. Returns number of operations. Raises Unsupported: an operation that
+    is not in the table.
 
-    Returns
-    -------
-    int
-        Number of operations.
-
-    Raises
-    ------
-    Unsupported
-        An operation that is not in the table.
-
-    Notes
-    -----
     Every store comes after every load, so a result may overwrite an argument; the pointers carry no
     ``noalias``.
 
@@ -134,14 +110,14 @@ def emit_function(
     If an angle turns out to be too far for it, all is done again by the second. The bits are the same.
     """
     flow = read_dataflow(function, OPCODES, fused)
-    turning = any(operation and operation.code in NEAR for operation in flow.operations)
+    turning = any(operation.code in NEAR for operation in flow.operations.values())
     if lanes.width > 1 and turning:
         far = f"{name}_far"
         _define(module, far, function, flow, lanes, shared, "noinline optnone cold")
         _define(module, name, function, flow, lanes, shared, far=far)
     else:
         _define(module, name, function, flow, lanes, shared)
-    return len(flow.operations)
+    return flow.size
 
 
 def _define(
@@ -156,20 +132,18 @@ def _define(
 ) -> None:
     """Write the function; if `far` names one beside it, as a straight line, from which only far angles lead there."""
     writer = Writer(module, lanes)
-    values: list[str] = []
+    values: dict[int, str] = {}
     angles: list[str] = []
-    for operation in flow.operations:
-        if operation is None:
-            values.append("")
-        elif operation.code == casadi.OP_CONST:
-            values.append(lanes.constant(operation.constant))
+    for k, operation in flow.operations.items():
+        if operation.code == casadi.OP_CONST:
+            values[k] = lanes.constant(operation.constant)
         elif operation.code == casadi.OP_INPUT:
             argument, element = operation.arguments
-            values.append(load(writer, f"%in{argument}", element, shared[argument]))
+            values[k] = load(writer, f"%in{argument}", element, shared[argument])
         else:
             operands = [values[argument] for argument in operation.arguments]
             near = bool(far) and operation.code in NEAR
-            values.append((NEAR if near else OPCODES)[operation.code](writer, *operands))
+            values[k] = (NEAR if near else OPCODES)[operation.code](writer, *operands)
             angles += operands if near else []
     pointers = [f"ptr %in{k}" for k in range(function.n_in())]
     pointers += [f"ptr %out{k}" for k in range(function.n_out())]

@@ -19,12 +19,13 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from functools import reduce
+from typing import TYPE_CHECKING, Any
 
-from flexhinf.codegen.emit.algebra import Algebra, Guards, Nested, Operand, Terms
+from flexhinf.codegen.emit.algebra import Algebra, Nested, Operand
 from flexhinf.codegen.emit.function import BLOCK, Packer, emit_function, load, store
 from flexhinf.codegen.emit.normal import emit_normal
-from flexhinf.codegen.emit.text import Lanes, ModuleText, Writer
+from flexhinf.codegen.emit.opcodes import Lanes, ModuleText, Writer
 from flexhinf.codegen.memory import COLUMN, Columns, Slice, whole
 from flexhinf.codegen.program import (
     ENTRY,
@@ -51,6 +52,7 @@ _UNROLLED = 64  # elements of a guard or of a broadcast copy that are written ou
 _PLACES = (
     2  # from which a function may be called and yet be put there: a Map has one for blocks, one for the rest
 )
+_SUMS = 4  # of a guard, as many as the latency of an addition asks for
 _SMALL = 200  # operations of a function that is put where it is called
 
 
@@ -58,12 +60,8 @@ _SMALL = 200  # operations of a function that is put where it is called
 class Module:
     """LLVM text and what it needs to be linked.
 
-    Attributes
-    ----------
-    library : dict of str to str
-        Emitted name to the name of the C library function behind it.
-    operations : int
-        Operations in the traced functions, a measure of the time to compile.
+    `library`: Emitted name to the name of the C library function behind it. `operations`: Operations in the traced
+    functions, a measure of the time to compile.
     """
 
     text: str
@@ -74,21 +72,8 @@ class Module:
 def emit_module(program: Program, lanes: int, fused: bool = True) -> Module:
     """Write the LLVM module of a program.
 
-    Parameters
-    ----------
-    lanes : int
-        W ≥ 1.
-    fused : bool
-        The target has a fused multiply-add.
-
-    Returns
-    -------
-    Module
-
-    Raises
-    ------
-    Unsupported
-        A traced function holds an operation that is not in the table.
+    `lanes`: W ≥ 1. `fused`: The target has a fused multiply-add. Raises Unsupported: A traced function holds an
+    operation that is not in the table.
     """
     return _Emitter(program, lanes, fused).emit()
 
@@ -98,6 +83,7 @@ class _Emitter:
         self.program = program
         self.module = ModuleText(Lanes(lanes))
         self.lanes = self.module.lanes
+        self.single = lanes == 1  # a kernel for a single run
         self.fused = fused
         self.operations = 0
         self.functions: dict[tuple[int, int, tuple[bool, ...]], str] = {}
@@ -107,6 +93,11 @@ class _Emitter:
         self.writer = Writer(self.module)
         self.pointers: dict[str, str] = {}
         self.turns: dict[str, str] = {}
+        self._writers: dict[type, Callable[[Any, tuple[str, ...]], None]] = {
+            Repeat: self._repeat, When: self._when, Call: self._call, Map: self._map, Sweep: self._sweep,
+            OuterSum: self._outer_sum, Polynomial: self._polynomial, Cholesky: self._cholesky, Copy: self._copy,
+            Normal: self._normal, Guard: self._guard,
+        }  # fmt: skip
         self.scratch = ""  # memory for the columns that a Sweep has in hand
 
     def emit(self) -> Module:
@@ -121,84 +112,47 @@ class _Emitter:
         writer.do(f"store {self.lanes.integer} {self.lanes.whole(-1)}, ptr {self.steps}, align 8")
         for buffer in self.program.buffers:
             if buffer.role == "work" and buffer.size is not None and buffer.cleared:
-                self._clear(self.pointers[buffer.name], buffer.size)
+                name, size = "llvm.memset.p0.i64", 8 * buffer.size * width
+                self.module.declarations[name] = f"declare void @{name}(ptr, i8, i64, i1)"
+                place = f"ptr align 8 {self.pointers[buffer.name]}"
+                writer.do(f"call void @{name}({place}, i8 0, i64 {size}, i1 false)")
         self._body(self.program.body, ())
         writer.do("br label %finish")
         writer.place("finish")
-        writer.do(f"ret i64 {self._guards.largest_code()}")
+        largest = writer.let(f"load {self.lanes.integer}, ptr {self.codes}, align 8")
+        if not self.single:
+            name = f"llvm.vector.reduce.umax.{self.lanes.suffix('i64')}"
+            self.module.declarations[name] = f"declare i64 @{name}({self.lanes.integer})"
+            largest = writer.let(f"call i64 @{name}({self.lanes.integer} {largest})")
+        writer.do(f"ret i64 {largest}")
         head = f"define i64 @{ENTRY}(ptr %context) nounwind {{\nentry:"
         self.module.definitions[ENTRY] = "\n".join([head, *writer.first, *writer.lines, "}"])
-        self._inline()
-        text = f'{self.module}!0 = !{{!"branch_weights", i32 1, i32 1000000}}\n'
-        return Module(text, dict(self.module.library), self.operations)
-
-    def _inline(self) -> None:
-        """Put functions of columns and small ones where they are called, if that is a place or two.
-
-        What a `Map` has in hand then stays in registers; a large function of a `Call` is slower inside of a loop.
-        """
+        # Functions of columns and small ones are put where they are called, if that is a place or two: what a `Map` has
+        # in hand then stays in registers; a large function of a `Call` is slower inside of a loop.
         for name, places in self.calls.items():
             if places <= _PLACES and (name in self.mapped or self.sizes[name] <= _SMALL):
-                text = self.module.definitions[name]
-                self.module.definitions[name] = text.replace(") nounwind {", ") nounwind alwaysinline {", 1)
+                function = self.module.definitions[name]
+                self.module.definitions[name] = function.replace(
+                    ") nounwind {", ") nounwind alwaysinline {", 1
+                )
+        text = f'{self.module}!0 = !{{!"branch_weights", i32 1, i32 1000000}}\n'
+        return Module(text, dict(self.module.library), self.operations)
 
     def _word(self, k: int) -> str:
         return self.writer.let(f"getelementptr i64, ptr %context, i64 {k}")
 
-    def _clear(self, pointer: str, size: int) -> None:
-        name = "llvm.memset.p0.i64"
-        self.module.declarations[name] = f"declare void @{name}(ptr, i8, i64, i1)"
-        self.writer.do(
-            f"call void @{name}(ptr align 8 {pointer}, i8 0, i64 {8 * size * self.lanes.width}, i1 false)"
-        )
-
     def _body(self, body: tuple[Step, ...], turns: tuple[str, ...]) -> None:
         for step in body:
-            if isinstance(step, Repeat):
-                self._loop(
-                    "0",
-                    str(step.turns(self.turns)),
-                    lambda turn, step=step: self._body(step.body, (*turns, turn)),
-                )
-            elif isinstance(step, When):
-                self._when(step, turns)
-            elif isinstance(step, Call):
-                self._call(step, turns)
-            elif isinstance(step, Map):
-                self._map(step, turns)
-            elif isinstance(step, Sweep):
-                self._sweep(step, turns)
-            elif isinstance(step, OuterSum):
-                self._outer_sum(step, turns)
-            elif isinstance(step, Polynomial):
-                self._polynomial(step, turns)
-            elif isinstance(step, Cholesky):
-                self._algebra.cholesky(
-                    self._operand(step.source, turns), self._address(step.target, turns), step.order
-                )
-            elif isinstance(step, Copy):
-                self._copy(step, turns)
-            elif isinstance(step, Normal):
-                self._normal(step, turns)
-            else:
-                self._guard(step, turns)
+            self._writers[type(step)](step, turns)
+
+    def _repeat(self, step: Repeat, turns: tuple[str, ...]) -> None:
+        end = str(step.turns(self.turns))
+        self._loop("0", end, lambda turn: self._body(step.body, (*turns, turn)))
 
     def _loop(self, first: str, end: str, body: Callable[[str], None]) -> None:
-        """``for turn in range(first, end): body(turn)``; the turn lives in memory until LLVM promotes it."""
-        writer = self.writer
-        place = writer.allocate("i64")
-        head, inside, after = writer.label("head"), writer.label("turn"), writer.label("after")
-        writer.do(f"store i64 {first}, ptr {place}, align 8")
-        writer.do(f"br label %{head}")
-        writer.place(head)
-        turn = writer.let(f"load i64, ptr {place}, align 8")
-        more = writer.let(f"icmp slt i64 {turn}, {end}")
-        writer.do(f"br i1 {more}, label %{inside}, label %{after}")
-        writer.place(inside)
-        body(turn)
-        writer.do(f"store i64 {writer.let(f'add nsw i64 {turn}, 1')}, ptr {place}, align 8")
-        writer.do(f"br label %{head}")
-        writer.place(after)
+        """``for turn in range(first, end): body(turn)``."""
+        with self.writer.loop(end, first) as turn:
+            body(turn)
 
     def _when(self, step: When, turns: tuple[str, ...]) -> None:
         """Around the body unless a lane's flag is set; NaN sets it."""
@@ -227,11 +181,6 @@ class _Emitter:
         if COLUMN in self.pointers:  # in a sweep of a kernel for a single run, the lanes are columns
             return piece.buffer != COLUMN and (self.single or self.program.buffer(piece.buffer).shared)
         return self.program.buffer(piece.buffer).shared
-
-    @property
-    def single(self) -> bool:
-        """A kernel for a single run."""
-        return self.module.lanes.width == 1
 
     def _function(self, function: casadi.Function, lanes: Lanes, shared: tuple[bool, ...]) -> str:
         """Name of the emitted function, which is emitted when first asked for."""
@@ -331,31 +280,25 @@ class _Emitter:
             self.scratch = self.writer.allocate(f"[{max(needed)} x {wide.element}]")
         return self.scratch
 
-    @property
-    def _algebra(self) -> Algebra:
-        return Algebra(self.writer, self._loop, self.fused)
-
-    @property
-    def _guards(self) -> Guards:
-        return Guards(self.writer, self._each, self._algebra, self.codes, self.steps)
-
     def _operand(self, piece: Slice, turns: tuple[str, ...]) -> Operand:
         return Operand(self._address(piece, turns), self._shared(piece))
 
     def _outer_sum(self, step: OuterSum, turns: tuple[str, ...]) -> None:
-        left, right, weights, plus = (
-            None if piece is None else self._operand(piece, turns)
-            for piece in (step.left, step.right, step.weights, step.plus)
-        )
-        assert left is not None
-        assert right is not None
-        terms = Terms(left, right, weights, step.count, *step.shape)
-        self._algebra.outer_sum(terms, plus, self._address(step.target, turns), step.symmetric)
+        left, right = self._operand(step.left, turns), self._operand(step.right, turns)
+        weights, plus = (p and self._operand(p, turns) for p in (step.weights, step.plus))
+        algebra = Algebra(self.writer, self._loop, self.fused)
+        target = self._address(step.target, turns)
+        algebra.outer_sum((left, right, weights, plus), step.count, step.shape, target, step.symmetric)
 
     def _polynomial(self, step: Polynomial, turns: tuple[str, ...]) -> None:
         point, table = self._operand(step.point, turns), self._operand(step.table, turns)
         sizes = step.point.size, step.target.size, step.columns
-        Nested(self._algebra, point, table, *sizes, step.degrees).emit(self._address(step.target, turns))
+        algebra = Algebra(self.writer, self._loop, self.fused)
+        Nested(algebra, point, table, *sizes, step.degrees).emit(self._address(step.target, turns))
+
+    def _cholesky(self, step: Cholesky, turns: tuple[str, ...]) -> None:
+        source, target = self._operand(step.source, turns), self._address(step.target, turns)
+        Algebra(self.writer, self._loop, self.fused).cholesky(source, target, step.order)
 
     def _copy(self, step: Copy, turns: tuple[str, ...]) -> None:
         writer = self.writer
@@ -392,6 +335,42 @@ class _Emitter:
                 body(str(element))
 
     def _guard(self, step: Guard, turns: tuple[str, ...]) -> None:
-        self._guards.guard(
-            self._address(step.source, turns), self._shared(step.source), step, turns[0] if turns else "0"
-        )
+        """Σ 0·x, which is NaN if some x is not finite: leave the straight path only then.
+
+        There the lanes that fail for the first time are marked, and the run stops when no lane is left.
+        """
+        writer, lanes, integer, boolean = self.writer, self.lanes, self.lanes.integer, self.lanes.boolean
+        algebra, zero = Algebra(writer, self._loop, self.fused), lanes.constant(0.0)
+        source, shared = self._address(step.source, turns), self._shared(step.source)
+        sums = [writer.allocate(lanes.real) for _ in range(min(_SUMS, step.source.size))]
+        for place in sums:
+            writer.do(f"store {lanes.real} {zero}, ptr {place}, align 8")
+
+        def test(element: str) -> None:
+            place = sums[int(element) % len(sums) if element.isdecimal() else 0]
+            so_far = writer.let(f"load {lanes.real}, ptr {place}, align 8")
+            value = load(writer, source, element, shared)
+            total = algebra.multiply_add(writer, value, zero, so_far)
+            writer.do(f"store {lanes.real} {total}, ptr {place}, align 8")
+
+        self._each(step.source.size, test)
+        parts = [writer.let(f"load {lanes.real}, ptr {place}, align 8") for place in sums]
+        total = reduce(lambda a, b: writer.real("fadd", a, b), parts)
+        bad = writer.compare("uno", total, zero)
+        failed, go_on = writer.label("failed"), writer.label("on")
+        writer.do(f"br i1 {writer.any(bad)}, label %{failed}, label %{go_on}, !prof !0")
+        writer.place(failed)
+        codes = writer.let(f"load {integer}, ptr {self.codes}, align 8")
+        steps = writer.let(f"load {integer}, ptr {self.steps}, align 8")
+        alive = writer.let(f"icmp eq {integer} {codes}, {lanes.whole(0)}")
+        fresh = writer.let(f"and {boolean} {bad}, {alive}")
+        turn = turns[0] if turns else "0"
+        if lanes.width > 1:
+            turn = writer.splat(turn, "i64")
+        codes = writer.let(f"select {boolean} {fresh}, {integer} {lanes.whole(step.code)}, {integer} {codes}")
+        steps = writer.let(f"select {boolean} {fresh}, {integer} {turn}, {integer} {steps}")
+        writer.do(f"store {integer} {codes}, ptr {self.codes}, align 8")
+        writer.do(f"store {integer} {steps}, ptr {self.steps}, align 8")
+        left = writer.any(writer.let(f"icmp eq {integer} {codes}, {lanes.whole(0)}"))
+        writer.do(f"br i1 {left}, label %{go_on}, label %finish")
+        writer.place(go_on)

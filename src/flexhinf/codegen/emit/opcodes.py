@@ -1,26 +1,236 @@
-"""CasADi's operations as LLVM operations: the one table.
+"""Lines of LLVM text, and CasADi's operations as such: the one table.
 
 Every rule follows the meaning of CasADi's own evaluator, NaN and signed zero included; the tests compare them
 one by one. Functions of the C library are called lane by lane: the same bits as CasADi, for any number of
 lanes.
 
-Sine and cosine: one sequence of operations for one lane and for many, so that all give the same bits.
-
-x is reduced by Cody and Waite's method in three parts with fused multiply-adds, r = x - k·π/2 with |r| ≤ π/4,
-and the polynomials of fdlibm (k_sin.c, k_cos.c) give sin r and cos r, of which the quadrant k mod 4 takes
-one. Arguments beyond `REACH` go to the C library.
+Sine and cosine are one sequence of operations for one lane and for many, so that all give the same bits. x is reduced
+by Cody and Waite's method in three parts with fused multiply-adds, r = x - k·π/2 with |r| ≤ π/4, and the polynomials
+of fdlibm (k_sin.c, k_cos.c) give sin r and cos r, of which the quadrant k mod 4 takes one. Arguments beyond `REACH` go
+to the C library.
 """
 
 from __future__ import annotations
 
+import copy
+import itertools
 import math
-from collections.abc import Callable
+import struct
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
 
 import casadi
 
-from flexhinf.codegen.emit.dataflow import MULTIPLY_ADD, MULTIPLY_SUBTRACT, SUBTRACT_PRODUCT
-from flexhinf.codegen.emit.text import PURE, Writer, library_call
+from flexhinf.codegen.emit.dataflow import LIBRARY, MULTIPLY_ADD, MULTIPLY_SUBTRACT, SINGLE, SUBTRACT_PRODUCT
 from flexhinf.codegen.program import PREFIX
+
+PURE = "nounwind willreturn memory(none)"
+"""Attributes of functions whose result depends on their arguments alone."""
+
+
+class Lanes:
+    """How a number looks in the text when W ≥ 1 of them travel together.
+
+    `real`, `integer`, `boolean`: Types of a float64, a 64-bit integer and a truth value in every lane. `element`: Type
+    of one array element: its size is exactly W numbers, where a vector's may be padded.
+    """
+
+    def __init__(self, width: int) -> None:
+        self.width = width
+        self.real, self.integer, self.boolean = map(self.type, ("double", "i64", "i1"))
+        self.element = "double" if width == 1 else f"[{width} x double]"
+
+    def type(self, scalar: str) -> str:
+        """Type of a scalar in every lane."""
+        return scalar if self.width == 1 else f"<{self.width} x {scalar}>"
+
+    def suffix(self, scalar: str = "f64") -> str:
+        """Suffix of the intrinsics on that scalar in every lane."""
+        return scalar if self.width == 1 else f"v{self.width}{scalar}"
+
+    def constant(self, value: float) -> str:
+        """The same float64 in every lane, by its bits."""
+        return self._splat("double", f"0x{struct.unpack('<Q', struct.pack('<d', value))[0]:016X}")
+
+    def whole(self, value: int) -> str:
+        """The same integer in every lane."""
+        return self._splat("i64", str(value))
+
+    def _splat(self, scalar: str, value: str) -> str:
+        return value if self.width == 1 else f"splat ({scalar} {value})"
+
+
+@dataclass
+class ModuleText:
+    """What a module collects while functions are written: definitions, declarations, and names to link.
+
+    `definitions`: Function name to text, in the order of writing. `declarations`: Intrinsics and foreign functions.
+    `library`: Emitted name of a C library function to its own name.
+    """
+
+    lanes: Lanes
+    definitions: dict[str, str] = field(default_factory=dict)
+    declarations: dict[str, str] = field(default_factory=dict)
+    library: dict[str, str] = field(default_factory=dict)
+
+    def __str__(self) -> str:
+        return "\n".join([*self.declarations.values(), *self.definitions.values(), ""])
+
+
+class Writer:
+    """Body of one function: appends lines, hands out names.
+
+    `lanes`: Those of the module by default. `first`, `lines`: What is allocated, which belongs at the start of the
+    function, and the text after it.
+    """
+
+    def __init__(self, module: ModuleText, lanes: Lanes | None = None) -> None:
+        self.module = module
+        self.lanes = module.lanes if lanes is None else lanes
+        self.first: list[str] = []
+        self.lines: list[str] = []
+        self._names = itertools.count(1)
+
+    def alike(self, lanes: Lanes) -> Writer:
+        """A writer with other lanes that appends to the same text."""
+        other = copy.copy(self)
+        other.lanes = lanes
+        return other
+
+    def name(self) -> str:
+        """A fresh local name."""
+        return f"%v{next(self._names)}"
+
+    def label(self, what: str) -> str:
+        """A fresh block label, not yet placed."""
+        return f"{what}{next(self._names)}"
+
+    def place(self, label: str) -> None:
+        """Start a block here."""
+        self.lines.append(f"{label}:")
+
+    def do(self, line: str) -> None:
+        """A line without a result."""
+        self.lines.append(f"  {line}")
+
+    def let(self, expression: str) -> str:
+        """A line with a result; returns its name."""
+        name = self.name()
+        self.lines.append(f"  {name} = {expression}")
+        return name
+
+    def allocate(self, kind: str) -> str:
+        """Memory on the stack, once per call of the function, wherever in its text this is said."""
+        name = self.name()
+        self.first.append(f"  {name} = alloca {kind}, align 64")
+        return name
+
+    def splat(self, scalar: str, kind: str = "double") -> str:
+        """A scalar copied to every lane."""
+        if self.lanes.width == 1:
+            return scalar
+        vector = self.lanes.type(kind)
+        first = self.let(f"insertelement {vector} poison, {kind} {scalar}, i64 0")
+        mask = f"<{self.lanes.width} x i32> zeroinitializer"
+        return self.let(f"shufflevector {vector} {first}, {vector} poison, {mask}")
+
+    @contextmanager
+    def loop(self, end: str, first: str = "0") -> Iterator[str]:
+        """A loop over the integers from `first` to `end`; the turn lives in memory until LLVM promotes it."""
+        place = self.allocate("i64")
+        head, inside, after = self.label("head"), self.label("turn"), self.label("after")
+        self.do(f"store i64 {first}, ptr {place}, align 8")
+        self.do(f"br label %{head}")
+        self.place(head)
+        turn = self.let(f"load i64, ptr {place}, align 8")
+        more = self.let(f"icmp slt i64 {turn}, {end}")
+        self.do(f"br i1 {more}, label %{inside}, label %{after}")
+        self.place(inside)
+        yield turn
+        self.do(f"store i64 {self.let(f'add nsw i64 {turn}, 1')}, ptr {place}, align 8")
+        self.do(f"br label %{head}")
+        self.place(after)
+
+    def real(self, operation: str, *operands: str) -> str:
+        """An LLVM operation on floats, such as ``fadd``."""
+        return self.let(f"{operation} {self.lanes.real} {', '.join(operands)}")
+
+    def whole(self, operation: str, *operands: str) -> str:
+        """An LLVM operation on 64-bit integers, such as ``xor``."""
+        return self.let(f"{operation} {self.lanes.integer} {', '.join(operands)}")
+
+    def compare(self, predicate: str, left: str, right: str) -> str:
+        """Truth value of an LLVM comparison of floats, such as ``olt``."""
+        return self.let(f"fcmp {predicate} {self.lanes.real} {left}, {right}")
+
+    def select(self, condition: str, yes: str, no: str) -> str:
+        """`yes` where the condition holds, else `no`."""
+        real = self.lanes.real
+        return self.let(f"select {self.lanes.boolean} {condition}, {real} {yes}, {real} {no}")
+
+    def bits(self, value: str) -> str:
+        """The bits of a float."""
+        return self.let(f"bitcast {self.lanes.real} {value} to {self.lanes.integer}")
+
+    def float(self, bits: str) -> str:
+        """The float of these bits."""
+        return self.let(f"bitcast {self.lanes.integer} {bits} to {self.lanes.real}")
+
+    def intrinsic(self, name: str, *operands: str) -> str:
+        """An LLVM intrinsic on floats, such as ``floor``."""
+        real = self.lanes.real
+        full = f"llvm.{name}.{self.lanes.suffix()}"
+        self.module.declarations[full] = f"declare {real} @{full}({', '.join([real] * len(operands))})"
+        return self.call(full, *operands)
+
+    def any(self, condition: str) -> str:
+        """Does the condition hold in some lane (an i1)?"""
+        if self.lanes.width == 1:
+            return condition
+        full = f"llvm.vector.reduce.or.{self.lanes.suffix('i1')}"
+        self.module.declarations[full] = f"declare i1 @{full}({self.lanes.boolean})"
+        return self.let(f"call i1 @{full}({self.lanes.boolean} {condition})")
+
+    def call(self, function: str, *operands: str) -> str:
+        """Call a function from floats to a float."""
+        real = self.lanes.real
+        return self.let(f"call {real} @{function}({', '.join(f'{real} {operand}' for operand in operands)})")
+
+
+def library_call(writer: Writer, name: str, *operands: str) -> str:
+    """Emit a call of the C function `name` in every lane; returns the name of the result.
+
+    The function is linked under our own prefix, so that LLVM takes it for an unknown function and does not
+    replace it by something that depends on the number of lanes.
+    """
+    module = writer.module
+    foreign = PREFIX + name
+    scalars = ", ".join(["double"] * len(operands))
+    module.library[foreign] = name
+    module.declarations[foreign] = f"declare double @{foreign}({scalars}) {PURE}"
+    if writer.lanes.width == 1:
+        return writer.call(foreign, *operands)
+    lanewise = f"{foreign}_lanes{writer.lanes.width}"
+    if lanewise not in module.definitions:
+        module.definitions[lanewise] = _lanewise(writer, foreign, lanewise, len(operands))
+    return writer.call(lanewise, *operands)
+
+
+def _lanewise(caller: Writer, foreign: str, lanewise: str, arity: int) -> str:
+    writer = Writer(caller.module, caller.lanes)
+    real = writer.lanes.real
+    operands = [f"%x{k}" for k in range(arity)]
+    result = "poison"
+    for lane in range(writer.lanes.width):
+        scalars = [writer.let(f"extractelement {real} {operand}, i64 {lane}") for operand in operands]
+        value = writer.let(f"call double @{foreign}({', '.join(f'double {scalar}' for scalar in scalars)})")
+        result = writer.let(f"insertelement {real} {result}, double {value}, i64 {lane}")
+    writer.do(f"ret {real} {result}")
+    arguments = ", ".join(f"{real} {operand}" for operand in operands)
+    head = f"define internal {real} @{lanewise}({arguments}) noinline {PURE} {{"
+    return "\n".join([head, *writer.lines, "}"])
+
 
 REACH = 2.0**30
 """Largest |x| that is reduced here: x·2/π is known to well below 1, so that k is the nearest integer."""
@@ -52,24 +262,8 @@ COSINE = (
 )
 
 
-def sine(writer: Writer, value: str) -> str:
-    """Emit sin x; returns the name of the result."""
-    return writer.call(_define(writer, "sin"), value)
-
-
-def cosine(writer: Writer, value: str) -> str:
-    """Emit cos x; returns the name of the result."""
-    return writer.call(_define(writer, "cos"), value)
-
-
-def near_sine(writer: Writer, value: str) -> str:
-    """Emit sin x of what is not `is_far`: a straight line."""
-    return writer.call(_define(writer, "sin", near=True), value)
-
-
-def near_cosine(writer: Writer, value: str) -> str:
-    """Emit cos x of what is not `is_far`."""
-    return writer.call(_define(writer, "cos", near=True), value)
+Rule = Callable[..., str]
+"""(writer, name of each operand) → name of the result."""
 
 
 def is_far(writer: Writer, value: str) -> str:
@@ -81,18 +275,29 @@ def is_far(writer: Writer, value: str) -> str:
     return writer.let(f"and {lanes.boolean} {far}, {finite}")
 
 
-def _define(caller: Writer, name: str, near: bool = False) -> str:
-    full = f"{PREFIX}{name}_{'near' if near else 'reduced'}{caller.lanes.width}"
-    if full not in caller.module.definitions:
-        writer = Writer(caller.module, caller.lanes)
-        real = writer.lanes.real
-        result = _near(writer, "%x", name)
-        if not near:
-            result = _beyond(writer, "%x", result, name)
-        writer.do(f"ret {real} {result}")
-        head = f"define internal {real} @{full}({real} %x) alwaysinline {PURE} {{\nentry:"
-        caller.module.definitions[full] = "\n".join([head, *writer.lines, "}"])
-    return full
+def _turn(name: str, near: bool = False) -> Rule:
+    """sin x or cos x by a function of the module; with `near` a straight line, for what is not `is_far`."""
+
+    def rule(caller: Writer, value: str) -> str:
+        full = f"{PREFIX}{name}_{'near' if near else 'reduced'}{caller.lanes.width}"
+        if full not in caller.module.definitions:
+            writer = Writer(caller.module, caller.lanes)
+            lanes, real = writer.lanes, writer.lanes.real
+            result = within = _near(writer, "%x", name)
+            if not near:  # the C library beyond the reach, behind a branch that is hardly ever taken
+                far = is_far(writer, "%x")
+                writer.do(f"br i1 {writer.any(far)}, label %beyond, label %done, !prof !0")
+                writer.place("beyond")
+                exact = writer.select(far, library_call(writer, name, "%x"), within)
+                writer.do("br label %done")
+                writer.place("done")
+                result = writer.let(f"phi {lanes.real} [ {within}, %entry ], [ {exact}, %beyond ]")
+            writer.do(f"ret {real} {result}")
+            head = f"define internal {real} @{full}({real} %x) alwaysinline {PURE} {{\nentry:"
+            caller.module.definitions[full] = "\n".join([head, *writer.lines, "}"])
+        return caller.call(full, value)
+
+    return rule
 
 
 def _near(writer: Writer, value: str, name: str) -> str:
@@ -108,7 +313,19 @@ def _near(writer: Writer, value: str, name: str) -> str:
     odd = writer.let(
         f"icmp ne {lanes.integer} {writer.whole('and', quadrant, lanes.whole(1))}, {lanes.whole(0)}"
     )
-    sin, cos = _polynomials(writer, rest)
+    square = writer.real("fmul", rest, rest)
+
+    def horner(coefficients: tuple[float, ...]) -> str:
+        value = lanes.constant(coefficients[0])
+        for coefficient in coefficients[1:]:
+            value = writer.intrinsic("fma", value, square, lanes.constant(coefficient))
+        return value
+
+    cube = writer.real("fmul", square, rest)
+    sin = writer.intrinsic("fma", horner(SINE), cube, rest)
+    parabola = writer.intrinsic("fma", square, lanes.constant(-0.5), lanes.constant(1.0))
+    fourth = writer.real("fmul", square, square)
+    cos = writer.intrinsic("fma", horner(COSINE), fourth, parabola)
     if name == "sin":
         result = writer.select(odd, cos, sin)
         flip = writer.whole("xor", writer.whole("shl", quadrant, lanes.whole(62)), writer.bits(value))
@@ -119,55 +336,6 @@ def _near(writer: Writer, value: str, name: str) -> str:
     return writer.float(writer.whole("xor", writer.bits(result), sign))
 
 
-def _polynomials(writer: Writer, rest: str) -> tuple[str, str]:
-    constant = writer.lanes.constant
-    square = writer.real("fmul", rest, rest)
-
-    def horner(coefficients: tuple[float, ...]) -> str:
-        value = constant(coefficients[0])
-        for coefficient in coefficients[1:]:
-            value = writer.intrinsic("fma", value, square, constant(coefficient))
-        return value
-
-    cube = writer.real("fmul", square, rest)
-    sin = writer.intrinsic("fma", horner(SINE), cube, rest)
-    parabola = writer.intrinsic("fma", square, constant(-0.5), constant(1.0))
-    fourth = writer.real("fmul", square, square)
-    cos = writer.intrinsic("fma", horner(COSINE), fourth, parabola)
-    return sin, cos
-
-
-def _beyond(writer: Writer, value: str, near: str, name: str) -> str:
-    """The C library for finite |x| > REACH, behind a branch that is hardly ever taken."""
-    lanes, far = writer.lanes, is_far(writer, value)
-    writer.do(f"br i1 {writer.any(far)}, label %beyond, label %done, !prof !0")
-    writer.place("beyond")
-    exact = writer.select(far, library_call(writer, name, value), near)
-    writer.do("br label %done")
-    writer.place("done")
-    return writer.let(f"phi {lanes.real} [ {near}, %entry ], [ {exact}, %beyond ]")
-
-
-Rule = Callable[..., str]
-"""(writer, name of each operand) → name of the result."""
-
-
-def _operation(name: str) -> Rule:
-    return lambda writer, *operands: writer.real(name, *operands)
-
-
-def _intrinsic(name: str) -> Rule:
-    return lambda writer, *operands: writer.intrinsic(name, *operands)
-
-
-def _library(name: str) -> Rule:
-    return lambda writer, *operands: library_call(writer, name, *operands)
-
-
-def _comparison(predicate: str) -> Rule:
-    return lambda writer, left, right: _number(writer, writer.compare(predicate, left, right))
-
-
 def _number(writer: Writer, condition: str) -> str:
     return writer.select(condition, writer.lanes.constant(1.0), writer.lanes.constant(0.0))
 
@@ -176,20 +344,16 @@ def _truth(writer: Writer, value: str) -> str:
     return writer.compare("une", value, writer.lanes.constant(0.0))  # NaN is true, as in C
 
 
+def _compared(predicate: str) -> Rule:
+    return lambda writer, left, right: _number(writer, writer.compare(predicate, left, right))
+
+
 def _logical(name: str) -> Rule:
     def rule(writer: Writer, left: str, right: str) -> str:
         both = f"{name} {writer.lanes.boolean} {_truth(writer, left)}, {_truth(writer, right)}"
         return _number(writer, writer.let(both))
 
     return rule
-
-
-def _not(writer: Writer, value: str) -> str:
-    return _number(writer, writer.compare("oeq", value, writer.lanes.constant(0.0)))
-
-
-def _if_else_zero(writer: Writer, condition: str, value: str) -> str:
-    return writer.select(_truth(writer, condition), value, writer.lanes.constant(0.0))
 
 
 def _sign(writer: Writer, value: str) -> str:
@@ -209,67 +373,47 @@ def _extremum(better: str) -> Rule:
     return rule
 
 
-def _multiply_subtract(writer: Writer, left: str, right: str, subtrahend: str) -> str:
-    return writer.intrinsic("fma", left, right, writer.real("fneg", subtrahend))
+def _instruction(name: str) -> Rule:
+    return lambda writer, *operands: writer.real(name, *operands)
 
 
-def _subtract_product(writer: Writer, left: str, right: str, minuend: str) -> str:
-    return writer.intrinsic("fma", writer.real("fneg", left), right, minuend)
+def _intrinsic(name: str) -> Rule:
+    return lambda writer, *operands: writer.intrinsic(name, *operands)
+
+
+def _library(name: str) -> Rule:
+    return lambda writer, *operands: library_call(writer, name, *operands)
 
 
 OPCODES: dict[int, Rule] = {
+    **{code: _library(name) for code, name in LIBRARY.items()},
+    **{code: _intrinsic(name) for code, name in SINGLE.items()},
     MULTIPLY_ADD: _intrinsic("fma"),
-    MULTIPLY_SUBTRACT: _multiply_subtract,
-    SUBTRACT_PRODUCT: _subtract_product,
-    casadi.OP_ASSIGN: lambda writer, value: value,
-    casadi.OP_ADD: _operation("fadd"),
-    casadi.OP_SUB: _operation("fsub"),
-    casadi.OP_MUL: _operation("fmul"),
-    casadi.OP_DIV: _operation("fdiv"),
-    casadi.OP_NEG: _operation("fneg"),
-    casadi.OP_SQ: lambda writer, value: writer.real("fmul", value, value),
-    casadi.OP_TWICE: lambda writer, value: writer.real("fadd", value, value),
-    casadi.OP_INV: lambda writer, value: writer.real("fdiv", writer.lanes.constant(1.0), value),
-    casadi.OP_SQRT: _intrinsic("sqrt"),
-    casadi.OP_FABS: _intrinsic("fabs"),
-    casadi.OP_FLOOR: _intrinsic("floor"),
-    casadi.OP_CEIL: _intrinsic("ceil"),
-    casadi.OP_COPYSIGN: _intrinsic("copysign"),
+    MULTIPLY_SUBTRACT: lambda w, a, b, c: w.intrinsic("fma", a, b, w.real("fneg", c)),
+    SUBTRACT_PRODUCT: lambda w, a, b, c: w.intrinsic("fma", w.real("fneg", a), b, c),
+    casadi.OP_ASSIGN: lambda w, x: x,
+    casadi.OP_ADD: _instruction("fadd"),
+    casadi.OP_SUB: _instruction("fsub"),
+    casadi.OP_MUL: _instruction("fmul"),
+    casadi.OP_DIV: _instruction("fdiv"),
+    casadi.OP_NEG: _instruction("fneg"),
+    casadi.OP_SQ: lambda w, x: w.real("fmul", x, x),
+    casadi.OP_TWICE: lambda w, x: w.real("fadd", x, x),
+    casadi.OP_INV: lambda w, x: w.real("fdiv", w.lanes.constant(1.0), x),
     casadi.OP_SIGN: _sign,
     casadi.OP_FMIN: _extremum("olt"),
     casadi.OP_FMAX: _extremum("ogt"),
-    casadi.OP_LT: _comparison("olt"),
-    casadi.OP_LE: _comparison("ole"),
-    casadi.OP_EQ: _comparison("oeq"),
-    casadi.OP_NE: _comparison("une"),
-    casadi.OP_NOT: _not,
+    casadi.OP_LT: _compared("olt"),
+    casadi.OP_LE: _compared("ole"),
+    casadi.OP_EQ: _compared("oeq"),
+    casadi.OP_NE: _compared("une"),
+    casadi.OP_NOT: lambda w, x: _number(w, w.compare("oeq", x, w.lanes.constant(0.0))),
     casadi.OP_AND: _logical("and"),
     casadi.OP_OR: _logical("or"),
-    casadi.OP_IF_ELSE_ZERO: _if_else_zero,
-    casadi.OP_SIN: sine,
-    casadi.OP_COS: cosine,
-    casadi.OP_TAN: _library("tan"),
-    casadi.OP_ASIN: _library("asin"),
-    casadi.OP_ACOS: _library("acos"),
-    casadi.OP_ATAN: _library("atan"),
-    casadi.OP_ATAN2: _library("atan2"),
-    casadi.OP_SINH: _library("sinh"),
-    casadi.OP_COSH: _library("cosh"),
-    casadi.OP_TANH: _library("tanh"),
-    casadi.OP_ASINH: _library("asinh"),
-    casadi.OP_ACOSH: _library("acosh"),
-    casadi.OP_ATANH: _library("atanh"),
-    casadi.OP_EXP: _library("exp"),
-    casadi.OP_EXPM1: _library("expm1"),
-    casadi.OP_LOG: _library("log"),
-    casadi.OP_LOG1P: _library("log1p"),
-    casadi.OP_POW: _library("pow"),
-    casadi.OP_CONSTPOW: _library("pow"),
-    casadi.OP_HYPOT: _library("hypot"),
-    casadi.OP_FMOD: _library("fmod"),
-    casadi.OP_REMAINDER: _library("remainder"),
-    casadi.OP_ERF: _library("erf"),
+    casadi.OP_IF_ELSE_ZERO: lambda w, flag, x: w.select(_truth(w, flag), x, w.lanes.constant(0.0)),
+    casadi.OP_SIN: _turn("sin"),
+    casadi.OP_COS: _turn("cos"),
 }
 
 #: Rules for arguments that are not far, see `flexhinf.codegen.emit.opcodes.is_far`.
-NEAR: dict[int, Rule] = {casadi.OP_SIN: near_sine, casadi.OP_COS: near_cosine}
+NEAR: dict[int, Rule] = {casadi.OP_SIN: _turn("sin", near=True), casadi.OP_COS: _turn("cos", near=True)}

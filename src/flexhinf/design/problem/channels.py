@@ -58,24 +58,12 @@ Design = TypeVar("Design")
 
 @dataclass(frozen=True, eq=False)
 class Channel:
-    """A rank-one part of what a tolerance does.
+    """A rank-one part of what a tolerance does; it is driven either by the state or by the input."""
 
-    Attributes
-    ----------
-    quantity : str
-        The parameter without its joint; channels of one quantity and kind share a scaling.
-    torque : (2 joints,)
-        t, at links and motors.
-    by_state : (n,)
-        c, on the plant's states; zero for a channel of the input.
-    by_input : (m,)
-        e; zero for a channel of the state.
-    """
-
-    quantity: str
-    torque: np.ndarray
-    by_state: np.ndarray
-    by_input: np.ndarray
+    quantity: str  # the parameter without its joint; channels of one quantity and kind share a scaling
+    torque: np.ndarray  # (2 joints,), t at links and motors
+    by_state: np.ndarray  # (n,), c on the plant's states
+    by_input: np.ndarray  # (m,), e
 
     @property
     def group(self) -> tuple[str, str]:
@@ -92,17 +80,25 @@ def channels(robot: Robot, poses: Sequence[np.ndarray]) -> tuple[Channel, ...]:
     plant = robot.plant()
     found: list[Channel] = []
     for parameter in robot.uncertain:
-        changes = [_changes(robot, plant, parameter.name, pose) for pose in poses]
+        name, changes = parameter.name, []
+        for pose in poses:
+            # [T_x T_u] from the nominal robot to each end of the interval, each at its own equilibrium.
+            a, b, torques, _ = plant.linearise(*robot.operating_point(pose))
+            nominal, ends = np.hstack([a, b]), []
+            size = np.abs(np.linalg.lstsq(torques, nominal, rcond=None)[0]).max()
+            for sign in (1.0, -1.0):
+                there = _linearised(robot, plant, {name: sign}, pose)
+                change = np.linalg.lstsq(torques, there - nominal, rcond=None)[0]
+                ends.append(np.where(np.abs(change) > ROUNDING * size, change, 0.0))
+            changes.append(np.array(ends))  # (2, 2 joints, n + m)
         largest = max(changes, key=lambda ends: float(np.abs(ends).max()))
-        found += _rank_one(_quantity(parameter.name, robot.joint_names), largest, plant.n)
+        joint = next((joint for joint in robot.joint_names if name.endswith(f"_{joint}")), None)
+        found += _rank_one(name if joint is None else name.removesuffix(f"_{joint}"), largest, plant.n)
     return tuple(found)
 
 
 def tolerance_channels(robot: Robot, poses: Sequence[np.ndarray]) -> tuple[Channel, ...]:
-    """The same; a robot without any is refused.
-
-    Raises `InvalidInput` if there are none.
-    """
+    """The same. Raises `InvalidInput` if there are none."""
     if found := channels(robot, poses):
         return found
     raise InvalidInput(
@@ -112,24 +108,11 @@ def tolerance_channels(robot: Robot, poses: Sequence[np.ndarray]) -> tuple[Chann
     )
 
 
-def _changes(robot: Robot, plant: Any, name: str, pose: np.ndarray) -> np.ndarray:
-    """[T_x T_u] from the nominal robot to each end of the interval, (2, 2 joints, n + m), each at its own
-    equilibrium."""
-    a, b, torques, _ = plant.linearise(*robot.operating_point(pose))
-    nominal = np.hstack([a, b])
-    size = np.abs(np.linalg.lstsq(torques, nominal, rcond=None)[0]).max()
-    ends = []
-    for sign in (1.0, -1.0):
-        known = plant.parameters.known(robot.corner({name: sign}))
-        equilibrium = robot.operating_point(pose, parameters=known)
-        there = np.hstack(plant.with_parameters(**known).linearise(*equilibrium)[:2])
-        change = np.linalg.lstsq(torques, there - nominal, rcond=None)[0]
-        ends.append(np.where(np.abs(change) > ROUNDING * size, change, 0.0))
-    return np.array(ends)
-
-
-def _quantity(name: str, joints: Sequence[str]) -> str:
-    return next((name.removesuffix(f"_{joint}") for joint in joints if name.endswith(f"_{joint}")), name)
+def _linearised(robot: Robot, plant: Any, signs: dict[str, float], pose: np.ndarray) -> np.ndarray:
+    """[A B] (n, n + m) at a corner of the tolerances, the robot at its own equilibrium at a pose."""
+    known = plant.parameters.known(robot.corner(signs))
+    equilibrium = robot.operating_point(pose, parameters=known)
+    return np.hstack(plant.with_parameters(**known).linearise(*equilibrium)[:2])
 
 
 def _rank_one(quantity: str, ends: np.ndarray, n: int) -> list[Channel]:
@@ -148,28 +131,13 @@ def _rank_one(quantity: str, ends: np.ndarray, n: int) -> list[Channel]:
 
 # Products of tolerances ---------------------------------------------------------------------------------
 def acting_corners(robot: Robot, goal: np.ndarray, problem: GeneralisedPlant) -> LinearCorners:
-    """The problem's plant at the corners of those tolerances that change it, each at its own equilibrium at the goal.
-
-    Parameters
-    ----------
-    goal : (n,)
-        Link positions, rad or m.
-    problem : GeneralisedPlant
-        Without channels of the tolerances.
-    """
+    """The plant of a problem without channels at the corners of those tolerances that change it, each at its own
+    equilibrium at the goal (n,), link positions in rad or m."""
     plant = problem.plant
-
-    def linearised(signs: dict[str, float]) -> np.ndarray:
-        known = plant.parameters.known(robot.corner(signs))
-        equilibrium = robot.operating_point(goal, parameters=known)
-        return np.hstack(plant.with_parameters(**known).linearise(*equilibrium)[:2])
-
-    nominal = np.hstack(
-        plant.linearise(*robot.operating_point(goal))[:2]
-    )  # traced once, shared by all corners
+    nominal = np.hstack(plant.linearise(*robot.operating_point(goal))[:2])  # traced once, for all corners
 
     def acts(name: str) -> bool:
-        return not np.allclose(linearised({name: 1.0}), nominal, rtol=1e-12, atol=0.0)
+        return not np.allclose(_linearised(robot, plant, {name: 1.0}, goal), nominal, rtol=1e-12, atol=0.0)
 
     names = [parameter.name for parameter in robot.uncertain if acts(parameter.name)]
     return LinearCorners.of(
@@ -193,14 +161,8 @@ def enlarge_until_covered(
 ) -> Design:
     """The design with the least enlarged tolerances that no corner breaks; the first one where there is none.
 
-    Parameters
-    ----------
-    first : design
-        Of the tolerances as they are.
-    covered : callable
-        Factor of the tolerances → design; it may raise where the larger tolerances are out of reach.
-    failing : callable
-        Design → corners that break the inequality.
+    `first` is of the tolerances as they are; `covered` makes the design of a factor of them, and may raise where the
+    larger tolerances are out of reach; `failing` counts the corners that break the inequality of a design.
     """
     for factor in ENLARGED[1:] if failing(first) else ():
         try:
@@ -224,18 +186,15 @@ BALANCES, EVALUATIONS, MOST_STATES = 6, 20, 15
 
 @dataclass(frozen=True, eq=False)
 class Scalings:
-    """log s of each channel, and the fraction of the tolerances that is covered."""
+    """Scalings of the channels, and the fraction of the tolerances that the channels stand for."""
 
-    log: np.ndarray
+    log: np.ndarray  # log s of each channel
     fraction: float = 1.0
 
 
 @dataclass(frozen=True, eq=False)
 class RobustProblem:
-    """A nominal problem with the channels of the tolerances.
-
-    `torques` (n, 2 joints): where torques enter.
-    """
+    """A nominal problem with the channels of the tolerances; torques enter by `torques` (n, 2 joints)."""
 
     nominal: LinearProblem
     torques: np.ndarray
@@ -256,18 +215,17 @@ class RobustProblem:
             price += scalings.fraction * s2 * np.outer(channel.by_input, channel.by_input)
         return _root(enter), _root(seen).T, price
 
-    def scaled(self, gamma: float, scalings: Scalings) -> LinearProblem:
-        """The problem of one level γ, its Δ-channels entering with γ L."""
-        return self._scaled(gamma, self.parts(scalings))
-
-    def _scaled(self, gamma: float, parts: tuple[np.ndarray, np.ndarray, np.ndarray]) -> LinearProblem:
-        (enter, seen, price), g = parts, self.nominal
+    def scaled(
+        self, gamma: float, scalings: Scalings, parts: tuple[np.ndarray, ...] | None = None
+    ) -> LinearProblem:
+        """The problem of one level γ, its Δ-channels entering with γ L; `parts` where they are known."""
+        (enter, seen, price), g = parts or self.parts(scalings), self.nominal
         b1 = np.hstack([g.b1, gamma * self.torques @ enter])
         return LinearProblem(g.a, b1, g.b2, np.vstack([g.c, seen]), g.r2 + price)
 
-    def feasible(self, gamma: float, scalings: Scalings) -> bool:
+    def feasible(self, gamma: float, scalings: Scalings, parts: tuple[np.ndarray, ...] | None = None) -> bool:
         """Whether the problem of this level has a solution."""
-        return is_feasible(self.scaled(gamma, scalings).linear_part(), gamma)
+        return is_feasible(self.scaled(gamma, scalings, parts).linear_part(), gamma)
 
     def gamma_star(self, scalings: Scalings, relative: float = ROUGH) -> float:
         """Smallest γ for every robot within the fraction of the tolerances.
@@ -276,7 +234,7 @@ class RobustProblem:
         """
         low, parts = self.nominal.gamma_star(), self.parts(scalings)
         high = LARGEST * low
-        if not is_feasible(self._scaled(high, parts).linear_part(), high):
+        if not self.feasible(high, scalings, parts):
             raise NoFeasibleGamma(
                 "No attenuation level holds for the whole tolerances.",
                 f"no solution even at gamma = {high:.3g}, with {100 * scalings.fraction:.3g} % of the tolerances",
@@ -284,8 +242,7 @@ class RobustProblem:
             )
         while high > (1.0 + relative) * low:
             middle = float(np.sqrt(low * high))
-            fits = is_feasible(self._scaled(middle, parts).linear_part(), middle)
-            low, high = (low, middle) if fits else (middle, high)
+            low, high = (low, middle) if self.feasible(middle, scalings, parts) else (middle, high)
         return high
 
     def design(self, ratio: float, scalings: Scalings) -> LinearDesign:
@@ -394,18 +351,10 @@ PREFIX = "tolerance"
 
 @dataclass(frozen=True)
 class UncertainFlow:
-    """ẋ with torques L w at links and motors, beside the robot's own disturbances; L is a parameter.
-
-    Parameters
-    ----------
-    flow : callable
-        The robot's.
-    torques : int
-        Number of the robot's own disturbances: torques at links and motors.
-    """
+    """The robot's ẋ with torques L w at links and motors, beside its own disturbances; L is a parameter."""
 
     flow: Any
-    torques: int
+    torques: int  # number of the robot's own disturbances: torques at links and motors
 
     def __call__(self, x: Any, u: Any, d: Any, p: Any) -> Any:
         """The rates of all states, of any element."""
@@ -414,10 +363,7 @@ class UncertainFlow:
 
 
 def with_channels(plant: Plant, enter: np.ndarray) -> Plant:
-    """The robot's plant with disturbances w that enter as torques L w.
-
-    `enter` (2 joints, k): L.
-    """
+    """The robot's plant with disturbances w that enter as torques L w; `enter` (2 joints, k) is L."""
     names = tuple(f"{PREFIX}_{k + 1}" for k in range(enter.shape[1]))
     return Plant(
         UncertainFlow(plant.flow, len(plant.disturbances)),
@@ -434,16 +380,9 @@ def with_channels(plant: Plant, enter: np.ndarray) -> Plant:
 
 
 def sized_channels(problem: GeneralisedPlant, nominal: GeneralisedPlant, size: float) -> GeneralisedPlant:
-    """A problem whose channels stand for a fraction of the tolerances, as `RobustProblem.parts` has it.
+    """A problem whose channels stand for a fraction `size` of the tolerances, as `RobustProblem.parts` has it.
 
-    Parameters
-    ----------
-    problem : GeneralisedPlant
-        With the channels of the whole tolerances.
-    nominal : GeneralisedPlant
-        Without any: what this is for size 0.
-    size : float
-        From 0 to 1: L Lᵀ, the rows that are seen and the price of the inputs are multiplied by it.
+    `problem` has the channels of the whole tolerances, `nominal` none.
     """
     if size <= 0.0 or size >= 1.0:
         return nominal if size <= 0.0 else problem

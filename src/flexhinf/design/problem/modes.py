@@ -25,7 +25,6 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.analysis import LinearLoop
 from flexhinf.estimation import stationary_gain
 from flexhinf.loop.simulation.metrics import damping_ratio
 from flexhinf.plant import Penalty
@@ -46,21 +45,11 @@ STANDS_STILL = 1e-7
 
 @dataclass(frozen=True)
 class Mode:
-    """An eigenvalue λ with Im λ ≥ 0, standing for itself and its conjugate.
+    """An eigenvalue λ with Im λ ≥ 0, standing for itself and its conjugate."""
 
-    Attributes
-    ----------
-    eigenvalue : complex
-        1/s.
-    vibration : bool
-        Whether it is a vibration of the springs; otherwise links and motors move together.
-    joint : str
-        Where most of it is.
-    """
-
-    eigenvalue: complex
-    vibration: bool
-    joint: str
+    eigenvalue: complex  # 1/s
+    vibration: bool  # of the springs; otherwise links and motors move together
+    joint: str  # where most of it is
 
     @property
     def frequency(self) -> float:
@@ -105,14 +94,9 @@ def named_modes(
 ) -> tuple[Mode, ...]:
     """Modes by name, slowest first.
 
-    Parameters
-    ----------
-    values, vectors : (N,), (N, N)
-        Eigenvalues, 1/s, and eigenvectors in columns, of a state that begins with link positions, link
-        velocities, motor positions, motor velocities.
-    stiffness, inertia : (n,), (2n, 2n)
-        Of the springs, and of links and motors; for the fractions of energy. Infinite and zero for a rigid joint and
-        its motor, which counts as its link.
+    Eigenvalues (N,), 1/s, and eigenvectors (N, N) in columns are of a state that begins with link positions, link
+    velocities, motor positions, motor velocities. The stiffness (n,) of the springs and the inertia (2n, 2n) of links
+    and motors tell fractions of energy; of a rigid joint they are infinite, and zero for its motor.
     """
     fastest = np.abs(values).max(initial=0.0)
     n, found = len(joints), []
@@ -133,32 +117,13 @@ def named_modes(
     return tuple(sorted(found, key=lambda mode: (abs(mode.eigenvalue), mode.joint)))
 
 
-def running_modes(
-    linear: LinearLoop, joints: Sequence[str], stiffness: np.ndarray, inertia: np.ndarray
-) -> tuple[Mode, ...]:
-    """Modes of the running loop with their continuous equivalents log(z)/T, slowest first; see `named_modes`.
-
-    Parameters
-    ----------
-    linear : LinearLoop
-        Sampled, with estimator and delay.
-    joints, stiffness, inertia
-        As of `named_modes`.
-    """
-    return _sampled_modes(*linear.running.modes(), linear.period, joints, stiffness, inertia)
-
-
 def estimator_modes(
-    estimator: Any,
-    equilibrium: tuple[np.ndarray, np.ndarray],
-    joints: Sequence[str],
-    stiffness: np.ndarray,
-    inertia: np.ndarray,
+    estimator: Any, equilibrium: tuple[np.ndarray, np.ndarray], *names: Any
 ) -> tuple[Mode, ...]:
     """Modes of the estimation error in equilibrium, with the stationary gain of the linearised filter, slowest first.
 
     e(k + 1) = A (1 − L C) e(k) for the sampled A, with L from the stationary Riccati equation of R^v and R^n. With the
-    nominal plant the linearised loop has these modes beside those of the law.
+    nominal plant the linearised loop has these modes beside those of the law. `names`: as of `sampled_modes`.
     """
     from scipy.linalg import expm
 
@@ -166,10 +131,14 @@ def estimator_modes(
     sampled = expm(a * estimator.period)
     gain = stationary_gain((sampled, c), estimator.process_noise, estimator.measurement_noise)
     error = sampled @ (np.eye(len(a)) - gain @ c)
-    return _sampled_modes(*np.linalg.eig(error), estimator.period, joints, stiffness, inertia)
+    return sampled_modes(*np.linalg.eig(error), estimator.period, *names)
 
 
-def _sampled_modes(values: np.ndarray, vectors: np.ndarray, period: float, *names: Any) -> tuple[Mode, ...]:
+def sampled_modes(values: np.ndarray, vectors: np.ndarray, period: float, *names: Any) -> tuple[Mode, ...]:
+    """Modes of a sampled system with their continuous equivalents log(z)/T, slowest first; see `named_modes`.
+
+    `names`: joints, stiffness and inertia, as of `named_modes`.
+    """
     kept = np.abs(values) > DEADBEAT
     rates = np.log(values[kept].astype(complex)) / period
     return named_modes(rates, vectors[:, kept], *names)
@@ -208,39 +177,17 @@ def stiffness_and_inertia(
 INTEGRAL_WEIGHT, VELOCITY_WEIGHT = 0.5, 0.5
 
 
-#: All joints have a spring, however many there are.
-EVERY = Layout(0)
-
-
 @dataclass(frozen=True, eq=False)
 class JointScales:
-    """What weights are scaled by, at a pose.
+    """What weights are scaled by, at a pose."""
 
-    Attributes
-    ----------
-    stiffness, link_inertia, motor_inertia : (n,)
-        K, M, J of each joint; M is the diagonal of the links' inertia at the pose.
-    damping : (n,)
-        Of each motor, back-EMF included, N·m·s/rad.
-    per_input : (n,)
-        Torque per unit of input.
-    held : float
-        Lowest frequency at which the links vibrate while the motors are held, rad/s.
-    layout : Layout, optional
-        Which joints have a spring, all by default; of the others K is infinite, J zero and part of M.
-    """
-
-    stiffness: np.ndarray
-    link_inertia: np.ndarray
-    motor_inertia: np.ndarray
-    damping: np.ndarray
-    per_input: np.ndarray
-    held: float
-    layout: Layout = EVERY
-
-    def __post_init__(self) -> None:
-        if self.layout is EVERY:
-            object.__setattr__(self, "layout", Layout(len(self.stiffness)))
+    stiffness: np.ndarray  # (n,), K of each joint; infinite for a rigid one
+    link_inertia: np.ndarray  # (n,), M, the diagonal of the links' inertia at the pose
+    motor_inertia: np.ndarray  # (n,), J; zero for a rigid joint, where it is part of M
+    damping: np.ndarray  # (n,), of each motor, back-EMF included, N·m·s/rad
+    per_input: np.ndarray  # (n,), torque per unit of input
+    held: float  # lowest frequency at which the links vibrate while the motors are held, rad/s
+    layout: Layout  # which joints have a spring
 
     @staticmethod
     def of(plant: Any, equilibrium: tuple[np.ndarray, np.ndarray]) -> JointScales:
@@ -282,12 +229,8 @@ class JointScales:
     def weights(self, target_frequency: np.ndarray, damping: float | np.ndarray) -> dict[str, np.ndarray]:
         """Weight by name, (n,), or (e,) of what elastic joints have.
 
-        Parameters
-        ----------
-        target_frequency : (n,)
-            ω of each joint, rad/s.
-        damping : float or (n,)
-            ζ, of all joints or of each; 0 leaves the rates of the springs' torques free.
+        `target_frequency` (n,) is ω, rad/s, `damping` is ζ of all joints or of each; 0 leaves the rates of the springs'
+        torques free.
         """
         total = self.link_inertia + self.motor_inertia
         position = target_frequency * np.hypot(total * target_frequency, self.damping) / self.per_input

@@ -38,14 +38,13 @@ from flexhinf.design.problem.channels import (
 from flexhinf.design.problem.modes import JointScales
 from flexhinf.design.problem.weights import (
     DampingOutOfReach,
-    Families,
     LinearDesign,
     LinearFamily,
     LinearProblem,
     SearchResult,
     TargetBehaviour,
+    behaviour_of,
     search,
-    worst_members,
 )
 from flexhinf.design.specification import RINGS, Specification
 from flexhinf.errors import InvalidInput
@@ -76,102 +75,60 @@ def command_of(s: Specification) -> str | None:
 class Robustness:
     """What the channels of the tolerances cover, and what they cost.
 
-    Attributes
-    ----------
-    fraction : float
-        Of the tolerances, that the channels stand for.
-    gamma_star : float
-        Smallest level for every robot within that fraction.
-    nominal_gamma_star : float
-        Of the same penalty without tolerances.
-    nominal_gain, robust_gain : float
-        Level that the nominal robot attains (linear part) with the gain made without channels, and with them.
-    scalings : mapping of str to (float, float)
-        Smallest and largest s of the channels of each quantity.
-    enlarged : float
-        Factor by which the tolerances of the channels were enlarged, so that products of tolerances are covered too.
-    corners, failing_corners : int
-        Corners of the tolerances at which the inequality of the linear part was checked, each at its own equilibrium,
-        and how many of them break it: with any, each tolerance alone is covered, and not all of them together.
-    all_corners : bool
-        Whether these are all corners; otherwise they are sampled.
+    The inequality of the linear part is checked at corners of the tolerances, each at its own equilibrium. Where some
+    of them break it, each tolerance alone is covered, and not all of them together.
     """
 
-    fraction: float
+    fraction: float  # of the tolerances, that the channels stand for
     channels: int
-    gamma_star: float
-    nominal_gamma_star: float
-    nominal_gain: float
-    robust_gain: float
-    scalings: Mapping[str, tuple[float, float]]
-    enlarged: float
-    corners: int
+    gamma_star: float  # smallest level for every robot within that fraction
+    nominal_gamma_star: float  # of the same penalty without tolerances
+    nominal_gain: (
+        float  # level that the nominal robot attains (linear part) with the gain made without channels
+    )
+    robust_gain: float  # the same with channels
+    scalings: Mapping[str, tuple[float, float]]  # smallest and largest s of the channels of each quantity
+    enlarged: (
+        float  # factor on the tolerances of the channels, so that products of tolerances are covered too
+    )
+    corners: int  # corners that were checked
     failing_corners: int
-    all_corners: bool
+    all_corners: bool  # whether these are all corners; otherwise they are sampled
 
 
 @dataclass(frozen=True, eq=False)
 class DesignProblem:
-    """The problem that is solved, and who states it.
+    """The problem that is solved about the goal, and who states it."""
 
-    Attributes
-    ----------
-    preset : {"paper", "damped", "robust", "proved", "given"}
-    penalty : Penalty
-        In the robot's names.
-    problem : GeneralisedPlant
-        What is solved, about the goal.
-    nominal : GeneralisedPlant
-        The same without channels of the tolerances.
-    target, search : TargetBehaviour, SearchResult or None
-        What weights were searched for, and how; of a preset that searches.
-    families : Families or None
-        Of the robot within its tolerances, for which weights were searched.
-    channels : ToleranceChannels or None
-        Of the preset robust.
-    """
-
-    preset: str
-    penalty: Penalty
+    preset: str  # paper, damped, robust, proved or given
+    penalty: Penalty  # in the robot's names
     source: str
     effort_source: str
     problem: GeneralisedPlant
-    nominal: GeneralisedPlant
+    nominal: GeneralisedPlant  # the same without channels of the tolerances
     gamma_star: float
     gamma: float
-    target: TargetBehaviour | None = None
-    search: SearchResult | None = None
+    target: TargetBehaviour | None = None  # behaviour that weights were searched for
+    search: SearchResult | None = None  # of the weights
     robustness: Robustness | None = None
-    families: Families | None = None
-    channels: ToleranceChannels | None = None
+    family: LinearFamily | None = None  # the robots for which weights were searched
+    channels: ToleranceChannels | None = None  # of the preset robust
 
 
 @dataclass(frozen=True, eq=False)
 class ToleranceChannels:
-    """The channels of the tolerances, from which problems of any weights and any fraction of the tolerances are made.
-
-    Attributes
-    ----------
-    torques : (2 joints, k) or None
-        Which torques at links and motors are physical disturbances.
-    scalings : Scalings
-        Of the channels, with the fraction of the tolerances for which there is a solution.
-    corners : LinearCorners
-        At which the inequality of the linear part is checked.
-    enlarged : float
-        Factor of all tolerances, so that their products are covered too.
-    """
+    """The channels of the tolerances, from which the problem of any weights and any fraction of them is made."""
 
     robot: Any
     goal: np.ndarray
     s: Specification
     scales: JointScales
     family: LinearFamily
-    torques: np.ndarray | None
+    torques: np.ndarray | None  # (2 joints, k), which torques at links and motors are physical disturbances
     tolerances: tuple[Channel, ...]
-    scalings: Scalings
-    corners: LinearCorners
-    enlarged: float = 1.0
+    scalings: Scalings  # with the fraction of the tolerances for which there is a solution
+    corners: LinearCorners  # at which the inequality of the linear part is checked
+    enlarged: float = 1.0  # factor of all tolerances, so that their products are covered too
 
     def linear(self, target_frequency: np.ndarray, damping: np.ndarray) -> RobustProblem:
         """The linear problem of the weights for ω (n,) and ζ (n,)."""
@@ -230,22 +187,19 @@ class ChannelledProblem:
         channels, nominal, enlarged = self.channels, self.linear.nominal, self.channels.enlarged
         check = dissipation_of(channels.corners, self.nominal, self.problem, self.gamma)
         plain = nominal.design_at(channels.s.gamma_ratio)
+        by_quantity: dict[str, list[float]] = {}
+        for channel, log in zip(self.linear.channels, self.scalings.log):
+            by_quantity.setdefault("_by_".join(channel.group), []).append(float(np.exp(log)))
+        ends = {group: (min(each), max(each)) for group, each in by_quantity.items()}
         robustness = Robustness(
             self.scalings.fraction / enlarged, len(self.linear.channels), self.gamma_star, plain.gamma_star,
-            nominal.attained(plain.gain), nominal.attained(self.design.gain), self._by_quantity(), enlarged,
+            nominal.attained(plain.gain), nominal.attained(self.design.gain), ends, enlarged,
             check.count, check.failing, check.complete,
         )  # fmt: skip
         return DesignProblem(
             "robust", self.penalty, source, "ours", self.problem, self.nominal, self.gamma_star, self.gamma, target,
             result, robustness, channels=channels,
         )  # fmt: skip
-
-    def _by_quantity(self) -> dict[str, tuple[float, float]]:
-        """Smallest and largest s of the channels of each quantity."""
-        values: dict[str, list[float]] = {}
-        for channel, log in zip(self.linear.channels, self.scalings.log):
-            values.setdefault("_by_".join(channel.group), []).append(float(np.exp(log)))
-        return {group: (min(each), max(each)) for group, each in values.items()}
 
 
 # From a specification to its problem --------------------------------------------------------------------
@@ -305,11 +259,11 @@ def choose(
     """
     preset = preset_of(robot, s)
     if preset in ("damped", "robust", "proved"):
-        families = Families(robot, goal, s.period) if near is None or near.families is None else near.families
+        family = (near and near.family) or LinearFamily.of(robot, goal, period=s.period)
         begun, tried = None if near is None else near.search, s
         for turn in range(YIELDS + 1):  # a second search looks at more corners, and may ask for another turn
             try:
-                return replace(_searched(families, start, tried, preset, begun), families=families)
+                return replace(_searched(family, start, tried, preset, begun), family=family)
             except DampingOutOfReach as refused:
                 if s.damping is not None or not refused.reached or turn == YIELDS:
                     raise
@@ -362,9 +316,9 @@ def _stated(robot: Robot, goal: np.ndarray, s: Specification) -> tuple[Penalty, 
 
 
 def _searched(
-    families: Families, start: np.ndarray, s: Specification, preset: str, near: SearchResult | None
+    few: LinearFamily, start: np.ndarray, s: Specification, preset: str, near: SearchResult | None
 ) -> DesignProblem:
-    robot, goal = families.robot, families.goal
+    robot, goal = few.robot, few.goal
     scales = JointScales.of(robot.plant(), robot.operating_point(goal))
     target = TargetBehaviour(_bandwidths(s, scales, len(goal)), required_damping(s))
     torques = None
@@ -375,12 +329,12 @@ def _searched(
 
     def nominal(target_frequency: np.ndarray, damping: np.ndarray) -> LinearProblem:
         rows = scales.rows(target_frequency, damping)
-        return LinearProblem.of(families.few, rows, command_of(s) is not None, torques)
+        return LinearProblem.of(few, rows, command_of(s) is not None, torques)
 
     def synthesis(target_frequency: np.ndarray, damping: np.ndarray) -> LinearDesign:
         return nominal(target_frequency, damping).design_at(s.gamma_ratio)
 
-    result, family = _widened(families, target, families.few, synthesis, scales.held, near)
+    result, family = _widened(few, target, few, synthesis, scales.held, near)
     source, chosen = f"found for {target.text}", result.chosen
     if preset == "damped":
         penalty = scales.penalty(chosen.target_frequency, chosen.damping_weights)
@@ -401,7 +355,7 @@ def _searched(
         def robust_synthesis(target_frequency: np.ndarray, damping: np.ndarray) -> LinearDesign:
             return larger.linear(target_frequency, damping).design(s.gamma_ratio, larger.scaled(1.0))
 
-        result, _ = _widened(families, target, family, robust_synthesis, scales.held)
+        result, _ = _widened(few, target, family, robust_synthesis, scales.held)
         problem = larger.problem(result.chosen.target_frequency, result.chosen.damping_weights, 1.0)
         return problem.checked(target, result, f"{source}, beside the channels of the tolerances")
 
@@ -414,19 +368,21 @@ def _searched(
 
 
 def _widened(
-    families: Families,
+    few: LinearFamily,
     target: TargetBehaviour,
     family: LinearFamily,
     synthesis: Any,
     held: float,
     near: SearchResult | None = None,
 ) -> tuple[SearchResult, LinearFamily]:
-    """A search, and again with the worst of many corners among the members."""
+    """A search, and again with the worst of many corners among the members of the family."""
     start = None if near is None else near.chosen
     if len(family.a) == 1:
         return search(target, family, synthesis, held, near=start), family
     result = search(target, family, synthesis, held, each=False) if near is None else near
-    wider = family.with_members(families.many, worst_members(families.many, result.chosen.design.gain))
+    worst = sorted(set(behaviour_of(few.many, result.chosen.design.gain).worst))
+    a, b = np.concatenate([family.a, few.many.a[worst]]), np.concatenate([family.b, few.many.b[worst]])
+    wider = replace(family, a=a, b=b)
     return search(target, wider, synthesis, held, near=start), wider
 
 

@@ -42,46 +42,32 @@ ROUGH = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class LinearFamily:
-    """Linearisations of N members, the nominal one first.
+    """Linearisations of N robots at a goal, the nominal one first, with one integral per joint as last states."""
 
-    Attributes
-    ----------
-    a, b : (N, n, n), (N, n, m)
-        With one integral per joint as last states.
-    torques : (n, 2 joints)
-        Where torques at links and motors enter, nominal.
-    energy : (stiffness, inertia)
-        Of the nominal robot, to tell vibrations from other modes.
-    period : float
-        s, of the samples at which the law of the nominal robot acts; 0: always.
-    """
-
-    a: np.ndarray
-    b: np.ndarray
-    torques: np.ndarray
+    a: np.ndarray  # (N, n, n)
+    b: np.ndarray  # (N, n, m)
+    torques: np.ndarray  # (n, 2 joints), where torques at links and motors enter the nominal robot
     joints: tuple[str, ...]
-    energy: tuple[np.ndarray, np.ndarray]
-    period: float = 0.0
+    energy: tuple[
+        np.ndarray, np.ndarray
+    ]  # stiffness and inertia, nominal: they tell vibrations from other modes
+    robot: Robot
+    goal: np.ndarray  # (n,), link positions, rad or m
+    period: float = 0.0  # s, of the samples at which the law of the nominal robot acts; 0: always
 
     @cached_property
     def sampled(self) -> tuple[np.ndarray, np.ndarray]:
         """(Φ, Γ) of the nominal robot over one period with a constant input."""
-        n, m = self.nominal[1].shape
+        n, m = self.b[0].shape
         both = np.zeros((n + m, n + m))
-        both[:n] = np.hstack(self.nominal)
+        both[:n] = np.hstack([self.a[0], self.b[0]])
         held = scipy.linalg.expm(both * self.period)
         return held[:n, :n], held[:n, n:]
 
-    @property
-    def nominal(self) -> tuple[np.ndarray, np.ndarray]:
-        """(A, B) of the nominal robot."""
-        return self.a[0], self.b[0]
-
-    def with_members(self, other: LinearFamily, places: Any) -> LinearFamily:
-        """The same family with some members of another one."""
-        chosen = sorted(set(places))
-        a, b = np.concatenate([self.a, other.a[chosen]]), np.concatenate([self.b, other.b[chosen]])
-        return replace(self, a=a, b=b)
+    @cached_property
+    def many(self) -> LinearFamily:
+        """The family of `MANY` corners, among which the worst for the first weights are looked for."""
+        return LinearFamily.of(self.robot, self.goal, MANY, seed=1)
 
     @staticmethod
     def of(
@@ -103,34 +89,7 @@ class LinearFamily:
         torques = np.zeros((n + joints, 2 * joints))
         torques[:n] = matrices[0][2]
         energy = stiffness_and_inertia(plant, equilibrium)
-        return LinearFamily(a, b, torques, robot.joint_names, energy, period)
-
-
-@dataclass(frozen=True, eq=False)
-class Families:
-    """Linearisations of one robot about one goal, made when they are first asked for, for any number of searches.
-
-    Parameters
-    ----------
-    goal : (n,)
-        Link positions, rad or m.
-    period : float
-        s, at which the law of the nominal robot acts.
-    """
-
-    robot: Any
-    goal: np.ndarray
-    period: float
-
-    @cached_property
-    def few(self) -> LinearFamily:
-        """Those that a search begins with."""
-        return LinearFamily.of(self.robot, self.goal, period=self.period)
-
-    @cached_property
-    def many(self) -> LinearFamily:
-        """Those among which the worst for the first weights are looked for."""
-        return LinearFamily.of(self.robot, self.goal, MANY, seed=1)
+        return LinearFamily(a, b, torques, robot.joint_names, energy, robot, goal, period)
 
 
 def _corners(robot: Robot, count: int, seed: int = 0) -> list[dict[str, Any]]:
@@ -151,48 +110,31 @@ PER_DECADE = 60
 
 @dataclass(frozen=True, eq=False)
 class Behaviour:
-    """The worst over the members of a family.
+    """Bandwidth and damping of the loops of a family: those of its worst members."""
 
-    Attributes
-    ----------
-    bandwidth : (n,)
-        Of each joint, rad/s: the smallest.
-    damping : float
-        Smallest damping ratio of an oscillation; infinite where nothing oscillates, −∞ for a loop that is unstable.
-    nominal_damping : float
-        Of the nominal robot.
-    joint_damping : (n,)
-        Smallest of the vibrations that are mainly in the spring of each joint; infinite where there is none.
-    """
-
-    bandwidth: np.ndarray
-    damping: float
-    nominal_damping: float
-    joint_damping: np.ndarray
+    bandwidth: np.ndarray  # (n,), of each joint, rad/s
+    damping: float  # of an oscillation; infinite where nothing oscillates, −∞ for an unstable loop
+    nominal_damping: float  # of the nominal robot
+    joint_damping: (
+        np.ndarray
+    )  # (n,), of the vibrations mainly in the spring of each joint; infinite without any
+    worst: list[int]  # the members with the smallest damping, and the smallest bandwidth of each joint
 
 
 def behaviour_of(family: LinearFamily, gain: np.ndarray) -> Behaviour:
     """Of u = u* + K x, K (m, n)."""
-    loops = family.a + family.b @ gain
+    loops, joints = family.a + family.b @ gain, len(family.joints)
     modes = [modes_of(loop, family.joints, *family.energy) for loop in loops]
     if family.period:
         modes[0] = _sampled_modes(family, gain)
     damping = [_damping(each) for each in modes]
-    joints = len(family.joints)
-    bandwidths = _bandwidths(loops, joints).min(axis=0) if min(damping) > -np.inf else np.zeros(joints)
+    bandwidth, worst = np.zeros(joints), [int(np.argmin(damping))]
+    if min(damping) > -np.inf:
+        every = _bandwidths(loops, joints)
+        bandwidth, worst = every.min(axis=0), worst + np.argmin(every, axis=0).tolist()
     vibrations = [mode for each in modes for mode in each if mode.vibration]
     own = [min((m.damping for m in vibrations if m.joint == name), default=np.inf) for name in family.joints]
-    return Behaviour(bandwidths, min(damping), damping[0], np.array(own))
-
-
-def worst_members(family: LinearFamily, gain: np.ndarray) -> list[int]:
-    """The members with the smallest bandwidth of each joint, and with the smallest damping."""
-    loops = family.a + family.b @ gain
-    damping = [_damping(modes_of(loop, family.joints, *family.energy)) for loop in loops]
-    worst = [int(np.argmin(damping))]
-    if min(damping) > -np.inf:
-        worst += np.argmin(_bandwidths(loops, len(family.joints)), axis=0).tolist()
-    return worst
+    return Behaviour(bandwidth, min(damping), damping[0], np.array(own), worst)
 
 
 def _sampled_modes(family: LinearFamily, gain: np.ndarray) -> tuple[Mode, ...]:
@@ -245,22 +187,12 @@ def _crossing(frequencies: np.ndarray, response: np.ndarray) -> np.ndarray:
 # The H∞ gain of the nominal robot -----------------------------------------------------------------------
 @dataclass(frozen=True, eq=False)
 class LinearDesign:
-    """A gain and its levels.
+    """A gain and its levels."""
 
-    Attributes
-    ----------
-    gain : (m, n)
-        u − u* = K x.
-    p : (n, n)
-        V = ½ xᵀ P x.
-    gamma, gamma_star : float
-        Of the design, and the smallest feasible one (to `ROUGH`).
-    """
-
-    gain: np.ndarray
-    p: np.ndarray
-    gamma: float
-    gamma_star: float
+    gain: np.ndarray  # (m, n), u − u* = K x
+    p: np.ndarray  # (n, n), V = ½ xᵀ P x
+    gamma: float  # level of the design
+    gamma_star: float  # the smallest feasible one, to `ROUGH`
 
 
 @dataclass(frozen=True, eq=False)
@@ -277,18 +209,9 @@ class LinearProblem:
     def of(
         family: LinearFamily, rows: np.ndarray, command: bool, torques: np.ndarray | None = None
     ) -> LinearProblem:
-        """With h(x) = C x, R2 = I, and disturbances by the command and by torques.
-
-        Parameters
-        ----------
-        rows : (s, n)
-            C.
-        command : bool
-            Whether the command is a disturbance, through ė = q − d.
-        torques : (2 joints, k) or None
-            Which torques at links and motors disturb.
-        """
-        a, b2 = family.nominal
+        """With h(x) = C x, R2 = I, `rows` (s, n) = C; disturbed by the command through ė = q − d, and by the `torques`
+        (2 joints, k) at links and motors."""
+        a, b2 = family.a[0], family.b[0]
         n, joints = len(a), len(family.joints)
         enter = np.zeros((n, joints))
         enter[n - joints :] = -np.eye(joints)
@@ -347,32 +270,21 @@ FASTEST = 30.0
 
 
 class DampingOutOfReach(InvalidInput):
-    """No weights damp every oscillation as required.
-
-    `reached` is a damping ratio that weights are found for, a little below the best.
-    """
+    """No weights damp every oscillation as required; `reached` is a damping ratio a little below the best."""
 
     reached = 0.0
 
 
 @dataclass(frozen=True, eq=False)
 class TargetBehaviour:
-    """The behaviour that weights are searched for.
+    """The behaviour that weights are searched for."""
 
-    Attributes
-    ----------
-    bandwidth : (n,)
-        Of each joint at least, rad/s.
-    damping : float
-        Of every oscillation at least.
-    """
-
-    bandwidth: np.ndarray
-    damping: float
+    bandwidth: np.ndarray  # (n,), of each joint at least, rad/s
+    damping: float  # of every oscillation at least
 
     @property
     def text(self) -> str:
-        """As text."""
+        """Bandwidth and damping ratio."""
         low, high = self.bandwidth.min(), self.bandwidth.max()
         band = f"{low:.3g}" if low == high else f"{low:.3g} to {high:.3g}"
         return f"{band} rad/s and a damping ratio of {self.damping:.3g}"
@@ -380,18 +292,10 @@ class TargetBehaviour:
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """Weights that were tried, and what they came to.
+    """Weights that were tried, and the behaviour with them."""
 
-    Attributes
-    ----------
-    target_frequency : (n,)
-        ω of each joint, rad/s.
-    damping_weights : (n,)
-        ζ of each joint.
-    """
-
-    target_frequency: np.ndarray
-    damping_weights: np.ndarray
+    target_frequency: np.ndarray  # (n,), ω of each joint, rad/s
+    damping_weights: np.ndarray  # (n,), ζ of each joint
     design: LinearDesign
     behaviour: Behaviour
 
@@ -403,10 +307,7 @@ class Candidate:
 
 @dataclass(frozen=True, eq=False)
 class SearchResult:
-    """The outcome, and the way to it.
-
-    `candidates`: one per ζ, in the order of the search.
-    """
+    """The chosen weights, and all that were tried: one candidate per ζ, in the order of the search."""
 
     chosen: Candidate
     candidates: tuple[Candidate, ...]
@@ -435,20 +336,29 @@ def search(
 
     Raises `InvalidInput` if it cannot be met: which limit binds, and the best that was found.
     """
-    candidates = _Search(target, family, synthesis, FASTEST * held)
-    chosen = (None if near is None else candidates.in_proportion(near)) or candidates.damped()
+    start = 1.5 * target.bandwidth
+    if near is not None:
+        start = near.target_frequency * target.bandwidth / near.behaviour.bandwidth
+    attempt, chosen = _Search(target, family, synthesis, FASTEST * held, start), None
+    if near is not None:
+        weights = near.damping_weights * target.damping / near.behaviour.damping
+        tried = (attempt.fit_damped(more * weights) for more in PROPORTIONS)
+        chosen = next((candidate for candidate in tried if candidate), None)
+    chosen = chosen or attempt.damped()
     if each and len(target.bandwidth) > 1 and chosen.damping_weight:
-        chosen = candidates.lowered(chosen)
-    return SearchResult(chosen, tuple(candidates.tried))
+        chosen = attempt.lowered(chosen)
+    return SearchResult(chosen, tuple(attempt.tried))
 
 
 class _Search:
-    """Candidates of one search. `fastest` is the largest target frequency that is tried, rad/s."""
+    """Candidates of one search, from target frequencies `start` up to `fastest`, rad/s."""
 
-    def __init__(self, target: TargetBehaviour, family: LinearFamily, synthesis: Any, fastest: float) -> None:
-        self.target, self.family, self.synthesis, self.fastest = target, family, synthesis, fastest
+    def __init__(
+        self, target: TargetBehaviour, family: LinearFamily, synthesis: Any, fastest: float, start: np.ndarray
+    ) -> None:
+        self.target, self.family, self.synthesis = target, family, synthesis
+        self.fastest, self.start = fastest, start
         self.tried: list[Candidate] = []
-        self.start = 1.5 * target.bandwidth
         # Largest fraction of the required bandwidths that any stable loop had, in all joints at once.
         self.reached = 0.0
 
@@ -480,15 +390,8 @@ class _Search:
         candidate = self.fit(damping_weight)
         return candidate if candidate and candidate.behaviour.damping >= self.target.damping else None
 
-    def in_proportion(self, near: Candidate) -> Candidate | None:
-        """The ω and ζ of another behaviour, in proportion; None where they do not damp as required."""
-        self.start = near.target_frequency * self.target.bandwidth / near.behaviour.bandwidth
-        weights = near.damping_weights * self.target.damping / near.behaviour.damping
-        candidates = (self.fit_damped(more * weights) for more in PROPORTIONS)
-        return next((candidate for candidate in candidates if candidate), None)
-
     def damped(self) -> Candidate:
-        """The smallest ζ with which every oscillation is damped as required."""
+        """The smallest ζ with which every oscillation is damped as required, by growth and bisection."""
         damping_weight, below = 0.0, 0.0
         best: Candidate | None = None
         while damping_weight <= LARGEST:
@@ -496,18 +399,36 @@ class _Search:
             if tried is not None:
                 best = tried if best is None or tried.behaviour.damping > best.behaviour.damping else best
                 if tried.behaviour.damping >= self.target.damping:
-                    return tried if damping_weight == 0.0 else self.bisected(below, tried)
+                    break
                 below = damping_weight
             damping_weight = max(SMALLEST, damping_weight * GROWTH)
-        raise _out_of_reach(self.target, best, self.reached)
+        else:
+            raise self._out_of_reach(best)
+        for _ in range(HALVINGS if damping_weight else 0):
+            middle = 0.5 * (below + tried.damping_weight)
+            candidate = self.fit_damped(middle)
+            below, tried = (below, candidate) if candidate else (middle, tried)
+        return tried
 
-    def bisected(self, below: float, above: Candidate) -> Candidate:
-        """The smallest ζ between one that does not damp as required and one that does."""
-        for _ in range(HALVINGS):
-            middle = 0.5 * (below + above.damping_weight)
-            tried = self.fit_damped(middle)
-            below, above = (below, tried) if tried else (middle, above)
-        return above
+    def _out_of_reach(self, best: Candidate | None) -> InvalidInput:
+        bandwidth, damping = self.target.bandwidth, self.target.damping
+        required = f"a bandwidth of {_text(bandwidth)} rad/s with a damping ratio of {damping:g}"
+        if best is None:
+            return InvalidInput(
+                "The specification cannot be met: the bandwidth binds.",
+                f"expected {required}; the best found that is stable within the tolerances is "
+                f"{_text(self.reached * bandwidth)} rad/s",
+                "a smaller `bandwidth`; the springs' own frequency is about the most that a joint follows",
+            )
+        reached = max(0.0, 0.95 * best.behaviour.damping)
+        refused = DampingOutOfReach(
+            "The specification cannot be met: the damping of the oscillations binds.",
+            f"expected {required} for the robot and its tolerances; the best found at this bandwidth is "
+            f"{best.behaviour.damping:.3g} ({best.behaviour.nominal_damping:.3g} for the nominal robot)",
+            f"damping={reached:.2g}, or another `bandwidth`",
+        )
+        refused.reached = reached
+        return refused
 
     def lowered(self, best: Candidate) -> Candidate:
         """The ζ of each joint lowered to what its vibration needs, one after the other, the most damped one first.
@@ -534,23 +455,3 @@ class _Search:
 def _text(values: np.ndarray) -> str:
     low, high = float(np.min(values)), float(np.max(values))
     return f"{low:.3g}" if high - low <= 2.0 * FITS * high else f"{low:.3g} to {high:.3g}"
-
-
-def _out_of_reach(target: TargetBehaviour, best: Candidate | None, reached: float) -> InvalidInput:
-    required = f"a bandwidth of {_text(target.bandwidth)} rad/s with a damping ratio of {target.damping:g}"
-    if best is None:
-        return InvalidInput(
-            "The specification cannot be met: the bandwidth binds.",
-            f"expected {required}; the best found that is stable within the tolerances is "
-            f"{_text(reached * target.bandwidth)} rad/s",
-            "a smaller `bandwidth`; the springs' own frequency is about the most that a joint follows",
-        )
-    reached = max(0.0, 0.95 * best.behaviour.damping)
-    refused = DampingOutOfReach(
-        "The specification cannot be met: the damping of the oscillations binds.",
-        f"expected {required} for the robot and its tolerances; the best found at this bandwidth is "
-        f"{best.behaviour.damping:.3g} ({best.behaviour.nominal_damping:.3g} for the nominal robot)",
-        f"damping={reached:.2g}, or another `bandwidth`",
-    )
-    refused.reached = reached
-    return refused

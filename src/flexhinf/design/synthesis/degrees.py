@@ -28,7 +28,6 @@ from flexhinf.design.monte_carlo import sampled_runs
 from flexhinf.design.problem.modes import closed_loop
 from flexhinf.design.requirements import sample_requirements, step_requirements
 from flexhinf.design.responses import Response, run_length, sample_robots
-from flexhinf.design.specification import Specification
 from flexhinf.hinf import HJISolution, smallest_gamma, solve_hji
 from flexhinf.plant import GeneralisedPlant
 
@@ -38,62 +37,45 @@ RAYS = ((10, 500), (20, 200))
 
 @dataclass(frozen=True)
 class DegreeChoice:
-    """What a degree gives.
+    """A degree of V with its solution, its sampled region and the cost of its step; nan and inf as each field says.
 
-    Attributes
-    ----------
-    degree : int
-        Of V; the law has one less.
-    level : float
-        Largest level set {V ≤ level} on which nothing against the dissipation inequality was found (sampled); nan where
-        there is no region, or none was looked for.
-    step_amplitude : float
-        Largest step between equilibria whose start lies in it, in the unit of the tracked states; nan likewise.
-    limit : str
-        What bounds the level set, or why there is none.
-    residual : float
-        Largest relative residual of Eq. (8) in any degree, as measured.
-    solve_seconds, check_seconds : float
-        Wall time.
-    looked : bool
-        Whether the region was sampled; level and step are nan otherwise.
-    acting : float
-        How much this law would change the input along the step of the lowest degree, over its largest value there (both
-        deviations from the goal's); nan where it was not computed.
-    cost : float
-        ∫|z|² of the step without the integrals; infinite if it diverges, nan if it was not run.
-    missed : tuple of str
-        Requirements of the step that a lower degree keeps and this one does not; only of a cheaper step.
+    The region is the largest level set {V ≤ level} on which nothing against the dissipation inequality was found.
     """
 
-    degree: int
+    degree: int  # of V; the law has one less
     solution: HJISolution
-    residual: float
-    solve_seconds: float
-    check_seconds: float = 0.0
-    level: float = math.nan
-    step_amplitude: float = math.nan
-    limit: str = "not sampled"
-    looked: bool = False
-    acting: float = math.nan
-    cost: float = math.nan
-    missed: tuple[str, ...] = ()
+    residual: float  # largest relative residual of Eq. (8) in any degree, as measured
+    solve_seconds: float  # wall time, s
+    check_seconds: float = 0.0  # wall time, s
+    level: float = math.nan  # of the region; nan where there is none, or none was looked for
+    step_amplitude: float = (
+        math.nan
+    )  # largest step that starts in the region, in the unit of the tracked states
+    limit: str = "not sampled"  # what bounds the level set, or why there is none
+    looked: bool = False  # whether the region was sampled
+    acting: float = math.nan  # change of the input along the step of the lowest degree, see `_Trial.acting`
+    cost: float = (
+        math.nan
+    )  # ∫|z|² of the step without the integrals; inf if it diverges, nan if it was not run
+    missed: tuple[
+        str, ...
+    ] = ()  # requirements that the costlier step of a lower degree meets, and this one misses
 
 
-def tried_degrees(states: int, s: Specification) -> tuple[int, ...]:
+def tried_degrees(states: int, stated: Sequence[int] | None) -> tuple[int, ...]:
     """Degrees of V that are solved: as stated, or fewer for more states."""
-    return tuple(s.degrees) if s.degrees is not None else ((2, 4, 6) if states <= 10 else (2, 4))
+    return tuple(stated) if stated is not None else ((2, 4, 6) if states <= 10 else (2, 4))
 
 
-def rays_of(states: int, s: Specification) -> int:
+def rays_of(states: int, stated: int | None) -> int:
     """Rays in which a region is sampled: as stated, or fewer for more states."""
-    return next((count for most, count in RAYS if states <= most), 0) if s.rays is None else s.rays
+    return next((count for most, count in RAYS if states <= most), 0) if stated is None else stated
 
 
-def synthesis_stages(states: int, s: Specification) -> int:
+def synthesis_stages(states: int, degrees: Sequence[int] | None, rays: int | None) -> int:
     """How many steps of work the degrees are, for a progress bar: solutions, the choice, and sampled regions."""
-    count = len(tried_degrees(states, s))
-    regions = (count if s.degrees is not None else 1) if rays_of(states, s) else 0
+    count = len(tried_degrees(states, degrees))
+    regions = (count if degrees is not None else 1) if rays_of(states, rays) else 0
     return count + (count > 1) + regions
 
 
@@ -104,17 +86,7 @@ def solve_degrees(
     gamma: float,
     progress: Callable[[str], None] = lambda text: None,
 ) -> Iterator[DegreeChoice]:
-    """Solve to each degree; no region is sampled.
-
-    Parameters
-    ----------
-    problem : GeneralisedPlant
-        About the goal pose: a step to the goal starts at a deviation from it.
-    progress : callable
-        Called with what comes next, once per degree.
-
-    Raises `InfeasibleGamma` or `InvalidInput` as `solve_hji`.
-    """
+    """Solve the problem about the goal to each degree; no region is sampled. Raises as `solve_hji`."""
     for degree in degrees:
         progress(f"degree {degree}: solve")
         start = time.perf_counter()
@@ -127,17 +99,7 @@ def solve_degrees(
 def with_region(
     choice: DegreeChoice, gamma: float, penalty: object = None, rays: int = 500, seed: int = 0
 ) -> DegreeChoice:
-    """The same with its region sampled.
-
-    Parameters
-    ----------
-    gamma : float
-        Of the inequality that is checked; it must be weaker than the designed one, see `HJISolution.sampled_region`.
-    penalty : optional
-        Of the inequality that is checked; 0.9 times the designed one by default.
-
-    Raises `InvalidInput` as `HJISolution.sampled_region`.
-    """
+    """The same with the region of this inequality sampled, see `HJISolution.sampled_region`."""
     start, solution = time.perf_counter(), choice.solution
     check = solution.sampled_region(gamma=gamma, penalty=penalty, rays=rays, seed=seed)  # type: ignore[arg-type]
     if check is None:
@@ -161,19 +123,11 @@ def try_degrees(
 ) -> Iterator[DegreeChoice]:
     """Solve to each degree and sample the region where the solution holds.
 
-    Parameters
-    ----------
-    problem, degrees, progress
-        As of `solve_degrees`.
-    gamma_ratio, checked_gamma_ratio : float
-        γ/γ* of the design, and of the inequality that is checked.
-    checked_penalty, rays, seed
-        As of `with_region`; without rays no region is sampled.
-    gamma_star : float, optional
-        Of which the ratios are, where it is not the problem's own: that of a robust problem, for all robots within the
-        tolerances.
-
-    Raises `InfeasibleGamma` or `InvalidInput` as `solve_hji` and `HJISolution.sampled_region`.
+    `problem`, `degrees`, `progress`: as of `solve_degrees`. `gamma_ratio`, `checked_gamma_ratio`: γ/γ* of the design,
+    and of the inequality that is checked. `checked_penalty`, `rays`, `seed`: as of `with_region`; without rays no
+    region is sampled. `gamma_star`: of which the ratios are, where it is not the problem's own: that of a robust
+    problem, for all robots within the tolerances. Raises `InfeasibleGamma` or `InvalidInput` as `solve_hji` and
+    `HJISolution.sampled_region`.
     """
     gamma_star = smallest_gamma(problem) if gamma_star is None else gamma_star
     for choice in solve_degrees(problem, degrees, gamma_ratio * gamma_star, progress):
@@ -207,22 +161,15 @@ INSTANTS = 2000
 def choose_degree(
     setup: LoopSetup, problem: GeneralisedPlant, choices: Sequence[DegreeChoice]
 ) -> tuple[DegreeChoice, tuple[DegreeChoice, ...]]:
-    """The degree that is used, and all of them by rising degree, with what their steps cost.
+    """The degree that is used, and all of them by rising degree, with the costs of their steps.
 
-    Parameters
-    ----------
-    setup : LoopSetup
-        The loop of the design, whatever its law.
-    problem : GeneralisedPlant
-        The nominal problem about the goal, whose penalty is the cost.
+    `setup` is the loop of the design, whatever its law; the penalty of `problem`, the nominal one, is the cost.
     """
     lowest, *higher = sorted(choices, key=lambda choice: choice.degree)
-    if (
-        not higher or setup.specification.via
-    ):  # with laws at several poses the robot is never far from the nearest one
+    if not higher or setup.specification.via:  # with several laws the robot is never far from a law's pose
         return lowest, (lowest, *higher)
     first = used = _Trial.of(setup, problem, lowest)
-    higher = [replace(choice, acting=first.acting(choice)) for choice in higher]
+    higher = [replace(choice, acting=acting) for choice, acting in zip(higher, first.acting(higher))]
     if all(choice.acting < ACTING for choice in higher):
         return first.choice, (first.choice, *higher)
     judged = [first.choice]
@@ -239,22 +186,10 @@ def choose_degree(
 def step_cost(
     problem: GeneralisedPlant, response: Response, at: tuple[np.ndarray, np.ndarray] | None = None
 ) -> float:
-    """∫|z|² dt of a run, z of deviations from an equilibrium, without what weights the integrals of the error.
+    """∫|z|² dt of a run, without what weights the integrals of the error; infinite where the run diverged.
 
-    Each law chooses its own integrals at the start of a step, such that the input does not jump. They are no part of
-    what the robot does, and count as zero.
-
-    Parameters
-    ----------
-    problem : GeneralisedPlant
-        Its penalty and R2.
-    at : (x, u), optional
-        State (as the run has it) and input of the equilibrium; the problem's by default.
-
-    Returns
-    -------
-    float
-        Infinite where the run diverged.
+    Each law chooses its own integrals at the start of a step, such that the input does not jump, so they count as zero.
+    z is of deviations from the equilibrium `at`: state (as the run has it) and input, by default the problem's.
     """
     if response.diverged_at is not None:
         return float("inf")
@@ -272,8 +207,6 @@ def step_cost(
 
 @dataclass(frozen=True, eq=False)
 class _Trial:
-    """The step of one degree."""
-
     choice: DegreeChoice
     setup: LoopSetup
     problem: GeneralisedPlant
@@ -293,30 +226,27 @@ class _Trial:
         step = setup.step(length)
         return _Trial(replace(choice, cost=step_cost(problem, step)), setup, problem, step, length)
 
-    def acting(self, other: DegreeChoice) -> float:
-        """How much the law of another degree would change the input along this step, over the largest input of this
+    def acting(self, others: Sequence[DegreeChoice]) -> list[float]:
+        """How much the laws of other degrees would change the input along this step, over the largest input of this
         law there; both are deviations from the goal's, weighted by R2."""
-        moved, r2 = self._deviations, self.problem.r2
         if self.step.diverged_at is not None:
-            return float("inf")
-        own = self.choice.solution.inputs(moved)
-        with np.errstate(all="ignore"):
-            more = other.solution.inputs(moved) - own
-        sizes = [float(np.einsum("ki,ij,kj->k", u, r2, u).max()) for u in (more, own)]
-        return float(np.sqrt(sizes[0] / sizes[1])) if sizes[1] > 0.0 else 0.0
-
-    @cached_property
-    def _deviations(self) -> np.ndarray:
-        """From the goal's equilibrium, with the integrals of the error, (N, n)."""
-        run, law, setup = self.step.run, self.choice.solution, self.setup
-        few = slice(None, None, max(1, len(run.time) // INSTANTS))
+            return [float("inf")] * len(others)
+        run, law, setup, r2 = self.step.run, self.choice.solution, self.setup, self.problem.r2
         wanted = setup.goal
         if setup.command is not None:
             wanted = np.reshape(setup.command(run.time), (len(run.time), -1))
         grown = setup.specification.period * np.cumsum(self.step.positions - wanted, axis=0)
         columns = [run.names["state"].index(name) for name in self.problem.plant.states]
         moved = run.signals["state"][:, columns] - law.operating_point[: len(columns)]
-        return np.hstack([moved, setup.departure(law)[len(columns) :] + grown])[few]
+        moved = np.hstack([moved, setup.departure(law)[len(columns) :] + grown])
+        moved = moved[:: max(1, len(run.time) // INSTANTS)]
+        own, ratios = law.inputs(moved), []
+        for other in others:
+            with np.errstate(all="ignore"):
+                more = other.solution.inputs(moved) - own
+            sizes = [float(np.einsum("ki,ij,kj->k", u, r2, u).max()) for u in (more, own)]
+            ratios.append(float(np.sqrt(sizes[0] / sizes[1])) if sizes[1] > 0.0 else 0.0)
+        return ratios
 
     @cached_property
     def missed(self) -> frozenset[str]:

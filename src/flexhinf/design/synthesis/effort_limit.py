@@ -5,7 +5,7 @@ nonlinear loop keeps them.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -51,21 +51,40 @@ def problem_within_effort(task: Task, problem: DesignProblem, levels: EstimatorN
         return problem
     task.progress("the peak input of the step")
     search = _Search(task, levels, limits, problem)
-    peaks = search.peaks(problem)
-    if not peaks.exceeds(1.0 + TOLERANCE).any():
+    peaks, most = search.peaks(problem), 1.0 + TOLERANCE
+    if not peaks.exceeds(most).any():
         return problem
-    if s.bandwidth is not None and not peaks.exceeds(1.0 + TOLERANCE, *_stated(limits)).any():
+    stated = limits.peak_source != ROBOT, limits.speed_source != ROBOT
+    if s.bandwidth is not None and not peaks.exceeds(most, *stated).any():
         return problem
     bandwidth = problem.target.bandwidth
     best, fractions = search.confirmed(*search.slower(bandwidth, peaks), bandwidth)
     if best is not None and s.bandwidth is None:
         return best
-    raise _limit_exceeded(limits, problem.target.bandwidth, peaks, best, fractions * bandwidth)
-
-
-def _stated(limits: JointLimits) -> tuple[bool, bool]:
-    """Whether the specification itself limits inputs, and speeds."""
-    return limits.peak_source != ROBOT, limits.speed_source != ROBOT
+    by_input, by_speed = peaks.shares(speeds=False), peaks.shares(inputs=False)
+    at_speed = bool(by_speed.max() > by_input.max())
+    joint = int(np.argmax(by_speed if at_speed else by_input))
+    what, name = ("speed of a link", "peak_speed") if at_speed else ("peak of the input", "peak_effort")
+    limit, peak = (limits.speed, peaks.speeds) if at_speed else (limits.peak, peaks.inputs)
+    unit = (limits.speed_units if at_speed else limits.effort_units)[joint]
+    several = len(limits.joints) > 1
+    found = f"no loop down to {LEAST:g} of it keeps the limit either"
+    advice = f"a larger `{name}`, or a shorter step (`start`)"
+    if best is not None:
+        slower = fractions * bandwidth
+        same = np.ptp(slower) < 1e-9 * slower.max()
+        text = f"{slower[0]:.3g}" if same else ", ".join(f"{each:.3g}" for each in slower)
+        found = f"the best found within the limit is a bandwidth of {text} rad/s"
+        advice = f"bandwidth={text if same else f'({text})'}, or {advice}"
+    demands = "diverges" if np.isinf(peak[joint]) else f"takes {peak[joint]:.4g}"
+    where = f" {unit} in {limits.joints[joint]}" if several and np.isfinite(peak[joint]) else ""
+    of = f" {unit} of {limits.joints[joint]}" if several else ""
+    raise InvalidInput(
+        f"The specification cannot be met: the {what} binds.",
+        f"expected at most {limit[joint]:g}{of}; with a bandwidth of {float(np.max(bandwidth)):.3g} rad/s the step of "
+        f"the nonlinear loop {demands}{where}, within the tolerances; {found}",
+        advice,
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,10 +106,6 @@ class _Peaks:
             if counts
         ]
         return np.max(found, axis=0) if found else np.zeros(len(self.inputs))
-
-    def plus(self, more: tuple[np.ndarray, np.ndarray]) -> _Peaks:
-        """With more of the inputs and of the speeds."""
-        return replace(self, inputs=self.inputs + more[0], speeds=self.speeds + more[1])
 
     def exceeds(self, share: float, inputs: bool = True, speeds: bool = True) -> np.ndarray:
         """Which joints (n,) use more than this share of a limit."""
@@ -169,7 +184,8 @@ class _Search:
             assert self.first.target is not None
             damping = self.first.target.damping
             problem = self.task.choose(self.first, bandwidth=bandwidth.tolist(), damping=damping)
-            peaks = self.nominal_step(problem)[0].plus(self.more)
+            peaks, *_ = self.nominal_step(problem)
+            peaks = _Peaks(peaks.inputs + self.more[0], peaks.speeds + self.more[1], self.limits)
         except FlexhinfError:
             nothing = np.full(len(bandwidth), np.inf)
             return None, _Peaks(nothing, nothing, self.limits)
@@ -180,63 +196,28 @@ class _Search:
 
         What holds each of them at the goal counts too: a slow step may end before it is there.
         """
-        nominal, setup, response = self.nominal_step(problem)
+        nominal, setup, response, length = self.nominal_step(problem)
         if response.diverged_at is not None or not self.sampled:
             return nominal
-        length = self.length(setup, problem)
         samples = sampled_runs(setup, self.sampled, length, response.run.settings["sub_steps"])
         inputs = np.maximum(nominal.inputs, samples.inputs.max(axis=0))
         speeds = np.maximum(nominal.speeds, samples.speeds.max(axis=0))
         self.more = inputs - nominal.inputs, speeds - nominal.speeds
         return _Peaks(inputs, speeds, self.limits)
 
-    def nominal_step(self, problem: DesignProblem) -> tuple[_Peaks, LoopSetup, Response]:
-        """Peaks of the nominal robot, what holds all robots at the goal among them, and the loop and its step."""
-        degree = min(tried_degrees(len(problem.problem.state_names), self.task.s))
+    def nominal_step(self, problem: DesignProblem) -> tuple[_Peaks, LoopSetup, Response, float]:
+        """Peaks of the nominal robot, what holds all robots at the goal among them; loop, step and its length (s)."""
+        s = self.task.s
+        degree = min(tried_degrees(len(problem.problem.state_names), s.degrees))
         setup = self.task.solved(problem.problem, problem.gamma, degree, self.levels, saturation=np.inf)
-        response = setup.step(self.length(setup, problem))
+        length = s.duration
+        if length is None:
+            assert problem.target is not None
+            length = run_length(SLOWEST * float(np.min(problem.target.bandwidth))) + setup.command_time
+        response = setup.step(length)
         if response.diverged_at is not None:
             nothing = np.full(len(self.task.goal), np.inf)
-            return _Peaks(nothing, nothing, self.limits), setup, response
+            return _Peaks(nothing, nothing, self.limits), setup, response, length
         inputs = np.abs(np.concatenate([response.inputs, self.held])).max(axis=0)
-        return _Peaks(inputs, np.abs(response.velocities).max(axis=0), self.limits), setup, response
-
-    def length(self, setup: LoopSetup, problem: DesignProblem) -> float:
-        """How long the step is run, s."""
-        if self.task.s.duration is not None:
-            return self.task.s.duration
-        assert problem.target is not None
-        return run_length(SLOWEST * float(np.min(problem.target.bandwidth))) + setup.command_time
-
-
-def _limit_exceeded(
-    limits: JointLimits,
-    bandwidth: np.ndarray,
-    peaks: _Peaks,
-    best: DesignProblem | None,
-    slower: np.ndarray,
-) -> InvalidInput:
-    by_input, by_speed = peaks.shares(speeds=False), peaks.shares(inputs=False)
-    at_speed = bool(by_speed.max() > by_input.max())
-    joint = int(np.argmax(by_speed if at_speed else by_input))
-    what, name = ("speed of a link", "peak_speed") if at_speed else ("peak of the input", "peak_effort")
-    limit, peak = (limits.speed, peaks.speeds) if at_speed else (limits.peak, peaks.inputs)
-    unit = (limits.speed_units if at_speed else limits.effort_units)[joint]
-    several = len(limits.joints) > 1
-    found = f"no loop down to {LEAST:g} of it keeps the limit either"
-    advice = f"a larger `{name}`, or a shorter step (`start`)"
-    if best is not None:
-        same = np.ptp(slower) < 1e-9 * slower.max()
-        listed = [float(f"{each:.3g}") for each in (slower[:1] if same else slower)]
-        text = f"{listed[0]:.3g}" if same else ", ".join(f"{each:.3g}" for each in listed)
-        found = f"the best found within the limit is a bandwidth of {text} rad/s"
-        advice = f"bandwidth={text if same else f'({text})'}, or {advice}"
-    demands = "diverges" if np.isinf(peak[joint]) else f"takes {peak[joint]:.4g}"
-    where = f" {unit} in {limits.joints[joint]}" if several and np.isfinite(peak[joint]) else ""
-    of = f" {unit} of {limits.joints[joint]}" if several else ""
-    return InvalidInput(
-        f"The specification cannot be met: the {what} binds.",
-        f"expected at most {limit[joint]:g}{of}; with a bandwidth of {float(np.max(bandwidth)):.3g} rad/s the step of "
-        f"the nonlinear loop {demands}{where}, within the tolerances; {found}",
-        advice,
-    )
+        peaks = _Peaks(inputs, np.abs(response.velocities).max(axis=0), self.limits)
+        return peaks, setup, response, length

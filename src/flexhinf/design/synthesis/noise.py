@@ -35,13 +35,7 @@ from functools import cached_property
 
 import numpy as np
 
-from flexhinf.analysis import (
-    EquilibriumLoop,
-    FilteredLoop,
-    Margins,
-    corner_plants,
-    margins,
-)
+from flexhinf.analysis import EquilibriumLoop, FilteredLoop, Margins, corner_plants, margins
 from flexhinf.design.estimators import EstimatorNoise
 from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.problem.modes import JointScales
@@ -62,34 +56,18 @@ NOISE_COUNTS, LIMITED_COUNTS = 0.25, 4.0
 
 @dataclass(frozen=True, eq=False)
 class NoiseCandidate:
-    """Levels that were tried, and the running loop with them.
-
-    Attributes
-    ----------
-    compliance : float
-        Peak of |load torque → link position| over that of the law fed the true state.
-    noises : (m,)
-        RMS of each input, V or N·m.
-    missed : mapping of str to float
-        ln(metric/limit) of each of `LIMITS` that is missed by more than a requirement allows.
-    avoidable : mapping of str to float
-        The same beyond what the law fed the true state misses, and every candidate of the families.
-    unstable : int or None
-        Corners of the tolerances; None without tolerances, and where they were not looked at.
-    noise_counts : float
-        What the limit of the noise counts beside the others.
-    """
+    """Levels that were tried, and the running loop with them."""
 
     levels: EstimatorNoise
     peak_sensitivity: float
     gain_margin: float
     damping: float
-    compliance: float
-    noises: np.ndarray
-    missed: Mapping[str, float]
-    avoidable: Mapping[str, float]
-    unstable: int | None = None
-    noise_counts: float = NOISE_COUNTS
+    compliance: float  # peak of |load torque → link position| over that of the law fed the true state
+    noises: np.ndarray  # (m,), RMS of each input, V or N·m
+    missed: Mapping[str, float]  # ln(metric/limit) of each of `LIMITS` that is missed beyond the tolerance
+    avoidable: Mapping[str, float]  # the same beyond what the law or every candidate of the families misses
+    unstable: int | None = None  # corners of the tolerances; None where there are none, or none were computed
+    noise_counts: float = NOISE_COUNTS  # weight of the limit of the noise beside the others
 
     @property
     def input_noise(self) -> float:
@@ -97,58 +75,26 @@ class NoiseCandidate:
         return float(self.noises.max())
 
     @property
-    def score(self) -> float:
-        """What is minimised: decades of noise, and mainly what is missed of what can be kept."""
-        return self._cost(self.avoidable)
-
-    @property
-    def whole_score(self) -> float:
-        """The same with all that is missed: of different laws, for which different limits are out of reach."""
-        return self._cost(self.missed)
-
-    def _cost(self, missed: Mapping[str, float]) -> float:
-        counts = {"noise": self.noise_counts}
-        counted = sum(excess * counts.get(limit, 1.0) for limit, excess in missed.items())
-        return MISSED_WEIGHT * counted + float(np.log10(np.maximum(self.noises, 1e-300)).mean())
-
-    @property
     def feasible(self) -> bool:
         """Whether every limit that can be kept is kept, with no unstable corner."""
         return not self.avoidable and not self.unstable
 
+    def score(self, missed: Mapping[str, float]) -> float:
+        """Decades of noise, and mainly the limits that are missed: `missed` for different laws, else `avoidable`."""
+        counts = {"noise": self.noise_counts}
+        counted = sum(excess * counts.get(limit, 1.0) for limit, excess in missed.items())
+        return MISSED_WEIGHT * counted + float(np.log10(np.maximum(self.noises, 1e-300)).mean())
+
 
 @dataclass(frozen=True, eq=False)
 class NoiseSearch:
-    """The outcome, and the trade-off round it.
-
-    Attributes
-    ----------
-    default : NoiseCandidate or None
-        The default levels; None where the loop is unstable with them.
-    trade_off : tuple of NoiseCandidate
-        Those that no other one betters in noise, damping and compliance at once, the quietest first.
-    count : int
-        Candidates with a stable loop.
-    unreachable : tuple of str
-        Those of `LIMITS` that the law misses with the true state fed back too, or every choice of levels.
-    """
+    """The chosen levels, and the trade-off round them."""
 
     chosen: NoiseCandidate
-    default: NoiseCandidate | None
-    trade_off: tuple[NoiseCandidate, ...]
-    count: int
-    unreachable: tuple[str, ...]
-
-
-def trade_off_of(tried: list[NoiseCandidate]) -> tuple[NoiseCandidate, ...]:
-    """The candidates that no other one betters in noise, damping and compliance at once, the quietest first."""
-    metrics = np.array([[each.input_noise, -each.damping, each.compliance] for each in tried])
-    kept = []
-    for k, own in enumerate(metrics):
-        better = np.all(metrics <= own, axis=1) & np.any(metrics < own, axis=1)
-        if not better.any() and not any(np.array_equal(own, metrics[j]) for j in kept):
-            kept.append(k)
-    return tuple(sorted((tried[k] for k in kept), key=lambda one: one.input_noise))
+    default: NoiseCandidate | None  # the default levels; None where the loop is unstable with them
+    trade_off: tuple[NoiseCandidate, ...]  # not bettered in noise, damping and compliance; the quietest first
+    count: int  # candidates with a stable loop
+    unreachable: tuple[str, ...]  # limits that the law misses with the true state too, or with all levels
 
 
 #: Speeds of the estimator in the first family: ρ/ω_v² of every joint. In the second: √ρ over the slowest vibration, at
@@ -205,41 +151,30 @@ def search_noise(
 ) -> NoiseSearch | None:
     """The levels with the least noise at the motors that keep every limit, or those that miss the limits least.
 
-    Parameters
-    ----------
-    setup : LoopSetup
-        Its law about the goal; the linear part is all that matters.
-    damping : float, optional
-        Required of every oscillation of the running loop.
-    levels : EstimatorNoise, optional
-        Found elsewhere: they are taken, and shown beside those of the search.
-
-    Returns
-    -------
-    NoiseSearch or None
-        None where the levels are stated or no Kalman filter uses them, the loop has no equilibrium at the goal, or no
-        levels make it stable.
+    Only the linear part of the law at the goal matters. `damping` is required of every oscillation of the running loop.
+    `levels` that were searched elsewhere are taken, beside the trade-off of this search. None where the levels are
+    stated or no Kalman filter uses them, the loop has no equilibrium at the goal, or no levels make it stable.
     """
     s = setup.specification
     if s.estimator not in ("ukf", "ekf") or s.process_noise is not None or s.torque_noise is not None:
         return None
     try:
         search = _Search(setup, damping)
-        found, own = search.run(), None if levels is None else search.candidate(levels)
+        result, own = search.run(), None if levels is None else search.candidate(levels)
     except FlexhinfError:
         return None
-    if found is not None and own is not None:
-        found = replace(found, chosen=search.with_corners(own))
-    if found is not None:
-        progress(f"noise levels of the estimator: {found.count} tried")
-    return found
+    if result is not None:
+        result = result if own is None else replace(result, chosen=search.with_corners(own))
+        progress(f"noise levels of the estimator: {result.count} tried")
+    return result
 
 
 class _Search:
     """Candidates of one loop; levels are x = log10(ρ/ω_v²), links before motors, (2 joints,)."""
 
     def __init__(self, setup: LoopSetup, damping: float | None) -> None:
-        self.setup, self.damping = setup, damping
+        self.setup, self.damping = setup, damping or 0.0
+        s, robot = setup.specification, setup.robot
         self.loop: EquilibriumLoop = setup.equilibrium_loop()
         law = margins(setup.equilibrium_loop(estimated=False))
         followed = law.bandwidth[np.isfinite(law.bandwidth)]
@@ -249,58 +184,74 @@ class _Search:
                 f"expected a stable loop with a bandwidth, got {law.bandwidth.tolist()} rad/s",
                 "another period, or other weights",
             )
-        self.bandwidth = float(followed.max())
-        self.top = COMPLIANT_BAND * self.bandwidth
-        self.filtered = FilteredLoop(self.loop, self.bandwidth)
-        robot = setup.robot
-        self.loaded = [
-            FilteredLoop(
-                setup.equilibrium_loop(values=robot.plant_parameters({**robot.nominal, **masses})),
-                self.bandwidth,
-            )
-            for masses in (payload_ends(robot.uncertain) if damping else ())
-        ]
+        bandwidth = float(followed.max())
+        self.top = COMPLIANT_BAND * bandwidth
+        self.filtered = FilteredLoop(self.loop, bandwidth)
+        ends = payload_ends(robot.uncertain) if damping else ()
+        loaded = [robot.plant_parameters({**robot.nominal, **masses}) for masses in ends]
+        self.loaded = [FilteredLoop(setup.equilibrium_loop(values=each), bandwidth) for each in loaded]
         self.stiff = law.compliance(self.top)
-        self.scales = JointScales.of(setup.model, setup.goal_equilibrium)
+        self.scales = scales = JointScales.of(setup.model, setup.goal_equilibrium)
         self.unavoidable = self.excess(law.peak_sensitivity, law.gain_margin, law.damping)
+        # q (n,) with which ρ = ω_v² for a position that sees the whole vibration, (rad/s)² or (m/s)² per sample.
+        self.unit = s.measurement_noise * (s.period * scales.vibration**2) ** 2
+        # What each motor gives (m,), V or N·m: its limit of effort; at most what holding the robot and the step, taken
+        # within the law's bandwidth, ask of the strongest motor.
+        held = np.max([np.abs(robot.operating_point(at)[1]) for at in (setup.start, setup.goal)], axis=0)
+        inertia = scales.link_inertia + scales.motor_inertia
+        per_distance = bandwidth * np.hypot(inertia * bandwidth, scales.damping) / scales.per_input
+        moved = per_distance * np.abs(setup.goal - setup.start)
+        self.authority = np.minimum(float((held + moved).max()), setup.limits.effort)
         self.tried: list[NoiseCandidate] = []
         self.equilibria: np.ndarray | None = None
 
     def run(self) -> NoiseSearch | None:
         """The default levels, the families, then single levels, and what all candidates trade off."""
-        default = self.candidate(EstimatorNoise.stated(self.setup.specification))
-        begun = [(found, x) for x in self.families() if (found := self.at(x)) is not None]
+        default = self.candidate(self.setup.stated_noise)
+        begun = [(candidate, x) for x in self.families() if (candidate := self.at(x)) is not None]
         if not begun:
             return None
-        self.leave_out()
-        default = default and self.counted(default)
-        chosen = self.with_corners(default) if default and not default.avoidable else None
-        if default and chosen and chosen.feasible:
-            start = self.place(default.levels)
-        else:
-            begun.sort(key=lambda one: self.counted(one[0]).score)
-            several = STARTS if len(self.unit) <= FEW else 1
-            chosen, start = min(
-                (self.descend(x) for _, x in begun[:several]),
-                key=lambda one: (one[0].unstable or 0, one[0].score),
-            )
-        if chosen.unstable:
-            chosen = self.fewest_unstable(chosen)
-        for factor in SCALED:
-            self.at(start + np.log10(factor))
-        return NoiseSearch(
-            self.exact(chosen), default, trade_off_of(self.tried), len(self.tried), tuple(self.unavoidable)
-        )
-
-    def leave_out(self) -> None:
-        """What every candidate so far misses, or the law, is counted only in part; see the head of this file."""
+        # What every candidate so far misses, or the law, is counted only in part; see the head of this file.
         for limit in LIMITS:
             best = min(one.missed.get(limit, 0.0) for one in self.tried)
             least = max(best, self.unavoidable.get(limit, 0.0))
             if least > NEAR:
                 far = limit == "damping" and least > FAR
-                ringing = float(np.log((self.damping or 0.0) / RINGS)) if far else 0.0
+                ringing = float(np.log(self.damping / RINGS)) if far else 0.0
                 self.unavoidable[limit] = max(least + SHORT_OF_BEST, ringing)
+        default = default and self.counted(default)
+        chosen = self.with_corners(default) if default and not default.avoidable else None
+        if default and chosen and chosen.feasible:
+            sides = default.levels.link_velocities, default.levels.motor_velocities
+            both = np.concatenate([np.broadcast_to(each, len(self.unit)) for each in sides])
+            start = 0.5 * np.log10(np.maximum(both, 1e-300) / np.tile(self.unit, 2))
+        else:
+            begun.sort(key=lambda one: _avoidable_score(self.counted(one[0])))
+            several = STARTS if len(self.unit) <= FEW else 1
+            chosen, start = min(
+                (self.descend(x) for _, x in begun[:several]),
+                key=lambda one: (one[0].unstable or 0, _avoidable_score(one[0])),
+            )
+        if chosen.unstable:
+            # No levels make every corner stable: the best of some candidates, where the share of unstable corners
+            # counts as a limit that is missed by e to its power.
+            ordered = sorted(map(self.counted, self.tried), key=_avoidable_score)
+            checked = [chosen, *map(self.with_corners, ordered[:: max(1, len(ordered) // LOOKED)])]
+            count = max(1, len(self.corners))
+            chosen = min(
+                checked, key=lambda one: _avoidable_score(one) + MISSED_WEIGHT * (one.unstable or 0) / count
+            )
+        for factor in SCALED:
+            self.at(start + np.log10(factor))
+        # The metrics of the choice by a dense sweep: those that the evaluation of the design has.
+        exact = Margins(self.filtered.margins(chosen.levels.covariance(self.setup.model.states)).linear)
+        chosen = replace(
+            chosen,
+            peak_sensitivity=exact.peak_sensitivity,
+            gain_margin=exact.gain_margin,
+            compliance=exact.compliance(self.top) / self.stiff,
+        )
+        return NoiseSearch(chosen, default, _trade_off(self.tried), len(self.tried), tuple(self.unavoidable))
 
     def counted(self, candidate: NoiseCandidate) -> NoiseCandidate:
         """The candidate with what it misses beyond what is not counted."""
@@ -308,28 +259,6 @@ class _Search:
         left = {limit: excess - self.unavoidable.get(limit, 0.0) for limit, excess in missed}
         kept = {limit: excess for limit, excess in left.items() if excess > np.log1p(0.5 * TOLERANCE)}
         return replace(candidate, avoidable=kept)
-
-    # Levels ---------------------------------------------------------------------------------------------
-    @cached_property
-    def unit(self) -> np.ndarray:
-        """q (n,) with which ρ = ω_v² for a position that sees the whole vibration, (rad/s)² or (m/s)² per sample."""
-        s = self.setup.specification
-        return s.measurement_noise * (s.period * self.scales.vibration**2) ** 2
-
-    def levels(self, x: np.ndarray) -> EstimatorNoise:
-        """R^v of x (2 joints,)."""
-        n, s = len(self.unit), self.setup.specification
-        links, motors = self.unit * 100.0 ** x[:n], self.unit * 100.0 ** x[n:]
-        motors = np.maximum(motors, SLOWEST * s.measurement_noise)
-        link, motor = (float(each[0]) if n == 1 else tuple(each.tolist()) for each in (links, motors))
-        return EstimatorNoise(0.0, link, motor, "searched on the running loop")
-
-    def place(self, levels: EstimatorNoise) -> np.ndarray:
-        """x (2 joints,) of levels on the velocities."""
-        n = len(self.unit)
-        sides = levels.link_velocities, levels.motor_velocities
-        both = np.concatenate([np.broadcast_to(each, n) for each in sides])
-        return 0.5 * np.log10(np.maximum(both, 1e-300) / np.tile(self.unit, 2))
 
     def families(self) -> Iterator[np.ndarray]:
         """x of both families, see the head of this file."""
@@ -347,10 +276,13 @@ class _Search:
                 here, there = np.log10(speed / share), np.log10(speed / share * less * np.sqrt(fraction))
                 yield np.concatenate([here, there] if seen is link else [there, here])
 
-    # Candidates -----------------------------------------------------------------------------------------
     def at(self, x: np.ndarray) -> NoiseCandidate | None:
         """The candidate of x (2 joints,); None for an unstable loop."""
-        return self.candidate(self.levels(np.clip(x, np.log10(LEAST), np.log10(MOST))))
+        n, x = len(self.unit), np.clip(x, np.log10(LEAST), np.log10(MOST))
+        links, motors = self.unit * 100.0 ** x[:n], self.unit * 100.0 ** x[n:]
+        motors = np.maximum(motors, SLOWEST * self.setup.specification.measurement_noise)
+        link, motor = (float(each[0]) if n == 1 else tuple(each.tolist()) for each in (links, motors))
+        return self.candidate(EstimatorNoise(0.0, link, motor, "searched on the running loop"))
 
     def candidate(self, levels: EstimatorNoise) -> NoiseCandidate | None:
         """The running loop with these levels; None for an unstable one."""
@@ -363,8 +295,11 @@ class _Search:
             return None
         assert self.setup.noise is not None
         compliance, noises = loop.compliance(self.top) / self.stiff, loop.input_noise(self.setup.noise)
+        # With the payloads at the ends of their ranges the loop must not ring.
+        loaded = [each.margins(process) for each in self.loaded]
+        ringing = min((each.damping if each.stable else 0.0 for each in loaded), default=np.inf)
         missed = self.excess(
-            loop.peak_sensitivity, loop.gain_margin, min(loop.damping, self.damping_loaded(process)),
+            loop.peak_sensitivity, loop.gain_margin, min(loop.damping, ringing * max(1.0, self.damping / RINGS)),
             compliance / COMPLIANCE, float((noises / self.authority).max()) / MOST_NOISE,
         )  # fmt: skip
         counts = LIMITED_COUNTS if np.isfinite(self.setup.limits.effort).any() else NOISE_COUNTS
@@ -375,98 +310,54 @@ class _Search:
         self.tried.append(candidate)
         return candidate
 
-    def damping_loaded(self, process: np.ndarray) -> float:
-        """The smallest damping ratio with the payloads at the ends of their ranges, times what is required over
-        `RINGS`: it must not ring."""
-        margins = [loop.margins(process) for loop in self.loaded]
-        least = min((each.damping if each.stable else 0.0 for each in margins), default=np.inf)
-        return least * max(1.0, (self.damping or 0.0) / RINGS)
-
-    def exact(self, candidate: NoiseCandidate) -> NoiseCandidate:
-        """The candidate with metrics of a dense sweep: those that the evaluation of the design has."""
-        found = Margins(self.filtered.margins(candidate.levels.covariance(self.setup.model.states)).linear)
-        return replace(
-            candidate,
-            peak_sensitivity=found.peak_sensitivity,
-            gain_margin=found.gain_margin,
-            compliance=found.compliance(self.top) / self.stiff,
-        )
-
     def excess(
         self, sensitivity: float, gain_margin: float, damping: float, *others: float
     ) -> dict[str, float]:
         """ln(metric/limit) of each limit that is missed; of the others, compliance and noise, the ratios."""
         s = self.setup.specification
+        required = (1.0 + 0.5 * TOLERANCE) * self.damping  # aimed at without allowance
         ratios = (
             sensitivity / s.peak_sensitivity_limit,
             s.gain_margin_limit / max(gain_margin, NOTHING),
-            (1.0 + 0.5 * TOLERANCE)
-            * (self.damping or 0.0)
-            / max(damping, NOTHING),  # aimed at without allowance
+            required / max(damping, NOTHING),
             *others,
         )
         return {limit: float(np.log(r)) for limit, r in zip(LIMITS, ratios) if r > 1.0 + 0.5 * TOLERANCE}
 
-    @cached_property
-    def authority(self) -> np.ndarray:
-        """What each motor gives (m,), V or N·m: its limit of effort; at most what holding the robot and the step, taken
-        within the law's bandwidth, ask of the strongest motor."""
-        setup, scales, rate = self.setup, self.scales, self.bandwidth
-        poses = setup.start, setup.goal
-        held = np.max([np.abs(setup.robot.operating_point(at)[1]) for at in poses], axis=0)
-        inertia = scales.link_inertia + scales.motor_inertia
-        per_way = rate * np.hypot(inertia * rate, scales.damping) / scales.per_input
-        moved = per_way * np.abs(setup.goal - setup.start)
-        limits = setup.limits.effort
-        return np.minimum(float((held + moved).max()), limits)
-
-    # Single levels --------------------------------------------------------------------------------------
     def descend(self, x: np.ndarray) -> tuple[NoiseCandidate, np.ndarray]:
-        """The best candidate found from x by moving all links', all motors' and then single levels, and its x.
+        """The best candidate from x by moving all links', all motors' and then single levels, and its x.
 
-        Of the way there, the last place without unstable corners, where there is one.
+        Of the path, the last place without unstable corners, found by bisection; else that with the fewest.
         """
         n = len(self.unit)
         moves = [np.repeat([1.0, 0.0], n), np.repeat([0.0, 1.0], n), *(np.eye(2 * n) if n > 1 else ())]
         steps = np.full(len(moves), FIRST_STEP)
         best = self.at(x)
         assert best is not None
-        way = [(best, x)]
+        path = [(best, x)]
         for _ in range(TURNS):
             for k, move in enumerate(moves):
-                found = self.at(x + steps[k] * move)
-                if found is not None and found.score < best.score - 1e-4:
-                    best, x = found, x + steps[k] * move
-                    way.append((best, x))
+                tried = self.at(x + steps[k] * move)
+                if tried is not None and _avoidable_score(tried) < _avoidable_score(best) - 1e-4:
+                    best, x = tried, x + steps[k] * move
+                    path.append((best, x))
                     steps[k] *= 1.5
                 else:
                     steps[k] *= -0.5
             if np.abs(steps).max() < LAST_STEP:
                 break
-        return self.standing(way)
-
-    def standing(self, way: list[tuple[NoiseCandidate, np.ndarray]]) -> tuple[NoiseCandidate, np.ndarray]:
-        """The last place on the way without unstable corners, found by bisection; else that with the fewest."""
-        low, high, looked = 0, len(way) - 1, []
+        low, high, checked = 0, len(path) - 1, []
 
         def unstable(place: int) -> int:
-            candidate = self.with_corners(way[place][0])
-            looked.append((candidate.unstable or 0, -place, candidate, way[place][1]))
-            return looked[-1][0]
+            candidate = self.with_corners(path[place][0])
+            checked.append((candidate.unstable or 0, -place, candidate, path[place][1]))
+            return checked[-1][0]
 
         if unstable(high):
             while high > low:
                 middle = (low + high) // 2
                 low, high = (low, middle) if unstable(middle) else (middle + 1, high)
-        return min(looked, key=lambda each: each[:2])[2:]
-
-    def fewest_unstable(self, chosen: NoiseCandidate) -> NoiseCandidate:
-        """Where no levels make every corner stable, the best of some candidates: a share of unstable corners counts as
-        a limit that is missed by e to its power."""
-        ordered = sorted((self.counted(each) for each in self.tried), key=lambda each: each.score)
-        looked = [chosen, *map(self.with_corners, ordered[:: max(1, len(ordered) // LOOKED)])]
-        count = max(1, len(self.corners))
-        return min(looked, key=lambda each: each.score + MISSED_WEIGHT * (each.unstable or 0) / count)
+        return min(checked, key=lambda each: each[:2])[2:]
 
     def with_corners(self, candidate: NoiseCandidate) -> NoiseCandidate:
         """The candidate with its unstable corners of the tolerances."""
@@ -481,5 +372,20 @@ class _Search:
     def corners(self) -> np.ndarray:
         """Parameter vectors (N, q) of the corners of the tolerances: those of `tolerance_corners`."""
         robot, table = self.setup.robot, self.loop.plant.parameters
-        found, _ = corner_plants(self.loop, robot.corner, robot.uncertain)
-        return self.loop.vectors([table.known(values) for values in found.values[:-1]])
+        population, _ = corner_plants(self.loop, robot.corner, robot.uncertain)
+        return self.loop.vectors([table.known(values) for values in population.values[:-1]])
+
+
+def _avoidable_score(candidate: NoiseCandidate) -> float:
+    return candidate.score(candidate.avoidable)
+
+
+def _trade_off(tried: list[NoiseCandidate]) -> tuple[NoiseCandidate, ...]:
+    """The candidates that no other one betters in noise, damping and compliance at once, the quietest first."""
+    metrics = np.array([[each.input_noise, -each.damping, each.compliance] for each in tried])
+    kept = []
+    for k, own in enumerate(metrics):
+        better = np.all(metrics <= own, axis=1) & np.any(metrics < own, axis=1)
+        if not better.any() and not any(np.array_equal(own, metrics[j]) for j in kept):
+            kept.append(k)
+    return tuple(sorted((tried[k] for k in kept), key=lambda one: one.input_noise))

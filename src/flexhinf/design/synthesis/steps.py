@@ -35,7 +35,7 @@ from flexhinf.design.synthesis.degrees import (
 from flexhinf.design.synthesis.effort_limit import problem_within_effort
 from flexhinf.design.synthesis.noise import NoiseSearch, search_noise
 from flexhinf.design.synthesis.task import Task
-from flexhinf.design.synthesis.whole_loop import Search, WholeLoopSearch, at_pose, search_whole_loop
+from flexhinf.design.synthesis.whole_loop import WholeLoopSearch, at_pose, search_whole_loop
 from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.hinf import HJISolution, solve_hji
 from flexhinf.loop import Schedule
@@ -53,43 +53,19 @@ LOWERINGS, BANDWIDTH_POWER, NOISE_POWER = 3, 2.0, 1.5
 
 @dataclass(frozen=True, eq=False)
 class Synthesis:
-    """The law of a design.
+    """The law of a design, and how it was searched for."""
 
-    Attributes
-    ----------
-    goal, start : (n,)
-        Link positions of the step, rad or m.
-    design_problem : DesignProblem
-        Penalty, disturbances and level, with their sources.
-    noise_search : NoiseSearch or None
-        How the noise levels of the estimator were found; None where they are stated.
-    choices : tuple of DegreeChoice
-        Every degree that was solved.
-    chosen : DegreeChoice
-        The degree that is used.
-    rays : int
-        Rays in which regions were sampled.
-    law : Law
-        The chosen solution, or a schedule with those of other poses.
-    along : AlongMove or None
-        Margins of the running loop along the stated move; None without one.
-    robust : WholeLoopSearch or None
-        How weights and noise levels were found for the tolerances; of the preset robust.
-    proved : ProvedLaw or None
-        The law with its certificate for all tolerances; of the preset proved.
-    """
-
-    goal: np.ndarray
-    start: np.ndarray
-    design_problem: DesignProblem
-    noise_search: NoiseSearch | None
-    choices: tuple[DegreeChoice, ...]
-    chosen: DegreeChoice
-    rays: int
-    law: Law
-    along: AlongMove | None = None
-    robust: WholeLoopSearch | None = None
-    proved: ProvedLaw | None = None
+    goal: np.ndarray  # (n,), link positions, rad or m
+    start: np.ndarray  # (n,), likewise
+    design_problem: DesignProblem  # penalty, disturbances and level, with their sources
+    noise_search: NoiseSearch | None  # of the estimator's noise levels; None where they are stated
+    choices: tuple[DegreeChoice, ...]  # every degree that was solved
+    chosen: DegreeChoice  # the degree that is used
+    rays: int  # rays in which regions were sampled
+    law: Law  # the chosen solution, or a schedule with those of other poses
+    along: AlongMove | None = None  # margins of the running loop along the stated move; None without one
+    robust: WholeLoopSearch | None = None  # of weights and noise levels for the tolerances; preset robust
+    proved: ProvedLaw | None = None  # the law with its certificate for all tolerances; preset proved
 
     @property
     def solution(self) -> HJISolution:
@@ -108,7 +84,8 @@ class Synthesis:
 
     def setup(self, robot: Robot, s: Specification) -> LoopSetup:
         """The loop that the law runs in."""
-        return Task(robot, s, self.goal, self.start).setup(self.law, _levels(self.noise_search))
+        levels = self.noise_search and self.noise_search.chosen.levels
+        return Task(robot, s, self.goal, self.start).setup(self.law, levels)
 
 
 def synthesise(robot: Robot, s: Specification, progress: Progress) -> Synthesis:
@@ -125,10 +102,6 @@ def synthesise(robot: Robot, s: Specification, progress: Progress) -> Synthesis:
     steps = _Steps(robot, s, goal, start, progress)
     synthesis = steps.proved() if preset_of(robot, s) == "proved" else steps.synthesis()
     return synthesis if move is None else steps.along(synthesis, move)
-
-
-def _levels(noise: NoiseSearch | None) -> EstimatorNoise | None:
-    return None if noise is None else noise.chosen.levels
 
 
 class _Steps(Task):
@@ -155,20 +128,20 @@ class _Steps(Task):
         problem, law = replace(proved.design_problem, preset="proved"), proved.solution
         noise = self.noise_search(problem)
         (solved,) = solve_degrees(problem.problem, (law.degree,), problem.gamma)
-        chosen, rays = replace(solved, solution=law), rays_of(len(law.state_names), self.s)
+        chosen, rays = replace(solved, solution=law), rays_of(len(law.state_names), self.s.rays)
         return Synthesis(self.goal, self.start, problem, noise, (chosen,), chosen, rays, law, proved=proved)
 
     def keeps_effort(self, law: ProvedLaw) -> str:
-        """ "", or how much input the step of a law takes on the running loop, where that is beyond the limit."""
+        """The input that the step of a law takes on the running loop, as text; "" where it is within the limit."""
         limits = joint_limits(self.robot, self.s)
         if not limits.limits_effort:
             return ""
         self.progress("the step on the running loop")
-        setup = self.setup(law.solution, _levels(self.noise_search(law.design_problem)))
+        noise = self.noise_search(law.design_problem)
+        setup = self.setup(law.solution, noise and noise.chosen.levels)
         peak = setup.step(LENGTH / float(np.min(law.bandwidth))).peak_input
-        if peak <= (1.0 + TOLERANCE) * limits.effort[0]:
-            return ""
-        return f"with the estimator the step takes an input of {peak:.3g}"
+        kept = peak <= (1.0 + TOLERANCE) * limits.effort[0]
+        return "" if kept else f"with the estimator the step takes an input of {peak:.3g}"
 
     def degrees(
         self, problem: DesignProblem, noise: NoiseSearch | None
@@ -178,13 +151,14 @@ class _Steps(Task):
         The region of the degree that is used is sampled, and those of all degrees that the specification states.
         """
         s, states = self.s, len(problem.problem.state_names)
-        solved = list(solve_degrees(problem.problem, tried_degrees(states, s), problem.gamma, self.progress))
+        solved = list(
+            solve_degrees(problem.problem, tried_degrees(states, s.degrees), problem.gamma, self.progress)
+        )
         if len(solved) > 1:
             self.progress("the degree of V: the step with each")
-        chosen, choices = choose_degree(
-            self.setup(solved[0].solution, _levels(noise)), problem.nominal, solved
-        )
-        rays, place, regions = rays_of(states, s), choices.index(chosen), list(choices)
+        setup = self.setup(solved[0].solution, noise and noise.chosen.levels)
+        chosen, choices = choose_degree(setup, problem.nominal, solved)
+        rays, place, regions = rays_of(states, s.rays), choices.index(chosen), list(choices)
         if rays:
             gamma, penalty = s.checked_gamma_ratio * problem.gamma_star, checked_penalty(s, problem)
             for k, choice in enumerate(choices):
@@ -212,7 +186,7 @@ class _Steps(Task):
     def searched_problem(self) -> tuple[DesignProblem, NoiseSearch | None]:
         """The problem within the limits of the running loop and of the joints, and the noise levels for it."""
         problem, noise = self.affordable(self.choose())
-        slower = problem_within_effort(self, problem, _levels(noise))
+        slower = problem_within_effort(self, problem, noise and noise.chosen.levels)
         return (problem, noise) if slower is problem else (slower, self.noise_search(slower))
 
     def robust_problem(self) -> tuple[DesignProblem, NoiseSearch | None, WholeLoopSearch]:
@@ -224,12 +198,12 @@ class _Steps(Task):
         self.progress("channels of the tolerances")
         covered = self.choose(bandwidth=damped.target.bandwidth.tolist(), damping=damped.target.damping)
         degree = plain.degrees(damped, noise)[0].degree
-        search = Search(self, damped, covered, _levels(noise), degree)
-        problem, levels, whole = search_whole_loop(search)
+        problem, levels, whole = search_whole_loop(
+            self, damped, covered, noise and noise.chosen.levels, degree
+        )
         if noise is None or levels is None or not whole.better:
             return problem, noise, whole
-        damping = required_damping(self.s, damped.target)
-        own = search_noise(self.linear_setup(problem), damping, self.progress, levels)
+        own = self.noise_search(problem, levels)
         return (damped, noise, replace(whole, found=whole.damped)) if own is None else (problem, own, whole)
 
     def affordable(self, problem: DesignProblem) -> tuple[DesignProblem, NoiseSearch | None]:
@@ -263,18 +237,16 @@ class _Steps(Task):
             except FlexhinfError:
                 break
             noise = self.noise_search(problem)
-            if noise and best[1] and noise.chosen.whole_score < best[1].chosen.whole_score:
+            if noise and best[1] and _score(noise) < _score(best[1]):
                 best = problem, noise
         return best
 
-    def linear_setup(self, problem: DesignProblem) -> LoopSetup:
-        """The loop of the problem's linear law."""
-        return self.solved(problem.problem, problem.gamma, 2)
-
-    def noise_search(self, problem: DesignProblem) -> NoiseSearch | None:
-        """Noise levels of the estimator for the problem's linear law; None where they are stated."""
+    def noise_search(
+        self, problem: DesignProblem, levels: EstimatorNoise | None = None
+    ) -> NoiseSearch | None:
+        """Noise levels of the estimator for the problem's linear law, see `search_noise`."""
         damping = None if problem.target is None else required_damping(self.s, problem.target)
-        return search_noise(self.linear_setup(problem), damping, self.progress)
+        return search_noise(self.solved(problem.problem, problem.gamma, 2), damping, self.progress, levels)
 
     def law_at(
         self, problem: DesignProblem, degree: int, pose: Any, whole: WholeLoopSearch | None = None
@@ -297,6 +269,10 @@ class _Steps(Task):
         return solve_hji(*at_pose(chosen, there.choose(**same, preset="damped"), whole), degree)
 
 
+def _score(noise: NoiseSearch) -> float:
+    return noise.chosen.score(noise.chosen.missed)
+
+
 def _refuse_early(robot: Robot, s: Specification, goal: np.ndarray, start: np.ndarray) -> None:
     """Refuse before the work: a step to where it starts, extras, sensors and estimator, poses that cannot be held."""
     if not np.any(goal != start):
@@ -306,28 +282,20 @@ def _refuse_early(robot: Robot, s: Specification, goal: np.ndarray, start: np.nd
             "another `start` or `pose`",
         )
     robot.plant(s.measured, extras=s.extras)
-    LoopPlants(robot, s).estimator_at(start, goal, EstimatorNoise.stated(s))
-    sensor_steps(robot, s)
-    _check_dead_zone(robot, s, np.abs(goal - start))
-    limits = joint_limits(robot, s)
-    for pose in (goal, start, *s.via):
-        check_holding(robot, pose, limits.effort, partial(_stated, limits))
-
-
-def _check_dead_zone(robot: Robot, s: Specification, step: np.ndarray) -> None:
-    """Refuse a dead zone in which a joint's whole step (n,) is never integrated."""
-    zone = integral_dead_zone(robot, s, None)
-    if zone is None:
-        return
-    beyond = (step > 0.0) & (zone >= step)
-    if beyond.any():
-        joint = int(np.argmax(beyond))
+    LoopPlants(robot, s).estimator_at(start, goal, EstimatorNoise.stated(s.process_noise, s.torque_noise))
+    sensor_steps(robot, s.measured, s.quantisation, s.estimator)
+    zone, step = integral_dead_zone(robot, s, None), np.abs(goal - start)
+    if zone is not None and ((step > 0.0) & (zone >= step)).any():
+        joint = int(np.argmax((step > 0.0) & (zone >= step)))
         unit = "m" if robot.links.slides[joint] else "rad"
         raise SpecificationError(
             "integral_dead_zone",
             f"The dead zone of joint {robot.joint_names[joint]!r} is as large as its step: nothing is integrated.",
             f"expected less than {step[joint]:.3g} {unit}, got {zone[joint]:.3g} {unit}",
         )
+    limits = joint_limits(robot, s)
+    for pose in (goal, start, *s.via):
+        check_holding(robot, pose, limits.effort, partial(_stated, limits))
 
 
 def _stated(limits: JointLimits, joint: int) -> tuple[str, str]:

@@ -13,14 +13,13 @@ sensitivity, gain margin, damping, bandwidth, and the joints' limits in the step
 with `damped`; and each motor has at most `NOISE` times its noise. `damped` itself is the first candidate, so by this
 criterion the outcome cannot be worse.
 
-A candidate is looked at on few corners: those that are nearest to instability or overshoot most. One that would be the
-best is looked at on all, and those that it fails on join them.
+A candidate is computed at few corners: those that are nearest to instability or overshoot most. One that would be the
+best is computed at all, and those that it fails on join them.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
-from functools import cached_property
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -28,11 +27,7 @@ from flexhinf.analysis import EquilibriumLoop, Margins, ToleranceBox, margins
 from flexhinf.design.estimators import EstimatorNoise
 from flexhinf.design.loop_setup import LoopPlants
 from flexhinf.design.monte_carlo import sampled_runs
-from flexhinf.design.problem.presets import (
-    ChannelledProblem,
-    DesignProblem,
-    required_damping,
-)
+from flexhinf.design.problem.presets import ChannelledProblem, DesignProblem, required_damping
 from flexhinf.design.problem.weights import Candidate, SearchResult, behaviour_of
 from flexhinf.design.responses import run_length
 from flexhinf.design.synthesis.task import Task
@@ -73,57 +68,83 @@ SLOWEST = 0.5
 
 @dataclass(frozen=True, eq=False)
 class LoopJudgement:
-    """A law with its estimator in the loop, as the search judges it.
+    """A law with its estimator in the loop, as the search judges it."""
 
-    Attributes
-    ----------
-    scale : float
-        Factor of all tolerances at which the first corner is unstable, at most `MOST`.
-    corner : int
-        That corner, of the corners of `tolerance_corners`; −1 for none.
-    overshoot : float
-        Largest of all joints and of the corners that were looked at, per cent.
-    noises : (m,)
-        RMS of each input that the measurement noise causes, V or N·m; zeros with the true state fed back.
-    used : float
-        Largest share of a limit of input or speed that a step used; 0 without limits.
-    """
-
-    scale: float
-    corner: int
-    overshoot: float
+    scale: float  # factor of all tolerances at which the first corner is unstable, at most `MOST`
+    corner: int  # that corner, of the corners of `tolerance_corners`; −1 for none
+    overshoot: float  # largest of all joints and of the corners that stepped, per cent
     margins: Margins
-    noises: np.ndarray
-    used: float
+    noises: (
+        np.ndarray
+    )  # (m,), RMS of each input by the measurement noise, V or N·m; zeros with the true state
+    used: float  # largest share of a limit of input or speed that a step used; 0 without limits
 
 
 @dataclass(frozen=True, eq=False)
 class LoopCandidate:
-    """A candidate: what is solved, its noise levels, and where in the search it is."""
+    """A problem with the noise levels of its estimator."""
 
-    problem: GeneralisedPlant
-    gamma: float
+    x: (
+        np.ndarray
+    )  # (5,), ln ω, ln ζ, ln of the links' and of the motors' levels, over those of damped; fraction
+    solved: DesignProblem | ChannelledProblem
     levels: EstimatorNoise | None
-    channelled: ChannelledProblem | None = None
-    frequency: np.ndarray = field(default_factory=lambda: np.ones(1))
-    damping: np.ndarray = field(default_factory=lambda: np.ones(1))
 
 
-class Search:
-    """Candidates by x = (ln ω, ln ζ, ln of links' and motors' levels, over those of damped; fraction).
+@dataclass(frozen=True, eq=False)
+class WholeLoopSearch:
+    """The outcome, beside the preset `damped` that the search began with.
 
-    Parameters
-    ----------
-    damped : DesignProblem
-        Of the preset damped.
-    covered : DesignProblem
-        Whose channels cover the tolerances with the true state fed back.
-    levels : EstimatorNoise or None
-        Of `damped`; None where they are not free.
-    degree : int
-        Of V of the law that steps at the corners.
+    `frequency`, `damping`, `links` and `motors` are factors of ω, of ζ and of the noise levels, over those of `damped`.
     """
 
+    damped: LoopJudgement
+    found: LoopJudgement  # that of `damped` where nothing is better
+    frequency: float
+    damping: float
+    links: float
+    motors: float
+    fraction: float  # of what the channels can cover
+    count: int  # candidates
+    corner: str  # the corner at which the loop becomes unstable first, by its changes
+
+    @property
+    def better(self) -> bool:
+        """Whether any candidate was better than `damped`."""
+        return self.found is not self.damped
+
+
+def search_whole_loop(
+    task: Task, damped: DesignProblem, covered: DesignProblem, levels: EstimatorNoise | None, degree: int
+) -> tuple[DesignProblem, EstimatorNoise | None, WholeLoopSearch]:
+    """The problem of the preset robust, its noise levels, and how they were found.
+
+    `damped` is of the preset damped, with these `levels` (None where they are not free); the channels of `covered`
+    stand for the tolerances with the true state fed back; the law that steps at the corners has V of the `degree`.
+    """
+    search = _Search(task, damped, covered, levels, degree)
+    best, judged = search.run()
+    task.progress(f"weights and noise levels for the tolerances: {search.count} loops tried")
+    factors = dict(zip(("frequency", "damping", "links", "motors"), np.exp(best.x[:4]).tolist()))
+    outcome = WholeLoopSearch(
+        search.own, judged, **factors, fraction=search.fraction(best.x), count=search.count,
+        corner="" if judged.corner < 0 else search.box.population.describe(judged.corner),
+    )  # fmt: skip
+    problem = best.solved
+    if isinstance(problem, DesignProblem):
+        return replace(damped, preset="robust"), levels, outcome
+    behaviour = behaviour_of(search.channels.family, problem.design.gain)
+    chosen = Candidate(*search.weights(best.x), problem.design, behaviour)
+    assert damped.search is not None
+    result = SearchResult(chosen, (*damped.search.candidates, chosen))
+    source = (
+        f"searched on the running loop: its corners are stable up to {judged.scale:.3g} times the tolerances, "
+        f"{search.own.scale:.3g} with the preset damped"
+    )
+    return problem.checked(search.target, result, source), best.levels, outcome
+
+
+class _Search:
     def __init__(
         self,
         task: Task,
@@ -137,77 +158,41 @@ class Search:
         assert covered.channels is not None
         assert covered.search is not None
         self.task, self.noise = task, LoopPlants(task.robot, task.s).noise
-        self.damped, self.target, self.first = damped, damped.target, damped.search.chosen
+        self.target, self.first = damped.target, damped.search.chosen
         self.channels, self.covered = covered.channels, covered.search.chosen
         self.levels, self.degree, self.count = levels, degree, 0
-        self.own_candidate = LoopCandidate(damped.problem, damped.gamma, levels)
         states = len(damped.problem.state_names)
-        self.most, self.stepping = next((count, few) for most, count, few in CANDIDATES if states <= most)
+        self.most, stepping = next((count, few) for most, count, few in CANDIDATES if states <= most)
         self.duration = run_length(SLOWEST * float(np.min(self.target.bandwidth)))
+        # What `damped` comes to, and the corners at which candidates are computed.
+        candidate = LoopCandidate(np.zeros(5), damped, levels)
+        loop = self.loop(candidate)
+        self.box = ToleranceBox.of(loop, task.robot.corner, task.robot.uncertain)
+        every = np.arange(len(self.box))
+        scale, corner = self.edge(loop)
+        nearest = self.box.unstable(loop, 1.1 * scale)[:NEAREST] if corner >= 0 else every[:0]
+        places = every if len(every) <= STEPPED else np.linspace(0, len(every) - 1, STEPPED).astype(int)
+        self.compared = np.unique(np.concatenate([places, nearest]))
+        overshoots, used = self.stepped(candidate, self.compared)
+        worst = self.compared[np.argsort(-overshoots, kind="stable")]
+        self.stepping_at = worst[:stepping]
+        self.active = np.unique(np.concatenate([nearest, worst[:JOIN]]))
+        found = margins(loop)
+        self.own = LoopJudgement(scale, corner, float(overshoots.max()), found, self.noises(found), used)
+        self.kept: list[tuple[float, LoopCandidate, LoopJudgement]] = [(0.0, candidate, self.own)]
 
-    @cached_property
-    def box(self) -> ToleranceBox:
-        """The corners of the tolerances."""
-        return ToleranceBox.of(
-            self.loop(self.own_candidate), self.task.robot.corner, self.task.robot.uncertain
-        )
-
-    def edge(self, loop: EquilibriumLoop, which: np.ndarray | None = None) -> tuple[float, int]:
-        """Factor of the tolerances at which one of some corners (all by default) is unstable, and which."""
-        scale, corner = self.box.edge(loop, which, most=MOST, width=WIDTH)
-        return min(scale, MOST), corner
-
-    # Candidates -----------------------------------------------------------------------------------------
-    def made(self, x: np.ndarray) -> LoopCandidate:
-        """The candidate of x (5,)."""
-        frequency = self.first.target_frequency * np.exp(x[0])
-        damping = self.first.damping_weights * np.exp(x[1])
-        problem = self.channels.problem(frequency, damping, self.fraction(x), 1e-4)
-        levels = self.levels
-        if levels is not None:
-            links, motors = np.exp(x[2:4]).tolist()
-            levels = replace(
-                levels.scaled(links).motors_scaled(motors / links), source="searched on the running loop"
-            )
-        return LoopCandidate(problem.problem, problem.gamma, levels, problem, frequency, damping)
-
-    def fraction(self, x: np.ndarray) -> float:
-        """Of what the channels can cover, of x (5,)."""
-        return float(np.clip(x[4], LEAST_FRACTION, 1.0))
-
-    def loop(self, made: LoopCandidate) -> EquilibriumLoop:
-        """The linear loop at the goal."""
-        setup = self.task.solved(made.problem, made.gamma, 2, made.levels)
-        return setup.equilibrium_loop(estimated=self.task.s.estimator != "none")
-
-    def stepped(self, made: LoopCandidate, which: np.ndarray) -> tuple[np.ndarray, float]:
-        """Overshoot (N,) of the step at corners, and the largest share of a limit that a step used."""
-        setup = self.task.solved(made.problem, made.gamma, self.degree, made.levels)
-        duration = self.duration + setup.command_time
-        limits = setup.limits
-        nominal = setup.step(duration)
-        if nominal.diverged_at is not None:
-            return np.full(len(which), np.inf), np.inf
-        parts = nominal.run.settings["sub_steps"]
-        runs = sampled_runs(setup, [self.box.population.values[k] for k in which], duration, parts)
-        shares = [runs.inputs / limits.peak, runs.speeds / limits.speed]
-        return runs.overshoot, float(
-            np.max([np.where(np.isfinite(share), share, 0.0).max() for share in shares])
-        )
-
-    def noises(self, found: Margins) -> np.ndarray:
-        """RMS of each input (m,)."""
-        if self.noise is None:
-            return np.zeros(len(found.noise_to_input))
-        return np.linalg.norm(found.noise_to_input * self.noise, axis=1)
-
-    # The search -----------------------------------------------------------------------------------------
-    def run(self) -> tuple[LoopCandidate, LoopJudgement, np.ndarray]:
-        """The best candidate that keeps all conditions, what it comes to, and its x."""
+    def run(self) -> tuple[LoopCandidate, LoopJudgement]:
+        """The best candidate that overshoots clearly less than `damped` at all corners at which that stepped; else the
+        best that does not overshoot more; else `damped`."""
         from scipy.optimize import minimize
 
-        self.begin()
-        starts = [np.array([0.0, 0.0, 0.0, 0.0, LEAST_FRACTION]), self.channelled_start()]
+        # The weights whose channels cover the tolerances are the second start.
+        frequency = np.log(self.covered.target_frequency / self.first.target_frequency).mean()
+        ratio = np.maximum(self.covered.damping_weights, 1e-3) / np.maximum(self.first.damping_weights, 1e-3)
+        starts = [
+            np.array([0.0, 0.0, 0.0, 0.0, LEAST_FRACTION]),
+            np.array([frequency, float(np.clip(np.log(ratio).mean(), -1.0, 1.0)), 0.0, 0.0, 1.0]),
+        ]
         free = np.array([True, True, *(2 * [self.levels is not None]), True])
         costs = [self.cost(x) for x in starts]
         x = starts[int(np.argmin(costs))].copy()
@@ -223,39 +208,31 @@ class Search:
             moved, x[free], method="Nelder-Mead",
             options={"maxfev": self.most, "initial_simplex": simplex, "xatol": 1e-3, "fatol": 1e-3},
         )  # fmt: skip
-        return self.confirmed()
-
-    def begin(self) -> None:
-        """What `damped` comes to, and the corners that are looked at."""
-        made, every = self.own_candidate, np.arange(len(self.box))
-        loop = self.loop(made)
-        scale, corner = self.edge(loop)
-        nearest = self.box.unstable(loop, 1.1 * scale)[:NEAREST] if corner >= 0 else every[:0]
-        places = every if len(every) <= STEPPED else np.linspace(0, len(every) - 1, STEPPED).astype(int)
-        self.compared = np.unique(np.concatenate([places, nearest]))
-        overshoots, used = self.stepped(made, self.compared)
-        worst = self.compared[np.argsort(-overshoots, kind="stable")]
-        self.stepping_at = worst[: self.stepping]
-        self.active = np.unique(np.concatenate([nearest, worst[:JOIN]]))
-        found = margins(loop)
-        self.own = LoopJudgement(scale, corner, float(overshoots.max()), found, self.noises(found), used)
-        self.kept: list[tuple[float, LoopCandidate, LoopJudgement, np.ndarray]] = [
-            (0.0, made, self.own, np.zeros(5))
-        ]
-
-    def channelled_start(self) -> np.ndarray:
-        """x of the weights whose channels cover the tolerances."""
-        frequency = np.log(self.covered.target_frequency / self.first.target_frequency).mean()
-        ratio = np.maximum(self.covered.damping_weights, 1e-3) / np.maximum(self.first.damping_weights, 1e-3)
-        return np.array([frequency, float(np.clip(np.log(ratio).mean(), -1.0, 1.0)), 0.0, 0.0, 1.0])
+        second = None
+        best = self.kept[-CONFIRMED:] if len(self.kept) > CONFIRMED else self.kept[1:]
+        for _, candidate, judged in reversed(best):
+            overshoots, used = self.stepped(candidate, self.compared)
+            judged = replace(judged, overshoot=float(overshoots.max()), used=used)
+            if self.missed_in_steps(judged) > ALLOWED:
+                continue
+            if judged.overshoot <= LESS * self.own.overshoot:
+                return candidate, judged
+            second = second or (candidate, judged)
+        return second or self.kept[0][1:]
 
     def cost(self, x: np.ndarray) -> float:
         """ln of the factor of `damped` over the candidate's, and what it misses of the conditions."""
         self.count += 1
         nothing = 10.0
         try:
-            made = self.made(x)
-            loop = self.loop(made)
+            problem = self.channels.problem(*self.weights(x), self.fraction(x), 1e-4)
+            levels = self.levels
+            if levels is not None:
+                links, motors = np.exp(x[2:4]).tolist()
+                levels = levels.scaled(links).motors_scaled(motors / links)
+                levels = replace(levels, source="searched on the running loop")
+            candidate = LoopCandidate(x.copy(), problem, levels)
+            loop = self.loop(candidate)
             scale, corner = self.edge(loop, self.active)
             if scale <= 0.0:
                 return nothing
@@ -265,19 +242,61 @@ class Search:
             found = margins(loop)
             missed = self.missed(found)
             if MISSED * missed + gained < best + 0.1:
-                overshoots, used = self.stepped(made, self.stepping_at)
-                judged = LoopJudgement(
-                    scale, corner, float(overshoots.max()), found, self.noises(found), used
-                )
+                overshoots, used = self.stepped(candidate, self.stepping_at)
+                noises = self.noises(found)
+                judged = LoopJudgement(scale, corner, float(overshoots.max()), found, noises, used)
                 missed += self.missed_in_steps(judged)
                 if MISSED * missed + gained < best and missed <= ALLOWED:
-                    judged = self.on_all(loop, judged)
+                    # By the factor of all corners; those that were missing are computed from now on.
+                    beyond = self.box.unstable(loop, (1.0 - WIDTH) * scale)
+                    if len(beyond):
+                        self.active = np.union1d(self.active, beyond[:JOIN])
+                        scale, corner = self.edge(loop, beyond)
+                        judged = replace(judged, scale=scale, corner=corner)
                     gained = -np.log(judged.scale / self.own.scale)
                     if gained < best:
-                        self.kept.append((gained, made, judged, x.copy()))
+                        self.kept.append((gained, candidate, judged))
         except FlexhinfError:
             return nothing
         return float(gained + MISSED * missed)
+
+    def weights(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """ω and ζ (n,) of x (5,)."""
+        return self.first.target_frequency * np.exp(x[0]), self.first.damping_weights * np.exp(x[1])
+
+    def fraction(self, x: np.ndarray) -> float:
+        """Of what the channels can cover, of x (5,)."""
+        return float(np.clip(x[4], LEAST_FRACTION, 1.0))
+
+    def loop(self, candidate: LoopCandidate) -> EquilibriumLoop:
+        """The linear loop at the goal."""
+        setup = self.task.solved(candidate.solved.problem, candidate.solved.gamma, 2, candidate.levels)
+        return setup.equilibrium_loop(estimated=self.task.s.estimator != "none")
+
+    def edge(self, loop: EquilibriumLoop, which: np.ndarray | None = None) -> tuple[float, int]:
+        """Factor of the tolerances at which one of some corners (all by default) is unstable, and which."""
+        scale, corner = self.box.edge(loop, which, most=MOST, width=WIDTH)
+        return min(scale, MOST), corner
+
+    def stepped(self, candidate: LoopCandidate, which: np.ndarray) -> tuple[np.ndarray, float]:
+        """Overshoot (N,) of the step at corners, and the largest share of a limit that a step used."""
+        solved = candidate.solved
+        setup = self.task.solved(solved.problem, solved.gamma, self.degree, candidate.levels)
+        duration, limits = self.duration + setup.command_time, setup.limits
+        nominal = setup.step(duration)
+        if nominal.diverged_at is not None:
+            return np.full(len(which), np.inf), np.inf
+        parts = nominal.run.settings["sub_steps"]
+        runs = sampled_runs(setup, [self.box.population.values[k] for k in which], duration, parts)
+        shares = [runs.inputs / limits.peak, runs.speeds / limits.speed]
+        used = np.max([np.where(np.isfinite(share), share, 0.0).max() for share in shares])
+        return runs.overshoot, float(used)
+
+    def noises(self, found: Margins) -> np.ndarray:
+        """RMS of each input (m,)."""
+        if self.noise is None:
+            return np.zeros(len(found.noise_to_input))
+        return np.linalg.norm(found.noise_to_input * self.noise, axis=1)
 
     def missed(self, found: Margins) -> float:
         """Sum of ln(metric/limit) of the linear conditions that are missed, and missed by more than with `damped`."""
@@ -299,92 +318,6 @@ class Search:
         over = max(0.0, judged.overshoot - self.own.overshoot) / max(self.own.overshoot, 0.5)
         limit = max(1.0, self.own.used)
         return min(over, 1.0) + max(0.0, float(np.log(max(judged.used, 1e-9) / limit)))
-
-    def on_all(self, loop: EquilibriumLoop, judged: LoopJudgement) -> LoopJudgement:
-        """The same with the factor of all corners; those that were missing are looked at from now on."""
-        beyond = self.box.unstable(loop, (1.0 - WIDTH) * judged.scale)
-        if not len(beyond):
-            return judged
-        self.active = np.union1d(self.active, beyond[:JOIN])
-        scale, corner = self.edge(loop, beyond)
-        return replace(judged, scale=scale, corner=corner)
-
-    def confirmed(self) -> tuple[LoopCandidate, LoopJudgement, np.ndarray]:
-        """The best candidate that overshoots clearly less than `damped` at all corners at which that stepped; else the
-        best that does not overshoot more; else `damped`."""
-        second = None
-        for _, made, judged, x in reversed(
-            self.kept[-CONFIRMED:] if len(self.kept) > CONFIRMED else self.kept[1:]
-        ):
-            overshoots, used = self.stepped(made, self.compared)
-            judged = replace(judged, overshoot=float(overshoots.max()), used=used)
-            if self.missed_in_steps(judged) > ALLOWED:
-                continue
-            if judged.overshoot <= LESS * self.own.overshoot:
-                return made, judged, x
-            second = second or (made, judged, x)
-        return second or self.kept[0][1:]
-
-
-@dataclass(frozen=True, eq=False)
-class WholeLoopSearch:
-    """What was found, beside the preset `damped` that it began with.
-
-    Attributes
-    ----------
-    damped, found : LoopJudgement
-        The same where nothing better was found.
-    frequency, damping : float
-        Factors of ω and ζ of all joints, over those of `damped`.
-    links, motors : float
-        Factors of the noise levels.
-    fraction : float
-        Of what the channels can cover.
-    count : int
-        Candidates.
-    corner : str
-        The corner at which the loop becomes unstable first, by its changes.
-    """
-
-    damped: LoopJudgement
-    found: LoopJudgement
-    frequency: float
-    damping: float
-    links: float
-    motors: float
-    fraction: float
-    count: int
-    corner: str
-
-    @property
-    def better(self) -> bool:
-        """Whether any candidate was better than `damped`."""
-        return self.found is not self.damped
-
-
-def search_whole_loop(
-    search: Search,
-) -> tuple[DesignProblem, EstimatorNoise | None, WholeLoopSearch]:
-    """The problem of the preset robust, its noise levels, and how they were found."""
-    best, judged, point = search.run()
-    search.task.progress(f"weights and noise levels for the tolerances: {search.count} loops tried")
-    factors = dict(zip(("frequency", "damping", "links", "motors"), np.exp(point[:4]).tolist()))
-    outcome = WholeLoopSearch(
-        search.own, judged, **factors, fraction=search.fraction(point), count=search.count,
-        corner="" if judged.corner < 0 else search.box.population.describe(judged.corner),
-    )  # fmt: skip
-    problem = best.channelled
-    if problem is None:
-        return replace(search.damped, preset="robust"), search.levels, outcome
-    behaviour = behaviour_of(search.channels.family, problem.design.gain)
-    chosen = Candidate(best.frequency, best.damping, problem.design, behaviour)
-    assert search.damped.search is not None
-    result = SearchResult(chosen, (*search.damped.search.candidates, chosen))
-    source = (
-        f"searched on the running loop: its corners are stable up to {judged.scale:.3g} times the tolerances, "
-        f"{search.own.scale:.3g} with the preset damped"
-    )
-    return problem.checked(search.target, result, source), best.levels, outcome
 
 
 def at_pose(

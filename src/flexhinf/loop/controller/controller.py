@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cached_property
 from typing import Any
 
@@ -120,7 +120,7 @@ class Controller(Summarised):
         self.command_limits = command_limits(command_range, command_rate, solution.tracked, moving)
         self.states, self.tracked = solution.plant_states, solution.tracked
         self.integral_dead_zone = dead_zone(integral_dead_zone, self.tracked)
-        check_names(solution, estimator, self.period, self.states, self.tracked)
+        check_names(solution, estimator, self.period)
         self._given_windup = windup
         if windup is not None:
             windup.check(self.laws)
@@ -133,8 +133,8 @@ class Controller(Summarised):
         self.measured = self.states if estimator is None else tuple(estimator.plant.outputs)
         self._places = np.array([self.states.index(name) for name in self.tracked], dtype=int)
         self._sources = [Source.of(name, self.states, self.measured) for name in self.tracked]
-        history = self.initial_memory(), self.memory.places["reference"], len(self.states)
-        self._remembered = StateHistory(*history)
+        command = self.memory.places["reference"]
+        self._remembered = StateHistory(self.initial_memory(), command, len(self.states))
         self._ready: Any = ()
 
     def fresh(self) -> Controller:
@@ -150,18 +150,15 @@ class Controller(Summarised):
     @property
     def _options(self) -> dict[str, Any]:
         """The other arguments by name."""
-        options = {"moving": self.mode.moving, "start": self.mode.start, "fade": self.given_fade}
-        options |= {"before_first": self.first_input.option}
-        limits: dict[str, Any] = {"saturation": self.limits.pair}
-        if self.mode.limits_input_rate:
-            limits["input_rate"] = self.limits.rate
-        if self.mode.limits_command:
-            limits |= {"command_range": self.command_limits.pair, "command_rate": self.command_limits.rate}
-        if self.mode.has_dead_zone:
-            limits["integral_dead_zone"] = self.integral_dead_zone
-        if self.mode.bounds_windup or self._given_windup is not None:
-            limits["windup"] = self.windup
-        return options | limits
+        mode, limits, command = self.mode, self.limits, self.command_limits
+        return {
+            "moving": mode.moving, "start": mode.start, "fade": self.given_fade,
+            "before_first": self.first_input.option, "saturation": limits.pair,
+            **({"input_rate": limits.rate} if mode.limits_input_rate else {}),
+            **({"command_range": command.pair, "command_rate": command.rate} if mode.limits_command else {}),
+            **({"integral_dead_zone": self.integral_dead_zone} if mode.has_dead_zone else {}),
+            **({"windup": self.windup} if mode.bounds_windup or self._given_windup is not None else {}),
+        }  # fmt: skip
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write to one file (no suffix is added), whole or not at all; see `flexhinf.load_controller`.
@@ -169,10 +166,7 @@ class Controller(Summarised):
         Law, estimator with its model and settings, period, limits and options are saved; what was remembered of
         samples is not. A loaded controller's steps are the same, bit by bit.
 
-        Raises
-        ------
-        InvalidInput
-            If the law or the estimator cannot be saved (it is named), or the place cannot be written.
+        An InvalidInput names a law or an estimator that cannot be saved, or says that the place cannot be written.
         """
         write_controller(path, self.law, self.estimator, self.period, self._options)
 
@@ -200,30 +194,27 @@ class Controller(Summarised):
 
     def summary(self) -> dict[str, str]:
         """Law, estimator, period, limits, and what is measured and commanded."""
+        limits, command, mode = self.limits, self.command_limits, self.mode
         kinds = dict.fromkeys(law.kind for law in self.laws)
-        law = ", ".join(kinds) if len(self.laws) == 1 else f"{len(self.laws)} laws ({', '.join(kinds)})"
+        law, zone = ", ".join(kinds), self.integral_dead_zone
+        pairs = zip(command.texts, command.rate)
         facts = {
-            "law": law,
+            "law": law if len(self.laws) == 1 else f"{len(self.laws)} laws ({law})",
             "estimator": "none (state feedback)" if self.estimator is None else type(self.estimator).__name__,
             "period": number_text(self.period, "s"),
             "measured": names_text(self.measured),
             "tracked": names_text(self.tracked),
             "inputs": names_text(tuple(self.law.input_names)),
-        }
-        if np.isfinite(self.limits.pair).any():
-            facts["saturation"] = ", ".join(self.limits.texts)
-        if self.mode.bounds_windup:
-            facts["integrals push"] = self.windup.text
-        if self.mode.limits_input_rate:
-            facts["input rate"] = ", ".join(f"at most {rate:.4g} per s" for rate in self.limits.rate)
-        if self.mode.limits_command:
-            pairs = zip(self.command_limits.texts, self.command_limits.rate)
-            facts["command"] = ", ".join(f"{text}, at most {rate:.4g} per s" for text, rate in pairs)
-        if self.integral_dead_zone is not None:
-            facts["integral dead zone"] = ", ".join(f"± {size:.4g}" for size in self.integral_dead_zone)
-        if self.mode.moving:
-            facts["reference"] = "moving"
-        return facts
+            "saturation": ", ".join(limits.texts) if np.isfinite(limits.pair).any() else "",
+            "integrals push": self.windup.text if mode.bounds_windup else "",
+            "input rate": ", ".join(f"at most {r:.4g} per s" for r in limits.rate) if mode.limits_input_rate else "",
+            "command": ", ".join(f"{text}, at most {rate:.4g} per s" for text, rate in pairs)
+            if mode.limits_command else "",
+            "integral dead zone": "" if zone is None else ", ".join(f"± {size:.4g}" for size in zone),
+            "reference": "moving" if mode.moving else "",
+        }  # fmt: skip
+        optional = list(facts)[6:]
+        return {name: fact for name, fact in facts.items() if fact or name not in optional}
 
     @property
     def commanded(self) -> tuple[str, ...]:
@@ -264,18 +255,15 @@ class Controller(Summarised):
         )  # fmt: skip
         codes = [LawCode(law, self.composed) for law in laws]
 
-        def rows(parts: list[Any]) -> np.ndarray:
+        def rows(parts: Sequence[Any]) -> np.ndarray:
             return np.stack(parts) if mode.laws > 1 else np.asarray(parts[0])
 
         gains = [code.slope[:, len(self.states) :] for code in codes]
+        n, m = len(self.law.state_names), len(self.law.input_names)
         values: dict[str, Any] = {
             "period": [self.period], "law": np.concatenate([code.data for code in codes]),
-            "operating_point": rows(
-                [_shaped("operating_point", law.operating_point, len(law.state_names)) for law in laws]
-            ),
-            "operating_input": rows(
-                [_shaped("operating_input", law.operating_input, len(law.input_names)) for law in laws]
-            ),
+            "operating_point": rows([_shaped("operating_point", law.operating_point, n) for law in laws]),
+            "operating_input": rows([_shaped("operating_input", law.operating_input, m) for law in laws]),
             "lower": limits.lower, "upper": limits.upper, "integral_gain": rows(gains),
         }  # fmt: skip
         if estimator is not None:
@@ -286,21 +274,18 @@ class Controller(Summarised):
         if mode.takes_over:
             values["inverse_slope"] = rows([inverse_slope(gain) for gain in gains])
             values["decay"] = [np.exp(-self.period / self.fade)]
-        if isinstance(self.law, Schedule):
-            values |= {"closer": [1.0 - self.law.hysteresis]} if mode.laws > 1 else {}
+        if isinstance(self.law, Schedule) and mode.laws > 1:
+            values["closer"] = [1.0 - self.law.hysteresis]
         if mode.limits_input_rate:
             values["input_rate"] = limits.rate
         if mode.limits_command:
-            values |= {
-                "command_lower": command.lower, "command_upper": command.upper, "command_rate": command.rate
-            }  # fmt: skip
+            ends = {"command_lower": command.lower, "command_upper": command.upper}
+            values |= {**ends, "command_rate": command.rate}
         if mode.has_dead_zone:
             values["integral_dead_zone"] = self.integral_dead_zone
         if mode.bounds_windup:
-            windup = self.windup
-            values |= {
-                "windup_line": windup.line, "windup_spread": windup.spread, "windup_limit": windup.limit
-            }  # fmt: skip
+            bound = self.windup
+            values |= {"windup_line": bound.line, "windup_spread": bound.spread, "windup_limit": bound.limit}
         return {name: np.asarray(value) for name, value in values.items()}
 
     @property
@@ -323,11 +308,9 @@ class Controller(Summarised):
     def initial_memory(self, state: Any = None, input: Any = None) -> np.ndarray:
         """The memory before the first step, flat; see `reset`."""
         if state is not None and self.estimator is None:
-            raise InvalidInput(
-                "There is no estimate to set: this controller feeds back the true state.",
-                f"expected state=None, got {value_text(state)}",
-                "reset(); the state of the plant is the loop's initial_state",
-            )
+            what = "There is no estimate to set: this controller feeds back the true state."
+            advice = "reset(); the state of the plant is the loop's initial_state"
+            raise InvalidInput(what, f"expected state=None, got {value_text(state)}", advice)
         return self.memory.flat(self._initial_values(state, input))
 
     def _initial_values(self, state: Any = None, input: Any = None) -> dict[str, Any]:
@@ -389,18 +372,10 @@ class Controller(Summarised):
         return share(key, lambda: trace(step, *sizes, name="controller", names=READ))
 
     def steps(self, places: dict[str, Slice | None]) -> tuple[tuple[Step, ...], tuple[Buffer, ...]]:
-        """One step as a part of a program.
+        """One step as a part of a program, and the scratch buffers that the program must have for it.
 
-        Parameters
-        ----------
-        places : mapping
-            Where y, r, memory and data are read, and u, estimate and memory written; None without elements. The
-            memory is written in place, or where "after" is. Without y there is no measurement.
-
-        Returns
-        -------
-        steps, buffers
-            The steps, and scratch buffers that the program must have for them.
+        `places` say where y, r, memory and data are read, and u, estimate and memory written; None without elements.
+        The memory is written in place, or where "after" is. Without y there is no measurement.
         """
         places = {"after": places["memory"], **places}
         if not self.composed:
@@ -426,11 +401,9 @@ class Controller(Summarised):
     def _predicted_step(self) -> Bound:
         """The step without a measurement: compiled when it is first asked for."""
         if self.estimator is None:
-            raise InvalidInput(
-                "There is nothing to predict with: this controller feeds back the true state.",
-                "expected the state, got None",
-                "hold the last input for this sample, or a controller with an estimator",
-            )
+            what = "There is nothing to predict with: this controller feeds back the true state."
+            advice = "hold the last input for this sample, or a controller with an estimator"
+            raise InvalidInput(what, "expected the state, got None", advice)
         return self._bound(measured=False)
 
     def _bound(self, measured: bool) -> Bound:
@@ -444,12 +417,10 @@ class Controller(Summarised):
             ("step", measured, self.code_key),
             lambda: compile_program(step_program(sizes, bool(self.commanded), self.steps)),
         )
-        fill, fill_reference = (
-            filler(y) if measured else _ignored,
-            filler(now.reference[: len(self.commanded)]),
-        )
+        fill = filler(y) if measured else lambda value: None
         # What is one trace takes less than the threads' exchange of the interpreter's lock would.
-        return kernel.bind(arrays, {}, short=not self.composed), fill, fill_reference, u.copy
+        run = kernel.bind(arrays, {}, short=not self.composed)
+        return run, fill, filler(now.reference[: len(self.commanded)]), u.copy
 
     # The step -------------------------------------------------------------------------------------
     def step(self, y: Any, reference: Any = None) -> np.ndarray:
@@ -489,7 +460,12 @@ class Controller(Summarised):
                     fill_reference(reference)
             except (ValueError, TypeError, OverflowError) as error:
                 remembered.hold_command()
-                raise self._misfit(y, reference) from error
+                raise InvalidInput(
+                    "The measurement or the command does not fit.",
+                    f"expected one measurement for each of {list(self.measured)} and one command for each of "
+                    f"{list(self.commanded)}, got y={value_text(y)}, reference={value_text(reference)}",
+                    "arrays of these lengths, or plain numbers for one signal",
+                ) from error
             code = run()
             if code:
                 raise step_failure(code, remembered.fail(code), y, reference)
@@ -541,40 +517,21 @@ class Controller(Summarised):
         """The memory of the last good sample, (s,): not a copy."""
         return self._remembered.memory
 
-    def _misfit(self, y: Any, reference: Any) -> InvalidInput:
-        return InvalidInput(
-            "The measurement or the command does not fit.",
-            f"expected one measurement for each of {list(self.measured)} and one command for each of "
-            f"{list(self.commanded)}, got y={value_text(y)}, reference={value_text(reference)}",
-            "arrays of these lengths, or plain numbers for one signal",
-        )
-
     # Copies and pickles ---------------------------------------------------------------------------
     def __getstate__(self) -> dict[str, Any]:
         """What the controller is made of, and what it remembers: a copy goes on from there, with memory of its own."""
         arguments = {"solution": self.law, "estimator": self.estimator, "period": self.period}
-        return {
-            "arguments": {**arguments, **self._options},
-            "remembered": self._remembered.state(),
-        }
+        return {"arguments": {**arguments, **self._options}, "remembered": self._remembered.state()}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__init__(**state["arguments"])
         self._remembered.restore(state["remembered"])
 
 
-def _ignored(value: Any) -> None:
-    """The measurement of a step without one."""
-
-
 def load_controller(path: str | os.PathLike[str]) -> Controller:
     """A controller from a file of `Controller.save`, at its start: its steps are the same, bit by bit.
 
-    Raises
-    ------
-    InvalidInput
-        If the file is not there, is no such file, is damaged or has no digest at its end, or is of
-        another version.
+    An InvalidInput says that the file is not there, is no such file, is damaged, or is of another version.
     """
     return read_controller(path, Controller)
 
@@ -583,9 +540,6 @@ def _shaped(name: str, value: Any, *shape: int) -> np.ndarray:
     """An array of a law or an estimator of this shape, or one number for all its elements."""
     array = np.asarray(value, dtype=float)
     if array.shape not in ((), shape):
-        raise InvalidInput(
-            f"The array {name!r} has the wrong shape.",
-            f"expected {shape}, got {array.shape}",
-            "one element for each place",
-        )
+        what, found = f"The array {name!r} has the wrong shape.", f"expected {shape}, got {array.shape}"
+        raise InvalidInput(what, found, "one element for each place")
     return np.broadcast_to(array, shape)

@@ -87,21 +87,13 @@ class Layout:
         return [(array, place) for array, (_, _, place) in zip(arrays, self._arrays, strict=True)]
 
     def flat(self, values: Mapping[str, Any]) -> np.ndarray:
-        """The vector (size,) of named parts; a plain number fills its part.
-
-        Raises
-        ------
-        InvalidInput
-            If an array has another shape than its part.
-        """
+        """The vector (size,) of named parts; a plain number fills its part, and another shape is an InvalidInput."""
         flat = []
         for (name, shape, _), (array, _) in zip(self._arrays, self.pairs(values)):
             if np.shape(array) not in ((), shape):
-                raise InvalidInput(
-                    f"The array {name!r} has the wrong shape.",
-                    f"expected {shape}, got {np.shape(array)}",
-                    "one element for each place",
-                )
+                found = f"expected {shape}, got {np.shape(array)}"
+                what = f"The array {name!r} has the wrong shape."
+                raise InvalidInput(what, found, "one element for each place")
             flat.append(np.broadcast_to(np.asarray(array), shape).ravel())
         return np.concatenate(flat)
 
@@ -146,29 +138,13 @@ class StateHistory:
     """The memory of the last good sample, earlier ones, and how many good samples there were since one was kept.
 
     All of it is here, so that a copy goes on with the same bits, and `begin` leaves nothing of before. The exported C
-    has the same numbers in its state.
+    has the same numbers in its state. It starts from the memory (s,) of the design; the last command lies at `command`
+    in it.
 
-    Parameters
-    ----------
-    memory : (s,) array
-        At the start of the design; copied.
-    command : slice
-        Where the last command lies in the memory.
-    states : int
-        Numbers of an estimate.
-
-    Attributes
-    ----------
-    memory : (s,) array
-        Of the last good sample; always the same array, which the compiled step writes.
-    reference : (max(1, k),) array
-        The command of the last good sample, and zeros; likewise.
-    estimate : (n,) array
-        Likewise; NaN before the first sample.
-    waiting : bool
-        Whether there was no good measurement yet.
-    holding : bool
-        Whether the last command holds after the last going back, and not that of the earlier memory.
+    `memory` (s,), `reference` (max(1, k),), the command and zeros, and `estimate` (n,), NaN before the first sample,
+    are those of the last good sample: always the same arrays, which the compiled step writes. `waiting`: there was no
+    good measurement yet. `holding`: the last command holds after the last going back, and not that of the earlier
+    memory.
     """
 
     def __init__(self, memory: np.ndarray, command: slice, states: int) -> None:
@@ -257,43 +233,29 @@ def step_program(
     places: dict[str, Slice | None] = {"y": None, **whole, "estimate": whole["estimated"]}
     body, scratch = steps(places if commanded else {**places, "r": None})
     read = [Guard(whole["y"], BAD_MEASUREMENT)] if "y" in sizes else []
-    whole_body = (
-        *read,
-        Guard(whole["r"], BAD_REFERENCE),
-        *body,
-        Guard(whole["u"], BAD_RESULT),
-        Guard(whole["estimated"], BAD_RESULT),
-        Guard(whole["after"], BAD_RESULT),
-        Copy(whole["after"], whole["memory"]),
-        Copy(whole["estimated"], whole["estimate"]),
-    )
-    return Program("controller_step", (*buffers, *scratch), whole_body, ())
+    results = [Guard(whole[name], BAD_RESULT) for name in ("u", "estimated", "after")]
+    copies = Copy(whole["after"], whole["memory"]), Copy(whole["estimated"], whole["estimate"])
+    every = (*read, Guard(whole["r"], BAD_REFERENCE), *body, *results, *copies)
+    return Program("controller_step", (*buffers, *scratch), every, ())
 
 
 def step_failure(code: int, back: bool, y: Any, reference: Any) -> NumericalFailure:
     """The error of a compiled step that ended with a code; y and the command are those it was given, and `back` says
     whether an earlier memory has taken the place of the one it ran on."""
+    given = f"y={value_text(y)}, reference={value_text(reference)}"
     if code != BAD_RESULT:
-        advice = "another command"
+        what, advice = "command", "another command"
         if code == BAD_MEASUREMENT:
+            what = "measurement"
             advice = "step(None) to predict over a sample without a measurement, or hold the last input"
         return NumericalFailure(
-            f"The {'measurement' if code == BAD_MEASUREMENT else 'command'} is not a finite number; "
-            "nothing was updated.",
-            f"got y={value_text(y)}, reference={value_text(reference)}",
-            advice,
+            f"The {what} is not a finite number; nothing was updated.", f"got {given}", advice
         )
+    what = "The controller's estimate or input is no longer finite; nothing was updated."
+    advice = "step(None) to predict over this sample; if it goes on, reset()"
     if back:
-        return NumericalFailure(
-            "The controller's estimate or input is no longer finite, again; the controller went back to what it "
-            f"remembered {SPACING} to {2 * SPACING} good samples ago, or at its start.",
-            f"after y={value_text(y)}, reference={value_text(reference)}",
-            "go on with the next measurement, or reset(state); then look at the measurement's unit, saturation= and "
-            "the noise covariances",
-        )
-    return NumericalFailure(
-        "The controller's estimate or input is no longer finite; nothing was updated.",
-        f"after y={value_text(y)}, reference={value_text(reference)}",
-        "step(None) to predict over this sample; if it goes on, reset(), and look at the measurement's unit, "
-        "saturation= and the noise covariances",
-    )
+        what = "The controller's estimate or input is no longer finite, again; the controller went back to what it "
+        what += f"remembered {SPACING} to {2 * SPACING} good samples ago, or at its start."
+        advice = "go on with the next measurement, or reset(state)"
+    look = "then look at the measurement's unit, saturation= and the noise covariances"
+    return NumericalFailure(what, f"after {given}", f"{advice}; {look}")

@@ -10,7 +10,7 @@ import numpy as np
 
 from flexhinf.errors import InvalidInput
 from flexhinf.plant import INTEGRAL, Estimator, Law
-from flexhinf.validation import real_array, real_number, value_text
+from flexhinf.validation import checked_positive, real_array, value_text
 
 
 class Source(NamedTuple):
@@ -33,25 +33,10 @@ class Source(NamedTuple):
 class Mode:
     """Options that change the code of a step, beside law and estimator.
 
-    Parameters
-    ----------
-    moving : bool
-        Whether the law acts about a moving reference (x_d, u_d) instead of the operating point.
-    start : {"zero", "bumpless"}
-        The integrals at the first sample: zero, or such that the input continues from the one before.
-    laws : int
-        Number of laws, of which one is active at a time.
-    limits_command, limits_input_rate : bool
-        Whether the command has limits, and the rate of the input has; the input itself always may.
-    has_dead_zone : bool
-        Whether small errors are not integrated.
-    bounds_windup : bool
-        Whether what integrals push is bounded, as some input has no limit.
-
-    Raises
-    ------
-    InvalidInput
-        If `moving` is neither True nor False, or there is no such start.
+    `moving`: the law acts about a moving reference (x_d, u_d) instead of the operating point. `start`: the integrals
+    at the first sample are "zero", or such that the input continues from the one before, "bumpless". Of `laws` one is
+    active at a time. The flags say what has limits (the input itself always may), whether small errors are not
+    integrated, and whether what integrals push is bounded, as some input has no limit.
     """
 
     moving: bool = False
@@ -64,17 +49,13 @@ class Mode:
 
     def __post_init__(self) -> None:
         if not isinstance(self.moving, bool):
-            raise InvalidInput(
-                "Whether the law acts about a moving reference is not said.",
-                f"expected moving=True or moving=False, got {value_text(self.moving)}",
-                "moving=True for commands (x_d, u_d) of states and inputs",
-            )
+            found = f"expected moving=True or moving=False, got {value_text(self.moving)}"
+            what = "Whether the law acts about a moving reference is not said."
+            raise InvalidInput(what, found, "moving=True for commands (x_d, u_d) of states and inputs")
         if self.start not in ("zero", "bumpless"):
-            raise InvalidInput(
-                "There is no such start of a controller.",
-                f"expected 'zero' or 'bumpless', got {value_text(self.start)}",
-                "start='bumpless' to continue from the last input",
-            )
+            found = f"expected 'zero' or 'bumpless', got {value_text(self.start)}"
+            advice = "start='bumpless' to continue from the last input"
+            raise InvalidInput("There is no such start of a controller.", found, advice)
 
     @property
     def bumpless(self) -> bool:
@@ -92,14 +73,8 @@ PERIODS = (1e-6, 1.0)
 
 
 def checked_period(value: Any) -> float:
-    """A sampling period, s, of a size that a controller of a robot can have.
-
-    Raises
-    ------
-    InvalidInput
-        If it is no number within `PERIODS`; the message asks for the unit that was probably meant.
-    """
-    period = positive(value, "sampling period", "1e-3 for 1 kHz")
+    """A sampling period, s, within `PERIODS`; else an InvalidInput asks for the unit that was probably meant."""
+    period = checked_positive("The sampling period", value, "seconds", "1e-3 for 1 kHz")
     low, high = PERIODS
     if low <= period <= high:
         return period
@@ -108,21 +83,8 @@ def checked_period(value: Any) -> float:
         meant = f"period={1e-3 * period:g} if {period:g} ms was meant"
         if period >= 10.0:
             meant += f", or {1.0 / period:g} for a rate of {period:g} Hz"
-    raise InvalidInput(
-        "The sampling period is out of proportion.",
-        f"expected {low:g} s to {high:g} s, got {period:g} s",
-        meant,
-    )
-
-
-def positive(value: Any, what: str, example: str) -> float:
-    """A positive finite number of seconds."""
-    seconds = real_number(value)
-    if not (np.isfinite(seconds) and seconds > 0.0):
-        raise InvalidInput(
-            f"The {what} is not positive.", f"expected seconds > 0, got {value_text(value)}", example
-        )
-    return seconds
+    found = f"expected {low:g} s to {high:g} s, got {period:g} s"
+    raise InvalidInput("The sampling period is out of proportion.", found, meant)
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,32 +122,38 @@ class Limits:
         """Of m signals: the range from None, a number (±), an array with one number (±) each, or a tuple (lower, upper)
         of them; the largest rate per second from None, a number or (m,). The names are those of both arguments.
 
-        Raises
-        ------
-        InvalidInput
-            If shapes do not fit, lower < upper does not hold, or a rate is not positive.
+        What has another shape, does not keep lower < upper, or is no positive rate is an InvalidInput.
         """
         name, rate_name = names
-        rates = np.full(inputs, np.inf) if rate is None else _edge(rate, inputs, rate_name, "2.0 per second")
+
+        def ends(value: Any, name: str, advice: str) -> np.ndarray:
+            try:
+                return np.array(np.broadcast_to(real_array(value), (inputs,)))
+            except (TypeError, ValueError) as error:
+                what = "command" if name.startswith("command") else "inputs"
+                found = f"expected one number or {inputs}, got {value_text(value)}"
+                message = f"The {LIMITS[name]} does not fit the {what}."
+                raise InvalidInput(message, found, f"{name}={advice}") from error
+
+        rates = np.full(inputs, np.inf) if rate is None else ends(rate, rate_name, "2.0 per second")
         if not np.all(rates > 0.0):
-            raise InvalidInput(
-                f"The {LIMITS[rate_name]} is not positive.",
-                f"expected numbers > 0 per second, got {value_text(rate)}",
-                f"{rate_name}=2.0, or one per signal",
-            )
+            found = f"expected numbers > 0 per second, got {value_text(rate)}"
+            advice = f"{rate_name}=2.0, or one per signal"
+            raise InvalidInput(f"The {LIMITS[rate_name]} is not positive.", found, advice)
         if saturation is None:
             return Limits(np.full(inputs, -np.inf), np.full(inputs, np.inf), rates)
         advice = f"48.0 for ±48, or {name}=(lower, upper)"
         pair = isinstance(saturation, tuple) and len(saturation) == 2
-        parts = saturation if pair else (saturation, saturation)
-        lower, upper = (_edge(part, inputs, name, advice) for part in parts)
+        lower, upper = (
+            ends(part, name, advice) for part in (saturation if pair else (saturation, saturation))
+        )
         lower = lower if pair else -upper
         if not np.all(lower < upper):
-            raise InvalidInput(
-                f"The {LIMITS[name]} leaves no room for the {'input' if name == 'saturation' else 'command'}.",
-                f"expected lower < upper, got lower={lower.tolist()}, upper={upper.tolist()}",
-                f"{name}={advice}",
+            what = (
+                f"The {LIMITS[name]} leaves no room for the {'input' if name == 'saturation' else 'command'}."
             )
+            found = f"expected lower < upper, got lower={lower.tolist()}, upper={upper.tolist()}"
+            raise InvalidInput(what, found, f"{name}={advice}")
         return Limits(lower, upper, rates)
 
 
@@ -196,29 +164,14 @@ LIMITS = {
 }  # fmt: skip
 
 
-def _edge(value: Any, inputs: int, name: str, advice: str) -> np.ndarray:
-    try:
-        return np.array(np.broadcast_to(real_array(value), (inputs,)))
-    except (TypeError, ValueError) as error:
-        raise InvalidInput(
-            f"The {LIMITS[name]} does not fit the {'command' if name.startswith('command') else 'inputs'}.",
-            f"expected one number or {inputs}, got {value_text(value)}",
-            f"{name}={advice}",
-        ) from error
-
-
 def command_limits(command_range: Any, command_rate: Any, tracked: Sequence[str], moving: bool) -> Limits:
-    """Limits of a standing command, from the arguments of a controller.
-
-    They are refused if they do not fit, beside a moving reference, whose velocity and input would no longer fit its
-    position, and where nothing is commanded.
-    """
+    """Limits of a standing command, from the arguments of a controller; refused beside a moving reference, whose
+    velocity and input would no longer fit its position, and where nothing is commanded."""
     if (command_range is None and command_rate is None) or (tracked and not moving):
         return Limits.of(command_range, len(tracked), command_rate, ("command_range", "command_rate"))
     raise InvalidInput(
         "A limit of the command is given where positions are not commanded alone.",
-        "expected a law with integrals and moving=False, got "
-        + ("moving=True" if moving else "a law that tracks nothing"),
+        f"expected a law with integrals and moving=False, got moving={moving} and {len(tracked)} integrals",
         "check_reference(robot, reference, duration) before the move; a plan (JerkLimited) has a largest velocity",
     )
 
@@ -232,10 +185,8 @@ def dead_zone(value: Any, tracked: Sequence[str]) -> np.ndarray | None:
     if not tracked or zone.shape not in ((), (len(tracked),)) or not np.all(zone >= 0.0):
         raise InvalidInput(
             "The dead zone of the integrals does not fit.",
-            f"expected one number >= 0 or one for each of {list(tracked)}, got {value_text(value)}"
-            if tracked
-            else f"expected a law with integrals, got {value_text(value)} beside a law that tracks nothing",
-            "integral_dead_zone=1e-3" if tracked else "integral_dead_zone=None",
+            f"expected one number >= 0 or one for each of the integrated {list(tracked)}, got {value_text(value)}",
+            "integral_dead_zone=1e-3" if tracked else "integral_dead_zone=None, as this law tracks nothing",
         )
     return np.array(np.broadcast_to(zone, (len(tracked),))) if zone.any() else None
 
@@ -244,16 +195,13 @@ def check_kinds(law: Any, estimator: Any) -> None:
     """They are a law with finite numbers of the right sizes, and an estimator or None."""
     if not isinstance(law, Law):
         raise InvalidInput(
-            "The controller needs a law.",
-            f"expected a flexhinf.plant.Law, got {type(law).__name__}",
+            "The controller needs a law.", f"expected a flexhinf.plant.Law, got {type(law).__name__}",
             "a solution of solve_hji or linear_law, or a subclass of flexhinf.plant.Law",
-        )
+        )  # fmt: skip
     if estimator is not None and not isinstance(estimator, Estimator):
-        raise InvalidInput(
-            "The controller's estimator is none.",
-            f"expected a flexhinf.plant.Estimator or None, got {type(estimator).__name__}",
-            "Controller(solution, UnscentedKalmanFilter(...), period)",
-        )
+        found = f"expected a flexhinf.plant.Estimator or None, got {type(estimator).__name__}"
+        advice = "Controller(solution, UnscentedKalmanFilter(...), period)"
+        raise InvalidInput("The controller's estimator is none.", found, advice)
     n, m = len(law.state_names), len(law.input_names)
     point, rest = np.asarray(law.operating_point), np.asarray(law.operating_input)
     if point.shape != (n,) or rest.shape != (m,) or not np.all(np.isfinite(np.ravel(law.law_data))):
@@ -264,31 +212,26 @@ def check_kinds(law: Any, estimator: Any) -> None:
         )
 
 
-def check_names(
-    law: Law, estimator: Estimator | None, period: float, states: tuple[str, ...], tracked: tuple[str, ...]
-) -> None:
+def check_names(law: Law, estimator: Estimator | None, period: float) -> None:
     """The law's states are the plant's, then integrals; the estimator means the same, at the same period."""
+    states, tracked = law.plant_states, law.tracked
     order = (*states, *(name + INTEGRAL for name in tracked))
     if order != tuple(law.state_names) or not set(tracked) <= set(states):
         raise InvalidInput(
             "The law's states are not the plant's states followed by integrals of some of them.",
-            f"got {list(law.state_names)}",
-            "name the integral of the error of NAME 'NAME_integral', last",
-        )
+            f"got {list(law.state_names)}", "name the integral of the error of NAME 'NAME_integral', last",
+        )  # fmt: skip
     if estimator is None:
         return
-    plant = estimator.plant
-    model = (tuple(plant.states), tuple(plant.inputs))
-    if model != (states, tuple(law.input_names)):
+    plant, inputs = estimator.plant, tuple(law.input_names)
+    if (tuple(plant.states), tuple(plant.inputs)) != (states, inputs):
         raise InvalidInput(
             "The estimator and the law do not mean the same states and inputs.",
-            f"the law needs {list(states)} and {list(law.input_names)}, "
+            f"the law needs {list(states)} and {list(inputs)}, "
             f"the estimator's plant has {list(plant.states)} and {list(plant.inputs)}",
             "the same plant for both",
         )
     if abs(estimator.period - period) > 1e-12 * period:
-        raise InvalidInput(
-            "The estimator and the controller run at different periods.",
-            f"expected {period} s, got {estimator.period} s",
-            "the same period for both",
-        )
+        found = f"expected {period} s, got {estimator.period} s"
+        what = "The estimator and the controller run at different periods."
+        raise InvalidInput(what, found, "the same period for both")

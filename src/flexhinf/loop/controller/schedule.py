@@ -19,12 +19,12 @@ from typing import Any
 import numpy as np
 
 from flexhinf.errors import InvalidInput
-from flexhinf.loop.controller.options import Mode, check_kinds, positive
+from flexhinf.loop.controller.options import Mode, check_kinds
 from flexhinf.plant import Law
 from flexhinf.polynomial import basis
 from flexhinf.polynomial.law import PolynomialLaw
 from flexhinf.scalars import absolute, where
-from flexhinf.validation import real_number, value_text
+from flexhinf.validation import checked_positive, real_number, value_text
 
 #: Time constant of the bias that decays, s.
 FADE = 0.5
@@ -42,12 +42,14 @@ ROUNDING = 1e-14
 def blend_time(fade: Any, mode: Mode) -> float:
     """The time constant of the bias, s; refused if it is not positive, or given though no law ever takes over."""
     if fade is not None and not mode.takes_over:
-        raise InvalidInput(
-            "A time constant is given for a bias that never is.",
-            f"expected fade=None for one law that starts from zero, got {value_text(fade)}",
-            "start='bumpless', or a Schedule of several laws",
-        )
-    return FADE if fade is None else positive(fade, "time constant of the fading bias", "fade=0.5")
+        found = f"expected fade=None for one law that starts from zero, got {value_text(fade)}"
+        advice = "start='bumpless', or a Schedule of several laws"
+        raise InvalidInput("A time constant is given for a bias that never is.", found, advice)
+    return (
+        FADE
+        if fade is None
+        else checked_positive("The time constant of the bias", fade, "seconds", "fade=0.5")
+    )
 
 
 def inverse_slope(slope: np.ndarray) -> np.ndarray:
@@ -56,62 +58,32 @@ def inverse_slope(slope: np.ndarray) -> np.ndarray:
 
 
 def bumpless_transfer(
-    run: Any,
-    law: Callable[[Any], Any],
-    taken: Any,
-    deviation: Any,
-    feedback: Any,
-    wanted: Any,
-    inverse: Any,
-    growth: Any,
-    bias: Any,
-    point: Any,
-    decay: Any,
+    run: Any, law: Callable[[Any], Any], taken: Any, deviation: Any, feedback: Any, wanted: Any, *data: Any
 ) -> tuple[Any, Any, Any, Any]:
     """The feedback of a sample at which a law may take over.
 
-    Parameters
-    ----------
-    law : callable
-        k(x) on the run, (m,).
-    taken : (1,)
-        1 where a law takes over at this sample, else 0.
-    deviation, feedback : (n + k,), (m,)
-        The law's argument with the integrals as they are, and k of it.
-    wanted : (m,)
-        u_last − u*.
-    inverse : (k, m)
-        See `inverse_slope`.
-    growth : (k,)
-        Of the integrals since the last sample.
-    bias : (m,)
-        Of the last sample.
-    point, decay : (n + k,), (1,)
-        x*, and the fraction of the bias that is left after a period.
+    Of the law k(x) on the run; `taken` (1,), 1 where a law takes over at this sample, else 0; the law's argument
+    (n + k,) with the integrals as they are and k of it; u_last − u* (m,). Behind these the inverse slope (k, m), see
+    `inverse_slope`; the growth of the integrals since the last sample (k,); the last bias (m,); x* (n + k,); and the
+    fraction of the bias that is left after a period (1,).
 
-    Returns
-    -------
-    feedback, growth, integral, bias
-        k with the bias (m,); growth and integrals (k,), the growth zero where a law takes over; the bias (m,).
+    Returns k with the bias (m,); growth and integrals (k,), the growth zero where a law takes over; the bias (m,).
     """
+    inverse, growth, bias, point, decay = data
     n = deviation.shape[0] - growth.shape[0]
     misfit, errors = wanted, deviation[n:]
     with run.when(taken):
         misfit = run.call(np.subtract, wanted, feedback)
 
         def step(errors: Any, misfit: Any, inverse: Any) -> tuple[Any, Any, Any]:
-            trial = run.call(_trial, deviation[:n], errors, inverse, misfit)
+            one_step_on = lambda x, e, inverse, misfit: np.concatenate([x, e + inverse @ misfit])  # noqa: E731
+            trial = run.call(one_step_on, deviation[:n], errors, inverse, misfit)
             return run.call(_better, errors, misfit, inverse, trial, law(trial), wanted)
 
         if growth.shape[0]:
             errors, misfit, _ = run.repeat(STEPS, step, errors, misfit, inverse)
     parts = (taken, feedback, wanted, misfit, errors, growth, bias, deviation, point, decay)
     return run.call(partial(_joined, n), *parts)
-
-
-def _trial(states: Any, errors: Any, inverse: Any, misfit: Any) -> Any:
-    """The law's argument one step on."""
-    return np.concatenate([states, errors + inverse @ misfit])
 
 
 def _better(
@@ -128,20 +100,9 @@ def _better(
     return where(better, errors + step, errors), where(better, rest, misfit), inverse
 
 
-def _joined(
-    n: int,
-    taken: Any,
-    feedback: Any,
-    wanted: Any,
-    misfit: Any,
-    errors: Any,
-    growth: Any,
-    bias: Any,
-    deviation: Any,
-    point: Any,
-    decay: Any,
-) -> tuple[Any, Any, Any, Any]:
+def _joined(n: int, *parts: Any) -> tuple[Any, Any, Any, Any]:
     """What was found where a law takes over, else what was; see `bumpless_transfer`."""
+    taken, feedback, wanted, misfit, errors, growth, bias, deviation, point, decay = parts
     new = taken[0] > 0.5
     integral = where(new, errors, deviation[n:]) + point[n:]
     bias = where(new, misfit, decay * bias)
@@ -221,59 +182,43 @@ def chosen(
     The command r is (k,), or (n + m,) of a moving reference; `places` are those of the tracked states among all states,
     `active` (L,) is 1 for the law that was active, `started` (1,) 0 at the first sample, which knows no active law.
 
-    Returns
-    -------
-    active, taken, operating_point, operating_input, integral_gain, inverse_slope
-        What is active now (L,); 1 where a law takes over (1,); numbers of the active law, behind these windup_line and
-        windup_spread where windup is bounded.
+    Returns what is active now (L,); 1 where a law takes over (1,); and of the active law operating point and input,
+    gain of the integrals and inverse slope, behind these windup_line and windup_spread where windup is bounded.
     """
     tables = (data.operating_point, data.operating_input, data.integral_gain, data.inverse_slope)
     tables += (data.windup_line, data.windup_spread) if mode.bounds_windup else ()
-    return run.call(partial(_chosen, list(places), mode), r, active, started, data.closer, *tables)
 
+    def choose(r: Any, active: Any, started: Any, closer: Any, points: Any, *tables: Any) -> tuple[Any, ...]:
+        apart = points[:, places] - (r[places] if mode.moving else r)
+        distances = (apart * apart).sum(axis=1)
+        nearest, index = distances[0], 0.0
+        for law, distance in enumerate(distances[1:], 1):
+            index = where(distance < nearest, float(law), index)
+            nearest = where(distance < nearest, distance, nearest)
+        # Squared distances, so squared fractions; the first sample chooses without hysteresis.
+        changes = where(started[0] > 0.5, nearest < closer[0] * closer[0] * (active @ distances), True)
+        now = np.array([where(changes, where(index == law, 1.0, 0.0), was) for law, was in enumerate(active)])
+        taken = where(started[0] > 0.5, 1.0 - active @ now, 1.0 if mode.bumpless else 0.0)
+        rows = (np.tensordot(now, table, axes=1) for table in (points, *tables))
+        return now, np.array([taken]), *rows
 
-def _chosen(
-    places: list[int],
-    mode: Mode,
-    r: Any,
-    active: Any,
-    started: Any,
-    closer: Any,
-    points: Any,
-    *tables: Any,
-) -> tuple[Any, ...]:
-    apart = points[:, places] - (r[places] if mode.moving else r)
-    distances = (apart * apart).sum(axis=1)
-    nearest, index = distances[0], 0.0
-    for law, distance in enumerate(distances[1:], 1):
-        index = where(distance < nearest, float(law), index)
-        nearest = where(distance < nearest, distance, nearest)
-    # Squared distances, so squared fractions; the first sample chooses without hysteresis.
-    changes = where(started[0] > 0.5, nearest < closer[0] * closer[0] * (active @ distances), True)
-    now = np.array([where(changes, where(index == law, 1.0, 0.0), was) for law, was in enumerate(active)])
-    taken = where(started[0] > 0.5, 1.0 - active @ now, 1.0 if mode.bumpless else 0.0)
-    rows = (np.tensordot(now, table, axes=1) for table in (points, *tables))
-    return now, np.array([taken]), *rows
+    return run.call(choose, r, active, started, data.closer, *tables)
 
 
 def _checked(laws: Any) -> tuple[Law, ...]:
     if not isinstance(laws, Sequence) or isinstance(laws, str) or not laws:
-        raise InvalidInput(
-            "A schedule needs laws.",
-            f"expected a sequence of laws, got {value_text(laws)}",
-            "Schedule([law, other])",
-        )
+        found = f"expected a sequence of laws, got {value_text(laws)}"
+        raise InvalidInput("A schedule needs laws.", found, "Schedule([law, other])")
     for law in laws:
         check_kinds(law, None)
     first = laws[0]
-    for law in laws[1:]:
-        for what in ("state_names", "input_names"):
-            if tuple(getattr(law, what)) != tuple(getattr(first, what)):
-                raise InvalidInput(
-                    "The laws of a schedule do not mean the same states and inputs.",
-                    f"expected {what} {list(getattr(first, what))}, got {list(getattr(law, what))}",
-                    "laws of one problem at several poses",
-                )
+    names = [(list(law.state_names), list(law.input_names)) for law in laws]
+    for other in names:
+        if other != names[0]:
+            what = "The laws of a schedule do not mean the same states and inputs."
+            raise InvalidInput(
+                what, f"expected {names[0]}, got {other}", "laws of one problem at several poses"
+            )
     laws = with_common_monomials(laws)
     text, *others = ((type(law), law.law_key, np.size(law.law_data)) for law in laws)
     for other in others:
@@ -287,55 +232,77 @@ def _checked(laws: Any) -> tuple[Law, ...]:
     places = [first.state_names.index(name) for name in first.tracked]
     poses = [tuple(np.asarray(law.operating_point, dtype=float)[places].tolist()) for law in laws]
     if not places or len(set(poses)) < len(poses):
-        raise InvalidInput(
-            "The poses of a schedule do not tell its laws apart.",
-            f"expected tracked positions that differ, got {[list(pose) for pose in poses]}",
-            "laws with integrals, each about a pose of its own",
-        )
+        found = f"expected tracked positions that differ, got {[list(pose) for pose in poses]}"
+        what = "The poses of a schedule do not tell its laws apart."
+        raise InvalidInput(what, found, "laws with integrals, each about a pose of its own")
     return laws
 
 
-class PaddedLaw(Law):
-    """A polynomial law (one with a `law_table`) with more degrees, ascending, than occur in it."""
+class TableLaw(Law):
+    """A law that is the table of its polynomial, with the names and the operating point of another one; `kind` is the
+    class that it was, `degree` that of its value function."""
 
-    def __init__(self, law: Law, degrees: tuple[int, ...]) -> None:
-        polynomial = law.law_table
-        assert polynomial is not None
-        n, own = polynomial.n, iter(polynomial.coefficients.T)
-        rows = [
-            next(own) if degree in polynomial.degrees else np.zeros(len(law.input_names))
-            for degree in degrees
-            for _ in range(basis.count(n, degree))
-        ]
-        self.polynomial = PolynomialLaw(n, degrees, np.array(rows).T)
-        self.state_names, self.input_names = tuple(law.state_names), tuple(law.input_names)
-        self.operating_point, self.operating_input = law.operating_point, law.operating_input
+    def __init__(
+        self,
+        names: Sequence[Sequence[str]],
+        point: Any,
+        input: Any,
+        table: PolynomialLaw,
+        kind: str,
+        degree: int | None,
+    ) -> None:
+        self.state_names, self.input_names = map(tuple, names)
+        self.operating_point, self.operating_input = point, input
+        self.table, self.made_of = table, (kind, degree)
+
+    @property
+    def kind(self) -> str:
+        """The class that it was."""
+        return self.made_of[0]
 
     @property
     def law_data(self) -> np.ndarray:
-        """The padded coefficients, flat."""
-        return self.polynomial.coefficients.ravel()
+        """The coefficients, flat."""
+        return self.table.coefficients.ravel()
 
     @property
     def law_key(self) -> str:
         """The monomials."""
-        return f"polynomial {self.polynomial.n} {self.polynomial.degrees}"
+        return f"polynomial {self.table.n} {self.table.degrees}"
 
     @property
     def law_table(self) -> PolynomialLaw:
         """The polynomial."""
-        return self.polynomial
+        return self.table
+
+    @property
+    def law_degree(self) -> int | None:
+        """As of the law that it was."""
+        return self.made_of[1]
 
     def evaluate_law(self, x: Any, data: Any) -> Any:
         """k(x), (m,), for a deviation x (n,) on any element."""
-        return self.polynomial.evaluate(x, np.asarray(data).reshape(self.polynomial.coefficients.shape))
+        return self.table.evaluate(x, np.asarray(data).reshape(self.table.coefficients.shape))
 
 
 def with_common_monomials(laws: Sequence[Law]) -> tuple[Law, ...]:
     """The laws, padded if they are polynomials of one class, solved to one degree, whose monomials differ."""
     alike = len({(type(law), law.law_degree) for law in laws}) == 1 and laws[0].law_degree is not None
-    tables = [law.law_table for law in laws]
-    if len({law.law_key for law in laws}) == 1 or not alike or None in tables:
+    tables = [table for law in laws if (table := law.law_table) is not None]
+    if len({law.law_key for law in laws}) == 1 or not alike or len(tables) < len(laws):
         return tuple(laws)
-    degrees = {degree for table in tables if table is not None for degree in table.degrees}
-    return tuple(PaddedLaw(law, tuple(sorted(degrees))) for law in laws)
+    degrees = tuple(sorted({degree for table in tables for degree in table.degrees}))
+    padded = []
+    for law, table in zip(laws, tables):
+        own, nothing = iter(table.coefficients.T), np.zeros(len(law.input_names))
+        rows = [
+            next(own) if degree in table.degrees else nothing
+            for degree in degrees
+            for _ in range(basis.count(table.n, degree))
+        ]
+        whole = PolynomialLaw(table.n, degrees, np.array(rows).T)
+        names = law.state_names, law.input_names
+        padded.append(
+            TableLaw(names, law.operating_point, law.operating_input, whole, law.kind, law.law_degree)
+        )
+    return tuple(padded)

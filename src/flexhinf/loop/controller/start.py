@@ -50,12 +50,8 @@ SPARE = 0.5
 class Windup:
     """The bound of what integrals push, for L laws of m inputs and k integrals.
 
-    Attributes
-    ----------
-    limit : (m,) array
-        w; infinite for inputs that their own limits keep within w of the operating input.
-    line, spread : (L, m, k) arrays
-        G and S; (m, k) of one law.
+    `limit` (m,) is w, infinite for inputs that their own limits keep within w of the operating input; `line` and
+    `spread` are G and S, (L, m, k), or (m, k) of one law.
     """
 
     limit: np.ndarray
@@ -132,40 +128,24 @@ HOLD, ZERO = "hold", "zero"
 class FirstInput:
     """The input (m,) of a controller before its first sample.
 
-    Parameters
-    ----------
-    before_first : {"hold", "zero"} or (m,) array
-        As for `flexhinf.Controller`.
-    limits : Limits
-        Of the input.
-
-    Raises
-    ------
-    InvalidInput
-        If `before_first` is none of these, or not within the limits.
+    `before_first` is as for `flexhinf.Controller`, "hold", "zero" or (m,), and `limits` are those of the input; what
+    is none of these, or not within the limits, is an InvalidInput.
     """
 
     def __init__(self, before_first: Any, law: Law, estimator: Estimator | None, limits: Limits) -> None:
         self.law, self.estimator, self.limits = law, estimator, limits
-        if isinstance(before_first, str):
-            if before_first not in (HOLD, ZERO):
-                raise InvalidInput(
-                    "There is no such input before the first measurement.",
-                    f"expected 'hold', 'zero' or one number per input, got {value_text(before_first)}",
-                    "before_first='zero' for motors that stay without power until there is a measurement",
-                )
-            self.option: Any = before_first
-        else:
-            self.option = self._checked(before_first)
+        named = isinstance(before_first, str)
+        if named and before_first not in (HOLD, ZERO):
+            raise InvalidInput(
+                "There is no such input before the first measurement.",
+                f"expected 'hold', 'zero' or one number per input, got {value_text(before_first)}",
+                "before_first='zero' for motors that stay without power until there is a measurement",
+            )
+        self.option: Any = before_first if named else self._checked(before_first)
 
     def at(self, given: Any = None, state: Any = None) -> np.ndarray:
-        """`given` if it fits; or that of the option, for a start that is told (n,), or where the estimate begins.
-
-        Raises
-        ------
-        InvalidInput
-            If `given` does not fit the inputs, is not finite, or lies outside of the limits.
-        """
+        """`given` if it fits, else an InvalidInput; or that of the option, for a start that is told (n,), or where the
+        estimate begins."""
         if given is not None:
             return self._checked(given)
         if state is None or self.is_zero:
@@ -175,8 +155,18 @@ class FirstInput:
         if np.array_equal(place, self.estimator.initial[0]):
             return self.own.copy()
         plant, u = self.estimator.plant, np.zeros(len(self.own))
-        arrays = {"x": np.array(place), "p": plant.parameters.vector(), "u": u}
-        _holding_kernel(plant).run({name: array for name, array in arrays.items() if array.size}, {})
+        every = {"x": np.array(place), "p": plant.parameters.vector(), "u": u}
+        arrays = {name: array for name, array in every.items() if array.size}
+
+        def build() -> Any:
+            buffers = [
+                Buffer(name, array.size, "out" if name == "u" else "in") for name, array in arrays.items()
+            ]
+            *inputs, held = (Slice(name, size=array.size) for name, array in arrays.items())
+            call = Call(holding_function(plant), tuple(inputs), (held,))
+            return compile_program(Program("holding", tuple(buffers), (call,), ()))
+
+        share(("holding kernel", plant.code_key), build).run(arrays, {})
         return self._within(u) if np.isfinite(u).all() else self.own.copy()
 
     @property
@@ -203,8 +193,8 @@ class FirstInput:
         if not np.array_equal(mean, np.asarray(self.law.operating_point, dtype=float)[: len(mean)]):
             plant = self.estimator.plant
             given = [array for array in (mean, plant.parameters.vector()) if array.size]
-            found = np.ravel(np.asarray(holding_function(plant)(*given), dtype=float))
-            rest = found if np.isfinite(found).all() else rest
+            held = np.ravel(np.asarray(holding_function(plant)(*given), dtype=float))
+            rest = held if np.isfinite(held).all() else rest
         return self._within(rest)
 
     def _within(self, u: np.ndarray) -> np.ndarray:
@@ -242,17 +232,3 @@ def holding_function(plant: Plant) -> Any:
         return drop_empty(ca.Function("holding", [x, p], [ca.densify(held)], {"cse": True}))
 
     return share(("holding", plant.code_key), build)
-
-
-def _holding_kernel(plant: Plant) -> Any:
-    sizes = {"x": plant.n, "p": plant.parameters.size, "u": len(plant.inputs)}
-    buffers = tuple(
-        Buffer(name, size, "out" if name == "u" else "in") for name, size in sizes.items() if size
-    )
-    *given, held = (Slice(buffer.name, size=buffer.size or 0) for buffer in buffers)
-
-    def build() -> Any:
-        call = Call(holding_function(plant), tuple(given), (held,))
-        return compile_program(Program("holding", buffers, (call,), ()))
-
-    return share(("holding kernel", plant.code_key), build)

@@ -7,6 +7,7 @@ evaluated by its own text, or as a table of monomials in loops.
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
@@ -30,9 +31,9 @@ TABLE = 500
 class LawCode:
     """A law and the form of its numbers in a kernel.
 
-    From `TABLE` coefficients on, a composed kernel evaluates a polynomial law (`Law.law_table`) in loops, in nested
-    form: the table of its coefficients has one row per monomial and one column per input, padded with zero columns so
-    that rows fill vectors. `composed` says whether the controller is composed of pieces.
+    From `TABLE` coefficients on, a controller that is `composed` of pieces evaluates a polynomial law
+    (`Law.law_table`) in loops, in nested form: the table of its coefficients has one row per monomial and one column
+    per input, padded with zero columns so that rows fill vectors.
     """
 
     law: Law
@@ -42,7 +43,7 @@ class LawCode:
     def table(self) -> PolynomialLaw | None:
         """The polynomial, where the law is evaluated as a table."""
         large = np.size(self.law.law_data) >= TABLE
-        return self.law.law_table if large and self.composed and not self.placed else None
+        return self.law.law_table if large and self.composed and not self.law.depends_on_reference else None
 
     @property
     def columns(self) -> int:
@@ -69,15 +70,6 @@ class LawCode:
         linear = self.table.coefficients[:, before : before + n]
         return linear if 1 in degrees else np.zeros_like(linear)
 
-    @property
-    def placed(self) -> bool:
-        """Whether the law depends on the reference that it acts about, see `flexhinf.plant.Law`."""
-        return self.law.depends_on_reference
-
-    def evaluate(self, run: Any, x: Any, data: Any) -> Any:
-        """k(x), (m,), for a deviation x (n,) and the numbers as in `data`."""
-        return self.on(run, data)(x)
-
     def on(
         self, run: Any, data: Any, active: Any = None, about: tuple[Any, Any] | None = None
     ) -> Callable[[Any], Any]:
@@ -87,10 +79,10 @@ class LawCode:
         if self.table is not None and isinstance(run, Composer):
             return partial(self._from_table, run, data, active)
         if active is not None:
-            data = run.call(_of_active, active, data.reshape(len(active), self.data.size))
+            data = run.call(operator.matmul, active, data.reshape(len(active), self.data.size))
         if self.table is not None:
             data = data.reshape(-1, self.columns)[:, : len(self.law.input_names)].T.ravel()
-        if about is not None and self.placed:
+        if about is not None and self.law.depends_on_reference:
             return lambda x: run.call(self.law.evaluate_about, x, *about, data)
         return lambda x: run.call(self.law.evaluate_law, x, data)
 
@@ -98,22 +90,13 @@ class LawCode:
         """The polynomials of the active law alone."""
         assert self.table is not None
         inputs, size, degrees = len(self.law.input_names), self.data.size, self.table.degrees
-
-        def total(law: int) -> Block:
-            return run.polynomial(x, data[law * size : (law + 1) * size], degrees, inputs)
-
         if active is None:
-            return total(0)
+            return run.polynomial(x, data[:size], degrees, inputs)
         totals = []
         for law in range(len(active)):
             with run.when(active[law : law + 1]):
-                totals.append(total(law))
+                totals.append(run.polynomial(x, data[law * size : (law + 1) * size], degrees, inputs))
         return run.call(_chosen, active, *totals)
-
-
-def _of_active(active: Any, rows: Any) -> Any:
-    """The active law's row."""
-    return active @ rows
 
 
 def _chosen(active: Any, *values: Any) -> Any:
@@ -137,20 +120,11 @@ def controller_step(
 ) -> tuple[Any, Any, dict[str, Any]]:
     """One step of the controller, pure, on any element.
 
-    Parameters
-    ----------
-    law, estimator : LawCode, Estimator or None
-        Without an estimator, y is the state of the plant that the law was designed for.
-    y, r : (p,) or None, (k,)
-        Measurement and command; a moving reference is r = (x_d, u_d), (n + m,). Without a measurement the prediction
-        stands for the estimate and for what is measured.
-    memory, data : namespaces
-        As `Controller.memory` and `Controller.data` lay them out.
+    Without an estimator, y is the state of the plant that the law was designed for, (p,); without a measurement (None)
+    the prediction stands for the estimate and for what is measured. The command r is (k,), or of a moving reference
+    (x_d, u_d), (n + m,). `memory` and `data` are namespaces as `Controller.memory` and `Controller.data` lay them out.
 
-    Returns
-    -------
-    u, estimate, memory
-        Input (m,), estimate x(k|k) (n,), and the memory for the next step.
+    Returns the input (m,), the estimate x(k|k) (n,), and the memory for the next step by name.
     """
     estimate: Any = y
     belief: Any = None
@@ -184,13 +158,17 @@ def controller_step(
     elif mode.takes_over:
         taken = run.call(partial(np.subtract, 1.0), memory.started)  # 1 at the first sample, else 0
     rest = r[len(estimate) :] if mode.moving else rest
-    text, moving = (_error_coordinates, (r,)) if mode.moving else (_deviation, ())
-    zone = (data.integral_dead_zone,) if mode.has_dead_zone else ()
+    others = (*((r,) if mode.moving else ()), *((data.integral_dead_zone,) if mode.has_dead_zone else ()))
     position, growth, integral, deviation = run.call(
-        partial(text, tracked), y, estimate, memory.position, held, memory.integral,
-        memory.started, data.period, point, *moving, *zone,
+        partial(_deviation, tracked, mode.moving), y, estimate, memory.position, held, memory.integral,
+        memory.started, data.period, point, *others,
     )  # fmt: skip
-    about = run.call(partial(_split, len(estimate)), r) if mode.moving and law.placed else None
+    about: Any = None
+    if (
+        mode.moving and law.law.depends_on_reference
+    ):  # in memory of its own: loops inside a sample may read it
+        states = len(estimate)
+        about = run.call(lambda r: (r[:states], r[states:]), r)
     law_of = law.on(run, data.law, active, about)
     feedback = law_of(deviation)
     after = {"position": position, "reference": requested, "command": r, "active": active}
@@ -214,59 +192,29 @@ def controller_step(
     return u, estimate, after
 
 
-def _split(states: int, r: Any) -> tuple[Any, Any]:
-    """State and input of a moving reference, in memory of their own: loops inside a sample may read them."""
-    return r[:states], r[states:]
-
-
-def _deviation(
-    tracked: Sequence[Source],
-    y: Any,
-    estimate: Any,
-    last: Any,
-    reference: Any,
-    integral: Any,
-    started: Any,
-    period: Any,
-    point: Any,
-    *zone: Any,
-) -> tuple[Any, Any, Any, Any]:
-    """Tracked positions, growth of the integrals, integrals, and the law's argument x − x*."""
-    # ė = x_i − x_d: the command is held between samples, as u is; x_i goes in by the trapezoidal rule.
-    position = _positions(tracked, y, estimate)
-    growth = started * period * _beyond(0.5 * (last + position) - reference, *zone)
-    integral = integral + growth
-    return position, growth, integral, np.concatenate([np.asarray(estimate), integral]) - point
-
-
-def _error_coordinates(
-    tracked: Sequence[Source],
-    y: Any,
-    estimate: Any,
-    last: Any,
-    reference: Any,
-    integral: Any,
-    started: Any,
-    period: Any,
-    point: Any,
-    moving: Any,
-    *zone: Any,
-) -> tuple[Any, Any, Any, Any]:
-    """As `_deviation`, with the law's argument x − x_d about the moving reference of this sample."""
-    # ė = x_i − x_di, both of which move between samples: the error goes in by the trapezoidal rule.
+def _deviation(tracked: Sequence[Source], moving: bool, *arrays: Any) -> tuple[Any, Any, Any, Any]:
+    """Tracked positions, growth of the integrals, integrals, and the law's argument: x − x*, or x − x_d about the
+    moving reference of this sample."""
+    y, estimate, last, reference, integral, started, period, point, *others = arrays
     n, places = len(estimate), [source.state for source in tracked]
     position = _positions(tracked, y, estimate)
-    growth = (
-        started * period * _beyond(0.5 * ((last - reference[places]) + (position - moving[places])), *zone)
-    )
+    if moving:
+        # ė = x_i − x_di, both of which move between samples: the error goes in by the trapezoidal rule.
+        error = 0.5 * ((last - reference[places]) + (position - others[0][places]))
+    else:
+        # ė = x_i − x_d: the command is held between samples, as u is; x_i goes in by the trapezoidal rule.
+        error = 0.5 * (last + position) - reference
+    for zone in (
+        others[1:] if moving else others
+    ):  # what lies beyond the dead zone ±zone (k,), where there is one
+        error = error - clip(error, -zone, zone)
+    growth = started * period * error
     integral = integral + growth
-    deviation = np.concatenate([np.asarray(estimate) - moving[:n], integral - point[n:]])
+    if moving:
+        deviation = np.concatenate([np.asarray(estimate) - others[0][:n], integral - point[n:]])
+    else:
+        deviation = np.concatenate([np.asarray(estimate), integral]) - point
     return position, growth, integral, deviation
-
-
-def _beyond(error: Any, *zone: Any) -> Any:
-    """What of an error (k,) lies beyond the dead zone ±zone (k,); all of it without one."""
-    return error if not zone else error - clip(error, -zone[0], zone[0])
 
 
 def _positions(tracked: Sequence[Source], y: Any, estimate: Any) -> np.ndarray:
@@ -275,34 +223,18 @@ def _positions(tracked: Sequence[Source], y: Any, estimate: Any) -> np.ndarray:
 
 
 def _limited(
-    tracked: Sequence[Source],
-    y: Any,
-    estimate: Any,
-    r: Any,
-    last: Any,
-    started: Any,
-    period: Any,
-    lower: Any,
-    upper: Any,
-    rate: Any,
+    tracked: Sequence[Source], y: Any, estimate: Any, r: Any, last: Any, started: Any, *data: Any
 ) -> Any:
     """The command (k,) within its range, and as near to the last one, at first the positions, as its rate says."""
+    period, lower, upper, rate = data
     last = where(started[0] > 0.5, last, _positions(tracked, y, estimate))
     return clip(clip(r, lower, upper), last - period * rate, last + period * rate)
 
 
-def _wound(
-    places: Sequence[int] | None,
-    integral: Any,
-    point: Any,
-    gain: Any,
-    r: Any,
-    line: Any,
-    spread: Any,
-    limit: Any,
-) -> Any:
+def _wound(places: Sequence[int] | None, integral: Any, point: Any, gain: Any, r: Any, *bound: Any) -> Any:
     """What integrals push (m,) beyond their bound, see `flexhinf.loop.controller.start`; about a moving reference,
     which has no `places`, the law needs none of it at rest."""
+    line, spread, limit = bound
     pushed = gain @ (integral - point[len(point) - len(integral) :])
     if places is not None:
         away = r - point[places]
@@ -311,22 +243,14 @@ def _wound(
 
 
 def _input(
-    bounded: bool,
-    feedback: Any,
-    growth: Any,
-    integral: Any,
-    before: Any,
-    rest: Any,
-    lower: Any,
-    upper: Any,
-    gain: Any,
-    *bounds: Any,
+    bounded: bool, feedback: Any, growth: Any, integral: Any, before: Any, *data: Any
 ) -> tuple[Any, Any, Any]:
     """The input within its limits, the integrals after anti-windup, and that a step was made.
 
-    `bounds` are, where windup is `bounded`, what integrals push beyond that; and the last input, the period and the
-    largest rate, where that is limited.
+    Behind u*, both limits and the gain of the integrals come, where windup is `bounded`, what integrals push beyond
+    that; and the last input, the period and the largest rate, where that is limited.
     """
+    rest, lower, upper, gain, *bounds = data
     wanted = rest + feedback
     u = clip(wanted, lower, upper)
     rates = bounds[1:] if bounded else bounds

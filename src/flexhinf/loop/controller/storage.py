@@ -15,14 +15,13 @@ import os
 from collections.abc import Callable, Mapping
 from functools import cached_property
 from importlib import import_module
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.files import read_arrays, write_arrays
-from flexhinf.loop.controller.schedule import Schedule
+from flexhinf.loop.controller.schedule import Schedule, TableLaw
 from flexhinf.loop.controller.start import Windup
 from flexhinf.plant import Estimator, Law, ParameterTable, Plant, StoredCode
 from flexhinf.polynomial.law import PolynomialLaw
@@ -45,18 +44,14 @@ NAMES = ("states", "inputs", "disturbances", "outputs")
 
 
 class StoredLaw(Law):
-    """A law from a file: a polynomial, or a traced function. The header has the ``name`` of the class it was,
-    ``states``, ``inputs``, ``degrees`` of a polynomial or None; arrays are ``data``, ``point``, ``input``, and the
-    functions' instructions."""
+    """A law from a file that is a traced function."""
 
-    def __init__(self, header: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> None:
-        self.name, self.degree = str(header["name"]), header["degree"]
-        self.state_names, self.input_names = (_signal_names(header[kind]) for kind in ("states", "inputs"))
-        shapes = {"point": (len(self.state_names),), "input": (len(self.input_names),), "data": None}
-        self.operating_point, self.operating_input, self._data = (
-            _finite_vector(name, arrays[name], shape) for name, shape in shapes.items()
-        )
-        self._degrees, self._arrays = header["degrees"], arrays
+    def __init__(
+        self, names: Any, point: Any, input: Any, data: np.ndarray, kind: str, arrays: Mapping[str, Any]
+    ) -> None:
+        (self.state_names, self.input_names), self.name, self._data = names, kind, data
+        self.operating_point, self.operating_input, self._arrays = point, input, arrays
+        _check_sizes(self._law, [len(self.state_names), data.size], len(self.input_names))
 
     @property
     def kind(self) -> str:
@@ -65,48 +60,17 @@ class StoredLaw(Law):
 
     @property
     def law_data(self) -> np.ndarray:
-        """Coefficients, flat."""
+        """Numbers, flat."""
         return self._data
 
     @cached_property
-    def _key(self) -> str:
-        if self._degrees is not None:
-            return f"polynomial {len(self.state_names)} {tuple(self._degrees)}"
+    def law_key(self) -> str:
+        """A digest of the instructions."""
         digest = hashlib.sha256()
         for name in sorted(self._arrays):
             if name.startswith("law."):
                 digest.update(name.encode() + self._arrays[name].tobytes())
         return f"stored {digest.hexdigest()}"
-
-    @property
-    def law_key(self) -> str:
-        """The monomials, or a digest of the instructions."""
-        return self._key
-
-    @cached_property
-    def _polynomial(self) -> PolynomialLaw | None:
-        if self._degrees is None:
-            return None
-        coefficients = self._data.reshape(len(self.input_names), -1)
-        return PolynomialLaw(len(self.state_names), tuple(self._degrees), coefficients)
-
-    def check(self) -> None:
-        """Build the functions now, so that arrays that are no functions of these states and inputs are refused when
-        they are read: by an InvalidInput, ValueError, IndexError or KeyError."""
-        if self._degrees is None:
-            _check_sizes(self._law, [len(self.state_names), self._data.size], len(self.input_names))
-        else:
-            self.evaluate_law(np.zeros(len(self.state_names)), self._data)
-
-    @property
-    def law_table(self) -> PolynomialLaw | None:
-        """The polynomial, if it is one."""
-        return self._polynomial
-
-    @property
-    def law_degree(self) -> int | None:
-        """As of the law that was saved."""
-        return self.degree
 
     @cached_property
     def _law(self) -> Any:
@@ -114,24 +78,20 @@ class StoredLaw(Law):
 
     def evaluate_law(self, x: Any, data: Any) -> Any:
         """k(x), (m,)."""
-        if self._polynomial is not None:
-            return self._polynomial.evaluate(x, np.asarray(data).reshape(len(self.input_names), -1))
         return apply(self._law, x, data)[0]
 
 
 class StoredPlacedLaw(StoredLaw):
     """A law from a file that depends on the reference that it acts about."""
 
+    def __init__(self, *arguments: Any) -> None:
+        super().__init__(*arguments)
+        sizes = [len(self.state_names), len(self.plant_states), len(self.input_names), self._data.size]
+        _check_sizes(self._about, sizes, len(self.input_names))
+
     @cached_property
     def _about(self) -> Any:
         return function_from_arrays(_below("about.", self._arrays), "law_about")
-
-    def check(self) -> None:
-        """As of any law, and the function about a reference."""
-        super().check()
-        inputs = len(self.input_names)
-        arguments = [len(self.state_names), len(self.plant_states), inputs, self._data.size]
-        _check_sizes(self._about, arguments, inputs)
 
     def evaluate_about(self, x: Any, state: Any, input: Any, data: Any) -> Any:
         """k(x), (m,), about a reference (state, input)."""
@@ -159,14 +119,11 @@ def write_controller(
         elif (name, option) != ("before_first", "hold"):
             plain[name] = option
     header = {
-        "format": FORMAT,
-        "version": VERSION,
-        "period": period,
-        "options": plain,
+        "format": FORMAT, "version": VERSION, "period": period, "options": plain,
         "hysteresis": law.hysteresis if isinstance(law, Schedule) else None,
         "laws": [_store_law(one, f"laws.{k}.", arrays) for k, one in enumerate(laws)],
         "estimator": None if estimator is None else _store(estimator, "estimator.", arrays),
-    }
+    }  # fmt: skip
     write_arrays(path, "controller", {"header": np.array(json.dumps(header)), **arrays})
 
 
@@ -177,30 +134,28 @@ def read_controller(path: str | os.PathLike[str], make: Callable[..., Any]) -> A
         arrays, whole = read_arrays(place)
         if not whole:
             raise InvalidInput("Not whole.", "the digest at its end is missing, or that of another content")
-        return make(**_assembled(json.loads(str(arrays.pop("header"))), arrays))
-    except FlexhinfError as error:
-        if not os.path.exists(place):
-            raise InvalidInput(
-                f"There is no controller's file {value_text(str(path), 120)}.",
-                "expected a file that Controller.save wrote, got a path where nothing is",
-                "the path of such a file, beginning at the working folder or at the root",
-            ) from None
-        raise _unreadable(place, " ".join(filter(None, (error.what, error.found)))) from error
+        return make(**_arguments(json.loads(str(arrays.pop("header"))), arrays))
     except MemoryError:
         raise  # the file may be as it should
     except Exception as error:  # a file with a digest may still hold anything
-        raise _unreadable(place, f"damaged or not such a file ({type(error).__name__})") from error
+        found = f"damaged or not such a file ({type(error).__name__})"
+        if isinstance(error, FlexhinfError):
+            found = " ".join(filter(None, (error.what, error.found)))
+            if not os.path.exists(place):
+                raise InvalidInput(
+                    f"There is no controller's file {value_text(str(path), 120)}.",
+                    "expected a file that Controller.save wrote, got a path where nothing is",
+                    "the path of such a file, beginning at the working folder or at the root",
+                ) from None
+        raise InvalidInput(
+            "The controller cannot be read.",
+            f"expected a {FORMAT} file, version {VERSION}, got {place}: {found}",
+            "save it again; files are written by Controller.save",
+        ) from error
 
 
-def _unreadable(path: Path, found: str) -> InvalidInput:
-    return InvalidInput(
-        "The controller cannot be read.",
-        f"expected a {FORMAT} file, version {VERSION}, got {path}: {found}",
-        "save it again; files are written by Controller.save",
-    )
-
-
-def _assembled(header: dict[str, Any], arrays: dict[str, Any]) -> dict[str, Any]:
+def _arguments(header: dict[str, Any], arrays: dict[str, Any]) -> dict[str, Any]:
+    """The arguments of a controller in a file."""
     if header["format"] != FORMAT or header["version"] != VERSION:
         found = f"{value_text(header['format'], 60)}, version {value_text(header['version'], 60)}"
         raise InvalidInput("Another format.", found)
@@ -225,7 +180,7 @@ def _below(prefix: str, arrays: Mapping[str, Any]) -> dict[str, Any]:
 def _store_law(law: Law, prefix: str, arrays: dict[str, np.ndarray]) -> dict[str, Any]:
     n, m, data = len(law.state_names), len(law.input_names), np.ravel(np.asarray(law.law_data, dtype=float))
     parts = {"data": data, "point": law.operating_point, "input": law.operating_input}
-    table = law.law_table
+    table = None if law.depends_on_reference else law.law_table
     try:
         if table is None:
             parts |= _prefixed("law.", function_arrays(trace(law.evaluate_law, n, data.size, name="law")))
@@ -240,18 +195,38 @@ def _store_law(law: Law, prefix: str, arrays: dict[str, np.ndarray]) -> dict[str
         ) from error
     arrays |= _prefixed(prefix, {name: np.asarray(part) for name, part in parts.items()})
     return {
-        "name": law.kind,
-        "degree": law.law_degree,
-        "states": list(law.state_names),
-        "inputs": list(law.input_names),
-        "degrees": None if table is None else list(table.degrees),
-        "placed": law.depends_on_reference,
-    }
+        "name": law.kind, "degree": law.law_degree, "states": list(law.state_names), "inputs": list(law.input_names),
+        "degrees": None if table is None else list(table.degrees), "placed": law.depends_on_reference,
+    }  # fmt: skip
 
 
-def _stored_law(header: dict[str, Any], arrays: dict[str, np.ndarray]) -> StoredLaw:
-    law = (StoredPlacedLaw if header["placed"] else StoredLaw)(header, arrays)
-    law.check()
+def _stored_law(header: dict[str, Any], arrays: dict[str, np.ndarray]) -> Law:
+    """Its functions are built now, so that arrays that are no functions of these states and inputs are refused when
+    they are read: by an InvalidInput, ValueError, IndexError or KeyError."""
+    every: list[tuple[str, ...]] = []
+    for kind in ("states", "inputs"):
+        given = header[kind]  # a text would be taken for a list of letters
+        if not isinstance(given, list) or not 0 < len(given) <= MOST_SIGNALS:
+            raise InvalidInput("A law's signals are not named.", f"got {value_text(given, 60)}")
+        every.append(tuple(checked_name("a signal of a law", name, spaces=True) for name in given))
+        distinct("The signal", every[-1])
+    states, inputs = every
+    for name, shape in {"point": (len(states),), "input": (len(inputs),), "data": None}.items():
+        array = arrays[name]
+        right = array.ndim == 1 if shape is None else array.shape == shape
+        if array.dtype != np.float64 or not right or not np.isfinite(array).all():
+            raise InvalidInput(
+                "Wrong numbers.", f"{name} of a law is no vector of finite numbers that fits it"
+            )
+    numbers, kind = (arrays["point"], arrays["input"]), str(header["name"])
+    if header["degrees"] is None:
+        stored = StoredPlacedLaw if header["placed"] else StoredLaw
+        return stored((states, inputs), *numbers, arrays["data"], kind, arrays)
+    if header["placed"]:
+        raise InvalidInput("Another law.", "expected no degrees of a law that depends on its reference")
+    table = PolynomialLaw(len(states), tuple(header["degrees"]), arrays["data"].reshape(len(inputs), -1))
+    law = TableLaw((states, inputs), *numbers, table, kind, header["degree"])
+    law.evaluate_law(np.zeros(len(states)), arrays["data"])
     return law
 
 
@@ -259,22 +234,6 @@ def _check_sizes(function: Any, arguments: list[int], result: int) -> None:
     found = [function.size1_in(k) for k in range(function.n_in())]
     if found != arguments or function.n_out() != 1 or function.size1_out(0) != result:
         raise InvalidInput("Another law.", f"expected arguments of {arguments} numbers, got {found}")
-
-
-def _signal_names(names: Any) -> tuple[str, ...]:
-    """Names of a law's states or inputs; a text would be taken for a list of letters."""
-    if not isinstance(names, list) or not 0 < len(names) <= MOST_SIGNALS:
-        raise InvalidInput("A law's signals are not named.", f"got {value_text(names, 60)}")
-    checked = tuple(checked_name("a signal of a law", name, spaces=True) for name in names)
-    distinct("The signal", checked)
-    return checked
-
-
-def _finite_vector(name: str, array: np.ndarray, shape: tuple[int, ...] | None) -> np.ndarray:
-    right = array.ndim == 1 if shape is None else array.shape == shape
-    if array.dtype != np.float64 or not right or not np.isfinite(array).all():
-        raise InvalidInput("Wrong numbers.", f"{name} of a law is no vector of finite numbers that fits it")
-    return array
 
 
 def _prefixed(prefix: str, arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:

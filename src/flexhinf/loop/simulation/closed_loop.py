@@ -15,11 +15,7 @@ import numpy as np
 from flexhinf.errors import InvalidInput, NumericalFailure
 from flexhinf.loop.controller.controller import Controller
 from flexhinf.loop.signals.references import signal_name
-from flexhinf.loop.signals.sampling import (
-    by_name,
-    sample_noise,
-    sample_signal,
-)
+from flexhinf.loop.signals.sampling import by_name, checked_deviation, sample_noise, sample_signal
 from flexhinf.loop.simulation.compiled_runs import (
     LoopCode,
     PreparedRun,
@@ -30,8 +26,8 @@ from flexhinf.loop.simulation.compiled_runs import (
     start_text,
     starting_state,
 )
-from flexhinf.loop.simulation.ensemble import Ensemble
-from flexhinf.loop.simulation.metrics import Reduction
+from flexhinf.loop.simulation.ensemble import Ensemble, signal_place, tracked_place
+from flexhinf.loop.simulation.metrics import Command, Reduction, common_reductions, tracking_reductions
 from flexhinf.loop.simulation.program import CONTROL_FAILED, PLANT_FAILED, Channel
 from flexhinf.loop.simulation.trajectory import Trajectory
 from flexhinf.notebook import Summarised, names_text
@@ -75,72 +71,6 @@ class Pacing:
 AT_ONCE = Pacing(lambda k: True, lambda k: None)
 
 
-def run_black_box(
-    box: BlackBox,
-    controller: Controller,
-    channel: Channel,
-    commands: np.ndarray,
-    noise: np.ndarray,
-    disturbance: Any,
-    times: np.ndarray,
-    start: Any,
-    initial_input: Any,
-    stepped: Stepped | None = None,
-    pacing: Pacing = AT_ONCE,
-) -> tuple[dict[str, np.ndarray], tuple[int, int]]:
-    """Recorded signals, and (code, last step): what the compiled run returns too.
-
-    `stepped`, if given, is stepped as it is in the controller's place. A run that `pacing` ends has the code `STOPPED`.
-
-    Raises
-    ------
-    InvalidInput
-        If the initial state, the disturbance or the output do not fit.
-    """
-    if stepped is None:
-        stepped = controller.fresh()
-        stepped.reset(input=initial_input)
-    channels = tuple(box.disturbances)
-    d = sample_signal(by_name(disturbance, box), times, channels, "disturbance")
-    before = controller.input_before(initial_input)
-    has_state = bool(box.states)
-    width = {"output": len(controller.measured), "input": len(controller.law.input_names)}
-    width |= {"estimate": len(controller.states)} | ({"state": len(box.states)} if has_state else {})
-    recorded = {name: np.full((len(times), size), np.nan) for name, size in width.items()}
-    recorded |= {"reference": commands, "disturbance": d}
-    told = start is not None or set(controller.states) <= set(box.states)
-    box.reset(starting_state(start, tuple(box.states) or controller.states, controller) if told else None)
-    for k in range(len(times)):
-        if not pacing.begin(k):
-            return recorded, (STOPPED, k - 1)
-        if has_state:
-            recorded["state"][k] = box.state()
-        y = channel.quantised(_measured(box, controller) + noise[k])
-        recorded["output"][k] = y
-        if not np.all(np.isfinite(y)):
-            return recorded, (PLANT_FAILED, k)
-        try:
-            u = stepped.step(y, commands[k] if controller.commanded else None)
-        except NumericalFailure:
-            return recorded, (CONTROL_FAILED, k)
-        recorded["input"][k], recorded["estimate"][k] = u, stepped.estimate
-        late = k - channel.delay
-        box.step(recorded["input"][late] if late >= 0 else before, d[k], controller.period)
-        pacing.end(k)
-    return recorded, (0, len(times) - 1)
-
-
-def _measured(box: Any, controller: Controller) -> np.ndarray:
-    y = np.atleast_1d(np.asarray(box.output(), dtype=float))
-    if y.shape != (len(controller.measured),):
-        raise InvalidInput(
-            "The black box does not measure what the controller needs.",
-            f"expected {len(controller.measured)} numbers {list(controller.measured)}, got shape {y.shape}",
-            "output() in the order of the estimator's outputs",
-        )
-    return y
-
-
 class Loop(Summarised):
     """A closed loop.
 
@@ -172,52 +102,39 @@ class Loop(Summarised):
         quantisation: Any = None,
         delay: float = 0.0,
     ) -> None:
-        self.true_plant, self.controller = true_plant, controller
-        self._given_sub_steps = sub_steps
+        self.true_plant, self.controller, self._given_sub_steps = true_plant, controller, sub_steps
         if not isinstance(controller, Controller):
+            found = f"expected a Controller, got {type(controller).__name__}"
             raise InvalidInput(
-                "The loop needs a controller.",
-                f"expected a Controller, got {type(controller).__name__}",
-                "Controller(solution, estimator, period)",
+                "The loop needs a controller.", found, "Controller(solution, estimator, period)"
             )
-        if sub_steps is not None and (
-            isinstance(sub_steps, bool) or not isinstance(sub_steps, int) or sub_steps < 1
-        ):
-            raise InvalidInput(
-                "The number of sub-steps is not usable.",
-                f"expected an integer >= 1, got {value_text(sub_steps)}",
-                "4",
-            )
+        given = sub_steps if sub_steps is not None else 1
+        if isinstance(given, bool) or not isinstance(given, int) or given < 1:
+            found = f"expected an integer >= 1, got {value_text(sub_steps)}"
+            raise InvalidInput("The number of sub-steps is not usable.", found, "4")
         self.channel = Channel.of(quantisation, delay, controller.period, controller.measured)
-        if isinstance(true_plant, Plant):
-            self._check_plant(true_plant)
-        elif not isinstance(true_plant, BlackBox):
+        if isinstance(true_plant, BlackBox):
+            return
+        if not isinstance(true_plant, Plant):
             raise InvalidInput(
                 "The true plant is neither a Plant nor a black box.",
                 f"expected a Plant or a flexhinf.plant.BlackBox, got {type(true_plant).__name__}",
                 "robot.plant(...), or a subclass of BlackBox with reset, step and output",
             )
-
-    def _check_plant(self, plant: Plant) -> None:
-        controller = self.controller
         if controller.estimator is None:
-            needed, given = controller.states, tuple(plant.states)
-            fits = set(needed) <= set(given)
+            needed, outputs = controller.states, tuple(true_plant.states)
+            fits = set(needed) <= set(outputs)
         else:
-            needed, given = controller.measured, tuple(plant.outputs)
-            fits = needed == given
+            needed, outputs = controller.measured, tuple(true_plant.outputs)
+            fits = needed == outputs
         if not fits:
-            raise InvalidInput(
-                "The true plant does not give what the controller needs.",
-                f"expected {list(needed)}, got {list(given)}",
-                "the same `measured=` for the true plant and for the estimator's",
-            )
-        if tuple(plant.inputs) != tuple(controller.law.input_names):
-            raise InvalidInput(
-                "The true plant has other inputs than the law.",
-                f"expected {list(controller.law.input_names)}, got {list(plant.inputs)}",
-                "the same actuators",
-            )
+            what, found = "what the controller needs", f"expected {list(needed)}, got {list(outputs)}"
+            advice = "the same `measured=` for the true plant and for the estimator's"
+            raise InvalidInput(f"The true plant does not give {what}.", found, advice)
+        wanted, inputs = tuple(controller.law.input_names), tuple(true_plant.inputs)
+        if inputs != wanted:
+            found = f"expected {list(wanted)}, got {list(inputs)}"
+            raise InvalidInput("The true plant has other inputs than the law.", found, "the same actuators")
 
     def to_control(self) -> Any:
         """The sampled closed loop as a system of python-control (``nlsys`` with ``dt``): commands ``r_…`` and
@@ -276,15 +193,16 @@ class Loop(Summarised):
 
     def summary(self) -> dict[str, str]:
         """True plant and channel, then the controller."""
+        channel = self.channel
         facts = {
             "true plant": type(self.true_plant).__name__,
             "states": names_text(tuple(self.true_plant.states)),
             "disturbances": names_text(tuple(self.true_plant.disturbances)),
         }
-        if self.channel.delay:
-            facts["input delay"] = f"{self.channel.delay} samples"
-        if self.channel.quanta:
-            facts["quantisation"] = ", ".join(f"{step:.4g}" for step in self.channel.quanta)
+        facts |= {"input delay": f"{channel.delay} samples"} if channel.delay else {}
+        facts |= (
+            {"quantisation": ", ".join(f"{step:.4g}" for step in channel.quanta)} if channel.quanta else {}
+        )
         return {**facts, **self.controller.summary()}
 
     def __getstate__(self) -> dict[str, Any]:
@@ -315,9 +233,9 @@ class Loop(Summarised):
         if plant is self.true_plant:
             return self
         steps = self.sub_steps if isinstance(plant, Plant) and isinstance(self.true_plant, Plant) else None
-        found = Loop(plant, self.controller, steps)
-        found.channel = self.channel
-        return found
+        other = Loop(plant, self.controller, steps)
+        other.channel = self.channel
+        return other
 
     @property
     def kernel(self) -> Any:
@@ -373,63 +291,75 @@ class Loop(Summarised):
         InvalidInput
             If something does not fit, or a command leaves the range of its state.
         """
+        settings = {
+            "reference": reference, "disturbance": disturbance, "noise": noise, "duration": duration, "seed": seed,
+            "initial_state": initial_state, "initial_input": initial_input, "multi_turn": multi_turn,
+        }  # fmt: skip
         if isinstance(self.true_plant, Plant):
-            return self.prepared(
-                reference, disturbance, noise, duration, initial_state, seed, initial_input, multi_turn=multi_turn
-            ).alone()  # fmt: skip
-        return self.run_paced(
-            AT_ONCE, None, reference, disturbance, noise, duration, initial_state, seed, initial_input,
-            multi_turn=multi_turn,
-        )  # fmt: skip
+            return self.prepared(**settings).alone()
+        return self.run_paced(AT_ONCE, **settings)
 
     def run_paced(
         self, pacing: Pacing, stepped: Stepped | None = None, reference: Any = None, disturbance: Any = None,
         noise: Any = None, duration: float = 8.0, initial_state: Any = None, seed: int = 0, initial_input: Any = None,
         *, multi_turn: bool = False,
     ) -> Trajectory:  # fmt: skip
-        """As `run` on a black box, its samples made when `pacing` says so; `stepped` is stepped instead of the
-        controller, as it is.
-
-        Raises
-        ------
-        InvalidInput
-            As `run`; or the true plant is none that integrates itself.
-        """
-        if not isinstance(self.true_plant, BlackBox):
-            raise InvalidInput(
-                "A run that is paced needs a plant that integrates itself.",
-                f"expected a flexhinf.plant.BlackBox, got {type(self.true_plant).__name__}",
-                "flexhinf.robot.MuJoCoPlant(robot, ...)",
-            )
+        """As `run` on a black box (another plant is refused), its samples made when `pacing` says so; `stepped` is
+        stepped instead of the controller, as it is. A run that `pacing` ends stops before that sample."""
+        box, controller, channel = self.true_plant, self.controller, self.channel
+        if not isinstance(box, BlackBox):
+            found = f"expected a flexhinf.plant.BlackBox, got {type(box).__name__}"
+            what = "A run that is paced needs a plant that integrates itself."
+            raise InvalidInput(what, found, "flexhinf.robot.MuJoCoPlant(robot, ...)")
         times, commands, settings = self._commanded(reference, disturbance, noise, duration, multi_turn)
         settings |= {"seed": seed, "sub_steps": 1}
-        sampled = sample_noise(noise, seed, len(times), self.controller.measured)
-        recorded, (code, last) = run_black_box(
-            self.true_plant, self.controller, self.channel, commands, sampled, disturbance, times, initial_state,
-            initial_input, stepped, pacing,
-        )  # fmt: skip
-        if "state" in recorded and len(times):
-            first = recorded["state"][0]
-            settings["start"] = start_text(self.true_plant, first, True, self.controller, np.zeros(0))
-        return Trajectory.until(self.true_plant, self.controller, times, recorded, settings, code, last)
+        drawn = sample_noise(noise, seed, len(times), controller.measured)
+        if stepped is None:
+            stepped = controller.fresh()
+            stepped.reset(input=initial_input)
+        d = sample_signal(by_name(disturbance, box), times, tuple(box.disturbances), "disturbance")
+        before, samples = controller.input_before(initial_input), len(times)
+        width = {"output": len(controller.measured), "input": len(controller.law.input_names)}
+        width |= {"estimate": len(controller.states), **({"state": len(box.states)} if box.states else {})}
+        recorded = {name: np.full((samples, size), np.nan) for name, size in width.items()}
+        recorded |= {"reference": commands, "disturbance": d}
+        told = initial_state is not None or set(controller.states) <= set(box.states)
+        states = tuple(box.states) or controller.states
+        box.reset(starting_state(initial_state, states, controller) if told else None)
+        code, last = 0, samples - 1
+        for k in range(samples):
+            if not pacing.begin(k):
+                code, last = STOPPED, k - 1
+                break
+            if box.states:
+                recorded["state"][k] = box.state()
+            y = np.atleast_1d(np.asarray(box.output(), dtype=float))
+            if y.shape != (len(controller.measured),):
+                raise InvalidInput(
+                    "The black box does not measure what the controller needs.",
+                    f"expected {len(controller.measured)} numbers {list(controller.measured)}, got shape {y.shape}",
+                    "output() in the order of the estimator's outputs",
+                )
+            recorded["output"][k] = y = channel.quantised(y + drawn[k])
+            if not np.all(np.isfinite(y)):
+                code, last = PLANT_FAILED, k
+                break
+            try:
+                u = stepped.step(y, commands[k] if controller.commanded else None)
+            except NumericalFailure:
+                code, last = CONTROL_FAILED, k
+                break
+            recorded["input"][k], recorded["estimate"][k] = u, stepped.estimate
+            late = k - channel.delay
+            box.step(recorded["input"][late] if late >= 0 else before, d[k], controller.period)
+            pacing.end(k)
+        if "state" in recorded and samples:
+            settings["start"] = start_text(box, recorded["state"][0], True, controller, np.zeros(0))
+        return Trajectory.until(box, controller, times, recorded, settings, code, last)
 
-    def prepared(
-        self,
-        reference: Any = None,
-        disturbance: Any = None,
-        noise: Any = None,
-        duration: float = 8.0,
-        initial_state: Any = None,
-        seed: int = 0,
-        initial_input: Any = None,
-        *,
-        multi_turn: bool = False,
-    ) -> PreparedRun:
-        """What `run` would run on a `Plant`, before it is made; arguments as there."""
-        ensemble = self.ensemble(
-            reference, disturbance, noise, duration, initial_state, initial_input, multi_turn=multi_turn
-        )
-        return ensemble.single(seed, self.sub_steps)
+    def prepared(self, *run: Any, seed: int = 0, **settings: Any) -> PreparedRun:
+        """What `run` would run on a `Plant`, before it is made; arguments as there, from the seed on by name."""
+        return self.ensemble(*run, **settings).single(seed, self.sub_steps)
 
     def ensemble(
         self,
@@ -445,7 +375,8 @@ class Loop(Summarised):
         kept: Sequence[str] = (),
         instants: Any = (),
     ) -> Ensemble:
-        """What `run` would run, ready to be made of many plants at once, of which only numbers are kept.
+        """What `run` would run, ready to be made of many plants at once (``.run(parameters, seeds)``), of which only
+        numbers are kept.
 
         Parameters
         ----------
@@ -459,36 +390,49 @@ class Loop(Summarised):
         instants : (T,) array of int
             These samples.
 
-        Returns
-        -------
-        Ensemble
-            ``.run(parameters, seeds)``.
-
         Raises
         ------
         InvalidInput
             As `run`; for a black box, and for a signal or a sample that is not there.
         """
-        if not isinstance(self.true_plant, Plant):
-            raise InvalidInput(
-                "A black box cannot run in lanes.", "expected a Plant", "Loop.run, one plant after the other"
-            )
+        plant, controller = self.true_plant, self.controller
+        if not isinstance(plant, Plant):
+            advice = "Loop.run, one plant after the other"
+            raise InvalidInput("A black box cannot run in lanes.", "expected a Plant", advice)
         _, commands, settings = self._commanded(reference, disturbance, noise, duration, multi_turn)
-        return Ensemble.of(
-            self.true_plant, self.controller, self.channel, commands, settings, disturbance, noise, initial_state,
-            initial_input, self._given_sub_steps, reductions, kept, instants,
+        command = Command.of(commands, controller.period)
+        start = {
+            "x": starting_state(initial_state, plant.states, controller),
+            "held": controller.input_before(initial_input),
+            "memory": controller.initial_memory(input=initial_input),
+        }
+        shared = {"data": controller.data_vector, "facts": command.vector()}
+        if commands.size:
+            shared["reference"] = commands.ravel()
+        if noise is not None:
+            shared["deviation"] = np.ascontiguousarray(checked_deviation(noise, controller.measured))
+        tracking = {
+            name: tracking_reductions(tracked_place(plant, controller, name)) for name in controller.judged
+        }
+        pairs = [
+            (k, plant.states.index(name)) for k, name in enumerate(controller.states) if name in plant.states
+        ]
+        samples = np.asarray(instants, dtype=int).reshape(-1)
+        if np.any((samples < 0) | (samples >= command.samples)):
+            found = f"expected samples 0 to {command.samples - 1}, got {value_text(instants)}"
+            raise InvalidInput("An instant is outside of the run.", found, "numbers of samples, not times")
+        return Ensemble(
+            plant, controller, self.channel, command, start, shared,
+            None if disturbance is None else by_name(disturbance, plant), tracking,
+            (*common_reductions(pairs), *reductions), tuple(signal_place(plant, controller, name) for name in kept),
+            samples, self._given_sub_steps, settings, initial_state is not None,
         )  # fmt: skip
 
     def _commanded(
         self, reference: Any, disturbance: Any, noise: Any, duration: float, multi_turn: bool
     ) -> tuple[np.ndarray, np.ndarray, dict[str, Any]]:
         """Times (N,), the command (N, k), and what a trajectory names; what is not named stays at the operating point.
-
-        Raises
-        ------
-        InvalidInput
-            If a command does not fit, or leaves the range of its state.
-        """
+        A command that does not fit, or leaves the range of its state, is refused."""
         controller, plant = self.controller, self.true_plant
         times = np.arange(sample_count(duration, controller.period)) * controller.period
         names, given = controller.commanded, reference

@@ -13,7 +13,6 @@ import numpy as np
 from flexhinf.codegen import Kernel, Program, compile_program
 from flexhinf.errors import InvalidInput
 from flexhinf.loop.controller.controller import Controller
-from flexhinf.loop.controller.options import positive
 from flexhinf.loop.shared import share
 from flexhinf.loop.signals.motions import JerkLimited
 from flexhinf.loop.signals.references import Constant, Quintic, Sine, Step
@@ -21,7 +20,14 @@ from flexhinf.loop.signals.sampling import check_seed
 from flexhinf.loop.simulation.program import Channel, LoopSizes, loop_program
 from flexhinf.loop.simulation.trajectory import STARTED, Trajectory
 from flexhinf.plant import BlackBox, Plant
-from flexhinf.validation import real_array, real_number, value_text
+from flexhinf.validation import (
+    checked_array,
+    checked_positive,
+    real_array,
+    real_number,
+    unknown_name,
+    value_text,
+)
 
 #: Longest run, in samples.
 MOST_SAMPLES = 20_000_000
@@ -34,58 +40,48 @@ WRITTEN = (Constant, JerkLimited, Quintic, Sine, Step)
 
 
 def sample_count(duration: Any, period: float) -> int:
-    """Number of samples of a run at 0, period, …, duration.
-
-    Raises
-    ------
-    InvalidInput
-        If the duration, s, is not positive, shorter than a period, or longer than `MOST_SAMPLES` samples.
-    """
-    seconds = positive(duration, "duration of a run", "8.0")
+    """Number of samples of a run at 0, period, …, duration; a duration, s, that is not positive, shorter than a period,
+    or longer than `MOST_SAMPLES` samples is refused."""
+    seconds = checked_positive("The duration of a run", duration, "seconds", "8.0")
     samples = seconds / period + 1.0
     if samples < 1.5:
+        found = f"expected at least {period:g} s, got {seconds:g} s"
         raise InvalidInput(
-            "The run is shorter than one period.",
-            f"expected at least {period:g} s, got {seconds:g} s",
-            "a duration in seconds, for example 8.0",
+            "The run is shorter than one period.", found, "a duration in seconds, for example 8.0"
         )
     if samples > MOST_SAMPLES:
-        raise InvalidInput(
-            "The run is too long for its period.",
-            f"expected at most {MOST_SAMPLES - 1} samples = {(MOST_SAMPLES - 1) * period:g} s, got {seconds:g} s",
-            f"duration={1e-3 * seconds:g} if {seconds:g} ms was meant",
-        )
+        most = f"{MOST_SAMPLES - 1} samples = {(MOST_SAMPLES - 1) * period:g} s"
+        found = f"expected at most {most}, got {seconds:g} s"
+        advice = f"duration={1e-3 * seconds:g} if {seconds:g} ms was meant"
+        raise InvalidInput("The run is too long for its period.", found, advice)
     return round(samples)
 
 
 def starting_state(given: Any, states: Sequence[str], controller: Controller) -> np.ndarray:
     """Initial state (n,) of a plant with these states.
 
-    Parameters
-    ----------
-    given : array, mapping by name, or None
-        An array has one value per state of the plant, or per state of the plant that the law was designed for
-        (the others are zero, as those that a mapping leaves out). None: where the controller starts, which is where its
-        estimate begins; without an estimator, the law's operating point.
-    states : sequence of str
-        Of the true plant.
-
-    Raises
-    ------
-    InvalidInput
-        For unknown names, another number of values, or values that are not finite.
+    An array has one value per state of the plant, or per state of the plant that the law was designed for (the others
+    are zero, as those that a mapping by name leaves out). None: where the controller starts, where its estimate
+    begins; without an estimator, the law's operating point. Unknown names, another number of values, or values that are
+    not finite are refused.
     """
     if given is None:
         named = {name: value for name, value in _designed_start(controller).items() if name in states}
     elif isinstance(given, Mapping):
         named = dict(given)
     else:
-        named = _by_name(given, states, controller.states)
-    unknown = [name for name in named if name not in states]
-    if unknown:
-        raise InvalidInput(
-            f"There is no state {unknown[0]!r}.", f"expected names out of {list(states)}", "one of these"
-        )
+        values = real_array(given)
+        fitting = [names for names in (states, controller.states) if values.shape == (len(names),)]
+        if not fitting:
+            raise InvalidInput(
+                "The initial state does not fit the true plant.",
+                f"expected {len(states)} values for {list(states)}, got {value_text(given)}",
+                "a mapping by name, for example {'link_position': 0.1}, leaves the others at zero",
+            )
+        named = {name: float(value) for name, value in zip(fitting[0], values)}
+    for name in named:
+        if name not in states:
+            raise unknown_name(f"There is no state {name!r}.", name, states)
     x = np.array([real_number(named.get(name, 0.0)) for name in states])
     if not np.all(np.isfinite(x)):
         raise InvalidInput("The initial state is not finite.", f"got {value_text(given)}", "finite numbers")
@@ -94,9 +90,8 @@ def starting_state(given: Any, states: Sequence[str], controller: Controller) ->
 
 def _designed_start(controller: Controller) -> dict[str, float]:
     """Where the controller starts, by name."""
-    start = (
-        controller.law.operating_point if controller.estimator is None else controller.estimator.initial[0]
-    )
+    estimator, law = controller.estimator, controller.law
+    start = law.operating_point if estimator is None else estimator.initial[0]
     return dict(zip(controller.states, np.asarray(start, dtype=float).tolist()))
 
 
@@ -135,18 +130,6 @@ def start_text(
     return f"{text}; the true plant does not rest there: d/dt {plant.states[worst]} = {rates[worst]:.3g}"
 
 
-def _by_name(given: Any, states: Sequence[str], designed: Sequence[str]) -> dict[str, float]:
-    values = real_array(given)
-    for names in (states, designed):
-        if values.shape == (len(names),):
-            return {name: float(value) for name, value in zip(names, values)}
-    raise InvalidInput(
-        "The initial state does not fit the true plant.",
-        f"expected {len(states)} values for {list(states)}, got {value_text(given)}",
-        "a mapping by name, for example {'link_position': 0.1}, leaves the others at zero",
-    )
-
-
 #: A command may exceed a limit by this fraction of the range, for rounding.
 ROUNDING = 1e-9
 
@@ -168,11 +151,9 @@ def check_ranges(
         outside = np.flatnonzero((column < low - slack) | (column > high + slack))
         if len(outside):
             unit, first = units.get(name, ""), outside[0]
-            raise InvalidInput(
-                f"The reference leaves the range of {name!r}.",
-                f"expected {low:g} to {high:g} {unit}, got {column[first]:.6g} {unit} at t = {times[first]:g} s",
-                "a command within the joint's limits; angles are in rad",
-            )
+            found = f"expected {low:g} to {high:g} {unit}, got {column[first]:.6g} {unit} at t = {times[first]:g} s"
+            advice = "a command within the joint's limits; angles are in rad"
+            raise InvalidInput(f"The reference leaves the range of {name!r}.", found, advice)
 
 
 def check_turns(reference: Any, commands: np.ndarray, names: Sequence[str], units: Mapping[str, str]) -> None:
@@ -213,16 +194,13 @@ def checked_parameters(plant: Plant, parameters: Any) -> np.ndarray:
 
 def checked_rows(what: str, given: Any, count: int, default: np.ndarray) -> np.ndarray:
     """Rows (N, k) of finite numbers, by default the same for all; others are refused."""
+    shape = (count, len(default))
     if given is None:
-        return np.broadcast_to(default, (count, len(default)))
-    rows = real_array(given)
-    if rows.shape != (count, len(default)) or not np.all(np.isfinite(rows)):
-        raise InvalidInput(
-            f"The {what} do not fit the plants.",
-            f"expected finite numbers of shape {(count, len(default))}, got {value_text(given)}",
-            "one row for each plant",
-        )
-    return rows
+        return np.broadcast_to(default, shape)
+    expected = f"finite numbers of shape {shape}"
+    return checked_array(
+        f"The {what} do not fit the plants.", given, shape, expected, "one row for each plant"
+    )
 
 
 def checked_seeds(seeds: Any, count: int) -> tuple[int, ...]:
@@ -231,11 +209,8 @@ def checked_seeds(seeds: Any, count: int) -> tuple[int, ...]:
     for seed in given[:1] if np.ndim(seeds) == 0 else given:
         check_seed(seed)
     if len(given) != count:
-        raise InvalidInput(
-            "The seeds do not fit the plants.",
-            f"expected {count} integers, got {len(given)}",
-            "one for each plant",
-        )
+        found = f"expected {count} integers, got {len(given)}"
+        raise InvalidInput("The seeds do not fit the plants.", found, "one for each plant")
     return tuple(int(seed) for seed in given)
 
 
@@ -277,18 +252,9 @@ class LoopCode:
 class PreparedRun:
     """A run before it is made.
 
-    Attributes
-    ----------
-    times : (N,) array
-        s.
-    arrays : mapping of str to array
-        What the kernel is given, by buffer; those that the loop does not have are left out.
-    recorded : mapping of str to array
-        Signals that are known before the run.
-    parts : int
-        Runge–Kutta steps per period.
-    settings : mapping
-        For the trajectory.
+    `times` (N,) are in s; `arrays` are what the kernel is given, by buffer (those that the loop does not have are left
+    out), `recorded` signals that are known before the run, `parts` Runge–Kutta steps per period, `settings` for the
+    trajectory.
     """
 
     code: LoopCode
@@ -297,38 +263,6 @@ class PreparedRun:
     recorded: dict[str, np.ndarray]
     parts: int
     settings: dict[str, Any]
-
-    @classmethod
-    def of(
-        cls,
-        code: LoopCode,
-        start: Mapping[str, np.ndarray],
-        commands: np.ndarray,
-        noise: np.ndarray,
-        disturbance: np.ndarray | None,
-        parts: int,
-        settings: dict[str, Any],
-    ) -> PreparedRun:
-        """Of a loop of this code.
-
-        Parameters
-        ----------
-        start : mapping of str to array
-            x, held (the input that acts before the first sample), memory, data, and the parameters of the true plant.
-        commands, noise : (N, r) and (N, p) arrays
-        disturbance : (N, capacity, 3, d) array or None
-            See `flexhinf.loop.signals.sampling.sample_disturbance`.
-        """
-        samples, period, sizes = len(commands), code.controller.period, code.sizes
-        acting = np.zeros((samples, sizes.d)) if disturbance is None else disturbance[:, 0, 0].copy()
-        if disturbance is None:  # one array for all runs: pages that are never written take no memory
-            disturbance = _zeros(samples * sizes.capacity * 3 * sizes.d)
-        arrays = {
-            **start, "u": start["held"].copy(), "truth": np.concatenate([[period / parts], start["parameters"]]),
-            "noise": noise.ravel(), "reference": commands.ravel(), "disturbance": disturbance.ravel(),
-        }  # fmt: skip
-        recorded = {"reference": commands, "disturbance": acting}
-        return cls(code, np.arange(samples) * period, arrays, recorded, parts, settings)
 
     @property
     def counts(self) -> dict[str, int]:
@@ -391,8 +325,8 @@ def capacity(sub_steps: int) -> int:
 
 
 @lru_cache(4)
-def _zeros(size: int) -> np.ndarray:
+def zeros(size: int) -> np.ndarray:
     """Zeros (size,), read-only: one array for all runs, since fresh memory for each takes as long as the run."""
-    zeros = np.zeros(size)
-    zeros.setflags(write=False)
-    return zeros
+    found = np.zeros(size)
+    found.setflags(write=False)
+    return found

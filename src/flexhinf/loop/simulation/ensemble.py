@@ -9,7 +9,7 @@ that of a single run, and their signals are reduced afterwards, to the same bits
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -23,8 +23,6 @@ from flexhinf.errors import InvalidInput
 from flexhinf.loop.controller.controller import Controller
 from flexhinf.loop.shared import share
 from flexhinf.loop.signals.sampling import (
-    by_name,
-    checked_deviation,
     sample_disturbance,
     sample_noise,
 )
@@ -37,20 +35,17 @@ from flexhinf.loop.simulation.compiled_runs import (
     checked_seeds,
     operating_state,
     start_text,
-    starting_state,
+    zeros,
 )
 from flexhinf.loop.simulation.metrics import (
     Command,
     EnsembleResult,
     Place,
     Reduction,
-    common_reductions,
-    tracking_reductions,
 )
 from flexhinf.loop.simulation.program import Channel, EnsembleOptions, loop_program, reduction_program
 from flexhinf.loop.simulation.trajectory import Trajectory
 from flexhinf.plant import Plant, fastest_modes, sub_steps
-from flexhinf.validation import value_text
 
 #: Runs side by side in one kernel. Eight numbers are one register of AVX-512 and two of AVX2.
 LANES = 8
@@ -103,24 +98,18 @@ class Ensemble:
     ----------
     plant, controller, channel
         The nominal true plant, and what its runs have in common.
-    start : mapping of str to array
-        What every run starts with, by buffer, unless it has its own.
-    shared : mapping of str to array
-        What all runs read, by buffer.
+    start, shared : mappings of str to array
+        What every run starts with, unless it has its own, and what all runs read, by buffer.
     disturbance : any, or None
         As for `Loop.run`.
     tracking : mapping of str to tuple of Reduction
         Of each judged state.
-    kept : tuple of (str, int)
-        Signals that are kept, see `EnsembleOptions`.
-    instants : (T,) array of int
-        Samples at which they are.
+    kept, instants : tuple of (str, int), and (T,) array of int
+        Signals that are kept, see `EnsembleOptions`, and samples at which they are.
     sub_steps : int or None
         Of all plants, instead of the number that each one's fastest mode asks for.
-    settings : mapping
-        What trajectories name, besides seed, sub-steps and start.
-    placed : bool
-        Whether somebody gave the state that every run starts with.
+    settings, placed : mapping, and bool
+        What trajectories name, besides seed, sub-steps and start; whether the state of the start was given.
     """
 
     plant: Plant
@@ -137,47 +126,6 @@ class Ensemble:
     sub_steps: int | None
     settings: Mapping[str, Any]
     placed: bool
-
-    @staticmethod
-    def of(
-        plant: Plant,
-        controller: Controller,
-        channel: Channel,
-        commands: np.ndarray,
-        settings: Mapping[str, Any],
-        disturbance: Any,
-        noise: Any,
-        initial_state: Any,
-        initial_input: Any,
-        given_sub_steps: int | None = None,
-        reductions: Sequence[Reduction] = (),
-        kept: Sequence[str] = (),
-        instants: Any = (),
-    ) -> Ensemble:
-        """See `Loop.ensemble`; the commands are (N, r), and trajectories name the settings."""
-        command = Command.of(commands, controller.period)
-        start = {
-            "x": starting_state(initial_state, plant.states, controller),
-            "held": controller.input_before(initial_input),
-            "memory": controller.initial_memory(input=initial_input),
-        }
-        shared = {"data": controller.data_vector, "facts": command.vector()}
-        if commands.size:
-            shared["reference"] = commands.ravel()
-        if noise is not None:
-            shared["deviation"] = np.ascontiguousarray(checked_deviation(noise, controller.measured))
-        tracking = {
-            name: tracking_reductions(tracked_place(plant, controller, name)) for name in controller.judged
-        }
-        known = [
-            (k, plant.states.index(name)) for k, name in enumerate(controller.states) if name in plant.states
-        ]
-        return Ensemble(
-            plant, controller, channel, command, start, shared,
-            None if disturbance is None else by_name(disturbance, plant), tracking,
-            (*common_reductions(known), *reductions), tuple(_signal(plant, controller, name) for name in kept),
-            _instants(instants, command.samples), given_sub_steps, settings, initial_state is not None,
-        )  # fmt: skip
 
     def run(
         self,
@@ -230,7 +178,10 @@ class Ensemble:
                 some = found.remembered[start : start + len(reduction.start)]
                 named |= reduction.result(some, self.command)
                 start += len(reduction.start)
-            results.append({name: _blank(values, failed) for name, values in named.items()})
+            named = {name: np.array(values, dtype=float) for name, values in named.items()}
+            for values in named.values():
+                values[failed] = np.nan
+            results.append(named)
         *by_state, common = results
         tracked = dict(zip(self.tracking, by_state))
         return EnsembleResult(
@@ -238,35 +189,37 @@ class Ensemble:
         )
 
     def trajectories(
-        self,
-        parameters: Any,
-        seeds: Any = 0,
-        initial_states: Any = None,
-        loads: Any = None,
-        *,
-        initial_inputs: Any = None,
+        self, parameters: Any, seeds: Any = 0, *own: Any, initial_inputs: Any = None
     ) -> Iterator[Trajectory]:
         """The same runs with all their signals, a few at a time, for what no reduction says; arguments as for `run`."""
-        plants = self._plants(parameters, seeds, initial_states, loads, initial_inputs)
+        states, loads = (*own, None, None)[:2]
+        plants = self._plants(parameters, seeds, states, loads, initial_inputs)
         disturbances = self._disturbances(plants)
         if self._few(plants):
             with ThreadPoolExecutor(THREADS) as pool:
-                yield from pool.map(
-                    lambda k: self._prepared(plants, disturbances, k, self._settings(plants, k)).alone(),
-                    range(len(plants)),
-                )
+                alone = lambda k: self._prepared(plants, disturbances, k, self._settings(plants, k)).alone()  # noqa: E731
+                yield from pool.map(alone, range(len(plants)))
             return
-        kept = [
-            (kind, k)
-            for kind, names in _signal_names(self.plant, self.controller).items()
-            for k in range(len(names))
-        ]
+        names = _signal_names(self.plant, self.controller)
+        kept = tuple((kind, k) for kind, some in names.items() for k in range(len(some)))
         everything = np.arange(self.command.samples)
-        whole = replace(self, tracking={}, common=(), kept=tuple(kept), instants=everything)
+        whole = replace(self, tracking={}, common=(), kept=kept, instants=everything)
+        ends = np.cumsum([len(some) for some in names.values()])[:-1]
+        times = everything * self.command.period
         for first in range(0, len(plants), THREADS * LANES):
             some = plants.some(slice(first, first + THREADS * LANES))
             found = whole._in_lanes(some, LANES, THREADS, disturbances)
-            yield from (self._trajectory(some, disturbances, found, k) for k in range(len(some)))
+            for k, row in enumerate(found.kept):
+                recorded = dict(zip(names, np.split(row, ends, axis=1)))
+                acting = np.zeros((len(times), len(self.plant.disturbances)))
+                if disturbances:
+                    acting = disturbances[int(some.parts[k])][:, 0, 0] * some.own["load"][k]
+                signals = {kind: recorded[kind] for kind in ("state", "estimate", "output", "input")}
+                signals |= {"reference": self.commands, "disturbance": acting}
+                yield Trajectory.until(
+                    self.plant, self.controller, times, signals, self._settings(some, k), int(found.codes[k]),
+                    int(found.steps[k]),
+                )  # fmt: skip
 
     def single(self, seed: int, parts: int) -> PreparedRun:
         """The run of the nominal plant, with so many sub-steps, before it is made."""
@@ -356,15 +309,19 @@ class Ensemble:
     def _alone(self, plants: EnsemblePlants, threads: int) -> Recorded:
         """Each on the kernel of a single run, its signals reduced afterwards."""
         found, disturbances = self._room(len(plants)), self._disturbances(plants)
+        outcome = lambda k: self._prepared(plants, disturbances, k, dict(self.settings)).outcome()  # noqa: E731
         with ThreadPoolExecutor(threads) as pool:
-            runs = pool.map(
-                lambda k: self._prepared(plants, disturbances, k, dict(self.settings)).outcome(),
-                range(len(plants)),
-            )
-            for k, (run, code, last) in enumerate(runs):
+            for k, (run, code, last) in enumerate(pool.map(outcome, range(len(plants)))):
                 found.codes[k], found.steps[k] = code, last
-                if code == 0:
-                    found.remembered[:, k] = self._reduced(run)
+                if code == 0 and len(found.remembered):
+                    remembered, step = self.remembered.copy(), np.zeros(1)
+                    arrays = {
+                        name: run.signals[name].ravel() for name in ("state", "estimate", "output", "input")
+                    }
+                    arrays |= {**self.shared, "remembered": remembered, "step": step}
+                    names = [buffer.name for buffer in self._reducer.program.buffers]
+                    self._reducer.run({name: arrays[name] for name in names}, {"steps": len(run.time)})
+                    found.remembered[:, k] = remembered
                 passed = self.instants < len(run.time)
                 found.kept[k, ~passed] = np.nan
                 for j, (kind, column) in enumerate(self.kept):
@@ -375,45 +332,24 @@ class Ensemble:
         self, plants: EnsemblePlants, disturbances: Disturbances, k: int, settings: dict[str, Any]
     ) -> PreparedRun:
         """The k-th run, alone, with what its trajectory names where somebody reads it."""
-        parts = int(plants.parts[k])
+        parts, samples = int(plants.parts[k]), self.command.samples
         code = LoopCode.of(self.plant, self.controller, self.channel, parts)
         own = {**self.start, **{name: rows[k] for name, rows in plants.own.items()}}
-        deviation, samples = self.shared.get("deviation"), self.command.samples
-        noise = sample_noise(deviation, plants.seeds[k], samples, self.controller.measured)
-        start = {name: own[name] for name in ("x", "held", "memory")}
-        start |= {"data": self.shared["data"], "parameters": plants.truth[k]}
-        acting = disturbances[parts] if disturbances else None
-        if acting is not None and "load" in own:
-            acting = acting * own["load"]
-        return PreparedRun.of(code, start, self.commands, noise, acting, parts, settings)
-
-    def _trajectory(
-        self, plants: EnsemblePlants, disturbances: Disturbances, found: Recorded, k: int
-    ) -> Trajectory:
-        """Of a run of which all signals were kept."""
-        names = _signal_names(self.plant, self.controller)
-        ends = np.cumsum([len(some) for some in names.values()])[:-1]
-        recorded = dict(zip(names, np.split(found.kept[k], ends, axis=1)))
-        acting = np.zeros((self.command.samples, len(self.plant.disturbances)))
+        noise = sample_noise(self.shared.get("deviation"), plants.seeds[k], samples, self.controller.measured)
+        acting = np.zeros((samples, code.sizes.d))
         if disturbances:
-            acting = disturbances[int(plants.parts[k])][:, 0, 0] * plants.own["load"][k]
-        signals = {kind: recorded[kind] for kind in ("state", "estimate", "output", "input")}
-        signals |= {"reference": self.commands, "disturbance": acting}
-        times = np.arange(self.command.samples) * self.command.period
-        return Trajectory.until(
-            self.plant, self.controller, times, signals, self._settings(plants, k), int(found.codes[k]),
-            int(found.steps[k]),
-        )  # fmt: skip
-
-    def _reduced(self, run: Trajectory) -> np.ndarray:
-        """What the reductions remember of a whole run."""
-        remembered = self.remembered.copy()
-        if len(remembered):
-            signals = {name: run.signals[name].ravel() for name in ("state", "estimate", "output", "input")}
-            arrays = {**self.shared, **signals, "remembered": remembered, "step": np.zeros(1)}
-            names = [buffer.name for buffer in self._reducer.program.buffers]
-            self._reducer.run({name: arrays[name] for name in names}, {"steps": len(run.time)})
-        return remembered
+            values = disturbances[parts] * own["load"] if "load" in own else disturbances[parts]
+            acting = values[:, 0, 0].copy()
+        else:  # one array for all runs: pages that are never written take no memory
+            values = zeros(samples * code.sizes.capacity * 3 * code.sizes.d)
+        arrays = {
+            **{name: own[name] for name in ("x", "held", "memory")}, "u": own["held"].copy(),
+            "data": self.shared["data"], "noise": noise.ravel(),
+            "truth": np.concatenate([[self.command.period / parts], plants.truth[k]]),
+            "reference": self.commands.ravel(), "disturbance": values.ravel(),
+        }  # fmt: skip
+        recorded = {"reference": self.commands, "disturbance": acting}
+        return PreparedRun(code, np.arange(samples) * self.command.period, arrays, recorded, parts, settings)
 
     # What the runs have -----------------------------------------------------------------------------
     def _plants(self, parameters: Any, seeds: Any, states: Any, loads: Any, inputs: Any) -> EnsemblePlants:
@@ -515,7 +451,8 @@ def tracked_place(plant: Plant, controller: Controller, name: str) -> Place:
     return Place(kind, names[kind].index(name), controller.commanded.index(name))
 
 
-def _signal(plant: Plant, controller: Controller, text: str) -> tuple[str, int]:
+def signal_place(plant: Plant, controller: Controller, text: str) -> tuple[str, int]:
+    """Kind and column of a signal that is kept, see `Loop.ensemble`."""
     names = _signal_names(plant, controller)
     kind, _, name = text.rpartition(".")
     for one in [kind] if kind in names else ["state", "output"]:
@@ -526,20 +463,3 @@ def _signal(plant: Plant, controller: Controller, text: str) -> tuple[str, int]:
         f"expected states and measured signals out of {[*plant.states, *controller.measured]}",
         f"one of these, or estimate.{controller.states[0]}, or input.{names['input'][0]}",
     )
-
-
-def _instants(given: Any, samples: int) -> np.ndarray:
-    instants = np.asarray(given, dtype=int).reshape(-1)
-    if np.any((instants < 0) | (instants >= samples)):
-        raise InvalidInput(
-            "An instant is outside of the run.",
-            f"expected samples 0 to {samples - 1}, got {value_text(given)}",
-            "numbers of samples, not times",
-        )
-    return instants
-
-
-def _blank(values: np.ndarray, failed: np.ndarray) -> np.ndarray:
-    values = np.array(values, dtype=float)
-    values[failed] = np.nan
-    return values

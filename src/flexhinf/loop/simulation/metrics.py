@@ -18,7 +18,7 @@ import numpy as np
 
 from flexhinf.errors import InvalidInput
 from flexhinf.scalars import maximum, minimum, where
-from flexhinf.validation import value_text
+from flexhinf.validation import unknown_name, value_text
 
 #: Half width of the settling band, as a fraction of the step: ±2 %.
 SETTLING_BAND = 0.02
@@ -80,25 +80,28 @@ def step_shape(time: np.ndarray, position: np.ndarray, reference: np.ndarray) ->
 def step_metrics(time: np.ndarray, position: np.ndarray, shape: StepShape | None) -> dict[str, float | None]:
     """Overshoot, settling time and rise time of a step, from arrays (N,).
 
-    Returns
-    -------
-    dict
-        ``overshoot_percent``: per cent of the step, in its direction, from the command on.
-        ``settling_time_s``: last time outside ±2 % of the step, counted from the command; None if the position is
-        outside at the end of the run.
-        ``rise_time_s``: from the first crossing of 10 % of the step to the first one of 90 %, interpolated between
-        samples; None if 90 % is not reached.
-        A step of height zero and a command that is no step (None) have none of them.
+    ``overshoot_percent``: per cent of the step, in its direction, from the command on. ``settling_time_s``: last time
+    outside ±2 % of the step, counted from the command; None if the position is outside at the end of the run.
+    ``rise_time_s``: from the first crossing of 10 % of the step to the first one of 90 %, interpolated between
+    samples; None if 90 % is not reached. A step of height zero and a command that is no step (None) have none of them.
     """
     if shape is None or shape.height == 0.0:
         return {"overshoot_percent": None, "settling_time_s": None, "rise_time_s": None}
     after = time >= shape.at
     time, position = time[after], position[after]
     beyond = (position - shape.final) / shape.height
+    way, crossings = 1.0 + beyond, []
+    for level in RISE:
+        reached = np.flatnonzero(way >= level)
+        if not len(reached):
+            break
+        k = int(reached[0])
+        back = (way[k] - level) / (way[k] - way[k - 1]) * (time[k] - time[k - 1]) if k else 0.0
+        crossings.append(float(time[k] - back))
     return {
         "overshoot_percent": 100.0 * max(0.0, float(beyond.max())),
         "settling_time_s": _last_outside(time, position - shape.final, shape.height, shape.at),
-        "rise_time_s": _rise_time(time, 1.0 + beyond),
+        "rise_time_s": crossings[1] - crossings[0] if len(crossings) == len(RISE) else None,
     }
 
 
@@ -108,34 +111,21 @@ def load_metrics(
     """What a disturbance does to a position (N,) that is held at a command from `start` (s, inside the run) on.
 
     The band of 2 % is of the command's step, signed or not; where the command makes none, of a reference step that is
-    stated beside the result.
+    stated beside the result. A disturbance that starts after the run, and a step without height, are refused.
 
-    Returns
-    -------
-    dict
-        ``peak_deviation``: largest distance from the command.
-        ``recovery_time_s``: from `start` to the last time outside ±2 % of the step; 0 if the position never leaves
-        the band, None if it is outside at the end of the run.
-        ``remaining_error``: largest distance from the command in the last tenth of the run.
-
-    Raises
-    ------
-    InvalidInput
-        If the disturbance starts after the run, or the step has no height.
+    ``peak_deviation``: largest distance from the command.
+    ``recovery_time_s``: from `start` to the last time outside ±2 % of the step; 0 if the position never leaves the
+    band, None if it is outside at the end of the run.
+    ``remaining_error``: largest distance from the command in the last tenth of the run.
     """
     after = time >= start * (1.0 - ROUNDING)
     if not np.any(after):
-        raise InvalidInput(
-            "The disturbance starts after the run.",
-            f"expected start <= {time[-1]:g} s, got {start:g} s",
-            "a longer run",
-        )
+        found = f"expected start <= {time[-1]:g} s, got {start:g} s"
+        raise InvalidInput("The disturbance starts after the run.", found, "a longer run")
     if not (np.isfinite(step) and step != 0.0):
-        raise InvalidInput(
-            "The recovery time needs the size of a step.",
-            f"expected a step other than zero, of which 2 % are the band, got {value_text(step)}",
-            "step=0.1 as a reference, stated beside the result",
-        )
+        found = f"expected a step other than zero, of which 2 % are the band, got {value_text(step)}"
+        advice = "step=0.1 as a reference, stated beside the result"
+        raise InvalidInput("The recovery time needs the size of a step.", found, advice)
     deviation = position[after] - command
     return {
         "peak_deviation": float(np.abs(deviation).max()),
@@ -146,8 +136,7 @@ def load_metrics(
 
 def steady_state_error(position: np.ndarray, reference: np.ndarray) -> float:
     """Largest |error| in the last tenth of a run, of arrays (N,)."""
-    error = position - reference
-    return float(np.abs(tail_of(error)).max())
+    return float(np.abs(tail_of(position - reference)).max())
 
 
 @dataclass(frozen=True)
@@ -165,9 +154,8 @@ def limit_cycle(time: np.ndarray, position: np.ndarray) -> LimitCycle:
     time, position = tail_of(time, REST_TAIL), tail_of(position, REST_TAIL)
     low, high = float(position.min()), float(position.max())
     amplitude, deviation = 0.5 * (high - low), position - 0.5 * (high + low)
-    side = np.where(
-        deviation >= HYSTERESIS * amplitude, 1, np.where(deviation <= -HYSTERESIS * amplitude, -1, 0)
-    )
+    far = HYSTERESIS * amplitude
+    side = np.where(deviation >= far, 1, np.where(deviation <= -far, -1, 0))
     outside = np.flatnonzero(side)
     rises = outside[1:][np.diff(side[outside]) > 0]
     if amplitude == 0.0 or len(rises) < 2:
@@ -191,36 +179,11 @@ def _last_outside(time: np.ndarray, deviation: np.ndarray, height: float, start:
     return float(time[outside[-1]] - start)
 
 
-def _rise_time(time: np.ndarray, way: np.ndarray) -> float | None:
-    """Between the first crossings of `RISE` by the fraction of the step that is done, (N,)."""
-    crossings = []
-    for level in RISE:
-        reached = np.flatnonzero(way >= level)
-        if len(reached) == 0:
-            return None
-        k = int(reached[0])
-        back = (way[k] - level) / (way[k] - way[k - 1]) * (time[k] - time[k - 1]) if k else 0.0
-        crossings.append(float(time[k] - back))
-    return crossings[1] - crossings[0]
-
-
 @dataclass(frozen=True, eq=False)
 class Command:
-    """What is known of the command before the run, for each of its r channels.
-
-    Attributes
-    ----------
-    period : float
-        s.
-    samples : int
-        Length of the run.
-    first, last : (r,) array
-        At the first and at the last sample.
-    change : (r,) array
-        The first sample at which it differs from the first one; 0 where none does.
-    steps : (r,) array of bool
-        Whether it stands still in the last tenth of the run, see `flexhinf.loop.step_shape`.
-    """
+    """What is known of the command before the run, for each of its r channels: the period, s, and the samples of the
+    run; the command at the first and at the last one; the first sample at which it differs from the first one, 0 where
+    none does; and whether it stands still in the last tenth of the run, see `flexhinf.loop.step_shape`."""
 
     period: float
     samples: int
@@ -250,17 +213,9 @@ class Command:
 class Instant:
     """A sample of a run, as a reduction sees it; arrays of any element.
 
-    Attributes
-    ----------
-    step : element
-        Number of the sample: 0, 1, …
-    state, estimate, output, input, reference : arrays
-        As in `Trajectory.signals`: the state of the true plant, the estimate from this sample's measurement, the
-        measurement, the input that the controller gives, the command.
-    tail : element
-        First sample of the last tenth of the run.
-    first, last, change : (r,) arrays
-        See `Command`.
+    `step` is its number 0, 1, …; the signals are as in `Trajectory.signals`: the state of the true plant, the estimate
+    from this sample's measurement, the measurement, the input that the controller gives, the command. `tail` is the
+    first sample of the last tenth of the run, and `first`, `last` and `change` (r,) are those of `Command`.
     """
 
     step: Any
@@ -308,19 +263,15 @@ class EnsembleResult:
 
     Attributes
     ----------
-    codes : (N,) array of int
+    codes, diverged_at : (N,) arrays
         0 for a run that came to its end; `CONTROL_FAILED` or `PLANT_FAILED` of `flexhinf.loop.simulation.program`
-        where the controller's or the plant's numbers are no longer finite.
-    diverged_at : (N,) array
-        The time of the last sample of a run that diverged, s; NaN for the others.
+        where the controller's or the plant's numbers are no longer finite; the time of its last sample, s (else NaN).
     sub_steps : (N,) array of int
         Runge–Kutta steps per period.
     judged : tuple of str
         Tracked states, see `Controller.judged`.
-    by_state : mapping of str to mapping of str to array
-        For each of them its metrics, (N,).
-    common : mapping of str to array
-        Metrics of the whole run, (N,) or (N, j).
+    by_state, common : mappings
+        For each of them its metrics, (N,), and metrics of the whole run, (N,) or (N, j), by name.
     kept : (N, T, k) array
         Signals that are kept, at the instants of the ensemble; NaN after a run diverged.
     """
@@ -339,34 +290,24 @@ class EnsembleResult:
         return self.codes == 0
 
     def metrics(self, name: str | None = None) -> dict[str, np.ndarray]:
-        """Metrics (N,) of the first (or the named) tracked state, by the names of `Trajectory.metrics`.
+        """Metrics (N,) of the first (or the named) tracked state, by the names of `Trajectory.metrics`; a state that is
+        not tracked is refused.
 
         Where `Trajectory.metrics` has None they are NaN: for a command that is no step, and for runs that diverged. A
         settling time or a rise time is infinite where the run is not settled, or has not risen, at its end.
         `estimation_rmse` is (N, j), one column per estimated state whose true value is known.
-
-        Raises
-        ------
-        InvalidInput
-            If this state is not tracked.
         """
         if name is None and self.judged:
             name = self.judged[0]
         if name is not None and name not in self.by_state:
-            raise InvalidInput(
-                f"{name!r} is not tracked.", f"expected one of {list(self.judged)}", "one of these names"
-            )
+            raise unknown_name(f"{name!r} is not tracked.", name, self.judged)
         return {**(self.by_state[name] if name is not None else {}), **self.common}
 
     def metrics_of(self, k: int, name: str | None = None) -> dict[str, Any]:
         """Those of the k-th run, with None as in `Trajectory.metrics`."""
         row = {key: values[k].tolist() for key, values in self.metrics(name).items()}
-        if not self.completed[k]:
-            return dict.fromkeys(row)
-        return {
-            key: value if isinstance(value, list) or np.isfinite(value) else None
-            for key, value in row.items()
-        }
+        known = {key: value for key, value in row.items() if isinstance(value, list) or np.isfinite(value)}
+        return {key: known.get(key) if self.completed[k] else None for key in row}
 
 
 def update_all(reductions: Sequence[Reduction], remembered: Any, now: Instant) -> Any:

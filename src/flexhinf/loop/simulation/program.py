@@ -28,17 +28,15 @@ WHOLE = 1e-6
 
 
 def check_delay(samples: float, period: float, most: int = LONGEST) -> None:
-    """Refuse a delay of more samples than a run (or a linear loop, `LONGEST_LINEAR`) can have.
-
-    The InvalidInput says the unit that was probably meant.
-    """
+    """Refuse a delay of more samples than a run (or a linear loop, `LONGEST_LINEAR`) can have; the InvalidInput says
+    the unit that was probably meant."""
     if samples <= most * (1.0 + WHOLE):
         return
     late = period * samples
+    found = f"got {late:g} s = {samples:.0f} samples of {period:g} s"
     raise InvalidInput(
         "The input delay is out of proportion to the period.",
-        f"expected at most {most} samples = {most * period:g} s, got {late:g} s = {samples:.0f} samples of "
-        f"{period:g} s",
+        f"expected at most {most} samples = {most * period:g} s, {found}",
         f"delay={1e-3 * late:g} if {late:g} ms was meant; for a longer delay a longer period",
     )
 
@@ -47,12 +45,8 @@ def check_delay(samples: float, period: float, most: int = LONGEST) -> None:
 class Channel:
     """Quantised measurements and delayed inputs; neither is known to the estimator.
 
-    Attributes
-    ----------
-    quanta : tuple of float
-        Step of each measurement, in its unit; 0 for one that is not quantised.
-    delay : int
-        Samples between an input and its effect. Until the first one acts the input before the first sample does.
+    `quanta` are the steps of the measurements, in their unit, 0 for one that is not quantised; `delay` the samples
+    between an input and its effect. Until the first one acts the input before the first sample does.
     """
 
     quanta: tuple[float, ...]
@@ -66,18 +60,16 @@ class Channel:
         late = real_number(delay)
         fits = steps.shape in ((0,), (), (len(measured),))
         if not fits or not np.all(np.isfinite(steps)) or np.any(steps < 0):
-            raise InvalidInput(
-                "The quantisation does not fit the measurements.",
-                f"expected one step >= 0 or one for each of {list(measured)}, got {value_text(quantisation)}",
-                "quantisation=2 * np.pi / 4096 for an encoder of 12 bits",
+            found = (
+                f"expected one step >= 0 or one for each of {list(measured)}, got {value_text(quantisation)}"
             )
+            advice = "quantisation=2 * np.pi / 4096 for an encoder of 12 bits"
+            raise InvalidInput("The quantisation does not fit the measurements.", found, advice)
         samples = late / period
         if not (np.isfinite(samples) and samples >= 0.0 and abs(samples - round(samples)) <= WHOLE):
-            raise InvalidInput(
-                "The input delay is not a whole number of samples.",
-                f"expected a multiple of {period:g} s, got {value_text(delay)} s",
-                f"delay={period:g} for one sample",
-            )
+            found = f"expected a multiple of {period:g} s, got {value_text(delay)} s"
+            what = "The input delay is not a whole number of samples."
+            raise InvalidInput(what, found, f"delay={period:g} for one sample")
         check_delay(samples, period)
         quanta = () if quantisation is None else tuple(np.broadcast_to(steps, (len(measured),)).tolist())
         return Channel(quanta if any(quanta) else (), round(samples))
@@ -153,22 +145,19 @@ class EnsembleOptions:
     kept: tuple[tuple[str, int], ...]
 
 
-class _Buffers:
+class _Buffers(dict[str, Buffer]):
     """Buffers of a program by name, as they are asked for; those without elements are left out."""
-
-    def __init__(self) -> None:
-        self.named: dict[str, Buffer] = {}
 
     def whole(self, name: str, size: int, role: Any, shared: bool = False) -> tuple[Slice, ...]:
         """All of a buffer of so many elements."""
         if size:
-            self.named[name] = Buffer(name, size, role, shared=shared)
+            self[name] = Buffer(name, size, role, shared=shared)
         return (Slice(name, size=size),) if size else ()
 
     def row(self, name: str, size: int, role: Any, shared: bool = False) -> tuple[Slice, ...]:
         """The row of a sample."""
         if size:
-            self.named[name] = Buffer(name, None, role, shared=shared)
+            self[name] = Buffer(name, None, role, shared=shared)
         return (Slice(name, size=size, strides=(size,)),) if size else ()
 
 
@@ -219,8 +208,14 @@ def loop_program(
     measure = drop_empty(measure_function(plant, controller, channel))
     body += [Call(measure, (*x, *held, *noise, *truth), y), *control]
     if options is not None and options.kept:
-        kept = b.row("kept", len(options.kept), "out")
-        body.append(Call(_kept_function(sizes, options.kept), (*x, *y, *estimate, *u), kept))
+        places = options.kept
+
+        def keep(x: Any, y: Any, estimate: Any, u: Any) -> Any:
+            signals = {"state": x, "output": y, "estimate": estimate, "input": u}
+            return np.array([signals[kind][column] for kind, column in places])
+
+        kept = drop_empty(trace(keep, sizes.x, sizes.y, sizes.estimate, sizes.u, name="keep"))
+        body.append(Call(kept, (*x, *y, *estimate, *u), b.row("kept", len(places), "out")))
     acting = u
     if delayed:
         acting = b.row("inputs", sizes.u, "state")
@@ -238,7 +233,7 @@ def loop_program(
     stage: tuple[Slice, ...] = ()
     if size and (options is None or options.disturbed):
         stage = (Slice("disturbance", size=size, strides=(size * sizes.capacity, size)),)
-        b.named["disturbance"] = Buffer("disturbance", None, "in", shared=many)
+        b["disturbance"] = Buffer("disturbance", None, "in", shared=many)
     if many:
         own, load = b.whole("acting", size, "work"), Slice("load", size=sizes.d)
         if stage:
@@ -249,7 +244,7 @@ def loop_program(
     body += [Repeat("parts", tuple(parts)), Guard(x[0], PLANT_FAILED)]
     counts = ("steps", "parts", "late") if delayed else ("steps", "parts")
     name = "ensemble" if many else "closed_loop"
-    return Program(name, (*b.named.values(), *scratch), (Repeat("steps", tuple(body)),), counts)
+    return Program(name, (*b.values(), *scratch), (Repeat("steps", tuple(body)),), counts)
 
 
 def reduction_program(sizes: LoopSizes, reductions: Sequence[Reduction]) -> Program:
@@ -263,7 +258,7 @@ def reduction_program(sizes: LoopSizes, reductions: Sequence[Reduction]) -> Prog
     facts = b.whole("facts", 1 + 3 * sizes.r, "in")
     function = drop_empty(_reduce_function(sizes, reductions))
     reduce = Call(function, (*step, *remembered, *rows, *facts), (*remembered, *step))
-    return Program("reductions", tuple(b.named.values()), (Repeat("steps", (reduce,)),), ("steps",))
+    return Program("reductions", tuple(b.values()), (Repeat("steps", (reduce,)),), ("steps",))
 
 
 def _remembered(reductions: Sequence[Reduction]) -> int:
@@ -274,16 +269,6 @@ def _remembered(reductions: Sequence[Reduction]) -> int:
 def _product_function(size: int, times: int) -> ca.Function:
     """(times rows of numbers, factors) → the rows times the factors, rounded before anything is added to them."""
     return trace(lambda rows, factors: rows * np.tile(factors, times), size * times, size, name="product")
-
-
-def _kept_function(sizes: LoopSizes, kept: Sequence[tuple[str, int]]) -> ca.Function:
-    """(x, y, estimate, u) → what is kept of a sample."""
-
-    def keep(x: Any, y: Any, estimate: Any, u: Any) -> Any:
-        signals = {"state": x, "output": y, "estimate": estimate, "input": u}
-        return np.array([signals[kind][column] for kind, column in kept])
-
-    return drop_empty(trace(keep, sizes.x, sizes.y, sizes.estimate, sizes.u, name="keep"))
 
 
 def _reduce_function(sizes: LoopSizes, reductions: Sequence[Reduction]) -> ca.Function:

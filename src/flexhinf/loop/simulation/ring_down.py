@@ -43,17 +43,11 @@ class Oscillation:
 
 @dataclass(frozen=True, eq=False)
 class RingDown:
-    """The oscillations of several runs.
+    """The oscillations of several runs: of each those that can be seen in its watched signals, the least damped first.
 
-    Attributes
-    ----------
-    oscillations : tuple of tuple of Oscillation
-        Of each run those that can be seen in its watched signals, the least damped first.
-    error : float
-        Largest distance of the fit from any watched signal, relative to its peak: near 0 where the loop is as good as
-        linear; infinite without a fit.
-    rests : bool
-        Whether every watched signal is nearly gone in the last tenth of its run.
+    `error` is the largest distance of the fit from any watched signal, relative to its peak: near 0 where the loop is
+    as good as linear; infinite without a fit. `rests`: every watched signal is nearly gone in the last tenth of its
+    run.
     """
 
     oscillations: tuple[tuple[Oscillation, ...], ...]
@@ -81,14 +75,8 @@ class RingDown:
 def ring_down(runs: Sequence[np.ndarray], watched: Sequence[Sequence[int]], period: float) -> RingDown:
     """The oscillations of several runs of one loop, from just after an impulse on.
 
-    Parameters
-    ----------
-    runs : sequence of (N, k) arrays
-        Deviations from the equilibrium of all that the loop remembers, one row a sample.
-    watched : sequence of sequences of int
-        Of each run the columns in which oscillations are looked for.
-    period : float
-        Of the samples, s.
+    Runs are (N, k) deviations from the equilibrium of all that the loop remembers, one row a sample of the period, s;
+    `watched` are of each run the columns in which oscillations are looked for.
     """
     before = np.vstack([run[:-1] for run in runs])
     scale = np.sqrt(np.mean(before**2, axis=0))
@@ -100,35 +88,28 @@ def ring_down(runs: Sequence[np.ndarray], watched: Sequence[Sequence[int]], peri
     step = right @ (after.T @ left) / sizes  # c(k+1) = step c(k) for z = scale · (c right)
     values, vectors = np.linalg.eig(step)
     shapes = scale[:, None] * (right.T @ vectors)
-    found, error, rests = [], 0.0, True
-    for run, columns in zip(runs, watched):
-        begin = np.linalg.lstsq(vectors, right @ (run[0] / scale) + 0j, rcond=None)[0]
-        parts = shapes[list(columns)] * begin
-        peaks = np.maximum(np.abs(run[:, list(columns)]).max(axis=0), 1e-300)
-        found.append(_seen(values, np.abs(parts) / peaks[:, None], period))
-        error = max(error, _distance(values, parts, run[:, list(columns)], peaks))
-        tail = np.abs(run[-max(1, len(run) // 10) :, list(columns)]).max(axis=0)
-        rests = rests and bool(np.all(tail <= VISIBLE * peaks))
-    return RingDown(tuple(found), error, rests)
-
-
-def _seen(values: np.ndarray, shares: np.ndarray, period: float) -> tuple[Oscillation, ...]:
-    """Those of the modes (K,) with λ above the real axis that move a column (c, K) visibly, the least damped first."""
     with np.errstate(divide="ignore"):
         exponents = np.log(values.astype(complex)) / period
-    sizes, most = np.abs(exponents), 2.0 * shares.max(axis=0)
-    kept = (exponents.imag > 0.0) & (most >= VISIBLE) & (exponents.real > -1.0 / (LASTING * period))
-    each = [
-        Oscillation(float(sizes[k] / (2.0 * np.pi)), float(damping_ratio(exponents[k])), float(most[k]))
-        for k in np.flatnonzero(kept)
-    ]
-    return tuple(sorted(each, key=lambda one: one.damping))
-
-
-def _distance(values: np.ndarray, parts: np.ndarray, run: np.ndarray, peaks: np.ndarray) -> float:
-    """Largest distance of Σ parts λ^k (c, K) from the columns (N, c) of a run, relative to their peaks."""
-    with np.errstate(over="ignore", invalid="ignore"):
-        powers = values[None, :] ** np.arange(len(run))[:, None]
-        fitted = np.real(powers @ parts.T)
-        distance = float((np.abs(fitted - run) / peaks).max())
-    return distance if np.isfinite(distance) else np.inf
+    frequencies = np.abs(exponents) / (2.0 * np.pi)
+    lasting = (exponents.imag > 0.0) & (exponents.real > -1.0 / (LASTING * period))
+    oscillations, error, rests = [], 0.0, True
+    for run, places in zip(runs, watched):
+        begin, columns = (
+            np.linalg.lstsq(vectors, right @ (run[0] / scale) + 0j, rcond=None)[0],
+            run[:, list(places)],
+        )
+        parts = shapes[list(places)] * begin
+        peaks = np.maximum(np.abs(columns).max(axis=0), 1e-300)
+        share = 2.0 * (np.abs(parts) / peaks[:, None]).max(axis=0)
+        seen = [
+            Oscillation(float(frequencies[k]), float(damping_ratio(exponents[k])), float(share[k]))
+            for k in np.flatnonzero(lasting & (share >= VISIBLE))
+        ]
+        oscillations.append(tuple(sorted(seen, key=lambda one: one.damping)))
+        with np.errstate(over="ignore", invalid="ignore"):
+            fitted = np.real((values[None, :] ** np.arange(len(run))[:, None]) @ parts.T)
+            distance = float((np.abs(fitted - columns) / peaks).max())
+        error = max(error, distance if np.isfinite(distance) else np.inf)
+        tail = np.abs(columns[-max(1, len(run) // 10) :]).max(axis=0)
+        rests = rests and bool(np.all(tail <= VISIBLE * peaks))
+    return RingDown(tuple(oscillations), error, rests)

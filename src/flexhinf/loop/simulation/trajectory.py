@@ -15,7 +15,7 @@ from flexhinf.loop.simulation.metrics import steady_state_error, step_metrics, s
 from flexhinf.loop.simulation.program import CONTROL_FAILED
 from flexhinf.notebook import Summarised, number_text, table_html
 from flexhinf.plant import BlackBox, Plant
-from flexhinf.validation import checked_path
+from flexhinf.validation import checked_path, unknown_name
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -39,19 +39,15 @@ class Trajectory(Summarised):
     ----------
     time : ndarray, (N,)
         s.
-    signals : dict of str to ndarray, (N, k)
-        state, estimate, output, input, reference, disturbance.
-    names, units : dict of str to tuple of str
-        Of each signal's columns.
+    signals, names, units : dicts
+        state, estimate, output, input, reference, disturbance, (N, k) each; and names and units of their columns.
     settings : dict
         What was run.
     judged : tuple of str
         States that metrics and plots are about: the tracked ones, see `Controller.judged`.
-    diverged_at : float or None
-        Time of the last sample, s, if the loop diverged to numbers that are not finite; None if the run came to its
-        end.
-    message : str
-        For a run that diverged: what is no longer finite, when, and what to try.
+    diverged_at, message : float or None, and str
+        Of a run that diverged to numbers that are not finite: the time of its last sample, s; and what is no longer
+        finite, when, and what to try.
     """
 
     time: np.ndarray
@@ -69,33 +65,6 @@ class Trajectory(Summarised):
         return "completed" if self.diverged_at is None else "diverged"
 
     @staticmethod
-    def of(
-        plant: Plant | BlackBox,
-        controller: Controller,
-        time: np.ndarray,
-        signals: dict[str, np.ndarray],
-        settings: dict[str, Any],
-        message: str = "",
-    ) -> Trajectory:
-        """Label the recorded arrays of a run; with a message it is one that diverged at its last sample."""
-        names = {
-            "state": tuple(plant.states),
-            "estimate": controller.states,
-            "output": controller.measured,
-            "input": tuple(controller.law.input_names),
-            "reference": controller.commanded,
-            "disturbance": tuple(plant.disturbances),
-        }
-        names = {kind: names[kind] for kind in signals}
-        estimator = controller.estimator
-        table = {**(estimator.plant.units if estimator else {}), **plant.units}
-        for array in (time, *signals.values()):
-            array.setflags(write=False)
-        units = {kind: tuple(table.get(name, "") for name in labels) for kind, labels in names.items()}
-        diverged_at = float(time[-1]) if message else None
-        return Trajectory(time, signals, names, units, settings, controller.judged, diverged_at, message)
-
-    @staticmethod
     def until(
         plant: Plant | BlackBox,
         controller: Controller,
@@ -105,8 +74,8 @@ class Trajectory(Summarised):
         code: int,
         last: int,
     ) -> Trajectory:
-        """The same from arrays of the whole length: all of them for code 0, else up to the last sample before a guard
-        of `program` failed with this code, or before the run was stopped (a negative code)."""
+        """A run from arrays of the whole length: all of them for code 0, else up to the last sample before a guard of
+        `program` failed with this code, or before the run was stopped (a negative code)."""
         end, message = (last + 1 if code else len(times)), ""
         if code > 0:
             who = "controller's estimate or input" if code == CONTROL_FAILED else "true plant's state"
@@ -114,8 +83,19 @@ class Trajectory(Summarised):
                 f"The closed loop diverged: at t = {times[last]:g} s the {who} is no longer finite. "
                 "Try a smaller command, a larger gamma, a shorter period or another penalty."
             )
-        kept = {name: values[:end] for name, values in recorded.items()}
-        return Trajectory.of(plant, controller, times[:end], kept, settings, message)
+        time, signals = times[:end], {name: values[:end] for name, values in recorded.items()}
+        for array in (time, *signals.values()):
+            array.setflags(write=False)
+        every = {
+            "state": tuple(plant.states), "estimate": controller.states, "output": controller.measured,
+            "input": tuple(controller.law.input_names), "reference": controller.commanded,
+            "disturbance": tuple(plant.disturbances),
+        }  # fmt: skip
+        names = {kind: every[kind] for kind in signals}
+        table = {**(controller.estimator.plant.units if controller.estimator else {}), **plant.units}
+        units = {kind: tuple(table.get(name, "") for name in labels) for kind, labels in names.items()}
+        diverged_at = float(time[-1]) if message else None
+        return Trajectory(time, signals, names, units, settings, controller.judged, diverged_at, message)
 
     @property
     def data(self) -> xr.Dataset:
@@ -151,21 +131,20 @@ class Trajectory(Summarised):
         return self.signal("state", name)
 
     def metrics(self, name: str | None = None) -> dict[str, Any]:
-        """Metrics of the first (or the named) tracked state, or state of a moving reference.
+        """Metrics of the first (or the named) tracked state, or state of a moving reference; where nothing, or not
+        this state, is tracked, an InvalidInput.
 
-        Returns
-        -------
-        dict
-            overshoot_percent, settling_time_s and rise_time_s (see `flexhinf.loop.step_metrics`), steady_state_error
-            (largest in the last tenth of the run), peak_input, tracking_rmse, and estimation_rmse, one per estimated
-            state, empty where the true state is not known. All None for a run that diverged.
-
-        Raises
-        ------
-        InvalidInput
-            If nothing, or not this state, is tracked.
+        overshoot_percent, settling_time_s and rise_time_s (see `flexhinf.loop.step_metrics`), steady_state_error
+        (largest in the last tenth of the run), peak_input, tracking_rmse, and estimation_rmse, one per estimated
+        state, empty where the true state is not known. All None for a run that diverged.
         """
-        name = self._judged_name(name)
+        tracked = [each for each in self.names.get("reference", ()) if each not in self.names["input"]]
+        if not self.judged:
+            expected = "expected a problem with integrate=(...)"
+            raise InvalidInput("Nothing is tracked in this run.", expected, "integrate a state")
+        if name is not None and name not in tracked:
+            raise unknown_name(f"{name!r} is not tracked.", name, tracked)
+        name = self.judged[0] if name is None else name
         if self.diverged_at is not None:
             return dict.fromkeys(METRICS)
         position, reference = self.tracked(name), self.signal("reference", name)
@@ -179,17 +158,6 @@ class Trajectory(Summarised):
             "estimation_rmse": [_rms(error) for error in errors],
         }
 
-    def _judged_name(self, name: str | None) -> str:
-        tracked = [name for name in self.names.get("reference", ()) if name not in self.names["input"]]
-        if not self.judged:
-            expected = "expected a problem with integrate=(...)"
-            raise InvalidInput("Nothing is tracked in this run.", expected, "integrate a state")
-        if name is not None and name not in tracked:
-            raise InvalidInput(
-                f"{name!r} is not tracked.", f"expected one of {list(tracked)}", "one of these names"
-            )
-        return self.judged[0] if name is None else name
-
     def plot(self) -> Figure:
         """Tracked states (or all) with command and estimate above, inputs below, angles in degrees: a figure of
         matplotlib that shows itself in a notebook and needs no pyplot; `Figure.savefig` writes it."""
@@ -198,30 +166,16 @@ class Trajectory(Summarised):
         return plot_run(self)
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write all signals to one file, whole or not at all; the suffix says the format.
+        """Write all signals to one file, whole or not at all; the suffix says the format, and another is refused.
 
-        Parameters
-        ----------
-        path : path
-            ``.csv``: one row per sample, the first row names each column, ``state.link_position [rad]``, numbers with
-            all their digits. ``.nc``: `data` as NetCDF, with names, units and settings, as xarray reads it.
-
-        Raises
-        ------
-        InvalidInput
-            For another suffix, or if the place cannot be written.
+        ``.csv``: one row per sample, the first row names each column, ``state.link_position [rad]``, numbers with all
+        their digits. ``.nc``: `data` as NetCDF, with names, units and settings, as xarray reads it.
         """
         suffix = checked_path("The run's file", path).suffix
-        if suffix == ".csv":
-            write_file(path, "run", self._write_csv)
-        elif suffix == ".nc":
-            write_file(path, "run", self._write_netcdf)
-        else:
-            raise InvalidInput(
-                "The format of the file is not known.",
-                f"expected a name that ends with .csv or .nc, got {str(path)!r}",
-                "run.csv, or run.nc for NetCDF",
-            )
+        if suffix not in (".csv", ".nc"):
+            found = f"expected a name that ends with .csv or .nc, got {str(path)!r}"
+            raise InvalidInput("The format of the file is not known.", found, "run.csv, or run.nc for NetCDF")
+        write_file(path, "run", self._write_csv if suffix == ".csv" else self._write_netcdf)
 
     def _write_csv(self, path: str) -> None:
         labels, columns = ["time [s]"], [self.time]

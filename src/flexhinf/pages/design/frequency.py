@@ -1,35 +1,58 @@
-"""Frequency responses of the running loop (Bode, sensitivity, Nyquist; a line a joint, or a line a law), and poles: of
-the robot without control, of the loop, and of the estimation error."""
+"""The running loop, linearised and sampled: margins, frequency responses (a line for each joint or law), what sensor
+noise costs, and the corners of the tolerances."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from flexhinf.analysis import FrequencyResponse
-from flexhinf.design.problem.modes import Mode
-from flexhinf.design.result import Design
-from flexhinf.design.specification import RINGS
-from flexhinf.loop.simulation.metrics import damping_ratio
+from flexhinf.analysis import FrequencyResponse, GrowthRates, Margins, ToleranceCorners
+from flexhinf.design.evaluation import LawEvaluation
+from flexhinf.design.result import FEW_PERIODS, NOISE_FRACTION, Design
 from flexhinf.pages.drawing import (
     DASHED,
-    DOTTED,
+    Blocks,
+    Panel,
+    changes_text,
+    count_text,
     figure_block,
     frequency_axis,
-    legend_above,
+    in_joint,
     line_style,
+    note,
     panels,
     range_text,
     reference_line,
-    vertical_line,
+    time_block,
+    units_of,
 )
-from flexhinf.report import INK, MUTED, SERIES, Column, Figure, Paragraph, Table, house_style, label, legend
+from flexhinf.report import (
+    INK,
+    MUTED,
+    Column,
+    Figure,
+    Paragraph,
+    Table,
+    house_style,
+    label,
+    legend,
+    number,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+
+#: Bandwidths of more joints than this are given as a range.
+FEW_JOINTS = 3
+
+#: Headings of the forms of Rᵛ in a terminal.
+FORMS = {
+    "all states": "all", "velocities only": "velocities", "link velocities only": "links",
+    "motor velocities only": "motors",
+}  # fmt: skip
 
 #: Decibels below the largest value that are shown.
 SHOWN_DB = 90.0
@@ -40,24 +63,165 @@ SHOWN_BAND = 0.97
 #: How far a Nyquist diagram reaches to the left: the neighbourhood of −1 is what matters.
 NYQUIST = 3.0
 
-#: An estimation error at a vibration with less damping than this is hardly corrected by the sensors.
-HARDLY_SEEN = 0.01
-
-#: Damping ratios whose lines are drawn in the s-plane.
-RAYS = (0.1, 0.3, 0.7)
-
-#: The s-plane reaches so many times as far as the fastest oscillation of robot and law; faster poles are on the right.
-ROOM = 1.8
-
-#: Below this frequency, Hz, a pole is at zero and has no place on a logarithmic axis.
-SLOWEST = 1e-3
-
-#: With more joints than these a terminal lists vibrations only.
-MANY = 3
-
 RUNNING = "The linearised sampled loop at the goal, with estimator and delay as it runs."
 
 
+# Margins ------------------------------------------------------------------------------------------------
+def margins(design: Design) -> Blocks:
+    """Margins beside those of the true state, frequency responses, noise, estimation error."""
+    e, units = design.evaluation, units_of(design.evaluation)
+    m, own, s, joints = e.margins, e.state_margins, e.setup.specification, e.setup.joints
+    yield from _margin_notes(e)
+    text = (
+        "The loop at the goal, linearised, sampled, with estimator and delay, is broken at the inputs. A gain margin "
+        "is that of one input while the others stay; the disk margin lets all change at once."
+    )
+    if m.stable:
+        text += f" The sensitivity peaks at {number(m.peak_sensitivity, 3)} ({_hertz(m.sensitivity_frequency)} Hz)"
+        if len(m.gain_margins) == 1:
+            text += f", so the open loop passes −1 at a distance of {number(1.0 / m.peak_sensitivity, 2)}"
+        text += "."
+        if s.estimator != "none" and own.stable:
+            text += f" With the true state fed back the peak would be {number(own.peak_sensitivity, 3)}"
+            text += (
+                "."
+                if m.peak_sensitivity <= own.peak_sensitivity
+                else ": the estimator raises it (a larger `--torque-noise` makes it faster, and noisier)."
+            )
+    yield Paragraph(text)
+    yield margin_table(e)
+    drawn = [Loop("this law", e.frequency_response)]
+    yield lambda: _bode(drawn, joints, units.load, units.position)
+    yield lambda: _sensitivity(drawn)
+    yield lambda: _nyquist(drawn, joints)
+    if e.input_noises is not None:
+        yield _noise_table(e, e.input_noises)
+    if s.estimator != "none":
+        yield lambda: _estimation_figure(e)
+
+
+def _margin_notes(e: LawEvaluation) -> Blocks:
+    """Extras that the linear loop leaves out, an unstable loop, a small delay margin, noise at the motors."""
+    m, period = e.margins, e.setup.specification.period
+    if e.setup.left_out:
+        names = " and ".join(e.setup.left_out).replace("_", " ")
+        yield note(
+            f"The linear loop leaves out {names}: the slope at standstill holds only for the smallest velocities and "
+            "would count as damping. The simulated runs have it."
+        )
+    if not m.stable:
+        yield note(
+            "Linearised at the goal, the sampled loop with its estimator is unstable. Try a shorter --period, a faster "
+            "estimator (--torque-noise) or a slower law (--bandwidth)."
+        )
+        return
+    if m.delay_margin_s < FEW_PERIODS * period:
+        yield note(
+            f"The loop tolerates {number(1e3 * m.delay_margin_s, 2)} ms of extra delay, "
+            f"{number(m.delay_margin_s / period, 2)} periods. A late computation and a slow bus may use that up; the "
+            f"loop would then oscillate at {_hertz(m.delay_frequency)} Hz. Try a shorter --period, less --damping or "
+            "less --bandwidth."
+        )
+    noise, peak = e.input_noises, e.step.peak_input
+    if noise is not None and float(noise.max()) > NOISE_FRACTION * peak:
+        worst = int(np.argmax(noise))
+        share = (
+            f", {number(100.0 * float(noise[worst]) / peak, 2)} % of the step's peak input" if peak else ""
+        )
+        yield note(
+            f"In equilibrium the sensor noise moves an input{in_joint(e.setup.joints[worst], e.setup.joints)} by "
+            f"{number(float(noise[worst]), 2)} {units_of(e).effort} rms{share}. Try a slower estimator (smaller "
+            "--torque-noise), better sensors, or less --bandwidth."
+        )
+
+
+def _hertz(frequency: float) -> str:
+    """A frequency in rad/s as Hz."""
+    return number(frequency / (2.0 * np.pi), 3)
+
+
+def margin_table(e: LawEvaluation) -> Table:
+    """Margins of the running loop, and with the true state fed back where there is an estimator."""
+    alone = e.setup.specification.estimator == "none"
+    loops = [e.margins] if alone else [e.margins, e.state_margins]
+    period, joints = e.setup.specification.period, e.setup.joints
+    tracked = [name.removeprefix("link_position_") for name in e.margins.positions]
+    damped = in_joint(e.least_damped_joint, joints)
+    of = f" ({', '.join(tracked)})" if 1 < len(tracked) <= FEW_JOINTS else ""
+
+    def gains(m: Margins) -> str:
+        """Factors of the gain of the input with the smallest margin."""
+        low, high = (number(float(value), 3) for value in m.gain_margins[m.weakest_input])
+        return f"× {low}, × {high}{f' ({joints[m.weakest_input]})' if len(m.gain_margins) > 1 else ''}"
+
+    def bandwidths(m: Margins) -> str:
+        """Of every joint; where there are many their range, and the slowest."""
+        if len(m.bandwidth) > FEW_JOINTS and np.isfinite(m.bandwidth).all():
+            return f"{range_text(m.bandwidth)} (slowest: {tracked[int(np.argmin(m.bandwidth))]})"
+        return ", ".join(number(float(w), 3) for w in m.bandwidth)
+
+    quantities: dict[str, Callable[[Margins], str]] = {
+        "delay margin, ms": lambda m: number(1e3 * m.delay_margin_s, 3),
+        "delay margin, periods": lambda m: number(m.delay_margin_s / period, 3),
+        "then oscillates at, Hz": lambda m: _hertz(m.delay_frequency),
+        f"gain margin{', worst input' if len(joints) > 1 else ''}": gains,
+        "disk margin: gain": lambda m: "× {}, × {}".format(*(number(g, 3) for g in m.disk_gain_margins)),
+        "disk margin: phase, °": lambda m: number(np.degrees(m.disk_phase_margin), 3),
+        "peak sensitivity": lambda m: number(m.peak_sensitivity, 3),
+        "peak sensitivity at, Hz": lambda m: _hertz(m.sensitivity_frequency),
+        "peak complementary": lambda m: number(m.peak_complementary, 3),
+        "smallest damping ratio": lambda m: number(m.damping, 3) + (damped if m is e.margins else ""),
+        "smallest damping at, Hz": lambda m: _hertz(m.damping_frequency),
+        f"bandwidth{of}, rad/s": bandwidths,
+    }
+    rows = [
+        (name, *(value(m) if m.stable else "unstable" for m in loops)) for name, value in quantities.items()
+    ]
+    heads = [Column("running loop", brief="true state" if alone else "", right=True)]
+    heads += [] if alone else [Column("true state fed back", brief="true state", right=True)]
+    return Table(
+        ("linearised at the goal", *heads), rows, "Margins, the loop broken at the inputs", "table-margins",
+        title="Margins, linearised at the goal",
+    )  # fmt: skip
+
+
+def _noise_table(e: LawEvaluation, together: np.ndarray) -> Table:
+    noise, gains, plant, units = e.setup.noise, e.margins.noise_to_input, e.setup.model, units_of(e)
+    assert noise is not None
+    several, rows = len(e.setup.joints) > 1, []
+    for k, (name, sigma) in enumerate(zip(plant.outputs, noise)):
+        worst, unit = int(np.argmax(gains[:, k])), plant.unit(name)
+        gain = float(gains[worst, k])
+        texts = f"{number(float(sigma), 3)} {unit}", f"{number(gain)} {units.effort}/{unit}"
+        joint = [e.setup.joints[worst]] if several else []
+        rows.append((name.replace("_", " "), *texts, float(gain * sigma), *joint))
+    columns = (
+        "sensor", "its noise (rms)", "gain to the input (rms)", Column("at the motor (rms)", units.effort),
+        *(["motor"] if several else []),
+    )  # fmt: skip
+    caption = (
+        "Noise of each sensor at the motor that it moves most; all sensors together: "
+        f"{range_text(together, 2)} {units.effort} rms"
+    )
+    return Table(columns, rows, caption, "table-noise")
+
+
+def _estimation_figure(e: LawEvaluation) -> Figure:
+    run, n, units = e.step.run, len(e.setup.joints), units_of(e)
+    truth, estimate = (e.setup.robot.layout.whole(run.signals[name].T) for name in ("state", "estimate"))
+    error = units.scale * (truth - estimate).T
+    names = ("link position", "link velocity", "motor position", "motor velocity")
+    shown = [
+        Panel(name, units.rate if k % 2 else units.angle, error[:, k * n : (k + 1) * n])
+        for k, name in enumerate(names)
+    ]
+    caption = "True minus estimated state of every joint in the step."
+    return time_block(
+        "estimate", run.time, e.setup.joints, shown, caption, "Estimation error", 7.4, linewidth=0.9
+    )
+
+
+# Frequency responses ------------------------------------------------------------------------------------
 @dataclass(frozen=True)
 class Loop:
     """A loop in these figures: its name in the legend, and the number of its line's style."""
@@ -68,15 +232,8 @@ class Loop:
 
 
 def frequency_figures(loops: Sequence[Loop], joints: Sequence[str], load: str, position: str) -> list[Figure]:
-    """All three figures of the loops; none without a loop that could be linearised.
-
-    Parameters
-    ----------
-    loops : sequence of Loop
-        One: a line for each joint. Several: a line for each, of the joint that follows the command worst.
-    load, position : str
-        Units of torques on links and of link positions.
-    """
+    """Bode, sensitivity and Nyquist diagram of one loop, a line for each joint; or of several, a line for each, of the
+    joint that a torque on its link moves most. `load` and `position` are the units of these."""
     if not loops:
         return []
     return [_bode(loops, joints, load, position), _sensitivity(loops), _nyquist(loops, joints)]
@@ -84,8 +241,8 @@ def frequency_figures(loops: Sequence[Loop], joints: Sequence[str], load: str, p
 
 @house_style()
 def _bode(loops: Sequence[Loop], joints: Sequence[str], load: str, position: str) -> Figure:
-    figure, (command, phase, torque) = _stacked(3, 8.4)
-    for name, style, response, joint in _lines(loops, joints):
+    (figure, (command, phase, torque)), lines = _stacked(3, 8.4), _lines(loops, joints)
+    for name, style, response, joint in lines:
         below = response.frequencies <= SHOWN_BAND * np.pi / response.period
         hertz = response.frequencies[below] / (2.0 * np.pi)
         followed = response.command[below, joint, joint]
@@ -101,12 +258,10 @@ def _bode(loops: Sequence[Loop], joints: Sequence[str], load: str, position: str
     label(torque, f"torque → link\n(dB of {position}/({load}))", "")
     if len(loops) > 1 or len(joints) > 1:
         legend(command)
-    which = "" if len(loops) == 1 or len(joints) == 1 else f" Joint: {joints[_worst(loops)]}."
+    which = "" if len(loops) == 1 or len(joints) == 1 else f" Joint: {joints[lines[0][3]]}."
     return figure_block(
         "bode", figure,
-        f"{RUNNING} Magnitude and phase from the commanded to the true link position (dotted: 0 dB, and −3 dB, where "
-        f"the bandwidth is read), and magnitude from a torque on the link to its position.{which}",
-        "Bode diagram",
+        f"{RUNNING} Dotted: 0 dB, and −3 dB, where the bandwidth is read.{which}", "Bode diagram",
     )  # fmt: skip
 
 
@@ -126,13 +281,9 @@ def _sensitivity(loops: Sequence[Loop]) -> Figure:
     _bounded(axis)
     label(axis, f"largest singular value{'' if alone else ' of S'}", "dB")
     legend(axis)
-    second = "; T: how much an error of the model is amplified" if alone else ""
-    return figure_block(
-        "sensitivity", figure,
-        f"{RUNNING} S: how much the loop amplifies a disturbance at the motors (above 0 dB: more than without "
-        f"control){second}. Dotted: 0 dB.",
-        "Sensitivity",
-    )  # fmt: skip
+    second = "; T: an error of the model" if alone else ""
+    caption = f"{RUNNING} S: how much the loop amplifies a disturbance at the motors{second}. Dotted: 0 dB."
+    return figure_block("sensitivity", figure, caption, "Sensitivity")
 
 
 @house_style()
@@ -150,41 +301,29 @@ def _nyquist(loops: Sequence[Loop], joints: Sequence[str]) -> Figure:
     axis.plot([-1.0], [0.0], "+", color=INK, markersize=9.0, label="−1")
     if len(loops) == 1:
         radius = min(distances)
-        axis.add_patch(
-            Circle((-1.0, 0.0), radius, fill=False, color=INK, linewidth=1.0, linestyle=(0, DASHED))
-        )
+        circle = Circle((-1.0, 0.0), radius, fill=False, color=INK, linewidth=1.0, linestyle=(0, DASHED))
+        axis.add_patch(circle)
         closest = f" The dashed circle about −1 has the smallest distance, {radius:.2f}."
-    axis.set_xlim(-NYQUIST, 0.6 * NYQUIST)
-    axis.set_ylim(-0.5 * NYQUIST, 0.5 * NYQUIST)
-    axis.set_aspect("equal")
-    axis.set_xlabel("real part")
-    label(axis, "imaginary part", "")
+    axis.set(xlim=(-NYQUIST, 0.6 * NYQUIST), ylim=(-0.5 * NYQUIST, 0.5 * NYQUIST), aspect="equal")
+    axis.set(xlabel="real part", ylabel="imaginary part")
     legend(axis)
     others = " The loops at the other inputs are closed." if len(joints) > 1 else ""
-    return figure_block(
-        "nyquist", figure,
-        f"{RUNNING} The loop opened at one input, positive frequencies, negative feedback.{others}{closest} "
-        "Curves that leave the frame go on.",
-        "Nyquist diagram",
-    )  # fmt: skip
+    caption = (
+        f"{RUNNING} The loop opened at one input, positive frequencies, negative feedback.{others}{closest}"
+    )
+    return figure_block("nyquist", figure, caption, "Nyquist diagram")
 
 
 def _lines(
     loops: Sequence[Loop], joints: Sequence[str]
 ) -> list[tuple[str, dict[str, Any], FrequencyResponse, int]]:
-    """Name, style, response and joint of each line."""
-    if len(loops) == 1:
-        response = loops[0].response
-        names = joints if len(joints) > 1 else [loops[0].name]
-        return [(name, line_style(k), response, k) for k, name in enumerate(names)]
-    joint = _worst(loops)
-    return [(loop.name, line_style(loop.style), loop.response, joint) for loop in loops]
-
-
-def _worst(loops: Sequence[Loop]) -> int:
-    """The joint that a torque on its link moves most, in the first loop."""
+    """Name, style, response and joint of each line; of several loops the joint that a torque moves most in the 1st."""
     first = loops[0].response
-    return int(np.argmax([np.abs(_moved(first, joint)).max() for joint in range(len(first.positions))]))
+    if len(loops) == 1:
+        names = joints if len(joints) > 1 else [loops[0].name]
+        return [(name, line_style(k), first, k) for k, name in enumerate(names)]
+    joint = int(np.argmax([np.abs(_moved(first, joint)).max() for joint in range(len(first.positions))]))
+    return [(loop.name, line_style(loop.style), loop.response, joint) for loop in loops]
 
 
 def _moved(response: FrequencyResponse, joint: int) -> np.ndarray:
@@ -212,158 +351,128 @@ def _bounded(axis: Axes) -> None:
     axis.set_ylim(max(low, high - SHOWN_DB), high)
 
 
-# Poles --------------------------------------------------------------------------------------------------
-@dataclass(frozen=True, eq=False)
-class PoleGroup:
-    """Poles (1/s) of one loop, with its marker: "x" and "+" are open, others filled unless `hollow`."""
-
-    name: str
-    poles: np.ndarray
-    marker: str
-    colour: str
-    hollow: bool = False
-
-    @property
-    def style(self) -> dict[str, Any]:
-        """For Matplotlib's ``plot``."""
-        face = {"markerfacecolor": "none" if self.hollow else self.colour}
-        return {"color": self.colour, "markersize": 6.0, "linestyle": "none", "marker": self.marker, **face}
-
-
-@house_style()
-def poles_figure(groups: Sequence[PoleGroup]) -> Figure:
-    """The s-plane near the imaginary axis, and damping over frequency for all poles."""
-    figure, ((plane, damping),) = panels(1, 2, 3.6)
-    groups = [group for group in groups if len(group.poles)]
-    poles = np.concatenate([group.poles for group in groups[:2]])  # without control, and with the law
-    oscillating = np.abs(poles[np.abs(np.imag(poles)) > 0.0])
-    size = ROOM * float(oscillating.max() if len(oscillating) else np.abs(poles).max(initial=1.0))
-    dotted = {"color": MUTED, "linewidth": 0.8, "linestyle": DOTTED, "zorder": 0.5}
-    for ray in RAYS:
-        plane.plot([0.0, -ray * 2.0 * size], [0.0, np.sqrt(1.0 - ray**2) * 2.0 * size], **dotted)
-    low = -0.05
-    for group in groups:
-        upper = group.poles[np.imag(group.poles) >= 0.0]
-        plane.plot(np.real(upper), np.imag(upper), **group.style)
-        hertz = np.abs(upper) / (2.0 * np.pi)
-        ratio = damping_ratio(upper[hertz > SLOWEST])
-        low = min([low, *(value - 0.05 for value in ratio.tolist() if value > -1.0 + 1e-9)])
-        damping.plot(hertz[hertz > SLOWEST], ratio, label=group.name, **group.style)
-    right = min(size, float(np.real(poles).max(initial=0.0)))
-    plane.set_xlim(-size, max(0.12 * size, 1.15 * right))
-    plane.set_ylim(-0.03 * size, size)
-    plane.set_xlabel("Re λ (1/s)")
-    vertical_line(plane, 0.0)
-    label(plane, "Im λ", "rad/s")
-    frequency_axis(damping)
-    damping.margins(x=0.06)
-    damping.set_ylim(max(low, -1.05), 1.08)
-    damping.axhspan(-2.0, 0.0, color=SERIES[1], alpha=0.08, linewidth=0)
-    damping.set_xlabel("frequency |λ|/2π (Hz)")
-    reference_line(damping)
-    label(damping, "damping ratio", "")
-    legend_above(figure, damping, 2)
-    return figure_block(
-        "poles", figure,
-        "Left: poles λ in the s-plane, upper half, near the imaginary axis (faster ones on the right only); dotted "
-        f"rays have damping ratio {', '.join(f'{ray:g}' for ray in RAYS)}. Right: damping ratio −Re λ/|λ| over "
-        "frequency of all poles; 1 decays without oscillating, below zero (shaded) grows. Poles at zero are left out "
-        "on the right.",
-        "Poles",
-    )  # fmt: skip
-
-
-def pole_blocks(design: Design) -> list[Any]:
-    """Figure, a table of what oscillates or does not decay, and what decays without oscillating."""
-    looks = ((MUTED, "o", True), (SERIES[0], "o", False), (SERIES[2], "^", False))
-    named = [
-        (name, np.array([mode.eigenvalue for mode in modes], dtype=complex))
-        for name, modes in _modes(design).items()
-    ]
-    groups = [
-        PoleGroup(name, poles, marker, colour, hollow)
-        for (name, poles), (colour, marker, hollow) in zip(named, looks)
-    ]
-    if design.specification.estimator != "none":
-        poles = design.evaluation.frequency_response.poles
-        groups.append(PoleGroup("running loop (sampled, estimator, delay)", poles, "x", SERIES[1]))
-    for loop, marker in zip(design.rigid.loops if design.rigid else (), ("1", "2")):
-        poles = np.array([mode.eigenvalue for mode in loop.modes], dtype=complex)
-        groups.append(PoleGroup(f"rigid law, {loop.side} side", poles, marker, SERIES[3]))
-    words = []
-    for name, modes in list(_modes(design).items())[:2]:
-        times = [1.0 / -mode.eigenvalue.real for mode in modes if not _listed(mode)]
-        constants = f", time constant{'s' if len(times) > 1 else ''} {range_text(times)} s" if times else ""
-        many = f"{len(times)} modes decay" if len(times) != 1 else "1 mode decays"
-        words.append(f"{name.capitalize()}: {many} without oscillating{constants}.")
-    decays = f"{' '.join(words)} The law adds one mode for the integral of each joint's error."
-    return [poles_figure(groups), mode_table(design), Paragraph(decays)]
-
-
-def _modes(design: Design) -> Mapping[str, Sequence[Mode]]:
-    error = design.evaluation.estimator_modes
-    found = {"without control": design.evaluation.open_modes, "law on the true state": design.law_modes}
-    return {**found, "estimation error": error} if error else found
-
-
-def _listed(mode: Mode) -> bool:
-    """Whether a mode has a row of its own; those that decay without oscillating are summed up in a sentence."""
-    return bool(mode.eigenvalue.imag) or not mode.stable
-
-
-def mode_table(design: Design, brief: bool = False) -> Table:
-    """Modes that oscillate or do not decay; `brief`: that oscillate, of many joints the vibrations alone."""
-    joints = len(design.robot.joint_names)
-    rows = [
-        {
-            "loop": name, "mode": mode.name, "joint": mode.joint, "frequency": mode.frequency, "damping": mode.damping,
-            "time": mode.time_constant,
-        }
-        for name, modes in _modes(design).items()
-        for mode in modes
-        if _listed(mode)
-        and not (brief and (not mode.eigenvalue.imag or (joints > MANY and not mode.vibration)))
-    ]  # fmt: skip
-    columns = (
-        Column("loop", key="loop"),
-        Column("mode", key="mode"),
-        *([Column("mainly", key="joint")] if joints > 1 else []),
-        Column("frequency", "Hz", digits=4, key="frequency", brief="Hz"),
-        Column("damping ratio", digits=4, key="damping", brief="damping"),
-        Column("time constant", "s", digits=4, key="time", brief=None),
-    )
-    caption = "Modes that oscillate or do not decay, linearised at the goal, continuous time"
-    title = f"γ* of the problem = {design.gamma_star:.5g}, γ = {design.gamma:.5g}\nOscillations at the goal"
-    return Table.of(columns, rows, caption, "table-modes", title=title)
-
-
-def pole_remarks(design: Design) -> Iterator[str]:
-    """A vibration that rings, in the loop or in the estimation error."""
-    after = vibration_damping(design.law_modes)
-    if after and min(after) < RINGS:
-        yield (
-            f"A vibration has a damping ratio of {min(after):.2g} with this law: its weights hardly act on it. "
-            "`--damping 0.3` searches for weights that do."
-        )
-    error = [mode for mode in design.evaluation.estimator_modes if mode.vibration]
-    if not error:
+# Corners of the tolerances ------------------------------------------------------------------------------
+def corners(design: Design) -> Blocks:
+    """How many corners are unstable; none for a robot without tolerances."""
+    e, found, state = design.evaluation, design.evaluation.corners, design.evaluation.state_corners
+    if found is None:
         return
-    worst, target = min(error, key=lambda mode: mode.damping), design.design_problem.target
-    where = f" ({worst.joint})" if len(design.robot.joint_names) > 1 else ""
-    if worst.damping < HARDLY_SEEN:
-        yield (
-            f"The estimator's error at {worst.frequency:.3g} Hz{where} has a damping ratio of "
-            f"{worst.damping:.1g} only, and noise keeps it ringing, in the robot too. Measure link positions or joint "
-            "torques, or raise --process-noise."
+    if found.unstable:
+        preset = "" if design.design_problem.preset == "robust" else ", or --preset robust"
+        advice = f"the estimator causes it: try another --torque-noise or --estimator{preset}"
+        if state is not None and state.unstable > 0:
+            advice = f"the law itself does not stand them: try a shorter --period or --delay, less --bandwidth{preset}"
+        yield note(
+            f"{found.unstable} of {found.count} corners of the tolerances are unstable with this estimator; {advice}."
         )
-    elif target is not None and worst.damping < target.damping:
-        yield (
-            f"The estimator's error at {worst.frequency:.3g} Hz{where} has a damping ratio of "
-            f"{worst.damping:.2g}, less than required of the law. After a disturbance that the model does not know the "
-            "loop rings with it. Try a larger --torque-noise, or another sensor (--measured)."
-        )
+    yield Paragraph(corners_text(e))
+    yield Paragraph(
+        f"{'All' if found.complete else 'Sampled'} corners: every uncertain parameter at one end of its tolerance, all "
+        "together. For each the loop is linearised at the goal; robots between the corners are not covered."
+    )
+    if found.swept:
+        yield Paragraph(_retuning(found))
+    yield corner_table(e)
 
 
-def vibration_damping(modes: Sequence[Mode]) -> list[float]:
-    """Damping ratios of the vibrations among some modes."""
-    return [mode.damping for mode in modes if mode.vibration]
+def corners_text(e: LawEvaluation) -> str:
+    """How many corners are unstable as designed, and the worst of them."""
+    corners, state, s = e.corners, e.state_corners, e.setup.specification
+    assert corners is not None
+    which = "" if corners.complete else "sampled "
+    unstable = f"None of the {corners.count} {which}corners is unstable"
+    if corners.unstable:
+        verb = "is" if corners.unstable == 1 else "are"
+        unstable = f"{corners.unstable} of {corners.count} {which}corners {verb} unstable"
+    other, sensors = "", "true state"
+    if s.estimator != "none":
+        sensors = ", ".join(s.measured).replace("_", " ")
+        other = "" if state is None else f"; with the true state fed back {state.unstable}"
+    worst, rate = corners.population.values[corners.worst], corners.designed.fastest
+    grows = "has no equilibrium at the goal"
+    if np.isfinite(rate):
+        grows = f"{'grows' if rate >= 0.0 else 'decays'} with {number(abs(rate), 3)} 1/s"
+    changes = changes_text(worst, e.setup.robot, s.extras)
+    return f"Measured: {sensors}. {unstable}{other}. The worst corner ({changes}) {grows}."
+
+
+def _retuning(corners: ToleranceCorners) -> str:
+    free = [f"“{form}”" for form in corners.retunable]
+    parts = ", ".join(
+        f"with “{form}” at {len(corners.stable_ratios(form))} of {count_text(len(corners.of_form(form)), 'ratio')} only"
+        for form in corners.forms
+        if form not in corners.retunable
+    )
+    may = f"With Rᵛ of the form {' or '.join(free)} no corner is unstable at any ratio tried." if free else ""
+    some = f" Otherwise that holds {parts}." if parts and free else ""
+    if parts and not free:
+        some = f"No form keeps every corner stable at all ratios tried: that holds {parts}."
+    return (
+        "No paper gives Rᵛ, the process noise that the estimator assumes, and the gain of a filter depends only on its "
+        f"ratio q/Rⁿ and on where q stands. {may}{some} Forms that are not listed were not tried."
+    )
+
+
+def corner_rows(e: LawEvaluation) -> list[dict[str, Any]]:
+    """Unstable corners, their share in percent and the largest growth rate (1/s), as designed ("form"), with the true
+    state, then for every form and ratio q/Rⁿ of Rᵛ."""
+    corners, alone = e.corners, e.setup.specification.estimator == "none"
+    assert corners is not None
+    loops: list[tuple[str, float | None, GrowthRates | None]] = [
+        ("true state" if alone else "as designed", None, corners.designed),
+        ("true state", None, None if alone else e.state_corners),
+    ]
+    loops += [
+        (form, ratio, rates) for form in corners.forms for ratio, rates in corners.of_form(form).items()
+    ]
+    rows = []
+    for form, ratio, rates in ((form, ratio, rates) for form, ratio, rates in loops if rates is not None):
+        growth = rates.rates[rates.kinds == "corner"]
+        unstable, percent = int((growth >= 0.0).sum()), 100.0 * rates.share("corner")
+        row = {
+            "form": form,
+            "ratio": ratio,
+            "unstable": unstable,
+            "percent": percent,
+            "rate": float(growth.max()),
+        }
+        rows.append(row)
+    return rows
+
+
+def corner_table(e: LawEvaluation) -> Table:
+    """Unstable corners and growth rates over q/Rⁿ, a pair of columns for each form of Rᵛ; without forms, of the loops
+    that were looked at."""
+    assert e.corners is not None
+    rows, forms = corner_rows(e), e.corners.forms
+    title = f"Corners of the tolerances. {corners_text(e)}"
+    if not forms:
+        columns = (
+            Column("loop", key="form"),
+            Column("unstable", key="unstable"),
+            Column("growth", "1/s", digits=3, key="rate"),
+        )
+        caption = "Unstable corners, and the growth rate of the worst; a negative rate decays"
+        return Table.of(columns, rows, caption, "table-corners", title=title)
+    by, cells = {(row["form"], row["ratio"]): row for row in rows}, []
+    for ratio in sorted({row["ratio"] for row in rows if row["ratio"] is not None}):
+        texts = []
+        for row in (by.get((form, ratio)) for form in forms):
+            if row is None:
+                texts += ["–", "–"]
+                continue
+            share = f"{row['unstable']} ({number(row['percent'], 2)} %)" if row["unstable"] else "0"
+            texts += [share, number(row["rate"], 3) if np.isfinite(row["rate"]) else "no equilibrium"]
+        exponent = round(float(np.log10(ratio)))
+        power = number(10.0**exponent, 1).removeprefix("1·") if abs(exponent) > 3 else number(ratio)
+        cells.append((power, *texts))
+    heads = [
+        column
+        for form in forms
+        for column in (
+            Column(f"{form}: unstable", brief=FORMS[form]), Column("fastest growth, 1/s", brief=None)
+        )
+    ]  # fmt: skip
+    caption = "Unstable corners over Rᵛ, by the states on which q stands; a negative growth rate decays"
+    title += "\nUnstable corners over Rᵛ = q on:"
+    return Table(("q/Rⁿ", *heads), cells, caption, "table-corners", title=title)

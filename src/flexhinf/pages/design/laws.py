@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Literal
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -42,33 +42,19 @@ AFTER = 1.3
 #: A trade-off figure shows so many times the smallest finite value of each axis.
 RANGE = 30.0
 
-Kind = Literal["input", "small input", "length", "%", "s", "ms", "rad/s", ""]
 
+class LawFigure(NamedTuple):
+    """A metric of a law, by its key of `LawEvaluation.metrics`.
 
-@dataclass(frozen=True)
-class LawFigure:
-    """A figure of a law.
-
-    Attributes
-    ----------
-    key : str
-        Of `LawEvaluation.metrics`.
-    group : str
-        What was run; see `_title`.
-    unit : str
-        "input": V or N·m. Shown in thousandths: "small input", "length" (of rad or m), "ms" (of s).
-    better : int
-        −1: less is better; 1: more is better; 0: neither.
-    least : float
-        The smallest difference that counts, in the unit of the value.
-    brief : bool
-        Whether a terminal shows it too.
+    `unit` "input" is V or N·m; shown in thousandths are "small input", "length" (of rad or m) and "ms" (of s).
+    `better`: −1 where less is better, 1 where more is, 0 for neither. `least`: the smallest difference that counts, in
+    the unit of the value. `brief`: whether a terminal shows it too.
     """
 
     key: str
     group: str
     label: str
-    unit: Kind
+    unit: str
     better: int = -1
     least: float = 0.0
     brief: bool = True
@@ -106,16 +92,15 @@ FIGURES = (
     LawFigure("operations", COST, "operations per sample", ""),
 )
 
-GROUPS = (STEP, LOAD, MOVE, SAMPLES, LINEAR, COST)
-
-#: Titles where there is little room.
-SHORT = {
+#: Groups of metrics, with their titles where there is little room.
+GROUPS = {
     STEP: "step as deployed", LOAD: "torque on the links", MOVE: "planned move", SAMPLES: "sampled robots",
     LINEAR: "running loop, linearised", COST: "cost",
 }  # fmt: skip
 
 
-def _title(group: str, comparison: Comparison) -> str:
+def _titles(comparison: Comparison) -> dict[str, str]:
+    """Titles of the groups, with what was run."""
     own, units = comparison.own.evaluation, comparison.units()
     assert own is not None
     runs, setup = own.scenario, own.setup
@@ -131,24 +116,18 @@ def _title(group: str, comparison: Comparison) -> str:
         SAMPLES: f"{len(runs.robots)} robots sampled within their tolerances: step and move",
         LINEAR: "Running loop, linearised at the goal, with its estimator and delay",
         COST: "Cost",
-    }[group]
+    }
 
 
 def unit_of(figure: LawFigure, comparison: Comparison) -> str:
     """The unit that is shown."""
-    units = comparison.units()
-    if figure.unit == "input":
-        return units["input"]
-    if figure.unit == "small input":
-        return f"m{units['input']}"
-    if figure.unit == "length":
-        return units["error"]
-    own = comparison.own.evaluation
-    if figure.key == "drawn_unsettled" and own is not None and own.scenario is not None:
+    units, own = comparison.units(), comparison.own.evaluation
+    if own is not None and own.scenario is not None and figure.key == "drawn_unsettled":
         return f"of {len(own.scenario.robots)}"
-    if figure.key == "unstable_corners" and own is not None and own.corners is not None:
+    if own is not None and own.corners is not None and figure.key == "unstable_corners":
         return f"of {own.corners.count}"
-    return figure.unit
+    known = {"input": units["input"], "small input": f"m{units['input']}", "length": units["error"]}
+    return known.get(figure.unit, figure.unit)
 
 
 def cell(figure: LawFigure, value: float | None, comparison: Comparison) -> str:
@@ -189,12 +168,7 @@ def metric_table(
     comparison: Comparison, laws: Sequence[ComparedLaw], short: bool = False, title: str = ""
 ) -> Table:
     """Metrics of some laws, each with an evaluation: one column for each law; the best of a row is that of all laws.
-
-    Parameters
-    ----------
-    short, title : bool, str
-        For a terminal.
-    """
+    `short` and `title` are for a terminal."""
     own = comparison.own.evaluation
     assert own is not None
     rows: list[Any] = ["criterion" if short else "Criterion and limits"]
@@ -206,16 +180,15 @@ def metric_table(
         sampled = ", sampled" if "robots sampled" in first.where else ""
         name = f"{first.what} {limit_text(first.shown(units_of(own).degrees))}{sampled}"
         rows.append((name, *("–" if line is None else line.judgement for line in lines)))
-    everyone = comparison.compared
-    for group in GROUPS:
-        heading = SHORT[group] if short else _title(group, comparison)
+    for group, heading in (GROUPS if short else _titles(comparison)).items():
+        pending = heading
         for figure in FIGURES:
-            values = {law.name: law.metrics.get(figure.key) for law in everyone}
+            values = {law.name: law.metrics.get(figure.key) for law in comparison.compared}
             if figure.group != group or (short and not figure.brief) or set(values.values()) == {None}:
                 continue
-            if heading:
-                rows.append(heading)
-                heading = ""
+            if pending:
+                rows.append(pending)
+                pending = ""
             tops = dict(zip(values, best_of(figure, list(values.values()))))
             cells = (
                 Cell(cell(figure, values[law.name], comparison), "best" if tops[law.name] else "")
@@ -291,11 +264,12 @@ def responses_figure(comparison: Comparison) -> Figure:
     settled = [row.metrics.get("step_settling_s") for row in comparison.compared]
     last = max((value for value in settled if value is not None and np.isfinite(value)), default=duration)
     end = min(duration, max(AFTER * last, 0.1 * duration))
-    laws = {row.name: row.evaluation for row in comparison.compared if row.evaluation is not None}
-    loads = {name: (e.load_response.at, e.load_response.response) for name, e in laws.items()}
-    steps = {name: (e.step.run.time, e.step.positions - e.step.goal) for name, e in laws.items()}
-    loaded = {name: (run.run.time - at, run.positions - run.goal) for name, (at, run) in loads.items()}
-    moves = {name: (e.move.response.run.time, e.move.error) for name, e in laws.items()}
+    steps, loaded, moves = {}, {}, {}
+    for name, e in ((row.name, row.evaluation) for row in comparison.compared if row.evaluation is not None):
+        at, load = e.load_response.at, e.load_response.response
+        steps[name] = e.step.run.time, e.step.positions - e.step.goal
+        loaded[name] = load.run.time - at, load.positions - load.goal
+        moves[name] = e.move.response.run.time, e.move.error
     columns = (
         ErrorPanel("step", "position − goal", shown.angle, steps, shown.scale, (0.0, end)),
         ErrorPanel(
@@ -317,32 +291,23 @@ def responses_figure(comparison: Comparison) -> Figure:
             for name in (thick.name, *names):
                 time, error = column.errors[name]
                 few = thin(time, POINTS)
-                wide = (
-                    {"linewidth": 2.2, "zorder": 2.5}
-                    if name == thick.name
-                    else {"linewidth": 1.2, "zorder": 3.0}
-                )
-                axis.plot(
-                    time[few], column.scale * error[few, column.joint], label=name, **{**styles[name], **wide}
-                )
+                width, order = (2.2, 2.5) if name == thick.name else (1.2, 3.0)
+                style = {**styles[name], "linewidth": width, "zorder": order}
+                axis.plot(time[few], column.scale * error[few, column.joint], label=name, **style)
             reference_line(axis)
             label(axis, column.quantity, column.unit)
         axes[0].set_title(group)
         axes[2].legend(loc="center left", bbox_to_anchor=(1.0, 0.5), handlelength=1.6)
     for top, bottom, column in zip(grid[0], grid[-1], columns):
-        top.set_xlim(*column.span)
-        top.set_ylim(*column.limits)
+        top.set(xlim=column.span, ylim=column.limits)
         bottom.set_xlabel(column.time)
     which = ", ".join(f"{column.run}: {joints[column.joint]}" for column in columns)
     return figure_block(
         "laws", figure,
-        (
-            "Errors of the true link position in the nonlinear loop with estimator and measurement noise. Left: the "
-            "step as the controller is deployed. Middle: the torque on the links at the goal. Right: the planned move, "
-            f"link position minus plan. {thick.name} is in every row (thick). Axes are the same down "
-            "a column; lines that leave a panel go on.",
-            f"Joints, where the errors are largest: {which}." if len(joints) > 1 else "",
-        ),
+        "Errors of the true link position in the nonlinear loop with estimator and measurement noise. Left: the step "
+        "as the controller is deployed. Middle: the torque on the links at the goal. Right: the planned move, link "
+        f"position minus plan. {thick.name} is in every row (thick). Axes are the same down a column; lines that leave "
+        f"a panel go on.{f' Joints, where the errors are largest: {which}.' if len(joints) > 1 else ''}",
         "Laws in the same runs",
     )  # fmt: skip
 
@@ -369,9 +334,7 @@ def trade_off_figure(comparison: Comparison, offs: Sequence[TradeOff]) -> Figure
             [one.point.peak_input], [1e3 * one.point.load_deviation], marker, label=one.name, color=style["color"],
             markersize=13.0 if own else 6.5, linestyle="none", zorder=4.0,
         )  # fmt: skip
-    axis.set_xscale("log")
-    axis.set_yscale("log")
-    axis.set_xlabel(f"peak input of the step ({units['input']})")
+    axis.set(xscale="log", yscale="log", xlabel=f"peak input of the step ({units['input']})")
     legend_above(figure, axis, 5, columnspacing=1.2)
     peaks = [one.point.peak_input for one in finite]
     deviations = [1e3 * one.point.load_deviation for one in finite]
@@ -386,8 +349,7 @@ def trade_off_figure(comparison: Comparison, offs: Sequence[TradeOff]) -> Figure
     label(axis, "largest deviation under the load", units["error"])
     return figure_block(
         "trade-off", figure,
-        "Peak input against load deviation; down and to the left is better. A marker is the law as it was tuned. A "
-        "line joins the best of all candidates that the tuning of this law ran and that keep the limits of the linear "
-        "loop.",
+        "Peak input against load deviation; down and to the left is better. A marker is the law as it was tuned; a "
+        "line joins the best candidates of its tuning that keep the limits of the linear loop.",
         "Trade-off",
     )  # fmt: skip

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import textwrap
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -15,10 +15,12 @@ from flexhinf.design.synthesis.degrees import ACTING, GAIN, DegreeChoice
 from flexhinf.hinf import smallest_gamma
 from flexhinf.pages.drawing import (
     DASHED,
+    Blocks,
     amplitude_text,
     count_text,
     figure_block,
     law_name,
+    note,
     thin,
     units_of,
 )
@@ -51,79 +53,100 @@ PARTS = {
 NEAR = 0.05
 
 
-def blocks(design: Design) -> list[Any]:
+def region(design: Design) -> Blocks:
     """Level set and step of every degree; the gain found; the budget."""
-    found: list[Any] = [Paragraph(degree_text(design)), *_proof(design)]
-    if design.synthesis.proved is None:
-        found += [Paragraph(_region_text(design)), region_table(design)]
-    if design.attenuation.attained is not None:
-        found += [Paragraph(_attained_text(design)), level_table(design)]
-    if budget_of(design):
-        found += [Paragraph(_budget_text(design)), budget_table(design), *_budget_figure(design)]
-    return found
+    attained, proved, budget = design.attenuation.attained, design.synthesis.proved, budget_of(design)
+    yield from _notes(design)
+    yield Paragraph(_degree_text(design))
+    yield from _proof(design)
+    if proved is None:
+        yield Paragraph(
+            "Of every degree: the largest level set of V in which no violation of the dissipation inequality was "
+            f"found, along random rays and by ascent: {_strength(design)}. Checked is a weaker pair than the designed "
+            f"one, γ = {design.specification.checked_gamma_ratio:g} γ* and the penalty under Settings, for the law "
+            "with the true state. The largest step moves all joints alike and starts with the integrals at which V is "
+            "smallest; a controller starts with those at which the input does not jump, where V is larger."
+        )
+        yield _region_table(design)
+    if attained is not None and proved is not None:
+        names = ", ".join(name.replace("_", " ") for name in proved.problem.disturbance_names)
+        yield Paragraph(
+            f"√(∫|z|²/∫|d|²) from the {names} to {penalty_text(design)} is proved to be at most "
+            f"γ = {at_most(proved.gamma)}, for every robot of the box. A disturbance found by search attains "
+            f"{number(attained.gain)} on the nominal robot, {number(100.0 * attained.gain / proved.gamma, 3)} % of γ, "
+            f"with an energy ∫|d|² of {number(attained.energy, 3)}. The largest gain lies between the two."
+        )
+    elif attained is not None:
+        yield Paragraph(
+            "γ bounds √(∫|z|²/∫|d|²) from above for the law with the true state fed back, in a region where the "
+            f"inequality holds. A search for the worst disturbance found {number(attained.gain)}, "
+            f"{number(100.0 * attained.gain / design.gamma, 3)} % of γ, with an energy ∫|d|² of "
+            f"{number(attained.energy, 3)} and V up to {number(attained.largest_value)} of "
+            f"{number(design.chosen.level)}. The true value lies between the two, or above γ where the region is wrong."
+        )
+    if attained is not None or proved is not None:
+        yield level_table(design)
+    if budget:
+        yield Paragraph(_budget_text(design))
+        yield _budget_table(design)
+        if budget[-1].budget.complete:
+            yield lambda: _budget_figure(budget[-1])
 
 
-def remarks(design: Design) -> Iterator[str]:
+def _notes(design: Design) -> Blocks:
     """What does not follow from the region."""
     attained, proved = design.attenuation.attained, design.synthesis.proved
     for low, high in design.shrinking:
-        yield f"Degree {high} allows a smaller step than degree {low}."
+        yield note(f"Degree {high} allows a smaller step than degree {low}.")
     if design.attenuation.failure:
-        yield design.attenuation.failure
+        yield note(design.attenuation.failure)
     if attained is not None and proved is None and attained.gain > design.gamma:
-        yield (
+        yield note(
             f"The disturbance found attains {number(attained.gain)}, more than γ = {number(design.gamma)}: the law "
             "does not keep its level there, because the truncated V or the sampling leaves too much out."
         )
-    for term in budget_of(design)[-1:]:
-        budget = term.budget
+    for budget in (term.budget for term in budget_of(design)[-1:]):
         if np.isfinite(budget.level) and not budget.kept:
-            yield (
+            yield note(
                 f"The step begins inside the region, but its parts use {number(budget.total, 3)} of the "
                 f"level {number(budget.level - budget.start, 3)} that remains after V(x0). Nothing follows from "
                 "the region for this step. Try a shorter --period, a faster estimator, or a smaller step."
             )
     if not design.chosen.looked and proved is None:
-        why = f"with {len(design.problem.state_names)} states it takes minutes. `--rays 50` samples one."
-        yield f"No region was sampled{' (--rays 0).' if design.specification.rays is not None else f': {why}'}"
+        why = f": with {len(design.problem.state_names)} states it takes minutes. `--rays 50` samples one."
+        yield note(f"No region was sampled{why if design.specification.rays is None else ' (--rays 0).'}")
 
 
-def _proof(design: Design) -> list[Any]:
-    given, box, found = design.proof.certificate, design.proof.box, []
+def _proof(design: Design) -> Blocks:
+    given, box = design.proof.certificate, design.proof.box
     if given is not None:
-        covers = covers_tolerances(design)
-        level = f"The level V ≤ {at_least(given.level, 5)} was"
+        covers, level = covers_tolerances(design), f"The level V ≤ {at_least(given.level, 5)} was"
         if given.sampled_level is not None:
             share = number(100.0 * given.level / given.sampled_level, 3)
             level = f"The level V ≤ {at_least(given.level, 5)} is {share} % of the sampled one,"
         others = (
             "values of the parameters outside the tolerances" if covers else "other values of the parameters"
         )
-        found += [
-            Paragraph(
-                f"{level} proved in {number(design.proof.cpu_seconds, 2)} s of CPU with exact (outward rounded) "
-                "arithmetic; the theorem with all its hypotheses stands in `certificate.json`, which another program "
-                "proves again:"
-            ),
-            Listing("flexhinf certify --check certificate.json"),
-            Paragraph(
-                f"Not covered by the proof: {others}; estimator, sampling, hold, delay, limits and noise"
-                f"{'' if covers else ' beyond the budget below'}. A planned move and payloads are judged by runs."
-            ),
-        ]
-    if box is not None:
-        text = (
-            f"The proof for all robots within the tolerances took {number(box.cpu_seconds, 2)} s of CPU. Its V "
-            "is another one, found by matrix inequalities for the whole box, so its level and the budget below do not "
-            "compare:"
+        yield Paragraph(
+            f"{level} proved in {number(design.proof.cpu_seconds, 2)} s of CPU with exact (outward rounded) "
+            "arithmetic; the theorem stands in `certificate.json`, which another program proves again:"
         )
-        found += [Paragraph(text), Listing(f"flexhinf certify --check {BOX_FILE}")]
+        yield Listing("flexhinf certify --check certificate.json")
+        yield Paragraph(
+            f"Not covered by the proof: {others}; estimator, sampling, hold, delay, limits and noise"
+            f"{'' if covers else ' beyond the budget below'}. A planned move and payloads are judged by runs."
+        )
+    if box is not None:
+        yield Paragraph(
+            f"The proof for all robots within the tolerances took {number(box.cpu_seconds, 2)} s of CPU. Its V is "
+            "another one, so its level and the budget below do not compare:"
+        )
+        yield Listing(f"flexhinf certify --check {BOX_FILE}")
     elif reason := design.proof.box_reason.rstrip("."):
-        found.append(Paragraph(f"For all robots within the tolerances nothing is proved: {reason}."))
-    return found
+        yield Paragraph(f"For all robots within the tolerances nothing is proved: {reason}.")
 
 
-def degree_text(design: Design) -> str:
+def _degree_text(design: Design) -> str:
     """Which degree is used, and why."""
     chosen, (lowest, *higher) = design.chosen, design.choices
     used = f"V of degree {chosen.degree} is used, a {law_name(chosen.degree)} law"
@@ -162,19 +185,6 @@ def _cost(choice: DegreeChoice, lowest: DegreeChoice) -> str:
     return f"{100.0 * (choice.cost / lowest.cost - 1.0):+.2g} %".replace("-", "−")
 
 
-# Sampled regions ----------------------------------------------------------------------------------------
-def _region_text(design: Design) -> str:
-    return (
-        "Of every degree: the largest level set of V in which no violation of the dissipation inequality was found, "
-        f"along random rays and by ascent from many starts: {_strength(design)}. The checked pair "
-        f"is weaker than the designed one: γ = {design.specification.checked_gamma_ratio:g} γ* and the penalty under "
-        "Settings. It covers the law with the true state, not the estimator. The largest step moves all joints alike "
-        "and starts with the integrals at which V is smallest. "
-        "A controller starts with other integrals, those at which the input does not jump, so V is larger there, and a "
-        "shorter step may begin outside the level set."
-    )
-
-
 def _strength(design: Design) -> str:
     """Of the regions of all degrees; of the law that is used, more may be proved."""
     given = design.proof.certificate
@@ -183,35 +193,29 @@ def _strength(design: Design) -> str:
     return f"sampled; of the law that is used V ≤ {at_least(given.level)} is proved"
 
 
-def region_table(design: Design) -> Table:
+def _region_table(design: Design) -> Table:
     """Level set, step and cost of each degree."""
     unit, most = units_of(design.evaluation).position, widest_step(design)
-    rows = [
-        (
-            c.degree, law_name(c.degree), "used" if c is design.chosen else "", _level(c),
-            amplitude_text(c.step_amplitude, unit, most) if c.looked else "–", _cost(c, design.choices[0]), c.limit,
-            f"{c.residual:.0e}", 1e3 * c.solve_seconds, c.check_seconds,
+    rows = []
+    for c in design.choices:
+        level = "–" if not c.looked else "none" if math.isnan(c.level) else f"{c.level:.4g}"
+        level = "everything sampled" if c.looked and math.isinf(c.level) else level
+        step = amplitude_text(c.step_amplitude, unit, most) if c.looked else "–"
+        cost, used = _cost(c, design.choices[0]), "used" if c is design.chosen else ""
+        times = (1e3 * c.solve_seconds, c.check_seconds)
+        rows.append(
+            (c.degree, law_name(c.degree), used, level, step, cost, c.limit, f"{c.residual:.0e}", *times)
         )
-        for c in design.choices
-    ]  # fmt: skip
     columns = (
-        Column("degree of V", brief="degree"),
-        "law",
-        "",
-        Column("V up to", brief="V ≤"),
-        Column("largest step sampled, V smallest", brief="sampled step"),
-        Column("cost of the step", brief="cost"),
-        Column("limited by", brief=None),
-        "residual",
-        Column("solve", "ms", 1),
-        Column("check", "s", 1),
-    )
+        Column("degree of V", brief="degree"), "law", "", Column("V up to", brief="V ≤"),
+        Column("largest step sampled, V smallest", brief="sampled step"), Column("cost of the step", brief="cost"),
+        Column("limited by", brief=None), "residual", Column("solve", "ms", 1), Column("check", "s", 1),
+    )  # fmt: skip
     caption = (
-        "Step: of all joints alike from one equilibrium to another, started inside the level set with the integrals "
-        "at which V is smallest, not those of the controller"
+        "Step: of all joints alike from one equilibrium to another, with the integrals at which V is smallest"
     )
     title = (
-        f"{textwrap.fill(degree_text(design), WIDTH)}\nRegion of each solution: {_strength(design)}\n"
+        f"{textwrap.fill(_degree_text(design), WIDTH)}\nRegion of each solution: {_strength(design)}\n"
         "Sampled step: with the integrals at which V is smallest, not the controller's"
     )
     return Table(columns, rows, caption, "table-region", stacks=True, title=title)
@@ -224,46 +228,16 @@ def widest_step(design: Design) -> float:
     return float(max(min(side) for side in zip(*rooms)))
 
 
-def _level(choice: DegreeChoice) -> str:
-    if not choice.looked:
-        return "–"
-    if math.isnan(choice.level):
-        return "none"
-    return "everything sampled" if math.isinf(choice.level) else f"{choice.level:.4g}"
-
-
-# Levels of attenuation ----------------------------------------------------------------------------------
-def _attained_text(design: Design) -> str:
-    found, proved = design.attenuation.attained, design.synthesis.proved
-    assert found is not None
-    if proved is not None:
-        share = 100.0 * found.gain / proved.gamma
-        names = ", ".join(name.replace("_", " ") for name in proved.problem.disturbance_names)
-        return (
-            f"√(∫|z|²/∫|d|²) from the {names} to {penalty_text(design)} is proved to be at most "
-            f"γ = {at_most(proved.gamma)}, for every robot of the box. A disturbance found by search attains "
-            f"{number(found.gain)} on the nominal robot, {number(share, 3)} % of γ, with an energy ∫|d|² of "
-            f"{number(found.energy, 3)}. The largest gain lies between the two."
-        )
-    share = 100.0 * found.gain / design.gamma
-    return (
-        "γ bounds √(∫|z|²/∫|d|²) from above for the law with the true state fed back, as long as the state stays in "
-        "a region where the inequality holds. A search for the worst disturbance gives a lower bound: "
-        f"{number(found.gain)}, {number(share, 3)} % of γ, with an energy ∫|d|² of {number(found.energy, 3)} and V "
-        f"up to {number(found.largest_value)} of {number(design.chosen.level)}. The true value lies between the two, "
-        "or above γ where the sampled region is wrong."
-    )
-
-
 def level_table(design: Design) -> Table:
-    """Levels from the smallest feasible one to the checked or proved one, and the lower bound found."""
+    """Levels of attenuation from the smallest feasible one to the checked or proved one, and the lower bound found;
+    in a terminal too where one is proved."""
     s, found, proved = design.specification, design.attenuation.attained, design.synthesis.proved
     attained = [] if found is None else [("worst disturbance found (lower bound)", found.gain)]
-    title = "√(∫|z|²/∫|d|²)"
+    title = ""
     if proved is not None:
         star = ("γ* of this z, nominal robot near the goal, any law", smallest_gamma(proved.problem))
         rows = [star, *attained, ("γ that is proved", proved.gamma)]
-        title = f"{textwrap.fill(degree_text(design), WIDTH)}\nGain √(∫|z|²/∫|d|²), {penalty_text(design)}"
+        title = f"{textwrap.fill(_degree_text(design), WIDTH)}\nGain √(∫|z|²/∫|d|²), {penalty_text(design)}"
     else:
         rows = [
             ("γ* of the problem, linear part", design.gamma_star),
@@ -296,10 +270,9 @@ def budget_rows(design: Design) -> list[dict[str, Any]]:
 def _budget_text(design: Design) -> str:
     row = budget_rows(design)[-1]
     text = (
-        "Dissipation budget. Whatever makes the input differ by v from the law's own (on the true state, at every "
-        "instant) uses ½∫vᵀR2v of the level. While V(x0) and this stay below the level, V does too, and the "
-        "inequality holds for the controller as it runs. For the step of the nominal "
-        "robot, extras left out, "
+        "Dissipation budget. What makes the input differ by v from the law's own, on the true state at every instant, "
+        "uses ½∫vᵀR2v of the level. While V(x0) and this stay below it, the inequality holds for the controller as it "
+        "runs. For the step of the nominal robot, extras left out, "
     )
     if row["spent"] is None or not np.isfinite(row["spent"]):
         return f"{text}the loop with all its parts diverges."
@@ -311,7 +284,7 @@ def _budget_text(design: Design) -> str:
     return f"{text}, of {which} level of {number(row['level'])}: {kept}."
 
 
-def budget_table(design: Design) -> Table:
+def _budget_table(design: Design) -> Table:
     """What the parts of the controller use of the level; the lower bound of the gain in the title."""
     rows = [
         {
@@ -337,10 +310,8 @@ def budget_table(design: Design) -> Table:
     return Table.of(columns, rows, caption, "table-budget", stacks=True, title=title)
 
 
-def _budget_figure(design: Design) -> list[Figure]:
-    budget = budget_of(design)[-1].budget
-    if not budget.complete:
-        return []
+def _budget_figure(term: BudgetTerm) -> Figure:
+    budget = term.budget
     few, bound = thin(budget.times), budget.start + budget.disturbance + budget.spent
     near = np.isfinite(budget.level) and NEAR * budget.level < float(bound.max())
     figure, (axis,) = new_figure(1)
@@ -353,4 +324,4 @@ def _budget_figure(design: Design) -> list[Figure]:
     legend(axis)
     far = "" if near or not np.isfinite(budget.level) else f" The level, {budget.level:.3g}, is far above."
     caption = f"V along the step of the nominal robot, and its bound.{far}"
-    return [figure_block("budget", figure, caption, "Dissipation budget")]
+    return figure_block("budget", figure, caption, "Dissipation budget")

@@ -11,21 +11,23 @@ from flexhinf.design.requirements import Requirement
 from flexhinf.design.responses import Response
 from flexhinf.design.result import Design
 from flexhinf.design.specification import TOLERANCE
+from flexhinf.pages.drawing import Blocks, units_of
 from flexhinf.pages.drawing import limit_text as effort_text
-from flexhinf.pages.drawing import units_of
 from flexhinf.report import Cell, Column, Paragraph, Table, number
 
 #: Of the judgement in a terminal.
 COLOURS = {"met": "green", "NOT MET": "red"}
 
 
-def blocks(design: Design) -> list[Any]:
+def requirements(design: Design) -> Blocks:
     """Requirements, those that are not met first; inputs."""
-    given = (
-        "No bandwidth or damping is required: the weights are given, and the loop has what results from them."
-    )
-    free = [Paragraph(given)] if design.design_problem.target is None else []
-    return [requirements_of(design), *free, input_table(design)]
+    yield requirement_table(
+        design.requirements, units_of(design.evaluation).degrees,
+        f"{design.robot.name}: requirements (* our default; a miss of {100.0 * TOLERANCE:g} % counts as met)",
+    )  # fmt: skip
+    if design.design_problem.target is None:
+        yield Paragraph("No bandwidth or damping is required: they result from the weights, which are given.")
+    yield _input_table(design)
 
 
 def limit_text(line: Requirement) -> str:
@@ -37,37 +39,19 @@ def found_text(line: Requirement) -> str:
     """What is achieved, with its unit and the joint of the worst value."""
     if np.isinf(line.found):
         return "diverges" if line.at_most else "unlimited"
-    words = [line.joint, "" if line.at is None else f"at {number(line.at, 3)} s"]
-    joint = f" ({', '.join(word for word in words if word)})" if any(words) else ""
-    return f"{number(line.found, 3)}{line.unit_text}{joint}"
+    places = [line.joint, "" if line.at is None else f"at {number(line.at, 3)} s"]
+    where = f" ({', '.join(filter(None, places))})" if any(places) else ""
+    return f"{number(line.found, 3)}{line.unit_text}{where}"
 
 
 def requirement_text(line: Requirement) -> str:
     """A requirement in one phrase, for example ``overshoot 9 % (at most 5 %; nominal robot)``."""
-    limit = limit_text(line).split(" ", 1)[1]
-    return (
-        f"{line.what} {found_text(line)} ({'at most' if line.at_most else 'at least'} {limit}; {line.where})"
-    )
-
-
-def requirements_of(design: Design) -> Table:
-    """The requirements of a design."""
-    title = (
-        f"{design.robot.name}: requirements (* our default; a miss of {100.0 * TOLERANCE:g} % counts as met)"
-    )
-    return requirement_table(design.requirements, units_of(design.evaluation).degrees, title)
+    limit = f"{'at most' if line.at_most else 'at least'} {limit_text(line).split(' ', 1)[1]}"
+    return f"{line.what} {found_text(line)} ({limit}; {line.where})"
 
 
 def requirement_table(lines: Iterable[Requirement], degrees: bool = False, title: str = "") -> Table:
-    """Requirements grouped by where they hold; those that are not met, and their groups, first.
-
-    Parameters
-    ----------
-    degrees : bool
-        Whether angles are in degrees.
-    title : str
-        In a terminal.
-    """
+    """Requirements grouped by where they hold; those that are not met, and their groups, first."""
     groups: dict[str, list[Requirement]] = {}
     for line in sorted(lines, key=lambda line: line.met):
         groups.setdefault(line.where, []).append(line.shown(degrees))
@@ -76,79 +60,73 @@ def requirement_table(lines: Iterable[Requirement], degrees: bool = False, title
         rows.append(where)
         for line in group:
             judged = Cell(line.judgement, COLOURS.get(line.judgement, "yellow"))
-            default = line.stated_by == "default"
-            source = f"`{line.stated_by}`" if line.stated_by.startswith("--") else line.stated_by
-            required = f"{limit_text(line)}{'*' if default else ''}"
-            source = "our default" if default else source
-            rows.append((line.what, required, found_text(line), judged, line.criterion, source))
+            source, star = line.stated_by, ""
+            if source == "default":
+                source, star = "our default", "*"
+            elif source.startswith("--"):
+                source = f"`{source}`"
+            rows.append(
+                (line.what, f"{limit_text(line)}{star}", found_text(line), judged, line.criterion, source)
+            )
     columns = (
         "requirement", Column("required", right=True), Column("achieved", right=True), "met",
-        Column("criterion", brief=None),
-        Column("stated by", brief=None),
+        Column("criterion", brief=None), Column("stated by", brief=None),
     )  # fmt: skip
     caption = (
-        f"A limit that is missed by at most {100.0 * TOLERANCE:g} % of it counts as met, the accuracy of the searches; "
-        "the line says so. * our default"
+        f"A limit that is missed by at most {100.0 * TOLERANCE:g} % of it, the accuracy of the searches, counts as "
+        "met, and the line says so. * our default"
     )
     return Table(columns, rows, caption, "table-specification", stacks=True, title=title)
 
 
 def input_rows(design: Design) -> list[dict[str, Any]]:
-    """The largest inputs of everything that was run, until the run diverged where it did: "what", "value", "joint",
-    "unit"."""
-    e, setup = design.evaluation, design.setup
-    joints, samples = setup.joints, e.step_samples
-    units, effort = [setup.model.unit(name) for name in setup.model.inputs], setup.limits.effort
+    """The largest inputs of every run, until it diverged where it did: "what", "value", "joint", "unit"."""
+    e, setup, samples = design.evaluation, design.setup, design.evaluation.step_samples
 
-    def row(what: str, values: np.ndarray) -> dict[str, Any]:
-        sizes = np.abs(np.asarray(values, dtype=float)).reshape(-1, len(joints)).max(axis=0)
-        worst = int(np.argmax(sizes / effort) if np.isfinite(effort).any() else np.argmax(sizes))
-        return {"what": what, "value": float(sizes[worst]), "joint": joints[worst], "unit": units[worst]}
+    def run(what: str, response: Response) -> tuple[str, np.ndarray]:
+        return what if response.diverged_at is None else f"{what} (until it diverged)", response.inputs
 
-    def run(what: str, response: Response) -> dict[str, Any]:
-        return row(what + ("" if response.diverged_at is None else " (until it diverged)"), response.inputs)
-
-    rows = [
-        row("equilibrium at the start", setup.equilibrium(design.start)[1]),
-        row("equilibrium at the goal", setup.equilibrium(design.goal)[1]),
+    runs = [
+        ("equilibrium at the start", setup.equilibrium(design.start)[1]),
+        ("equilibrium at the goal", setup.equilibrium(design.goal)[1]),
         run("step, nominal robot", e.step),
     ]
     if samples is not None and len(samples):
-        rows.append(row(f"step, worst of {len(samples)} sampled robots", samples.inputs))
-        if not np.isfinite(rows[-1]["value"]):
-            rows[-1]["joint"] = ""
+        runs.append((f"step, worst of {len(samples)} sampled robots", samples.inputs))
     if design.mujoco is not None:
-        rows.append(run("step on MuJoCo's plant", design.mujoco))
-    rows += [
-        run("planned move with feedforward", e.move.response),
-        run("load response: torques on the links", e.load_response.response),
-    ]
-    noise = e.input_noises
-    return rows if noise is None else [*rows, row("sensor noise in equilibrium (rms)", noise)]
+        runs.append(run("step on MuJoCo's plant", design.mujoco))
+    runs.append(run("planned move with feedforward", e.move.response))
+    runs.append(run("load response: torques on the links", e.load_response.response))
+    if e.input_noises is not None:
+        runs.append(("sensor noise in equilibrium (rms)", e.input_noises))
+    rows, effort = [], setup.limits.effort
+    for what, values in runs:
+        sizes = np.abs(np.asarray(values, dtype=float)).reshape(-1, len(setup.joints)).max(axis=0)
+        worst = int(np.argmax(sizes / effort) if np.isfinite(effort).any() else np.argmax(sizes))
+        joint, unit = setup.joints[worst], setup.model.unit(setup.model.inputs[worst])
+        value = float(sizes[worst])
+        rows.append(
+            {"what": what, "value": value, "joint": joint if np.isfinite(value) else "", "unit": unit}
+        )
+    return rows
 
 
-def input_table(design: Design) -> Table:
+def _input_table(design: Design) -> Table:
     """The largest input of every run, its joint, and its percentage of that joint's limit."""
-    limits, several, records = design.setup.limits, len(design.setup.joints) > 1, []
+    limits, records = design.setup.limits, []
     for row in input_rows(design):
         limit = float(limits.effort[limits.joints.index(row["joint"])]) if row["joint"] else np.inf
         known = np.isfinite(row["value"])
-        records.append(
-            {
-                **row,
-                "text": f"{number(row['value'], 3)} {row['unit']}" if known else "diverges",
-                "joint": row["joint"] or "–",
-                "percent": 100.0 * row["value"] / limit if known and np.isfinite(limit) else None,
-            }
-        )
+        text = f"{number(row['value'], 3)} {row['unit']}" if known else "diverges"
+        percent = 100.0 * row["value"] / limit if known and np.isfinite(limit) else None
+        records.append({**row, "text": text, "joint": row["joint"] or "–", "percent": percent})
     differ = len(set(limits.effort.tolist())) > 1
     columns = [
-        Column("in", key="what"),
-        Column("input nearest its limit" if differ else "largest input", key="text"),
-        *([Column("joint", key="joint")] if several else []),
+        Column("in", key="what"), Column("input nearest its limit" if differ else "largest input", key="text"),
+        *([Column("joint", key="joint")] if len(design.setup.joints) > 1 else []),
         *([Column("of its limit", "%", 1, key="percent", brief=None)] if limits.limits_effort else []),
-    ]
-    units = units_of(design.evaluation)
-    given = f"; the limit is {effort_text(limits.effort)} {units.effort}" if limits.limits_effort else ""
-    caption = f"Inputs of the motors{given}"
+    ]  # fmt: skip
+    caption = "Inputs of the motors"
+    if limits.limits_effort:
+        caption += f"; the limit is {effort_text(limits.effort)} {units_of(design.evaluation).effort}"
     return Table.of(columns, records, caption, "table-cost", title="Inputs of the motors")

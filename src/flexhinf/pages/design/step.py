@@ -3,8 +3,7 @@ robots sampled within their tolerances, with the controller as it was designed."
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -16,18 +15,21 @@ from flexhinf.design.result import Design
 from flexhinf.pages.drawing import (
     DASHED,
     ESTIMATORS,
+    Blocks,
     Panel,
     Units,
     changes_text,
     figure_block,
+    in_joint,
     joint_table,
     legend_above,
     limit_text,
     listed,
+    note,
     panels,
     reference_line,
     settling_text,
-    time_figure,
+    time_block,
     units_of,
 )
 from flexhinf.plant import Plant
@@ -54,31 +56,22 @@ from flexhinf.robot.kinematics import skeleton
 #: A peak input within so many samples of the start that is so much larger than all later ones is the estimator's.
 STARTING, MUCH = 20, 1.5
 
-#: What a robot may state and a true plant leaves out unless asked: how the parameter's name begins, and the extra.
+#: What a robot may state and a true plant leaves out by default: how the parameter's name begins, and the extra.
 STATED = {"inductance": "inductance", "damping": "joint_damping", "coulomb_friction": "coulomb_friction"}
 
 #: Parts of the way at which the arm is drawn.
 PARTS = (0.0, 0.25, 0.5, 0.75, 1.0)
 
-#: Inches that legend, titles and names of the axes take of the arm's height, and the numbers of the first panel of its
-#: width.
+#: Inches that legend, titles and names of the axes take of the arm's height, and numbers of its width.
 AROUND, LEFT = 1.25, 0.8
 
 #: Points closer together than this part of the robot's size lie in one plane.
 FLAT = 0.02
 
 
-def blocks(design: Design) -> list[Any]:
-    """What the step looks like, and its metrics for each joint."""
-    e = design.evaluation
-    arm = arm_of(e)
-    mujoco = [] if design.mujoco is None else [_mujoco_table(design, design.mujoco)]
-    return [_figure(e, units_of(e)), *([] if arm is None else [arm]), _table(e, units_of(e)), *mujoco]
-
-
-def remarks(design: Design) -> Iterator[str]:
-    """Numbers of the robot that have no effect, a step that diverges, an input peak that is the estimator's."""
-    e, extras = design.evaluation, design.specification.extras
+def step(design: Design) -> Blocks:
+    """What the step looks like, and its metrics for each joint; on MuJoCo's plant too."""
+    e, extras, units = design.evaluation, design.specification.extras, units_of(design.evaluation)
     names = tuple(parameter.name for parameter in design.robot.parameters if parameter.value)
     left = [
         extra
@@ -86,35 +79,64 @@ def remarks(design: Design) -> Iterator[str]:
         if extra not in extras and any(name.startswith(begins) for name in names)
     ]
     if left:
-        yield (
-            f"The robot states numbers of {listed(left).replace('_', ' ')} that the true plant of this report "
-            f"leaves out. `--extras {','.join(left)}` includes them."
-        )
+        what = f"numbers of {listed(left).replace('_', ' ')} that the true plant of this report leaves out"
+        yield note(f"The robot states {what}. `--extras {','.join(left)}` includes them.")
     if e.step.diverged_at is not None:
         when = number(e.step.diverged_at, 3)
-        yield f"The step diverges at {when} s. Start nearer to the goal, or change the weights."
-    if started := _estimator_start(e, units_of(e)):
-        yield started
-
-
-def _estimator_start(e: LawEvaluation, units: Units) -> str:
-    """A sentence where the peak input falls into the estimator's first samples."""
-    s, each = e.setup.specification, np.abs(e.step.inputs)
+        yield note(f"The step diverges at {when} s. Start nearer to the goal, or change the weights.")
+    each = np.abs(e.step.inputs)
     sizes = each.max(axis=1)
-    at = int(np.argmax(sizes))
-    joint = f" ({e.setup.joints[int(np.argmax(each[at]))]})" if each.shape[1] > 1 else ""
-    if s.estimator == "none" or not 0 < at < STARTING or len(sizes) <= STARTING:
-        return ""
-    later = float(sizes[STARTING:].max())
-    if sizes[at] < MUCH * later:
-        return ""
-    return (
-        f"The peak input of {number(float(sizes[at]), 3)} {units.effort}{joint} occurs "
-        f"{number(1e3 * at * s.period, 2)} ms after the start, while the gain of the "
-        "estimator is still settling and noise passes to the input. From "
-        f"{number(1e3 * STARTING * s.period, 3)} ms on the peak is {number(later, 3)} {units.effort}. "
-        "Let the estimator run before the law takes over."
+    at, s = int(np.argmax(sizes)), design.specification
+    if s.estimator != "none" and 0 < at < STARTING < len(sizes):
+        later = float(sizes[STARTING:].max())
+        if sizes[at] >= MUCH * later:
+            yield note(
+                f"The peak input of {number(float(sizes[at]), 3)} {units.effort}"
+                f"{in_joint(e.setup.joints[int(np.argmax(each[at]))], e.setup.joints)} occurs "
+                f"{number(1e3 * at * s.period, 2)} ms after the start, while the gain of the estimator is still "
+                f"settling. From {number(1e3 * STARTING * s.period, 3)} ms on the peak is {number(later, 3)} "
+                f"{units.effort}. Let the estimator run before the law takes over."
+            )
+    yield lambda: _step_figure(e, units)
+    yield lambda: arm_of(e)
+    last = float(e.step.run.time[-1])
+    rows = [
+        {
+            **row, "from": float(begin), "to": float(end),
+            "settling": settling_text(row["settling_time_s"], last) if "settling_time_s" in row else None,
+        }
+        for row, begin, end in zip(e.step.metrics, e.setup.start, e.setup.goal)
+    ]  # fmt: skip
+    overshoot = Column("overshoot", "%", 1, key="overshoot_percent")
+    error = Column("steady-state error", units.angle, key="steady_state_error", scale=units.scale)
+    peak = Column("peak input", units.effort, key="peak_input")
+    columns = (
+        Column("from", units.angle, key="from", scale=units.scale),
+        Column("to", units.angle, key="to", scale=units.scale),
+        overshoot,
+        Column("settling time", key="settling"),
+        error,
+        peak,
+        Column("input noise", units.effort, key="input_noise"),
     )
+    caption = (
+        "True link positions. Settling: to ±2 % of the joint's own step. Steady-state error: largest in the last tenth "
+        "of the run. Input noise: standard deviation there"
+    )
+    yield joint_table(columns, rows, caption, "table-step")
+    if design.mujoco is not None:
+        plants = {"ours": e.step, "MuJoCo's": design.mujoco}
+        rows = [{**row, "plant": plant} for plant, response in plants.items() for row in response.metrics]
+        columns = (
+            Column("plant", key="plant"),
+            Column("joint", key="joint"),
+            Column("overshoot", "%", key="overshoot_percent"),
+            Column("settling time", "s", 3, key="settling_time_s"),
+            error,
+            peak,
+        )
+        caption = f"The same controller and noise on MuJoCo's plant: {difference_text(design)}"
+        yield Table.of(columns, rows, caption, "table-mujoco")
 
 
 def step_text(response: Response, units: Units) -> str:
@@ -124,19 +146,19 @@ def step_text(response: Response, units: Units) -> str:
     overshoot, settling = response.overshoot, response.settling
     if not any("overshoot_percent" in row for row in response.metrics):
         return "No joint moves in this step."
-    several = len(response.joints) > 1
-    passed = f"overshoots by {number(overshoot.value, 2)} %{f' ({overshoot.joint})' if several else ''}"
     settles = f"settles in {number(settling.value, 3)} s"
     if not np.isfinite(settling.value):
         settles = f"does not settle within {number(float(response.run.time[-1]), 3)} s"
-    where = f" ({settling.joint})" if several else ""
-    return f"The step {settles}{where}, {passed} and needs at most {peak_text(response, units)}."
+    return (
+        f"The step {settles}{in_joint(settling.joint, response.joints)}, overshoots by {number(overshoot.value, 2)} %"
+        f"{in_joint(overshoot.joint, response.joints)} and needs at most {peak_text(response, units)}."
+    )
 
 
 def peak_text(response: Response, units: Units) -> str:
     """The largest input of a run, with its joint where there are several."""
-    text, several = f"{number(response.peak_input, 3)} {units.effort}", len(response.joints) > 1
-    return f"{text} ({response.peak.joint})" if several and response.diverged_at is None else text
+    joint = "" if response.diverged_at is not None else in_joint(response.peak.joint, response.joints)
+    return f"{number(response.peak_input, 3)} {units.effort}{joint}"
 
 
 def stiffness_of(plant: Plant, robot: Robot, rigid: float) -> np.ndarray:
@@ -147,7 +169,7 @@ def stiffness_of(plant: Plant, robot: Robot, rigid: float) -> np.ndarray:
 
 
 def spring_torques(e: LawEvaluation, response: Response) -> np.ndarray:
-    """Torques of the nominal springs along a run (N, n), N·m or N; none of a rigid joint: zero."""
+    """Torques of the nominal springs along a run (N, n), N·m or N; zero in a rigid joint."""
     q, _, theta, _ = np.split(e.setup.robot.layout.whole(response.run.signals["state"].T), 4)
     return stiffness_of(e.setup.model, e.setup.robot, 0.0) * (theta - q).T
 
@@ -163,7 +185,7 @@ def effort_limit(e: LawEvaluation) -> tuple[np.ndarray | None, str]:
     return limits.effort, f"{name} {limit_text(limits.effort)} {units_of(e).effort}"
 
 
-def _figure(e: LawEvaluation, units: Units) -> Figure:
+def _step_figure(e: LawEvaluation, units: Units) -> Figure:
     response, command, s = e.step, e.setup.command, e.setup.specification
     time, goal = response.run.time, response.goal
     planned = None if command is None else units.scale * (command(time) - goal)
@@ -177,75 +199,27 @@ def _figure(e: LawEvaluation, units: Units) -> Figure:
         Panel("spring torque", units.spring, spring_torques(e, response), least=0.0),
         Panel("input", units.effort, response.inputs, limits=limit, limit_name=name),
     )  # fmt: skip
-    fed = ESTIMATORS["none"]
+    fed = ESTIMATORS[s.estimator]
     if s.estimator != "none":
-        sensors = ", ".join(s.measured).replace("_", " ")
-        fed = f"with {ESTIMATORS[s.estimator]} on {sensors} and measurement noise"
+        fed = f"with {fed} on {', '.join(s.measured).replace('_', ' ')} and measurement noise"
     bound = "" if limit is None else f" ({name}, beyond the panel)"
     if shown[2].limit_sides:
         bound = f" (dashed: {name})"
-    return figure_block(
-        "step", time_figure(time, e.setup.joints, shown, 6.6)[0],
-        f"The step from the start pose to the goal in the nonlinear loop, {fed}"
-        f"{'' if command is None else f', its command {command.name}'}: link positions as distance "
-        f"from the goal (dotted), torques of the springs, and inputs as applied{bound}.",
-        "Step response",
-    )  # fmt: skip
-
-
-def _table(e: LawEvaluation, units: Units) -> Table:
-    last = float(e.step.run.time[-1])
-    rows = [
-        {
-            **row, "from": float(begin), "to": float(end),
-            "settling": settling_text(row["settling_time_s"], last) if "settling_time_s" in row else None,
-        }
-        for row, begin, end in zip(e.step.metrics, e.setup.start, e.setup.goal)
-    ]  # fmt: skip
-    columns = (
-        Column("joint", key="joint"),
-        Column("from", units.angle, key="from", scale=units.scale),
-        Column("to", units.angle, key="to", scale=units.scale),
-        Column("overshoot", "%", 1, key="overshoot_percent"),
-        Column("settling time", key="settling"),
-        Column("steady-state error", units.angle, key="steady_state_error", scale=units.scale),
-        Column("peak input", units.effort, key="peak_input"),
-        Column("input noise", units.effort, key="input_noise"),
-    )
     caption = (
-        "True link positions. Settling: to ±2 % of the joint's own step. Steady-state error: largest in the last tenth "
-        "of the run. Input noise: standard deviation there"
+        f"Nonlinear loop, {fed}{'' if command is None else f', its command {command.name}'}: link positions as "
+        f"distance from the goal (dotted), torques of the springs, and inputs as applied{bound}."
     )
-    return joint_table(Table.of(columns, rows, caption, "table-step"))
+    return time_block("step", time, e.setup.joints, shown, caption, "Step response", 6.6)
 
 
-def _mujoco_table(design: Design, theirs: Response) -> Table:
-    units = units_of(design.evaluation)
-    rows = [
-        {**row, "plant": plant}
-        for plant, response in (("ours", design.evaluation.step), ("MuJoCo's", theirs))
-        for row in response.metrics
-    ]
-    columns = (
-        Column("plant", key="plant"),
-        Column("joint", key="joint"),
-        Column("overshoot", "%", key="overshoot_percent"),
-        Column("settling time", "s", 3, key="settling_time_s"),
-        Column("steady-state error", units.angle, key="steady_state_error", scale=units.scale),
-        Column("peak input", units.effort, key="peak_input"),
-    )
-    caption = f"The same controller and noise on MuJoCo's plant: {difference_text(design, units)}"
-    return Table.of(columns, rows, caption, "table-mujoco")
-
-
-def difference_text(design: Design, units: Units) -> str:
+def difference_text(design: Design) -> str:
     """How far the run on MuJoCo's plant is from ours."""
-    ours, theirs = design.evaluation.step, design.mujoco
+    ours, theirs, units = design.evaluation.step, design.mujoco, units_of(design.evaluation)
     assert theirs is not None
     if theirs.diverged_at is not None or ours.diverged_at is not None:
         return "it diverges" if theirs.diverged_at is not None else "it does not diverge"
     apart = units.scale * np.abs(theirs.positions - ours.positions).max(axis=0)
-    where = f" ({ours.joints[int(np.argmax(apart))]})" if len(ours.joints) > 1 else ""
+    where = in_joint(ours.joints[int(np.argmax(apart))], ours.joints)
     return f"link positions differ by at most {number(float(apart.max()), 2)} {units.angle}{where}"
 
 
@@ -275,15 +249,8 @@ def instants(positions: np.ndarray, start: np.ndarray, goal: np.ndarray) -> list
 def arm_figure(
     robot: Robot, time: np.ndarray, links: np.ndarray, motors: np.ndarray, at: Sequence[int]
 ) -> Figure | None:
-    """Links and motors of a run at some samples; None for a robot whose links have no length.
-
-    Parameters
-    ----------
-    time : (N,)
-        s.
-    links, motors : (N, n)
-        Positions, the motors' seen from the link side.
-    """
+    """Links and motors (N, n) of a run at some samples, the motors as seen from the link side; None for a robot whose
+    links have no length."""
     poses = [(skeleton(robot, links[k]), skeleton(robot, motors[k])) for k in at]
     points = np.concatenate([line for pair in poses for lines in pair for line in lines])
     size = float(np.ptp(points, axis=0).max())
@@ -306,16 +273,13 @@ def arm_figure(
         axis.axhline(float(joints[0, 1]), color=MUTED, linewidth=0.6, zorder=0)
         axis.set_title(f"{number(float(time[at[k]]), 3)} s")
         axis.set_xlabel(f"{names[0]} (m)")
-        axis.set_xlim(low[0], high[0])
-        axis.set_ylim(low[1], high[1])
-        axis.set_aspect("equal")
+        axis.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
     legend_above(figure, axes[0], 3)
     label(axes[0], names[1], "m")
     return figure_block(
         "arm", figure,
-        "The arm at five instants of the step. The angle between a link and its motor is the twist of the spring; "
-        "motors are seen from the link side of their gears. A last link is drawn to twice the distance of its centre "
-        "of mass.",
+        "The angle between a link and its motor, seen from the link side of the gear, is the twist of the spring. A "
+        "last link is drawn to twice the distance of its centre of mass.",
         "The arm during the step",
     )  # fmt: skip
 
@@ -346,48 +310,40 @@ FEW = 15
 CLOSE = 0.12
 
 
-def draw_blocks(design: Design) -> list[Any]:
-    """Bands, histograms, table; none where no robot was sampled."""
-    e = design.evaluation
-    samples = e.step_samples
-    if samples is None or not len(samples):
-        return []
-    units = units_of(e)
-    figures = [*_bands(e, samples, units), *_histograms(e, samples, units)]
-    return [Paragraph(_draw_text(e, samples)), *figures, spread_table(e)]
-
-
-def draw_remarks(design: Design) -> Iterator[str]:
-    """Runs that diverge."""
-    samples = design.evaluation.step_samples
-    if samples is not None and samples.diverged:
-        yield (
-            f"{samples.diverged} of {len(samples)} robots within their tolerances diverge with this controller. "
+def samples(design: Design) -> Blocks:
+    """Bands, histograms and a table of the sampled robots; none where no robot was sampled."""
+    e, drawn = design.evaluation, design.evaluation.step_samples
+    if drawn is None or not len(drawn):
+        return
+    if drawn.diverged:
+        yield note(
+            f"{drawn.diverged} of {len(drawn)} robots within their tolerances diverge with this controller. "
             "--preset robust includes the tolerances in the synthesis."
         )
-
-
-def _draw_text(e: LawEvaluation, samples: MonteCarlo) -> str:
-    worst = {"Largest overshoot": samples.worst, "Slowest settling": samples.slowest}
-    if samples.worst == samples.slowest:
-        worst = {"Largest overshoot and slowest settling": samples.worst}
+    worst = {"Largest overshoot": drawn.worst, "Slowest settling": drawn.slowest}
+    if drawn.worst == drawn.slowest:
+        worst = {"Largest overshoot and slowest settling": drawn.worst}
     robot, extras = e.setup.robot, e.setup.specification.extras
     which = (
-        f" {what}: robot {k + 1} ({changes_text(samples.values[k], robot, extras)})."
+        f" {what}: robot {k + 1} ({changes_text(drawn.values[k], robot, extras)})."
         for what, k in worst.items()
     )
-    return (
-        f"{len(robot.uncertain)} parameters of the robot are sampled uniformly within their tolerances, {len(samples)} "
-        "times. Controller and estimator stay as designed for the nominal robot; every robot has its own measurement "
-        f"noise. A sample says nothing about the robots between.{''.join(which)}"
+    yield Paragraph(
+        f"{len(robot.uncertain)} parameters are sampled uniformly within their tolerances, {len(drawn)} times, each "
+        "with its own measurement noise. The controller stays as designed for the nominal robot. A sample says nothing "
+        f"about the robots between.{''.join(which)}"
     )
+    if np.isfinite(drawn.positions).all(axis=(1, 2)).any():
+        yield lambda: _bands(e, drawn)
+    if len(drawn) >= FEW and np.isfinite([drawn.overshoot, drawn.settling]).any():
+        yield lambda: _histograms(e, drawn)
+    yield spread_table(e)
 
 
-def _bands(e: LawEvaluation, samples: MonteCarlo, units: Units) -> list[Figure]:
+def _bands(e: LawEvaluation, samples: MonteCarlo) -> Figure:
+    units, names = units_of(e), e.setup.joints
     ended = np.flatnonzero(np.isfinite(samples.positions).all(axis=(1, 2)))
-    if not len(ended):
-        return []
-    away, names = units.scale * (samples.positions[ended] - e.setup.goal), e.setup.joints
+    away = units.scale * (samples.positions[ended] - e.setup.goal)
     steps = units.scale * np.abs(e.setup.goal - e.setup.start)
     spread = np.ptp(away, axis=0)  # of all robots, at each time and joint
     shown = sorted(np.argsort(-spread.max(axis=0))[:PANELS].tolist())
@@ -415,34 +371,27 @@ def _bands(e: LawEvaluation, samples: MonteCarlo, units: Units) -> list[Figure]:
         f"Link positions as distance from the goal{some}, of {len(ended)} sampled robots.{gone} Bottom: {closer}, "
         "with the band of ±2 % of the step."
     )
-    return [figure_block("draws", figure, caption, "Sampled robots")]
+    return figure_block("draws", figure, caption, "Sampled robots")
 
 
 def _metrics(e: LawEvaluation, samples: MonteCarlo) -> list[tuple[str, str, np.ndarray, float, str]]:
     """Name, unit, values of the robots, value of the nominal one, and joint of the worst."""
-    step, peak = e.step, int(np.argmax(samples.peak))
+    own, m, peak = e.step, samples, samples.peak_joints[int(np.argmax(samples.peak))]
     return [
-        ("overshoot", "%", samples.overshoot, step.overshoot.value, samples.overshoot_joints[samples.worst]),
-        (
-            "settling time",
-            "s",
-            samples.settling,
-            step.settling.value,
-            samples.settling_joints[samples.slowest],
-        ),
-        ("peak input", units_of(e).effort, samples.peak, step.peak_input, samples.peak_joints[peak]),
+        ("overshoot", "%", m.overshoot, own.overshoot.value, m.overshoot_joints[m.worst]),
+        ("settling time", "s", m.settling, own.settling.value, m.settling_joints[m.slowest]),
+        ("peak input", units_of(e).effort, m.peak, own.peak_input, peak),
     ]
 
 
-def _histograms(e: LawEvaluation, samples: MonteCarlo, units: Units) -> list[Figure]:
+def _histograms(e: LawEvaluation, samples: MonteCarlo) -> Figure:
     s, peaks = e.setup.specification, e.setup.limits.peak
-    metrics = _metrics(e, samples)
-    if len(samples) < FEW or not any(np.isfinite(values).any() for _, _, values, _, _ in metrics[:2]):
-        return []
     same = np.isfinite(peaks[0]) and len(set(peaks.tolist())) == 1
     limits, grains = (s.overshoot, None, float(peaks[0]) if same else None), (0.0, s.period, 0.0)
     figure, (axes,) = panels(1, 3, 2.5)
-    for axis, (name, unit, every, nominal, _), limit, grain in zip(axes, metrics, limits, grains):
+    for axis, (name, unit, every, nominal, _), limit, grain in zip(
+        axes, _metrics(e, samples), limits, grains
+    ):
         values = every[np.isfinite(every)]
         axis.set_xlabel(f"{name} ({unit})")
         label(axis, "robots", "")
@@ -455,17 +404,14 @@ def _histograms(e: LawEvaluation, samples: MonteCarlo, units: Units) -> list[Fig
         if limit is not None and float(values.max()) > 0.5 * limit:
             axis.axvline(limit, color=INK, linewidth=1.0, dashes=DASHED)
     caption = (
-        "How many robots have which overshoot, settling time and peak input (the worst joint of each). The orange "
-        "line is the nominal robot, the dashed one a limit that is near or exceeded."
+        "Worst joint of each robot. Orange: the nominal robot. Dashed: a limit that is near or exceeded."
     )
-    return [figure_block("spread", figure, caption, "Spread of the sampled robots")]
+    return figure_block("spread", figure, caption, "Spread of the sampled robots")
 
 
 def histogram_bins(values: np.ndarray, grain: float) -> np.ndarray:
-    """Edges of bins over values; where these are multiples of a grain, such as the period, so is the bins' width.
-
-    Bins that are not would hold now more, now fewer of the possible values, and look like a comb.
-    """
+    """Edges of bins over values; where these are multiples of a grain, such as the period, so is the bins' width: other
+    bins would hold now more, now fewer of the possible values, and look like a comb."""
     count = min(20, max(5, len(values) // 5))
     if not grain:
         return np.histogram_bin_edges(values, count)
@@ -476,9 +422,8 @@ def histogram_bins(values: np.ndarray, grain: float) -> np.ndarray:
 
 def spread_table(e: LawEvaluation) -> Table:
     """Nominal robot, median, 95th percentile and worst of the samples, with the joint of the worst."""
-    samples, several = e.step_samples, len(e.setup.joints) > 1
+    samples, several, rows = e.step_samples, len(e.setup.joints) > 1, []
     assert samples is not None
-    rows = []
     for name, unit, values, nominal, joint in _metrics(e, samples):
         quantiles = (float(np.quantile(values, q, method="higher")) for q in (0.5, 0.95, 1.0))
         cells = ("never" if np.isinf(value) else number(value, 3) for value in (nominal, *quantiles))

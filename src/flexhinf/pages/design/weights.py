@@ -14,6 +14,7 @@ from flexhinf.design.synthesis.noise import MOST_NOISE, NoiseCandidate, NoiseSea
 from flexhinf.design.synthesis.whole_loop import NOISE, WholeLoopSearch
 from flexhinf.pages.drawing import (
     DASHED,
+    Blocks,
     count_text,
     figure_block,
     finite,
@@ -25,7 +26,7 @@ from flexhinf.pages.drawing import (
     vertical_line,
 )
 from flexhinf.plant import GeneralisedPlant
-from flexhinf.report import INK, SERIES, Column, Figure, Paragraph, Table, label, number
+from flexhinf.report import INK, SERIES, Column, Figure, Paragraph, Table, number
 from flexhinf.robot.signals import signal_names
 
 PRESETS = {
@@ -36,6 +37,9 @@ PRESETS = {
     "tolerances of the robot, with the true state fed back",
     "given": "Weights as given",
 }
+
+#: Disturbances of a problem: how their names begin.
+KINDS = {"link_position": "the command", "link_torque": "link torque", "motor_torque": "motor torque"}
 
 #: Candidates of the trade-off of noise levels in a table, beside the default and the one that is used.
 ROWS = 6
@@ -49,68 +53,63 @@ class Weight(NamedTuple):
     unit: str
 
 
-def blocks(design: Design) -> list[Any]:
+def weights(design: Design) -> Blocks:
     """Preset, search and weights; with the preset robust what its channels cover and cost."""
-    problem = design.design_problem
-    names = design.problem.disturbance_names
-    kinds = {"link_position": "the command", "link_torque": "link torque", "motor_torque": "motor torque"}
-    disturbances = [text for kind, text in kinds.items() if any(name.startswith(kind) for name in names)]
+    problem, names = design.design_problem, design.problem.disturbance_names
+    kinds = [text for kind, text in KINDS.items() if any(name.startswith(kind) for name in names)]
     which = " of this problem, with the channels of the tolerances" if problem.robustness is not None else ""
-    preset = (
+    yield Paragraph(
         f"{PRESETS[problem.preset]} ({problem.source}). Disturbances of the problem: "
-        f"{', '.join(disturbances) or f'{len(names)} signals'}. "
-        f"The smallest level γ*{which} is {number(problem.gamma_star)}, from its linear part; the law is solved for "
-        f"γ = {problem.gamma / problem.gamma_star:g} γ* = {number(problem.gamma)}."
+        f"{', '.join(kinds) or f'{len(names)} signals'}. The smallest level γ*{which} is {number(problem.gamma_star)}, "
+        f"from its linear part; the law is solved for γ = {problem.gamma / problem.gamma_star:g} γ* = "
+        f"{number(problem.gamma)}."
     )
-    search = [] if problem.search is None else _search_blocks(design)
-    robust = (
-        []
-        if problem.robustness is None
-        else [robust_table(design), Paragraph(_robust_text(problem.robustness))]
-    )
-    return [Paragraph(preset), *search, *whole_loop_blocks(design), *robust, *_weight_blocks(design)]
+    if problem.search is not None:
+        yield from _search(design)
+    yield from whole_loop(design)
+    if problem.robustness is not None:
+        yield robust_table(problem.robustness)
+        yield Paragraph(_robust_text(problem.robustness))
+    yield from _weight_table(design)
 
 
 # The search for bandwidth and damping -------------------------------------------------------------------
-def _search_blocks(design: Design) -> list[Any]:
+def _search(design: Design) -> Blocks:
     target, search = design.design_problem.target, design.design_problem.search
     assert target is not None
     assert search is not None
-    text = (
-        "R2 is fixed. Each joint has a target frequency ω, and all vibrations share one damping weight ζ. For each ζ "
-        f"the target frequencies are moved until every joint has its bandwidth of {range_text(target.bandwidth)} "
-        f"rad/s; ζ grows from 0 until every oscillation has a damping ratio of {target.damping:g}, and is then "
-        f"bisected to the smallest value that gives it. The search evaluated "
-        f"{count_text(len(search.candidates), 'candidate')} on the linear part "
-        "with the true state fed back. Each is judged by its worst over the nominal robot and "
-        "corners of its tolerances, so the nominal robot gets more damping than the target."
+    yield Paragraph(
+        "R2 is fixed. For each damping weight ζ of all vibrations the target frequency ω of every joint is moved until "
+        f"it has its bandwidth of {range_text(target.bandwidth)} rad/s; ζ is the smallest with which every oscillation "
+        f"has a damping ratio of {target.damping:g}. The search evaluated "
+        f"{count_text(len(search.candidates), 'candidate')} on the linear part with the true state fed back, each by "
+        "its worst over the nominal robot and corners of its tolerances."
     )
-    candidates = sorted(search.candidates, key=lambda c: c.damping_weight)
-    weight = np.array([c.damping_weight for c in candidates])
-    curves = (
-        ("worst of the tolerances", [c.behaviour.damping for c in candidates], SERIES[1]),
-        ("nominal robot", [c.behaviour.nominal_damping for c in candidates], SERIES[0]),
-    )
-    figure, ((left, right),) = panels(1, 2, 3.2)
-    dots: dict[str, Any] = {"markersize": 3.5, "linewidth": 1.2}
-    for name, values, colour in curves:
-        seen = np.where(np.isfinite(values), values, np.nan)
-        left.plot(weight, seen, "o-", color=colour, label=name, **dots)
-    left.axhline(target.damping, color=INK, linewidth=1.0, dashes=DASHED, label="target")
-    right.plot(weight, [c.design.gamma_star for c in candidates], "o-", color=SERIES[0], **dots)
-    for axis, quantity in ((left, "smallest damping ratio"), (right, "γ*")):
-        vertical_line(axis, search.chosen.damping_weight)
-        axis.set_xlabel("largest damping weight ζ")
-        label(axis, quantity, "")
-    left.set_ylim(bottom=0.0)
-    legend_above(figure, left, 3)
-    drawn = figure_block(
-        "search", figure,
-        "Candidates at the required bandwidth: the smallest damping ratio of an oscillation, and γ*, over the largest "
-        "damping weight ζ. The dotted line is the ζ that is used.",
-        "Search for the weights",
-    )  # fmt: skip
-    return [Paragraph(text), drawn, candidate_table(design)]
+
+    def figure() -> Figure:
+        candidates = sorted(search.candidates, key=lambda c: c.damping_weight)
+        weight = [c.damping_weight for c in candidates]
+        canvas, ((left, right),) = panels(1, 2, 3.2)
+        dots: dict[str, Any] = {"markersize": 3.5, "linewidth": 1.2}
+        for name, values, colour in (
+            ("worst of the tolerances", [c.behaviour.damping for c in candidates], SERIES[1]),
+            ("nominal robot", [c.behaviour.nominal_damping for c in candidates], SERIES[0]),
+        ):
+            left.plot(
+                weight, np.where(np.isfinite(values), values, np.nan), "o-", color=colour, label=name, **dots
+            )
+        left.axhline(target.damping, color=INK, linewidth=1.0, dashes=DASHED, label="target")
+        right.plot(weight, [c.design.gamma_star for c in candidates], "o-", color=SERIES[0], **dots)
+        for axis, quantity in ((left, "smallest damping ratio"), (right, "γ*")):
+            vertical_line(axis, search.chosen.damping_weight)
+            axis.set(xlabel="largest damping weight ζ", ylabel=quantity)
+        left.set_ylim(bottom=0.0)
+        legend_above(canvas, left, 3)
+        caption = "Candidates at the required bandwidth. The dotted line is the ζ that is used."
+        return figure_block("search", canvas, caption, "Search for the weights")
+
+    yield figure
+    yield candidate_table(design)
 
 
 def candidate_table(design: Design) -> Table:
@@ -130,47 +129,45 @@ def candidate_table(design: Design) -> Table:
     ]  # fmt: skip
     columns = (
         Column("largest damping weight ζ", "", 3, brief="weight ζ"),
-        Column("target frequency ω", "rad/s", brief="target ω, rad/s"),
-        Column("bandwidth", "rad/s"),
+        Column("target frequency ω", "rad/s", brief="target ω, rad/s"), Column("bandwidth", "rad/s"),
         Column("damping, worst robot", "", 3, brief="damping: worst"),
-        Column("damping, nominal robot", "", 3, brief="nominal"),
-        "γ*",
-        "",
-    )
+        Column("damping, nominal robot", "", 3, brief="nominal"), "γ*", "",
+    )  # fmt: skip
     count = f"{len(rows)} of {count_text(len(candidates), 'candidate')}"
-    title = f"Search for the weights: {count}"
-    return Table(columns, rows, f"{count}, by ζ; design.json has all", "table-tries", title=title)
+    caption = f"{count}, by ζ; design.json has all"
+    return Table(columns, rows, caption, "table-tries", title=f"Search for the weights: {count}")
 
 
 # The tolerances -----------------------------------------------------------------------------------------
-def whole_loop_blocks(design: Design) -> list[Any]:
+def whole_loop(design: Design) -> Blocks:
     """What the preset robust searched for on the running loop, and what came of it; nothing with other presets."""
     found = design.synthesis.robust
     if found is None:
-        return []
+        return
     text = (
         f"From the preset damped, {count_text(found.count, 'loop')} with other weights, noise levels and channels of "
-        "the tolerances were tried, with the estimator, for the largest factor of all tolerances up to which no corner "
-        "of them is unstable; with no more overshoot at the corners than with damped, the same limits of the running "
-        f"loop, and at most {NOISE:g} times the noise at each motor. "
+        "the tolerances were tried for the largest factor of all tolerances up to which no corner is unstable, with no "
+        f"more overshoot at the corners, the same limits, and at most {NOISE:g} times the noise at each motor. "
     )
     if found.better:
         text += (
             f"Of those of damped the target frequencies were multiplied by {number(found.frequency, 3)}, ζ by "
             f"{number(found.damping, 3)}, the noise levels of the links by {number(found.links, 3)} and of the motors "
             f"by {number(found.motors, 3)}. "
-            + (f"First unstable: {found.corner}." if found.corner else "No corner became unstable.")
         )
+        text += f"First unstable: {found.corner}." if found.corner else "No corner became unstable."
     else:
         text += "None was better, so the design is that of the preset damped."
+    yield Paragraph(text)
     volts = design.setup.model.unit(design.setup.model.inputs[0])
     rows = [
         (what, number(damped, 3), number(robust, 3), volts if unit == "input" else unit)
         for what, unit, damped, robust in whole_loop_rows(found)
     ]
     columns = ("running loop", "preset damped", "preset robust", "unit")
-    caption = "What the search for the tolerances gained, and what it cost"
-    return [Paragraph(text), Table(columns, rows, caption, "table-whole-loop")]
+    yield Table(
+        columns, rows, "What the search for the tolerances gained, and what it cost", "table-whole-loop"
+    )
 
 
 def whole_loop_rows(found: WholeLoopSearch) -> list[tuple[str, str, float, float]]:
@@ -186,17 +183,13 @@ def whole_loop_rows(found: WholeLoopSearch) -> list[tuple[str, str, float, float
     ]
 
 
-def robust_table(design: Design) -> Table:
+def robust_table(r: Robustness) -> Table:
     """Levels without the channels of the tolerances, and with them."""
-    r = design.design_problem.robustness
-    assert r is not None
-    rows = [
-        (what, plain, robust, 100.0 * (robust / plain - 1.0))
-        for what, plain, robust in (
-            ("γ* of the problem", r.nominal_gamma_star, r.gamma_star),
-            ("level that the nominal robot attains", r.nominal_gain, r.robust_gain),
-        )
-    ]
+    levels = {
+        "γ* of the problem": (r.nominal_gamma_star, r.gamma_star),
+        "level that the nominal robot attains": (r.nominal_gain, r.robust_gain),
+    }
+    rows = [(what, plain, robust, 100.0 * (robust / plain - 1.0)) for what, (plain, robust) in levels.items()]
     columns = (
         "", Column("without tolerances", brief="without"), Column("with tolerances", brief="with"),
         Column("cost", "%", 1),
@@ -204,8 +197,9 @@ def robust_table(design: Design) -> Table:
     title = (
         f"Cost of the tolerances: {r.channels} channels, {100.0 * r.fraction:.3g} % of the tolerances covered"
     )
-    caption = "What covering the tolerances costs (linear part)"
-    return Table(columns, rows, caption, "table-robust", title=title)
+    return Table(
+        columns, rows, "What covering the tolerances costs (linear part)", "table-robust", title=title
+    )
 
 
 def _robust_text(r: Robustness) -> str:
@@ -225,15 +219,12 @@ def _robust_text(r: Robustness) -> str:
     if r.fraction < 1.0:
         covered = f"{number(100.0 * r.fraction, 3)} % of them, as was best for the running loop"
         beyond = ", and nothing follows from them for robots beyond that fraction"
-    scalings = ", ".join(
-        f"{group.replace('_', ' ')} {range_text(ends)}" for group, ends in sorted(r.scalings.items())
-    )
+    scalings = (f"{group.replace('_', ' ')} {range_text(ends)}" for group, ends in sorted(r.scalings.items()))
     return (
         f"{r.channels} channels stand for the tolerances, and the problem has a solution for {covered}{beyond}. The "
-        "channels are linear in each tolerance: the level holds on the linear part, with the true state fed back, for "
-        "robots that such channels describe. Products of tolerances (for example mass times length) change a robot by "
-        f"more than its channels:{products} Scalings s of the channels, each seen s times and "
-        f"acting 1/s times as strongly: {scalings}."
+        "channels are linear in each tolerance: the level holds on the linear part, with the true state fed back. "
+        f"Products of tolerances change a robot by more than its channels:{products} Scalings s of the channels, each "
+        f"seen s times and acting 1/s times as strongly: {', '.join(scalings)}."
     )
 
 
@@ -246,8 +237,11 @@ def state_weights(problem: GeneralisedPlant, joints: Sequence[str]) -> list[Weig
     named = [] if given is None else list(zip(problem.state_names, np.asarray(given, dtype=float)))
     for group, attribute in (("joint_torque", "torques"), ("joint_torque_rate", "rates")):
         named += zip(signal_names(group, joints), getattr(states, attribute, ()) if coded else ())
-    unit = problem.plant.unit
-    return [Weight(name, float(weight), _inverse(unit(name))) for name, weight in named if weight]
+
+    def inverse(unit: str) -> str:
+        return f"1/({unit})" if "·" in unit or "/" in unit else f"1/{unit}" if unit else ""
+
+    return [Weight(name, float(value), inverse(problem.plant.unit(name))) for name, value in named if value]
 
 
 def effort_unit(problem: GeneralisedPlant) -> str:
@@ -256,13 +250,7 @@ def effort_unit(problem: GeneralisedPlant) -> str:
     return " or ".join(f"({unit})⁻²" if "·" in unit else f"{unit}⁻²" for unit in units)
 
 
-def _inverse(unit: str) -> str:
-    if not unit:
-        return ""
-    return f"1/({unit})" if "·" in unit or "/" in unit else f"1/{unit}"
-
-
-def _weight_blocks(design: Design) -> list[Any]:
+def _weight_table(design: Design) -> Blocks:
     joints, rows = design.robot.joint_names, dict[str, dict[str, Weight]]()
     effort = np.asarray(design.problem.r2, dtype=float)
     diagonal = np.diagonal(effort) if effort.ndim == 2 else np.atleast_1d(effort)
@@ -275,26 +263,23 @@ def _weight_blocks(design: Design) -> list[Any]:
         signal = weight.signal if alone else weight.signal.replace(f"_{joint}", "", 1)
         rows.setdefault(signal.replace("_", " "), {})[joints[0] if alone else joint] = weight
     if not rows:
-        return [Paragraph(f"The penalty of the states is code. {price}")]
-    cells = [
-        (
-            signal,
-            *(number(by[joint].value) if joint in by else "–" for joint in joints),
-            " or ".join(dict.fromkeys(weight.unit for weight in by.values())),
-        )
-        for signal, by in rows.items()
-    ]
+        yield Paragraph(f"The penalty of the states is code. {price}")
+        return
+    cells = []
+    for signal, by in rows.items():
+        values = (number(by[joint].value) if joint in by else "–" for joint in joints)
+        cells.append((signal, *values, " or ".join(dict.fromkeys(weight.unit for weight in by.values()))))
     columns = ("weight of", *(joints if len(joints) > 1 else ["value"]), "unit")
-    caption = "Weights: h(x) has one entry for each"
-    return [Table(columns, cells, caption, "table-weights"), Paragraph(price)]
+    yield Table(columns, cells, "Weights: h(x) has one entry for each", "table-weights")
+    yield Paragraph(price)
 
 
 # Noise levels of the estimator --------------------------------------------------------------------------
-def noise_blocks(design: Design) -> list[Any]:
+def noise_levels(design: Design) -> Blocks:
     """Levels in use, the trade-off as a curve and a table; none without an estimator."""
     if design.specification.estimator == "none":
-        return []
-    noise, search = design.setup.process_noise, design.noise_search
+        return
+    noise, search, joints = design.setup.process_noise, design.noise_search, design.robot.joint_names
     levels = {
         "every state": noise.all_states,
         "link velocities": noise.link_velocities,
@@ -302,24 +287,28 @@ def noise_blocks(design: Design) -> list[Any]:
     }
     used = [f"{range_text(np.ravel(v), 2)} on {where}" for where, v in levels.items() if np.any(v)]
     text = (
-        "Rᵛ, the variance of the process noise per sample that the estimator assumes: "
-        f"{', '.join(used) or '0'} ({noise.source}). Rⁿ "
-        f"of a measured position: {number(design.specification.measurement_noise, 3)}. Rᵛ is a parameter of the "
-        "design: a vibration that the estimator takes for undisturbed rings in its error, so larger levels damp the "
-        "running loop, and give it margins back; they cost noise at the motors."
+        f"Rᵛ, the variance of the process noise per sample that the estimator assumes: {', '.join(used) or '0'} "
+        f"({noise.source}). Rⁿ of a measured position: {number(design.specification.measurement_noise, 3)}. A "
+        "vibration that the estimator takes for undisturbed rings in its error, so a larger Rᵛ damps the running loop, "
+        "and gives it margins back; it costs noise at the motors."
     )
     if search is None:
-        return [Paragraph(text)]
-    text = (
-        f"{text} {_outcome(search, robust=bool(design.synthesis.robust and design.synthesis.robust.better))}"
-    )
-    found = [
-        Paragraph(text),
-        _noise_figure(design, search),
-        noise_table(design),
-        *_hardly_seen(design, search),
-    ]
-    return [*found, _noise_by_joint(design, search)] if len(design.robot.joint_names) > 1 else found
+        yield Paragraph(text)
+        return
+    robust = design.synthesis.robust is not None and design.synthesis.robust.better
+    yield Paragraph(f"{text} {_outcome(search, robust)}")
+    yield lambda: _noise_figure(design, search)
+    yield noise_table(design)
+    yield from _hardly_seen(design, search)
+    if len(joints) > 1:
+        by_joint = (search.chosen.levels.link_velocities, search.chosen.levels.motor_velocities)
+        links, motors = (np.broadcast_to(level, len(joints)).tolist() for level in by_joint)
+        columns = (
+            "joint", Column("Rᵛ, link velocity", digits=2), Column("Rᵛ, motor velocity", digits=2),
+            Column("noise at the motor (rms)", design.setup.model.unit(design.setup.model.inputs[0])),
+        )  # fmt: skip
+        rows = list(zip(joints, links, motors, search.chosen.noises.tolist(), strict=True))
+        yield Table(columns, rows, "The levels that are used, joint by joint", "table-noise-levels")
 
 
 def _outcome(search: NoiseSearch, robust: bool) -> str:
@@ -347,26 +336,22 @@ def _outcome(search: NoiseSearch, robust: bool) -> str:
     )
 
 
-def _hardly_seen(design: Design, search: NoiseSearch) -> list[Any]:
+def _hardly_seen(design: Design, search: NoiseSearch) -> Blocks:
     """Why more is not possible with the motors' positions alone, where the damping is missed with them."""
     setup = design.setup
-    if (
-        any(not name.startswith("motor") for name in setup.model.outputs)
-        or "damping" not in search.chosen.missed
-    ):
-        return []
+    sees_links = any(not name.startswith("motor") for name in setup.model.outputs)
+    if sees_links or "damping" not in search.chosen.missed:
+        return
     scales = JointScales.of(setup.model, setup.goal_equilibrium)
     part = scales.link_inertia / (scales.link_inertia + scales.motor_inertia)
     worst = int(np.argmin(part))
     zero = np.sqrt(scales.stiffness[worst] / scales.link_inertia[worst]) / (2.0 * np.pi)
-    text = (
+    yield Paragraph(
         "Only the motors are measured. Of a vibration their positions show the part M/(M + J) of the twist, "
-        f"{part[worst]:.2g} in joint {setup.joints[worst]}, and where the link swings on its spring while the motor "
-        f"stands still ({zero:.3g} Hz there) they show nothing of what the motor does. Near that zero the error of any "
-        "estimator stays undamped unless the link is taken to be strongly disturbed, which amplifies the noise of the "
-        "sensors. More damping takes a sensor of the link or of the joint's torque, or a less noisy one."
+        f"{part[worst]:.2g} in joint {setup.joints[worst]}, and nothing where the link swings while the motor stands "
+        f"still ({zero:.3g} Hz there): near that zero the error of any estimator stays undamped unless noise is "
+        "amplified. More damping takes a sensor of the link or of the joint's torque, or a less noisy one."
     )
-    return [Paragraph(text)]
 
 
 def is_used(search: NoiseSearch, candidate: NoiseCandidate) -> bool:
@@ -411,23 +396,26 @@ def _noise_figure(design: Design, search: NoiseSearch) -> Figure:
                 axis.plot(one.noises[joint], getattr(one, name), mark, markersize=size, mfc="none", mec=color)
         axis.set_ylim(bottom=0.0)
         frequency_axis(axis)
-        axis.set_xlabel(f"noise at the motor, rms ({unit})")
-        label(axis, text, "")
+        axis.set(xlabel=f"noise at the motor, rms ({unit})", ylabel=text)
     target = design.design_problem.target
     if target is not None:
         required = required_damping(design.specification, target)
         left.axhline(required, color=INK, linewidth=1.0, dashes=DASHED)
     if len(design.robot.joint_names) > 1:
         legend_above(figure, left, 7)
-    return figure_block(
-        "noise-trade-off", figure,
-        f"What noise at the motors buys. Of {search.count} choices of Rᵛ with a stable loop, dots are those that "
-        "no other one betters in noise, damping and compliance at once, one dot for each motor; squares: used"
-        f"{', diamonds: the default levels' if len(marks) > 1 else ' (the default levels)'}. "
-        "A choice to the left of the squares breaks another limit (see the table), or yields more to a load."
-        f"{'' if target is None else ' The dashed line is the damping that is required.'}",
-        "Noise at the motors against damping and load stiffness",
-    )  # fmt: skip
+    used = (
+        "squares: used, diamonds: the default levels"
+        if len(marks) > 1
+        else "squares: used (the default levels)"
+    )
+    caption = (
+        f"Of {search.count} choices of Rᵛ with a stable loop, dots are those that no other one betters in noise, "
+        f"damping and compliance at once, one dot for each motor; {used}. A choice to the left of the squares breaks "
+        "another limit (see the table), or yields more to a "
+        f"load.{'' if target is None else ' Dashed: the damping that is required.'}"
+    )
+    title = "Noise at the motors against damping and load stiffness"
+    return figure_block("noise-trade-off", figure, caption, title)
 
 
 def noise_table(design: Design) -> Table:
@@ -448,26 +436,6 @@ def noise_table(design: Design) -> Table:
         Column("gain margin", "", 2, brief="gain"),
         Column("limits missed, or used", brief="missed"),
     )
-    count = f"{len(rows)} of {search.count}"
-    return Table(
-        columns, rows,
-        f"{count} choices of Rᵛ: the default, the one used, and some of the dots", "table-noise-search", True,
-        f"Noise levels of the estimator: {len(rows)} of {count_text(search.count, 'candidate')}",
-    )  # fmt: skip
-
-
-def _noise_by_joint(design: Design, search: NoiseSearch) -> Table:
-    joints, levels = design.robot.joint_names, search.chosen.levels
-    links, motors = (
-        np.broadcast_to(level, len(joints)).tolist()
-        for level in (levels.link_velocities, levels.motor_velocities)
-    )
-    unit = design.setup.model.unit(design.setup.model.inputs[0])
-    columns = (
-        "joint",
-        Column("Rᵛ, link velocity", digits=2),
-        Column("Rᵛ, motor velocity", digits=2),
-        Column("noise at the motor (rms)", unit),
-    )
-    rows = list(zip(joints, links, motors, search.chosen.noises.tolist(), strict=True))
-    return Table(columns, rows, "The levels that are used, joint by joint", "table-noise-levels")
+    caption = f"{len(rows)} of {search.count} choices of Rᵛ: the default, the one used, and some of the dots"
+    title = f"Noise levels of the estimator: {len(rows)} of {count_text(search.count, 'candidate')}"
+    return Table(columns, rows, caption, "table-noise-search", True, title)

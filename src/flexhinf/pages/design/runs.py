@@ -1,0 +1,516 @@
+"""Runs beside the step: torques on the links, payloads that the model does not know, impulses, the planned move with
+the margins along it, and a long run at rest with dry friction."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from flexhinf.analysis import Margins
+from flexhinf.design.along_move import MOST_LAWS, AlongMove
+from flexhinf.design.evaluation import LawEvaluation
+from flexhinf.design.impulse import AFTER, ImpulseRuns
+from flexhinf.design.limit_cycle import WIDEST, LimitCycleCheck
+from flexhinf.design.payload import PayloadEvaluation, payload_requirements
+from flexhinf.design.problem.presets import preset_of
+from flexhinf.design.responses import LoadResponse, Response
+from flexhinf.design.result import Design
+from flexhinf.design.specification import RINGS
+from flexhinf.loop.simulation.metrics import REST_TAIL, tail_of
+from flexhinf.loop.simulation.ring_down import VISIBLE
+from flexhinf.pages.design.step import effort_limit, peak_text, stiffness_of
+from flexhinf.pages.drawing import (
+    DASHED,
+    Blocks,
+    Panel,
+    figure_block,
+    finite,
+    in_joint,
+    joint_table,
+    listed,
+    note,
+    pose_text,
+    reference_line,
+    time_block,
+    time_figure,
+    units_of,
+)
+from flexhinf.report import MUTED, SERIES, Column, Figure, Paragraph, Table, label, new_figure, number
+from flexhinf.robot.elastic import DRY
+
+#: Margins along a move, and what they are called.
+MARGINS = {
+    "damping": "smallest damping ratio",
+    "peak_sensitivity": "peak sensitivity",
+    "gain_margin": "gain margin",
+}
+
+#: Pieces of the run at rest in the figure: of each the extremes are drawn, so that no vibration is lost.
+PIECES = 400
+
+#: An oscillation of at least this fraction of the limit has its frequency in the table.
+SEEN = 0.5
+
+#: The figure of the ring-down ends after so many periods of the least damped oscillation.
+SHOWN = 8.0
+
+
+# Torques on the links ------------------------------------------------------------------------------------
+def load(design: Design) -> Blocks:
+    """Figure and table of constant torques on the links at the goal."""
+    e, run, units = design.evaluation, design.evaluation.load_response, units_of(design.evaluation)
+    slow = [row["joint"] for row in run.metrics if row["recovery_time_s"] is None]
+    if run.response.diverged_at is not None:
+        yield note("With torques on the links the loop diverges. Try a smaller `--load`.")
+    elif slow:
+        away = (
+            f"{' and '.join(slow)} {'is' if len(slow) == 1 else 'are'} still more than 2 % of the step away"
+        )
+        yield note(f"With constant torques on the links, {away} from the goal at the end of the load run.")
+    caption = f"From {run.at:g} s on (dotted) constant torques, unknown to law and estimator, act on all links at once."
+    yield lambda: _load_figure(e, run, "load", caption, "Torques on the links")
+    unit, scale = units.small
+    rows = [
+        {**row, "twist": abs(row["load"]) / float(k)}
+        for row, k in zip(run.metrics, stiffness_of(e.setup.model, e.setup.robot, np.inf))
+    ]
+    columns = (
+        Column("torque on the link", units.load, key="load"),
+        Column("twist of its spring", unit, key="twist", scale=scale),
+        Column("largest deviation", unit, key="peak_deviation", scale=scale),
+        Column("recovered after", "s", 3, key="recovery_time_s"),
+        Column("remaining deviation", unit, key="remaining_error", scale=scale),
+    )
+    how = (
+        "Twist: under this torque alone. Recovered: within 2 % of the joint's step from start to goal from then on. "
+        "Remaining: largest in the last tenth of the time under load"
+    )
+    yield joint_table(columns, rows, how, "table-load")
+
+
+def _load_figure(e: LawEvaluation, loaded: LoadResponse, name: str, caption: str, title: str) -> Figure:
+    units, response, (limits, limit_name) = units_of(e), loaded.response, effort_limit(e)
+    unit, scale = units.small
+    panels = (
+        Panel("link position − goal", unit, scale * (response.positions - response.goal), zero=True),
+        Panel("input", units.effort, response.inputs, limits=limits, limit_name=limit_name),
+    )
+    return time_block(name, response.run.time, response.joints, panels, caption, title, mark=loaded.at)
+
+
+# Payloads ------------------------------------------------------------------------------------------------
+def payload(design: Design) -> Blocks:
+    """What the robot carries, the heaviest payload as it is gripped, and a table; none without a range of masses."""
+    if not design.payloads:
+        return
+    yield from _payload_notes(design)
+    heaviest, masses = (
+        design.payloads[-1],
+        [p for p in design.robot.uncertain if p.name.startswith("payload_mass")],
+    )
+    ranges = ", ".join(
+        f"{p.name.removeprefix('payload_mass').strip('_') or 'the link'}: {p.interval[0]:g} to {p.interval[1]:g} kg, "
+        f"{p.value:g} kg in the model"
+        for p in masses
+    )
+    text = f"Payload on {ranges}. Law and estimator know the model's mass alone; integral action compensates the rest."
+    if (weighed := heaviest.weighed) is not None:
+        found, hidden = (
+            [f"{number(mass, 3)} kg" for mass in weighed.masses.values()],
+            max(weighed.hidden.values()),
+        )
+        friction = f", of which dry friction may hide {number(hidden, 2)} kg" if hidden > 0.0 else ""
+        text += (
+            f" At rest the motor torques correspond to {', '.join(found)} for the heaviest{friction}. "
+            "flexhinf.robot.weigh_payload weighs, and a design for that mass is one more call."
+        )
+    yield Paragraph(text)
+    e, grip = design.evaluation, heaviest.load_step
+    if grip is not None:
+        caption = (
+            f"At the goal the robot grips {number(heaviest.mass, 3)} kg at {grip.at:g} s (dotted): the weight beyond "
+            "the model's, unknown to law and estimator, acts on all links at once."
+        )
+        yield lambda: _load_figure(e, grip, "payload", caption, "Gripping the heaviest payload")
+    (unit, scale), limits = units_of(e).small, design.setup.limits
+
+    def row(name: str, step: Response, m: Margins, one: PayloadEvaluation | None = None) -> tuple[Any, ...]:
+        used = limits.input_use(step).value if limits.limits_peak else step.peak_input
+        gripped: list[float | None] = [None, None, None]
+        if one is not None and one.load_step is not None:
+            gripped = [scale * one.deflection.value, one.recovery.value, scale * one.remaining.value]
+        metrics = [step.overshoot.value, step.settling.value, used, *gripped, m.damping, m.peak_sensitivity]
+        return (name, *finite([*metrics, m.gain_margin]))
+
+    rows = [row(f"{number(sum(p.value for p in masses), 3)} kg, as in the model", e.step, e.margins)]
+    rows += [row(f"{number(one.mass, 3)} kg", one.step, one.margins, one) for one in design.payloads]
+    columns = (
+        "payload", Column("overshoot", "%", 2), Column("settling", "s", 3),
+        Column("peak input", units_of(e).effort), Column("sag when gripped", unit), Column("back after", "s", 2),
+        Column("remaining sag", unit), Column("damping", "", 3), Column("peak sensitivity", "", 2),
+        Column("gain margin", "", 2),
+    )  # fmt: skip
+    how = (
+        "With the payload in the true robot. Worst joints; the peak input is that of the motor nearest to its limit. "
+        "Back: within 2 % of the joint's step from then on"
+    )
+    yield Table(columns, rows, how, "table-payload", stacks=True)
+
+
+def _payload_notes(design: Design) -> Blocks:
+    """A payload with which the loop diverges, or requirements are not met."""
+    for one in design.payloads:
+        grip = one.load_step
+        if one.step.diverged_at is not None or (grip and grip.response.diverged_at is not None):
+            yield note(
+                f"The loop diverges with {number(one.mass, 3)} kg of payload. Try a nominal mass nearer to it, "
+                "LOWER..NOMINAL..UPPER, or a lower `--bandwidth`."
+            )
+            return
+    s, limits = design.specification, design.setup.limits
+    places = {line.where for one in design.payloads for line in payload_requirements(s, limits, one, RINGS)}
+    missed = dict.fromkeys(line.what for line in design.requirements if not line.met and line.where in places)
+    if missed:
+        yield note(
+            f"With a payload that the model does not know, requirements are not met: {listed(list(missed))}. Try a "
+            "nominal mass in the middle of the range, `--payload LOWER..NOMINAL..UPPER@LINK`, or weigh it and design "
+            "for it."
+        )
+
+
+def payload_text(design: Design) -> str:
+    """The heaviest payload in one sentence."""
+    one, units = design.payloads[-1], units_of(design.evaluation)
+    text = f"With {number(one.mass, 3)} kg of payload, which the model does not know, the step"
+    if one.step.diverged_at is not None:
+        return f"{text} diverges."
+    text += f" overshoots by {number(one.step.overshoot.value, 2)} %"
+    if one.load_step is None:
+        return f"{text}."
+    back = "and is not back within 2 % of its step in the run"
+    if np.isfinite(one.recovery.value):
+        back = f"and is back within 2 % of its step after {number(one.recovery.value, 2)} s"
+    where = in_joint(one.deflection.joint, design.robot.joint_names)
+    return f"{text}; gripping it the robot sags by {units.small_text(one.deflection.value, 2)}{where} {back}."
+
+
+# The planned move ---------------------------------------------------------------------------------------
+def move(design: Design) -> Blocks:
+    """What a plan changes, figure and table."""
+    e, planned, units = design.evaluation, design.evaluation.move, units_of(design.evaluation)
+    response, (unit, scale), s = planned.response, units.small, design.evaluation.setup.specification
+    if response.diverged_at is not None:
+        advice = "Ask for a slower move, a smaller step or a lower `--bandwidth`."
+        yield note(f"The loop diverges while it follows the planned move. {advice}")
+    duration = f"{planned.plan.duration:.3g} s"
+    about = f"The stated move takes {duration} ({planned.plan.name})."
+    if s.move is None:
+        shaping = s.shaping if s.shaping == "quintic" else "limited jerk"
+        about = f"Here the robot follows a plan: the way of the step in {duration} ({shaping})."
+    yield Paragraph(
+        f"{about} Its feedforward comes from the elastic inverse dynamics, and the law acts on the error that is left. "
+        f"The move needs at most {peak_text(response, units)}, the step {peak_text(e.step, units)}."
+    )
+
+    def figure() -> Figure:
+        limits, limit_name = effort_limit(e)
+        origin, quantity = (
+            (response.goal, "link position − goal") if s.move is None else (0.0, "link position")
+        )
+        position, plan = (units.scale * (values - origin) for values in (response.positions, planned.planned))
+        panels = (
+            Panel(quantity, units.angle, position, plan=plan),
+            Panel("link position − plan", unit, scale * planned.error, zero=True),
+            Panel("input", units.effort, response.inputs, limits=limits, limit_name=limit_name),
+        )
+        caption = "Link positions and the plan (dotted), their difference, and the inputs."
+        return time_block("move", response.run.time, e.setup.joints, panels, caption, "The move", 6.6)
+
+    yield figure
+    rows = [
+        {**row, "way": float(way), "relative": row["largest_error"] / float(way) if way else None}
+        for row, way in zip(planned.metrics, planned.ways)
+    ]
+    columns = (
+        Column("way", units.angle, key="way", scale=units.scale),
+        Column("largest error", unit, key="largest_error", scale=scale),
+        Column("of the way", "%", 2, key="relative", scale=100.0),
+        Column("rms error", unit, key="rms_error", scale=scale),
+        Column("error at the end", unit, key="final_error", scale=scale),
+        Column("peak input", units.effort, key="peak_input"),
+        Column("peak speed", units.rate, key="peak_speed", scale=units.scale),
+    )
+    caption = (
+        "True link positions from the plan. Way: between its extremes. Error at the end: largest in the last tenth of "
+        "the run"
+    )
+    yield joint_table(columns, rows, caption, "table-move")
+
+
+def margins_along(design: Design) -> Blocks:
+    """Which poses were looked at, the margins there, and the worst poses; nothing without a stated move."""
+    along = design.synthesis.along
+    if along is None:
+        return
+    if along.share > 1.0:
+        verb = "is" if along.count == 1 else "are"
+        tried = f"with up to {MOST_LAWS} laws scheduled along it, of which {along.count} {verb} used: more did not help"
+        yield note(
+            f"At {number(float(along.times[along.worst_pose]), 3)} s of the move the margins of the running loop are "
+            f"not as required, {'with the poses of `--via`' if design.specification.via else tried}. Try a lower "
+            "`--bandwidth`, another sensor, or poses of your own (`--via`)."
+        )
+    laws = "one law acts everywhere"
+    if along.count > 1:
+        added = (
+            f", {along.added} of them at poses where one law did not keep the limits" if along.added else ""
+        )
+        laws = f"{along.count} laws are scheduled{added}; the one whose pose is nearest to the command acts"
+    yield Paragraph(
+        f"The running loop, linearised about the robot at rest at {len(along.times)} poses that are evenly apart on "
+        f"the way of the move: {laws}. Velocities along the move are not in it."
+    )
+    yield lambda: _along_figure(along)
+    slides, degrees, rows = design.robot.links.slides, units_of(design.evaluation).degrees, []
+    for name, quantity in MARGINS.items():
+        values = np.array([getattr(one, name) for one in along.margins], dtype=float)
+        k = int(np.argmax(values) if name == "peak_sensitivity" else np.argmin(values))
+        pose = pose_text(along.poses[k], slides, degrees)
+        rows.append((quantity, float(values[k]), float(along.times[k]), pose))
+    columns = ("figure", Column("worst", "", 3), Column("at", "s", 3), "pose")
+    yield Table(columns, rows, "The worst pose of each figure", "table-along")
+
+
+def along_rows(along: AlongMove) -> list[dict[str, Any]]:
+    """Time, pose, law and margins at each pose."""
+    return [
+        {
+            "time_s": float(time), "pose": pose, "law": law, "stable": margins.stable,
+            **{name: getattr(margins, name) for name in MARGINS},
+        }
+        for time, pose, law, margins in zip(along.times, along.poses, along.laws, along.margins)
+    ]  # fmt: skip
+
+
+def _along_figure(along: AlongMove) -> Figure:
+    figure, axes = new_figure(3, height=5.4)
+    laws = np.array(along.laws)
+    for axis, (name, text) in zip(axes, MARGINS.items()):
+        values = np.array([getattr(one, name) for one in along.margins], dtype=float)
+        for law in sorted(set(along.laws)):
+            at, color = laws == law, SERIES[law % len(SERIES)]
+            axis.plot(along.times[at], values[at], "o", color=color, markersize=4.5)
+        axis.plot(along.times, values, color=SERIES[0], linewidth=1.0, zorder=1)
+        if limit := getattr(along.least, name):
+            reference_line(axis, limit)
+        label(axis, text, "")
+    colours = " The colour of a point is that of the law that acts there." if along.count > 1 else ""
+    caption = f"At poses along the move. Dotted: what is required, with its tolerance.{colours}"
+    return figure_block("along", figure, caption, "Margins along the move")
+
+
+# Ring-down after an impulse ---------------------------------------------------------------------------
+def ring_down(design: Design) -> Blocks:
+    """How the loop comes to rest after an impulse on each link: figure and table; none where a run diverged."""
+    runs, units = design.evaluation.ring_down, units_of(design.evaluation)
+    if runs.ring_down is None:
+        yield note(
+            f"After a blow on {runs.responses[runs.worst].joints[runs.worst]} at the goal the loop diverges."
+        )
+        return
+    if not runs.exponential:
+        left = "comes to rest" if runs.ring_down.rests else "does not come to rest"
+        yield note(
+            "After a blow the loop does not decay as a linear one does (dry friction, backlash or limits), and "
+            f"{left}; the damping ratios are those of the nearest decaying oscillations."
+        )
+    yield lambda: _ring_down_figure(runs)
+    unit, scale = units.small
+    columns = (
+        Column("impulse", f"{units.load}·s", key="impulse"),
+        Column("largest deviation", unit, key="peak_deviation", scale=scale),
+        Column("least damping ratio", "", 3, key="damping"),
+        Column("its frequency", "Hz", 3, key="frequency_Hz"),
+        Column(f"left after {AFTER:g} periods", "%", 2, key="left", scale=100.0),
+    )
+    caption = (
+        "Damping ratio: the least of the oscillations that make up "
+        f"{100.0 * VISIBLE:g} % of the joint's own velocity or input, fitted to all samples of all runs; fit and "
+        f"runs differ by {number(100.0 * runs.ring_down.error, 2)} % of the peak at most. Left: largest velocity of "
+        "the link from then on, of its peak"
+    )
+    yield joint_table(columns, ring_down_rows(runs), caption, "table-ring-down")
+
+
+def ring_down_rows(runs: ImpulseRuns) -> list[dict[str, Any]]:
+    """Of each joint: impulse, largest deviation of its link, least damped oscillation, and what is left of it."""
+    rows, found = [], runs.ring_down
+    for k, response in enumerate(runs.responses):
+        least = runs.least_damped(k)
+        deviation = float(np.abs(response.positions[:, k] - response.goal[k]).max())
+        rows.append(
+            {
+                "joint": response.joints[k],
+                "impulse": float(runs.impulses[k]),
+                "peak_deviation": None if found is None else deviation,
+                "damping": None if found is None else found.damping_of(k),
+                "frequency_Hz": None if least is None else least.frequency,
+                "left": None if found is None else runs.left(k),
+            }
+        )
+    return rows
+
+
+def _ring_down_figure(runs: ImpulseRuns) -> Figure:
+    joints, time, worst = runs.responses[0].joints, runs.responses[0].run.time, runs.worst
+    least = runs.least_damped(worst)
+    shown = time <= (time[-1] if least is None else SHOWN / least.frequency)
+    values = np.column_stack([runs.velocity(k)[shown] for k in range(len(joints))])
+    figure, axes = time_figure(
+        time[shown], joints, [Panel("link velocity / peak", "", values, zero=True)], 2.9
+    )
+    caption = (
+        "Velocity of each link after an impulse on it at the goal, over its peak; without measurement noise."
+    )
+    if least is not None and least.damping > 0.0:
+        # The envelope begins at the peak: what decays slower is not the oscillation whose damping is given.
+        envelope = np.exp(-2.0 * np.pi * least.frequency * least.damping * time[shown])
+        for sign in (1.0, -1.0):
+            axes[0].plot(time[shown], sign * envelope, color=MUTED, linewidth=1.0, dashes=DASHED)
+        caption += (
+            f" Dashed: the decay of the least damped oscillation{in_joint(joints[worst], joints)}, "
+            f"{number(least.frequency, 3)} Hz with a damping ratio of {number(least.damping, 2)}."
+        )
+    return figure_block("ringing", figure, caption, "After an impulse")
+
+
+# At rest with dry friction -------------------------------------------------------------------------------
+def long_run(design: Design) -> Blocks:
+    """Which joints keep moving; figure and table, none for a robot without dry friction or a run that diverged."""
+    run, s, units = design.rest, design.specification, units_of(design.evaluation)
+    if run is None:
+        return
+
+    def motion(run: LimitCycleCheck, joints: Sequence[int]) -> str:
+        texts = []
+        for k in joints:
+            size = units.small_text(run.cycles[k].amplitude, 3)
+            texts.append(f"{run.response.joints[k]} by ±{size} ({_frequency(run.cycles[k].frequency)})")
+        return listed(texts)
+
+    def zone(run: LimitCycleCheck) -> str:
+        """The dead zone of the integrals, of the joints that have one."""
+        joints, sizes = run.response.joints, [] if run.dead_zone is None else run.dead_zone.tolist()
+        where = [f" in {joint}" if len(joints) > 1 else "" for joint in joints]
+        return listed([f"{units.small_text(size, 2)}{at}" for at, size in zip(where, sizes) if size > 0.0])
+
+    if run.without is not None:
+        yield note(
+            "Dry friction and integral action would keep the robot moving: "
+            f"{motion(run.without, [run.without.worst])}. So errors up to {zone(run)} are not integrated; they may "
+            "remain. `--integral-dead-zone` states another zone, 0 none."
+        )
+    if not run.cycles:
+        if run.oscillates:
+            yield note("The long run at rest with the robot's dry friction diverges.")
+        return
+    if run.oscillates:
+        extras = ",".join(dict.fromkeys((*s.extras, *(name for name in run.extras if name in DRY))))
+        sides = ("link_position", "motor_position")
+        advice = {
+            f"`--extras {extras} --friction-model`": not s.friction_model,
+            "another `--integral-dead-zone`": True,
+            "sensors on both sides of the springs": not all(
+                any(name.startswith(side) for name in s.measured) for side in sides
+            ),
+            "weights that damp the vibration (`--preset damped`)": preset_of(design.evaluation.setup.robot, s)
+            == "paper",
+        }
+        narrow = ""
+        if run.tried is not None and run.tried.cycles:
+            narrow = (
+                f" Errors up to {zone(run.tried)} left unintegrated do not end it: "
+                f"{motion(run.tried, [run.tried.worst])}. The design sets no dead zone above {100.0 * WIDEST:g} % of "
+                "the joint's step by itself; a wider one may leave an error as large as itself."
+            )
+        yield note(
+            f"With dry friction the robot does not come to rest: {motion(run, run.oscillating)}.{narrow} "
+            f"Try {' or '.join(text for text, there in advice.items() if there)}."
+        )
+    yield lambda: _long_run_figure(design, run)
+    unit, scale = units.small
+    rows = [
+        {
+            **row,
+            "frequency": _frequency(row["frequency_Hz"]) if row["amplitude"] > SEEN * run.limit else "–",
+            "result": "hunts" if row["amplitude"] > run.limit else "below the limit",
+        }
+        for row in long_run_rows(run)
+    ]
+    columns = (
+        Column("amplitude", unit, key="amplitude", scale=scale),
+        Column("frequency", key="frequency"),
+        Column("remaining error", unit, key="remaining_error", scale=scale),
+        Column("result", key="result"),
+    )
+    dead = "" if run.dead_zone is None else ", and a dead zone of the integrals"
+    caption = (
+        f"With {listed([name.replace('_', ' ') for name in run.extras if name in DRY])}{dead}. Amplitude: half of the "
+        "distance between the extremes in the last half. Remaining error: largest in the last tenth"
+    )
+    title = f"{run.response.run.time[-1]:.3g} s at rest with dry friction: hunting" if run.oscillates else ""
+    yield joint_table(columns, rows, caption, "table-hunting", title)
+
+
+def _frequency(frequency: float | None) -> str:
+    """Of an oscillation, with its period where it is slow."""
+    if frequency is None:
+        return "less than one period in the last half"
+    slow = f", every {number(1.0 / frequency, 3)} s" if frequency < 1.0 else ""
+    return f"{number(frequency, 3)} Hz{slow}"
+
+
+def long_run_rows(run: LimitCycleCheck) -> list[dict[str, Any]]:
+    """Of each joint: amplitude and frequency of what still moves, and the remaining error; none of a run that
+    diverged."""
+    return [
+        {
+            "joint": joint,
+            "amplitude": cycle.amplitude,
+            "frequency_Hz": cycle.frequency,
+            "remaining_error": error,
+        }
+        for joint, cycle, error in zip(run.response.joints, run.cycles, run.errors.tolist())
+    ]
+
+
+def _long_run_figure(design: Design, run: LimitCycleCheck) -> Figure:
+    response, units = run.response, units_of(design.evaluation)
+    unit, scale = units.small
+    runs = (response.run.time, response.positions, response.inputs)
+    time, positions, inputs = (tail_of(each, REST_TAIL) for each in runs)
+    few, deviation = _extremes(time, scale * (positions - response.goal))
+    limit = np.full(len(response.joints), scale * run.limit)
+    panels = (
+        Panel("link position − goal", unit, deviation, zero=True, limits=limit, limit_name="limit"),
+        Panel("input", units.effort, _extremes(time, inputs)[1]),
+    )
+    friction = "sharp: it holds a motor until the torque exceeds it" if run.sharp else "smoothed"
+    caption = (
+        f"The last half of {response.run.time[-1]:.3g} s at the goal, without measurement noise. Dry friction is "
+        f"{friction}. An amplitude beyond {units.small_text(run.limit, 3)} is hunting."
+    )
+    return time_block("rest", few, response.joints, panels, caption, "At rest with dry friction")
+
+
+def _extremes(time: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Times and rows (N, n) of the extremes in `PIECES` pieces, the smallest first where a signal rises."""
+    times, rows = [], []
+    for piece in np.array_split(np.arange(len(time)), min(PIECES, len(time))):
+        part = values[piece]
+        low, high, rises = part.min(axis=0), part.max(axis=0), part[-1] >= part[0]
+        times += [time[piece[0]], time[piece[-1]]]
+        rows += [np.where(rises, low, high), np.where(rises, high, low)]
+    return np.array(times), np.array(rows)
