@@ -42,14 +42,8 @@ _record: ContextVar[list[tuple[Path, tuple[int, int]]] | None] = ContextVar("rec
 
 #: What a file system without locks answers.
 NO_LOCKS = {
-    errno.ENOLCK,
-    errno.EOPNOTSUPP,
-    errno.ENOSYS,
-    errno.EINVAL,
-    errno.EROFS,
-    errno.EACCES,
-    errno.EPERM,
-}
+    errno.ENOLCK, errno.EOPNOTSUPP, errno.ENOSYS, errno.EINVAL, errno.EROFS, errno.EACCES, errno.EPERM,
+}  # fmt: skip
 
 #: Between two tries of a lock that another one holds, s.
 POLL_S = 0.02
@@ -84,10 +78,9 @@ def write_file(path: str | os.PathLike[str], what: str, write: Callable[[str], A
             publish(name, path)
     except (OSError, ValueError) as error:  # a ValueError: a NUL in the name
         _raise_interruption(error)
+        found = f"{path}: {getattr(error, 'strerror', None) or error}"
         raise InvalidInput(
-            f"The {what} cannot be written.",
-            f"{path}: {getattr(error, 'strerror', None) or error}",
-            "a writable folder that exists",
+            f"The {what} cannot be written.", found, "a writable folder that exists"
         ) from error
 
 
@@ -181,7 +174,6 @@ def _abandoned(handle: int) -> bool:
 
 
 def _is_file(handle: int, name: str | os.PathLike[str]) -> bool:
-    """Whether an open file is still the one of this name."""
     try:
         return os.path.samestat(os.fstat(handle), os.lstat(name))
     except FileNotFoundError:
@@ -198,7 +190,7 @@ def write_arrays(path: str | os.PathLike[str], what: str, arrays: Mapping[str, n
             archive.comment = b"0" * _DIGEST
         with open(name, "r+b") as file:
             end = os.path.getsize(name) - _DIGEST
-            digest = _digest(file.read(end))
+            digest = hashlib.sha256(file.read(end)).hexdigest().encode()
             file.seek(end)
             file.write(digest)
 
@@ -219,7 +211,7 @@ def read_arrays(path: str | os.PathLike[str]) -> tuple[dict[str, np.ndarray], bo
         raise _unreadable(getattr(error, "strerror", None) or str(error)) from error
     if len(content) > _LARGEST_FILE:
         raise _unreadable(f"more than {_LARGEST_FILE} bytes")
-    whole = content[-_DIGEST:] == _digest(memoryview(content)[:-_DIGEST])
+    whole = content[-_DIGEST:] == hashlib.sha256(memoryview(content)[:-_DIGEST]).hexdigest().encode()
     try:
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
             if archive.comment and not whole:
@@ -233,10 +225,6 @@ def read_arrays(path: str | os.PathLike[str]) -> tuple[dict[str, np.ndarray], bo
         raise
     except Exception as error:  # whatever a damaged archive makes zipfile, zlib and NumPy raise
         raise _unreadable(f"damaged or not such a file ({type(error).__name__})") from error
-
-
-def _digest(content: bytes | memoryview) -> bytes:
-    return hashlib.sha256(content).hexdigest().encode()
 
 
 def _unreadable(found: str) -> InvalidInput:
@@ -292,9 +280,8 @@ def recorded() -> Iterator[Callable[[], list[Path]]]:
     record: list[tuple[Path, tuple[int, int]]] = []
 
     def written() -> list[Path]:
-        return [
-            path for path, identity in dict(record).items() if path.exists() and _identity(path) == identity
-        ]
+        last = dict(record).items()
+        return [path for path, identity in last if path.exists() and _identity(path) == identity]
 
     token = _record.set(record)
     try:

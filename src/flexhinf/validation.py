@@ -10,6 +10,7 @@ import re
 import stat
 import tomllib
 import unicodedata
+from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from importlib import import_module
@@ -236,11 +237,8 @@ def checked_names(what: str, names: Any) -> tuple[str, ...]:
     scalar = isinstance(given, np.ndarray) and given.ndim == 0
     several = tuple(given) if isinstance(given, Iterable) and not scalar else None
     if several is None or not all(isinstance(name, str) for name in several):
-        raise InvalidInput(
-            f"{what} are not named.",
-            f"expected a name or a sequence of distinct names, got {value_text(names)}",
-            "('one', 'another')",
-        )
+        found = f"expected a name or a sequence of distinct names, got {value_text(names)}"
+        raise InvalidInput(f"{what} are not named.", found, "('one', 'another')")
     return several
 
 
@@ -251,20 +249,16 @@ def checked_text(what: str, text: Any) -> str:
     """
     printable = isinstance(text, str) and text.replace("\n", "").replace("\t", "").isprintable()
     if not printable or len(text) > LONGEST_TEXT:
-        raise InvalidInput(
-            f"{what[0].upper()}{what[1:]} cannot be printed.",
-            f"expected at most {LONGEST_TEXT} characters, none of them a control character, got {value_text(text, 60)}",
-            "plain text",
-        )
+        expected = f"expected at most {LONGEST_TEXT} characters, none of them a control character"
+        what = f"{what[0].upper()}{what[1:]} cannot be printed."
+        raise InvalidInput(what, f"{expected}, got {value_text(text, 60)}", "plain text")
     return text
 
 
 def distinct(what: str, names: Sequence[str]) -> None:
     """Refuse a name that stands twice."""
     if len(set(names)) < len(names):
-        counted: dict[str, int] = {}
-        for name in names:
-            counted[name] = counted.get(name, 0) + 1
+        counted = Counter(names)
         twice = next(name for name, count in counted.items() if count > 1)
         raise InvalidInput(
             f"{what} {value_text(twice, 60)} {'is' if len(names) == 2 else 'stands'} there {counted[twice]} times.",
@@ -281,11 +275,8 @@ def checked_path(what: str, path: Any) -> Path:
     """
     text = os.fspath(path) if isinstance(path, os.PathLike) else path
     if not isinstance(text, str) or not text:
-        raise InvalidInput(
-            f"{what} has no usable path.",
-            f"expected text or a pathlib.Path, got {value_text(path, 60)}",
-            "for example 'folder/name'",
-        )
+        found = f"expected text or a pathlib.Path, got {value_text(path, 60)}"
+        raise InvalidInput(f"{what} has no usable path.", found, "for example 'folder/name'")
     return Path(text)
 
 

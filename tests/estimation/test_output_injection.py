@@ -11,8 +11,7 @@ from scipy.stats import multivariate_normal
 import flexhinf as fh
 from flexhinf.errors import InvalidInput, NotDetectable
 from flexhinf.estimation import ExtendedKalmanFilter, OutputInjectionObserver, linear_model, stationary_gain
-from flexhinf.plant import Estimator, Plant
-from flexhinf.plant.equilibrium import equilibrium
+from flexhinf.plant import Estimator, Plant, equilibrium
 
 FOUR = [-12.0, -15.0, -9.0 + 6.0j, -9.0 - 6.0j]
 

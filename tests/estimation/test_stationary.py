@@ -6,7 +6,7 @@ import pytest
 from scipy.linalg import solve_discrete_are
 
 from flexhinf.estimation import ExtendedKalmanFilter, linear_model, stationary_gain
-from flexhinf.plant.equilibrium import equilibrium
+from flexhinf.plant import equilibrium
 from flexhinf.robot import paper_arm
 
 

@@ -3,7 +3,7 @@ import pytest
 
 from flexhinf.errors import InvalidInput, NumericalFailure
 from flexhinf.plant import Plant, equilibrium
-from flexhinf.plant.equilibrium import pose_values
+from flexhinf.plant.plant import pose_values
 from flexhinf.robot import paper_arm
 
 

@@ -3,7 +3,7 @@ import pytest
 
 from flexhinf.errors import InvalidInput
 from flexhinf.loop import Constant, JerkLimited, Quintic, Samples, Sine
-from flexhinf.plant.equilibrium import motion_of
+from flexhinf.plant.plant import motion_of
 
 T = np.linspace(0.0, 2.0, 11)
 A, B = Sine(1.0, 0.5, phase=0.4), Quintic(0.0, 1.0, 1.5)

@@ -9,7 +9,7 @@ import pytest
 
 import flexhinf as fh
 from flexhinf.plant import Estimator, Gaussian, Law, Plant
-from flexhinf.polynomial.law import PolynomialLaw
+from flexhinf.polynomial.algebra import PolynomialLaw
 
 
 def integrator() -> Plant:

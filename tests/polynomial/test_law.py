@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from flexhinf.errors import InvalidInput
-from flexhinf.polynomial.law import PolynomialLaw
+from flexhinf.polynomial.algebra import PolynomialLaw
 
 LAW = PolynomialLaw(2, (1, 3), np.arange(12.0).reshape(2, 6))
 

@@ -86,7 +86,7 @@ def test_poses_by_name_and_outside_limits():
         PLANAR.problem(pose=[0.0, 2.7])
     with pytest.raises(InvalidInput, match="wrist"):
         PLANAR.problem(pose={"wrist": 0.0})
-    with pytest.raises(InvalidInput, match="2 finite positions"):
+    with pytest.raises(InvalidInput, match="2 finite values"):
         PLANAR.problem(pose=[0.0])
 
 

@@ -22,7 +22,7 @@ from flexhinf.loop import Loop
 from flexhinf.loop.simulation.program import LONGEST_LINEAR, check_delay
 from flexhinf.plant import Law, Plant
 from flexhinf.plant import equilibrium as plant_equilibrium
-from flexhinf.plant.equilibrium import pose_values
+from flexhinf.plant.plant import pose_values
 from flexhinf.scalars import trace
 
 #: Newton steps towards the equilibrium of the loop at most, and the relative size of the last one.

@@ -20,7 +20,6 @@ import re
 import stat
 import sys
 import threading
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache, partial
@@ -30,7 +29,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from flexhinf.codegen.memory import Buffer, aligned
+from flexhinf.codegen.memory import Buffer, aligned, misfit
 from flexhinf.codegen.program import ENTRY, Call, Map, Program, Repeat, Step, Sweep, Unsupported, When, slices
 from flexhinf.errors import InvalidInput
 from flexhinf.files import part_file
@@ -42,11 +41,7 @@ if TYPE_CHECKING:
 def check_lanes(program: Program, lanes: int) -> None:
     """Refuse a number of lanes that is no positive integer."""
     if isinstance(lanes, bool) or not isinstance(lanes, int) or lanes < 1:
-        raise InvalidInput(
-            f"Program '{program.name}' cannot run on these lanes.",
-            f"expected an integer ≥ 1, got {lanes!r}",
-            "1 for a single run, 8 for many",
-        )
+        raise misfit(f"Program '{program.name}' cannot run on these lanes.", "an integer ≥ 1", repr(lanes))
 
 
 def check_arrays(program: Program, arrays: Mapping[str, np.ndarray], lanes: int) -> dict[str, np.ndarray]:
@@ -60,13 +55,8 @@ def check_arrays(program: Program, arrays: Mapping[str, np.ndarray], lanes: int)
     """
     expected = {buffer.name: buffer for buffer in program.buffers if buffer.role != "work"}
     if set(arrays) != set(expected):
-        missing = sorted(set(expected) - set(arrays))
-        unknown = sorted(set(arrays) - set(expected))
-        raise InvalidInput(
-            f"The arrays do not match the buffers of '{program.name}'.",
-            f"expected {sorted(expected)}; missing {missing}, not known {unknown}",
-            "one array per buffer that is not 'work' (the kernel makes those itself)",
-        )
+        what = f"The arrays do not match the buffers of '{program.name}'."
+        raise misfit(what, f"one for each of {sorted(expected)}", sorted(arrays))
     for name, buffer in expected.items():
         width = 1 if buffer.shared else lanes
         if found := _misfit(arrays[name], buffer, width):
@@ -80,11 +70,8 @@ def check_arrays(program: Program, arrays: Mapping[str, np.ndarray], lanes: int)
     for first, second in combinations(expected.values(), 2):
         written = first.role != "in" or second.role != "in"
         if written and np.may_share_memory(arrays[first.name], arrays[second.name]):
-            raise InvalidInput(
-                f"Two buffers of '{program.name}' lie in the same memory.",
-                f"the arrays for '{first.name}' and '{second.name}' overlap, and one of them is written",
-                "a copy, or one buffer with the role 'state' for both",
-            )
+            found = f"'{first.name}' and '{second.name}'"
+            raise misfit(f"Two buffers of '{program.name}' lie in the same memory.", "arrays apart", found)
     return {name: arrays[name] for name in expected}
 
 
@@ -109,11 +96,8 @@ def check_counts(program: Program, counts: Mapping[str, int]) -> dict[str, int]:
     Raises InvalidInput: missing or unknown name, or a value that is not an integer ≥ 0.
     """
     if set(counts) != set(program.counts):
-        raise InvalidInput(
-            f"The counts do not match those of '{program.name}'.",
-            f"expected {sorted(program.counts)}, got {sorted(counts)}",
-            "counts={name: number of turns}",
-        )
+        what, expected = f"The counts do not match those of '{program.name}'.", str(sorted(program.counts))
+        raise misfit(what, expected, sorted(counts))
     checked = {}
     for name in program.counts:
         try:
@@ -121,11 +105,8 @@ def check_counts(program: Program, counts: Mapping[str, int]) -> dict[str, int]:
         except TypeError:
             value = -1
         if value < 0:
-            raise InvalidInput(
-                f"Count '{name}' of '{program.name}' is not usable.",
-                f"expected an integer ≥ 0, got {counts[name]!r}",
-                "the number of turns of the loop",
-            )
+            what = f"Count '{name}' of '{program.name}' is not usable."
+            raise misfit(what, "an integer ≥ 0", repr(counts[name]))
         checked[name] = value
     return checked
 
@@ -147,12 +128,9 @@ def check_reach(program: Program, lengths: Mapping[str, int], counts: Mapping[st
             first = start + sum(move for move in moves if move < 0)
             end = start + piece.size + sum(move for move in moves if move > 0)
             if first < 0 or end > lengths[piece.buffer]:
-                raise InvalidInput(
-                    f"A slice leaves buffer '{piece.buffer}' of '{program.name}'.",
-                    f"{piece} with counts {dict(counts)} reaches elements {first} to {end}, "
-                    f"the array has {lengths[piece.buffer]} (per lane)",
-                    "a longer array or a smaller count",
-                )
+                what = f"A slice leaves buffer '{piece.buffer}' of '{program.name}'."
+                expected = f"elements 0 to {lengths[piece.buffer]} (per lane)"
+                raise misfit(what, expected, f"{first} to {end}: {piece} with counts {dict(counts)}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,8 +163,13 @@ class BoundKernel(Protocol):
         ...
 
 
-class Kernel(ABC):
-    """A program ready to run on one or more lanes.
+#: The entry called without and with the interpreter's lock.
+_ENTRY = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_void_p)
+_SHORT_ENTRY = ctypes.PYFUNCTYPE(ctypes.c_int64, ctypes.c_void_p)
+
+
+class Kernel:
+    """A program ready to run on one or more lanes: its machine code, unless a subclass binds otherwise.
 
     `lanes`: W; with W > 1 every buffer that is not shared has the lane as its last (fastest) axis.
 
@@ -195,9 +178,10 @@ class Kernel(ABC):
     failed.
     """
 
-    def __init__(self, program: Program, lanes: int) -> None:
-        self.program = program
-        self.lanes = lanes
+    def __init__(self, program: Program, lanes: int, code: Code | None = None) -> None:
+        self.program, self.lanes, self.code = program, lanes, code
+        if code is not None:
+            self._entry, self._short_entry = _ENTRY(code.address), _SHORT_ENTRY(code.address)
 
     def run(self, arrays: Mapping[str, np.ndarray], counts: Mapping[str, int] | None = None) -> Status:
         """Check the arrays, run once, and say how it ended.
@@ -230,9 +214,18 @@ class Kernel(ABC):
         check_reach(self.program, lengths, turns)
         return self._bind(checked, turns, short)
 
-    @abstractmethod
     def _bind(self, arrays: dict[str, np.ndarray], counts: dict[str, int], short: bool) -> BoundKernel:
-        """Bind checked arrays and counts."""
+        arrays = dict(arrays)
+        for buffer in self.program.buffers:
+            if buffer.role == "work":
+                arrays[buffer.name] = aligned((buffer.size or 0) * self.lanes)
+        addresses = [arrays[buffer.name].ctypes.data for buffer in self.program.buffers]
+        words = [*addresses, *(counts[name] for name in self.program.counts)]
+        context = np.array([*words, *[0] * self.lanes, *[-1] * self.lanes], dtype=np.int64)
+        bound = BoundCode(self._short_entry if short else self._entry, ctypes.c_void_p(context.ctypes.data))
+        bound.keep = (self, arrays, context)
+        bound.outcome = context[len(words) :]
+        return bound
 
 
 _CACHE_LOGGER = logging.getLogger("flexhinf.codegen")
@@ -394,9 +387,9 @@ def compile_program(program: Program, lanes: int = 1) -> Kernel:
 
             host = machine.host()
 
-            def load(code: bytes) -> NativeKernel:
+            def load(code: bytes) -> Kernel:
                 library, _, image = code.partition(b"\n")
-                return NativeKernel(program, lanes, machine.Code(image, ENTRY, json.loads(library)))
+                return Kernel(program, lanes, machine.Code(image, ENTRY, json.loads(library)))
 
             def make() -> bytes:
                 """The C functions that are needed, on a line, and the object code."""
@@ -421,33 +414,6 @@ def compile_program(program: Program, lanes: int = 1) -> Kernel:
             f"llvmlite does not work here ({reason})",
             "python -m pip install --force-reinstall llvmlite",
         ) from reason
-
-
-#: The entry called without and with the interpreter's lock.
-_ENTRY = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_void_p)
-_SHORT_ENTRY = ctypes.PYFUNCTYPE(ctypes.c_int64, ctypes.c_void_p)
-
-
-class NativeKernel(Kernel):
-    """Machine code of a program."""
-
-    def __init__(self, program: Program, lanes: int, code: Code) -> None:
-        super().__init__(program, lanes)
-        self.code = code
-        self.entry, self.short_entry = _ENTRY(code.address), _SHORT_ENTRY(code.address)
-
-    def _bind(self, arrays: dict[str, np.ndarray], counts: dict[str, int], short: bool) -> BoundCode:
-        arrays = dict(arrays)
-        for buffer in self.program.buffers:
-            if buffer.role == "work":
-                arrays[buffer.name] = aligned((buffer.size or 0) * self.lanes)
-        addresses = [arrays[buffer.name].ctypes.data for buffer in self.program.buffers]
-        words = [*addresses, *(counts[name] for name in self.program.counts)]
-        context = np.array([*words, *[0] * self.lanes, *[-1] * self.lanes], dtype=np.int64)
-        bound = BoundCode(self.short_entry if short else self.entry, ctypes.c_void_p(context.ctypes.data))
-        bound.keep = (self, arrays, context)
-        bound.outcome = context[len(words) :]
-        return bound
 
 
 class BoundCode(partial):

@@ -255,16 +255,12 @@ class Composer:
         return target
 
     def _block(self, array: Any) -> Block:
-        """Constants as a block."""
         return array if isinstance(array, Block) else self.call(_constants, np.asarray(array, dtype=float))
 
     def _weights(self, weights: Any) -> Block | None:
         """Weights as a block; None where all of them are one."""
-        return (
-            None
-            if not isinstance(weights, Block) and np.all(np.equal(weights, 1.0))
-            else self._block(weights)
-        )
+        ones = not isinstance(weights, Block) and np.all(np.equal(weights, 1.0))
+        return None if ones else self._block(weights)
 
     def _ordered(self, block: Block, order: Order) -> Block:
         """The same matrix in the wanted order, moved if it must be."""

@@ -15,6 +15,7 @@ import numpy as np
 
 from flexhinf.errors import InvalidInput
 from flexhinf.polynomial import basis
+from flexhinf.validation import unknown_name
 
 if TYPE_CHECKING:
     import casadi
@@ -62,12 +63,7 @@ class Buffer:
         )
         for wrong, expected in rows:
             if wrong:
-                advice = (
-                    "Buffer(name, size, role): in is read, state updated in place, out written, work scratch"
-                )
-                raise InvalidInput(
-                    f"A buffer is not usable: {self.name}.", f"expected {expected}, got {self}", advice
-                )
+                raise misfit(f"Buffer '{self.name}' is not usable.", expected, self)
 
 
 @dataclass(frozen=True)
@@ -91,12 +87,8 @@ class Slice:
         object.__setattr__(self, "strides", tuple(self.strides))
         numbers = (self.offset, self.size, *self.strides)
         if not all(map(is_integer, numbers)) or self.offset < 0 or self.size < 1:
-            raise InvalidInput(
-                f"A slice of '{self.buffer}' is not usable.",
-                f"expected integers with offset ≥ 0 and size ≥ 1, got offset={self.offset!r}, "
-                f"size={self.size!r}, strides={self.strides!r}",
-                "Slice(buffer, offset, size, strides)",
-            )
+            what = f"A slice of '{self.buffer}' is not usable."
+            raise misfit(what, "integers with offset ≥ 0 and size ≥ 1", repr(numbers))
 
     def __str__(self) -> str:
         moves = "".join(f" + {stride}·k{depth}" for depth, stride in enumerate(self.strides) if stride)
@@ -118,15 +110,10 @@ class Columns:
 
     def __post_init__(self) -> None:
         if self.order not in get_args(Order):
-            raise InvalidInput(
-                "A matrix has an unknown order.", f"expected C or F, got {self.order!r}", "'C'"
-            )
+            raise unknown_name("A matrix has an unknown order.", self.order, get_args(Order))
         if not is_integer(self.count) or self.count < 1 or self.whole.size % self.count:
-            raise InvalidInput(
-                f"{self.whole} is no matrix of {self.count} columns.",
-                f"expected a positive divisor of {self.whole.size}, got {self.count!r}",
-                "a slice of rows times columns elements, rows one after the other",
-            )
+            what = f"{self.whole} is no matrix of {self.count} columns."
+            raise misfit(what, f"a positive divisor of {self.whole.size}", repr(self.count))
 
     @property
     def size(self) -> int:
@@ -215,6 +202,13 @@ def aligned(size: int) -> np.ndarray:
     return memory[start : start + size]
 
 
+def misfit(what: str, expected: str, found: object) -> InvalidInput:
+    """The error of a part of a program that does not fit the others."""
+    return InvalidInput(
+        what, f"expected {expected}, got {found}", "what flexhinf.codegen.program says of the step"
+    )
+
+
 def is_integer(value: object) -> bool:
     """An int that is no bool."""
     return isinstance(value, int) and not isinstance(value, bool)
@@ -223,11 +217,7 @@ def is_integer(value: object) -> bool:
 def check_identifier(name: object, kind: str) -> None:
     """Refuse what is no ASCII identifier."""
     if not (isinstance(name, str) and name.isidentifier() and name.isascii()):
-        raise InvalidInput(
-            f"A {kind} has no usable name.",
-            f"expected an ASCII identifier, got {name!r}",
-            "letters, digits and underscores, not starting with a digit",
-        )
+        raise misfit(f"A {kind} has no usable name.", "an ASCII identifier", repr(name))
 
 
 def check_function(function: casadi.Function, inputs: Sequence[Any], outputs: Sequence[Any]) -> None:
@@ -252,11 +242,8 @@ def check_function(function: casadi.Function, inputs: Sequence[Any], outputs: Se
 
 def _check_sizes(function: str, kind: str, names: list[str], shapes: list, pieces: Sequence[Any]) -> None:
     if len(shapes) != len(pieces):
-        raise InvalidInput(
-            f"Function '{function}' is called with the wrong number of {kind}s.",
-            f"expected {len(shapes)} slices ({', '.join(names)}), got {len(pieces)}",
-            f"one slice per {kind}",
-        )
+        what = f"Function '{function}' is called with the wrong number of {kind}s."
+        raise misfit(what, f"{len(shapes)} slices ({', '.join(names)})", len(pieces))
     for name, shape, piece in zip(names, shapes, pieces, strict=True):
         if not shape.is_dense():
             raise InvalidInput(
@@ -265,11 +252,8 @@ def _check_sizes(function: str, kind: str, names: list[str], shapes: list, piece
                 "casadi.densify",
             )
         if shape.numel() != piece.size:
-            raise InvalidInput(
-                f"Function '{function}' does not fit the slice for its {kind} '{name}'.",
-                f"expected {shape.numel()} elements, got {piece}",
-                f"a slice of size {shape.numel()}",
-            )
+            what = f"Function '{function}' does not fit the slice for its {kind} '{name}'."
+            raise misfit(what, f"{shape.numel()} elements", piece)
 
 
 @dataclass(frozen=True)
@@ -303,11 +287,8 @@ class OuterSum:
         fits = fits and (not self.symmetric or self.left == self.right)
         read = [piece for piece in (self.left, self.right, self.weights) if piece is not None]
         if not fits or any(overlap(piece, self.target) for piece in read):
-            raise InvalidInput(
-                "A sum of outer products joins slices that do not fit.",
-                f"expected N·r, N·c, r·c and N elements apart from the target, got {self}",
-                "one row of left and right per weight; left equal to right if symmetric",
-            )
+            expected = "N·r, N·c, r·c and N elements apart from the target, left equal to right if symmetric"
+            raise misfit("A sum of outer products joins slices that do not fit.", expected, self)
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -340,11 +321,8 @@ class Polynomial:
         fits = known and list(degrees) == sorted(set(degrees)) and not self.table.size % self.rows
         fits = fits and self.columns >= self.target.size
         if not fits or any(overlap(piece, self.target) for piece in (self.point, self.table)):
-            raise InvalidInput(
-                "Polynomials join slices that do not fit.",
-                f"expected ascending degrees, a row for each monomial, a column for each value, got {self}",
-                "the rows of flexhinf.polynomial.basis, and a target apart from what is read",
-            )
+            expected = "ascending degrees, a row for each monomial, a column for each value, a target apart"
+            raise misfit("Polynomials join slices that do not fit.", expected, self)
 
     @property
     def rows(self) -> int:
@@ -371,11 +349,8 @@ class Cholesky:
     def __post_init__(self) -> None:
         square = self.order**2 == self.source.size == self.target.size
         if not square or overlap(self.source, self.target):
-            raise InvalidInput(
-                "A Cholesky factor does not fit its matrix.",
-                f"expected two slices of n² elements apart from each other, got {self.source} and {self.target}",
-                "square matrices",
-            )
+            expected = "two slices of n² elements apart from each other"
+            raise misfit("A Cholesky factor does not fit its matrix.", expected, self)
 
     @property
     def order(self) -> int:

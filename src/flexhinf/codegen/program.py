@@ -23,10 +23,12 @@ from flexhinf.codegen.memory import (
     check_function,
     check_identifier,
     is_integer,
+    misfit,
     overlap,
     whole,
 )
-from flexhinf.errors import FlexhinfError, InvalidInput
+from flexhinf.errors import FlexhinfError
+from flexhinf.validation import unknown_name
 
 if TYPE_CHECKING:
     import casadi
@@ -69,19 +71,13 @@ class Map:
         check_function(self.function, self.inputs, self.outputs)
         counts = {piece.count for piece in (*self.inputs, *self.outputs) if isinstance(piece, Columns)}
         if len(counts) != 1 or not all(isinstance(piece, Columns) for piece in self.outputs):
-            raise InvalidInput(
-                f"Function '{self.function.name()}' is not mapped over the columns of matrices.",
-                f"expected results in columns, and one number of columns, got {sorted(counts)}",
-                "Columns(slice, count) for every result, with the same count",
-            )
+            what = f"Function '{self.function.name()}' is not mapped over the columns of matrices."
+            raise misfit(what, "results in Columns, and one number of columns", sorted(counts))
         for result in self.outputs:
             for piece in self.inputs:
                 if piece != result and overlap(whole(piece), result.whole):
-                    raise InvalidInput(
-                        f"Function '{self.function.name()}' would overwrite arguments of other columns.",
-                        f"result {result} overlaps argument {piece}",
-                        "another place for the result, or exactly that of the argument's columns",
-                    )
+                    what = f"Function '{self.function.name()}' would overwrite arguments of other columns."
+                    raise misfit(what, f"a result apart from argument {piece}, or exactly there", result)
 
     @property
     def count(self) -> int:
@@ -98,10 +94,7 @@ class Copy:
 
     def __post_init__(self) -> None:
         if self.source.size != self.target.size:
-            found = f"expected slices of the same size, got source {self.source}, target {self.target}"
-            raise InvalidInput(
-                "A copy joins slices of different sizes.", found, "Slice(buffer, offset, size)"
-            )
+            raise misfit("A copy joins slices of different sizes.", f"the size of {self.source}", self.target)
 
 
 @dataclass(frozen=True)
@@ -118,10 +111,9 @@ class Normal:
 
     def __post_init__(self) -> None:
         if (self.step.size, self.key.size) != (1, 3):
-            raise InvalidInput(
-                "The counter of normal numbers has another size.",
-                f"expected a step and a key of 1 and 3 elements, got {self.step} and {self.key}",
-                "the step; the sample and the two words of the seed",
+            found = f"{self.step} and {self.key}"
+            raise misfit(
+                "The counter of normal numbers has another size.", "a step (1,) and a key (3,)", found
             )
 
 
@@ -137,11 +129,8 @@ class Guard:
 
     def __post_init__(self) -> None:
         if not is_integer(self.code) or self.code < 1:
-            raise InvalidInput(
-                f"The guard of {self.source} has no usable code.",
-                f"expected an integer ≥ 1 (0 means that all is well), got {self.code!r}",
-                "a small positive number per kind of failure",
-            )
+            what = f"The guard of {self.source} has no usable code."
+            raise misfit(what, "an integer ≥ 1 (0 means that all is well)", repr(self.code))
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,11 +147,8 @@ class Repeat:
     def __post_init__(self) -> None:
         object.__setattr__(self, "body", tuple(self.body))
         if not isinstance(self.count, str) and (not is_integer(self.count) or self.count < 1):
-            raise InvalidInput(
-                "A loop has no usable count.",
-                f"expected the name of a count, or an integer >= 1, got {self.count!r}",
-                "a count of the program",
-            )
+            expected = "the name of a count of the program, or an integer >= 1"
+            raise misfit("A loop has no usable count.", expected, repr(self.count))
 
     def turns(self, counts: Mapping[str, Any]) -> Any:
         """How often, by the counts of the program or what stands for them."""
@@ -186,11 +172,8 @@ class When:
     def __post_init__(self) -> None:
         object.__setattr__(self, "body", tuple(self.body))
         if self.flag.size != 1 or any(isinstance(step, Guard) for step in self.body):
-            raise InvalidInput(
-                "A condition is not one number, or has a guard inside.",
-                f"expected a slice of size 1 and no Guard, got {self.flag} and {len(self.body)} steps",
-                "one flag; the guard after it",
-            )
+            what, found = "A condition is not one number, or has a guard inside.", f"{self.flag}, {self.body}"
+            raise misfit(what, "a slice of size 1; the guard after it", found)
 
 
 @dataclass(frozen=True, eq=False)
@@ -213,23 +196,17 @@ class Sweep:
             object.__setattr__(self, field, tuple(getattr(self, field)))
         pairs, steps = (*self.inputs, *self.outputs), list(leaves(self.body))
         known = all(isinstance(step, Call | Copy) for step in steps)
-        read, written = (
-            [piece for step in steps for piece in slices(step)[k]] if known else [] for k in (0, 1)
-        )
-        inside = [
-            *(place for _, place in pairs),
-            *written,
-            *(piece for piece in read if piece.buffer == COLUMN),
-        ]
+        inside = [place for _, place in pairs]
+        for step in steps if known else ():
+            read, written = slices(step)
+            inside += [*written, *(piece for piece in read if piece.buffer == COLUMN)]
         fits = all(p.buffer == COLUMN and not p.strides and p.offset + p.size <= self.size for p in inside)
         fits = fits and all(columns.size == place.size for columns, place in pairs)
         if not (known and fits and self.outputs and len({columns.count for columns, _ in pairs}) == 1):
-            raise InvalidInput(
-                "A sweep over columns does not fit.",
-                f"expected calls, copies and fixed loops writing to '{COLUMN}' ({self.size} numbers), columns of one "
-                f"count, got {self.inputs} and {self.outputs}",
-                "Composer.sweep",
+            expected = (
+                f"calls, copies and fixed loops writing to '{COLUMN}' ({self.size}), columns of one count"
             )
+            raise misfit("A sweep over columns does not fit.", expected, f"{self.inputs} and {self.outputs}")
 
     @property
     def count(self) -> int:
@@ -296,11 +273,8 @@ class Program:
         names = [*(buffer.name for buffer in self.buffers), *self.counts]
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:
-            raise InvalidInput(
-                f"Program '{self.name}' uses a name twice.",
-                f"every buffer and count needs its own name, got twice: {', '.join(twice)}",
-                "rename one of them",
-            )
+            what = f"Program '{self.name}' uses a name twice."
+            raise misfit(what, "a name of its own for every buffer and count", f"twice: {', '.join(twice)}")
         for step, loops in self.steps():
             self._check_step(step, len(loops))
 
@@ -323,58 +297,33 @@ class Program:
                 stack.extend((inner, loops) for inner in reversed(step.body))
 
     def _check_step(self, step: Step, depth: int) -> None:
+        name, buffers = f"Program '{self.name}'", {buffer.name: buffer for buffer in self.buffers}
         if isinstance(step, Repeat):
             if isinstance(step.count, str) and step.count not in self.counts:
-                raise InvalidInput(
-                    f"Program '{self.name}' repeats by an unknown count.",
-                    f"expected one of {list(self.counts)}, got {step.count!r}",
-                    f"add {step.count!r} to counts",
-                )
+                raise unknown_name(f"{name} repeats by an unknown count.", step.count, self.counts)
             return
         if not isinstance(step, Simple | When):
-            raise InvalidInput(
-                f"Program '{self.name}' holds something that is no step.",
-                f"expected {', '.join(kind.__name__ for kind in get_args(Step))}, got {type(step).__name__}",
-                "wrap a casadi.Function in Call",
-            )
+            kinds = ", ".join(kind.__name__ for kind in get_args(Step))
+            raise misfit(f"{name} holds something that is no step.", kinds, type(step).__name__)
         read, written = slices(step)
         for piece in (*read, *written):
-            self._check_slice(piece, depth)
-        for piece in written:
-            if self.buffer(piece.buffer).role == "in":
-                raise InvalidInput(
-                    f"Program '{self.name}' writes to an input.",
-                    f"{piece} is written, but buffer '{piece.buffer}' has the role 'in'",
-                    "the role 'state' (read and written), 'out' or 'work'",
+            if piece.buffer not in buffers:
+                raise unknown_name(f"{name} uses an unknown buffer.", piece.buffer, buffers)
+            if piece.strides and len(piece.strides) != depth:
+                expected = (
+                    f"one per enclosing Repeat ({depth}), outermost first, 0 for those that do not move it"
                 )
-
-    def _check_slice(self, piece: Slice, depth: int) -> None:
-        names = [buffer.name for buffer in self.buffers]
-        if piece.buffer not in names:
-            raise InvalidInput(
-                f"Program '{self.name}' uses an unknown buffer.",
-                f"expected one of {names}, got {piece.buffer!r}",
-                "declare the buffer, or correct the name",
-            )
-        if piece.strides and len(piece.strides) != depth:
-            raise InvalidInput(
-                f"A slice of '{piece.buffer}' has the wrong number of strides.",
-                f"expected one per enclosing Repeat ({depth}), outermost first, got {piece.strides}",
-                "strides of that length, with 0 for the loops that do not move it, or ()",
-            )
-        if piece.shift and piece.shift not in self.counts:
-            raise InvalidInput(
-                f"A slice of '{piece.buffer}' is shifted by an unknown count.",
-                f"expected one of {list(self.counts)}, got {piece.shift!r}",
-                f"add {piece.shift!r} to counts",
-            )
-        size = self.buffer(piece.buffer).size
-        if size is not None and not any(piece.strides) and piece.offset + piece.size > size:
-            raise InvalidInput(
-                f"A slice leaves buffer '{piece.buffer}'.",
-                f"{piece} ends at {piece.offset + piece.size}, the buffer has {size} elements",
-                "a smaller offset or size, or a larger buffer",
-            )
+                raise misfit(f"A slice of {name} has the wrong number of strides.", expected, piece.strides)
+            if piece.shift and piece.shift not in self.counts:
+                raise unknown_name(
+                    f"A slice of {name} is shifted by an unknown count.", piece.shift, self.counts
+                )
+            size = buffers[piece.buffer].size
+            if size is not None and not any(piece.strides) and piece.offset + piece.size > size:
+                raise misfit(f"A slice of {name} leaves its buffer.", f"an end up to {size}", piece)
+        for piece in written:
+            if buffers[piece.buffer].role == "in":
+                raise misfit(f"{name} writes to an input.", "a buffer of the role state, out or work", piece)
 
 
 class Unsupported(FlexhinfError):

@@ -10,3 +10,18 @@ from flexhinf.estimation.constant_gain import (
 from flexhinf.estimation.filter import MODEL_STEP, RecursiveFilter
 from flexhinf.estimation.kalman import ExtendedKalmanFilter, SigmaPoints, UnscentedKalmanFilter
 from flexhinf.estimation.output_injection import OutputInjectionObserver
+
+#: What a controller's file may name, beside the public names.
+__all__ = [
+    "MODEL_STEP",
+    "ConstantGainBelief",
+    "ConstantGainFilter",
+    "ExtendedKalmanFilter",
+    "OutputInjectionObserver",
+    "RecursiveFilter",
+    "SigmaPoints",
+    "UnscentedKalmanFilter",
+    "linear_model",
+    "stationary_covariance",
+    "stationary_gain",
+]

@@ -101,7 +101,6 @@ def _gain(p_yx: Any, factor: Any) -> Any:
 
 
 def _left(deviation: Any, output: Any, gain: Any) -> Any:
-    """d − K s."""
     return deviation - output @ gain
 
 

@@ -1,14 +1,10 @@
-"""Sigma points and their weights, Eq. (10).
+"""The unscented Kalman filter, the paper's Algorithm 1 in matrix form, and the extended one.
 
-The unscented Kalman filter: the paper's Algorithm 1, in matrix form.
+Comments number the steps of Algorithm 1. Its γ of steps 1 and 5 is `SigmaPoints.spread`, Eq. (10).
 
-Comments number the steps of Algorithm 1. Its γ of steps 1 and 5 is `SigmaPoints.spread`.
-
-The extended Kalman filter with exact Jacobians of the sampled plant.
-
-The Jacobian is that of the integrated map F itself, through symbols, not I + A·period: a comparison with a
-filter that drops terms would say little. Nothing needs the matrix ∂F/∂x, only what it does to a square root of
-the covariance: that is carried along, column by column, through every Runge–Kutta step.
+The Jacobian of the extended filter is exact, that of the integrated map F itself, through symbols, not I + A·period: a
+comparison with a filter that drops terms would say little. Nothing needs the matrix ∂F/∂x, only what it does to a
+square root of the covariance: that is carried along, column by column, through every Runge–Kutta step.
 """
 
 from __future__ import annotations
@@ -16,7 +12,6 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Mapping
-from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -31,56 +26,37 @@ from flexhinf.scalars.trace import linear
 from flexhinf.validation import read_only, real_array, real_number, value_text
 
 
-@dataclass(frozen=True)
 class SigmaPoints:
-    """The scaled unscented transform of n variables.
+    """The scaled unscented transform of n variables, which has 2n + 1 points.
 
-    `n`: Number of variables; there are 2n + 1 points. `alpha`, `beta`, `kappa`: Table 3. λ = α²(n + κ) − n; the
-    paper's γ = √(n + λ) of Eq. (10) is `spread` here, because γ is also the attenuation level. Raises InvalidInput: if
-    the spread is not a positive number.
+    `alpha`, `beta`, `kappa`: Table 3. λ = α²(n + κ) − n. `spread`: √(n + λ), the paper's γ of Eq. (10); γ is also the
+    attenuation level. `mean_weights`, `covariance_weights`: Wᵐ and Wᶜ, (2n + 1,). Raises InvalidInput: if the spread is
+    not a positive number.
     """
 
-    n: int
-    alpha: float = 1.0
-    beta: float = 2.0
-    kappa: float = 0.0
-
-    def __post_init__(self) -> None:
-        finite = math.isfinite(self.beta + self.alpha + self.kappa)
-        if not (self.alpha > 0.0 and self.n + self.kappa > 0.0 and finite):
+    def __init__(self, n: int, alpha: float = 1.0, beta: float = 2.0, kappa: float = 0.0) -> None:
+        if not (alpha > 0.0 and n + kappa > 0.0 and math.isfinite(beta + alpha + kappa)):
             raise InvalidInput(
                 "These scaling parameters give no sigma points.",
-                f"expected finite numbers with alpha > 0 and kappa > {-self.n}, got alpha={self.alpha}, "
-                f"beta={self.beta}, kappa={self.kappa}",
+                f"expected finite numbers with alpha > 0 and kappa > {-n}, got {alpha=}, {beta=}, {kappa=}",
                 "the paper's alpha=1, beta=2, kappa=0",
             )
-        if self.covariance_weights.min() < 0.0:
+        self.n, self.alpha, self.beta, self.kappa = n, alpha, beta, kappa
+        self.spread = alpha * math.sqrt(n + kappa)
+        total = self.spread**2
+        self.mean_weights = read_only(np.array([(total - n) / total] + [0.5 / total] * (2 * n)))
+        weights = self.mean_weights.copy()
+        weights[0] += 1.0 - alpha**2 + beta
+        self.covariance_weights = read_only(weights)
+        if weights.min() < 0.0:
             warnings.warn(
-                f"The central covariance weight is negative ({self.covariance_weights[0]:.4g}): the "
-                "estimated covariance may become indefinite. With alpha=1, beta=2, kappa=0 none is negative.",
-                stacklevel=4,
+                f"The central covariance weight is negative ({weights[0]:.4g}): the estimated covariance may become "
+                "indefinite. With alpha=1, beta=2, kappa=0 none is negative.",
+                stacklevel=3,
             )
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         vars(self).update(read_only(state))  # copies share their arrays
-
-    @cached_property
-    def spread(self) -> float:
-        """√(n + λ)."""
-        return self.alpha * math.sqrt(self.n + self.kappa)
-
-    @cached_property
-    def mean_weights(self) -> np.ndarray:
-        """Wᵐ, (2n + 1,)."""
-        total = self.spread**2
-        return read_only(np.array([(total - self.n) / total] + [0.5 / total] * (2 * self.n)))
-
-    @cached_property
-    def covariance_weights(self) -> np.ndarray:
-        """Wᶜ, (2n + 1,)."""
-        weights = self.mean_weights.copy()
-        weights[0] += 1.0 - self.alpha**2 + self.beta
-        return read_only(weights)
 
     def offsets(self, column: Any) -> tuple[Any, Any]:
         """Deviations of two points from the mean, for a column of a square root of P."""

@@ -154,7 +154,6 @@ class OutputInjectionObserver(RecursiveFilter):
 
     @property
     def _correction(self) -> np.ndarray:
-        """1 − L H: what a correction leaves of an error."""
         return np.eye(self.plant.n) - self._gain @ self._sensors
 
     @property
@@ -258,7 +257,6 @@ class OutputInjectionObserver(RecursiveFilter):
         return corrected, innovation, spread
 
     def _lifted(self, y: Any, u: Any, p: Any, lift: Any) -> Any:
-        """The smallest state with the output y."""
         return lift @ (y - self.output(np.zeros(self.plant.n), u, p))
 
     def _expected(self, mean: Any, u: Any, p: Any, lift: Any) -> tuple[Any, Any]:
@@ -272,7 +270,6 @@ class OutputInjectionObserver(RecursiveFilter):
 
 
 def _driven(mean: Any, injection: Any, transition: Any, hold: Any) -> Any:
-    """Φ x̂ + Γ φ."""
     return transition @ mean + hold @ injection
 
 

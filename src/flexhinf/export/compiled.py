@@ -370,20 +370,16 @@ def instructions() -> frozenset[str]:
     try:
         text = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace")
     except OSError:  # no Linux: LLVM knows, where it is installed
-        return _of_llvm()
+        try:
+            from llvmlite.binding import get_host_cpu_features
+
+            features = get_host_cpu_features()
+        except (ImportError, OSError, RuntimeError):
+            return frozenset()
+        return frozenset(name.replace(".", "").replace("-", "") for name, there in features.items() if there)
     line = next((line for line in text.splitlines() if line.startswith(("flags", "Features"))), "")
     words = line.partition(":")[2].split()
     return frozenset(OF_LINUX.get(word, word.replace("_", "")) for word in words)
-
-
-def _of_llvm() -> frozenset[str]:
-    try:
-        from llvmlite.binding import get_host_cpu_features
-
-        features = get_host_cpu_features()
-    except (ImportError, OSError, RuntimeError):
-        return frozenset()
-    return frozenset(name.replace(".", "").replace("-", "") for name, there in features.items() if there)
 
 
 def named_instructions() -> str:

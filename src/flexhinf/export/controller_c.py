@@ -11,7 +11,6 @@ from __future__ import annotations
 import hashlib
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from importlib.resources import files
 from typing import Any
@@ -19,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf import __version__
-from flexhinf.codegen import Call, Cholesky, Map, OuterSum, Polynomial, Program, Repeat, Sweep, When
+from flexhinf.codegen import Call, Cholesky, Map, OuterSum, Polynomial, Repeat, Sweep, When
 from flexhinf.codegen.c import Real, Translator, constant
 from flexhinf.codegen.program import Step
 from flexhinf.errors import InvalidInput
@@ -96,50 +95,55 @@ LANES = 8
 MISSING_LIMIT = 10
 
 
-@dataclass(frozen=True, eq=False)
-class ControllerCode:
-    """The C of a controller.
+#: What a step returns, by the end of its constant's name.
+CODES = {
+    "OK": (0, "all is well"),
+    "BAD_MEASUREMENT": (1, "a measurement is not finite: nothing changed, the last output is held"),
+    "BAD_COMMAND": (2, "a command is not finite: nothing changed, the last output is held"),
+    "BAD_RESULT": (3, "a result is not finite: nothing changed, the last output is held"),
+    "WENT_BACK": (4, "as BAD_RESULT, again: the memory went back to an earlier one"),
+    "PREDICTED": (5, "no measurement in time: the estimate is predicted, the law acts on it"),
+    "STOPPED": (6, "too many samples without a measurement: the last output is held"),
+    "WAITING": (7, "no measurement yet: nothing changed, the output is that before the first"),
+    "NOT_INITIALISED": (8, "the state was not initialised: the output is that before the first"),
+    "BAD_ARITHMETIC": (9, "the compiler's flags change results: nothing is computed"),
+}
 
-    `name`: A C identifier, checked; all names begin so.
+
+class ControllerCode:
+    """The C of a controller; `name` is a C identifier, checked, with which all names begin.
+
+    `sizes`: Numbers in each of y, r, data, memory, u and estimate. `predicts`: Whether there is an estimator, so that
+    samples without a measurement can be predicted over. `programs`: The step with a measurement, and without.
+    `scratch`: Numbers of working memory, beside "after" and "estimated". `safe_input`: The input before the first
+    sample, (m,). `codes`: What a step returns, of `CODES`. `signals`: Names of the elements of y, r, u and the state.
+    `units`: Units of signals by name, as far as the model of the estimator has them. `belief`: Where the estimate
+    begins, (n,), and the robot must be; None without an estimator. `oldest`: Age beyond which a measurement counts as
+    missing, s.
     """
 
-    controller: Controller
-    name: str
-    real: Real
-
-    # Sizes ------------------------------------------------------------------------------------------
-    @cached_property
-    def sizes(self) -> dict[str, int]:
-        """Numbers in each of y, r, data, memory, u and estimate."""
-        c = self.controller
-        sizes = {"y": len(c.measured), "r": max(1, len(c.commanded)), "data": c.data_vector.size}
-        return sizes | {
-            "memory": c.memory.size, "u": len(c.law.input_names), "estimate": len(c.states),
+    def __init__(self, controller: Controller, name: str, real: Real) -> None:
+        self.controller, self.name, self.real = controller, name, real
+        c, estimator = controller, controller.estimator
+        self.sizes = {
+            "y": len(c.measured), "r": max(1, len(c.commanded)), "data": c.data_vector.size, "memory": c.memory.size,
+            "u": len(c.law.input_names), "estimate": len(c.states),
         }  # fmt: skip
-
-    @property
-    def predicts(self) -> bool:
-        """Whether samples without a measurement can be predicted over: there is an estimator."""
-        return self.controller.estimator is not None
-
-    @cached_property
-    def programs(self) -> dict[str, Program]:
-        """The step with a measurement, and without."""
-        c, sizes = self.controller, self.sizes
-        programs = {"measured": step_program(sizes, bool(c.commanded), c.steps)}
+        self.predicts = estimator is not None
+        self.programs = {"measured": step_program(self.sizes, bool(c.commanded), c.steps)}
         if self.predicts:
-            without = {name: size for name, size in sizes.items() if name != "y"}
-            programs["predicted"] = step_program(without, bool(c.commanded), c.steps)
-        return programs
-
-    @cached_property
-    def scratch(self) -> int:
-        """Numbers of working memory, beside "after" and "estimated"."""
-        return max(
-            (buffer.size or 0 for program in self.programs.values() for buffer in program.buffers
-             if buffer.role == "work" and buffer.name not in ("after", "estimated")),
-            default=0,
-        )  # fmt: skip
+            without = {name: size for name, size in self.sizes.items() if name != "y"}
+            self.programs["predicted"] = step_program(without, bool(c.commanded), c.steps)
+        buffers = [buffer for program in self.programs.values() for buffer in program.buffers]
+        buffers = [b for b in buffers if b.role == "work" and b.name not in ("after", "estimated")]
+        self.scratch = max((buffer.size or 0 for buffer in buffers), default=0)
+        self.initial_memory = c.initial_memory()
+        self.safe_input = self.initial_memory[c.memory.places["u"]]
+        self.codes = {code: row for code, row in CODES.items() if self.predicts or code != "PREDICTED"}
+        self.signals = {"Y": c.measured, "R": c.commanded, "U": tuple(c.law.input_names), "X": c.states}
+        self.units = {} if estimator is None else dict(estimator.plant.units)
+        self.belief = None if estimator is None else np.asarray(estimator.initial[0], dtype=float)
+        self.oldest = 2.0 * c.period
 
     @cached_property
     def translator(self) -> Translator:
@@ -162,52 +166,6 @@ class ControllerCode:
         """Operations of the traced functions of a step with a measurement, each as often as it is called."""
         return sum(_operations(step) for step in self.programs["measured"].body)
 
-    @cached_property
-    def initial_memory(self) -> np.ndarray:
-        """Memory at the start."""
-        return self.controller.initial_memory()
-
-    @property
-    def safe_input(self) -> np.ndarray:
-        """The input before the first sample, (m,)."""
-        return self.initial_memory[self.controller.memory.places["u"]]
-
-    @property
-    def codes(self) -> dict[str, tuple[int, str]]:
-        """What a step returns, by the end of its constant's name."""
-        codes = {
-            "OK": (0, "all is well"),
-            "BAD_MEASUREMENT": (1, "a measurement is not finite: nothing changed, the last output is held"),
-            "BAD_COMMAND": (2, "a command is not finite: nothing changed, the last output is held"),
-            "BAD_RESULT": (3, "a result is not finite: nothing changed, the last output is held"),
-            "WENT_BACK": (4, "as BAD_RESULT, again: the memory went back to an earlier one"),
-        }
-        if self.predicts:
-            codes["PREDICTED"] = (5, "no measurement in time: the estimate is predicted, the law acts on it")
-        codes["STOPPED"] = (6, "too many samples without a measurement: the last output is held")
-        codes["WAITING"] = (7, "no measurement yet: nothing changed, the output is that before the first")
-        codes["NOT_INITIALISED"] = (8, "the state was not initialised: the output is that before the first")
-        codes["BAD_ARITHMETIC"] = (9, "the compiler's flags change results: nothing is computed")
-        return codes
-
-    @property
-    def signals(self) -> dict[str, tuple[str, ...]]:
-        """Names of the elements of y, r, u and the state."""
-        c = self.controller
-        return {"Y": c.measured, "R": c.commanded, "U": tuple(c.law.input_names), "X": c.states}
-
-    @cached_property
-    def units(self) -> dict[str, str]:
-        """Units of signals by name, as far as they are known: of the model of the estimator."""
-        return dict(self.controller.estimator.plant.units) if self.controller.estimator is not None else {}
-
-    @property
-    def belief(self) -> np.ndarray | None:
-        """Where the estimate begins, (n,), and the robot must be; None without an estimator."""
-        estimator = self.controller.estimator
-        return None if estimator is None else np.asarray(estimator.initial[0], dtype=float)
-
-    # Text --------------------------------------------------------------------------------------------
     def upper(self, what: str) -> str:
         """A constant's name."""
         return f"{self.name.upper()}_{what}"
@@ -281,7 +239,6 @@ class ControllerCode:
         return hashlib.sha256((self.header + self.source).encode()).hexdigest()
 
     def _call(self, which: str) -> str:
-        """The call of a program on the state's arrays."""
         places = {"y": "input->y", "r": "input->r", "data": "param->value", "scratch": "state->work"}
         names = [buffer.name for buffer in self.programs[which].buffers]
         arguments = ", ".join(places.get(name, f"state->{name}") for name in names)
@@ -298,11 +255,6 @@ class ControllerCode:
         arguments = arguments if plant.parameters.size else arguments[::2]
         call = f"{self.translator.function(holding_function(plant))}({', '.join(arguments)})"
         return START.replace("@HOLD@", HOLD.replace("@HOLDING@", call))
-
-    @property
-    def oldest(self) -> float:
-        """Age beyond which a measurement counts as missing: two periods."""
-        return 2.0 * self.controller.period
 
     @cached_property
     def starts_anywhere(self) -> bool:

@@ -313,12 +313,10 @@ class _Clock:
         self.reset()
 
     def reset(self) -> None:
-        """The controller as at the start."""
         self._stepped.reset(**self._start)
 
     @property
     def estimate(self) -> np.ndarray:
-        """Of the last step, (n,)."""
         return self._stepped.estimate
 
     def begin(self, k: int) -> bool:
@@ -338,7 +336,6 @@ class _Clock:
         return True
 
     def step(self, y: Any, reference: Any) -> np.ndarray:
-        """The controller's step, timed."""
         start = time.perf_counter_ns()
         u = self._step(y, reference)
         end = time.perf_counter_ns()
@@ -349,7 +346,6 @@ class _Clock:
         return u
 
     def end(self, k: int) -> None:
-        """Sample k is over."""
         self._over[k] = time.perf_counter_ns()
 
     def timing(self, times: np.ndarray) -> Timing:

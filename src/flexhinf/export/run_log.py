@@ -13,7 +13,6 @@ import importlib.util
 import json
 import os
 import tempfile
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -69,14 +68,9 @@ def log_columns(run: RealTimeRun) -> list[LogColumn]:
         "missed_deadline": timing.missed, "overrun": timing.overrun, "at_limit": limited.any(axis=1), "code": run.codes,
     }  # fmt: skip
     found += [LogColumn("flags", name, "", np.asarray(values, dtype=float)) for name, values in flags.items()]
-    times = {
-        "lateness": timing.woken,
-        "step_time": timing.computed,
-        "input_ready": timing.ready,
-        "over": timing.over,
-    }
-    found += [LogColumn("timing", name, "s", values) for name, values in times.items()]
-    return found
+    times = (timing.woken, timing.computed, timing.ready, timing.over)
+    names = ("lateness", "step_time", "input_ready", "over")
+    return found + [LogColumn("timing", name, "s", values) for name, values in zip(names, times, strict=True)]
 
 
 def check_log(path: str | os.PathLike[str]) -> Path:
@@ -109,10 +103,9 @@ def check_place(path: Path, what: str) -> Path:
         with tempfile.TemporaryFile(dir=path.parent):
             pass
     except (OSError, ValueError) as error:
+        found = f"{path}: {getattr(error, 'strerror', None) or error}"
         raise InvalidInput(
-            f"The {what} cannot be written.",
-            f"{path}: {getattr(error, 'strerror', None) or error}",
-            "a writable folder that exists",
+            f"The {what} cannot be written.", found, "a writable folder that exists"
         ) from error
     return path
 
@@ -169,28 +162,20 @@ def _write_mcap(run: RealTimeRun, name: str) -> None:
         writer.start(profile="", library="flexhinf")
         channels = {}
         for kind, group in columns.items():
-            schema = writer.register_schema(f"flexhinf.{kind}", "jsonschema", _schema(group))
+            properties = {c.name: {"type": "number", "description": c.unit or "no unit"} for c in group}
+            text = json.dumps({"type": "object", "properties": properties}).encode()
+            schema = writer.register_schema(f"flexhinf.{kind}", "jsonschema", text)
             channels[kind] = writer.register_channel(f"/{kind}", "json", schema)
         for k, at in enumerate(run.trajectory.time.tolist()):
             moment = run.began + round(1e9 * at)
-            for kind, text in _messages(columns, k):
-                writer.add_message(channels[kind], moment, text, moment, k)
+            for kind, group in columns.items():
+                values = {column.name: float(column.values[k]) for column in group}
+                finite = {
+                    name: value for name, value in values.items() if np.isfinite(value)
+                }  # others have no JSON
+                writer.add_message(channels[kind], moment, json.dumps(finite).encode(), moment, k)
         writer.add_metadata("flexhinf run", {key: str(value) for key, value in _settings(run).items()})
         writer.finish()
-
-
-def _schema(group: list[LogColumn]) -> bytes:
-    properties = {
-        column.name: {"type": "number", "description": column.unit or "no unit"} for column in group
-    }
-    return json.dumps({"type": "object", "properties": properties}).encode()
-
-
-def _messages(columns: dict[str, list[LogColumn]], k: int) -> Iterator[tuple[str, bytes]]:
-    """Kind and JSON of sample k; a number that is not finite has no JSON, and is left out."""
-    for kind, group in columns.items():
-        values = {column.name: float(column.values[k]) for column in group}
-        yield kind, json.dumps({name: value for name, value in values.items() if np.isfinite(value)}).encode()
 
 
 def _settings(run: RealTimeRun) -> dict[str, object]:
@@ -265,7 +250,6 @@ def record(
 
 
 def _measured(controller: Controller, r: np.ndarray) -> np.ndarray:
-    """What is measured in the loop under these commands, (K, p)."""
     assert controller.estimator is not None
     loop = Loop(controller.estimator.plant, controller)
     time = controller.period * np.arange(len(r))

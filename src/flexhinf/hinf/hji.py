@@ -160,9 +160,9 @@ def check_cost(size: tuple[int, int, int, int], degree: int, expanded: bool = Fa
     if 2 * memory <= available and seconds <= _DAY:
         return memory
     fits = max(2, bisect_right(range(degree), 1.0, key=lambda k: cost(k) if k > 2 else 0.0) - 1)
-    size = f"{needed(fits) / 1e9:.3g} GB"
+    room = f"{needed(fits) / 1e9:.3g} GB"
     advice = (
-        f"degree {fits} is the highest that fits and takes less than about ten minutes, with about {size}"
+        f"degree {fits} is the highest that fits and takes less than about ten minutes, with about {room}"
     )
     if 2 * memory > available:
         found = (
@@ -337,7 +337,6 @@ def solve_hji(problem: Problem, gamma: float, degree: int) -> HJISolution:
 
 
 def _solution(problem: Problem, gamma: float, degree: int) -> HJISolution:
-    """As `solve_hji`, of what is checked."""
     expanded = not isinstance(problem, PolynomialPlant)
     if expanded:  # the expansion itself may already not fit
         size = len(problem.state_names), len(getattr(problem, "disturbance_names", ())), len(problem.r2), 0

@@ -20,7 +20,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -85,35 +85,28 @@ class Rays:
         return self.direction * radius[:, None], terms.sum(1), slope, terms @ self.degrees
 
 
-@dataclass(frozen=True)
 class Inequality:
     """r(x) ≤ 0 with the exact fields, for a checked attenuation level and penalty.
 
-    `output`: The checked h from x (N, n) and the designed h (N, s).
+    `output`: The checked h from x (N, n) and the designed h (N, s). `root`: P^(−½) up to a rotation, (n, n): V_2 = ½
+    |y|² for x = root y.
     """
 
-    solution: ValueFunction
-    gamma: float
-    output: Callable[[np.ndarray, np.ndarray], np.ndarray]
-    _root: tuple[np.ndarray, np.ndarray] = field(init=False, repr=False)
-
-    def __post_init__(self) -> None:
-        values, vectors = np.linalg.eigh(self.solution.P)
+    def __init__(
+        self, solution: ValueFunction, gamma: float, output: Callable[[np.ndarray, np.ndarray], np.ndarray]
+    ) -> None:
+        self.solution, self.gamma, self.output = solution, gamma, output
+        values, vectors = np.linalg.eigh(solution.P)
         sizes = np.sqrt(np.maximum(values, 1e-14 * values[-1]))
-        object.__setattr__(self, "_root", (vectors * sizes, vectors / sizes))
-
-    @property
-    def root(self) -> np.ndarray:
-        """P^(−½) up to a rotation, (n, n): V_2 = ½ |y|² for x = root y."""
-        return self._root[1]
+        self._inverse, self.root = vectors * sizes, vectors / sizes
 
     def directions(self, sphere: np.ndarray) -> np.ndarray:
         """Rays of equal V_2: unit vectors times P^(−½)."""
-        return sphere / np.linalg.norm(sphere, axis=1, keepdims=True) @ self._root[1].T
+        return sphere / np.linalg.norm(sphere, axis=1, keepdims=True) @ self.root.T
 
     def on_sphere(self, points: np.ndarray) -> np.ndarray:
         """The unit vectors whose `directions` point at `points`."""
-        sphere = points @ self._root[0]
+        sphere = points @ self._inverse
         return sphere / np.linalg.norm(sphere, axis=1, keepdims=True)
 
     def checked_fields(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -308,7 +301,6 @@ def ascend(landscape: Landscape, starts: np.ndarray, rounds: int) -> np.ndarray:
 
 
 def _updated(inverse: np.ndarray, change: np.ndarray, bend: np.ndarray, fresh: np.ndarray) -> np.ndarray:
-    """BFGS update of inverse Hessians (K, n, n) where the curvature is positive."""
     curvature = (change * bend).sum(1)
     good = curvature > 1e-12 * np.linalg.norm(change, axis=1) * np.linalg.norm(bend, axis=1)
     rho = np.where(good, 1.0 / np.where(good, curvature, 1.0), 0.0)

@@ -111,7 +111,6 @@ def equilibrium_state(
     u = np.zeros(m)
 
     def rates(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Those that vanish, and how the input moves them at the first point."""
         f, _, g2, _ = solution.exact_fields(points)
         return (f + np.einsum("aij,j->ai", g2, u))[:, ~integral], g2[0][~integral]
 
@@ -286,23 +285,16 @@ def sample_region(
     return SampledCheck(solution, pair.gamma, pair.text, level, point, limit, rays, seed, float(largest))
 
 
-@dataclass(frozen=True, eq=False)
 class _Search:
-    """The lowest level at which a ray from 0 stops, over all directions."""
+    """The lowest level at which a ray from 0 stops, over all directions; no state is larger than `largest`.
 
-    inequality: Inequality
-    rng: np.random.Generator
-    largest: float
+    `first`: Radius at which rays start, for directions with V_2 = ½.
+    """
 
-    @property
-    def states(self) -> int:
-        """Number of states."""
-        return len(self.inequality.solution.P)
-
-    @property
-    def first(self) -> float:
-        """Radius at which rays start, for directions with V_2 = ½."""
-        return _SMALLEST / float(np.abs(self.inequality.root).max())
+    def __init__(self, inequality: Inequality, rng: np.random.Generator, largest: float) -> None:
+        self.inequality, self.rng, self.largest = inequality, rng, largest
+        self.states = len(inequality.solution.P)
+        self.first = _SMALLEST / float(np.abs(inequality.root).max())
 
     def lowest(self, rays: int) -> Stops:
         """The stop (one ray) of lowest level; its level is infinite if none was found."""
@@ -323,7 +315,6 @@ class _Search:
     def follow(
         self, directions: np.ndarray, cap: float, growth: float = _GROWTH, start: float | None = None
     ) -> Stops:
-        """Follow rays outwards to where they stop."""
         radii = np.full(len(directions), self.first if start is None else start)
         return self.inequality.follow(directions, radii, growth, self.largest, cap)
 

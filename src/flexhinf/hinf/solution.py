@@ -28,10 +28,9 @@ from flexhinf.notebook import names_text, number_text
 from flexhinf.plant.plant import GeneralisedPlant
 from flexhinf.plant.polynomial_plant import PolynomialPlant, Problem
 from flexhinf.plant.protocols import Law
-from flexhinf.polynomial.algebra import add_part, product
+from flexhinf.polynomial.algebra import PolynomialLaw, add_part, product
 from flexhinf.polynomial.basis import count
 from flexhinf.polynomial.homological import HOPELESS
-from flexhinf.polynomial.law import PolynomialLaw
 from flexhinf.scalars import digest, trace
 from flexhinf.validation import checked_path
 
@@ -187,10 +186,15 @@ class HJISolution(ValueFunction, Law):
 
     # As a law of a closed loop (`flexhinf.plant.Law`) ----------------------------------------------
     @property
+    def _source(self) -> GeneralisedPlant | PolynomialPlant:
+        """What evaluates g2 on any element: the problem itself where it can, else its expansion."""
+        problem = self.problem
+        return problem if isinstance(problem, GeneralisedPlant | PolynomialPlant) else self.expansion
+
+    @cached_property
     def law_is_polynomial(self) -> bool:
         """Whether `law_polynomial` is the law itself: g2 is constant, and not only its expansion."""
-        source = self.problem if isinstance(self.problem, EXACT_INPUT_MATRIX) else self.expansion
-        return source.input_matrix_is_constant
+        return self._source.input_matrix_is_constant
 
     @property
     def law_table(self) -> PolynomialLaw | None:
@@ -203,35 +207,35 @@ class HJISolution(ValueFunction, Law):
         return self.degree
 
     @cached_property
-    def _feedback(self) -> PolynomialLaw | GradientLaw:
+    def _polynomials(self) -> PolynomialLaw:
+        """The law where it is a polynomial; else V_x, one row per state, of which it is −R2⁻¹ g2(x)ᵀ V_xᵀ."""
         if self.law_is_polynomial:
             return self.law_polynomial()
         degrees = tuple(sorted(self.slope_parts))
         table = np.concatenate([self.slope_parts[k] for k in degrees]).T
-        slopes = PolynomialLaw(len(self.P), tuple(k - 1 for k in degrees), table)
-        exact = isinstance(self.problem, EXACT_INPUT_MATRIX)
-        matrix = (self.problem if exact else self.expansion).input_matrix
-        return GradientLaw(slopes, matrix, np.linalg.inv(self.expansion.r2))
+        return PolynomialLaw(len(self.P), tuple(k - 1 for k in degrees), table)
 
     @property
     def law_data(self) -> np.ndarray:
         """Coefficients of the law, flat: data of a kernel, so another γ compiles nothing."""
-        feedback = self._feedback
-        return (feedback.slopes if isinstance(feedback, GradientLaw) else feedback).coefficients.ravel()
+        return self._polynomials.coefficients.ravel()
 
-    @property
+    @cached_property
     def law_key(self) -> str:
-        """What distinguishes this law's code from another's: its monomials, and g2 where it is not constant."""
-        feedback = self._feedback
-        if isinstance(feedback, GradientLaw):
-            return feedback.key
-        return f"polynomial {feedback.n} {feedback.degrees}"
+        """What distinguishes this law's code from another's: its monomials, and R2⁻¹ g2ᵀ where it is not constant."""
+        n, degrees, matrix = self._polynomials.n, self._polynomials.degrees, self._source.input_matrix
+        if self.law_is_polynomial:
+            return f"polynomial {n} {degrees}"
+        priced = trace(lambda x: self.input_price @ np.asarray(matrix(x)).T, n, name="priced")
+        return f"gradient {n} {degrees} {digest(priced)}"
 
     def evaluate_law(self, x: np.ndarray, data: np.ndarray) -> np.ndarray:
         """The law at one deviation x (n,) on any element, with its coefficients as an argument."""
-        feedback = self._feedback
-        table = feedback.slopes if isinstance(feedback, GradientLaw) else feedback
-        return feedback.evaluate(x, np.asarray(data).reshape(table.coefficients.shape))
+        table = self._polynomials
+        values = table.evaluate(x, np.asarray(data).reshape(table.coefficients.shape))
+        if self.law_is_polynomial:
+            return values
+        return -(self.input_price @ (np.asarray(self._source.input_matrix(x)).T @ values))
 
     def summary(self) -> dict[str, str]:
         """γ, degree, states, inputs, coefficients and the largest residual of any degree, for ``repr``."""
@@ -353,36 +357,6 @@ def load_solution(path: str | os.PathLike[str], problem: Problem | None = None) 
         raise _unreadable(path, f"damaged or not such a file ({type(error).__name__})") from error
 
 
-#: Problems that evaluate g2 itself on any element; of others the expansion does.
-EXACT_INPUT_MATRIX = (GeneralisedPlant, PolynomialPlant)
-
-
-@dataclass(frozen=True, eq=False)
-class GradientLaw:
-    """−R2⁻¹ g2(x)ᵀ V_xᵀ with the coefficients of V_x as data.
-
-    `slopes`: V_x, one row per state. `input_matrix`: g2 at one deviation (n,) on any element, (n, m). `price`: (m, m),
-    R2⁻¹.
-    """
-
-    slopes: PolynomialLaw
-    input_matrix: Callable[[Any], Any]
-    price: np.ndarray
-
-    @cached_property
-    def key(self) -> str:
-        """What distinguishes its code: the monomials, and R2⁻¹ g2ᵀ as it is computed."""
-        priced = trace(
-            lambda x: self.price @ np.asarray(self.input_matrix(x)).T, self.slopes.n, name="priced"
-        )
-        return f"gradient {self.slopes.n} {self.slopes.degrees} {digest(priced)}"
-
-    def evaluate(self, x: Any, coefficients: Any) -> Any:
-        """The law at one deviation (n,) on any element, (m,)."""
-        slope = self.slopes.evaluate(x, coefficients)
-        return -(self.price @ (np.asarray(self.input_matrix(x)).T @ slope))
-
-
 _FORMAT, _VERSION = "flexhinf solution", 1
 _FIELDS = ("f", "g1", "g2", "h")
 _HIGHEST = 200  # degree that a file may claim, as for `solve_hji`
@@ -461,7 +435,6 @@ def _record(given: dict[str, Any], degree: int) -> DegreeRecord:
 
 
 def _gather(arrays: dict[str, np.ndarray], name: str, lowest: int, highest: int) -> dict[int, np.ndarray]:
-    """Take the parts `name`_k out of the arrays, by degree k."""
     found = {}
     for key in [key for key in arrays if key.startswith(f"{name}_")]:
         k = int(key[len(name) + 1 :])

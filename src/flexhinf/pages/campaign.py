@@ -278,15 +278,9 @@ def _worst_case(judged: CampaignJudgement, cases: Sequence[WorstCase], runs: Pla
         change = percent_change(name, value, case.nominal.numbers[name]) or "–"
         alone = value_text(case.alone[name], case.unit)
         numbers.append((name.replace("_", " "), number(value, 6), case.units[name], change, place, alone))
-    heads = (
-        "number",
-        "value",
-        "unit",
-        "change",
-        "in its interval",
-        f"{metric_text(case.metric)} with it alone nominal",
-    )
-    title, text = f"The robot with the worst {metric_text(case.metric)} found", worst_text(case)
+    metric, text = metric_text(case.metric), worst_text(case)
+    heads = ("number", "value", "unit", "change", "in its interval", f"{metric} with it alone nominal")
+    title = f"The robot with the worst {metric} found"
     return [
         Paragraph(about),
         Table(columns, rows, "The worst robot inside the box of tolerances", "table-worst-case", stacks=True),

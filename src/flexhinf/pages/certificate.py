@@ -200,20 +200,10 @@ def _set(text: str) -> str:
 # Slices of the region -------------------------------------------------------------------------------------
 def _starts(one: CertifiedDegree, shown: Evidence) -> list[Any]:
     """The largest proved steps, and the slice of the region where they start."""
-    given, effort, surface = shown.certificate, shown.certificate.inputs[0].unit, shown.surface
+    given, surface = shown.certificate, shown.surface
     if not one.steps:
         return [Paragraph("No steps from rest to rest are stated.")]
-    rows = []
-    for s in one.steps:
-        inputs = (float(values.max()) for values in (s.first_input, s.peak_input))
-        rows.append((_rule(s.rule), _angle(given, s.amplitude), s.overshoot_percent, *inputs))
-    columns = (
-        "start of the integrator", "largest proved step", Column("overshoot", "%", 1),
-        Column("first input", effort, digits=3), Column(_peak(effort), effort, digits=3),
-    )  # fmt: skip
-    table = Table(
-        columns, rows, "Simulated, not proved: the nominal robot, undisturbed", "table-steps", stacks=True
-    )
+    table = _steps_table(one, given)
     if surface is None:
         text = "A step from rest starts at another equilibrium, of each robot its own, without a jump of the input."
         return [Paragraph(text), table]
@@ -315,7 +305,8 @@ def _steps(one: CertifiedDegree, shown: Evidence) -> list[Any]:
     given, solution, blocks = shown.certificate, one.choice.solution, list[Any]()
     value = solution.value if one.box is None else one.box.value
     scale, unit = _position(given)
-    for runs in (one.steps, shown.worst):
+    kinds: tuple[Any, ...] = (one.steps, shown.worst)
+    for runs in kinds:
         if not runs:
             continue
         figure, axes = new_figure(3, height=6.4)
@@ -440,26 +431,66 @@ def _gain(shown: Evidence) -> list[Any]:
 
 
 # Degrees and check ----------------------------------------------------------------------------------------
-def _degrees(found: Sequence[CertifiedDegree]) -> list[Any]:
+def _degree_table(found: Sequence[CertifiedDegree]) -> Table:
+    """What is proved of the law of each degree."""
     rows = []
     for one in found:
-        given, name, seconds = one.certificate, law_name(one.choice.degree), f"{one.cpu_seconds:.1f}"
+        given, name = one.certificate, law_name(one.choice.degree) + (" *" if one.used else "")
         if given is None:
-            rows.append((name, "–", "–", "–", seconds, one.reason))
+            rows.append((name, None, None, None, None, one.cpu_seconds, one.reason))
             continue
-        share = "–" if given.sampled_level is None else f"{100.0 * given.level / given.sampled_level:.1f}"
-        steps = _steps_text(given) if given.starts else "–"
-        rows.append((name, at_least(given.level), share, steps, seconds, "used" if one.used else ""))
+        share = None if given.sampled_level is None else f"{100.0 * given.level / given.sampled_level:.1f}"
+        steps = _steps_text(given) if given.starts else None
+        cells = given.provenance.get("cells")
+        rows.append(
+            (name, at_least(given.level), share, steps, cells, one.cpu_seconds, "used" if one.used else "")
+        )
     columns = (
-        "law", "proved level of V", Column("of the sampled", "%"), "largest steps", Column("CPU", "s"), "remark",
+        "law", Column("proved level of V", brief="level of V", right=True), Column("of the sampled", "%", right=True),
+        "largest steps", Column("cells", right=True), Column("CPU", "s", 1), Column("remark", brief=None),
     )  # fmt: skip
+    whom = "all parameters within the tolerances" if any(one.box for one in found) else "nominal parameters"
+    title = f"What is proved, with the true state fed back and {whom} (* used)"
+    return Table(columns, rows, "", "table-degrees", stacks=True, title=title)
+
+
+def _steps_table(one: CertifiedDegree, given: Certificate) -> Table:
+    """Runs from the largest proved starts."""
+    effort, rows = given.inputs[0].unit, []
+    for run in one.steps:
+        inputs = (
+            ", ".join(number(float(v), 3) for v in values) for values in (run.first_input, run.peak_input)
+        )
+        rows.append((_rule(run.rule), _angle(given, run.amplitude), run.overshoot_percent, *inputs))
+    columns = (
+        Column("start of the integrator", brief="integrators start"),
+        Column("largest proved step", brief="step", right=True), Column("overshoot", "%", 1),
+        Column("first input", effort, right=True), Column(_peak(effort), effort, right=True),
+    )  # fmt: skip
+    caption = "Simulated, not proved: the nominal robot, undisturbed"
+    title = f"{law_name(one.choice.degree)}: simulated, not proved: the nominal robot from the largest proved starts"
+    return Table(columns, rows, caption, "table-steps", stacks=True, title=title)
+
+
+def certification_tables(found: Sequence[CertifiedDegree]) -> list[Any]:
+    """For a terminal: what is proved of the law of each degree, and the runs from the largest proved steps."""
+    steps = (_steps_table(one, one.certificate) for one in found if one.steps and one.certificate)
+    return [table.terminal() for table in (_degree_table(found), *steps)]
+
+
+def certification_notes(found: Sequence[CertifiedDegree]) -> list[str]:
+    """Of which laws nothing is proved, and why."""
+    return [f"{law_name(one.choice.degree)}: nothing is proved: {one.reason}" for one in found if one.reason]
+
+
+def _degrees(found: Sequence[CertifiedDegree]) -> list[Any]:
     notes = []
     for low, high in pairwise(found):
         amplitudes = [one.certificate.step_amplitude for one in (low, high) if one.certificate is not None]
         if len(amplitudes) == 2 and amplitudes[1] < amplitudes[0]:
             text = f"Degree {high.choice.degree} proves a smaller step than degree {low.choice.degree}."
             notes.append(Note(text))
-    return [*notes, Table(columns, rows, "", "table-degrees", stacks=True)]
+    return [*notes, _degree_table(found)]
 
 
 CHECK = (

@@ -214,15 +214,13 @@ def _ranking(comparison: Comparison) -> Table:
     for law in sorted(laws, key=lambda law: (law.name not in first, law.cost)):
         ratios, corners = comparison.criterion.ratios(law.metrics), law.evaluation.corners
         values = (law.cost, *(ratios[name] for name in RATIOS))
-        rows.append(
-            (
-                _whole(f"{law.name}, as it is" if law.name == DESIGN else law.name),
-                *(value if np.isfinite(value) else None for value in values),
-                "–" if corners is None else corners.unstable,
-                ", ".join(law.sensors).replace("_", " ") or "true state",
-                "yes" if law.name in first else "no: more unstable corners than the design",
-            )
-        )
+        rows.append((
+            _whole(f"{law.name}, as it is" if law.name == DESIGN else law.name),
+            *(value if np.isfinite(value) else None for value in values),
+            "–" if corners is None else corners.unstable,
+            ", ".join(law.sensors).replace("_", " ") or "true state",
+            "yes" if law.name in first else "no: more unstable corners than the design",
+        ))  # fmt: skip
     ratios = (Column(name, "", 2) for name in ("criterion", *RATIOS.values()))
     columns = ("law", *ratios, "unstable corners", "measured", "ranked")
     return Table(columns, rows, "", "table-criterion", stacks=True)

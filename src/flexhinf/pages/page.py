@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from flexhinf.design.certification import CertifiedDegree
 from flexhinf.design.requirements import Requirement
 from flexhinf.design.result import Design
 from flexhinf.design.result import Status as Judged
@@ -27,10 +26,9 @@ from flexhinf.pages.drawing import (
     units_of,
     with_figures,
 )
-from flexhinf.pages.proof import RULES, proof_text
+from flexhinf.pages.proof import proof_text
 from flexhinf.pages.settings import design_settings, files_section
 from flexhinf.report import (
-    Column,
     KeyNumber,
     Note,
     Page,
@@ -39,7 +37,6 @@ from flexhinf.report import (
     Settings,
     Status,
     Table,
-    at_least,
     house_style,
     number,
 )
@@ -280,46 +277,3 @@ def robots_table() -> Terminal:
         rows.append((name, len(robot.joint_names), robot.drive, numbers, robot.description))
     title = "Robots that come with flexhinf: flexhinf design NAME"
     return Table(("name", "joints", "drive", "numbers", ""), rows, title).terminal()
-
-
-def certification_tables(found: Sequence[CertifiedDegree]) -> list[Terminal]:
-    """What is proved of the law of each degree, and the runs from the largest proved steps."""
-    rows = []
-    for one in found:
-        name, given = law_name(one.choice.degree) + (" *" if one.used else ""), one.certificate
-        if given is None:
-            rows.append((name, "none", "", "", "", one.cpu_seconds))
-            continue
-        ratio = "" if given.sampled_level is None else f"{100 * given.level / given.sampled_level:.1f} %"
-        step = at_least(given.step_amplitude) if given.starts else "no step is stated"
-        cells = given.provenance.get("cells", "")
-        rows.append((name, at_least(given.level), ratio, step, cells, one.cpu_seconds))
-    columns = (
-        "law", Column("level of V", right=True), Column("of the sampled", right=True),
-        Column("largest step", right=True), Column("cells", right=True), Column("CPU", "s", 1),
-    )  # fmt: skip
-    whom = "all parameters within the tolerances" if any(one.box for one in found) else "nominal parameters"
-    title = f"What is proved, with the true state fed back and {whom} (* used)"
-    return [Table(columns, rows, title).terminal(), *(_steps(one) for one in found if one.steps)]
-
-
-def certification_notes(found: Sequence[CertifiedDegree]) -> list[str]:
-    """Of which laws nothing is proved, and why."""
-    return [f"{law_name(one.choice.degree)}: nothing is proved: {one.reason}" for one in found if one.reason]
-
-
-def _steps(one: CertifiedDegree) -> Terminal:
-    assert one.certificate is not None
-    effort, position = one.certificate.inputs[0].unit, one.certificate.states[0].unit
-    rows = []
-    for run in one.steps:
-        inputs = (", ".join(number(v) for v in values) for values in (run.first_input, run.peak_input))
-        start = RULES.get(run.rule, run.rule)
-        rows.append((start, at_least(run.amplitude), run.overshoot_percent, *inputs))
-    columns = (
-        "integrators start", Column("step", position, right=True), Column("overshoot", "%", 1),
-        Column("first", effort, right=True), Column("peak", effort, right=True),
-    )  # fmt: skip
-    name = law_name(one.choice.degree)
-    title = f"{name}: simulated, not proved: the nominal robot from the largest proved starts"
-    return Table(columns, rows, title).terminal()

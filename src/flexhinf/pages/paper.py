@@ -72,11 +72,7 @@ MISPRINTS = (
     ("Eq. (10) with Table 3", "five sigma points", "2n + 1 = 9 for n = 4; λ = 0, W0ᵐ = 0, W0ᶜ = 2, Wᵢ = 1/8"),
     ("Sec. 2", "gravity inside C, and G", "gravity once"),
     ("Sec. 3", "asymptotically stable at u = 0", "with u = k(x): x5 is an integrator"),
-    (
-        "Figs. 7, 9, 10, 12",
-        "captions lost",
-        "tracking; tolerances measured, estimated; sinusoidal disturbance",
-    ),
+    ("Figs. 7, 9, 10, 12", "captions lost", "tracking; tolerances, measured and estimated; sine disturbance"),
 )
 
 OPEN = (
@@ -117,7 +113,7 @@ def draw_laws(runs: Mapping[str, Trajectory], voltage: bool = False, step: float
         if step is not None:
             settling_band(axes, float(command[-1]), step)
     for law, run in runs.items():
-        signals = (run.signal("input", "motor_voltage"),) if voltage else positions(run)
+        signals: Any = (run.signal("input", "motor_voltage"),) if voltage else positions(run)
         time_response(axes, run.time, *signals, name=LAWS[law], colour=COLOURS[law])
     label(axes, *(("motor voltage", "V") if voltage else ("link position", "°")))
     legend(axes)
@@ -215,33 +211,33 @@ FIGURES: dict[str, tuple[str, str | Callable[[PaperSetup], str], Callable[[Paper
     "03": (
         "Step to 180°: link position.",
         "The paper shows NL-H∞ alone; the linear law of the same γ is added. Dotted: command; grey: ±2 % of the step.",
-        lambda e: draw_laws(e.step_180, step=180.0),
+        lambda e: draw_laws(e.runs("03"), step=180.0),
     ),
     "04": (
         "Step to 180°: motor voltage.",
         "The law is held between samples.",
-        lambda e: draw_laws(e.step_180, voltage=True),
+        lambda e: draw_laws(e.runs("03"), voltage=True),
     ),
     "05": (
         "Step to 90°: link position by NL-H∞ and by L-H∞.",
         "The measured and the estimated curve lie on each other. Dotted: command; grey: ±2 % of the step.",
-        lambda e: draw_laws(e.step_90, step=90.0),
+        lambda e: draw_laws(e.runs("05"), step=90.0),
     ),
     "06": (
         "Step to 90°: motor voltage by NL-H∞ and by L-H∞.",
         "At rest at 90° the motor holds the full gravity torque M g L: 10.9 V.",
-        lambda e: draw_laws(e.step_90, voltage=True),
+        lambda e: draw_laws(e.runs("05"), voltage=True),
     ),
     "07": (
         "Tracking π + sin(πt/10): link position.",
         "The law acts on the angle from hanging and on the integral of the error, so the arm follows a moving command "
         "with a delay.",
-        lambda e: draw_laws(e.tracking),
+        lambda e: draw_laws(e.runs("07")),
     ),
     "08": (
         "Tracking π + sin(πt/10): motor voltage.",
         "",
-        lambda e: draw_laws(e.tracking, voltage=True),
+        lambda e: draw_laws(e.runs("07"), voltage=True),
     ),
     "09": (
         "Step to 90° under the tolerances of Tables 1 and 2: link position as measured.",
@@ -253,23 +249,19 @@ FIGURES: dict[str, tuple[str, str | Callable[[PaperSetup], str], Callable[[Paper
     ),
     "10": (
         "The runs of Figure 9 as estimated.",
-        lambda e: (
-            "The estimator's model is the nominal plant without coil."
-            if e.settings.estimator != "none"
-            else "The true state is fed back, so they are the same."
-        ),
+        "The estimator's model is the nominal plant without coil; the same where the true state is fed back.",
         lambda e: draw_sampled(e.sampled_plants, "estimate"),
     ),
     "11": (
         "Step to 90° with a step disturbance: link position, and its error from one second before the torque on.",
         f"A torque of {TORQUE:g} N·m from t = {LOAD_FROM:g} s on, at the link or at the motor. "
         "The paper gives neither size nor place.",
-        lambda e: draw_loads(e.step_disturbance),
+        lambda e: draw_loads(e.runs("11")),
     ),
     "12": (
         "Step to 90° with a sinusoidal disturbance: link position, and its error from one second before the torque on.",
         f"A torque of {TORQUE:g} N·m at {FREQUENCY:g} Hz from t = {LOAD_FROM:g} s on, at the link or at the motor.",
-        lambda e: draw_loads(e.sine_disturbance),
+        lambda e: draw_loads(e.runs("12")),
     ),
 }
 
@@ -423,15 +415,12 @@ def _numbered(
 
 
 def _key_numbers(setup: PaperSetup) -> list[KeyNumber]:
-    ratio, least = (
-        f"{setup.settings.gamma_ratio:g} γ*; the paper gives none",
-        "smallest feasible γ, by bisection",
-    )
+    ratio = f"{setup.settings.gamma_ratio:g} γ*; the paper gives none"
     numbers = [
-        KeyNumber("γ* of the paper's problem", f"{setup.gamma_star:.4f}", note=least),
+        KeyNumber("γ* of the paper's problem", f"{setup.gamma_star:.4f}", note="the smallest feasible one"),
         KeyNumber("γ of the paper's law here", f"{setup.gamma:.4f}", note=ratio),
     ]
-    for goal, runs in (("180°", setup.step_180), ("90°", setup.step_90)):
+    for goal, runs in (("180°", setup.runs("03")), ("90°", setup.runs("05"))):
         ours, linear = (runs[name].metrics()["overshoot_percent"] for name in ("nonlinear", "linear"))
         shown = ("diverged", "") if ours is None else (round(ours, 2), "%")
         note = "L-H∞ diverged" if linear is None else f"L-H∞: {linear:.1f} %"

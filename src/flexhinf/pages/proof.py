@@ -20,12 +20,8 @@ RULES = {SMALLEST_VALUE: "V smallest", UNCHANGED_INPUT: "input unchanged"}
 def proof_text(design: Design) -> str:
     """What is proved of the step that is asked for, then of the law for all tolerances and for the nominal robot; why
     nothing is."""
-    proof, given, box, texts = (
-        design.proof,
-        design.proof.certificate,
-        design.proof.box,
-        [design.step_proof.text],
-    )
+    proof, texts = design.proof, [design.step_proof.text]
+    given, box = proof.certificate, proof.box
     if box is not None:
         texts.append(
             f"Proved, for every robot within the tolerances with the true state fed back: the step of "
@@ -47,10 +43,8 @@ def proof_text(design: Design) -> str:
     text = f"γ = {at_most(given.gamma)}."
     if proof.inside and proof.budget:
         spent, left = (f"{100.0 * v / given.level:.2g}" for v in (_spent(design), given.level - proof.start))
-        parts, kept = (
-            listed([term.name for term in proof.budget]),
-            "covers" if proof.lasts else "does not cover",
-        )
+        parts = listed([term.name for term in proof.budget])
+        kept = "covers" if proof.lasts else "does not cover"
         text += f" The step leaves {left} % of the level, which {kept} the {spent} % that {parts} spend."
     elif proof.inside:
         text += " What the estimator and the sampling spend is not covered."

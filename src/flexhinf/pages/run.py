@@ -1,7 +1,4 @@
-"""A run of a deployed controller: was it in time, did it do what is required, how much jitter; its film in a file.
-
-Films are GIF by Pillow or MP4 by ffmpeg.
-"""
+"""A run of a deployed controller: was it in time, did it do what is required; its film as GIF or MP4."""
 
 from __future__ import annotations
 

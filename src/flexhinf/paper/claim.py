@@ -8,6 +8,7 @@ from typing import Any
 
 from flexhinf.paper.loop_setup import PaperSetup
 from flexhinf.report import Claim, Table
+from flexhinf.report.page import Verdict
 
 
 @dataclass(frozen=True)
@@ -15,7 +16,7 @@ class Finding:
     """Result of computing one claim's criterion: whether it is met ("ties" or "not judged" where it cannot be said),
     the numbers behind that in a sentence, tables, numbers for ``metrics.json``, and what the page draws."""
 
-    verdict: bool | str
+    verdict: bool | Verdict
     evidence: str
     tables: tuple[Table, ...] = ()
     numbers: dict[str, Any] = field(default_factory=dict)
@@ -51,7 +52,7 @@ class PaperClaim:
     def judged(self, setup: PaperSetup) -> Judged:
         """Compute the verdict."""
         finding, kind = self.judge(setup), setup.settings.estimator
-        verdict: Any = finding.verdict
+        verdict = finding.verdict
         if not isinstance(verdict, str):
             verdict = "holds" if verdict else "fails"
         text = self.text.format(feedback="the true state" if kind == "none" else f"the {kind.upper()}")

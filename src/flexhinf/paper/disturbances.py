@@ -165,7 +165,7 @@ def _shown(run: Trajectory) -> tuple[float | None, float | None]:
 
 
 def _step_disturbance(setup: PaperSetup) -> Finding:
-    found = {c.replace("_torque", ""): _shown(run) for c, run in setup.step_disturbance.items()}
+    found = {c.replace("_torque", ""): _shown(run) for c, run in setup.runs("11").items()}
     fed_back = setup.load_response(setup.nonlinear, Step(TORQUE, at=LOAD_FROM), estimator=None)
     shown = {**found, "link, true state fed back": _shown(fed_back)}
     columns = ("torque at the", Column("largest deviation", "°", 2), Column("time of recovery", "s", 2))
@@ -198,7 +198,7 @@ def _stays(run: Trajectory, frequency: float) -> bool:
 
 
 def _sine_disturbance(setup: PaperSetup) -> Finding:
-    runs = {(FREQUENCY, c): run for c, run in setup.sine_disturbance.items()}
+    runs = {(FREQUENCY, c): run for c, run in setup.runs("12").items()}
     for f in FREQUENCIES:
         for c in CHANNELS:
             if (f, c) not in runs:

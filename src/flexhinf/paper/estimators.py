@@ -16,7 +16,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -38,6 +38,7 @@ from flexhinf.paper.loop_setup import (
 )
 from flexhinf.plant import Plant
 from flexhinf.report import Column, Table, number
+from flexhinf.report.page import Verdict
 from flexhinf.scalars import cholesky, solve_lower, trace
 
 #: Seeds of each run, and how much larger the last ten seconds' error may be than that of the ten before.
@@ -107,13 +108,8 @@ def _reconstructs(setup: PaperSetup) -> Finding:
         span = float(np.ptp(true))
         rmse = float(np.sqrt(np.mean((guess - true)[run.time >= RECONSTRUCTED_FROM] ** 2)))
         rows.append((name.replace("_", " "), rmse, span, 100.0 * rmse / span))
-    unit = "rad or rad/s"
-    columns = (
-        "state",
-        Column("RMS error", unit),
-        Column("range in the run", unit),
-        Column("error / range", "%", 3),
-    )
+    errors = [Column(name, "rad or rad/s") for name in ("RMS error", "range in the run")]
+    columns = ("state", *errors, Column("error / range", "%", 3))
     variance = number(setup.settings.measurement_noise)
     caption = f"UKF on the nominal 180° step, link position measured with Rⁿ = {variance} rad²."
     largest = max(rmse / span for _, rmse, span, _ in rows)
@@ -123,7 +119,7 @@ def _reconstructs(setup: PaperSetup) -> Finding:
 
 
 # Trials of two filters -----------------------------------------------------------------------------------
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Trial:
     """What two filters are compared on: the model that both believe in, with its sensors; the period, s; q of R^v = q
     I and the variances R^n (p,), of the truth and of the filters; standard deviations (n,) of the true start about
@@ -136,14 +132,6 @@ class Trial:
     measurement_noise: tuple[float, ...]
     initial: tuple[float, ...]
     changes: Mapping[str, float]
-
-    def filters(self) -> tuple[RecursiveFilter, RecursiveFilter]:
-        """(UKF, EKF) from the mean zero."""
-        start, p0 = np.zeros(self.model.n), np.array(self.initial) ** 2
-        both = (UnscentedKalmanFilter, ExtendedKalmanFilter)
-        noises = (self.process_noise, np.array(self.measurement_noise))
-        ukf, ekf = (kind(self.model, self.period, *noises, start, p0) for kind in both)
-        return ukf, ekf
 
 
 @dataclass(frozen=True)
@@ -158,7 +146,10 @@ class Scores:
 
 def run_trial(trial: Trial, inputs: np.ndarray, runs: int, seed: int) -> tuple[Scores, Scores]:
     """(UKF's, EKF's) scores on the same data; inputs (steps, m), held between samples."""
-    filters, parameters = trial.filters(), trial.model.parameters
+    parameters, both = trial.model.parameters, (UnscentedKalmanFilter, ExtendedKalmanFilter)
+    noises = (trial.process_noise, np.array(trial.measurement_noise))
+    start, p0 = np.zeros(trial.model.n), np.array(trial.initial) ** 2
+    filters = [kind(trial.model, trial.period, *noises, start, p0) for kind in both]
     kernels = [
         share(("filter trial", f.estimator_key, f.plant.code_key), lambda f=f: compile_program(_program(f)))
         for f in filters
@@ -178,10 +169,10 @@ def run_trial(trial: Trial, inputs: np.ndarray, runs: int, seed: int) -> tuple[S
         summaries = []
         for filter, kernel in zip(filters, kernels, strict=True):
             recorded = np.zeros((steps, n + 1))
-            noises = (filter.process_noise, filter.measurement_noise)
+            variances = (filter.process_noise, filter.measurement_noise)
             arrays = {
                 **data,
-                "noises": np.concatenate([noise.ravel() for noise in noises]),
+                "noises": np.concatenate([variance.ravel() for variance in variances]),
                 "x": np.array(trial.initial) * normal[0, :n],
                 "belief": np.concatenate([np.ravel(part) for part in filter.initial]),
                 "recorded": recorded.ravel(),
@@ -233,42 +224,35 @@ def _program(filter: RecursiveFilter) -> Program:
 
 
 # Against the EKF -----------------------------------------------------------------------------------------
-@dataclass(frozen=True)
-class PairedErrors:
-    """Outcome of a trial of both filters: pairs in which neither failed; mean of the paired relative difference
-    (UKF − EKF) and half its 95 % interval, NaN with fewer than two pairs; largest |mean error| over the RMS error, and
-    NEES, UKF's and EKF's."""
+class Outcome(NamedTuple):
+    """Of a trial: pairs in which neither filter failed; mean of the paired relative difference (UKF − EKF) and half its
+    95 % interval; largest |mean error| over the RMS error, and NEES, of UKF and EKF; what the UKF is."""
 
-    trial: Trial
     pairs: int
-    difference: float = math.nan
-    half: float = math.nan
-    bias: tuple[float, ...] = (math.nan, math.nan)
-    nees: tuple[float, ...] = (math.nan, math.nan)
+    difference: float
+    half: float
+    bias: tuple[float, float]
+    nees: tuple[float, float]
+    verdict: str
 
-    @staticmethod
-    def of(trial: Trial, ukf: Scores, ekf: Scores) -> PairedErrors:
-        """Compare the scores of both filters on the same data."""
-        kept = np.isfinite(ukf.squared).all(axis=1) & np.isfinite(ekf.squared).all(axis=1)
-        pairs = int(kept.sum())
-        if pairs < 2:
-            return PairedErrors(trial, pairs)
-        scale = np.sqrt(ekf.squared[kept].mean(axis=0))
-        scores = [np.sqrt((s.squared[kept] / scale**2).mean(axis=1)) for s in (ukf, ekf)]
-        gap = scores[0] - scores[1]
-        bias = [float(np.abs(s.mean[kept].mean(axis=0) / scale).max()) for s in (ukf, ekf)]
-        nees = [float(s.nees[kept].mean()) for s in (ukf, ekf)]
-        half = 1.96 * float(gap.std(ddof=1)) / math.sqrt(pairs)
-        return PairedErrors(trial, pairs, float(gap.mean()), half, tuple(bias), tuple(nees))
 
-    @property
-    def verdict(self) -> str:
-        """better, worse or tie; unknown without pairs."""
-        if not math.isfinite(self.difference):
-            return "unknown"
-        if abs(self.difference) <= self.half or abs(self.difference) < MATTERS:
-            return "tie"
-        return "better" if self.difference < 0.0 else "worse"
+def _outcome(ukf: Scores, ekf: Scores) -> Outcome:
+    """Compare the scores of both filters on the same data; NaN with fewer than two pairs."""
+    kept, nan = np.isfinite(ukf.squared).all(axis=1) & np.isfinite(ekf.squared).all(axis=1), math.nan
+    pairs = int(kept.sum())
+    if pairs < 2:
+        return Outcome(pairs, nan, nan, (nan, nan), (nan, nan), "unknown")
+    scale = np.sqrt(ekf.squared[kept].mean(axis=0))
+    own, other = (np.sqrt((s.squared[kept] / scale**2).mean(axis=1)) for s in (ukf, ekf))
+    bias = [float(np.abs(s.mean[kept].mean(axis=0) / scale).max()) for s in (ukf, ekf)]
+    gap, nees = own - other, [float(s.nees[kept].mean()) for s in (ukf, ekf)]
+    difference, half = float(gap.mean()), 1.96 * float(gap.std(ddof=1)) / math.sqrt(pairs)
+    verdict = "better" if difference < 0.0 else "worse"
+    if not math.isfinite(difference):
+        verdict = "unknown"
+    elif abs(difference) <= half or abs(difference) < MATTERS:
+        verdict = "tie"
+    return Outcome(pairs, difference, half, (bias[0], bias[1]), (nees[0], nees[1]), verdict)
 
 
 def _trials(setup: PaperSetup) -> tuple[list[Trial], list[Trial]]:
@@ -304,24 +288,24 @@ def _trials(setup: PaperSetup) -> tuple[list[Trial], list[Trial]]:
 def _beats_ekf(setup: PaperSetup) -> Finding:
     step = setup.run(setup.nonlinear, Step(math.pi), DURATION, estimator=None)
 
-    def paired(trial: Trial) -> PairedErrors:
-        """Both filters on the voltage of a step, which drives every plant of the trial."""
+    def outcome(trial: Trial) -> Outcome:
+        """Of both filters on the voltage of a step, which drives every plant of the trial."""
         times = np.arange(max(2, round(DURATION / trial.period))) * trial.period
         volts = np.interp(times, step.time, step.signals["input"][:, 0])
         volts = np.clip(np.nan_to_num(volts), -100.0, 100.0)  # of a step that diverged
         runs = affordable(RUNS, trial.period, DURATION)
-        return PairedErrors.of(trial, *run_trial(trial, volts[:, None], runs, setup.settings.seed))
+        return _outcome(*run_trial(trial, volts[:, None], runs, setup.settings.seed))
 
-    own, others = ([paired(trial) for trial in trials] for trials in _trials(setup))
-    verdicts = {p.verdict for p in own}
-    verdict: bool | str = "not judged" if verdicts == {"unknown"} else "ties"
+    own, others = ({trial: outcome(trial) for trial in trials} for trials in _trials(setup))
+    verdicts = {found.verdict for found in own.values()}
+    verdict: bool | Verdict = "not judged" if verdicts == {"unknown"} else "ties"
     if "worse" in verdicts or verdicts == {"better"}:
         verdict = "worse" not in verdicts
-    largest = max((abs(p.difference) for p in own if p.verdict != "unknown"), default=math.nan)
+    largest = max((abs(p.difference) for p in own.values() if p.verdict != "unknown"), default=math.nan)
     wins = [
-        f"{p.trial.name} ({100 * p.difference:+.1g} ± {100 * p.half:.1g} %, NEES {p.nees[0]:.1f} against "
-        f"{p.nees[1]:.1f} of {p.trial.model.n})"
-        for p in others
+        f"{trial.name} ({100 * p.difference:+.1g} ± {100 * p.half:.1g} %, NEES {p.nees[0]:.1f} against {p.nees[1]:.1f} "
+        f"of {trial.model.n})"
+        for trial, p in others.items()
         if p.verdict == "better"
     ]
     won = f"other sensors: {'; '.join(wins)}" if wins else "no other sensor tried"
@@ -330,10 +314,10 @@ def _beats_ekf(setup: PaperSetup) -> Finding:
         f"{_closed_loops(setup)} The UKF wins with {won}."
     )
     trials, rows = {}, []
-    for p in (*own, *others):
-        trials[p.trial.name] = [known(v) for v in (p.difference, p.half, *p.nees)]
+    for trial, p in (own | others).items():
+        trials[trial.name] = [known(v) for v in (p.difference, p.half, *p.nees)]
         values = (100.0 * p.difference, 100.0 * p.half, *p.bias, *p.nees)
-        rows.append((p.trial.name, p.pairs, *(known(value) for value in values), p.verdict))
+        rows.append((trial.name, p.pairs, *map(known, values), p.verdict))
     columns = (
         "trial", "pairs", Column("UKF − EKF", "% of RMS error"), Column("± (95 %)", "%"),
         Column("bias UKF", "of RMS", 3), Column("bias EKF", "of RMS", 3), Column("NEES UKF", "", 2),

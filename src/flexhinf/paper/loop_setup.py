@@ -46,6 +46,13 @@ COMMAND_AT, LOAD_FROM, LOAD_DURATION = 2.0, 6.0, 14.0
 TORQUE, FREQUENCY = 2.0, 0.5
 #: Where a torque can act; the paper does not say.
 CHANNELS = ("link_torque", "motor_torque")
+#: By the figure's number: command and length of the runs of both laws, and the torques on the loop at 90°.
+COMMANDS: dict[str, tuple[Any, float]] = {
+    "03": (Step(math.pi), STEP_DURATION),
+    "05": (Step(math.pi / 2), STEP_DURATION),
+    "07": (SINE, TRACKING_DURATION),
+}
+LOADS: dict[str, Any] = {"11": Step(TORQUE, at=LOAD_FROM), "12": Sine(TORQUE, FREQUENCY, at=LOAD_FROM)}
 
 
 @dataclass(frozen=True)
@@ -65,8 +72,6 @@ class ToleranceRun:
 class PaperSetup:
     """What all figures and claims share; everything is computed once, on first use.
 
-    Runs are by the name of the law: "nonlinear" (the paper's) and "linear".
-
     Raises
     ------
     InfeasibleGamma
@@ -82,6 +87,7 @@ class PaperSetup:
         if self.gamma <= self.gamma_star:
             raise InfeasibleGamma(self.gamma, self.gamma_star)
         self._laws: dict[tuple[Any, ...], HJISolution] = {}
+        self._runs: dict[str, dict[str, Trajectory]] = {}
 
     # Laws, estimators and plants --------------------------------------------------------------------------------
     @cached_property
@@ -172,24 +178,15 @@ class PaperSetup:
         seed = self.settings.seed if seed is None else seed
         return loop.run(reference, disturbance, self.deviation(loop) if noise else None, duration, None, seed)
 
-    def _both(self, reference: Any, duration: float) -> dict[str, Trajectory]:
-        laws = {"nonlinear": self.nonlinear, "linear": self.linear}
-        return {name: self.run(law, reference, duration) for name, law in laws.items()}
-
-    @cached_property
-    def step_180(self) -> dict[str, Trajectory]:
-        """Figs. 3 and 4."""
-        return self._both(Step(math.pi), STEP_DURATION)
-
-    @cached_property
-    def step_90(self) -> dict[str, Trajectory]:
-        """Figs. 5 and 6."""
-        return self._both(Step(math.pi / 2), STEP_DURATION)
-
-    @cached_property
-    def tracking(self) -> dict[str, Trajectory]:
-        """Figs. 7 and 8: π + sin(πt/10)."""
-        return self._both(SINE, TRACKING_DURATION)
+    def runs(self, figure: str) -> dict[str, Trajectory]:
+        """The runs behind Figs. 3, 5, 7 ("03" …) by the name of the law, and 11 and 12 by where the torque acts."""
+        if figure not in self._runs and figure in COMMANDS:
+            laws = {"nonlinear": self.nonlinear, "linear": self.linear}
+            self._runs[figure] = {name: self.run(law, *COMMANDS[figure]) for name, law in laws.items()}
+        elif figure not in self._runs:
+            loads = {c: self.load_response(self.nonlinear, LOADS[figure], c) for c in CHANNELS}
+            self._runs[figure] = loads
+        return self._runs[figure]
 
     @cached_property
     def sampled_plants(self) -> list[ToleranceRun]:
@@ -216,18 +213,6 @@ class PaperSetup:
         """90° commanded after 2 s, then a disturbance torque."""
         command = Step(math.pi / 2, at=COMMAND_AT)
         return self.run(law, command, LOAD_DURATION, disturbance={channel: signal}, estimator=estimator)
-
-    @cached_property
-    def step_disturbance(self) -> dict[str, Trajectory]:
-        """Fig. 11, by channel."""
-        signal = Step(TORQUE, at=LOAD_FROM)
-        return {channel: self.load_response(self.nonlinear, signal, channel) for channel in CHANNELS}
-
-    @cached_property
-    def sine_disturbance(self) -> dict[str, Trajectory]:
-        """Fig. 12, by channel."""
-        signal = Sine(TORQUE, FREQUENCY, at=LOAD_FROM)
-        return {channel: self.load_response(self.nonlinear, signal, channel) for channel in CHANNELS}
 
 
 # Numbers of a run, named as in metrics.json ------------------------------------------------------------
@@ -298,16 +283,16 @@ def _each(
 
 #: By the figure's number in the paper, from the runs.
 FIGURE_NUMBERS: dict[str, Callable[[PaperSetup], dict[str, Any]]] = {
-    "03": lambda e: _each(_step_numbers, e.step_180),
-    "04": lambda e: _each(_peak_numbers, e.step_180),
-    "05": lambda e: _each(_step_numbers, e.step_90),
-    "06": lambda e: _each(_peak_numbers, e.step_90),
-    "07": lambda e: _each(tracking_numbers, e.tracking),
-    "08": lambda e: _each(_peak_numbers, e.tracking),
+    "03": lambda e: _each(_step_numbers, e.runs("03")),
+    "04": lambda e: _each(_peak_numbers, e.runs("03")),
+    "05": lambda e: _each(_step_numbers, e.runs("05")),
+    "06": lambda e: _each(_peak_numbers, e.runs("05")),
+    "07": lambda e: _each(tracking_numbers, e.runs("07")),
+    "08": lambda e: _each(_peak_numbers, e.runs("07")),
     "09": lambda e: _tolerance_numbers(e.sampled_plants),
     "10": lambda e: _tolerance_numbers(e.sampled_plants, estimated=True),
-    "11": lambda e: _each(load_numbers, e.step_disturbance),
-    "12": lambda e: _each(load_numbers, e.sine_disturbance),
+    "11": lambda e: _each(load_numbers, e.runs("11")),
+    "12": lambda e: _each(load_numbers, e.runs("12")),
 }
 
 

@@ -21,7 +21,6 @@ from typing import Any
 import numpy as np
 
 from flexhinf.analysis import FORMS, EquilibriumLoop, GrowthRates, ProcessNoise, growth_rates
-from flexhinf.hinf import HJISolution
 from flexhinf.loop import Step
 from flexhinf.paper.claim import Finding, PaperClaim
 from flexhinf.paper.loop_setup import GOALS, LONG, STEP_DURATION, PaperSetup, affordable, known, name_goal
@@ -132,40 +131,30 @@ def unstable_of(rates: GrowthRates, kind: str) -> int:
 
 
 # Runs ------------------------------------------------------------------------------------------------
-def run_growth_rates(
-    setup: PaperSetup, law: HJISolution, goal: float, plants: Sequence[int]
-) -> list[tuple[float, float]]:
-    """(rate in 1/s, late RMS in rad/s) of the link's velocity in runs without noise to a goal, with these plants of
-    the population; both infinite for a run that diverged."""
-    times = np.arange(round(LONG / setup.settings.period) + 1)
-    loop = setup.loop(law, inductance=True)
-    ensemble = loop.ensemble(Step(goal), None, None, LONG, kept=["state.link_velocity"], instants=times)
-    rates, part = [], times / times[-1]
-    for velocity in ensemble.run([setup.population.values[k] for k in plants]).kept[:, :, 0]:
-        if np.isnan(velocity).any():
-            rates.append((np.inf, np.inf))
-            continue
-        windows = (velocity[(part >= first) & (part <= last)] for first, last in (EARLY, LATE))
-        early, late = (max(float(np.sqrt(np.mean(window**2))), 1e-300) for window in windows)
-        rates.append((float(np.log(late / early) / (LONG * (LATE[0] - EARLY[0]))), late))
-    return rates
-
-
 def _agreement(setup: PaperSetup, study: ToleranceStudy) -> tuple[int, int, float]:
-    """(runs of 30 s, how many agree with the growth rates of the linear loop, largest difference of rates in 1/s)."""
-    jobs = []
+    """(runs of 30 s, how many agree with the growth rates of the linear loop, largest difference of rates in 1/s).
+
+    The rate of a run without noise is that of the RMS of the link's velocity between two parts of it.
+    """
+    jobs, kinds = [], setup.population.kinds
     for goal in GOALS:
-        rates, kinds = study.chosen[goal].rates, setup.population.kinds
-        sampled = np.flatnonzero(kinds == "draw")[::EVERY]
+        rates, sampled = study.chosen[goal].rates, np.flatnonzero(kinds == "draw")[::EVERY]
         plants = dict.fromkeys([*np.argsort(-rates)[:WORST], *np.flatnonzero(kinds == "single"), *sampled])
         jobs += [(goal, int(k), float(rates[k])) for k in plants]
     jobs = jobs[:: max(1, len(jobs) // affordable(len(jobs), setup.settings.period))]
-    agree, error = 0, 0.0
+    agree, error, times = 0, 0.0, np.arange(round(LONG / setup.settings.period) + 1)
+    part, loop = times / times[-1], setup.loop(setup.nonlinear, inductance=True)
     for goal in GOALS:
         own = [(k, expected) for at, k, expected in jobs if at == goal]
-        found = run_growth_rates(setup, setup.nonlinear, goal, [k for k, _ in own])
-        for (_, expected), (measured, size) in zip(own, found, strict=True):
-            decayed = size < ROUNDING and expected < 0.0
+        ensemble = loop.ensemble(Step(goal), None, None, LONG, kept=["state.link_velocity"], instants=times)
+        found = ensemble.run([setup.population.values[k] for k, _ in own]).kept[:, :, 0]
+        for (_, expected), velocity in zip(own, found, strict=True):
+            measured = late = np.inf  # of a run that diverged
+            if not np.isnan(velocity).any():
+                windows = (velocity[(part >= first) & (part <= last)] for first, last in (EARLY, LATE))
+                early, late = (max(float(np.sqrt(np.mean(window**2))), 1e-300) for window in windows)
+                measured = float(np.log(late / early) / (LONG * (LATE[0] - EARLY[0])))
+            decayed = late < ROUNDING and expected < 0.0
             undecided = abs(expected) < UNDECIDED and abs(measured - expected) < UNDECIDED
             agree += bool(decayed or undecided or (measured >= 0.0) == (expected >= 0.0))
             if not decayed and math.isfinite(measured) and math.isfinite(expected):
@@ -227,14 +216,11 @@ def _tolerance_table(study: ToleranceStudy) -> Table:
             found |= {f"q on {form}": study.of_form(form, goal) for form in FORMS}
         for which, group in found.items():
             corners, alone = [unstable_of(rates, "corner") for rates in group], study.sufficient_alone(group)
-            sampled, fastest = (
-                max(unstable_of(rates, "draw") for rates in group),
-                max(rates.fastest for rates in group),
-            )
+            sampled = max(unstable_of(rates, "draw") for rates in group)
+            fastest = known(max(rates.fastest for rates in group))
             more = f" and {len(alone) - 3} more" if len(alone) > 3 else ""
-            texts = name_goal(goal), which
-            counts = min(corners), max(corners), sampled, known(fastest)
-            rows.append((*texts, *counts, "; ".join(alone[:3]) + more or "none"))
+            single = "; ".join(alone[:3]) + more or "none"
+            rows.append((name_goal(goal), which, min(corners), max(corners), sampled, fastest, single))
     columns = (
         "goal", "R^v", Column("corners unstable, fewest over q"), Column("corners unstable, most over q"),
         Column("sampled plants unstable, most over q"), Column("fastest growth", "1/s", 3),

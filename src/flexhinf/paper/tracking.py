@@ -77,7 +77,7 @@ def _steps_table(runs: dict[tuple[str, str], Trajectory], caption: str, anchor: 
 
 
 def _beats_linear(setup: PaperSetup) -> Finding:
-    steps = {"90°": setup.step_90, "180°": setup.step_180}
+    steps = {"90°": setup.runs("05"), "180°": setup.runs("03")}
     rows = {(goal, name): runs[law] for goal, runs in steps.items() for law, name in LAWS.items()}
     table = _steps_table(rows, "The two laws of the same γ on the two steps.", "table-linear")
     if setup.settings.degree < 4:  # V of the odd arm has no cubic terms: both laws are one
@@ -89,7 +89,7 @@ def _beats_linear(setup: PaperSetup) -> Finding:
 
 def _beats_linear_about_the_goal(setup: PaperSetup) -> Finding:
     rows: dict[tuple[str, str], Trajectory] = {}
-    wins, rest = [], setup.arm.operating_point(0.0, ("inductance",))
+    wins, (rest, held) = [], setup.arm.operating_point(0.0, ("inductance",))
     for goal in reversed(GOALS):
         for about, pose in (("the hanging rest", 0.0), ("the goal", goal)):
             runs = []
@@ -98,15 +98,9 @@ def _beats_linear_about_the_goal(setup: PaperSetup) -> Finding:
                 solution, period = setup.law(degree=degree, pose=pose), setup.settings.period
                 loop = setup.loop(solution, inductance=True)
                 controller = Controller(solution, loop.controller.estimator, period, start="bumpless")
-                run = Loop(loop.true_plant, controller).run(
-                    Step(goal),
-                    None,
-                    setup.deviation(loop),
-                    STEP_DURATION,
-                    rest[0],
-                    setup.settings.seed,
-                    rest[1],
-                )
+                noise, seed = setup.deviation(loop), setup.settings.seed
+                bumpless = Loop(loop.true_plant, controller)
+                run = bumpless.run(Step(goal), None, noise, STEP_DURATION, rest, seed, held)
                 runs.append(run)
                 rows[name_goal(goal), f"{name} about {about}"] = run
         wins.append(beats(*runs))  # of the laws about the goal
@@ -125,7 +119,7 @@ def _beats_linear_about_the_goal(setup: PaperSetup) -> Finding:
 
 # Tracking ------------------------------------------------------------------------------------------------
 def _tracks_sine(setup: PaperSetup) -> Finding:
-    found = {name: tracking_numbers(run) for name, run in setup.tracking.items()}
+    found = {name: tracking_numbers(run) for name, run in setup.runs("07").items()}
     degree, weights = setup.settings.degree, {"link_position": 60.0, "link_position_integral": 300.0}
     others = {
         "NL-H∞ (degree 6)": setup.law(weights, degree=6),
@@ -207,8 +201,8 @@ STEPS_AND_TRACKING = (
             (figure,),
         )
         for degrees, figure, judge in (
-            (180, "figure-03", lambda e: _tracks_step(e.step_180["nonlinear"], math.pi)),
-            (90, "figure-05", lambda e: _tracks_step(e.step_90["nonlinear"], math.pi / 2)),
+            (180, "figure-03", lambda e: _tracks_step(e.runs("03")["nonlinear"], math.pi)),
+            (90, "figure-05", lambda e: _tracks_step(e.runs("05")["nonlinear"], math.pi / 2)),
         )
     ),
     PaperClaim(

@@ -1,12 +1,11 @@
 """The hinge between physics, synthesis, estimation and closed loops."""
 
-from flexhinf.plant.equilibrium import equilibrium
 from flexhinf.plant.integration import eight_stages, fastest_modes, rk4_stages, rk4_step, sub_steps
-from flexhinf.plant.linear import linear_plant, plant_from_control
 from flexhinf.plant.model import StoredCode, python_control
 from flexhinf.plant.parameters import Parameters, ParameterTable
 from flexhinf.plant.penalty import Penalty
-from flexhinf.plant.plant import GeneralisedPlant, Plant
+from flexhinf.plant.plant import GeneralisedPlant, Plant, linear_plant, plant_from_control
+from flexhinf.plant.plant import equilibrium_at as equilibrium
 from flexhinf.plant.polynomial_plant import PolynomialPlant
 from flexhinf.plant.protocols import INTEGRAL, BlackBox, Estimator, Gaussian, Law, ProblemLaw
 

@@ -25,18 +25,18 @@ def rk4_step(flow: Callable[[Any, Any], Any], x: Any, inputs: Any, step: Any) ->
     """One Runge–Kutta step of order four for ẋ = flow(x, v), v at the start, the middle and the end of the step, s."""
     start, middle, end = inputs
     k1 = flow(x, start)
-    k2 = flow(_Ahead(step / 2)(x, k1), middle)
-    k3 = flow(_Ahead(step / 2)(x, k2), middle)
-    k4 = flow(_Ahead(step)(x, k3), end)
+    k2 = flow(_Ahead((step / 2,))(x, k1), middle)
+    k3 = flow(_Ahead((step / 2,))(x, k2), middle)
+    k4 = flow(_Ahead((step,))(x, k3), end)
     return _Whole(step)(x, k1, k2, k3, k4)
 
 
 def rk4_stages(run: Any, flow: Callable[..., Any], x: Any, step: float, *held: Any) -> Any:
     """`rk4_step` of ẋ = flow(x, *held), x (n,), over a step in s, the flow called four times by a run."""
     k1 = run.call(flow, x, *held)
-    k2 = run.call(flow, run.call(_Ahead(step / 2), x, k1), *held)
-    k3 = run.call(flow, run.call(_Ahead(step / 2), x, k2), *held)
-    k4 = run.call(flow, run.call(_Ahead(step), x, k3), *held)
+    k2 = run.call(flow, run.call(_Ahead((step / 2,)), x, k1), *held)
+    k3 = run.call(flow, run.call(_Ahead((step / 2,)), x, k2), *held)
+    k4 = run.call(flow, run.call(_Ahead((step,)), x, k3), *held)
     return run.call(_Whole(step), x, k1, k2, k3, k4)
 
 
@@ -60,22 +60,24 @@ def eight_stages(run: Any, flow: Callable[..., Any], x: Any, step: float, *held:
     bᵀAᵏ1 = 1/(k + 1)!, k = 4 … 7. A vibration errs by (h|λ|)⁸/9! of its phase, and does not grow up to h|λ| = 3.39.
     """
     first = run.call(flow, x, *held)
-    stages = [first, run.call(flow, run.call(_Ahead(step * NODES[1]), x, first), *held)]
+    stages = [first, run.call(flow, run.call(_Ahead((step * NODES[1],)), x, first), *held)]
     for before, node in pairwise(NODES[1:]):
         part = node**2 / (2.0 * before)
-        between = _Between(step * (node - part), step * part)
+        between = _Ahead((step * (node - part), step * part))
         stages.append(run.call(flow, run.call(between, x, first, stages[-1]), *held))
-    return run.call(_Joined(*(step * weight for weight in WEIGHTS)), x, first, stages[5], stages[7])
+    return run.call(_Ahead(tuple(step * weight for weight in WEIGHTS)), x, first, stages[5], stages[7])
 
 
 @dataclass(frozen=True)
 class _Ahead:
-    """x + h k; equal ones are one function."""
+    """x + Σ hᵢ kᵢ; equal ones are one function."""
 
-    step: float
+    steps: tuple[float, ...]
 
-    def __call__(self, x: Any, k: Any) -> Any:
-        return x + self.step * np.asarray(k)
+    def __call__(self, x: Any, *rates: Any) -> Any:
+        for step, rate in zip(self.steps, rates):
+            x = x + step * np.asarray(rate)
+        return x
 
 
 @dataclass(frozen=True)
@@ -86,29 +88,6 @@ class _Whole:
 
     def __call__(self, x: Any, k1: Any, k2: Any, k3: Any, k4: Any) -> Any:
         return x + self.step / 6 * (np.asarray(k1) + 2 * (np.asarray(k2) + np.asarray(k3)) + np.asarray(k4))
-
-
-@dataclass(frozen=True)
-class _Between:
-    """x + h₁ k₁ + h₂ k."""
-
-    first: float
-    last: float
-
-    def __call__(self, x: Any, k1: Any, k: Any) -> Any:
-        return x + self.first * np.asarray(k1) + self.last * np.asarray(k)
-
-
-@dataclass(frozen=True)
-class _Joined:
-    """x + h₁ k₁ + h₆ k₆ + h₈ k₈."""
-
-    first: float
-    sixth: float
-    eighth: float
-
-    def __call__(self, x: Any, k1: Any, k6: Any, k8: Any) -> Any:
-        return x + self.first * np.asarray(k1) + self.sixth * np.asarray(k6) + self.eighth * np.asarray(k8)
 
 
 def sub_steps(period: float, fastest_mode: float, largest: float = SIMULATION_STEP) -> int:

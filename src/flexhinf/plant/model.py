@@ -193,12 +193,7 @@ class Model(Summarised):
         for kind in ("states", "inputs", "disturbances", "outputs"):
             names = getattr(self, kind)
             names = checked_names(f"The {kind} of the plant", names)
-            if not all(names) or len(set(names)) != len(names):
-                raise InvalidInput(
-                    f"The {kind} of the plant are not named.",
-                    f"expected one distinct name each, got {value_text(list(names))}",
-                    f"{kind}=('one', 'another')",
-                )
+            distinct(f"Of the {kind} of the plant, the name", names)
             for name in names:
                 checked_name(f"one of the {kind}", name, spaces=True, longest=2 * LONGEST_NAME)
             object.__setattr__(self, kind, names)

@@ -1,6 +1,6 @@
-"""A plant, and the problem of Eq. (3) that an objective makes of it.
+"""A plant, its equilibria and its linearisation, and the problem of Eq. (3) that an objective makes of it.
 
-ẋ = f(x) + g1(x) d + g2(x) u, z = (h(x), l(x) u), about an operating point.
+ẋ = f(x) + g1(x) d + g2(x) u, z = (h(x), l(x) u), about an operating point. Systems of python-control as plants.
 """
 
 from __future__ import annotations
@@ -12,16 +12,14 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.errors import InvalidInput
+from flexhinf.errors import InvalidInput, NumericalFailure
 from flexhinf.notebook import Summarised, names_text
-from flexhinf.plant.equilibrium import equilibrium as equilibrium_of
-from flexhinf.plant.equilibrium import pose_values
 from flexhinf.plant.expansion import expand_problem
-from flexhinf.plant.model import EQUILIBRIUM_TOLERANCE, Model, StoredCode, TracedCode, signals
+from flexhinf.plant.model import EQUILIBRIUM_TOLERANCE, Model, StoredCode, TracedCode, python_control, signals
 from flexhinf.plant.penalty import Penalty
 from flexhinf.plant.polynomial_plant import PolynomialPlant
 from flexhinf.scalars import apply, digest, pack, symbols, trace
-from flexhinf.validation import distinct, read_only, real_array
+from flexhinf.validation import checked_array, distinct, read_only, real_array, unknown_name, value_text
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -163,7 +161,7 @@ class GeneralisedPlant(Summarised):
             return x, u
         if self.pose is None:
             return read_only((np.zeros(self.plant.n), np.zeros(len(self.plant.inputs))))
-        return read_only(equilibrium_of(self.plant, self.integrate, pose_values(self.pose, self.integrate)))
+        return read_only(equilibrium_at(self.plant, self.integrate, pose_values(self.pose, self.integrate)))
 
     @property
     def operating_point(self) -> np.ndarray:
@@ -327,3 +325,169 @@ class GeneralisedPlant(Summarised):
             for value in constant
         )
         return f, g1.reshape(count, n, -1), g2.reshape(count, n, -1), h
+
+
+# Equilibria ---------------------------------------------------------------------------------------
+ITERATIONS = 50
+
+
+def pose_values(pose: Any, names: Sequence[str], owner: str = "plant") -> np.ndarray:
+    """One finite value per name, from a mapping (zero for names left out) or a sequence."""
+    if isinstance(pose, Mapping):
+        unknown = [name for name in pose if name not in names]
+        if unknown:
+            raise unknown_name(f"The pose names {unknown[0]!r}.", unknown[0], names)
+        pose = [pose.get(name, 0.0) for name in names]
+    expected = f"{len(names)} finite values for {list(names)}"
+    shape, advice = (len(names),), "one value per name, rad (m where it slides)"
+    return checked_array(f"The pose does not fit the {owner}.", pose, shape, expected, advice)
+
+
+def equilibrium_at(plant: Plant, names: Sequence[str], values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """State x* (n,) and input u* (m,) with flow(x*, u*, 0) = 0 and the named states at `values`, by Newton's method.
+
+    Of several such points one near the origin. NumericalFailure, with the state that keeps moving, where there is none.
+    """
+    n = plant.n
+    fixed = [plant.index(name) for name in names]
+    free = [i for i in range(n) if i not in fixed]
+    x, u = np.zeros(n), np.zeros(len(plant.inputs))
+    x[fixed] = values
+    rate, scale = plant.derivative(x, u), 1.0
+    for _ in range(ITERATIONS):
+        a, b, _, _ = plant.linearise(x, u)
+        if not (np.all(np.isfinite(rate)) and np.all(np.isfinite(a)) and np.all(np.isfinite(b))):
+            break
+        scale = max(1.0, float(np.abs(a).max() * np.abs(x).max()))
+        step = np.linalg.lstsq(np.hstack([a[:, free], b]), -rate, rcond=None)[0]
+        x[free] += step[: len(free)]
+        u += step[len(free) :]
+        rate = plant.derivative(x, u)
+        if np.abs(step).max(initial=0.0) <= 1e-14 * max(1.0, np.abs(x).max(), np.abs(u).max()):
+            break
+    worst = int(np.argmax(np.abs(rate)))
+    if not np.all(np.isfinite(rate)) or abs(rate[worst]) > 1e-9 * scale:
+        raise NumericalFailure(
+            "The plant has no equilibrium at this pose.",
+            f"expected flow = 0, got d/dt {plant.states[worst]} = {rate[worst]:.3g} at the best point found",
+            "a pose that the inputs can hold",
+        )
+    return x, u
+
+
+def motion_of(signals: Any, times: np.ndarray, order: int, names: Sequence[str] = ()) -> np.ndarray:
+    """Positions and their derivatives, (order + 1, N, n), at times (N,), s.
+
+    Each signal has a method ``derivatives(t, order)`` (`flexhinf.loop.Signal`), or is a number, which is constant; they
+    come in the order of the joints, or by `names`. One signal may have one column per joint.
+    """
+    if isinstance(signals, Mapping):
+        if not names or set(signals) != set(names):
+            raise InvalidInput(
+                "The signals by name are not those of the joints.",
+                f"expected one for each of {list(names)}, got {list(signals)}",
+                "names=(...) in the order of the joints" if not names else "one signal, or number, for each",
+            )
+        signals = [signals[name] for name in names]
+    several = isinstance(signals, (Sequence, np.ndarray)) and not isinstance(signals, str)
+    columns = [np.zeros((order + 1, len(times), 0))]
+    parts: list[Any] = list(signals) if several else [signals]
+    for signal in parts:
+        if hasattr(signal, "derivatives"):
+            rows = np.asarray(signal.derivatives(times, order), dtype=float)
+            columns.append(rows.reshape(order + 1, len(times), -1))
+            continue
+        constant = np.zeros((order + 1, len(times), 1))
+        try:
+            constant[0] = float(signal)
+        except (TypeError, ValueError) as error:
+            raise InvalidInput(
+                "A signal of a moving reference has no derivatives.",
+                f"expected a signal with derivatives(t, order), or a number, got {value_text(signal)}",
+                "fh.Sine, fh.JerkLimited(..., smoothing=...), fh.Quintic; fh.Spline(times, values) for samples",
+            ) from error
+        columns.append(constant)
+    motion = np.concatenate(columns, axis=2)
+    if motion.shape[2] != (len(names) or max(1, motion.shape[2])):
+        found = f"expected one for each of {list(names) or 'the joints'}, got {motion.shape[2]}"
+        raise InvalidInput("The number of signals is not that of the joints.", found, "one signal per joint")
+    return motion
+
+
+# Linear plants ------------------------------------------------------------------------------------
+# On a linearisation the extended Kalman filter is the linear Kalman filter, and a loop is one that textbooks cover.
+def linear_flow(x: Any, u: Any, d: Any, p: Any) -> Any:
+    """ẋ = A (x − x*) + B (u − u*) + G d, (n,) of any element."""
+    rates = p.state_matrix @ (x - p.state) + p.input_matrix @ (u - p.input)
+    return rates + p.disturbance_matrix @ d if np.size(p.disturbance_matrix) else rates
+
+
+def linear_output(x: Any, u: Any, p: Any) -> Any:
+    """y = y* + C (x − x*) + D (u − u*), (p,) of any element."""
+    return p.output + p.output_matrix @ (x - p.state) + p.feedthrough @ (u - p.input)
+
+
+def linear_plant(plant: Plant, x: Any, u: Any) -> Plant:
+    """The linearisation of a plant at an equilibrium (x, u), in absolute coordinates and with the plant's own names.
+
+    Its parameters are the matrices and the equilibrium, so that two linearisations of the same size share code.
+    """
+    a, b, g, c = plant.linearise(x, u)
+    x, u = real_array(x), real_array(u)
+    advice = "robot.operating_point(pose), or operating_point and operating_input of a problem"
+    plant.check_equilibrium(x, u, "A plant is linearised at an equilibrium.", advice)
+    value, slope = plant.output_at(x, u)
+    parameters = {
+        "state_matrix": a, "input_matrix": b, "disturbance_matrix": g, "output_matrix": c, "feedthrough": slope,
+        "state": x, "input": u, "output": value,
+    }  # fmt: skip
+    return Plant(
+        linear_flow, linear_output, plant.states, plant.inputs, plant.disturbances, parameters,
+        plant.outputs, plant.units, plant.groups,
+    )  # fmt: skip
+
+
+def plant_from_control(system: Any, inputs: Sequence[str] | None = None) -> Plant:
+    """A linear system in continuous time of python-control (``ss`` or ``tf``) as a plant.
+
+    Parameters
+    ----------
+    system : control.StateSpace or control.TransferFunction
+    inputs : sequence of str, optional
+        Names of the system's inputs that a controller sets; the others are disturbances. All by default.
+
+    Raises
+    ------
+    InvalidInput
+        If it is no linear system in continuous time, or has no such inputs.
+    """
+    package = python_control()
+    if not isinstance(system, package.StateSpace | package.TransferFunction) or system.isdtime(strict=True):
+        raise InvalidInput(
+            "The system cannot become a plant.",
+            "expected a linear system in continuous time, got "
+            f"{type(system).__name__} with dt={getattr(system, 'dt', None)}",
+            "control.ss(A, B, C, D); a nonlinear plant is a function, see flexhinf.Plant",
+        )
+    linear = package.ss(system)
+    labels = list(linear.input_labels)
+    chosen = labels if inputs is None else list(inputs)
+    if not set(chosen) <= set(labels) or not chosen:
+        found = f"expected some of {labels}, got {chosen}"
+        raise InvalidInput("The system has no such inputs.", found, str(labels[:1]))
+    places = [labels.index(name) for name in chosen]
+    others = [k for k, name in enumerate(labels) if name not in chosen]
+    a, b, c, d = (np.asarray(m, dtype=float) for m in (linear.A, linear.B, linear.C, linear.D))
+    if d[:, others].any():
+        found = f"expected D = 0 for {[labels[k] for k in others]}"
+        advice = "measurement noise is the loop's; other disturbances act through a state"
+        raise InvalidInput("A disturbance acts on a measurement directly.", found, advice)
+    n, m = len(a), len(chosen)
+    parameters = {
+        "state_matrix": a, "input_matrix": b[:, places], "disturbance_matrix": b[:, others], "output_matrix": c,
+        "feedthrough": d[:, places], "state": np.zeros(n), "input": np.zeros(m), "output": np.zeros(len(c)),
+    }  # fmt: skip
+    return Plant(
+        linear_flow, linear_output, tuple(linear.state_labels), tuple(chosen), tuple(labels[k] for k in others),
+        parameters, tuple(linear.output_labels),
+    )  # fmt: skip

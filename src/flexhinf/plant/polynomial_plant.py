@@ -209,12 +209,10 @@ class PolynomialPlant(Summarised):
         Weight of the input, symmetric positive definite.
     state_names : sequence of str, optional
         Defaults to x1 … xn.
-    operating_point : array_like, shape (n,), optional
-        The point the deviations are measured from (only kept, not used).
     input_names : sequence of str, optional
         Defaults to u1 … um.
-    operating_input : array_like, shape (m,), optional
-        The input at the operating point (only kept, not used).
+    operating_point, operating_input : array_like, shapes (n,) and (m,), optional
+        The point the deviations are measured from, and the input there (only kept, not used).
 
     Attributes
     ----------
@@ -252,50 +250,68 @@ class PolynomialPlant(Summarised):
         input_names: Sequence[str] | None = None,
         operating_input: Any = None,
     ) -> None:
-        if not isinstance(f, Mapping) or not f:
-            raise InvalidInput(
-                "The plant's f is not a mapping of monomials.",
-                f"expected {{exponents: (n,)}} with at least one entry, got {type(f).__name__}",
-                "for example f={(1, 0): [0, -1], (0, 1): [1, 0]} for an oscillator",
-            )
-        first = next(iter(f))
-        n = len(first) if isinstance(first, tuple) else 1
-        if n == 0:
-            raise InvalidInput(
-                "The plant has no states.",
-                "expected keys of one exponent per state, got ()",
-                "f={(1,): [-1]}",
-            )
-        parts = parts_from_mapping("f", f, n, 1), parts_from_input("g1", g1, n), parts_from_input("g2", g2, n)
-        names = {"state_names": state_names, "input_names": input_names}
-        points = {"operating_point": operating_point, "operating_input": operating_input}
-        self._set(n, *parts, parts_from_mapping("h", h, n, 1), r2, **names, **points)
+        first = next(iter(f), None) if isinstance(f, Mapping) else None
+        n = max(1, len(first)) if isinstance(first, tuple) else 1
+        made = PolynomialPlant.from_parts(
+            n,
+            parts_from_mapping("f", f, n, 1),
+            parts_from_input("g1", g1, n),
+            parts_from_input("g2", g2, n),
+            parts_from_mapping("h", h, n, 1),
+            r2,
+            state_names,
+            operating_point,
+            input_names,
+            operating_input,
+        )
+        vars(self).update(vars(made))
 
     @classmethod
     def from_parts(
-        cls,
-        n: int,
-        f: Mapping[int, np.ndarray],
-        g1: Mapping[int, np.ndarray],
-        g2: Mapping[int, np.ndarray],
-        h: Mapping[int, np.ndarray],
-        r2: Any,
-        **named: Any,
-    ) -> PolynomialPlant:
+        cls, n: int, f: Mapping[int, np.ndarray], g1: Mapping[int, np.ndarray], g2: Mapping[int, np.ndarray],
+        h: Mapping[int, np.ndarray], r2: Any, state_names: Sequence[str] | None = None, operating_point: Any = None,
+        input_names: Sequence[str] | None = None, operating_input: Any = None,
+    ) -> PolynomialPlant:  # fmt: skip
         """The same from homogeneous parts: degree → monomial coefficients along the last axis.
 
-        Parameters
-        ----------
-        n : int
-            Number of states.
-        f, h : mapping degree → ndarray, shapes (n, count(n, degree)) and (s, count(n, degree))
-            A part of degree 0 is the value at the operating point; it must vanish up to rounding.
-        g1, g2 : mapping degree → ndarray, shapes (n, md, count(n, degree)) and (n, m, count(n, degree))
-        r2, **named
-            As in `PolynomialPlant`.
+        f and h are (n, count(n, degree)) and (s, count(n, degree)), g1 and g2 (n, md, count) and (n, m, count). A part
+        of degree 0 of f and h is the value at the operating point; it must vanish up to rounding.
         """
+        r2 = checked_r2(r2)
+        signals = (
+            ("state", "x", state_names, operating_point, n),
+            ("input", "u", input_names, operating_input, len(r2)),
+        )
+        names, points = [], []
+        for kind, letter, stated, point, count in signals:
+            own = [f"{letter}{i + 1}" for i in range(count)]
+            names.append(checked_names(f"The {kind}s", own if stated is None else stated))
+            if len(names[-1]) != count:
+                raise InvalidInput(
+                    f"The number of {kind} names is not the number of {kind}s.",
+                    f"expected {count} names, got {len(names[-1])}: {', '.join(names[-1])}",
+                    f"one name per {kind}, in the order of {letter}",
+                )
+            distinct(f"The {kind}", names[-1])
+            what, expected = (
+                f"The operating point does not fit the plant's {kind}s.",
+                f"{count} finite numbers",
+            )
+            point = np.zeros(count) if point is None else point
+            points.append(checked_array(what, point, (count,), expected, "leave it out for the origin"))
+        distinct("Of states and inputs, the name", (*names[0], *names[1]))
+        parts = {
+            "f_parts": checked_parts("f", dict(f), n, (n,), 1),
+            "g1_parts": checked_parts("g1", dict(g1), n, (n, None), 0),
+            "g2_parts": checked_parts("g2", dict(g2), n, (n, len(r2)), 0),
+            "h_parts": checked_parts("h", dict(h), n, (None,), 1),
+        }
+        check_rest("f", parts["f_parts"], names[0])
+        check_rest("h", parts["h_parts"], tuple(f"z{i + 1}" for i in range(parts["h_parts"][1].shape[0])))
+        own_names = {"state_names": names[0], "input_names": names[1]}
+        own_points = {"operating_point": points[0], "operating_input": points[1]}
         plant = cls.__new__(cls)
-        plant._set(n, dict(f), dict(g1), dict(g2), dict(h), r2, **named)
+        plant.__setstate__({**parts, "r2": r2, **own_names, **own_points})
         return plant
 
     @classmethod
@@ -343,46 +359,6 @@ class PolynomialPlant(Summarised):
             {k: from_kronecker(matrix, n, k) for k, matrix in enumerate(matrices, 1)} for matrices in (f, h)
         )
         return cls.from_parts(n, flow, fields(g1), fields(g2), output, r2, **named)
-
-    def _set(
-        self, n: int, f: dict[int, np.ndarray], g1: dict[int, np.ndarray], g2: dict[int, np.ndarray],
-        h: dict[int, np.ndarray], r2: Any, state_names: Sequence[str] | None = None, operating_point: Any = None,
-        input_names: Sequence[str] | None = None, operating_input: Any = None,
-    ) -> None:  # fmt: skip
-        r2 = checked_r2(r2)
-        signals = (
-            ("state", "x", state_names, operating_point, n),
-            ("input", "u", input_names, operating_input, len(r2)),
-        )
-        names, points = [], []
-        for kind, letter, stated, point, count in signals:
-            own = [f"{letter}{i + 1}" for i in range(count)]
-            names.append(checked_names(f"The {kind}s", own if stated is None else stated))
-            if len(names[-1]) != count:
-                raise InvalidInput(
-                    f"The number of {kind} names is not the number of {kind}s.",
-                    f"expected {count} names, got {len(names[-1])}: {', '.join(names[-1])}",
-                    f"one name per {kind}, in the order of {letter}",
-                )
-            distinct(f"The {kind}", names[-1])
-            what, expected = (
-                f"The operating point does not fit the plant's {kind}s.",
-                f"{count} finite numbers",
-            )
-            point = np.zeros(count) if point is None else point
-            points.append(checked_array(what, point, (count,), expected, "leave it out for the origin"))
-        distinct("Of states and inputs, the name", (*names[0], *names[1]))
-        parts = {
-            "f_parts": checked_parts("f", f, n, (n,), 1),
-            "g1_parts": checked_parts("g1", g1, n, (n, None), 0),
-            "g2_parts": checked_parts("g2", g2, n, (n, len(r2)), 0),
-            "h_parts": checked_parts("h", h, n, (None,), 1),
-        }
-        check_rest("f", parts["f_parts"], names[0])
-        check_rest("h", parts["h_parts"], tuple(f"z{i + 1}" for i in range(parts["h_parts"][1].shape[0])))
-        own_names = {"state_names": names[0], "input_names": names[1]}
-        own_points = {"operating_point": points[0], "operating_input": points[1]}
-        self.__setstate__({**parts, "r2": r2, **own_names, **own_points})
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Take over attributes; copies share their arrays, so nobody may write them."""

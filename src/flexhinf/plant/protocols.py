@@ -17,7 +17,7 @@ import numpy as np
 from flexhinf.errors import InvalidInput
 from flexhinf.notebook import Summarised, names_text, number_text
 from flexhinf.plant.plant import GeneralisedPlant, Plant
-from flexhinf.polynomial.law import PolynomialLaw
+from flexhinf.polynomial.algebra import PolynomialLaw
 
 #: What the name of the integral of a state's error ends with.
 INTEGRAL = "_integral"
@@ -237,14 +237,14 @@ class Estimator(Numbered):
         """`measurement_update` on a run, likewise."""
         return self._update_on(run, self.measurement_update, belief, p, measurement_noise, y, u)
 
-    def _update_on(self, run: Any, update: Any, belief: Any, p: Any, noise: Any, *given: Any) -> Any:
+    def _update_on(self, run: Any, written: Any, belief: Any, p: Any, noise: Any, *given: Any) -> Any:
         kind, count, named = type(belief), len(given), self.plant.parameters.named
 
-        def updated(*arguments: Any) -> Any:
+        def update(*arguments: Any) -> Any:
             p, noise, *parts = arguments[count:]
-            return tuple(update(kind(*parts), *arguments[:count], named(p), noise))
+            return tuple(written(kind(*parts), *arguments[:count], named(p), noise))
 
-        return kind(*run.call(updated, *given, p, noise, *belief))
+        return kind(*run.call(update, *given, p, noise, *belief))
 
 
 class BlackBox(abc.ABC):

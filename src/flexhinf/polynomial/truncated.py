@@ -110,10 +110,9 @@ class Support:
         if found is None:
             union = np.union1d(self.monomials, other.monomials)
             support = self.space.support(union)
-            places = (
-                None if one is support else np.searchsorted(union, one.monomials) for one in (self, other)
-            )
-            found = self.sums[other] = (support, *places)
+            left = None if self is support else np.searchsorted(union, self.monomials)
+            right = None if other is support else np.searchsorted(union, other.monomials)
+            found = self.sums[other] = support, left, right
             self.space.remember(len(union))
         return found
 

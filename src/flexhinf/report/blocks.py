@@ -329,13 +329,6 @@ class Setting:
     unit: str = ""
     source: str = ""
 
-    def html(self) -> str:
-        """A row of the table of settings."""
-        value = f"{prose(scalar(self.value))}{unit_html(self.unit)}"
-        return (
-            f'<tr><th scope="row">{prose(self.name)}</th><td>{value}</td><td>{prose(self.source)}</td></tr>'
-        )
-
 
 @dataclass(frozen=True)
 class Settings(Block):
@@ -345,13 +338,18 @@ class Settings(Block):
 
     def html(self) -> str:
         """One folded table per group inside one folded part."""
-        count = sum(len(group) for group in self.groups.values())
         head = "".join(f'<th scope="col">{name}</th>' for name in ("Setting", "Value", "From"))
-        parts = "".join(
-            f'<div class="table"><table class="settings"><caption>{prose(name)}</caption><thead><tr>{head}</tr></thead>'
-            f"<tbody>{''.join(setting.html() for setting in group)}</tbody></table></div>"
-            for name, group in self.groups.items()
-        )
+        parts, count = "", sum(len(group) for group in self.groups.values())
+        for name, group in self.groups.items():
+            rows = "".join(
+                f'<tr><th scope="row">{prose(one.name)}</th><td>{prose(scalar(one.value))}{unit_html(one.unit)}</td>'
+                f"<td>{prose(one.source)}</td></tr>"
+                for one in group
+            )
+            caption = f"<caption>{prose(name)}</caption><thead><tr>{head}</tr></thead>"
+            parts += (
+                f'<div class="table"><table class="settings">{caption}<tbody>{rows}</tbody></table></div>'
+            )
         return f"<details><summary>Every assumption and setting ({count})</summary>{parts}</details>"
 
 

@@ -183,30 +183,28 @@ def _replace(target: Path, contents: Mapping[str, bytes]) -> None:
 
 def _refuse(target: Path) -> None:
     """Raise unless `target` is free, empty, or an earlier report."""
-    here = Path.cwd()
+    here, there = Path.cwd(), target.exists()
+    folder = there and target.is_dir()
+    what = hint = ""
     if target == here or target in here.parents:
-        raise InvalidInput(
-            "The report cannot take the place of the folder you are in, nor of one above it.",
-            f"got {target}",
-            "a folder below it, for example flexhinf-report",
+        what = "The report cannot take the place of the folder you are in, nor of one above it."
+        hint = "a folder below it, for example flexhinf-report"
+    elif there and not folder:
+        what, hint = "The report needs a folder, and there is a file.", "another name"
+    elif folder and target.is_mount():
+        what = (
+            "The report replaces its folder whole, and this one is a mount point, which cannot be replaced."
         )
-    if not target.exists():
-        return
-    if not target.is_dir():
-        raise InvalidInput("The report needs a folder, and there is a file.", f"got {target}", "another name")
-    if target.is_mount():
-        raise InvalidInput(
-            "The report replaces its folder whole, and this one is a mount point, which cannot be replaced.",
-            f"got {target}",
-            f"a folder below it, for example {target / 'report'}",
+        hint = f"a folder below it, for example {target / 'report'}"
+    elif folder and any(target.iterdir()) and not is_report(target):
+        what = (
+            f"The folder holds something that is not a report of flexhinf (no {MARKER}), and is left alone."
         )
-    if any(target.iterdir()) and not is_report(target):
-        raise InvalidInput(
-            "The folder holds something that is not a report of flexhinf, and is left alone.",
-            f"expected no folder, an empty one, or one with {MARKER}; got {target}",
-            "another name, or an empty folder",
-        )
-    _refuse_strangers(target, target)
+        hint = "another name, or an empty folder"
+    if what:
+        raise InvalidInput(what, f"got {target}", hint)
+    if folder:
+        _refuse_strangers(target, target)
 
 
 def _refuse_strangers(folder: Path, target: Path) -> None:

@@ -156,10 +156,6 @@ class Status:
     def __post_init__(self) -> None:
         _check_kind("status", self.kind, [kind for kind in _BADGES if kind not in get_args(Verdict)])
 
-    def html(self) -> str:
-        """The status as an entry of the line, its badge first."""
-        return f"<li>{badge(self.kind)} {prose(self.text)}</li>"
-
 
 @dataclass(frozen=True)
 class KeyNumber:
@@ -169,12 +165,6 @@ class KeyNumber:
     value: object
     unit: str = ""
     note: str = ""
-
-    def html(self) -> str:
-        """The number as an entry of the strip."""
-        note = f'<dd class="small">{prose(self.note)}</dd>' if self.note else ""
-        value = f"{escape(scalar(self.value))}{unit_html(self.unit)}"
-        return f"<div><dt>{prose(self.label)}</dt><dd>{value}</dd>{note}</div>"
 
 
 @dataclass(frozen=True)
@@ -245,9 +235,13 @@ class Page:
         )
         sections = (*self.sections, *tail)
         contents = "".join(f'<li><a href="#{part.id}">{prose(part.title)}</a></li>' for part in sections)
-        strip = "".join(entry.html() for entry in self.numbers)
+        strip = ""
+        for one in self.numbers:
+            note = f'<dd class="small">{prose(one.note)}</dd>' if one.note else ""
+            value = f"{escape(scalar(one.value))}{unit_html(one.unit)}"
+            strip += f"<div><dt>{prose(one.label)}</dt><dd>{value}</dd>{note}</div>"
         strip = f'<dl class="numbers">{strip}</dl>\n' if strip else ""
-        status = "".join(entry.html() for entry in self.status)
+        status = "".join(f"<li>{badge(one.kind)} {prose(one.text)}</li>" for one in self.status)
         status = f'<ul class="status">{status}</ul>\n' if status else ""
         body = "\n".join(section.html() for section in sections)
         return (

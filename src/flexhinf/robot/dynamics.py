@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from flexhinf.errors import InvalidInput
-from flexhinf.validation import HUGE, checked_array, checked_name, real_array, value_text
+from flexhinf.validation import HUGE, checked_array, checked_name, distinct, real_array, value_text
 
 #: Three elements.
 Vector = Sequence[Any]
@@ -179,12 +179,6 @@ class Joint:
         rad or m.
     parent : str, optional
         The joint before it; by default the one listed before (see `Tree`). "world" for the base.
-
-    Raises
-    ------
-    InvalidInput
-        For an unknown kind, an axis without direction, limits in the wrong order, or a name that cannot be part
-        of a state's name.
     """
 
     name: str
@@ -212,9 +206,8 @@ class Joint:
         axis = checked_array(what, self.axis, (3,), NUMBERS_TEXT, "[0, 0, 1]", HUGE)
         length = float(np.linalg.norm(axis))
         if not length > 1.0 / HUGE:
-            raise InvalidInput(
-                f"The axis of joint {self.name!r} has no direction.", f"got {list(self.axis)}", "[0, 0, 1]"
-            )
+            what = f"The axis of joint {self.name!r} has no direction."
+            raise InvalidInput(what, f"got {list(self.axis)}", "[0, 0, 1]")
         unit = tuple(_snap(float(a) / length) for a in self.axis)
         object.__setattr__(self, "axis", unit)
         if self.limits is not None:
@@ -252,15 +245,7 @@ class Joint:
 class Tree:
     """Joints on a fixed base, parents before children.
 
-    Parameters
-    ----------
-    joints : sequence of Joint
-        A joint without a parent hangs on the one listed before it, the first on the world.
-
-    Raises
-    ------
-    InvalidInput
-        If a name repeats, or a parent is not an earlier joint.
+    A joint without a parent hangs on the one listed before it, the first on the world.
     """
 
     joints: tuple[Joint, ...]
@@ -268,10 +253,11 @@ class Tree:
     def __post_init__(self) -> None:
         object.__setattr__(self, "joints", tuple(self.joints))
         names = self.names
-        if not names or len(set(names)) != len(names):
+        if not names:
             raise InvalidInput(
-                "The joints are none, or repeat.", f"expected distinct names, got {list(names)}", "rename one"
+                "There are no joints.", "expected one at least, got none", "a joint for each link"
             )
+        distinct("The joint", names)
         for place, joint in enumerate(self.joints):
             if joint.parent not in (None, "world", *names[:place]):
                 raise InvalidInput(

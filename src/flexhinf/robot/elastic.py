@@ -37,10 +37,11 @@ import numpy as np
 
 from flexhinf.errors import InvalidInput
 from flexhinf.plant.parameters import ParameterTable
+from flexhinf.plant.plant import pose_values
 from flexhinf.robot.parameters import per_joint
 from flexhinf.robot.units import TURNING, Stated
 from flexhinf.scalars import clip, derivative, series, trace
-from flexhinf.validation import checked_array, real_array, unknown_name
+from flexhinf.validation import real_array, unknown_name
 
 #: The parameter that each switch needs.
 EXTRAS = {
@@ -287,11 +288,10 @@ class Layout:
 
 @dataclass(frozen=True)
 class ElasticFlow:
-    """ẋ of M(q1) q̈1 + C q̇1 + G = K(q2 − q1) + d_link,   J q̈2 + B q̇2 + K(q2 − q1) = τ + d_motor.
+    """ẋ (of any element) of M(q1) q̈1 + C q̇1 + G = K(q2 − q1) + d_link,   J q̈2 + B q̇2 + K(q2 − q1) = τ + d_motor.
 
-    τ is the input itself, k_t i of a current i, or k_t (V − k_b q̇2) / R; with the coil k_t i, where
-    L di/dt = V − R i − k_b q̇2.
-    x = (q1, q̇1, q2, q̇2 (, i)), each with one entry per joint; d = (d_link, d_motor).
+    τ is the input itself, k_t i of a current i, or k_t (V − k_b q̇2) / R; with the coil k_t i, where L di/dt = V − R i
+    − k_b q̇2. x = (q1, q̇1, q2, q̇2 (, i)), each with one entry per joint; d = (d_link, d_motor).
 
     A rigid joint has neither spring nor q2: its row is (M(q1) + J) q̈1 + C q̇1 + G + B q̇1 = τ + d_link + d_motor.
     """
@@ -381,27 +381,18 @@ TURN = 2.0 * np.pi * (1.0 + 1e-9)
 def checked_pose(pose: Any, default: np.ndarray, links: Any, robot: str) -> np.ndarray:
     """Link positions (n,) within the limits, from a sequence, a mapping by joint, a number for one joint, or None."""
     names = links.joint_names
-    if pose is None:
-        pose = default
+    pose = default if pose is None else pose
     if isinstance(pose, Mapping):
         named = {name.removeprefix("link_position_"): value for name, value in pose.items()}
         if len(names) == 1 and "link_position" in named:
             named[names[0]] = named.pop("link_position")
-        unknown = [name for name in named if name not in names]
-        if unknown:
-            what = f"The pose names a joint that the robot {robot!r} does not have: {unknown[0]!r}."
-            raise unknown_name(what, unknown[0], names)
-        pose = [named.get(name, value) for name, value in zip(names, default)]
-    given = list(pose) if isinstance(pose, (tuple, list)) else [pose]
-    values = checked_array(
-        f"The pose does not fit the robot {robot!r}.",
-        pose,
-        (len(names),),
-        f"{len(names)} finite positions for {list(names)}",
-        "one link position per joint, rad (m for a prismatic joint)",
+        pose = dict(zip(names, default)) | named
+    values = pose_values(pose, names, f"robot {robot!r}")
+    given = list(
+        pose.values() if isinstance(pose, Mapping) else np.atleast_1d(np.asarray(pose, dtype=object))
     )
     for k, (name, limits, slides) in enumerate(zip(names, links.limits, links.slides)):
-        _check_position(name, values[k], given[k] if len(given) == len(names) else None, limits, slides)
+        _check_position(name, values[k], given[k], limits, slides)
     return values
 
 
@@ -515,18 +506,32 @@ def flat_coordinates(links: Any, x: Any, p: Any, layout: Layout) -> tuple[Any, A
 
 
 def state_and_input(
-    flow: InverseFlow, values: Mapping[str, Any], motion: tuple[np.ndarray, ...]
+    flow: InverseFlow, values: Mapping[str, Any], motion: tuple[Any, ...]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """x (N, 4n) and u (N, n) of rows (N, n) of positions and four derivatives, and of the plant's parameters."""
-    table = ParameterTable(values)
-    shapes = tuple((name, value.shape) for name, value in table.values.items())
-    count = len(motion[0])
+    """x (4n,) or (N, 4n) and u (n,) or (N, n) of positions and four derivatives, of a plant with these parameters."""
+    joints, arrays = flow.links.joint_names, []
+    for name, value in zip(ORDERS, motion):
+        array = np.zeros(len(joints)) if value is None else np.atleast_1d(real_array(value))
+        if array.ndim not in (1, 2) or array.shape[-1] != len(joints) or not np.all(np.isfinite(array)):
+            got = repr(value) if array.size <= 8 else f"shape {array.shape}, or numbers that are not finite"
+            raise InvalidInput(
+                f"The motion's {name} does not fit the robot.",
+                f"expected finite numbers, ({len(joints)},) or (N, {len(joints)}) for {list(joints)}, got {got}",
+                "one column per joint, one row per time",
+            )
+        arrays.append(array)
+    counts = {len(array) for array in arrays if array.ndim == 2} or {1}
+    if len(counts) > 1:
+        what = "The motion's derivatives have different numbers of times."
+        raise InvalidInput(what, f"expected one, got {[array.shape for array in arrays]}", "a row per time")
+    count, table = counts.pop(), ParameterTable(values)
     if not count:
-        n = motion[0].shape[1]
-        return np.zeros((0, Layout(n, flow.rigid).mechanical)), np.zeros((0, n))
+        return np.zeros((0, Layout(len(joints), flow.rigid).mechanical)), np.zeros((0, len(joints)))
+    shapes = tuple((name, value.shape) for name, value in table.values.items())
+    columns = [np.broadcast_to(array, (count, len(joints))).T for array in arrays]
     numbers = np.broadcast_to(table.vector()[:, None], (table.size, count))
-    x, u = _traced(flow, shapes)(*(rows.T for rows in motion), numbers)
-    return np.array(x, dtype=float).T, np.array(u, dtype=float).T
+    x, u = (np.array(rows, dtype=float).T for rows in _traced(flow, shapes)(*columns, numbers))
+    return (x[0], u[0]) if all(array.ndim == 1 for array in arrays) else (x, u)
 
 
 @lru_cache(maxsize=64)
@@ -539,27 +544,3 @@ def _traced(flow: InverseFlow, shapes: tuple[tuple[str, tuple[int, ...]], ...]) 
         return flow(q, dq, ddq, dddq, ddddq, table.named(vector))
 
     return trace(inverse, *(n,) * 5, table.size, name="inverse", names=(*ORDERS, "p"))
-
-
-def motion_rows(motion: tuple[Any, ...], joints: tuple[str, ...]) -> tuple[tuple[np.ndarray, ...], bool]:
-    """Positions and derivatives as five (N, n) arrays, and whether they were one point; None is zero."""
-    arrays = []
-    for name, value in zip(ORDERS, motion):
-        array = np.zeros(len(joints)) if value is None else np.atleast_1d(real_array(value))
-        if array.ndim not in (1, 2) or array.shape[-1] != len(joints) or not np.all(np.isfinite(array)):
-            got = repr(value) if array.size <= 8 else f"shape {array.shape}, or numbers that are not finite"
-            raise InvalidInput(
-                f"The motion's {name} does not fit the robot.",
-                f"expected finite numbers, ({len(joints)},) or (N, {len(joints)}) for {list(joints)}, got {got}",
-                "one column per joint, one row per time",
-            )
-        arrays.append(array)
-    counts = {len(array) for array in arrays if array.ndim == 2}
-    if len(counts) > 1:
-        found = f"expected one, got {[array.shape for array in arrays]}"
-        raise InvalidInput(
-            "The motion's derivatives have different numbers of times.", found, "one row per time"
-        )
-    count = counts.pop() if counts else 1
-    rows = tuple(np.broadcast_to(array, (count, len(joints))) for array in arrays)
-    return rows, all(array.ndim == 1 for array in arrays)

@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 
 from flexhinf.errors import InvalidInput
-from flexhinf.plant.equilibrium import motion_of
+from flexhinf.plant import Parameters
+from flexhinf.plant.plant import motion_of
 from flexhinf.robot.dynamics import frames_of
 from flexhinf.robot.elastic import DRIVES
 from flexhinf.robot.parameters import checked_limits
@@ -36,13 +37,11 @@ def check_reference(
     ----------
     signals : sequence, mapping by joint or link position, or one signal with a column per joint
         Commands with ``derivatives`` (`flexhinf.loop.signals.references`), or numbers.
-    duration : float
-        s; checked every `period` seconds, both ends included.
+    duration, period : float
+        s; checked every `period`, both ends included.
     effort : number, (n,) or mapping by joint, optional
-        Largest absolute input of each motor, V, or N·m (N): the feedforward along the reference must stay
-        below it. Needs signals with four derivatives; ``robot.effort_limits`` are those that the robot states.
-    period : float
-        s.
+        Largest absolute input of each motor, V, A, or N·m (N): the feedforward along the reference must stay below it.
+        Needs signals with four derivatives; ``robot.effort_limits`` are those that the robot states.
     speed : number, (n,) or mapping by joint, optional
         Largest absolute velocity of each link, rad/s or m/s; by default what the robot states.
 
@@ -106,21 +105,11 @@ def check_holding(
     limit: Any = None,
     explain: Callable[[int], tuple[str, str]] = lambda joint: ("", "effort"),
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Refuse a pose that the motors cannot hold.
+    """The operating point (x, u) at a pose; refuses one that the motors cannot hold.
 
-    Parameters
-    ----------
-    pose : sequence, mapping by joint name, or number for one joint
-        As for `Robot.operating_point`.
-    limit : number, (n,) or mapping by joint, optional
-        Largest absolute input of each motor, V, or N·m (N); by default what the robot states.
-    explain : callable, optional
-        What an error adds on the limit of a joint, by its place: who states it, and what a larger one is called.
-
-    Returns
-    -------
-    x, u : ndarray
-        The operating point.
+    The pose is as for `Robot.operating_point`. `limit` is the largest absolute input of each motor, V, A, or N·m (N), a
+    number, (n,) or by joint; by default what the robot states. `explain` gives what an error adds on the limit of a
+    joint, by its place: who states it, and what a larger one is called.
     """
     x, u = robot.operating_point(pose)
     motors = signal_names(DRIVES[robot.drive], robot.joint_names)
@@ -165,8 +154,7 @@ class Reached:
 
 def link_frames(robot: Robot, positions: Sequence[float] | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Rotations (n, 3, 3) and origins (n, 3), m, of the links' own frames in the world, at joint positions (n,)."""
-    table = robot.plant().parameters
-    tree, *_ = robot.links.rigid(table.named(table.vector()))
+    tree, *_ = robot.links.rigid(Parameters(robot.plant_parameters()))
     n = len(tree)
     turns, places = np.zeros((n, 3, 3)), np.zeros((n, 3))
     for i, frame in enumerate(frames_of(tree, np.asarray(positions, dtype=float))):
@@ -178,12 +166,19 @@ def link_frames(robot: Robot, positions: Sequence[float] | np.ndarray) -> tuple[
     return turns @ own, places
 
 
+def _number_of(robot: Robot, link: str | None) -> int:
+    names = robot.joint_names
+    if link is not None and link not in names:
+        raise unknown_name("There is no such link.", link, names, repr(names[-1]))
+    return len(names) - 1 if link is None else names.index(link)
+
+
 def position_of(
     robot: Robot, positions: Any, link: str | None = None, offset: Sequence[float] = (0.0, 0.0, 0.0)
 ) -> np.ndarray:
     """Where a point is in the world (3,), m, at joint positions (n,): `offset` (m) in the frame of a link, the last."""
     turns, places = link_frames(robot, positions)
-    k = _place(robot, link)
+    k = _number_of(robot, link)
     return places[k] + turns[k] @ np.asarray(offset, dtype=float)
 
 
@@ -206,7 +201,7 @@ def pose_at(
         checked_array(f"The {name} is no point.", value, (3,), points, "(0.4, 0.0, 0.3)", HUGE)
         for name, value in (("place", place), ("offset", offset))
     )
-    k, n = _place(robot, link), len(robot.joint_names)
+    k, n = _number_of(robot, link), len(robot.joint_names)
     low, high = position_ranges(robot)
 
     def at(q: np.ndarray) -> np.ndarray:
@@ -251,23 +246,13 @@ def pose_at(
     return Reached(pose, float(values(pose)[rank - 1] / typical[rank - 1]))
 
 
-def _place(robot: Robot, link: str | None) -> int:
-    names = robot.joint_names
-    if link is None:
-        return len(names) - 1
-    if link not in names:
-        raise unknown_name("There is no such link.", link, names, repr(names[-1]))
-    return names.index(link)
-
-
 def skeleton(robot: Robot, positions: Sequence[float] | np.ndarray) -> tuple[np.ndarray, ...]:
     """The links at joint positions (n,), rad or m: for each the points (2 or more, 3) of a line in the world, m.
 
     A link is drawn from its own joint through the joints that it carries. One that carries none ends at twice the
     distance of its centre of mass, where a uniform rod would end: a robot file states no shapes.
     """
-    table = robot.plant().parameters
-    tree, _, centres, _ = robot.links.rigid(table.named(table.vector()))
+    tree, _, centres, _ = robot.links.rigid(Parameters(robot.plant_parameters()))
     turns, places = link_frames(robot, positions)
     lines = []
     for i in range(len(tree)):

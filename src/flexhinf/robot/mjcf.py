@@ -254,7 +254,6 @@ def _use_shapes(spec: Any, file: str) -> None:
 
 # From MuJoCo's model ------------------------------------------------------------------------------
 def _arm(model: Any, file: str, movable: tuple[str, ...], locked: Mapping[str, float]) -> RigidArm:
-    """The moving joints and the bodies that each carries, from the world outwards."""
     joints: list[Joint] = []
     bodies: list[list[Any]] = []
     frames: dict[str, tuple[str, Placement]] = {}

@@ -163,10 +163,10 @@ LOOK = (
 
 
 class MuJoCoPlant(BlackBox):
-    """A black box for `flexhinf.Loop`: Spong's model integrated by MuJoCo's own RK4.
+    """A black box for `flexhinf.Loop`: Spong's model integrated by MuJoCo's own RK4; names as for `Robot.plant`.
 
-    Voltage-driven motors are without their coil: the torque k_t V / R is applied, and the back-EMF k_t k_b / R is
-    part of the rotor's damping.
+    Voltage-driven motors are without their coil: the torque k_t V / R is applied, and the back-EMF k_t k_b / R is part
+    of the rotor's damping.
 
     Parameters
     ----------
@@ -175,19 +175,9 @@ class MuJoCoPlant(BlackBox):
     step : float
         Longest step of integration, s.
     extras : sequence of str
-        Out of joint_damping, backlash and coulomb_friction.
+        Out of joint_damping, backlash and coulomb_friction; others are refused.
     parameters : mapping, optional
         Of the plant, for example `Robot.draw`; nominal by default.
-
-    Attributes
-    ----------
-    states, inputs, disturbances, outputs : tuple of str
-        As for `Robot.plant`.
-
-    Raises
-    ------
-    InvalidInput
-        If MuJoCo is not installed, or for an extra that it does not express.
     """
 
     def __init__(
@@ -220,13 +210,10 @@ class MuJoCoPlant(BlackBox):
     # Black box ------------------------------------------------------------------------------------
     def reset(self, initial_state: Any = None) -> None:
         """Start again at a state in the order of `states`; at rest in the robot's home by default."""
-        x = checked_array(
-            "The initial state does not fit MuJoCo's plant.",
-            self._robot.operating_point()[0] if initial_state is None else initial_state,
-            (len(self.states),),
-            f"{len(self.states)} finite numbers for {list(self.states)}",
-            "one number per state",
-        )
+        x = self._robot.operating_point()[0] if initial_state is None else initial_state
+        what, shape = "The initial state does not fit MuJoCo's plant.", (len(self.states),)
+        expected = f"{len(self.states)} finite numbers for {list(self.states)}"
+        x = checked_array(what, x, shape, expected, "one number per state")
         q, dq, theta, dtheta = self._robot.layout.split(x)
         self._mujoco.mj_resetData(self.model, self.data)
         self.data.qpos[:], self.data.qvel[:] = np.concatenate([q, theta]), np.concatenate([dq, dtheta])

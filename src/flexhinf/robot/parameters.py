@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -165,20 +164,6 @@ def checked_limits(what: str, stated: Any, joints: Sequence[str], signals: Seque
     return limits
 
 
-def checked_rigid(robot: str, rigid: Sequence[str], joints: Sequence[str]) -> tuple[str, ...]:
-    """Names of rigid joints in the order of the joints: some of them, not all."""
-    unknown = [name for name in rigid if name not in joints]
-    if unknown or len(set(rigid)) >= len(joints):
-        raise InvalidInput(
-            f"The rigid joints of the robot {robot!r} are none of its joints."
-            if unknown
-            else f"No joint of the robot {robot!r} is elastic.",
-            f"expected some of {list(joints)}, got {list(rigid)}",
-            "the stiffness of one joint at least: a stiff spring is nearly rigid",
-        )
-    return tuple(name for name in joints if name in rigid)
-
-
 class PlantValues(dict[str, Any]):
     """Parameters of a plant by name, and in `numbers` every parameter of the robot that they come from.
 
@@ -223,15 +208,10 @@ class Parameter:
         checked_text("the name of a parameter", self.name)
         checked_text(f"the unit of {self.name!r}", self.unit)
         checked_text(f"the source of {self.name!r}", self.source)
-        if not (is_real(self.value) and math.isfinite(real_array(self.value))):
-            found = f"expected a finite number, got {value_text(self.value)}"
-            raise InvalidInput(f"The parameter {self.name!r} is not finite.", found, "correct the value")
-        if abs(self.value) > HUGE:
-            raise InvalidInput(
-                f"The parameter {self.name!r} is out of all proportion.",
-                f"expected a magnitude of at most {HUGE:g} {self.unit}".rstrip() + f", got {self.value:g}",
-                "its value in SI units",
-            )
+        if not (is_real(self.value) and abs(real_array(self.value)) <= HUGE):
+            found = f"expected a finite number of at most {HUGE:g} {self.unit}, got {value_text(self.value)}"
+            what = f"The parameter {self.name!r} is not finite, or out of all proportion."
+            raise InvalidInput(what, found, "its value in SI units")
         if not (is_real(self.tolerance) and 0.0 <= self.tolerance < 100.0):
             found = f"expected 0 to below 100 per cent, got {value_text(self.tolerance)}"
             raise InvalidInput(f"The tolerance of {self.name!r} is not a percentage.", found, "12 for ±12 %")
@@ -269,22 +249,3 @@ class Parameter:
         if self.range is not None:
             return f"{self.range[0]:g} to {self.range[1]:g}"
         return f"± {self.tolerance:g} %" if self.tolerance else ""
-
-
-def checked_signs(
-    uncertain: Sequence[Parameter], signs: Mapping[str, float] | Sequence[float]
-) -> Mapping[str, float]:
-    """Signs of a corner by name, each within [−1, 1]."""
-    if not isinstance(signs, Mapping):
-        names = [parameter.name for parameter in uncertain]
-        if len(signs) != len(names):
-            found = f"expected one for each of {names}, got {len(signs)}"
-            raise InvalidInput(
-                "A corner needs one sign per uncertain parameter.", found, "−1, 0 or 1 for each"
-            )
-        signs = dict(zip(names, signs, strict=True))
-    for name, sign in signs.items():
-        if not -1.0 <= sign <= 1.0:
-            found = f"expected −1 to 1, got {sign!r}"
-            raise InvalidInput(f"The sign for {name!r} leaves its tolerance.", found, "−1, 0 or 1")
-    return signs

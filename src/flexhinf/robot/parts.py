@@ -37,12 +37,8 @@ class Link:
     centre_of_mass : three numbers
         m.
     inertia : six numbers
-        xx, xy, xz, yy, yz, zz about the centre of mass, axes parallel to the link's frame, kg·m².
-
-    Raises
-    ------
-    InvalidInput
-        For a mass that is not positive, or an inertia that no rigid body has.
+        xx, xy, xz, yy, yz, zz about the centre of mass, axes parallel to the link's frame, kg·m². Mass and principal
+        moments are positive, and no moment is above the sum of the others.
     """
 
     mass: Number
@@ -62,18 +58,12 @@ class Link:
         checked_positive("The mass of a link", value_of(self.mass), "kg", "its mass")
         xx, xy, xz, yy, yz, zz = map(value_of, self.inertia)
         moments = np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-        got = f"got {[float(f'{moment:.6g}') for moment in moments]} kg·m²"
-        if not moments[0] > 0.0:
+        if not moments[0] > 0.0 or moments[2] > (moments[0] + moments[1]) * (1.0 + TRIANGLE_SLACK):
             raise InvalidInput(
-                "The inertia of a link must be positive.",
-                f"expected principal moments > 0 kg·m², {got}",
-                "inertia = {xx, xy, xz, yy, yz, zz} about the centre of mass; a point mass gets a small one",
-            )
-        if moments[2] > (moments[0] + moments[1]) * (1.0 + TRIANGLE_SLACK):
-            raise InvalidInput(
-                "The inertia of a link violates the triangle inequality: no rigid body has it.",
-                f"expected each principal moment <= the sum of the others, {got}",
-                "moments about the centre of mass (not about the joint), in kg·m²",
+                "The inertia of a link is that of no rigid body.",
+                "expected positive principal moments, none above the sum of the others (the triangle inequality), got "
+                f"{[float(f'{moment:.6g}') for moment in moments]} kg·m²",
+                "moments about the centre of mass (not the joint), in kg·m²; a point mass gets small ones",
             )
 
 
@@ -208,12 +198,10 @@ def assembled(
     down: Sequence[float] = (0.0, 0.0, -1.0),
     **settings: Any,
 ) -> Robot:
-    """A robot of one link and one elastic joint per joint.
+    """A robot of one link and one elastic joint per joint, in the same order.
 
     Parameters
     ----------
-    joints, links, elastic : sequence
-        One each, in the same order.
     gravity : number
         m/s².
     down : (3,)
@@ -224,8 +212,7 @@ def assembled(
     Raises
     ------
     InvalidInput
-        If the numbers of parts differ, some joints are driven by voltage, others by current or torque, or the parts do
-        not make a robot.
+        If the parts do not fit each other, are driven in different ways, or do not make a robot.
     """
     if not len(joints) == len(links) == len(elastic):
         raise InvalidInput(
@@ -269,13 +256,7 @@ def single_link_robot(
     gravity: Number = 9.81,
     **settings: Any,
 ) -> Robot:
-    """A robot of a single link about a horizontal axis, in closed form; position zero hangs.
-
-    Raises
-    ------
-    InvalidInput
-        For a prismatic joint, or parts that do not make a robot.
-    """
+    """A robot of a single link about a horizontal axis, in closed form; position zero hangs. It cannot slide."""
     if joint.slides:
         raise InvalidInput(
             f"The joint {joint.name!r} slides, so its link has no inertia about an axis.",

@@ -59,12 +59,7 @@ class Payload:
     centre_of_mass : three Parameter, optional
         m; None for the frame's own place for payloads.
     inertia_per_mass : six numbers
-        xx, xy, xz, yy, yz, zz about its centre of mass over its mass, m²; zero for a point.
-
-    Raises
-    ------
-    InvalidInput
-        For a mass that is never positive, or an inertia that no body has.
+        xx, xy, xz, yy, yz, zz about its centre of mass over its mass, m²; zero for a point. Refused if no body has it.
     """
 
     mass: Parameter
@@ -93,12 +88,8 @@ class Payload:
     def parameters(self, frame: Frame, joints: int) -> list[Parameter]:
         """The robot's parameters for it, in the frame of the link that carries it."""
 
-        def named(number: Parameter, quantity: str) -> Parameter:
-            label = per_joint(f"payload_{quantity}", frame.joint, joints)
-            return replace(number, name=label, unit=unit_of(f"payload_{quantity}"))
-
         turn = np.array(frame.placement.rotation)
-        found = [named(self.mass, "mass")]
+        found = {"mass": self.mass}
         centre = self.centre_of_mass
         if centre is None:
             centre = tuple(
@@ -107,14 +98,16 @@ class Payload:
         source, tolerance = centre[0].source, max(one.tolerance for one in centre)
         place = np.array(frame.placement.translation) + turn @ [one.value for one in centre]
         for axis, value in zip(VECTOR, place):
-            found.append(
-                named(Parameter("", float(value), tolerance, source=source), f"centre_of_mass_{axis}")
-            )
+            found[f"centre_of_mass_{axis}"] = Parameter("", float(value), tolerance, source=source)
         six = six_of(turn @ matrix_of(self.inertia_per_mass) @ turn.T)
         for axes, value in zip(INERTIA, six):
             if value:
-                found.append(named(Parameter("", value, source=self.mass.source), f"inertia_per_mass_{axes}"))
-        return found
+                found[f"inertia_per_mass_{axes}"] = Parameter("", value, source=self.mass.source)
+        payload = {f"payload_{quantity}": number for quantity, number in found.items()}
+        return [
+            replace(number, name=per_joint(quantity, frame.joint, joints), unit=unit_of(quantity))
+            for quantity, number in payload.items()
+        ]
 
 
 def inertia_of_shape(kind: str, sizes: Sequence[float]) -> tuple[float, ...]:
@@ -143,11 +136,6 @@ def payload_from_text(text: str) -> Payload:
 
     One number is a known mass. Two are its range, with the lower end as the nominal mass; three are lower end,
     nominal mass and upper end. Behind ``@`` stands what carries it, behind ``:`` its centre of mass there (m).
-
-    Raises
-    ------
-    InvalidInput
-        For a text that says something else.
     """
     head, colon, place = text.partition(":")
     words, at, link = (part.strip() for part in head.partition("@"))
@@ -155,12 +143,8 @@ def payload_from_text(text: str) -> Payload:
         # A number without the underscores that Python allows.
         numbers = [float(word.replace("_", "x")) for word in words.removesuffix("kg").split("..")]
         centre = [float(word.replace("_", "x")) for word in place.split(",")] if colon else None
-        if (
-            not all(np.isfinite([*numbers, *(centre or ())]))
-            or len(numbers) > 3
-            or (centre and len(centre) != 3)
-            or (at and not link)
-        ):
+        whole = len(numbers) <= 3 and (centre is None or len(centre) == 3) and (link or not at)
+        if not whole or not all(np.isfinite([*numbers, *(centre or ())])):
             raise ValueError
     except ValueError:
         raise InvalidInput(
@@ -213,16 +197,10 @@ SHORTEST_LEVER = 1e-6
 
 @dataclass(frozen=True)
 class Weighing:
-    """What the motors say.
+    """What the motors say of payloads: masses, kg, by the robot's parameters, as for ``robot.with_values``.
 
-    Attributes
-    ----------
-    masses : dict of str to float
-        kg, by the robot's parameters: ``robot.with_values(weighing.masses)`` is the robot that carries them.
-    hidden : dict of str to float
-        kg that dry friction may hide, at most: with every joint held by all of it, in the worst directions.
-    unexplained : (n,)
-        Torque of each motor that these masses do not explain, N·m (N).
+    `hidden` are kg that dry friction may hide, at most: with every joint held by all of it, in the worst directions.
+    `unexplained` (n,) is the torque of each motor that these masses do not explain, N·m (N).
     """
 
     masses: dict[str, float]
@@ -231,12 +209,10 @@ class Weighing:
 
 
 def weigh_payload(robot: Any, pose: Any, effort: Any, unloaded: Any = None) -> Weighing:
-    """The masses of the robot's payloads, from what its motors give at rest.
+    """The masses of the robot's payloads, whose places are known, from what its motors give at rest.
 
     Parameters
     ----------
-    robot : Robot
-        With one payload or several; where they are fixed is known, their masses are not.
     pose : (n,)
         Link positions at rest, rad or m.
     effort : (n,)

@@ -140,7 +140,6 @@ def check_delay(robot: Robot, delay: float) -> None:
 
 
 def _mass_matrix(robot: Robot, p: Parameters) -> np.ndarray:
-    """M (n, n) at home."""
     tree, masses, centres, inertias = robot.links.rigid(p)
     bodies = bodies_of(tree, masses, centres, inertias)
     return np.array(mass_matrix(tree, bodies, np.asarray(robot.home)), dtype=float)

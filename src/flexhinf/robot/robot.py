@@ -24,7 +24,6 @@ from flexhinf.robot.elastic import (
     checked_extras,
     checked_pose,
     flat_coordinates,
-    motion_rows,
     operating_point,
     reflected,
     required_of_drive,
@@ -35,15 +34,13 @@ from flexhinf.robot.parameters import (
     PlantValues,
     check_parameters,
     checked_limits,
-    checked_rigid,
-    checked_signs,
 )
 from flexhinf.robot.signals import (
     MECHANICAL,
     SENSORS,
+    UNITS,
     Sensors,
     expanded,
-    groups_of,
     names_of,
     robot_penalty,
     signal_names,
@@ -97,7 +94,13 @@ class Robot(Summarised):
         checked_name("a robot", self.name, spaces=True)
         checked_text(f"the description of the robot {self.name!r}", self.description)
         object.__setattr__(self, "parameters", tuple(self.parameters))
-        object.__setattr__(self, "rigid", checked_rigid(self.name, self.rigid, self.joint_names))
+        if not set(self.rigid) < set(self.joint_names):
+            raise InvalidInput(
+                f"No joint of the robot {self.name!r} is elastic, or a rigid one is not among them.",
+                f"expected some of {list(self.joint_names)}, got {list(self.rigid)}",
+                "the stiffness of one joint at least: a stiff spring is nearly rigid",
+            )
+        object.__setattr__(self, "rigid", tuple(name for name in self.joint_names if name in self.rigid))
         names = [parameter.name for parameter in self.parameters]
         driven = required_of_drive(self.drive, names, self.joint_names, self.rigid)
         required = (*self.links.required(), *driven)
@@ -224,7 +227,7 @@ class Robot(Summarised):
             parameters=self.plant_parameters(),
             outputs=sensors,
             units=units_of(joints, slides, self.plant_parameters()),
-            groups=groups_of(joints, self.rigid),
+            groups={one: names_of(one, joints, self.rigid) for one in UNITS if len(joints) > 1},
             limits={name: ends for name, ends in ranges if ends is not None},
             engaged=Engaged(self.layout) if "backlash" in on else None,
             arrest=Sticking(len(joints), sticks) if sticks else None,
@@ -238,26 +241,16 @@ class Robot(Summarised):
     def operating_point(
         self, pose: Any = None, extras: str | Sequence[str] = (), parameters: Mapping[str, Any] | None = None
     ) -> tuple[np.ndarray, np.ndarray]:
-        """The equilibrium at a pose: q2 = q1 + K⁻¹ G(q1), exactly, and the input that holds it.
+        """The equilibrium (x, u) of `plant` at a pose: q2 = q1 + K⁻¹ G(q1), exactly, and the input that holds it.
 
         Parameters
         ----------
         pose : sequence, mapping by joint name, or number for one joint
-            Link positions, rad or m; the robot's home by default.
+            Link positions within the joints' limits, rad or m; the robot's home by default.
         extras : sequence of str
             As for `plant`: they change the spring, and add the coil's state.
         parameters : mapping, optional
             Those of the plant, as `corner` and `draw` return them; nominal by default.
-
-        Returns
-        -------
-        x, u : ndarray
-            State and input of `plant`.
-
-        Raises
-        ------
-        InvalidInput
-            For a pose that does not fit the joints or leaves their limits.
         """
         q = checked_pose(pose, np.asarray(self.home), self.links, self.name)
         packed = {**self.plant_parameters(), **(parameters or {})}
@@ -274,11 +267,10 @@ class Robot(Summarised):
         (4n,) or (N, 4n), and the input, (n,) or (N, n), V, A, or N·m (N), of `plant`. Of the `extras` only dry friction
         is modelled; others are refused by name.
         """
-        rows, single = motion_rows((q, dq, ddq, dddq, ddddq), self.joint_names)
         packed = self.plant_parameters()
         on = checked_extras(extras, False, packed, self.name)
-        x, u = state_and_input(InverseFlow(self.links, self.drive, on, self.layout.rigid), packed, rows)
-        return (x[0], u[0]) if single else (x, u)
+        flow = InverseFlow(self.links, self.drive, on, self.layout.rigid)
+        return state_and_input(flow, packed, (q, dq, ddq, dddq, ddddq))
 
     def inverse_flow(self, q: Any, dq: Any, ddq: Any, dddq: Any, ddddq: Any, p: Any) -> tuple[Any, Any]:
         """`inverse_dynamics` at one point for laws: on any element, the plant's parameters p as attributes."""
@@ -360,7 +352,19 @@ class Robot(Summarised):
         Signs come by name (0 if absent), or one for each uncertain parameter: −1, 0 or 1 for the lower end, nominal and
         the upper end, or anything between; InvalidInput for others.
         """
-        signs = checked_signs(self.uncertain, signs)
-        for name in signs.keys() - self.nominal.keys():
-            self[name]  # refuses it
+        if not isinstance(signs, Mapping):
+            names = [parameter.name for parameter in self.uncertain]
+            if len(signs) != len(names):
+                found = f"expected one for each of {names}, got {len(signs)}"
+                raise InvalidInput(
+                    "A corner needs one sign per uncertain parameter.", found, "−1, 0 or 1 for each"
+                )
+            signs = dict(zip(names, signs, strict=True))
+        for name, sign in signs.items():
+            if not -1.0 <= sign <= 1.0:
+                found = f"expected −1 to 1, got {sign!r}"
+                raise InvalidInput(
+                    f"The sign for {self[name].name!r} leaves its tolerance.", found, "−1, 0 or 1"
+                )
+            self[name]  # refuses an unknown one
         return self.plant_parameters({p.name: p.at(float(signs.get(p.name, 0.0))) for p in self.parameters})

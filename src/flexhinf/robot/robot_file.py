@@ -379,7 +379,6 @@ class PartsReader:
 
     # Parts ----------------------------------------------------------------------------------------
     def _elastic(self, row: Any, motor: Mapping[str, float] | None = None, source: str = "") -> ElasticJoint:
-        """Spring and motor of a joint, over what another file (`source`) says of the motor."""
         with located(f"{self.file}: joint {row.name!r}"):
             if row.rigid == (row.spring is not None):
                 raise InvalidInput(

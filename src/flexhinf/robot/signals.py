@@ -19,7 +19,7 @@ from flexhinf.plant import Penalty
 from flexhinf.plant.penalty import unknown_weight
 from flexhinf.robot.elastic import Layout, spring_torque
 from flexhinf.robot.parameters import parameter_units
-from flexhinf.validation import checked_names
+from flexhinf.validation import checked_names, distinct
 
 #: The state of a joint, in the order of x: all link positions, all link velocities, and so on.
 MECHANICAL = ("link_position", "link_velocity", "motor_position", "motor_velocity")
@@ -51,13 +51,6 @@ def signal_names(quantity: str, joints: Sequence[str]) -> tuple[str, ...]:
 
 #: Signals that a rigid joint has not: its motor is where its link is, and between them is nothing that twists.
 OF_SPRINGS = ("motor_position", "motor_velocity", "joint_torque", "joint_torque_rate")
-
-
-def groups_of(joints: Sequence[str], rigid: Sequence[str] = ()) -> dict[str, tuple[str, ...]]:
-    """Plain names and what they stand for; none with one joint, whose names are plain."""
-    if len(joints) == 1:
-        return {}
-    return {quantity: names_of(quantity, joints, rigid) for quantity in UNITS}
 
 
 def names_of(quantity: str, joints: Sequence[str], rigid: Sequence[str] = ()) -> tuple[str, ...]:
@@ -98,10 +91,7 @@ def expanded(
             "measured=('link_position',)",
         )
     found = tuple(name for part in requested for name in known[part])
-    if len(set(found)) != len(found):
-        raise InvalidInput(
-            "A signal is measured twice.", f"expected distinct signals, got {list(found)}", "each signal once"
-        )
+    distinct("Of the measured signals", found)
     return found
 
 

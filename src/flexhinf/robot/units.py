@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator
 from functools import lru_cache
 
 #: Units of times, angles and lengths, and what one is in the SI unit that stands first.
@@ -32,31 +31,28 @@ _VOLT, _OHM, _HENRY = (1, 2, -3, 0, -1), (1, 2, -3, 0, -2), (1, 2, -2, 0, -2)
 _ALONE = (0, 0, 0, 0, 0)
 
 
-def _atoms() -> Iterator[tuple[str, float, tuple[int, ...]]]:
-    """Every unit that is not made of others: its name, what it is in SI units, and its dimension."""
-    for table, dimension in ((SECONDS, _TIME), (TURNING, _ANGLE), (SLIDING, _LENGTH)):
-        yield from ((name, size, dimension) for name, size in table.items())
-    milli, kilo, mega = ("m", 1e-3), ("k", 1e3), ("M", 1e6)
-    families = (
-        (("g",), _MASS, 1e-3, (milli, kilo)),
-        (("m",), _LENGTH, 1.0, (("c", 1e-2), ("µ", 1e-6), ("u", 1e-6))),
-        (("N",), _FORCE, 1.0, (milli, kilo, mega)),
-        (("Nm",), _TORQUE, 1.0, (milli, kilo, mega)),
-        (("V",), _VOLT, 1.0, (milli, kilo)),
-        (("A",), _CURRENT, 1.0, (milli,)),
-        (("Ω", "Ω", "Ohm", "ohm"), _OHM, 1.0, (milli, kilo)),
-        (("H",), _HENRY, 1.0, (milli, ("µ", 1e-6), ("μ", 1e-6), ("u", 1e-6))),
-        (("rpm",), (0, 0, -1, 1, 0), math.pi / 30.0, (kilo,)),
-    )
-    for names, dimension, size, prefixes in families:
-        for name in names:
-            yield name, size, dimension
-            yield from ((prefix + name, factor * size, dimension) for prefix, factor in prefixes)
-    yield from (("Ncm", 1e-2, _TORQUE), ("Nmm", 1e-3, _TORQUE))
-    yield from (("%", 1e-2, _ALONE), ("1", 1.0, _ALONE))
+#: Units that are not made of others: their names, what they measure, what one is in SI units, and prefixes.
+_FAMILIES = (
+    ("g", _MASS, 1e-3, "mk"),
+    ("m", _LENGTH, 1.0, "cµu"),
+    ("N", _FORCE, 1.0, "mkM"),
+    ("Nm", _TORQUE, 1.0, "mkM"),
+    ("V", _VOLT, 1.0, "mk"),
+    ("A", _CURRENT, 1.0, "m"),
+    *((name, _OHM, 1.0, "mk") for name in ("Ω", "Ω", "Ohm", "ohm")),
+    ("H", _HENRY, 1.0, "mµμu"),
+    ("rpm", (0, 0, -1, 1, 0), math.pi / 30.0, "k"),
+)
+_PREFIXES = {"": 1.0, "m": 1e-3, "k": 1e3, "M": 1e6, "c": 1e-2, "µ": 1e-6, "μ": 1e-6, "u": 1e-6}
 
-
-_ATOMS = {name: (size, dimension) for name, size, dimension in _atoms()}
+_ATOMS: dict[str, tuple[float, Dimension]] = {
+    name: (size, dimension)
+    for table, dimension in ((SECONDS, _TIME), (TURNING, _ANGLE), (SLIDING, _LENGTH))
+    for name, size in table.items()
+}
+for _name, _dimension, _size, _prefixes in _FAMILIES:
+    _ATOMS |= {prefix + _name: (_PREFIXES[prefix] * _size, _dimension) for prefix in ("", *_prefixes)}
+_ATOMS |= {"Ncm": (1e-2, _TORQUE), "Nmm": (1e-3, _TORQUE), "%": (1e-2, _ALONE), "1": (1.0, _ALONE)}
 _FACTOR = re.compile(
     rf"({'|'.join(sorted(map(re.escape, _ATOMS), key=len, reverse=True))})(?:\^?(-?[1-4])|([²³]))?[·⋅*. ]?"
 )

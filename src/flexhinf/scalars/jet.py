@@ -126,7 +126,6 @@ def derivative(array: Any, order: int) -> np.ndarray:
 
 
 def _convolved(a: Sequence[Any], b: Sequence[Any], k: int) -> Any:
-    """Σ a_i b_{k−i} over what both have."""
     total: Any = 0.0
     for i in range(max(0, k - len(b) + 1), min(k + 1, len(a))):
         total = total + a[i] * b[k - i]
@@ -134,7 +133,6 @@ def _convolved(a: Sequence[Any], b: Sequence[Any], k: int) -> Any:
 
 
 def _quotient(a: Sequence[Any], b: Sequence[Any]) -> tuple[Any, ...]:
-    """c with c b = a, power by power."""
     inverse = 1.0 / b[0]
     c: list[Any] = []
     for k in range(len(a)):

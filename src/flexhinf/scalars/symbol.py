@@ -137,7 +137,6 @@ def _sx(value: Any) -> ca.SX:
 
 
 def _dispatch(name: str, numeric: Callable[..., Any], symbolic: Callable[..., ca.SX]) -> Callable[..., Any]:
-    """A function that uses NumPy on numbers and CasADi on symbols, element by element."""
 
     def one(*elements: Any) -> Any:
         kinds = {type(e) for e in elements if not isinstance(e, (float, int, bool, np.generic))}

@@ -264,7 +264,6 @@ def divide(function: ca.Function, moving: Sequence[bool]) -> tuple[ca.Function |
         return names[-1]
 
     def outside(value: _Value) -> ca.SX:
-        """A number as the rest has it."""
         if not value.moves and not value.given and value.name is None:
             value.name = named(value.sx)
         return value.sx if value.name is None else value.name

@@ -13,7 +13,7 @@ from flexhinf.loop.controller.memory import step_program
 from flexhinf.loop.controller.step import controller_step
 from flexhinf.plant import Law, Plant
 from flexhinf.polynomial import basis
-from flexhinf.polynomial.law import PolynomialLaw
+from flexhinf.polynomial.algebra import PolynomialLaw
 from flexhinf.robot import paper_arm
 
 SETTINGS = {"process_noise": 1e-8, "measurement_noise": 1e-6, "covariance": 1e-4}

@@ -44,7 +44,7 @@ def test_a_joint_hangs_on_the_one_before_it_unless_told():
         (lambda: Joint("a", axis=(0.0, 1.0)), "no vector"),
         (lambda: Joint("a", limits=(1.0, -1.0)), "no room"),
         (lambda: Placement.of((1.0, np.nan, 0.0)), "xyz"),
-        (lambda: Tree((Joint("a"), Joint("a"))), "repeat"),
+        (lambda: Tree((Joint("a"), Joint("a"))), "distinct names"),
         (lambda: Tree((Joint("a", parent="b"), Joint("b"))), "no joint before it"),
         (lambda: Tree(()), "none"),
     ],

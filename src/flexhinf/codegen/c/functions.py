@@ -149,7 +149,6 @@ class _Function:
     rows: Callable[[tuple[int, ...]], str] | None
 
     def single(self) -> Iterator[str]:
-        """Straight lines."""
         needed = self._needed()
         for k, operation in self.flow.operations.items():
             if k in needed and operation.code != casadi.OP_CONST:
@@ -250,7 +249,6 @@ class _Function:
         }
 
     def _needed(self) -> set[int]:
-        """Values that some result depends on."""
         needed: set[int] = set()
         stack = [value for _, _, value in self.flow.outputs]
         while stack:

@@ -44,6 +44,8 @@ class Translator:
         self.prefix, self.real, self.lanes = prefix, real, lanes
         self.functions: dict[str, str] = {}
         self._names: dict[tuple[Any, ...], str] = {}
+        self._columns = 0  # of a sweep, side by side; none outside of one
+        self._spread: dict[Slice, str] = {}  # names of what all of them share, copied to every lane
 
     def __str__(self) -> str:
         return "\n\n".join(self.functions.values()) + "\n"
@@ -82,8 +84,14 @@ class Translator:
                 yield from (INDENT + line for line in self._body(step.body, loops))
                 yield "}"
             elif isinstance(step, Call):
+                moving: tuple[bool, ...] = ()
+                if self._columns > 1:
+                    if any(overlap(one, other) for one in step.inputs for other in step.outputs):
+                        raise _unsupported("a sweep in which a result takes the place of an argument")
+                    moving = tuple(piece.buffer == COLUMN or piece in self._spread for piece in step.inputs)
+                name = self._function(step.function, max(1, self._columns), moving)
                 places = [self._at(piece, loops) for piece in (*step.inputs, *step.outputs)]
-                yield f"{self._function(step.function)}({', '.join(places)});"
+                yield f"{name}({', '.join(places)});"
             elif isinstance(step, Map):
                 yield from self._map(step, loops)
             elif isinstance(step, Sweep):
@@ -101,8 +109,15 @@ class Translator:
                 places = self._at(step.source, loops), self._at(step.target, loops)
                 yield f"{name}({', '.join(places)}, {step.order});"
             elif isinstance(step, Copy):
-                places = self._at(step.source, loops), self._at(step.target, loops)
-                yield f"{self._copier()}({', '.join(places)}, {step.source.size});"
+                source, target = self._at(step.source, loops), self._at(step.target, loops)
+                size = step.source.size * max(1, self._columns)
+                if self._columns and step.source.buffer != COLUMN:  # the same for all columns
+                    yield f"for (int i = 0; i < {size}; ++i) {{"
+                    yield f"{INDENT}({target})[i] = ({source})[i / {self._columns}];"
+                    yield "}"
+                else:
+                    name = self._helper("copy", algebra.copy(f"{self.prefix}_copy"))
+                    yield f"{name}({source}, {target}, {size});"
             elif isinstance(step, Guard):
                 name = self._helper("finite", algebra.finite(f"{self.prefix}_finite"))
                 yield f"if (!{name}({self._at(step.source, loops)}, {step.source.size})) {{"
@@ -112,7 +127,10 @@ class Translator:
                 raise _unsupported("random numbers, which belong to a simulation")
 
     def _at(self, piece: Slice, loops: Sequence[str]) -> str:
-        """Address of the first element."""
+        if piece.buffer == COLUMN:
+            return f"column + {piece.offset * self._columns}"
+        if piece in self._spread:
+            return self._spread[piece]
         if piece.shift:
             raise _unsupported(
                 f"a place that is shifted by {piece.shift!r}, a number that is given when it runs"
@@ -187,7 +205,9 @@ class Translator:
             lines = [f"{self.real.name} column[{step.size * lanes}];"]
             lines += [self._move(pair, loops, lanes, number, True) for pair in step.inputs]
             spread = _shared(step.body) if lanes > 1 else {}
-            lines += self._inside(step.body, loops, lanes, spread)
+            self._columns, self._spread = lanes, spread
+            lines += self._body(step.body, loops)
+            self._columns, self._spread = 0, {}
             lines += [self._move(pair, loops, lanes, number, False) for pair in step.outputs]
             yield "{"
             for piece, name in spread.items():
@@ -207,7 +227,6 @@ class Translator:
     def _move(
         self, pair: tuple[Columns, Slice], loops: list[str], lanes: int, number: str, read: bool
     ) -> str:
-        """Columns of a matrix to the memory of a sweep, or back."""
         columns, place = pair
         along, across = columns.moves
         matrix = f"{self._at(columns.whole, loops)} + {_times('c', across)}"
@@ -215,38 +234,6 @@ class Translator:
         if lanes == 1:
             return f"{self._mover(read)}({ends});"
         return f"{self._packer(read, lanes)}({ends}, {across}, {number});"
-
-    def _inside(
-        self, body: Sequence[Step], loops: list[str], lanes: int, spread: dict[Slice, str]
-    ) -> Iterator[str]:
-        """The steps of a sweep for as many columns side by side."""
-
-        def at(piece: Slice) -> str:
-            inside = piece.buffer == COLUMN
-            return (
-                f"column + {piece.offset * lanes}" if inside else spread.get(piece) or self._at(piece, loops)
-            )
-
-        for step in body:
-            if isinstance(step, Repeat):
-                counter = f"k{len(loops)}"
-                yield f"for (int {counter} = 0; {counter} < {step.count}; ++{counter}) {{"
-                yield from (
-                    INDENT + line for line in self._inside(step.body, [*loops, counter], lanes, spread)
-                )
-                yield "}"
-            elif isinstance(step, Call):
-                if lanes > 1 and any(overlap(one, other) for one in step.inputs for other in step.outputs):
-                    raise _unsupported("a sweep in which a result takes the place of an argument")
-                moving = tuple(piece.buffer == COLUMN or piece in spread for piece in step.inputs)
-                name = self._function(step.function, lanes, moving if lanes > 1 else ())
-                yield f"{name}({', '.join(map(at, (*step.inputs, *step.outputs)))});"
-            elif isinstance(step, Copy) and step.source.buffer == COLUMN:
-                yield f"{self._copier()}({at(step.source)}, {at(step.target)}, {step.source.size * lanes});"
-            elif isinstance(step, Copy):
-                yield f"for (int i = 0; i < {step.source.size * lanes}; ++i) {{"
-                yield f"{INDENT}({at(step.target)})[i] = ({at(step.source)})[i / {lanes}];"
-                yield "}"
 
     # Functions ----------------------------------------------------------------------------------------
     def function(self, function: casadi.Function) -> str:
@@ -270,13 +257,9 @@ class Translator:
         return self._names[key]
 
     def _row(self, codes: tuple[int, ...]) -> str:
-        """One of them, or both, of a row."""
         short = "".join(SINES[code] for code in codes) + "_row"
         ones = {code == casadi.OP_COS: f"{self.prefix}_{SINES[code]}" for code in codes}
         return self._helper(short, row_function(f"{self.prefix}_{short}", ones, self.real, self.lanes))
-
-    def _copier(self) -> str:
-        return self._helper("copy", algebra.copy(f"{self.prefix}_copy"))
 
     def _mover(self, read: bool) -> str:
         short = "gather" if read else "scatter"

@@ -19,6 +19,9 @@ TILE, WIDE = 4, 8
 """Rows and columns of a sum that share what is loaded: 16 sums and what they are made of fill 24 of 32 registers in
 lanes; in a kernel for a single run eight rows of eight columns in a vector each."""
 
+TOGETHER = 8
+"""Polynomials that are summed in one pass: in registers in lanes, in one vector in a kernel for a single run."""
+
 PIVOT_TOLERANCE = 1e-14  # as flexhinf.scalars.symbol, which says what it means
 
 
@@ -72,21 +75,25 @@ class Algebra:
         """
         (left, right, weights, plus), (rows, columns) = operands, shape
 
+        def weighted(weights: Operand, i: str, height: int) -> Operand:
+            """w_k l_ki of some rows from i on, (N, height): computed once, for all columns."""
+            memory = self.writer.allocate(f"[{count * height} x {self.writer.lanes.element}]")
+
+            def term(k: str) -> None:
+                weight = self.load(weights, k, 1)
+                for first, together in self._vectors(height):
+                    factor = self.load(left, self.at(k, rows, self.ahead(i, first)), together)
+                    product = self.writer_of(together).real("fmul", factor, self.spread(weight, together))
+                    self.store(memory, self.at(k, height, first), product, together)
+
+            self.loop("0", str(count), term)
+            return Operand(memory)
+
         def factors_of(i: str, height: int) -> Callable[[str], list[str]]:
-            """Term k's factors of some rows from i on: weighted ones are computed once, for all columns."""
+            """Term k's factors of some rows from i on."""
             source, pitch, start = left, rows, i
             if weights is not None:
-                memory = self.writer.allocate(f"[{count * height} x {self.writer.lanes.element}]")
-
-                def term(k: str) -> None:
-                    weight = self.load(weights, k, 1)
-                    for first, together in self._vectors(height):
-                        factor = self.load(left, self.at(k, rows, self.ahead(i, first)), together)
-                        product = self.writer_of(together).real("fmul", factor, self.spread(weight, together))
-                        self.store(memory, self.at(k, height, first), product, together)
-
-                self.loop("0", str(count), term)
-                source, pitch, start = Operand(memory), height, "0"
+                source, pitch, start = weighted(weights, i, height), height, "0"
 
             def factors(k: str) -> list[str]:
                 first = self.at(k, pitch, start)
@@ -280,6 +287,65 @@ class Algebra:
         self.loop(writer.let(f"udiv i64 {j}, {together}"), str(pitch // together), scale)
         self.loop(writer.let(f"add nsw i64 {j}, 1"), end, take)
 
+    def polynomial(
+        self,
+        point: Operand,
+        table: Operand,
+        sizes: tuple[int, int, int],
+        degrees: tuple[int, ...],
+        target: str,
+    ) -> None:
+        """See `flexhinf.codegen.program.Polynomial`: loops, one inside the other for every degree.
+
+        Each degree's rows are read in their order, whatever the loops: measured, several innermost sums side by side
+        wait less for each other, and longer for what they read from many places. `sizes`: Variables, polynomials, and
+        numbers of a row of the table, which is padded so that a vector takes it in a kernel for a single run.
+        """
+        writer, (n, values, columns) = self.writer, sizes
+        width = min(TOGETHER, columns) if self.single else 1
+
+        def some(first: int, count: int) -> None:
+            before, rows = 0, {}
+            for degree in degrees:
+                rows[degree] = writer.allocate("i64")
+                writer.do(f"store i64 {before}, ptr {rows[degree]}, align 8")
+                before += basis.count(n, degree)
+
+            def next_row(degree: int) -> list[str]:
+                vectors = 1 if self.single else count
+                if degree not in rows:
+                    return [self.writer_of(width).lanes.constant(0.0)] * vectors
+                row = writer.let(f"load i64, ptr {rows[degree]}, align 8")
+                writer.do(f"store i64 {self.ahead(row, 1)}, ptr {rows[degree]}, align 8")
+                starts = [self.at(row, columns, first + k) for k in range(vectors)]
+                return [self.load(table, start, width) for start in starts]
+
+            def total(chosen: int, begin: str) -> list[str]:
+                """c + Σ_i≥begin x_i (…) after so many variables were chosen; a row's coefficient after the last."""
+                start = next_row(chosen)
+                if chosen == degrees[-1]:
+                    return start
+                places = [self.place(value, width) for value in start]
+
+                def grow(i: str) -> None:
+                    x = self.spread(self.load(point, i, 1), width)
+                    for place, factor in zip(places, total(chosen + 1, i), strict=True):
+                        so_far, wide = self.loaded(place, width), self.writer_of(width)
+                        self.keep(place, self.multiply_add(wide, x, factor, so_far), width)
+
+                self.loop(begin, str(n), grow)
+                return [self.loaded(place, width) for place in places]
+
+            numbers = total(0, "0")
+            if width > 1:
+                vector = f"extractelement {Lanes(width).real} {numbers[0]}, i64"
+                numbers = [writer.let(f"{vector} {k}") for k in range(count)]
+            for k, number in enumerate(numbers):
+                self.store(target, str(first + k), number, 1)
+
+        for first in range(0, values, TOGETHER):
+            some(first, min(TOGETHER, values - first))
+
     # Elements ------------------------------------------------------------------------------------------
     def writer_of(self, together: int) -> Writer:
         """A writer for as many columns at once into the same text."""
@@ -334,78 +400,3 @@ class Algebra:
         if self.fused:
             return writer.intrinsic("fma", a, b, c)
         return writer.real("fadd", writer.real("fmul", a, b), c)
-
-
-TOGETHER = 8
-"""Values that are summed in one pass: in registers in lanes, in one vector in a kernel for a single run."""
-
-
-@dataclass(frozen=True)
-class Nested:
-    """Emits the loops of a `flexhinf.codegen.program.Polynomial`, one inside the other for every degree.
-
-    Each degree's rows are read in their order, whatever the loops: measured, several innermost sums side by side wait
-    less for each other, and longer for what they read from many places.
-
-    `n`, `values`, `columns`: Variables, polynomials, and numbers of a row of the table.
-    """
-
-    algebra: Algebra
-    point: Operand
-    table: Operand
-    n: int
-    values: int
-    columns: int
-    degrees: tuple[int, ...]
-
-    def emit(self, target: str) -> None:
-        """All values, some at a time."""
-        for first in range(0, self.values, TOGETHER):
-            self._some(first, min(TOGETHER, self.values - first), target)
-
-    def _some(self, first: int, count: int, target: str) -> None:
-        """The values of some columns."""
-        writer, before, rows = self.algebra.writer, 0, {}
-        for degree in self.degrees:
-            rows[degree] = writer.allocate("i64")
-            writer.do(f"store i64 {before}, ptr {rows[degree]}, align 8")
-            before += basis.count(self.n, degree)
-        numbers = self._sum(0, "0", rows, first, count)
-        if self.width > 1:
-            vector = f"extractelement {Lanes(self.width).real} {numbers[0]}, i64"
-            numbers = [writer.let(f"{vector} {k}") for k in range(count)]
-        for k, number in enumerate(numbers):
-            self.algebra.store(target, str(first + k), number, 1)
-
-    def _sum(self, chosen: int, begin: str, rows: dict[int, str], first: int, count: int) -> list[str]:
-        """c + Σ_i≥begin x_i (…) after so many variables were chosen; a row's coefficient after the last."""
-        start = self._next_row(rows.get(chosen), first, count)
-        if chosen == self.degrees[-1]:
-            return start
-        algebra = self.algebra
-        places = [algebra.place(value, self.width) for value in start]
-
-        def grow(i: str) -> None:
-            x = algebra.spread(algebra.load(self.point, i, 1), self.width)
-            inner = self._sum(chosen + 1, i, rows, first, count)
-            for place, factor in zip(places, inner, strict=True):
-                so_far, wide = algebra.loaded(place, self.width), algebra.writer_of(self.width)
-                algebra.keep(place, algebra.multiply_add(wide, x, factor, so_far), self.width)
-
-        algebra.loop(begin, str(self.n), grow)
-        return [algebra.loaded(place, self.width) for place in places]
-
-    def _next_row(self, place: str | None, first: int, count: int) -> list[str]:
-        """The next row of a degree; zeros where the polynomials have none of it."""
-        algebra, vectors = self.algebra, 1 if self.algebra.single else count
-        if place is None:
-            return [algebra.writer_of(self.width).lanes.constant(0.0)] * vectors
-        row = algebra.writer.let(f"load i64, ptr {place}, align 8")
-        algebra.writer.do(f"store i64 {algebra.ahead(row, 1)}, ptr {place}, align 8")
-        starts = [algebra.at(row, self.columns, first + k) for k in range(vectors)]
-        return [algebra.load(self.table, start, self.width) for start in starts]
-
-    @property
-    def width(self) -> int:
-        """Columns in one vector: in a kernel for a single run those of a row, which is padded for that."""
-        return min(TOGETHER, self.columns) if self.algebra.single else 1

@@ -33,14 +33,9 @@ class Packer:
     left: int
 
     def pack(self, source: str, shared: bool, rows: int, moves: tuple[int, int], target: str) -> None:
-        """From the first of these columns at `source` to `rows` elements at `target`.
+        """From the first of these columns at `source` to `rows` elements at `target`; see `Columns.moves`.
 
-        Parameters
-        ----------
-        shared : bool
-            One number serves all lanes of the kernel.
-        moves : (int, int)
-            See `flexhinf.codegen.memory.Columns.moves`.
+        `shared`: One number serves all lanes of the kernel.
         """
         writer, wide, single = self.writer, self.wide, self.writer.lanes.width == 1
         unit = "double" if shared else writer.lanes.element

@@ -22,7 +22,7 @@ from dataclasses import dataclass
 from functools import reduce
 from typing import TYPE_CHECKING, Any
 
-from flexhinf.codegen.emit.algebra import Algebra, Nested, Operand
+from flexhinf.codegen.emit.algebra import Algebra, Operand
 from flexhinf.codegen.emit.function import BLOCK, Packer, emit_function, load, store
 from flexhinf.codegen.emit.normal import emit_normal
 from flexhinf.codegen.emit.opcodes import Lanes, ModuleText, Writer
@@ -200,7 +200,6 @@ class _Emitter:
         self.calls[name] += 1
 
     def _map(self, step: Map, turns: tuple[str, ...]) -> None:
-        """Blocks of columns, and what is left over."""
         writer, single = self.writer, self.single
         wide, block = (Lanes(BLOCK), BLOCK) if single else (self.lanes, 1)
         shared = tuple(
@@ -216,15 +215,12 @@ class _Emitter:
                 if not isinstance(piece, Columns):
                     pointers.append(start)
                     continue
-                shared_ = self._shared(piece.whole)
-                unit = "double" if shared_ else self.lanes.element
-                offset = writer.let(f"mul nsw i64 {first}, {piece.moves[1]}")
-                columns = writer.let(f"getelementptr {unit}, ptr {start}, i64 {offset}")
+                columns = self._column(piece, start, first)
                 place = writer.allocate(f"[{piece.size} x {wide.element}]")
                 pointers.append(place)
                 packed.append((place, piece, columns))
                 if len(pointers) <= len(step.inputs):
-                    packer.pack(columns, shared_, piece.size, piece.moves, place)
+                    packer.pack(columns, self._shared(piece.whole), piece.size, piece.moves, place)
             writer.do(f"call void @{name}({', '.join(f'ptr {pointer}' for pointer in pointers)})")
             self.calls[name] += 1
             self.mapped.add(name)
@@ -233,9 +229,12 @@ class _Emitter:
 
         self._blocks(step.count, block, some)
 
-    def _blocks(self, count: int, block: int, some: Callable[[str, int], None]) -> None:
-        """``some(first, number)`` for blocks of columns, and for what is left over."""
+    def _column(self, columns: Columns, start: str, first: str) -> str:
+        unit = "double" if self._shared(columns.whole) else self.lanes.element
+        offset = self.writer.let(f"mul nsw i64 {first}, {columns.moves[1]}")
+        return self.writer.let(f"getelementptr {unit}, ptr {start}, i64 {offset}")
 
+    def _blocks(self, count: int, block: int, some: Callable[[str, int], None]) -> None:
         def full(turn: str) -> None:
             some(self.writer.let(f"mul nsw i64 {turn}, {block}"), block)
 
@@ -248,11 +247,7 @@ class _Emitter:
         """Blocks of columns in lanes; one that is left over goes alone."""
 
         def ends(columns: Columns, place: Slice, first: str, wide: Lanes) -> tuple[str, str]:
-            """Where a block begins in the matrix, and in the memory of its columns."""
-            unit = "double" if self._shared(columns.whole) else self.lanes.element
-            start = self._address(columns.whole, turns)
-            offset = self.writer.let(f"mul nsw i64 {first}, {columns.moves[1]}")
-            matrix = self.writer.let(f"getelementptr {unit}, ptr {start}, i64 {offset}")
+            matrix = self._column(columns, self._address(columns.whole, turns), first)
             memory = self._scratch(wide)
             return matrix, self.writer.let(f"getelementptr {wide.element}, ptr {memory}, i64 {place.offset}")
 
@@ -292,9 +287,11 @@ class _Emitter:
 
     def _polynomial(self, step: Polynomial, turns: tuple[str, ...]) -> None:
         point, table = self._operand(step.point, turns), self._operand(step.table, turns)
-        sizes = step.point.size, step.target.size, step.columns
-        algebra = Algebra(self.writer, self._loop, self.fused)
-        Nested(algebra, point, table, *sizes, step.degrees).emit(self._address(step.target, turns))
+        algebra, sizes = (
+            Algebra(self.writer, self._loop, self.fused),
+            (step.point.size, step.target.size, step.columns),
+        )
+        algebra.polynomial(point, table, sizes, step.degrees, self._address(step.target, turns))
 
     def _cholesky(self, step: Cholesky, turns: tuple[str, ...]) -> None:
         source, target = self._operand(step.source, turns), self._address(step.target, turns)

@@ -22,7 +22,7 @@ from flexhinf.errors import InvalidInput
 from flexhinf.loop.controller.options import Mode, check_kinds
 from flexhinf.plant import Law
 from flexhinf.polynomial import basis
-from flexhinf.polynomial.law import PolynomialLaw
+from flexhinf.polynomial.algebra import PolynomialLaw
 from flexhinf.scalars import absolute, where
 from flexhinf.validation import checked_positive, real_number, value_text
 

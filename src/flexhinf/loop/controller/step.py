@@ -20,7 +20,7 @@ from flexhinf.loop.controller.options import Mode, Source
 from flexhinf.loop.controller.schedule import bumpless_transfer, chosen
 from flexhinf.plant import Estimator, Law
 from flexhinf.polynomial import basis
-from flexhinf.polynomial.law import PolynomialLaw
+from flexhinf.polynomial.algebra import PolynomialLaw
 from flexhinf.scalars import absolute, clip, jacobian, where
 
 #: Coefficients from which a polynomial law is a table. Below, its text as one piece is faster.

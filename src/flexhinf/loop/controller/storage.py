@@ -24,7 +24,7 @@ from flexhinf.files import read_arrays, write_arrays
 from flexhinf.loop.controller.schedule import Schedule, TableLaw
 from flexhinf.loop.controller.start import Windup
 from flexhinf.plant import Estimator, Law, ParameterTable, Plant, StoredCode
-from flexhinf.polynomial.law import PolynomialLaw
+from flexhinf.polynomial.algebra import PolynomialLaw
 from flexhinf.scalars import apply, function_arrays, function_from_arrays, trace
 from flexhinf.validation import checked_name, checked_path, distinct, value_text
 

@@ -17,7 +17,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from flexhinf.errors import InvalidInput
-from flexhinf.plant.equilibrium import motion_of
+from flexhinf.plant.plant import motion_of
 from flexhinf.scalars import clip, where
 from flexhinf.validation import real_array, real_number, value_text
 

@@ -189,11 +189,16 @@ class Ensemble:
         )
 
     def trajectories(
-        self, parameters: Any, seeds: Any = 0, *own: Any, initial_inputs: Any = None
+        self,
+        parameters: Any,
+        seeds: Any = 0,
+        initial_states: Any = None,
+        loads: Any = None,
+        *,
+        initial_inputs: Any = None,
     ) -> Iterator[Trajectory]:
         """The same runs with all their signals, a few at a time, for what no reduction says; arguments as for `run`."""
-        states, loads = (*own, None, None)[:2]
-        plants = self._plants(parameters, seeds, states, loads, initial_inputs)
+        plants = self._plants(parameters, seeds, initial_states, loads, initial_inputs)
         disturbances = self._disturbances(plants)
         if self._few(plants):
             with ThreadPoolExecutor(THREADS) as pool:
