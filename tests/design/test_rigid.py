@@ -7,7 +7,8 @@ import pytest
 
 import flexhinf as fh
 from flexhinf.design.problem.modes import closed_loop, modes_of, stiffness_and_inertia
-from flexhinf.design.rigid import SIDES, RigidLaw, rigid_problem, rigid_solution
+from flexhinf.design.rigid import SIDES, RigidLaw, rigid_problem
+from flexhinf.hinf import smallest_gamma, solve_hji
 from flexhinf.robot.arm import Arm
 
 
@@ -41,7 +42,7 @@ def test_with_stiff_springs_the_rigid_law_does_what_it_was_made_for(side: str) -
     problem = stiff.problem()
     rigid = rigid_problem(problem)
     assert rigid is not None
-    solution = rigid_solution(rigid, 1.5, 2)
+    solution = solve_hji(rigid, gamma=1.5 * smallest_gamma(rigid), degree=2)
     e = solution.expansion
     wanted = np.linalg.eigvals(
         closed_loop(rigid, -np.linalg.solve(e.r2, e.g2_parts[0][:, :, 0].T @ solution.P))
@@ -58,7 +59,7 @@ def test_on_elastic_joints_it_is_unstable_from_the_links_and_rings_from_the_moto
     problem = robot.problem()
     rigid = rigid_problem(problem)
     assert rigid is not None
-    solution = rigid_solution(rigid, 1.5, 2)
+    solution = solve_hji(rigid, gamma=1.5 * smallest_gamma(rigid), degree=2)
     energy = stiffness_and_inertia(problem.plant, robot.operating_point())
     link, motor = (
         modes_of(RigidLaw(solution, problem, side).closed_loop(), robot.joint_names, *energy)
@@ -74,7 +75,7 @@ def test_the_law_on_the_elastic_robot_is_the_rigid_law_of_one_side() -> None:
     problem = robot.problem()
     rigid = rigid_problem(problem)
     assert rigid is not None
-    solution = rigid_solution(rigid, 1.5, 4)
+    solution = solve_hji(rigid, gamma=1.5 * smallest_gamma(rigid), degree=4)
     x = np.array([0.3, -0.2, 0.5, 0.1, 0.05])
     for side, part in (("link", [0, 1, 4]), ("motor", [2, 3, 4])):
         law = RigidLaw(solution, problem, side)

@@ -83,40 +83,22 @@ class Column:
 class Campaign:
     """Everything that the samples of a campaign depend on.
 
-    Parameters
-    ----------
-    loop : Loop
-        With the nominal true plant; controller and estimator stay as they are.
-    draw : Draw, or function of a generator
-    seed : int
-        0 … 2⁶³ − 1.
-    options : mapping
-        Of `Loop.run`, for every sample: ``reference``, ``disturbance``, ``noise``, ``duration``, ``initial_state``,
-        ``initial_input``, ``multi_turn``.
-    metrics
-        See `chosen_metrics`.
-    signals : sequence of str, optional
-        States of which some instants are kept, for bands; by default those that are tracked.
-    batch : int
-        Samples of a batch. No sample depends on it.
-    about : mapping of str to str
-        Other statements that are compared when the campaign goes on: the specification of a design.
-
-    Raises
-    ------
-    InvalidInput
-        Before any work: for numbers out of range, metrics or signals that are not known, a draw that does not fit the
-        plant.
+    Raises InvalidInput: before any work: for numbers out of range, metrics or signals that are not known, a draw that
+        does not fit the plant.
     """
 
-    loop: Loop
+    loop: Loop  # With the nominal true plant; controller and estimator stay as they are
     draw: Draw
     samples: int
-    seed: int = 0
+    seed: int = 0  # 0 … 2⁶³ − 1
+    # Of `Loop.run`, for every sample: ``reference``, ``disturbance``, ``noise``, ``duration``, ``initial_state``,
+    # ``initial_input``, ``multi_turn``
     options: Mapping[str, Any] = field(default_factory=dict)
-    metrics: Any = None
+    metrics: Any = None  # See `chosen_metrics`
+    # States of which some instants are kept, for bands; by default those that are tracked
     signals: Sequence[str] | None = None
-    batch: int = BATCH
+    batch: int = BATCH  # Samples of a batch. No sample depends on it
+    # Other statements that are compared when the campaign goes on: the specification of a design
     about: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -160,7 +142,6 @@ class Campaign:
         if not first.failure and isinstance(self.loop.true_plant, Plant):
             self.loop_of(first).prepared(**self._arguments(0, first))
 
-    # Parts -----------------------------------------------------------------------------------------------
     @property
     def batches(self) -> int:
         """How many batches there are."""
@@ -202,7 +183,6 @@ class Campaign:
         """Instants (T,) at which signals are kept, s."""
         return self.instants * self.loop.controller.period
 
-    # Runs -------------------------------------------------------------------------------------------------
     def loop_of(self, drawn: Sample) -> Loop:
         """The loop of one sample: the campaign's sub-steps, so that all samples share a kernel."""
         plant = self.loop.true_plant if drawn.plant is None else drawn.plant
@@ -308,7 +288,6 @@ class Campaign:
         """For other processes: without compiled code."""
         return {name: value for name, value in vars(self).items() if name not in ("ensemble", "_recorder")}
 
-    # Its identity -------------------------------------------------------------------------------------------
     @cached_property
     def settings(self) -> dict[str, str]:
         """Everything that the rows depend on, as text by name; two campaigns with the same settings are the same."""

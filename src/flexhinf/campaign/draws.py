@@ -204,24 +204,16 @@ _SOBOL_BITS, _MOST_LATIN = 30, 50_000_000
 class Variable:
     """A number that differs from sample to sample.
 
-    Parameters
-    ----------
-    low, high : float
-        Its interval.
-    distribution : str
-        One of `DISTRIBUTIONS`. Normal: about the middle, the interval is ±`SIGMAS` standard deviations; truncated: and
-        cut off at its ends. Corners: one end or the other, each as often.
-
-    Raises
-    ------
-    InvalidInput
-        For an interval that is empty or not finite, an unknown distribution, or a normal one that is not sure to keep
-        the sign of the interval.
+    Raises InvalidInput: for an interval that is empty or not finite, an unknown distribution, or a normal one that is
+        not sure to keep the sign of the interval.
     """
 
     name: str
+    # low, high: Its interval
     low: float
     high: float
+    # One of `DISTRIBUTIONS`. Normal: about the middle, the interval is ±`SIGMAS` standard deviations; truncated: and
+    # cut off at its ends. Corners: one end or the other, each as often
     distribution: str = "uniform"
     unit: str = ""
 
@@ -290,30 +282,19 @@ _VARIABLE = re.compile(rf"({'|'.join(DISTRIBUTIONS)}) in \[([^\s,]+), ([^\s\]]+)
 
 @dataclass(frozen=True, eq=False)
 class Sample:
-    """The plant and the circumstances of one sample.
+    """The plant and the circumstances of one sample."""
 
-    Parameters
-    ----------
-    parameters : mapping
-        Of the true plant, those that differ from the nominal ones (`Plant.with_parameters`).
-    options : mapping
-        Of `Loop.run`: ``initial_state``, ``initial_input``, ``disturbance``, ``reference``, ``noise``; they win over
-        the campaign's.
-    numbers : mapping of str to float, optional
-        Of the sample's row; by default the parameters, arrays element by element.
-    plant : Plant or BlackBox, optional
-        A true plant of its own, for plants without parameters.
-    loads : mapping of str to float
-        Factors of the campaign's disturbance, by channel; 1 where none is named.
-    failure : str
-        Why the sample cannot be run, as a robot that its motors cannot hold; then it is counted and not run.
-    """
-
+    # Of the true plant, those that differ from the nominal ones (`Plant.with_parameters`)
     parameters: Mapping[str, Any] = field(default_factory=dict)
+    # Of `Loop.run`: ``initial_state``, ``initial_input``, ``disturbance``, ``reference``, ``noise``; they win over
+    # the campaign's
     options: Mapping[str, Any] = field(default_factory=dict)
+    # Of the sample's row; by default the parameters, arrays element by element
     numbers: Mapping[str, float] | None = None
-    plant: Plant | BlackBox | None = None
+    plant: Plant | BlackBox | None = None  # A true plant of its own, for plants without parameters
+    # Factors of the campaign's disturbance, by channel; 1 where none is named
     loads: Mapping[str, float] = field(default_factory=dict)
+    # Why the sample cannot be run, as a robot that its motors cannot hold; then it is counted and not run
     failure: str = ""
 
     def row(self) -> dict[str, float]:
@@ -349,14 +330,9 @@ class Draw(ABC):
 
 @dataclass(frozen=True, eq=False)
 class FunctionDraw(Draw):
-    """Samples of a function of a generator, as `flexhinf.Robot.draw` is one.
+    """Samples of a function of a generator, as `flexhinf.Robot.draw` is one."""
 
-    Parameters
-    ----------
-    function : callable
-        Generator → parameters by name, or a `Sample`.
-    """
-
+    # Generator → parameters by name, or a `Sample`
     function: Callable[[np.random.Generator], Mapping[str, Any] | Sample]
 
     def samples(self, indices: Sequence[int], count: int, seed: int) -> list[Sample]:
@@ -384,23 +360,15 @@ class FunctionDraw(Draw):
 class Tolerances(Draw):
     """Independent numbers in their intervals.
 
-    Parameters
-    ----------
-    method : str
-        One of `METHODS`. Random: independent samples. Latin hypercube: every number is evenly spread by itself. Sobol:
-        all of them together are, and a campaign's samples are the first ones of a longer one.
-    build : callable, optional
-        Numbers by name → `Sample`; by default they are parameters of the true plant. A `FlexhinfError` is the sample's
-        failure.
-
-    Raises
-    ------
-    InvalidInput
-        For an unknown method, no variable, or two of one name.
+    Raises InvalidInput: for an unknown method, no variable, or two of one name.
     """
 
     variables: Sequence[Variable]
+    # One of `METHODS`. Random: independent samples. Latin hypercube: every number is evenly spread by itself. Sobol:
+    # all of them together are, and a campaign's samples are the first ones of a longer one
     method: str = "random"
+    # Numbers by name → `Sample`; by default they are parameters of the true plant. A `FlexhinfError` is the sample's
+    # failure
     build: Callable[[Mapping[str, float]], Sample] | None = None
 
     def __post_init__(self) -> None:
@@ -462,7 +430,6 @@ def one_of(what: str, value: Any, known: Sequence[str]) -> None:
         raise unknown_name(f"There is no such {what}.", value, known)
 
 
-# Numbers inside (0, 1) --------------------------------------------------------------------------------------
 def sample_seed(seed: int, index: int) -> int:
     """The seed of a sample's measurement noise, for `Loop.run`."""
     return int(sample_seeds(seed, [index])[0])

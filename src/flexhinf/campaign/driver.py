@@ -1,7 +1,4 @@
-"""The driver of a campaign: runs the missing batches here, in processes of its own or on a cluster, and merges them.
-
-The journal stays with the driver; workers only compute.
-"""
+"""Runs the missing batches of a campaign, here, in processes or on a cluster, and merges them; workers only compute."""
 
 from __future__ import annotations
 
@@ -27,7 +24,7 @@ from flexhinf.campaign.batches import BATCH, TRACED, Campaign, Rows, checked_int
 from flexhinf.campaign.journal import Journal, disk_refusals, labelled
 from flexhinf.campaign.results import MergedTable, merged
 from flexhinf.errors import FlexhinfError, InvalidInput
-from flexhinf.validation import extra_package, value_text
+from flexhinf.validation import extra_package, unknown_name, value_text
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -188,10 +185,6 @@ class Shard:
         """For its lock; empty for the whole."""
         return "" if self.of == 1 else f"{self.number}-of-{self.of}"
 
-    def has(self, batch: int) -> bool:
-        """Whether a batch belongs to this shard."""
-        return batch % self.of == self.number - 1
-
 
 @dataclass(frozen=True)
 class Report:
@@ -213,13 +206,13 @@ def drive(
 ) -> MergedTable | None:
     """Run the missing batches of a shard (default: all) with an executor (default: this process), and merge the table.
 
-    Returns None where other shards are still to be run. Raises InvalidInput if another driver is at work, or a sample
-    is refused, and FlexhinfError if the disk is full, workers die, or a batch is not run.
+    None where other shards are still to be run. InvalidInput if another driver is at work or a sample is refused;
+    FlexhinfError if the disk is full, workers die, or a batch is not run.
     """
     shard = shard or Shard()
     with journal.driven(shard.name):
         good, bad = journal.shards()
-        own = [batch for batch in range(journal.batches) if shard.has(batch)]
+        own = range(shard.number - 1, journal.batches, shard.of)
         missing = [batch for batch in own if batch not in good]
         total, fresh = sum(map(journal.size, own)), 0
         done = total - sum(map(journal.size, missing))
@@ -311,19 +304,21 @@ _campaign: Campaign | None = None  # of a worker process
 
 
 def _begin_worker(campaign: Campaign) -> None:
-    """In a worker: Ctrl-C is the driver's, and a driver that was killed takes its workers with it."""
+    """In a worker: Ctrl-C is the driver's, and a driver that was killed takes its workers with it.
+
+    Workers wait for work on a pipe that they hold open themselves: without the thread they would wait for ever.
+    """
     global _campaign
+
+    def end_with_the_driver() -> None:
+        driver = multiprocessing.parent_process()
+        if driver is not None:
+            driver.join()
+            os._exit(1)
+
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    threading.Thread(target=_end_with_the_driver, daemon=True).start()
+    threading.Thread(target=end_with_the_driver, daemon=True).start()
     _campaign = campaign
-
-
-def _end_with_the_driver() -> None:
-    """Workers wait for work on a pipe that they hold open themselves: without this they would wait for ever."""
-    driver = multiprocessing.parent_process()
-    if driver is not None:
-        driver.join()
-        os._exit(1)
 
 
 def _work(batch: int) -> Rows:
@@ -331,7 +326,6 @@ def _work(batch: int) -> Rows:
     return run_batch(_campaign, batch)
 
 
-# The way in from Python -------------------------------------------------------------------------------------------
 def run_campaign(
     loop: Loop,
     draw: Any,
@@ -385,11 +379,7 @@ def run_campaign(
         Before any work for what does not fit; or for a folder of another campaign.
     """
     if unknown := [name for name in options if name not in _OPTIONS]:
-        raise InvalidInput(
-            f"A campaign has no option {unknown[0]!r}.",
-            f"expected names out of {list(_OPTIONS)}",
-            "one of these",
-        )
+        raise unknown_name(f"A campaign has no option {unknown[0]!r}.", unknown[0], _OPTIONS)
     campaign = Campaign(loop, draw, samples, seed, options, metrics, signals, batch)
     executor = in_processes(workers) if workers else in_this_process
     if folder is not None:

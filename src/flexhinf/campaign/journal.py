@@ -55,30 +55,6 @@ FORMAT: dict[str, Any] = {
 }
 
 
-def schema_of(columns: Sequence[Column], instants: int, **about: str) -> pa.Schema:
-    """What a file of these columns has; a kept signal is a list of `instants` numbers of 32 bits."""
-    import pyarrow as pa
-
-    own = {"sample": pa.int64(), "seed": pa.uint64(), "status": pa.string(), "failure": pa.string()}
-    lists = pa.list_(pa.float32(), instants)
-    fields = []
-    for column in columns:
-        kind = lists if column.kind == "trace" else own.get(column.name, pa.float64())
-        fields.append(pa.field(column.name, kind, metadata={"kind": column.kind, "unit": column.unit}))
-    return pa.schema(fields, about)
-
-
-def parquet_bytes(rows: Mapping[str, np.ndarray], schema: pa.Schema) -> bytes:
-    """Columns as the bytes of a Parquet file."""
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
-    arrays = [_arrow(rows[name]) for name in schema.names]
-    stream = pa.BufferOutputStream()
-    pq.write_table(pa.Table.from_arrays(arrays, schema=schema), stream, **FORMAT)
-    return stream.getvalue().to_pybytes()
-
-
 def read_columns(path: Any, names: Sequence[str] | None = None) -> pa.Table:
     """Columns of a file, all by default; InvalidInput if it cannot be read."""
     import pyarrow as pa
@@ -150,7 +126,6 @@ def labelled(
     return xr.Dataset(variables, coordinates, dict(settings))
 
 
-# Files ----------------------------------------------------------------------------------------------------
 def write_whole(path: Path, content: bytes, prefix: str | None = None) -> None:
     """Write a file under another name, force it to the disk, and rename it."""
     with part_file(path.parent, f".{path.name}." if prefix is None else prefix) as name:
@@ -219,7 +194,6 @@ class Journal:
     folder: Path
     manifest: Mapping[str, Any]
 
-    # Opening -----------------------------------------------------------------------------------------------
     @staticmethod
     def read(folder: str | os.PathLike[str], beside: Sequence[str] = ()) -> Journal | None:
         """The journal in a folder; None where there is none yet, but at most files of the names `beside`."""
@@ -263,18 +237,15 @@ class Journal:
         journal.refuse_campaign(campaign)
         return journal
 
-    def refuse_campaign(self, campaign: Campaign) -> None:
+    def refuse_campaign(self, other: Campaign | Journal) -> None:
         """Refuse another campaign than this one; the message says what differs."""
-        self.refuse_other(campaign.settings)
-        self._refuse_table(campaign.digest, campaign.columns)
-
-    def _refuse_table(self, digest: str, columns: Sequence[Column]) -> None:
-        if self.manifest["digest"] != digest:
-            names = [[column.name for column in those] for those in (self.columns, columns)]
-            other = sorted(set(names[0]) ^ set(names[1]))[:_LISTED]
+        self.refuse_other(other.settings)
+        if self.digest != other.digest:
+            names = [[column.name for column in one.columns] for one in (self, other)]
+            strange = sorted(set(names[0]) ^ set(names[1]))[:_LISTED]
             raise InvalidInput(
                 "The folder is that of a campaign with other columns.",
-                f"{self.folder}: {', '.join(other) or 'other kinds, units or instants'}",
+                f"{self.folder}: {', '.join(strange) or 'other kinds, units or instants'}",
                 "another folder",
             )
 
@@ -290,11 +261,15 @@ class Journal:
                 "another folder for these settings, or the settings of this folder again",
             )
 
-    # What it says ------------------------------------------------------------------------------------------
     @property
     def settings(self) -> dict[str, str]:
         """Everything that the rows depend on, as text by name."""
         return dict(self.manifest["settings"])
+
+    @property
+    def digest(self) -> str:
+        """Of what the rows depend on, and of what they hold."""
+        return str(self.manifest["digest"])
 
     @property
     def about(self) -> dict[str, Any]:
@@ -326,7 +301,6 @@ class Journal:
         batch_size = int(self.settings["batch"])
         return min(batch_size, self.samples - batch * batch_size)
 
-    # Locks -------------------------------------------------------------------------------------------------
     @contextmanager
     def driven(self, part: str = "") -> Iterator[None]:
         """Keep other drivers of the same part, or of the whole, out for the block; InvalidInput if one is at work.
@@ -349,10 +323,15 @@ class Journal:
                 )
             yield
 
-    # Shards ------------------------------------------------------------------------------------------------
     def write(self, batch: int, rows: Rows) -> Path:
         """Write the rows of a batch, whole or not at all; FlexhinfError if the disk is full or refuses."""
-        content = parquet_bytes(rows.columns, self._schema(batch=str(batch)))
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+
+        schema, stream = self._schema(batch=str(batch)), pa.BufferOutputStream()
+        arrays = [_arrow(rows.columns[name]) for name in schema.names]
+        pq.write_table(pa.Table.from_arrays(arrays, schema=schema), stream, **FORMAT)
+        content = stream.getvalue().to_pybytes()
         name = f"batch-{batch:08d}-{hashlib.sha256(content).hexdigest()[:16]}.parquet"
         path = self.folder / SHARDS / name
         with disk_refusals(self.folder):
@@ -404,20 +383,27 @@ class Journal:
         seed = int(self.settings["seed"])
 
         def drawn() -> Mapping[str, np.ndarray]:
-            return {} if self._draw is None else self._draw.numbers(samples, self.samples, seed)
+            names = [column.name for column in self.columns if column.kind == "parameter"]
+            draw = Tolerances.stated(
+                self.settings, names
+            )  # None for a function, whose code no manifest holds
+            return {} if draw is None else draw.numbers(samples, self.samples, seed)
 
         return wrong_rows(path, self._schema(batch=str(batch)), samples, seed, drawn)
 
-    @cached_property
-    def _draw(self) -> Tolerances | None:
-        """What the manifest says that the samples are drawn from; None for a function, whose code it does not hold."""
-        names = [column.name for column in self.columns if column.kind == "parameter"]
-        return Tolerances.stated(self.settings, names)
+    def _schema(self, **about: str) -> pa.Schema:
+        """Of a part, or of the table without kept signals, which is about no part; kept signals are lists."""
+        import pyarrow as pa
 
-    def _schema(self, **about: str) -> Any:
-        """Of a part, or of the table without kept signals, which is about no part."""
-        kept = [column for column in self.columns if about or column.kind != "trace"]
-        return schema_of(kept, len(self.time), campaign=self.manifest["digest"], **about)
+        own = {"sample": pa.int64(), "seed": pa.uint64(), "status": pa.string(), "failure": pa.string()}
+        lists, fields = pa.list_(pa.float32(), len(self.time)), []
+        for column in self.columns:
+            if about or column.kind != "trace":
+                kind = lists if column.kind == "trace" else own.get(column.name, pa.float64())
+                fields.append(
+                    pa.field(column.name, kind, metadata={"kind": column.kind, "unit": column.unit})
+                )
+        return pa.schema(fields, {"campaign": self.digest, **about})
 
     def row(self, sample: int) -> dict[str, Any]:
         """The row of a sample, without kept signals; empty where its batch is not done."""
@@ -430,7 +416,6 @@ class Journal:
                 return {name: plain_number(numpy_column(table.column(name))[place]) for name in kept}
         return {}
 
-    # Results of the whole campaign -------------------------------------------------------------------------
     def store(self, name: Path, content: Mapping[str, Any]) -> None:
         """Write a sealed JSON file beside the rows, whole or not at all; numbers that JSON does not have as text."""
 
@@ -452,11 +437,9 @@ class Journal:
 
         return TypeAdapter(kind).validate_python(read_sealed(self.folder / name, most))
 
-    # The whole ---------------------------------------------------------------------------------------------
     def take(self, other: Journal) -> int:
         """Copy the shards of another folder of the same campaign that are missing here; returns how many."""
-        self.refuse_other(other.settings)
-        self._refuse_table(other.manifest["digest"], other.columns)
+        self.refuse_campaign(other)
         here, (there, bad) = self.shards()[0], other.shards()
         if bad:
             raise InvalidInput(

@@ -128,7 +128,6 @@ def _is_number(value: Any) -> bool:
     return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
 
 
-# Rows -------------------------------------------------------------------------------------------------------
 #: Bytes of a file beyond its rows, and of one text, at most.
 _SPARE, _LONGEST_TEXT = 1_000_000, 16_384
 
@@ -163,7 +162,11 @@ def wrong_rows(
                 return f"{rows} rows instead of {len(samples)}"
             groups = range(file.metadata.num_row_groups)
             unpacked = sum(file.metadata.row_group(k).total_byte_size for k in groups)
-            if unpacked > _SPARE + rows * sum(_width(field.type) for field in schema):
+            lists = [one.type.list_size for one in schema if pa.types.is_fixed_size_list(one.type)]
+            texts = sum(pa.types.is_string(one.type) for one in schema)
+            others = len(schema) - len(lists) - texts
+            # most bytes of one row, twice what it takes; texts are sentences of an error
+            if unpacked > _SPARE + rows * (12 * sum(lists) + _LONGEST_TEXT * texts + 24 * others):
                 return f"a file that unpacks to {unpacked} bytes"
             drawn = draw()
             kept = [name for name, kind in kinds.items() if kind == "own" or name in drawn]
@@ -180,8 +183,16 @@ def wrong_rows(
         return f"not the samples {first} to {last}"
     if not np.array_equal(values["seed"], sample_seeds(seed, samples)):
         return f"not the samples {first} to {last} of the seed {seed}"
-    if wrong := _wrong_ends(values):
-        return wrong
+    status, failure, at = (values[name] for name in ("status", "failure", "diverged_at_s"))
+    strange = [one for one in set(status) if one not in (COMPLETED, UNSTABLE, DIVERGED, NOT_RUN)]
+    if strange:
+        return f"of a status that no run has: {value_text(strange[0])}"
+    if None in set(failure):
+        return "without the column failure in each row"
+    if not np.array_equal(failure != "", status == NOT_RUN):  # only what was not run has a reason
+        return "of runs with a failure, or without one, that does not fit their status"
+    if not np.array_equal(~np.isnan(at), status == DIVERGED):
+        return "of runs with an instant of divergence, or without one, that does not fit their status"
     for name in unread.column_names:
         if not np.isnan(numpy_column(unread.column(name))[lost]).all():
             return f"of runs without an end that have the metric {name}"
@@ -191,33 +202,6 @@ def wrong_rows(
             at = int(np.argmin(near))
             return f"not what is drawn: {name} of sample {samples[at]} is {values[name][at]:g}, not {numbers[at]:g}"
     return ""
-
-
-def _wrong_ends(values: Mapping[str, np.ndarray]) -> str:
-    """What is wrong with how runs ended; empty where nothing is.
-
-    Only a run that diverged has an instant of it, and only one that was not run has a reason.
-    """
-    status, failure, at = (values[name] for name in ("status", "failure", "diverged_at_s"))
-    strange = [one for one in set(status) if one not in (COMPLETED, UNSTABLE, DIVERGED, NOT_RUN)]
-    if strange:
-        return f"of a status that no run has: {value_text(strange[0])}"
-    if None in set(failure):
-        return "without the column failure in each row"
-    if not np.array_equal(failure != "", status == NOT_RUN):
-        return "of runs with a failure, or without one, that does not fit their status"
-    if not np.array_equal(~np.isnan(at), status == DIVERGED):
-        return "of runs with an instant of divergence, or without one, that does not fit their status"
-    return ""
-
-
-def _width(kind: pa.DataType) -> int:
-    """Most bytes of one entry, twice what it takes; texts are sentences of an error."""
-    import pyarrow as pa
-
-    if pa.types.is_fixed_size_list(kind):
-        return 12 * kind.list_size
-    return _LONGEST_TEXT if pa.types.is_string(kind) else 24
 
 
 def numpy_column(column: Any) -> np.ndarray:

@@ -127,30 +127,19 @@ def _unstable(extremes: np.ndarray, heights: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class Metrics:
-    """Numbers of a run.
+    """Numbers of a run."""
 
-    Parameters
-    ----------
-    units : mapping of str to str
-        Unit of each metric by name, "" where it has none.
-    function : callable or None
-        Trajectory → numbers by name, or the number itself where there is one name. It is called for runs that came to
-        their end only. Infinity is a number: of a run that never settles. None, or NaN: the run has no such number.
-        None instead of it: runs are made in lanes only.
-    reduced : callable, optional
-        The same numbers, (N,) by name, of N runs in lanes, of which nothing else is kept. Without it signals of every
-        run are stored, and runs are made one by one or a few at a time.
-    reductions : sequence of Reduction, optional
-        That `reduced` needs beside those of `Loop.ensemble`.
-    parts : sequence of str
-        Names among `units` that belong to a part of what another one is the worst of, as the overshoot of one joint.
-        They are judged like others, and reports show them apart.
-    """
-
-    units: Mapping[str, str]
+    units: Mapping[str, str]  # Unit of each metric by name, "" where it has none
+    # Trajectory → numbers by name, or the number itself where there is one name. It is called for runs that came to
+    # their end only. Infinity is a number: of a run that never settles. None, or NaN: the run has no such number.
+    # None instead of it: runs are made in lanes only
     function: Callable[[Trajectory], Any] | None
+    # The same numbers, (N,) by name, of N runs in lanes, of which nothing else is kept. Without it signals of every
+    # run are stored, and runs are made one by one or a few at a time
     reduced: Callable[[EnsembleResult], Mapping[str, np.ndarray]] | None = None
-    reductions: Sequence[Reduction] = ()
+    reductions: Sequence[Reduction] = ()  # That `reduced` needs beside those of `Loop.ensemble`
+    # Names among `units` that belong to a part of what another one is the worst of, as the overshoot of one joint.
+    # They are judged like others, and reports show them apart
     parts: Sequence[str] = ()
 
     def __call__(self, run: Trajectory) -> dict[str, float]:
@@ -216,11 +205,7 @@ def known_metric(name: str, known: Sequence[str]) -> str:
 
 
 def chosen_metrics(given: Any, tracked: bool) -> tuple[Metrics, ...]:
-    """The metrics of a campaign.
-
-    `given`: names, `Metrics`, functions by name, or a sequence of these; None: the standard ones, where something is
-        tracked.
-    """
+    """A campaign's metrics, of names, `Metrics`, functions by name, or a sequence of these; None: the standard ones."""
     if given is None:
         return (STANDARD,) if tracked else ()
     parts = [given] if isinstance(given, (Metrics, Mapping, str)) else list(given)
@@ -245,7 +230,6 @@ def chosen_metrics(given: Any, tracked: bool) -> tuple[Metrics, ...]:
     return tuple(found)
 
 
-# Requirements -----------------------------------------------------------------------------------------------
 _REQUIREMENT = re.compile(r"\s*(\w+)\s*(<=|>=|≤|≥)\s*(\S+)\s*\Z")
 
 

@@ -16,9 +16,15 @@ import numpy as np
 
 from flexhinf.campaign.batches import PART, Column
 from flexhinf.campaign.journal import differing, listed
-from flexhinf.campaign.metrics import COMPLETED, NOT_RUN, Requirement
-from flexhinf.campaign.results import CampaignTable, MergedTable, main_metric, violations
-from flexhinf.campaign.statistics import Interval, success_interval
+from flexhinf.campaign.metrics import COMPLETED, Requirement
+from flexhinf.campaign.results import (
+    CampaignTable,
+    Interval,
+    MergedTable,
+    main_metric,
+    success_interval,
+    violations,
+)
 from flexhinf.errors import InvalidInput
 from flexhinf.validation import value_text
 
@@ -212,11 +218,6 @@ class PairedCampaigns:
         )
         return McNemar(*(int(one.sum()) for one in (a & b, a & ~b, ~a & b, ~a & ~b)))
 
-    @property
-    def not_run(self) -> int:
-        """Samples that could not be run."""
-        return int((self.a.columns["status"] == NOT_RUN).sum())
-
     def numbers(self, sample: int) -> dict[str, float]:
         """Drawn numbers of a sample by name."""
         return self.a.numbers(sample)
@@ -227,22 +228,10 @@ def compare(
 ) -> PairedCampaigns:
     """Compare two campaigns on the same samples: any plant, any two laws.
 
-    Parameters
-    ----------
-    a, b : xarray.Dataset or MergedTable
-        Of `run_campaign` with the same draw, samples, seed and circumstances, and another controller.
-    requirements : sequence of str
-        What a run must keep to count as a success, ``overshoot_percent<=5``, besides coming to its end.
-
-    Returns
-    -------
-    PairedCampaigns
-        Differences b − a of each metric, success and failure.
-
-    Raises
-    ------
-    InvalidInput
-        If the samples are not the same: the message says what differs.
+    `a`, `b`: of `run_campaign` with the same draw, samples, seed and circumstances, and another controller.
+    `requirements`: what a run must keep to count as a success, ``overshoot_percent<=5``, besides coming to its end.
+    Returns: differences b − a of each metric, success and failure.
+    Raises InvalidInput: if the samples are not the same: the message says what differs.
     """
     sides = _table(a), _table(b)
     names = [*sides[0].settings, *sides[1].settings]

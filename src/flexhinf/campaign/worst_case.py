@@ -115,32 +115,15 @@ def worst_case(
 ) -> WorstCase:
     """Search the box of a campaign's tolerances for the plant with the worst value of a metric.
 
-    Parameters
-    ----------
-    campaign : Campaign
-        Its draw are `Tolerances`.
-    rows : mapping of str to array, optional
-        The campaign's rows, as `run_campaign` gives them; without them its samples are run now.
-    least : bool
-        Whether the smallest value is the worst.
-    starts : int
-        Searches: half of them begin at the worst samples, a quarter at the worst corners, the others at random.
-    seed : int, optional
-        Of the random starts; by default the campaign's.
-    nominal : mapping of str to float, optional
-        Nominal numbers; those that are not named are the middles of their intervals.
-    progress : callable, optional
-        Called with the runs so far and the worst value.
-
-    Returns
-    -------
-    WorstCase
-        Never better than the worst sample. The same bits for any number of threads or lanes.
-
-    Raises
-    ------
-    InvalidInput
-        For a draw without intervals, an unknown metric, or one that no sample has.
+    `campaign`: its draw are `Tolerances`.
+    `rows`: the campaign's rows, as `run_campaign` gives them; without them its samples are run now.
+    `least`: whether the smallest value is the worst.
+    `starts`: searches: half of them begin at the worst samples, a quarter at the worst corners, the others at random.
+    `seed`: of the random starts; by default the campaign's.
+    `nominal`: nominal numbers; those that are not named are the middles of their intervals.
+    `progress`: called with the runs so far and the worst value.
+    Returns: never better than the worst sample. The same bits for any number of threads or lanes.
+    Raises InvalidInput: for a draw without intervals, an unknown metric, or one that no sample has.
     """
     box = _box(campaign)
     known_metric(metric, [column.name for column in campaign.columns if column.judged])
@@ -198,7 +181,7 @@ def worst_case(
         {name: one.value for name, one in zip(names, one_back)}, dict(zip(names, zip(low.tolist(), high.tolist()))),
         {name: box.units[name] for name in names},
         starts, together, all_corners, runs + len(others), int((~inside).sum()),
-        _identity(campaign, metric, least, starts, seed),
+        _given(campaign.digest, metric, least, starts, seed),
     )  # fmt: skip
 
 
@@ -254,12 +237,11 @@ def _sizes(values: np.ndarray, status: np.ndarray, least: bool) -> np.ndarray:
     return np.where(status == COMPLETED, sizes, math.inf)
 
 
-def _identity(campaign: Campaign, metric: str, least: bool, starts: int, seed: int) -> dict[str, str]:
-    given = {"metric": metric, "least": least, "starts": starts, "seed": seed}
-    return {"campaign": campaign.digest, **{name: str(value) for name, value in given.items()}}
+def _given(*values: object) -> dict[str, str]:
+    """What a search depends on."""
+    return dict(zip(("campaign", "metric", "least", "starts", "seed"), map(str, values)))
 
 
-# Files in the campaign's folder -----------------------------------------------------------------------------
 def search_worst(
     campaign: Campaign,
     journal: Journal,
@@ -275,7 +257,7 @@ def search_worst(
     seed = campaign.seed if seed is None else seed
     try:
         stored = stored_worst(journal, metric)
-        if stored.settings == _identity(campaign, metric, least, starts, seed):
+        if stored.settings == _given(campaign.digest, metric, least, starts, seed):
             return stored
     except InvalidInput:
         pass  # none, or damaged: it is searched
@@ -289,7 +271,7 @@ def stored_worst(journal: Journal, metric: str) -> WorstCase:
     path = _path(journal, metric)
     try:
         found = journal.stored(path, WorstCase)
-        if found.settings["campaign"] != journal.manifest["digest"] or found.metric != metric:
+        if found.settings["campaign"] != journal.digest or found.metric != metric:
             raise ValueError("it is of another campaign")
         return found
     except FileNotFoundError:
@@ -320,6 +302,5 @@ def stored_worsts(journal: Journal) -> list[WorstCase]:
 
 
 def _path(journal: Journal, metric: str) -> Path:
-    return (
-        FOLDER / f"{known_metric(metric, [column.name for column in journal.columns if column.judged])}.json"
-    )
+    known = [column.name for column in journal.columns if column.judged]
+    return FOLDER / f"{known_metric(metric, known)}.json"

@@ -86,7 +86,6 @@ def _parameter(field: FieldInfo, both: bool) -> inspect.Parameter:
     return _keyword(field.name, kind, made, inspect.Parameter.empty if value is MISSING else value)
 
 
-# Reading --------------------------------------------------------------------------------------------
 def request_of(context: typer.Context, o: PointOptions, source: str, elastic: str = "") -> DesignRequest:
     """Robot and specification of a command, whose options win over a design file; prints notes."""
     stated = _stated(context)

@@ -307,7 +307,6 @@ def _finish(table: MergedTable, requirements: list[Any]) -> None:
         raise typer.Exit(NOT_MET)
 
 
-# Two designs --------------------------------------------------------------------------------------------------
 @app.command("compare", epilog="Example: flexhinf campaign compare linear.toml cubic.toml --samples 2000")
 @with_options(CompareCampaignsOptions)
 def compare(context: typer.Context, o: CompareCampaignsOptions) -> None:
@@ -363,7 +362,6 @@ def compare(context: typer.Context, o: CompareCampaignsOptions) -> None:
     typer.echo(f"report: {path}")
 
 
-# Progress -----------------------------------------------------------------------------------------------------
 @contextmanager
 def design_stages() -> Iterator[Callable[[str], None]]:
     """A line for what comes next while the controller is designed; silent where it is no terminal."""

@@ -98,19 +98,8 @@ def certify(context: typer.Context, o: CertifyOptions) -> None:
 def _sampled_instead(context: typer.Context) -> str:
     from flexhinf.design.certification import SAMPLED_ADVICE
 
-    own = [
-        "out",
-        "check",
-        "every_cell",
-        "degree",
-        "degrees",
-        "decay",
-        "observer",
-        "tolerances",
-        "threads",
-        "damping",
-    ]
-    words = reproduce_command(context, own)
+    own = ("out", "check", "every_cell", "degree", "degrees", "decay", "observer", "tolerances", "threads")
+    words = reproduce_command(context, (*own, "damping"))
     words[words.index("certify")] = "design"
     return SAMPLED_ADVICE.format(join([*words, "--degrees", "2", "--damping", "0.3", "--rays", "50"]))
 

@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Callable, Sequence
-from functools import partial
+from collections.abc import Sequence
 from typing import Annotated, Any
 
 import typer
@@ -19,12 +18,10 @@ from typer.main import get_command
 from flexhinf import __version__
 from flexhinf.cli.campaign import app as campaign
 from flexhinf.cli.certify import certify
-from flexhinf.cli.design import compare, design
+from flexhinf.cli.design import compare, design, paper
 from flexhinf.cli.export import app as export
-from flexhinf.cli.export import compile_design
+from flexhinf.cli.export import compile_design, run_design
 from flexhinf.cli.messages import INTERRUPTED, error_text, interrupted, mistake, parser_error, refused
-from flexhinf.cli.paper import paper
-from flexhinf.cli.run import run_design
 from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.files import recorded
 from flexhinf.validation import value_text
@@ -98,16 +95,17 @@ def _refine(command: Any) -> None:
     """Let every error of the parser know its command; some, such as for a missing value, do not."""
     for inner in getattr(command, "commands", {}).values():
         _refine(inner)
-    command.parse_args = partial(_parsed, command.parse_args)
+    parse = command.parse_args
 
+    def parsed(context: Any, words: list[str]) -> list[str]:
+        try:
+            return parse(context, words)
+        except TyperException as error:
+            if getattr(error, "ctx", None) is None:
+                setattr(error, "ctx", context)  # noqa: B010  pyright
+            raise
 
-def _parsed(parse: Callable[[Any, list[str]], list[str]], context: Any, words: list[str]) -> list[str]:
-    try:
-        return parse(context, words)
-    except TyperException as error:
-        if getattr(error, "ctx", None) is None:
-            setattr(error, "ctx", context)  # noqa: B010  pyright
-        raise
+    command.parse_args = parsed
 
 
 app = App(name="flexhinf", add_completion=False, pretty_exceptions_enable=False)
@@ -142,25 +140,20 @@ app.add_typer(campaign, name="campaign")
 app.add_typer(export, name="export")
 
 
-def _check_text(words: Sequence[str]) -> None:
-    """Refuse words that are no text: they could be printed nowhere."""
-    for word in words:
-        try:
-            word.encode()
-        except UnicodeEncodeError as error:
-            raise InvalidInput(
-                "A word of the command is no text in UTF-8.",
-                f"got {value_text(word)}: {error.reason} at position {error.start}",
-                "names and folders in UTF-8",
-            ) from None
-
-
 def run(arguments: Sequence[str] | None = None) -> int:
     """What `flexhinf.cli.main` does, but for signals other than Ctrl-C."""
     words = list(sys.argv[1:] if arguments is None else arguments) or ["--help"]
     with recorded() as written:
         try:
-            _check_text(words)
+            for word in words:  # what is no text could be printed nowhere
+                try:
+                    word.encode()
+                except UnicodeEncodeError as error:
+                    raise InvalidInput(
+                        "A word of the command is no text in UTF-8.",
+                        f"got {value_text(word)}: {error.reason} at position {error.start}",
+                        "names and folders in UTF-8",
+                    ) from None
             code = app(args=words, prog_name="flexhinf", standalone_mode=False)
             if code == INTERRUPTED:  # the option parser has caught Ctrl-C
                 return interrupted(written())

@@ -119,9 +119,7 @@ def scheduled(
 ) -> tuple[Law, AlongMove]:
     """The law, or a schedule with laws at the worst poses of a move, until the margins hold or there are `most` laws.
 
-    `setup`: with the law that was designed.
-    `another`: designs a law at a pose (n,); None adds none.
-    Returns: those with the smallest share of a limit: laws that do not help are not added.
+    `another` designs a law at a pose (n,); None adds none. A law that does not help is not added.
     """
     law, along = setup.law, margins_along(setup, plan, least)
     laws = [law]

@@ -1,14 +1,11 @@
-"""The folder of a design's campaign: controller and design file, written once, and the campaign made of them again.
-
-The campaign of a design: its step or move on robots within their tolerances; and two designs on the same samples.
-"""
+"""A design as a campaign: its step or move on robots within their tolerances, its folder, and two designs compared."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -60,28 +57,20 @@ _PERCENT = re.compile(r"\s*([\d.eE+-]+)\s*%\s*\Z")
 _RANGE = re.compile(r"\s*([-+\d.eE]+?)\s*\.\.\s*([-+\d.eE]+)\s*\Z")
 
 
-@dataclass(frozen=True, eq=False)
-class RobotDraw:
-    """From numbers of a sample to its true robot with `extras`, in equilibrium where it starts.
+def robot_sample(
+    robot: Robot, start: np.ndarray, extras: tuple[str, ...], numbers: Mapping[str, float]
+) -> Sample:
+    """The true robot of a sample's numbers with `extras`, in equilibrium where it starts.
 
-    The estimator believes it at `start` (n,), rad or m.
+    The estimator believes it at `start` (n,), rad or m. A robot that no input holds there is refused, which is the
+    sample's failure.
     """
-
-    robot: Robot
-    start: np.ndarray
-    extras: tuple[str, ...]
-
-    def __call__(self, numbers: Mapping[str, float]) -> Sample:
-        """The sample; a robot that no input holds where it starts is refused, which is the sample's failure."""
-        known = self.robot.nominal
-        values = self.robot.plant_parameters(known | {k: v for k, v in numbers.items() if k in known})
-        errors = [numbers.get(name, 0.0) for name in signal_names(ERROR, self.robot.joint_names)]
-        x, _ = self.robot.operating_point(self.start + errors, self.extras, values)
-        options: dict[str, Any] = {"initial_state": x}
-        torques = signal_names(TORQUE, self.robot.joint_names)
-        loads = {name: numbers[name] for name in torques if name in numbers}
-        plant = self.robot.plant(extras=self.extras)
-        return Sample(plant.parameters.known(values), options, numbers, loads=loads)
+    values = robot.plant_parameters(robot.nominal | {k: v for k, v in numbers.items() if k in robot.nominal})
+    errors = [numbers.get(name, 0.0) for name in signal_names(ERROR, robot.joint_names)]
+    x, _ = robot.operating_point(start + errors, extras, values)
+    loads = {name: numbers[name] for name in signal_names(TORQUE, robot.joint_names) if name in numbers}
+    parameters = robot.plant(extras=extras).parameters.known(values)
+    return Sample(parameters, {"initial_state": x}, numbers, loads=loads)
 
 
 ERROR, TORQUE = "initial_error", "link_torque"
@@ -185,7 +174,9 @@ class DesignCampaign:
         if self.options.disturbance:  # of one N·m or N; what a sample draws is the factor
             torques = signal_names(TORQUE, robot.joint_names)
             options["disturbance"] = dict.fromkeys(torques, Step(1.0, at=LOAD_START * duration))
-        draw = Tolerances(self.variables, self.options.method, RobotDraw(robot, self.ends[0], s.extras))
+        draw = Tolerances(
+            self.variables, self.options.method, partial(robot_sample, robot, self.ends[0], s.extras)
+        )
         return Campaign(
             loop, draw, self.options.samples, self.options.seed, options,
             self.metrics.metrics(plant.states, controller.states, controller.commanded),
@@ -250,7 +241,6 @@ def _spread(parameter: Parameter, text: str) -> Parameter:
     )
 
 
-# Two designs on the same samples ------------------------------------------------------------------------------
 #: Folders of the two campaigns in that of their comparison.
 SIDES = ("a", "b")
 
@@ -339,8 +329,6 @@ def open_campaign(
 ) -> tuple[Campaign, Journal]:
     """The campaign in a folder: designed and written there, or taken up again with the controller that is there.
 
-    `command`: that made it, for its reports.
-    `progress`: called with each step's name while the controller is designed.
     `designed`: for a new folder, controller and length of its runs (s) as of `designed_controller`.
     """
     _ = request.stated, request.metrics  # refuses what does not fit
@@ -383,8 +371,7 @@ def designed_controller(
 ) -> tuple[Controller, float]:
     """The controller and the length of its runs, s: of a report that nobody changed, or designed now.
 
-    The controller of a report begins where its step does, so for a move it is designed again, to begin where that
-    does.
+    That of a report begins where its step does, so for a move it is designed again, to begin where that does.
     """
     path, plan = request.file, request.plan
     robot, s = request.request.robot, request.specification
@@ -440,19 +427,13 @@ def stored_request(journal: Journal) -> DesignCampaign:
     return DesignCampaign(read_request(journal.folder / SETUP / DESIGN_FILE), options)
 
 
-# Two campaigns on the same samples --------------------------------------------------------------------------
 def open_pair(
     pair: DesignPair,
     folder: str | Path,
     commands: Sequence[Sequence[str]] = ((), ()),
     progress: Callable[[str], None] = print,
 ) -> list[tuple[Campaign, Journal]]:
-    """The campaigns of both designs in a folder, with runs of the same length: made there, or taken up again.
-
-    `folder`: of the comparison; the campaigns are in its folders `SIDES`.
-    `commands`: that make each campaign, for its reports.
-    `progress`: called with each step's name while controllers are designed.
-    """
+    """The campaigns of both designs in folders `SIDES`, with runs of the same length: made there, or taken up again."""
     place = checked_path("The comparison's folder", folder).expanduser().absolute()
     check_own_folder(place, "comparison of campaigns", _OWN)
     place.mkdir(parents=True, exist_ok=True)

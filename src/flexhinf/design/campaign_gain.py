@@ -23,14 +23,8 @@ from flexhinf.analysis.worst_disturbance import DisturbanceRuns
 from flexhinf.campaign import Journal
 from flexhinf.campaign.manifest import UNREADABLE
 from flexhinf.certify.evaluation import linear_part
+from flexhinf.design import certification
 from flexhinf.design.campaign_folder import DesignCampaign
-from flexhinf.design.certification import (
-    LONGEST_DISTURBANCE,
-    MOST_SEARCHED,
-    STEPS,
-    Attenuation,
-    prove_design,
-)
 from flexhinf.design.synthesis.steps import Synthesis, synthesise
 from flexhinf.errors import InvalidInput
 from flexhinf.plant import Estimator, GeneralisedPlant, Penalty
@@ -88,7 +82,7 @@ class GainResults:
 
 def searches_gain(request: DesignCampaign) -> bool:
     """Whether a disturbance is searched for: not with so many states that one ascent takes minutes."""
-    return STATES * len(request.request.robot.joint_names) <= MOST_SEARCHED
+    return STATES * len(request.request.robot.joint_names) <= certification.MOST_SEARCHED
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,7 +113,7 @@ class GainSearch:
     @property
     def horizon(self) -> float:
         """Length of the disturbances, s."""
-        return min(LONGEST_DISTURBANCE, STEPS * self.duration)
+        return min(certification.LONGEST_DISTURBANCE, certification.STEPS * self.duration)
 
     @cached_property
     def box(self) -> tuple[tuple[str, ...], np.ndarray, np.ndarray, np.ndarray]:
@@ -166,7 +160,9 @@ class GainSearch:
     def proved(self) -> tuple[_Claim | None, str]:
         """z, d and γ of the proof, its level in the law's V; or None and why: no proof, or z not linear in x."""
         robot, s, options = self.request.request.robot, self.request.specification, self.request.options
-        proof = prove_design(robot, s, self.synthesis, math.nan, Attenuation(None, ()))
+        proof = certification.prove_design(
+            robot, s, self.synthesis, math.nan, certification.Attenuation(None, ())
+        )
         certificate, law, solution = proof.certificate, self.synthesis.proved, self.synthesis.solution
         if certificate is None:
             return None, proof.reason or BENT
@@ -240,7 +236,6 @@ def _row(
     )  # fmt: skip
 
 
-# Kept in the campaign's folder ------------------------------------------------------------------------------
 def search_gain(
     request: DesignCampaign, journal: Journal, progress: Callable[[str], None] = lambda text: None
 ) -> GainResults:
@@ -248,14 +243,14 @@ def search_gain(
     if not searches_gain(request):
         raise InvalidInput(
             "The worst disturbance is not searched for robots of so many joints.",
-            f"expected at most {MOST_SEARCHED // STATES}, got {len(request.request.robot.joint_names)}",
+            f"expected at most {certification.MOST_SEARCHED // STATES}, got {len(request.request.robot.joint_names)}",
             "--metric with a metric of the runs, as overshoot_percent",
         )
     stored = stored_gains(journal)
     if stored.rows:
         return stored
     results = GainSearch(request, float(journal.settings["duration"]), progress).results()
-    results = replace(results, campaign=journal.manifest["digest"])
+    results = replace(results, campaign=journal.digest)
     journal.store(FILE, asdict(results))
     return results
 
@@ -266,4 +261,4 @@ def stored_gains(journal: Journal) -> GainResults:
         results = journal.stored(FILE, GainResults, _MOST_FILE)
     except UNREADABLE:
         return GainResults()
-    return results if results.campaign == journal.manifest["digest"] else GainResults()
+    return results if results.campaign == journal.digest else GainResults()

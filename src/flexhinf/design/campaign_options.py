@@ -13,25 +13,7 @@ from flexhinf.validation import value_text
 
 @dataclass(frozen=True)
 class CampaignOptions:
-    """What a campaign adds to a design; every field but `tolerances` is an option of ``flexhinf campaign``.
-
-    Attributes
-    ----------
-    samples, seed, batch : int
-        See `Campaign`.
-    distribution, method : str
-        See `Variable` and `Tolerances`.
-    tolerances : tuple of (str, str)
-        Parameters of the robot and what they are instead: ``("stiffness", "15%")`` or ``("mass", "0.9..1.2")``.
-    payload : str or None
-        What the true robot carries instead, as for `load_robot`; the controller stays the design's.
-    initial_error : float
-        The robot starts up to so much (rad or m) beside where the estimator believes it, each joint by itself.
-    disturbance : float
-        A constant torque (N·m or N) of up to so much on each link, from a tenth of the run on.
-    duration : float or None
-        Of the runs, s; the design's by default.
-    """
+    """What a campaign adds to a design; every field but `tolerances` is an option of ``flexhinf campaign``."""
 
     # fmt: off
     samples: Whole = option(1000, SAMPLED, "How many robots.", "1000")
@@ -41,6 +23,7 @@ class CampaignOptions:
         "Within the tolerances: uniform, normal (the tolerance is 3σ), truncated-normal, corners.", "normal")
     method: Text = option("random", SAMPLED,
         "How samples are spread: random (independent), latin-hypercube, sobol.", "sobol")
+    #: Parameters of the robot and what they are instead: ``("stiffness", "15%")`` or ``("mass", "0.9..1.2")``.
     tolerances: tuple[tuple[str, str], ...] = ()
     payload: Text | None = option(None, HARDWARE,
         "What the true robot carries, 0..2kg; the controller stays the design's.", "0..2kg", "kg@link",
@@ -67,8 +50,5 @@ class CampaignOptions:
         for name in ("initial_error", "disturbance"):
             value = getattr(self, name)
             if not (math.isfinite(value) and value >= 0.0):
-                raise InvalidInput(
-                    f"The {spaced(name)} is not usable.",
-                    f"expected a number >= 0, the half width of its interval, got {value_text(value)}",
-                    "0.01",
-                )
+                found = f"expected a number >= 0, the half width of its interval, got {value_text(value)}"
+                raise InvalidInput(f"The {spaced(name)} is not usable.", found, "0.01")

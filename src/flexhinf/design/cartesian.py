@@ -43,13 +43,10 @@ def tool_of(text: str) -> Tool:
 
 
 def with_joints(request: DesignRequest, goal: str = "", tool: str = "") -> DesignRequest:
-    """The request with its Cartesian goal and waypoints as positions of the joints, and notes of what was found.
-
-    `goal`: ``x,y,z`` in the world, m or with a unit; empty for none.
-    `tool`: as for `tool_of`.
-    """
+    """The request with its goal ``x,y,z`` (m, or with a unit) and waypoints as positions of the joints, and notes."""
     robot, s, notes, point = request.robot, request.specification, list(request.notes), tool_of(tool)
-    move = s.move if isinstance(s.move, WaypointTable) and _cartesian(s.move, robot) else None
+    table = s.move if isinstance(s.move, WaypointTable) else None
+    move = table if table and set(table.joints) == set(AXES) != set(robot.joint_names) else None
     if tool and not goal and move is None:
         raise InvalidInput(
             "A tool is stated, and nothing that it is to reach.",
@@ -75,10 +72,8 @@ def with_joints(request: DesignRequest, goal: str = "", tool: str = "") -> Desig
 def joint_waypoints(robot: Robot, table: WaypointTable, tool: Tool = ORIGIN) -> WaypointTable:
     """Waypoints x, y, z of a point as waypoints of the joints, each pose by a search from the one before.
 
-    Raises
-    ------
-    InvalidInput
-        For a place out of reach, with its time; for more than 500 waypoints; for columns that are not x, y, z.
+    Raises InvalidInput: for a place out of reach, with its time; for more than 500 waypoints; for columns that are
+        not x, y, z.
     """
     return _converted(robot, table, tool)[0]
 
@@ -105,10 +100,6 @@ def _converted(robot: Robot, table: WaypointTable, tool: Tool) -> tuple[Waypoint
     joints = robot.joint_names
     worst = min(found, key=lambda one: one.mobility)
     return WaypointTable(table.times, joints, ("",) * len(joints), rows), worst
-
-
-def _cartesian(table: WaypointTable, robot: Robot) -> bool:
-    return set(table.joints) == set(AXES) != set(robot.joint_names)
 
 
 def _singular(what: str, found: Reached) -> list[str]:

@@ -10,7 +10,7 @@ bound. Sampling, delay, estimator and limits use up a part of the region's level
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -18,18 +18,11 @@ from typing import NamedTuple
 import numpy as np
 
 from flexhinf.analysis import Attained, BudgetTerm, budget_terms, worst_disturbance
+from flexhinf.certify import pictures
 from flexhinf.certify.box import parameter_ranges
 from flexhinf.certify.cells import OutOfTime, time_limit
 from flexhinf.certify.certificate import Certificate
 from flexhinf.certify.claim import MOST_STATES
-from flexhinf.certify.pictures import (
-    LimitSlice,
-    StartSurface,
-    WorstStep,
-    limit_slice,
-    start_surface,
-    worst_step,
-)
 from flexhinf.certify.proof import certify, check_decay
 from flexhinf.certify.starts import ProvedStep, longest_run, proved_steps
 from flexhinf.design.loop_setup import LoopSetup
@@ -189,54 +182,43 @@ def certify_design(
             "tolerance = 10 beside a value in the robot's file, or leave out `tolerances`",
         )
     synthesis = synthesise(robot, s, progress)
-    if tolerances or synthesis.proved is not None:
-        return tuple(_box_degrees(robot, s, synthesis, progress, share, threads))
+    boxed = tolerances or synthesis.proved is not None
     gamma = s.checked_gamma_ratio * synthesis.design_problem.gamma_star
     penalty = checked_penalty(s, synthesis.design_problem)
     found = []
     for choice in synthesis.choices:
-        progress(f"degree {choice.degree}: proof")
-        began, certificate, steps, reason = time.process_time(), None, (), ""
-        solution, about = choice.solution, about_text(robot, synthesis.goal, choice.degree)
-        margin = solution.checked_margin(gamma, penalty)
-        if margin.definite:
-            try:
+        progress(f"degree {choice.degree}: proof{' for all tolerances' if boxed else ''}")
+        began, box, certificate, steps, reason = time.process_time(), synthesis.proved, None, (), ""
+        solution = choice.solution
+        try:
+            if boxed and box is None:
+                problem, step = (
+                    measured_problem(robot, synthesis.goal, s),
+                    float((synthesis.goal - synthesis.start)[0]),
+                )
+                ranges = parameter_ranges(robot, problem.plant)
+                law = sampled_box(BoxProof(solution=solution, problem=problem, step=step), ranges)
+                box = prove_box(robot, law, ranges, seconds=BOX_SECONDS, threads=threads, progress=share)
+            if box is not None:
+                certificate = box.certificate
+            else:
+                margin = solution.checked_margin(gamma, penalty)
+                reason = "" if margin.definite else margin.reason()
+            if box is None and not reason:
+                about = about_text(robot, synthesis.goal, choice.degree)
                 certificate = certify(
                     solution, gamma, penalty, decay=decay, about=about, observer=observer, threads=threads,
                     progress=share,
                 )  # fmt: skip
-                steps = proved_steps(solution, certificate)
-            except NumericalFailure as error:  # of this degree; another may be proved
-                reason = error.found
-        else:
-            reason = margin.reason()
+            steps = () if certificate is None else proved_steps(solution, certificate)
+        except (InvalidInput, NumericalFailure) as error:  # of this degree; another may be proved
+            if not boxed and isinstance(error, InvalidInput):
+                raise
+            reason = reason_of(error) if boxed else error.found
         seconds = time.process_time() - began
-        found.append(CertifiedDegree(choice, choice is synthesis.chosen, certificate, steps, reason, seconds))
+        used = choice is synthesis.chosen
+        found.append(CertifiedDegree(choice, used, certificate, steps, reason, seconds, box))
     return tuple(found)
-
-
-def _box_degrees(
-    robot: Robot, s: Specification, synthesis: Synthesis, progress: Progress, share: Share, threads: int
-) -> Iterator[CertifiedDegree]:
-    problem = measured_problem(robot, synthesis.goal, s)
-    ranges = parameter_ranges(robot, problem.plant)
-    for choice in synthesis.choices:
-        progress(f"degree {choice.degree}: proof for all tolerances")
-        began, used, reason = time.process_time(), choice is synthesis.chosen, ""
-        box: BoxProof | None = synthesis.proved
-        if box is None:
-            law = BoxProof(
-                solution=choice.solution, problem=problem, step=float((synthesis.goal - synthesis.start)[0])
-            )
-            try:
-                law = sampled_box(law, ranges)
-                box = prove_box(robot, law, ranges, seconds=BOX_SECONDS, threads=threads, progress=share)
-            except (InvalidInput, NumericalFailure) as error:
-                reason = reason_of(error)
-        certificate = None if box is None else box.certificate
-        steps = () if certificate is None else proved_steps(choice.solution, certificate)
-        seconds = time.process_time() - began
-        yield CertifiedDegree(choice, used, certificate, steps, reason, seconds, box)
 
 
 def proved(
@@ -270,10 +252,10 @@ class Evidence:
 
     certificate: Certificate  # With the attained gain, where a disturbance was found
     # surface, limit: V and r where steps start, and in a plane through the point that limits the sampled level
-    surface: StartSurface | None
-    limit: LimitSlice | None
+    surface: pictures.StartSurface | None
+    limit: pictures.LimitSlice | None
     # A smaller step with the worst disturbance, for each rule of the integrators' start
-    worst: tuple[WorstStep, ...]
+    worst: tuple[pictures.WorstStep, ...]
     # The worst disturbance found by search, from rest at the goal, with which V stays below the proved level
     attained: Attained | None
 
@@ -300,8 +282,8 @@ def evidence(robot: Robot, s: Specification, one: CertifiedDegree) -> Evidence:
     if s.checked_penalty is not None and not callable(s.checked_penalty):
         groups = robot.plant().groups
         weights = Penalty.of(s.checked_penalty).expanded(groups).states
-    worst = tuple(worst_step(solution, given, start) for start in given.starts)
-    slices = start_surface(solution, given, weights), limit_slice(solution, given, weights)
+    worst = tuple(pictures.worst_step(solution, given, start) for start in given.starts)
+    slices = pictures.start_surface(solution, given, weights), pictures.limit_slice(solution, given, weights)
     return Evidence(given, *slices, worst, attained)
 
 
@@ -347,11 +329,7 @@ class StepProof(NamedTuple):
 
 
 def step_proof(proof: DesignProof, chosen: DegreeChoice, inside: bool | None) -> StepProof:
-    """What is proved of the step that is asked for.
-
-    `chosen`: whose sampled region speaks where nothing is proved.
-    `inside`: whether the step starts inside that; None without one.
-    """
+    """What is proved of the requested step; `inside`: whether it starts in the sampled region, None without one."""
     given, loop = proof.certificate, "the step with sampling, estimator and limits"
     if proof.box is not None or proof.inside:
         box = proof.box is not None or given is None or any(p.low < p.high for p in given.parameters)
@@ -387,11 +365,9 @@ def step_proof(proof: DesignProof, chosen: DegreeChoice, inside: bool | None) ->
 def prove_design(
     robot: Robot, s: Specification, synthesis: Synthesis, start: float, worth: Attenuation
 ) -> DesignProof:
-    """Prove the sampled region of a design's law, or a smaller one that still holds its step.
+    """Prove the sampled region of a design's law, or a smaller one that holds its step, in `proof_seconds` of CPU time.
 
-    `s`: with `proof_seconds`, the CPU time that the search may take.
-    `start`: V where the step starts.
-    `worth`: whose budget is compared with the proved level.
+    `start`: V where the step starts. `worth`: whose budget is compared with the proved level.
     """
     chosen, began = synthesis.chosen, time.thread_time()
     attained = None if worth.attained is None else worth.attained.gain

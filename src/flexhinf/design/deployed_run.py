@@ -1,6 +1,6 @@
 """One run of a design's controller as it is deployed: on MuJoCo's robot, at its period, on the wall clock.
 
-The robot that is driven may be another than the controller was designed for: with a payload, with other parameters.
+The robot that is driven may carry a payload, or have other parameters than the controller was designed for.
 """
 
 from __future__ import annotations
@@ -103,9 +103,7 @@ def prepare_run(
 ) -> DeployedRun:
     """A run from start to goal as the controller is deployed, or along a stated move in error coordinates.
 
-    `controller`, `designed`: of the design.
-    `robot`: the one that is driven.
-    `specification`: of the run: start, goal or move, shaping, duration, extras, noise, seed, and limits.
+    `designed`: robot and specification of the controller; `robot` is driven, as `specification` says.
     """
     (model, original), s = designed, specification
     plan = stated_move(model, s)
@@ -157,11 +155,10 @@ def prepare_run(
     return DeployedRun(robot, s, plants, controller, box, loop, start, goal, plan, arguments, conditions)
 
 
-# Another robot than the model ---------------------------------------------------------------------------
 def perturbed(robot: Robot, changes: Sequence[str]) -> Robot:
     """The robot with other parameters: ``stiffness=-20%``, ``stiffness_elbow=95``, ``friction=+50%``.
 
-    `changes`: NAME=VALUE, or NAME=±PERCENT% of the nominal number; a name without a joint is meant for all of them.
+    A name without a joint is meant for all of them.
     """
     values = dict(robot.nominal)
     for text in changes:

@@ -1,12 +1,9 @@
 """Design files: a robot and the specification of its loop, as TOML; every command that takes a robot takes one.
 
 A file is a design file by its table [design]: ``robot``, for a URDF ``elastic``, ``payload`` instead of that of the
-robot's file, and fields of `Specification` by name.
-Paths are seen from the file's folder. The table [result] says what came of it and is not read ([found] in older files).
-
-Whether the units of a specification are those of the joints: lengths where a joint slides, angles where it turns.
-
-A specification is read before the robot, so its numbers remember their units (`flexhinf.design.units.Stated`).
+robot's file, and fields of `Specification` by name. Paths are seen from the file's folder. The table [result] says what
+came of it and is not read ([found] in older files). Fields are read before the robot, so numbers remember their units
+(`flexhinf.design.units.Stated`) until it is known which joints slide.
 """
 
 from __future__ import annotations
@@ -15,7 +12,7 @@ import difflib
 import itertools
 import math
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
@@ -50,11 +47,15 @@ CUSTOMARY = {"rad": "deg", "m": "mm", "rad/s": "deg/s", "m/s": "mm/s", "N·m": "
 def check_stated_units(robot: Robot, s: Specification) -> None:
     """Refuse a length for a joint that turns, an angle for one that slides, and the same of speeds and sensors.
 
-    A number without a unit fits every joint; so does a wrong count of numbers here, which is refused where it is
-    used.
+    A number without a unit fits every joint. A wrong count of numbers is refused where they are used.
     """
     known = units_of(robot.joint_names, robot.links.slides)
-    for field, values, signals in _stated(robot, s):
+    joints = robot.joint_names
+    stated = [(field, getattr(s, field), signal_names(signal, joints)) for field, signal in SIGNALS.items()]
+    stated += [("via", pose, signal_names("link_position", joints)) for pose in s.via]
+    if any(isinstance(one, Stated) for one in _parts(s.quantisation)):
+        stated.append(("quantisation", *per_signal(robot, s.measured, s.quantisation)))
+    for field, values, signals in stated:
         parts, units = _parts(values), [known[name] for name in signals]
         each = parts * len(signals) if len(parts) == 1 else parts
         if len(each) != len(signals):
@@ -62,42 +63,12 @@ def check_stated_units(robot: Robot, s: Specification) -> None:
         for part, signal, unit in zip(each, signals, units):
             if isinstance(part, Stated) and part.si != unit:
                 written = parts if len(set(units)) == 1 else each  # one for all joints, where one can be
-                raise _refusal(field, part, signal, unit, ",".join(map(_fitted, written, units)))
-
-
-def _stated(robot: Robot, s: Specification) -> Iterator[tuple[str, Any, Sequence[str]]]:
-    for field, signal in SIGNALS.items():
-        yield field, getattr(s, field), signal_names(signal, robot.joint_names)
-    for pose in s.via:
-        yield "via", pose, signal_names("link_position", robot.joint_names)
-    if any(isinstance(one, Stated) for one in _parts(s.quantisation)):
-        yield "quantisation", *per_signal(robot, s.measured, s.quantisation)
-
-
-def per_signal(robot: Robot, measured: Sequence[str], values: Any) -> tuple[tuple[Any, ...], tuple[str, ...]]:
-    """Values of measured signals, and these signals: a value for each name counts for all that the name stands for.
-
-    Another number of values is returned as it is.
-    """
-    signals = expanded(measured, SENSORS, robot.joint_names, robot.rigid)
-    parts = _parts(values)
-    if len(parts) != len(signals) and len(parts) == len(measured):
-        groups = [expanded(name, SENSORS, robot.joint_names, robot.rigid) for name in measured]
-        parts = tuple(part for group, part in zip(groups, parts) for _ in group)
-    return parts, signals
-
-
-def _parts(values: Any) -> tuple[Any, ...]:
-    return values if isinstance(values, tuple) else (values,)
-
-
-def _refusal(field: str, stated: Stated, signal: str, unit: str, example: str) -> SpecificationError:
-    return SpecificationError(
-        field,
-        f"The {field.replace('_', ' ')} has a unit that {signal!r} does not have.",
-        f"expected {unit} (or text with {CUSTOMARY[unit]}), got {value_text(stated.number + stated.unit, 60)}",
-        example=example,
-    )
+                raise SpecificationError(
+                    field,
+                    f"The {field.replace('_', ' ')} has a unit that {signal!r} does not have.",
+                    f"expected {unit} (or text with {CUSTOMARY[unit]}), got {value_text(part.number + part.unit, 60)}",
+                    example=",".join(map(_fitted, written, units)),
+                )
 
 
 def _fitted(value: float, unit: str) -> str:
@@ -108,6 +79,20 @@ def _fitted(value: float, unit: str) -> str:
         return value.number + value.unit
     plain = value.unit.lower() == value.si.lower()
     return value.number + (unit.replace("·", "") if plain else CUSTOMARY[unit])
+
+
+def per_signal(robot: Robot, measured: Sequence[str], values: Any) -> tuple[tuple[Any, ...], tuple[str, ...]]:
+    """Values of measured signals, and these signals; one for each name counts for all that the name stands for."""
+    signals = expanded(measured, SENSORS, robot.joint_names, robot.rigid)
+    parts = _parts(values)
+    if len(parts) != len(signals) and len(parts) == len(measured):
+        groups = [expanded(name, SENSORS, robot.joint_names, robot.rigid) for name in measured]
+        parts = tuple(part for group, part in zip(groups, parts) for _ in group)
+    return parts, signals
+
+
+def _parts(values: Any) -> tuple[Any, ...]:
+    return values if isinstance(values, tuple) else (values,)
 
 
 TABLES = ("design", "result", "found")
@@ -154,22 +139,12 @@ def read_request(
 ) -> DesignRequest:
     """The request of a robot, or of a design file over which `given` wins.
 
-    Parameters
-    ----------
-    source : path or str
-        As for `load_robot`, or a design file.
-    elastic : path, optional
-        With a URDF; wins over a design file's.
-    given : mapping, optional
-        Fields of a specification; one that is None takes back what the file says. Weights in the file give way to a
-        preset, a bandwidth or a damping that is given, and the other way round: `DesignRequest.notes` says so.
-    payload : str, optional
-        As for `load_robot`; wins over a design file's.
-
-    Raises
-    ------
-    InvalidInput
-        For a file or a value that cannot be used.
+    `source`: as for `load_robot`, or a design file.
+    `elastic`: with a URDF; wins over a design file's.
+    `given`: fields of a specification; one that is None takes back what the file says. Weights in the file give way
+        to a preset, a bandwidth or a damping that is given, and the other way round: `DesignRequest.notes` says so.
+    `payload`: as for `load_robot`; wins over a design file's.
+    Raises InvalidInput: for a file or a value that cannot be used.
     """
     return _request(source, is_design_file(source), elastic, given or {}, payload)
 
@@ -220,7 +195,6 @@ def _rivals(name: str, value: Any, fields: Mapping[str, Any]) -> tuple[str, ...]
     }.get(name, ())
 
 
-# Reading ------------------------------------------------------------------------------------------
 def is_design_file(source: str | Path) -> bool:
     """Whether this is a design file, or is meant as one; a robot's file and what cannot be read are not."""
     if str(source) in catalogue() or Path(source).suffix.lower() != ".toml":
@@ -322,7 +296,6 @@ def _example(name: str, text: str) -> str:
     return f"{name} = {tomlkit.item(text if unit else value).as_string()}"
 
 
-# Writing ------------------------------------------------------------------------------------------
 def plain(name: str, value: Any) -> Any:
     """The value of a field in lists and numbers, for TOML; InvalidInput for a penalty or a move that is code."""
     if value is None or isinstance(value, (str, bool, int, float)):

@@ -70,10 +70,8 @@ class ImpulseRuns:
         """State, estimate, and inputs of the last samples, the newest last: what the loop remembers."""
         signals = response.run.signals
         inputs = signals["input"] - self.input
-        before = [
-            np.vstack([np.zeros((lag, inputs.shape[1])), inputs[:-lag]])
-            for lag in range(min(self.delay, MOST_LAGS), 0, -1)
-        ]
+        lags, none = range(min(self.delay, MOST_LAGS), 0, -1), np.zeros((MOST_LAGS, inputs.shape[1]))
+        before = [np.vstack([none[:lag], inputs[:-lag]]) for lag in lags]
         believed = signals.get("estimate", signals["state"][:, :0])
         estimate = believed - self.state[: believed.shape[1]]
         return np.hstack([signals["state"] - self.state, estimate, *before, inputs])
@@ -131,11 +129,9 @@ def impulse_sizes(setup: LoopSetup, peak: np.ndarray) -> np.ndarray:
 def impulse_runs(
     setup: LoopSetup, impulses: np.ndarray, most: float, sub_steps: int | None = None
 ) -> ImpulseRuns:
-    """A run for each joint, its impulse smaller where a motor would come near its limit.
+    """A run for each joint, its impulse (n,), N·m·s or N·s, smaller where a motor would come near its limit.
 
-    `impulses`: (n,), N·m·s or N·s.
-    `most`: longest run, s.
-    `sub_steps`: Runge–Kutta steps per period of the true plant.
+    `most`: longest run, s. `sub_steps`: Runge–Kutta steps per period of the true plant.
     """
     period = setup.specification.period
     lowest = JointScales.of(setup.model, setup.goal_equilibrium).held

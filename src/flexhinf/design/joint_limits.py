@@ -89,7 +89,6 @@ class JointLimits:
             else np.inf
         )
 
-    # What a run uses of them --------------------------------------------------------------------------
     def equivalent_peak(self, response: Response) -> float:
         """Largest input of a run in terms of the `strongest` motor: the largest share of a limit times that one's."""
         if not np.isfinite(self.strongest) or response.diverged_at is not None:

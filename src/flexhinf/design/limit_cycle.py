@@ -132,13 +132,11 @@ def check_limit_cycle(setup: LoopSetup) -> LimitCycleCheck | None:
     chosen = tuple(name for name in dry if name in s.extras) or dry
     extras = tuple(dict.fromkeys((*s.extras, *chosen)))
     plant = setup.robot.plant(s.measured, extras=extras, sticking=True)
-    parts = max(
-        LEAST_PARTS, sub_steps(s.period, plant.fastest_mode(*setup.equilibrium(setup.goal)), RK4_STEP)
-    )
+    fastest = plant.fastest_mode(*setup.equilibrium(setup.goal))
+    parts = max(LEAST_PARTS, sub_steps(s.period, fastest, RK4_STEP))
     samples = min(MOST_SAMPLES, MOST_NUMBERS // (parts * len(plant.disturbances)))
     quiet = setup.without_noise  # noise is a dither that may hide what sticks
     response = quiet.step(min(LENGTH, samples * s.period), plant=plant, sub_steps=parts)
     zone = setup.dead_zone if has_integrals(setup.law) else None
-    return LimitCycleCheck(
-        response, extras, setup.position_resolution(DEVIATIONS), plant.arrest is not None, zone
-    )
+    limit = setup.position_resolution(DEVIATIONS)
+    return LimitCycleCheck(response, extras, limit, plant.arrest is not None, zone)

@@ -76,9 +76,9 @@ def sampled_runs(
     duration: float,
     sub_steps: int,
 ) -> MonteCarlo:
-    """The step of each robot as the controller is deployed, with noise of its own.
+    """The step of each robot (its parameters) as the controller is deployed, with noise of its own.
 
-    `duration` in s; `sub_steps`: of the true plants: the nominal one's, so that all runs share one kernel.
+    `duration` in s; `sub_steps` of the true plants are the nominal one's, so that all runs share one kernel.
     """
     n, samples = len(setup.goal), round(duration / setup.specification.period)
     instants = np.arange(0, samples, max(1, -(-samples // KEPT)))  # evenly apart
@@ -128,7 +128,6 @@ def position_columns(commanded: Sequence[str], joints: Sequence[str]) -> tuple[i
     return tuple(tuple(commanded).index(name) for name in signal_names("link_position", joints))
 
 
-# Numbers of a step and of a move --------------------------------------------------------------------------
 def step_reductions(
     start: np.ndarray, goal: np.ndarray, pairs: Sequence[tuple[int, int]] = ()
 ) -> list[Reduction]:
@@ -149,11 +148,9 @@ def step_reductions(
 
 
 def move_reductions(columns: Sequence[int], pairs: Sequence[tuple[int, int]] = ()) -> list[Reduction]:
-    """What is said of a move while it runs: ``tracking_error``, the largest distances from it, (N, n), and of
-    `step_reductions` those of all joints, ``late_error`` as the distance from where the move then is.
+    """``tracking_error``, the largest distances from a move (n,), and of `step_reductions` those of all joints.
 
-    `columns`: of the command, in which the link positions are, (n,).
-    `pairs`: as for `step_reductions`.
+    ``late_error`` is the distance from where the move then is. `columns`: link positions in the command (n,).
     """
     return [_sizes_of([0.0] * len(columns), tuple(columns), pairs)]
 
@@ -209,7 +206,6 @@ def _named_sizes(
     return {**named, "late_error": late, "effort": effort, "speed": speed, "estimate": kept[-1]}
 
 
-# Metrics of a campaign's runs -----------------------------------------------------------------------------
 @dataclass(frozen=True, eq=False)
 class RunMetrics:
     """Metrics of a run of all joints, each the worst of them, and where there are several those of each joint."""

@@ -93,18 +93,14 @@ def evaluate_payload(evaluation: LawEvaluation, masses: Mapping[str, float]) -> 
     step = setup.step(runs.step_duration, values=true, sub_steps=runs.sub_steps)
     gripped = None
     if any(mass > robot.nominal[name] for name, mass in masses.items()):
-        held = [
-            robot.links.gravity_torque(setup.goal, Parameters(p)) for p in (robot.plant_parameters(), true)
-        ]
-        weight = np.asarray(held[1], dtype=float) - np.asarray(held[0], dtype=float)
+        nominal, held = (
+            np.asarray(robot.links.gravity_torque(setup.goal, Parameters(p)), dtype=float)
+            for p in (robot.plant_parameters(), true)
+        )
+        weight = held - nominal
         gripped = setup.load_response(-weight, runs.load_duration, runs.sub_steps)
-    return PayloadEvaluation(
-        robot,
-        masses,
-        step,
-        gripped,
-        margins(setup.equilibrium_loop(evaluation.loop.filter is not None, true)),
-    )
+    loop = setup.equilibrium_loop(evaluation.loop.filter is not None, true)
+    return PayloadEvaluation(robot, masses, step, gripped, margins(loop))
 
 
 def payload_requirements(
@@ -112,7 +108,7 @@ def payload_requirements(
 ) -> list[Requirement]:
     """With a payload that the model does not know: the step, gripping it at the goal, and whether the loop rings.
 
-    `damping` is what is required of every oscillation with the model's payload; with others the loop must not ring.
+    `damping`: required with the model's payload; with others the loop must not ring.
     """
     name = f"with {load.mass:.3g} kg of payload"
     lines = step_requirements(s, limits, load.step, f"the step {name}")

@@ -7,6 +7,8 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
+from flexhinf.design import requirements as required
+from flexhinf.design import responses
 from flexhinf.design.along_move import along_requirements
 from flexhinf.design.certification import attenuation, prove_design, searches_disturbance, with_tolerances
 from flexhinf.design.criterion import check_mode, criterion_for, reference_metrics, stated_limits
@@ -18,25 +20,6 @@ from flexhinf.design.payload import PayloadEvaluation, evaluate_payloads, payloa
 from flexhinf.design.plans import plan_move, stated_move
 from flexhinf.design.problem.modes import JointScales, closed_loop, modes_of
 from flexhinf.design.problem.presets import preset_of, required_damping
-from flexhinf.design.requirements import (
-    Requirement,
-    behaviour_requirements,
-    corner_requirement,
-    margin_requirements,
-    move_requirements,
-    sample_requirements,
-    step_requirements,
-)
-from flexhinf.design.responses import (
-    COMPARED_SAMPLES,
-    SAMPLES,
-    Response,
-    Scenario,
-    default_load,
-    run_length,
-    sample_count,
-    sample_robots,
-)
 from flexhinf.design.result import ComparedLaw, Comparison, Design, status_of
 from flexhinf.design.rigid import RigidComparison, compare_rigid
 from flexhinf.design.specification import Specification
@@ -52,7 +35,6 @@ Progress = Callable[[str], None]
 RIGID_STATES = 15
 
 
-# Design -------------------------------------------------------------------------------------------------
 def design(robot: Robot, specification: Specification, progress: Progress | None = None) -> Design:
     """Design a controller for a robot, and judge the loop in which it runs; nothing is written.
 
@@ -95,7 +77,7 @@ def design(robot: Robot, specification: Specification, progress: Progress | None
     linear = LawEvaluation(DESIGN, setup)
     modes = _law_modes(linear, synthesis)
     progress("compile the closed loop, and run the step")
-    scenario, step = _scenario(linear, synthesis, step_duration(linear, synthesis, modes), SAMPLES)
+    scenario, step = _scenario(linear, synthesis, step_duration(linear, synthesis, modes), responses.SAMPLES)
     evaluation = linear.in_scenario(scenario, step)
     evaluation.compute("margins")  # before a second thread: filters of warnings are the whole process's
     with ThreadPoolExecutor(1) as beside:  # runs are compiled code, which lets the other thread go on
@@ -152,7 +134,7 @@ def step_duration(linear: LawEvaluation, synthesis: Synthesis, modes: tuple = ()
     if stated is not None:
         return stated
     slowest = min(-mode.eigenvalue.real for mode in modes or _law_modes(linear, synthesis))
-    return run_length(slowest) + linear.setup.command_time
+    return responses.run_length(slowest) + linear.setup.command_time
 
 
 def _scenario(
@@ -160,7 +142,7 @@ def _scenario(
     synthesis: Synthesis,
     duration: float,
     samples: Sequence[tuple[int, int]],
-) -> tuple[Scenario, Response]:
+) -> tuple[responses.Scenario, responses.Response]:
     """What every law is run with, and the design's own step; its peak without noise sets the load."""
     setup, s, robot = linear.setup, linear.setup.specification, linear.setup.robot
     step = setup.step(duration)
@@ -168,7 +150,7 @@ def _scenario(
     scales = JointScales.of(setup.model, setup.goal_equilibrium)
     if s.load is None:
         quiet = setup.without_noise.step(duration, sub_steps=taken)
-        load = default_load(scales.per_input, np.abs(quiet.inputs).max(axis=0))
+        load = responses.default_load(scales.per_input, np.abs(quiet.inputs).max(axis=0))
     else:
         load = np.full(len(setup.goal), s.load)
     held = [setup.equilibrium(at)[1] for at in (setup.start, setup.goal)]
@@ -176,10 +158,10 @@ def _scenario(
     plan = stated or plan_move(
         robot, s, setup.start, setup.goal, _followed(linear, synthesis), float(scales.vibration.min()), held
     )
-    count = sample_count(robot, len(synthesis.problem.state_names), s, samples)
-    robots = sample_robots(robot, count, s.seed)
+    count = responses.sample_count(robot, len(synthesis.problem.state_names), s, samples)
+    robots = responses.sample_robots(robot, count, s.seed)
     rest = duration if stated else None
-    return Scenario(duration, load, 2.0 * duration, plan, robots, taken, rest), step
+    return responses.Scenario(duration, load, 2.0 * duration, plan, robots, taken, rest), step
 
 
 def _followed(linear: LawEvaluation, synthesis: Synthesis) -> np.ndarray:
@@ -193,10 +175,10 @@ def _followed(linear: LawEvaluation, synthesis: Synthesis) -> np.ndarray:
 def _requirements(
     evaluation: LawEvaluation,
     synthesis: Synthesis,
-    mujoco: Response | None,
+    mujoco: responses.Response | None,
     rest: LimitCycleCheck | None,
     payloads: tuple[PayloadEvaluation, ...],
-) -> list[Requirement]:
+) -> list[required.Requirement]:
     """The specification line by line: the running loop first, then runs, then tolerances."""
     setup, target = evaluation.setup, synthesis.design_problem.target
     s, limits = setup.specification, setup.limits
@@ -204,12 +186,12 @@ def _requirements(
     damping = None if target is None else required_damping(s, target)
     if target is not None and damping is not None:
         worst, margins = evaluation.least_damped_joint, evaluation.margins
-        lines += behaviour_requirements(s, target.bandwidth, damping, margins, setup.joints, worst)
+        lines += required.behaviour_requirements(s, target.bandwidth, damping, margins, setup.joints, worst)
         lines.append(evaluation.ring_down.requirement(s, damping))
     lines += step
     if mujoco is not None:
-        lines += step_requirements(s, limits, mujoco, "the step on MuJoCo's plant")
-    lines += move_requirements(s, limits, evaluation.move)
+        lines += required.step_requirements(s, limits, mujoco, "the step on MuJoCo's plant")
+    lines += required.move_requirements(s, limits, evaluation.move)
     if s.move is not None and synthesis.along is not None:
         lines += along_requirements(s, synthesis.along)
     if rest is not None:
@@ -221,18 +203,18 @@ def _requirements(
 
 def _law_requirements(
     evaluation: LawEvaluation,
-) -> tuple[list[Requirement], list[Requirement], list[Requirement]]:
+) -> tuple[list[required.Requirement], list[required.Requirement], list[required.Requirement]]:
     """What `design` and `compare` both require of a law: margins, the nominal step, corners and sampled robots."""
     setup = evaluation.setup
     s, limits, linear = setup.specification, setup.limits, not evaluation.linear_failure
     unlimited = evaluation.unlimited_step if limits.limits_peak else None
     robots = []
     if linear and evaluation.corners is not None:
-        robots.append(corner_requirement(evaluation.corners))
+        robots.append(required.corner_requirement(evaluation.corners))
     if evaluation.step_samples is not None:
-        robots += sample_requirements(s, limits, evaluation.step_samples)
-    margins = margin_requirements(s, evaluation.margins, setup.joints) if linear else []
-    step = step_requirements(s, limits, evaluation.step, "the step, nominal robot", unlimited)
+        robots += required.sample_requirements(s, limits, evaluation.step_samples)
+    margins = required.margin_requirements(s, evaluation.margins, setup.joints) if linear else []
+    step = required.step_requirements(s, limits, evaluation.step, "the step, nominal robot", unlimited)
     return margins, step, robots
 
 
@@ -268,7 +250,6 @@ def _synthesis_stages(robot: Robot, s: Specification) -> int:
     return solved + len(s.via) + limited
 
 
-# Comparison ---------------------------------------------------------------------------------------------
 def compare(
     robot: Robot,
     specification: Specification,
@@ -324,7 +305,9 @@ def compare(
     setup, _ = end_limit_cycle(synthesis.setup(robot, s))
     progress("what all laws share: load, move, criterion")
     linear = LawEvaluation(DESIGN, setup, other_noise=False)
-    scenario, step = _scenario(linear, synthesis, step_duration(linear, synthesis), COMPARED_SAMPLES)
+    scenario, step = _scenario(
+        linear, synthesis, step_duration(linear, synthesis), responses.COMPARED_SAMPLES
+    )
     own = linear.in_scenario(scenario, step)
     unit = synthesis.problem.plant.unit(synthesis.problem.input_names[0])
     limits, resolution = stated_limits(setup, unit), setup.position_resolution()
@@ -356,5 +339,5 @@ def _row(kind: LawKind, tuned: TunedLaw | str, progress: Progress) -> ComparedLa
 
 def comparison_stages(robot: Robot, s: Specification, laws: Sequence[str] | None = None) -> int:
     """About how many steps of work a comparison has, for a progress bar."""
-    each = 5 if sample_count(robot, 5 * len(robot.joint_names), s) else 4
+    each = 5 if responses.sample_count(robot, 5 * len(robot.joint_names), s) else 4
     return 3 + _synthesis_stages(robot, s) + each * len(law_names(laws))

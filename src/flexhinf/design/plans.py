@@ -49,7 +49,6 @@ def has_integrals(law: Law) -> bool:
     return any(name.endswith("_integral") for name in law.state_names)
 
 
-# The way from start to goal ----------------------------------------------------------------------------------
 def step_command(robot: Robot, s: Specification, start: np.ndarray, goal: np.ndarray) -> Plan | None:
     """The command of the step from start to goal by the shaping; None for a jump.
 
@@ -106,11 +105,8 @@ def plan_move(
     raise AssertionError("unreachable")
 
 
-# A stated move -----------------------------------------------------------------------------------------------
 def stated_move(robot: Robot, s: Specification) -> Plan | None:
-    """The move of a specification, checked against the joints' ranges, speeds and efforts; None where none is
-    stated.
-    """
+    """The move of a specification, checked against ranges, speeds and efforts of the joints; None without one."""
     if s.move is None:
         return None
     try:

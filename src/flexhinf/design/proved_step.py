@@ -105,9 +105,8 @@ def common_box(law: Law, ranges: Ranges) -> Law:
 def sampled_box(law: Law, ranges: Ranges) -> Law:
     """The same with a γ that is worth a proof, and its storage function.
 
-    For a linear law that is the quadratic V of the smallest gain for all slopes of the plant's functions;
-    otherwise, and where there is none, a multiple of the law's own V, with the smallest γ that no sample of the
-    region refuses.
+    For a linear law the quadratic V of the smallest gain for all slopes of the plant's functions; otherwise, and where
+    there is none, a multiple of the law's own V, with the smallest γ that no sample of the region refuses.
     """
     if law.solution.degree == 2:
         try:
@@ -238,9 +237,8 @@ def proved_law(
 ) -> ProvedLaw:
     """The law of the preset proved: the smallest proved gain of the step within the largest input, for all tolerances.
 
-    The proof is about the law with the true state fed back; `admits` may refuse one for what it does with the
-    estimator. A robot that states no tolerances is nominal. What the specification states of bandwidth, damping,
-    degrees and γ/γ* is not searched for.
+    The true state is fed back; `admits` may refuse a law for what it does with the estimator. A robot that states no
+    tolerances is nominal. What the specification states of bandwidth, damping, degrees and γ/γ* is not searched for.
     """
     _check(robot, s)
     stated: dict[str, Any] = {} if s.bandwidth is None else {"bandwidths": (1.0,)}
@@ -297,36 +295,21 @@ def search_proved_step(
 ) -> ProvedLaw:
     """The largest proved step to a goal, or the smallest proved γ for a wanted one.
 
-    Parameters
-    ----------
-    robot : Robot
-        With one joint.
-    goal : (1,)
-        rad or m.
-    step : float, optional
-        Wanted, negative from above the goal: the smallest proved γ is looked for. Default: the largest step from below,
-        up to π.
-    effort_limit : float
-        Largest |u| of the step on the nominal robot, V or N·m.
-    tolerances : float
-        Of which the proof holds, over those that the robot states: 1 for all, 0 for the nominal robot.
-    degrees, bandwidths, dampings, ratios : sequence
-        Degrees of V, factors of the preset's bandwidth, dampings (None: the preset's), γ/γ*. A degree above 2 needs an
-        equilibrium that stays, or `tolerances` 0.
-    most_seconds : float
-        Of one proof, CPU time.
-    specification : Specification, optional
-        Its bandwidth is what the factors are of; its disturbances, checked penalty, period and others are those
-        of the candidates.
-    admits : callable
-        Called with each law before it is proved, the best first: why it is left out, with all that are as fast, or "".
-    progress : callable
-        Called with what comes next.
-
-    Raises
-    ------
-    InvalidInput
-        No candidate is within the limit, or none can be proved.
+    `robot`: with one joint.
+    `goal`: (1,), rad or m.
+    `step`: wanted, negative from above the goal: the smallest proved γ is looked for. Default: the largest step from
+        below, up to π.
+    `effort_limit`: largest |u| of the step on the nominal robot, V or N·m.
+    `tolerances`: of which the proof holds, over those that the robot states: 1 for all, 0 for the nominal robot.
+    `degrees`, `bandwidths`, `dampings`, `ratios`: degrees of V, factors of the preset's bandwidth, dampings (None:
+        the preset's), γ/γ*. A degree above 2 needs an equilibrium that stays, or `tolerances` 0.
+    `most_seconds`: of one proof, CPU time.
+    `specification`: its bandwidth is what the factors are of; its disturbances, checked penalty, period and others
+        are those of the candidates.
+    `admits`: called with each law before it is proved, the best first: why it is left out, with all that are as fast,
+        or "".
+    `progress`: called with what comes next.
+    Raises InvalidInput: no candidate is within the limit, or none can be proved.
     """
     base = specification or Specification()
     _check(robot, base)

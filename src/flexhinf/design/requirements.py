@@ -92,8 +92,10 @@ class Definition:
         self, s: Specification | None, limit: float, found: float, where: str, **more: Any
     ) -> Requirement:
         """The requirement with its numbers; `more` are other fields of it, instead of those of the row."""
-        stated = {"stated_by": stating_option(s, self.field)} if s is not None and self.field else {}
-        row: dict[str, Any] = {"unit": self.unit, "criterion": self.criterion} | stated | more
+        row: dict[str, Any] = {"unit": self.unit, "criterion": self.criterion}
+        if s is not None and self.field and getattr(s, self.field) != FIELDS[self.field].default:
+            row["stated_by"] = FIELDS[self.field].option
+        row |= more
         return Requirement(self.what, float(limit), float(found), at_most=self.at_most, where=where, **row)
 
 
@@ -156,12 +158,6 @@ def all_met(lines: Sequence[Requirement]) -> bool:
     return all(line.met for line in lines)
 
 
-def stating_option(s: Specification, name: str) -> str:
-    """The option that states a field, or "default" where it has its default."""
-    field = FIELDS[name]
-    return "default" if getattr(s, name) == field.default else field.option
-
-
 def peak_option(unit: str, source: str = "") -> str:
     """The option of the command line that limits an input of this unit, or `ROBOT` where that is the source."""
     named = {"V": "--peak-voltage", "A": "--peak-current"}
@@ -173,7 +169,6 @@ def of_several(joints: Sequence[str], joint: str | int) -> str:
     return "" if len(joints) < 2 else joints[joint] if isinstance(joint, int) else joint
 
 
-# The linear loop --------------------------------------------------------------------------------------------
 def margin_requirements(
     s: Specification, margins: Margins, joints: Sequence[str] = ("",)
 ) -> list[Requirement]:
@@ -195,10 +190,8 @@ def behaviour_requirements(
     joints: Sequence[str],
     least_damped: str = "",
 ) -> list[Requirement]:
-    """Bandwidth and damping of the running loop, where weights were searched for them.
+    """Bandwidth (n,), rad/s, and damping of the running loop, where weights were searched for them.
 
-    `bandwidth`: (n,), Required of each joint, rad/s.
-    `damping`: required of every oscillation.
     `least_damped`: the joint of the smallest damping ratio.
     """
     fraction = np.nan_to_num(margins.bandwidth / bandwidth, nan=0.0)
@@ -219,7 +212,6 @@ def corner_requirement(corners: ToleranceCorners) -> Requirement:
     return REQUIREMENTS["corners"].judge(None, 0.0, corners.unstable, where)
 
 
-# Runs -------------------------------------------------------------------------------------------------------
 def step_requirements(
     s: Specification,
     limits: JointLimits,
@@ -308,7 +300,6 @@ def sample_requirements(s: Specification, limits: JointLimits, samples: MonteCar
     return lines
 
 
-# Moves ------------------------------------------------------------------------------------------------------
 #: Default limit of the tracking error, as a fraction of the joint's way along the move.
 TRACKING_FRACTION = 0.05
 
@@ -339,10 +330,7 @@ def move_requirements(s: Specification, limits: JointLimits, move: Move) -> list
 
 
 def tracking_limits(s: Specification, limits: JointLimits, ways: np.ndarray) -> np.ndarray:
-    """Largest tracking error (n,) of each joint, rad or m: as stated, or `TRACKING_FRACTION` of its way.
-
-    `ways`: (n,), `Move.ways`.
-    """
+    """Largest tracking error (n,), rad or m: as stated, or `TRACKING_FRACTION` of each way (n,) of the move."""
     if s.tracking_error is None:
         return TRACKING_FRACTION * _counted(limits, ways)
     return per_joint(limits.joints, "tracking_error", s.tracking_error)

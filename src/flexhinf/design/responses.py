@@ -88,8 +88,7 @@ def run_length(slowest: float) -> float:
 def default_load(per_input: np.ndarray, peak: np.ndarray) -> np.ndarray:
     """`LOAD_FRACTION` of the torques (n,) that the motors give at the peak inputs of a step, with the same signs.
 
-    `per_input`: (n,), Torque per unit of input.
-    `peak`: (n,), Peak input of each motor; a motor that hardly acts counts with a tenth of the largest.
+    `per_input`: torque per unit of input (n,). A motor that hardly acts counts with a tenth of the largest peak (n,).
     """
     return LOAD_FRACTION * per_input * np.maximum(peak, LOAD_FRACTION * peak.max())
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -93,26 +93,17 @@ def status_of(
     setup = evaluation.setup
     degrees = setup.specification.in_degrees and not any(setup.robot.links.slides)
     names = [line.what for line in lines]
-    missed = dict.fromkeys(
-        _missed(line.shown(degrees), names.count(line.what) > 1) for line in lines if not line.met
-    )
+    wrong = [line for line in lines if not line.met]
+    missed = dict.fromkeys(_missed(line.shown(degrees), names.count(line.what) > 1) for line in wrong)
     narrow = dict.fromkeys(line.what for line in lines if line.within_tolerance)
-    scope = [
-        f"{what}: {100.0 * TOLERANCE:g} % past its limit at most, which counts as met" for what in narrow
-    ]
+    past = f"{100.0 * TOLERANCE:g} % past its limit at most, which counts as met"
+    scope = [f"{what}: {past}" for what in narrow]
     if evaluation.corners is None:
         scope.append("no tolerance stated: only the nominal robot was judged")
-    unproved = _not_proved(chosen, worth, inside, proof)
-    return Status(tuple(missed), unproved, tuple(_risks(lines, evaluation)), "; ".join(scope))
-
-
-def _not_proved(
-    chosen: DegreeChoice, worth: Attenuation, inside: bool | None, proof: DesignProof
-) -> tuple[str, ...]:
-    missing = step_proof(proof, chosen, inside).missing
+    unproved = step_proof(proof, chosen, inside).missing
     if proof.certificate is None and proof.box is None and not worth.lasts:
-        missing = (*missing, "the dissipation budget of the step does not last")
-    return missing
+        unproved = (*unproved, "the dissipation budget of the step does not last")
+    return Status(tuple(missed), unproved, tuple(_risks(lines, evaluation)), "; ".join(scope))
 
 
 def _missed(line: Requirement, places: bool) -> str:
@@ -125,12 +116,12 @@ def _missed(line: Requirement, places: bool) -> str:
     return f"{line.what} {line.found:.3g}{unit}{joint} (required {sign} {line.limit:.3g}{unit}{place})"
 
 
+def _in_brackets(joints: Sequence[str], joint: str) -> str:
+    return f" ({joint})" if len(joints) > 1 and joint else ""
+
+
 def _risks(lines: Sequence[Requirement], evaluation: LawEvaluation) -> list[str]:
-    found, several = [], len(evaluation.setup.joints) > 1
-
-    def of(joint: str) -> str:
-        return f" ({joint})" if several and joint else ""
-
+    found, of = [], partial(_in_brackets, evaluation.setup.joints)
     slow = [m for m in evaluation.estimator_modes if m.eigenvalue.imag > 0.0 and m.damping < HARDLY_DAMPED]
     if slow:
         worst = min(slow, key=lambda m: m.damping)
@@ -221,11 +212,7 @@ class Design(Summarised):
         """Robot, whether the requirements are met, degree and level, and the step in numbers."""
         step, missed = self.evaluation.step, sum(not line.met for line in self.requirements)
         unit = self.setup.model.unit(self.setup.model.inputs[0])
-        several = len(self.setup.joints) > 1
-
-        def of(joint: str) -> str:
-            return f" ({joint})" if several and joint else ""
-
+        of = partial(_in_brackets, self.setup.joints)
         settling = f"{step.settling.value:.3g} s" if np.isfinite(step.settling.value) else "not settled"
         return {
             "robot": self.robot.name,
@@ -415,7 +402,6 @@ class Comparison(Summarised):
         }
 
 
-# Design file ----------------------------------------------------------------------------------------
 #: Comment above the table [result].
 RESULT = "What came of it. This part is not read: changing it changes nothing."
 

@@ -123,55 +123,33 @@ class RigidLaw(ProblemLaw):
 
 
 def rigid_problem(problem: GeneralisedPlant) -> GeneralisedPlant | None:
-    """The same specification for the rigid robot at the same pose; None for a penalty that is code of the user's, and
-    for a robot with rigid joints of its own.
+    """The same specification for the rigid robot at the same pose; None for a penalty of code, or with rigid joints.
 
     Weights of link and motor fall on one state: their squares add. Weights of the springs' torque fall away.
     """
     plant, penalty = problem.plant, problem.penalty
-    weights = _weights(penalty, problem.state_names)
+    weights: Any = None if callable(penalty.states) else penalty.weights(problem.state_names)
+    own = getattr(penalty.states, "states", None)  # weighted states and torques of springs
+    if callable(penalty.states) and own is not None:
+        weights = np.asarray(own, dtype=float)
     if weights is None or Layout.of(plant.states).rigid:
         return None
     n = plant.n // 4
     link, motor, integrals = weights[: 2 * n], weights[2 * n : 4 * n], weights[4 * n :]
     rigid = Plant(
-        RigidFlow(plant.flow),
-        lambda x, u, p: x[:n],
-        states=plant.states[: 2 * n],
-        inputs=plant.inputs,
-        disturbances=plant.disturbances,
-        parameters=plant.parameters.values,
-        units=plant.units,
-    )
+        RigidFlow(plant.flow), lambda x, u, p: x[:n], states=plant.states[: 2 * n], inputs=plant.inputs,
+        disturbances=plant.disturbances, parameters=plant.parameters.values, units=plant.units,
+    )  # fmt: skip
+    equilibrium = (problem.operating_point[: 2 * n], problem.operating_input)
+    weighted = Penalty((*np.hypot(link, motor), *integrals), penalty.effort)
     return GeneralisedPlant(
-        rigid,
-        Penalty((*np.hypot(link, motor), *integrals), penalty.effort),
-        problem.integrate,
-        problem.command,
-        problem.disturbances,
-        equilibrium=(problem.operating_point[: 2 * n], problem.operating_input),
+        rigid, weighted, problem.integrate, problem.command, problem.disturbances, equilibrium=equilibrium
     )
-
-
-def rigid_solution(problem: GeneralisedPlant, gamma_ratio: float, degree: int) -> HJISolution:
-    """Its law at the same γ/γ*."""
-    return solve_hji(problem, gamma=gamma_ratio * smallest_gamma(problem), degree=degree)
-
-
-def _weights(penalty: Penalty, names: tuple[str, ...]) -> np.ndarray | None:
-    states = penalty.states
-    if callable(states):
-        own = getattr(states, "states", None)  # weighted states and torques of springs
-        return None if own is None else np.asarray(own, dtype=float)
-    return penalty.weights(names)
 
 
 @dataclass(frozen=True, eq=False)
 class RigidLoop:
-    """The rigid law on the elastic robot.
-
-    `side` {"link", "motor"}: whose true position and velocity it is fed.
-    """
+    """The rigid law on the elastic robot, fed the true position and velocity of one `side`, link or motor."""
 
     side: str
     modes: tuple[Mode, ...]
@@ -205,17 +183,14 @@ def compare_rigid(
 ) -> RigidComparison | None:
     """Design the same specification on the rigid model, and close the loop round the elastic robot.
 
-    The rigid law is fed the true state of one side, without estimator or noise: more than it would have. None if
-    the penalty is code, which says nothing about a rigid robot.
+    The rigid law is fed the true state of one side, without estimator or noise: more than it would have.
     """
     rigid = rigid_problem(problem)
     if rigid is None:
         return None
-    solution = rigid_solution(rigid, specification.gamma_ratio, degree)
-    joints = [
-        name.removeprefix("link_position").lstrip("_") or "joint"
-        for name in problem.plant.states[: len(goal)]
-    ]
+    solution = solve_hji(rigid, gamma=specification.gamma_ratio * smallest_gamma(rigid), degree=degree)
+    names = problem.plant.states[: len(goal)]
+    joints = [name.removeprefix("link_position").lstrip("_") or "joint" for name in names]
     loops: list[Any] = []
     for side in SIDES:
         law = RigidLaw(solution, problem, side)
