@@ -7,10 +7,13 @@ import pickle
 from collections.abc import Iterator
 from inspect import signature
 from multiprocessing import get_context
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 import flexhinf
+from flexhinf.certify.proof import NotProved
 from flexhinf.cli.commands import app  # noqa: F401  (so that every room, and every class of error, is loaded)
 from flexhinf.errors import FlexhinfError, InfeasibleGamma
 
@@ -24,6 +27,9 @@ def _kinds(kind: type[FlexhinfError] = FlexhinfError) -> Iterator[type[FlexhinfE
 def _made(kind: type[FlexhinfError]) -> FlexhinfError:
     if kind is InfeasibleGamma:
         return kind(1.5, 2.0)
+    if kind is NotProved:
+        outcome = SimpleNamespace(reason="it fails", point=np.array([0.5]), value=0.9, residual=1e-3, cells=7)
+        return kind(SimpleNamespace(coordinates=((1.0,),), level=1.0), outcome)
     needed = [
         p
         for p in signature(kind).parameters.values()

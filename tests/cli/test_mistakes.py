@@ -92,7 +92,7 @@ def test_what_is_wrong_with_a_robot_is_told(
         (["--penalty", "linkk=3"], "try:   'link_position'"),
         (
             ["--penalty", "link_position=-60,link_position_integral=300"],
-            "'link_position' in the penalty is negative",
+            "weight of 'link_position' is negative",
         ),
         (["--pose", "90", "deg"], "write 90deg or '90 deg'"),
         (["--delay", "5", "ms"], "write 5ms or '5 ms'"),
