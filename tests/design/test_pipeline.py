@@ -140,6 +140,7 @@ def test_seven_links_move_between_two_poses_with_the_motors_measured() -> None:
     assert min(m.damping for m in result.law_modes if m.vibration) > 0.1
 
 
+@pytest.mark.slow
 @pytest.mark.oracle
 @pytest.mark.parametrize(
     ("name", "measured", "apart"),
@@ -214,6 +215,7 @@ def test_the_estimators_modes_are_those_of_the_filter_that_runs() -> None:
     )
 
 
+@pytest.mark.slow
 def test_a_loop_that_diverges_is_told_and_not_hidden() -> None:
     result = quick(
         "spatial-three-link", period=0.05, estimator="none", duration=20.0

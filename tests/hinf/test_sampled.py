@@ -178,6 +178,7 @@ def test_forty_digits_confirm_a_violation_far_inside_the_level_once_found(arm):
 SEEDS = ((0, 500), (1, 20), (2, 2000), (3, 500), (4, 100))  # seed and number of rays
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("weights", "goal", "degree"),
     [

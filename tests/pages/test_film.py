@@ -61,6 +61,7 @@ def test_how_much_larger() -> None:
     assert magnification(np.zeros((3, 2)), turns, 1.0) == arm_film.FACTORS[-1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ending", [".gif", ".mp4"])
 def test_the_film_is_played_slowly_and_ends_at_the_end(
     ending: str, made: tuple[DeployedRun, RealTimeRun], tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -115,6 +115,7 @@ def test_units_of_joints_that_turn_and_slide(robot_of: Callable[[str], Any]) -> 
     assert Units.of(arm.plant(), arm.joint_names).small == ("mrad", 1e3)
 
 
+@pytest.mark.slow
 def test_degrees_are_those_of_the_specification(report_design: Make) -> None:
     assert units_of(report_design("met").evaluation).angle == "°"
     assert units_of(report_design("rings").evaluation).angle == "rad"

@@ -53,6 +53,7 @@ def test_margins_are_judged(report_design: Make, changes: dict[str, Any], what: 
     assert (what in about(with_evaluation(design, _margins=found))) is there
 
 
+@pytest.mark.slow
 def test_a_law_that_rings_and_corners_that_are_unstable_are_named(report_design: Make) -> None:
     assert "its weights hardly act on it" in about(report_design("rings"))
     assert "its weights hardly act on it" not in about(report_design("met"))

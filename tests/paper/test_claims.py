@@ -16,6 +16,7 @@ from flexhinf.report import to_json
 pytestmark = pytest.mark.paper
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("claim", [COIL, GAIN, TOLERANCES, *UKF[1:]], ids=lambda claim: claim.id)
 @pytest.mark.parametrize(
     "options",

@@ -139,6 +139,7 @@ def growth_by_hand(setup: PaperSetup, p: dict[str, float], goal: float) -> float
     return float(np.log(np.abs(np.linalg.eigvals(whole)).max()) / s.period)
 
 
+@pytest.mark.slow
 @pytest.mark.oracle
 def test_growth_rates_by_a_loop_made_by_hand(setup: PaperSetup, study: ToleranceStudy) -> None:
     corners = np.flatnonzero(setup.population.kinds == "corner")

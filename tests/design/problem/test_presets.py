@@ -128,6 +128,7 @@ def test_a_robot_without_a_penalty_gets_the_papers_form(robot_of: Named) -> None
     assert np.linalg.eigvals(closed_loop(game.problem, gain)).real.max() < 0.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name",
     [pytest.param(n, marks=pytest.mark.slow if n == "seven-link" else ()) for n in sorted(fh.catalogue())],
