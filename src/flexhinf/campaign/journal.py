@@ -175,9 +175,10 @@ _LISTED = 8
 
 
 def check_own_folder(place: Path, what: str, names: Sequence[str]) -> None:
-    """Refuse a file, and a folder that holds other names than these and hidden ones."""
-    if place.exists() and not place.is_dir():
-        raise InvalidInput(f"A {what} needs a folder, and there is a file.", f"got {place}", "another name")
+    """Refuse a file, what lies below one, and a folder that holds other names than these and hidden ones."""
+    nearest = next(path for path in (place, *place.parents) if path.exists())
+    if not nearest.is_dir():
+        raise InvalidInput(f"A {what} needs a folder, and there is a file.", f"got {nearest}", "another name")
     there = [path.name for path in place.iterdir()] if place.is_dir() else []
     if strangers := sorted(name for name in there if name[:1] != "." and name not in names):
         raise InvalidInput(
