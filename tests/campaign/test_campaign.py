@@ -104,6 +104,15 @@ def test_metrics_of_a_user(loop):
     assert np.isnan(found.b).all()
 
 
+def test_a_function_without_a_name_of_its_own_in_the_table_is_refused(loop):
+    def largest(run):
+        return 1.0
+
+    for metrics in ([largest], ["peak_input", largest], [lambda run: 1.0], [3]):
+        with pytest.raises(InvalidInput, match="needs a name and a function"):
+            run_campaign(loop, tolerances(), 3, metrics=metrics, **OPTIONS)
+
+
 def test_a_black_box_is_a_plant_of_its_own_for_each_sample():
     class Box(BlackBox):
         states = ("position", "velocity")

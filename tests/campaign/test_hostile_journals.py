@@ -408,3 +408,10 @@ def test_a_campaign_from_python_has_a_duration_for_its_page(loop) -> None:
     campaign = Campaign(loop, tolerances(), 2, options={"reference": 0.1})
     assert campaign.settings["duration"] == "8.0"
     assert np.isclose(campaign.time[-1], 8.0)
+
+
+@pytest.mark.parametrize("below", [".", "deeper", "deeper/still"])
+def test_a_file_and_what_would_lie_below_it_are_refused(below: str, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("not a campaign")
+    with pytest.raises(InvalidInput, match="needs a folder, and there is a file"):
+        Journal.read(tmp_path / "file" / below)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -25,6 +27,15 @@ def test_the_file_of_a_controller(
     assert main(["export", "c", str(controller), "--out", str(tmp_path / "c"), "--name", "arm"]) == 0
     assert {"arm.c", "arm.h", "arm_test.c", "README.md"} <= {path.name for path in (tmp_path / "c").iterdir()}
     assert "make -C" in capsys.readouterr().out
+
+
+def test_a_controller_that_is_there_needs_neither_a_synthesis_nor_pages(controller: Path) -> None:
+    code = (
+        f"import sys; from flexhinf.cli.export import controller_of; controller_of({str(controller)!r});"
+        "print({'flexhinf.design.pipeline', 'flexhinf.pages.page', 'scipy', 'matplotlib'} & set(sys.modules))"
+    )
+    outcome = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert outcome.stdout.strip() == "set()"
 
 
 def test_the_report_of_a_design(controller: Path, tmp_path: Path) -> None:

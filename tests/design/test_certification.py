@@ -16,7 +16,7 @@ from flexhinf.certify import Parameter, Signal
 from flexhinf.design import certification
 from flexhinf.design.certification import DesignProof, certify_design, prove_design, with_tolerances
 from flexhinf.design.specification import Specification
-from flexhinf.errors import NumericalFailure
+from flexhinf.errors import InvalidInput, NumericalFailure
 from flexhinf.pages import proof
 from flexhinf.pages.proof import proof_text
 
@@ -115,6 +115,31 @@ def test_a_degree_that_is_not_proved_does_not_stop_the_others(
     assert first.certificate is not None
     assert first.certificate.feedback == "output injection observer"
     assert (other.certificate, other.reason) == (None, "it is not negative definite")
+
+
+def test_what_no_degree_could_mend_ends_the_proofs_for_all_tolerances(
+    made: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    choice = SimpleNamespace(degree=2, solution=made.solution)
+    laws = SimpleNamespace(**vars(made) | {"choices": [choice], "chosen": choice, "start": np.array([3.0])})
+    monkeypatch.setattr(certification, "synthesise", lambda *_: laws)
+
+    def found(asked: Specification) -> Any:
+        return certify_design(ARM, asked, lambda step: None, lambda *_: None, tolerances=True)
+
+    with pytest.raises(InvalidInput, match="names a state that the problem does not have"):
+        found(replace(ASKED, checked_penalty={"foo": 1.0}))
+
+    def unsettled(*_: Any) -> Any:
+        raise NumericalFailure("The run does not settle.", "V is 1 after 9 s")
+
+    monkeypatch.setattr(certification, "sampled_box", unsettled)
+    assert found(ASKED)[0].reason  # of this degree
+    monkeypatch.setattr(certification, "sampled_box", lambda *_: None)
+    monkeypatch.setattr(certification, "prove_box", lambda *_, **__: SimpleNamespace(certificate=CUBIC))
+    monkeypatch.setattr(certification, "proved_steps", unsettled)
+    with pytest.raises(NumericalFailure, match="does not settle"):
+        found(ASKED)
 
 
 def test_what_is_not_proved_for_all_tolerances_says_why(made: Any) -> None:

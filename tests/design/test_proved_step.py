@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -127,3 +128,16 @@ def test_steps_from_above_start_on_the_other_side() -> None:
         np.testing.assert_allclose(solution.operating_input + solution.inputs(x[None])[0], held, atol=1e-9)
         ends.append(x)
     assert abs(ends[0][4] + ends[1][4]) > 1e-3
+
+
+@pytest.mark.parametrize("step", [1.0, None])
+def test_a_run_whose_input_is_no_number_keeps_no_limit(
+    step: float | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("tolerance_statement", "step_start", "path_start"):
+        monkeypatch.setattr(proved_step, name, lambda *_: None)
+    monkeypatch.setattr(proved_step, "_peak_effort", lambda *_: np.nan)
+    monkeypatch.setattr(proved_step, "sampled_box", lambda *_: pytest.fail("it was kept"))
+    candidate = SimpleNamespace(solution=None, problem=None, bandwidth=np.ones(1))
+    with pytest.raises(InvalidInput, match="takes an input of nan"):
+        proved_step._within(candidate, {}, step, np.inf)

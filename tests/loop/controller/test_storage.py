@@ -88,6 +88,20 @@ def test_every_law_of_the_house_returns_with_the_same_bits(name: str, tmp_path: 
         assert_same_steps(controller, loaded)
 
 
+def test_a_law_that_is_no_polynomial_keeps_its_degree_and_its_file_stays_the_same(tmp_path: Path) -> None:
+    def flow(x: Any, u: Any, d: Any, p: Any) -> Any:
+        return np.array([x[1], (2.0 + np.cos(x[0])) * u[0] + d[0]])
+
+    plant = fh.Plant(flow, lambda x, u, p: x[:1], ("a", "da"), ("u",), ("d",))
+    law = fh.solve_hji(plant.with_objective({"a": 1.0, "da": 1.0}, None), gamma=math.inf, degree=4)
+    assert not law.law_is_polynomial
+    loaded = through_a_file(fh.Controller(law, None, 1e-3), tmp_path)
+    before = (tmp_path / "controller.npz").read_bytes()
+    assert loaded.law.law_degree == law.law_degree == 4
+    through_a_file(loaded, tmp_path)
+    assert (tmp_path / "controller.npz").read_bytes() == before
+
+
 @pytest.mark.oracle
 @pytest.mark.parametrize("name", ESTIMATORS)
 @pytest.mark.parametrize("one_trace", [controller_module.ONE_TRACE, 0], ids=["one trace", "composed"])
