@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import os
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -161,13 +162,13 @@ def test_the_input_before_the_first_measurement_returns_and_a_file_without_it_ha
     assert_same_steps(plain, load_controller(tmp_path / "controller.npz"))
     for wrong in (np.full(1, np.nan), np.zeros(2), np.full(1, -1.0)):
         write_arrays(tmp_path / "controller.npz", "controller", arrays | {"windup.limit": wrong})
-        with pytest.raises(InvalidInput, match="bound of the integrals does not fit"):
+        with pytest.raises(InvalidInput, match=r"\.npz: .*bound.*integrals.*'limit'"):
             load_controller(tmp_path / "controller.npz")
 
 
 @pytest.mark.parametrize("option", ["stay", 50.0, np.nan, [1.0, 2.0], None])
 def test_an_input_before_the_first_measurement_that_does_not_fit_is_refused(option: Any) -> None:
-    with pytest.raises(InvalidInput, match="before the first"):
+    with pytest.raises(InvalidInput, match=rf"before[\s\S]*got {re.escape(repr(option))}"):
         fh.Controller(LAWS["linear"](), None, 1e-3, 48.0, before_first=option)
 
 
@@ -183,18 +184,18 @@ def test_what_cannot_be_saved_is_refused_by_name_and_leaves_no_file(tmp_path: Pa
         pass
 
     law = LAWS["linear"]()
-    with pytest.raises(InvalidInput, match="Branching cannot be saved"):
+    with pytest.raises(InvalidInput, match=r"Branching.*saved[\s\S]*symbols"):
         fh.Controller(Branching(), None).save(tmp_path / "c.npz")
-    with pytest.raises(InvalidInput, match="Mine cannot be saved"):
+    with pytest.raises(InvalidInput, match=r"Mine.*saved[\s\S]*flexhinf\.estimation"):
         fh.Controller(law, Mine(ARM.plant(), 1e-3, *NOISES)).save(tmp_path / "c.npz")
-    with pytest.raises(InvalidInput, match="cannot be written"):
+    with pytest.raises(InvalidInput, match=r"written[\s\S]*c\.npz"):
         fh.Controller(law, None).save(tmp_path / "missing" / "c.npz")
     assert list(tmp_path.iterdir()) == []
 
 
 def test_what_is_no_controller_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "c.npz"
-    with pytest.raises(InvalidInput, match="There is no controller's file"):
+    with pytest.raises(InvalidInput, match=r"c\.npz'[\s\S]*Controller\.save"):
         load_controller(path)
     fh.Controller(LAWS["linear"](), ESTIMATORS["ekf"](), 1e-3).save(path)
     whole = path.read_bytes()
@@ -207,12 +208,17 @@ def test_what_is_no_controller_is_refused(tmp_path: Path) -> None:
     header = json.loads(str(arrays["header"]))
     for change in ({"version": 2}, {"format": "a solution"}):
         write_arrays(path, "controller", {**arrays, "header": np.array(json.dumps({**header, **change}))})
-        with pytest.raises(InvalidInput, match="Another format"):
+        with pytest.raises(InvalidInput, match=rf"c\.npz: .*format.*{next(iter(change.values()))}"):
             load_controller(path)
-    for place in (["subprocess", "Popen"], ["flexhinf.__main__", "main"], ["flexhinf.plant", "Plant"], "x"):
+    for place, word in (
+        (["subprocess", "Popen"], "'Popen'"),
+        (["flexhinf.__main__", "main"], "'main'"),
+        (["flexhinf.plant", "Plant"], "'Plant'"),
+        ("x", "ValueError"),
+    ):
         header["estimator"]["estimator"] = place
         write_arrays(path, "controller", {**arrays, "header": np.array(json.dumps(header))})
-        with pytest.raises(InvalidInput, match="controller cannot be read"):
+        with pytest.raises(InvalidInput, match=rf"c\.npz: .*{word}"):
             load_controller(path)
 
 
@@ -235,7 +241,7 @@ def test_a_header_of_a_whole_file_that_says_something_else_is_refused(
     arrays, _ = read_arrays(path)
     header = json.loads(str(arrays["header"])) | change
     write_arrays(path, "controller", {**arrays, "header": np.array(json.dumps(header))})
-    with pytest.raises(InvalidInput, match="controller cannot be read"):
+    with pytest.raises(InvalidInput, match=r"controller.*read[\s\S]*c\.npz: "):
         load_controller(path)
 
 
@@ -247,17 +253,17 @@ def test_a_changed_bit_a_missing_digest_or_a_pipe_is_refused(tmp_path: Path) -> 
         changed = bytearray(whole)
         changed[place] ^= 4
         path.write_bytes(changed)
-        with pytest.raises(InvalidInput, match="controller cannot be read"):
+        with pytest.raises(InvalidInput, match=r"controller.*read[\s\S]*c\.npz: "):
             load_controller(path)
     path.write_bytes(whole)
     with np.load(path) as archive:
         arrays = {name: archive[name] for name in archive.files}
     np.savez(path, **arrays)
-    with pytest.raises(InvalidInput, match="digest at its end is missing"):
+    with pytest.raises(InvalidInput, match=r"c\.npz: .*digest.*missing"):
         load_controller(path)
     path.unlink()
     os.mkfifo(path)
-    with pytest.raises(InvalidInput, match="not a file"):
+    with pytest.raises(InvalidInput, match=r"c\.npz: .*pipe"):
         load_controller(path)
 
 
