@@ -139,7 +139,7 @@ def test_a_certificate_is_proved_again(folder: Path, capsys: pytest.CaptureFixtu
 @pytest.mark.parametrize(
     ("words", "text"),
     [
-        (["certify"], "--check FILE"),
+        (["certify"], "--check FILE, got none"),
         (["certify", "--check", "certificate.json", "--tolerances"], "got --tolerances"),
         (["certify", "--check", "certificate.json", "--pose", "0"], "got --pose"),
         (["certify", "paper", "--out", "."], "flexhinf-report"),

@@ -238,9 +238,9 @@ def test_a_robot_is_no_design_file(tmp_path: Path) -> None:
     [
         ("[design]\nrobot = 'paper'\nbandwith = 4", "'bandwith'", "bandwidth", "'bandwidth'"),
         ("[design]\nrobot = 'paper'\ncolour = 4", "'colour'", "damping", "one of these"),
-        ("[desing]\nrobot = 'paper'", "[design]", "desing", "[design] for 'desing'"),
-        ("design = 3", "[design]", "design", "robot = 'arm.toml'"),
-        ("[found]\ngamma = 3", "[design]", "found", "robot = 'arm.toml'"),
+        ("[desing]\nrobot = 'paper'", "table [design]", "desing", "[design] for 'desing'"),
+        ("design = 3", "table [design]", "'design'", "robot = 'arm.toml'"),
+        ("[found]\ngamma = 3", "table [design]", "'found'", "robot = 'arm.toml'"),
         ("[design]\nrobot = 'paper'\n[resutl]\n", "'resutl'", "result", "'result'"),
         ("[design]\nseed = 3", "no 'robot'", "seed", "planar-two-link"),
         ("[design]\nrobt = 'paper'", "no 'robot'", "robt", "'robot' for 'robt'"),

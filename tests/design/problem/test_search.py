@@ -13,6 +13,7 @@ import pytest
 from flexhinf.design.problem.modes import JointScales
 from flexhinf.design.problem.weights import (
     FITS,
+    DampingOutOfReach,
     LinearDesign,
     LinearFamily,
     LinearProblem,
@@ -140,7 +141,7 @@ def test_a_damping_out_of_reach_is_refused_with_the_best_and_the_best_is_true(
 ) -> None:
     """A large damping weight makes a vibration slow and no vibration by name: it still counts."""
     case = Case(robot_of(name))
-    with pytest.raises(InvalidInput, match=r"damping .*binds") as refused:
+    with pytest.raises(DampingOutOfReach) as refused:
         case.search(share, damping)
     best = float(re.search(r"best .* is ([\d.]+) ", str(refused.value)).group(1))  # type: ignore[union-attr]
     assert 0.1 < best < damping
@@ -153,8 +154,9 @@ def test_a_damping_out_of_reach_is_refused_with_the_best_and_the_best_is_true(
 @pytest.mark.parametrize("name", ["paper", "planar-two-link"])
 def test_a_bandwidth_out_of_reach_is_refused_with_the_best(robot_of: Callable[[str], Any], name: str) -> None:
     case = Case(robot_of(name))
-    with pytest.raises(InvalidInput, match=r"bandwidth .*binds|bandwidth binds") as refused:
+    with pytest.raises(InvalidInput, match="bandwidth") as refused:
         case.search(12.0, 0.1)
+    assert refused.type is InvalidInput  # and not for the damping
     text = str(refused.value)
     best = float(re.search(r"best .* is ([\d.]+) rad/s", text).group(1))  # type: ignore[union-attr]
     assert best < 12.0 * case.scales.held
