@@ -125,7 +125,7 @@ def test_control_c_keeps_a_whole_log(
         (["DESIGN", "--mujoco", "--priority", "0"], "real-time priority"),
         (["DESIGN", "--mujoco", "--extras", "inductance"], ("MuJoCo", "'inductance'")),
         (["DESIGN", "--mujoco", "--pose", "400deg"], "turn"),
-        (["DESIGN", "--mujoco", "--duration", "0.1ms"], "period"),
+        (["DESIGN", "--mujoco", "--duration", "0.1ms"], ("period", "0.0001 s")),
     ],
 )
 def test_a_mistake_is_told_before_any_work(

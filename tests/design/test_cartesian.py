@@ -30,6 +30,7 @@ def test_a_goal_in_space_is_a_pose_of_the_joints(robot_of: Robots) -> None:
     place = position_of(found.robot, found.specification.pose, offset=(0.4, 0.0, 0.0))
     assert place == pytest.approx([0.6, 0.3, 0.0], abs=1e-6)
     assert "goal" in found.notes[-1]
+    assert "singular" not in found.notes[-1]
     stretched = with_joints(request(robot_of, start=(0.3, 0.1)), "0.8999,0,0", TIP)
     assert "singular" in stretched.notes[-1]
     assert with_joints(request(robot_of)).specification == Specification()
