@@ -95,7 +95,7 @@ def test_a_masked_number_is_refused_wherever_arrays_are_taken(masked: object) ->
     ],
 )
 def test_names_that_cannot_be_printed_are_refused(name: object) -> None:
-    with pytest.raises(InvalidInput, match="no usable name") as caught:
+    with pytest.raises(InvalidInput, match="joint") as caught:
         checked_name("a joint", name)
     assert str(caught.value).replace("\n", "").isprintable()
     assert len(str(caught.value)) < 400
@@ -130,14 +130,14 @@ def test_any_value_has_a_short_text() -> None:
 
 TOO_MUCH_TOML = (
     [
-        ("x = " + "[" * 900 + "]" * 900, "nested too deeply"),
-        ("x = " + "{a = " * 900 + "1" + "}" * 900, "nested too deeply"),
+        ("x = " + "[" * 900 + "]" * 900, "nested"),
+        ("x = " + "{a = " * 900 + "1" + "}" * 900, "nested"),
         ("x = " + "9" * 4301, "no TOML"),
-        ("a." * 200_000 + "a = 1", "too many parts"),
-        ("1." * 200_000 + "1 = 1", "too many parts"),
-        ('"a"."b".' * 50_000 + "a = 1", "too many parts"),
-        ("[" + "a." * 200_000 + "a]", "too many parts"),
-        ("x = [" + "0.5," * 20_000_000 + "]", "is too large"),
+        ("a." * 200_000 + "a = 1", "many parts"),
+        ("1." * 200_000 + "1 = 1", "many parts"),
+        ('"a"."b".' * 50_000 + "a = 1", "many parts"),
+        ("[" + "a." * 200_000 + "a]", "many parts"),
+        ("x = [" + "0.5," * 20_000_000 + "]", "large"),
         ('"\\' * 400_000, "no TOML"),
         ('x = """' + "\\" * 900_000, "no TOML"),
         ("x = 1\nx = 2", "no TOML"),
@@ -169,12 +169,12 @@ def test_dots_and_brackets_inside_of_texts_and_comments_do_not_count(tmp_path: P
 
 
 TOO_MUCH_XML = [
-    ("<robot>" + "<a>" * 900 + "</a>" * 900 + "</robot>", "nested too deeply"),
-    ("<robot>" + "<a/>" * 200_000 + "</robot>", "too many elements"),
+    ("<robot>" + "<a>" * 900 + "</a>" * 900 + "</robot>", "nested"),
+    ("<robot>" + "<a/>" * 200_000 + "</robot>", "many elements"),
     ('<!DOCTYPE r [<!ENTITY a "aaaa">]><robot>&a;</robot>', "document type"),
     ("<robot>", "no XML"),
     ("", "no XML"),
-    ("<robot>" + " " * 11_000_000 + "</robot>", "is too large"),
+    ("<robot>" + " " * 11_000_000 + "</robot>", "large"),
 ]
 
 
@@ -208,9 +208,9 @@ def test_what_cannot_be_read_is_refused(tmp_path: Path) -> None:
     (tmp_path / "bytes.toml").write_bytes(b"x = '\xff'")
     for name, what in (
         ("bytes.toml", "no TOML"),
-        ("nowhere.toml", "no robot file"),
-        ("pipe.toml", "no robot file"),
-        ("", "no robot file"),
+        ("nowhere.toml", "nowhere.toml"),
+        ("pipe.toml", "pipe.toml"),
+        ("", "robot file"),
     ):
         with pytest.raises(InvalidInput, match=what):
             read_toml(tmp_path / name)

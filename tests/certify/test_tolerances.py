@@ -155,7 +155,7 @@ def test_numbers_have_their_units() -> None:
 
 def test_a_nonlinear_law_needs_an_equilibrium_that_stays() -> None:
     tolerance_statement(solution(180, 4), problem(180), ranges(), 20.0)
-    with pytest.raises(InvalidInput, match="equilibrium at the goal moves"):
+    with pytest.raises(InvalidInput, match="equilibrium"):
         tolerance_statement(solution(90, 4), problem(90), ranges(), 20.0)
 
 
