@@ -243,7 +243,7 @@ class Requirement:
 
     @staticmethod
     def of(text: str, metrics: Sequence[str]) -> Requirement:
-        """Read ``overshoot_percent<=5``; InvalidInput for another form, an unknown metric, or a limit that is no number."""
+        """Read ``overshoot_percent<=5``; InvalidInput for another form, metric, or no number."""
         match = _REQUIREMENT.match(text)
         try:
             limit = float(match[3]) if match else math.nan
