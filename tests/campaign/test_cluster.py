@@ -13,9 +13,15 @@ from pathlib import Path
 import pytest
 from tests.campaign.conftest import OPTIONS, Deadly, made_campaign, tolerances
 
-from flexhinf.campaign import Journal, Shard, drive, in_cluster, run_campaign
-from flexhinf.campaign import driver as campaign_driver
-from flexhinf.campaign import journal as campaign_storage
+from flexhinf.campaign import (
+    Journal,
+    Shard,
+    drive,
+    driver as campaign_driver,
+    in_cluster,
+    journal as campaign_storage,
+    run_campaign,
+)
 from flexhinf.campaign.driver import Report, in_this_process, next_batches
 from flexhinf.campaign.journal import TABLE
 from flexhinf.errors import FlexhinfError, InvalidInput

@@ -17,8 +17,15 @@ import numpy as np
 import pytest
 from tests.campaign.conftest import OPTIONS, Deadly, made_campaign, tolerances
 
-from flexhinf.campaign import Campaign, Journal, Shard, drive, run_batch, run_campaign
-from flexhinf.campaign import journal as campaign_storage
+from flexhinf.campaign import (
+    Campaign,
+    Journal,
+    Shard,
+    drive,
+    journal as campaign_storage,
+    run_batch,
+    run_campaign,
+)
 from flexhinf.campaign.batches import Rows
 from flexhinf.campaign.driver import in_processes, in_this_process
 from flexhinf.campaign.journal import HELD, MANIFEST, SHARDS, TABLE, read_columns

@@ -12,9 +12,7 @@ import numpy as np
 import pytest
 
 from flexhinf.certify import Certificate, Function, Parameter, Signal, Start, Term
-from flexhinf.certify.checker import bounds as bounds_file
-from flexhinf.certify.checker import bounds as taylor
-from flexhinf.certify.checker import second_route, subdivision
+from flexhinf.certify.checker import bounds as bounds_file, bounds as taylor, second_route, subdivision
 from flexhinf.certify.checker.bounds import Face, Proof, Quotient
 from flexhinf.certify.checker.second_route import Cell
 

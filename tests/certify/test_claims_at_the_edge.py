@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 from flint import ctx
 
-from flexhinf.certify import Certificate, Function, Parameter, Signal, Term
-from flexhinf.certify import checker as checker_file
+from flexhinf.certify import Certificate, Function, Parameter, Signal, Term, checker as checker_file
 from flexhinf.certify.checker import _check_matrices, _check_sizes, _prove_again, verify
 from flexhinf.certify.checker.bounds import BITS, Proof
 from flexhinf.certify.checker.residual import Refusal

@@ -11,8 +11,7 @@ import pytest
 from flint import fmpq_mat
 
 from flexhinf.certify import Certificate, Function, Parameter, Signal, Term
-from flexhinf.certify.checker import Verification
-from flexhinf.certify.checker import observer as checked
+from flexhinf.certify.checker import Verification, observer as checked
 from flexhinf.certify.checker.residual import Refusal
 from flexhinf.certify.claim import Observer
 from flexhinf.certify.theorem import theorem_text

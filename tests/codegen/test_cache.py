@@ -13,8 +13,7 @@ import casadi
 import numpy as np
 import pytest
 
-from flexhinf.codegen import Buffer, Call, Program, Slice, compile_program, machine
-from flexhinf.codegen import compiler as cache
+from flexhinf.codegen import Buffer, Call, Program, Slice, compile_program, compiler as cache, machine
 from flexhinf.files import part_file
 
 X = casadi.SX.sym("x")

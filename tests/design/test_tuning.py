@@ -13,8 +13,7 @@ import pytest
 
 import flexhinf as fh
 from flexhinf.analysis import margins
-from flexhinf.design import criterion as measured
-from flexhinf.design import tuning
+from flexhinf.design import criterion as measured, tuning
 from flexhinf.design.criterion import RUNS, criterion_for, metrics_of, own_metrics, reference_metrics
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.laws import DESIGN, ESTIMATOR_NOISE, MOTOR_NOISE, NL_HINF, LawFactory, law_kind

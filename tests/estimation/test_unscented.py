@@ -1,7 +1,6 @@
 import numpy as np
 import pytest
-from filterpy.kalman import MerweScaledSigmaPoints
-from filterpy.kalman import UnscentedKalmanFilter as Filterpy
+from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter as Filterpy
 
 from flexhinf.codegen import DIRECT
 from flexhinf.errors import InvalidInput, NumericalFailure

@@ -11,8 +11,7 @@ import numpy as np
 import pytest
 
 from flexhinf.errors import InvalidInput
-from flexhinf.hinf import hji as cost
-from flexhinf.hinf import smallest_gamma, solve_hji
+from flexhinf.hinf import hji as cost, smallest_gamma, solve_hji
 from flexhinf.plant import expansion
 from flexhinf.plant.polynomial_plant import PolynomialPlant
 from flexhinf.polynomial import basis, transform, truncated

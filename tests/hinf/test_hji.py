@@ -8,8 +8,7 @@ import re
 import mpmath
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from scipy.linalg import solve_continuous_are
 
 from flexhinf.errors import InfeasibleGamma, InvalidInput, NotDetectable

@@ -17,9 +17,7 @@ from flexhinf.design import Specification
 from flexhinf.design.deployed_run import DeployedRun, prepare_run
 from flexhinf.errors import InvalidInput
 from flexhinf.export import RealTimeRun
-from flexhinf.pages import arm_picture
-from flexhinf.pages import arm_picture as arm_film
-from flexhinf.pages import run as module
+from flexhinf.pages import arm_picture, arm_picture as arm_film, run as module
 from flexhinf.pages.arm_picture import ArmFilm, magnification
 from flexhinf.pages.design import step as arm_figure
 from flexhinf.pages.run import check_film, write_film

@@ -8,8 +8,7 @@ import casadi as ca
 import mpmath
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from flexhinf import scalars
 from flexhinf.errors import InvalidInput
