@@ -61,4 +61,4 @@ def test_the_advised_command_samples_a_region(
     assert "sampled, not proved" in capsys.readouterr().out
     page = (tmp_path / "flexhinf-design" / "index.html").read_text(encoding="utf-8")
     assert "V up to" in page
-    assert "No region" not in page
+    assert "No region was sampled" not in page

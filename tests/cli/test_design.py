@@ -122,7 +122,7 @@ def test_a_tolerance_that_looks_like_a_fraction_is_warned_of_in_terminal_and_rep
     assert main(["design", "arm.toml", *QUICK, "--estimator", "none"]) == 0
     assert "fraction" in capsys.readouterr().err
     page = text_of(folder)
-    assert "fraction" in page
+    assert "looks like a fraction" in page
     assert "damping ratio of 0.2" in page
 
 
