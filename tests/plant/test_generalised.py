@@ -90,7 +90,7 @@ def test_parameters_and_penalty_code_reach_the_fields():
     ("arguments", "word"),
     [
         ({"command": "reference"}, r"command[\s\S]*'reference'"),
-        ({"integrate": ()}, r"integral[\s\S]*got integrate=\(\)"),
+        ({"integrate": ()}, r"integral[\s\S]* integrate=\(\)"),
         ({"integrate": ("link_pos",)}, r"state[\s\S]*'link_pos'"),
         ({"integrate": ("link_position", "link_position")}, r"integrated.*'link_position'[\s\S]*distinct"),
         ({"disturbances": ("wind",)}, "disturbance 'wind'"),

@@ -363,7 +363,7 @@ def test_loops_that_do_not_fit_are_refused(made):
     for count in (0, -1, 1.5, True, "4"):
         with pytest.raises(InvalidInput, match="sub-steps"):
             Loop(paper_arm().plant(), controller, sub_steps=count)
-    with pytest.raises(InvalidInput, match=r"true plant[\s\S]*'motor_velocity'\].*\['a', 'da', 'b', 'db'\]"):
+    with pytest.raises(InvalidInput, match=r"plant[\s\S]*'motor_velocity'\].*\['a', 'da', 'b', 'db'\]"):
         Loop(plant, Controller(made.law, None))
     swapped = made.LinearLaw(law.state_names, ("ub", "ua"), law.gain)
     with pytest.raises(InvalidInput, match=r"inputs[\s\S]*\['ub', 'ua'\].*\['ua', 'ub'\]"):
