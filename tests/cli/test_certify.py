@@ -105,7 +105,8 @@ def test_a_design_is_certified_and_its_certificate_checked(
     assert main(["certify", "design.toml", "--degree", "2"]) == 0
     shown = capsys.readouterr().out
     for text in (
-        "99.9 %",
+        "of the sampled, %",
+        " 99.9 ",
         "V smallest",
         "input unchanged",
         "up to 1.49",

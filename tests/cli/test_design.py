@@ -28,7 +28,7 @@ def test_a_design_is_told_and_written(folder: Path, capsys: pytest.CaptureFixtur
     assert re.search(r"linear +used", shown.out)
     assert "looked at along" not in shown.err
     assert sorted(p.name for p in folder.iterdir()) == ["flexhinf-design"]
-    again = "flexhinf design paper --pose 180deg --degrees 2,4 --draws 0 --rays 200 --no-compare-rigid"
+    again = "flexhinf design paper --pose 180deg --draws 0 --no-compare-rigid --degrees 2,4 --rays 200"
     assert again in text_of(folder)
     main(["design", "vertical-rig", *QUICK])
     assert "vertical-rig" in text_of(folder)
