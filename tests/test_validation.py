@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import os
-import time
+import subprocess
+import sys
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
@@ -188,19 +189,41 @@ def test_xml_that_no_robot_needs_is_refused_with_little_work(
         read_xml(path)
 
 
+REFUSALS = """
+import sys, time
+from pathlib import Path
+from flexhinf.errors import InvalidInput
+from flexhinf.validation import read_toml, read_xml
+
+read = {"toml": read_toml, "xml": read_xml}[sys.argv[1]]
+for path in sys.argv[2:]:
+    start = time.thread_time()
+    try:
+        read(Path(path))
+    except InvalidInput:
+        print(time.thread_time() - start)
+"""
+
+
 @pytest.mark.slow
-def test_each_of_them_is_refused_in_a_second(tmp_path: Path) -> None:
-    path = tmp_path / "arm"
-    for read, cases in ((read_toml, TOO_MUCH_TOML), (read_xml, TOO_MUCH_XML)):
-        for text, what in cases:
-            path.write_text(text, encoding="utf-8")
-            taken = []
-            for _ in range(3):  # the least of them: what else runs on the machine only adds
-                start = time.thread_time()
-                with pytest.raises(InvalidInput, match=what):
-                    read(path)
-                taken.append(time.thread_time() - start)
-            assert min(taken) < SECONDS
+@pytest.mark.parametrize(("kind", "cases"), [("toml", TOO_MUCH_TOML), ("xml", TOO_MUCH_XML)])
+def test_each_of_them_is_refused_in_a_second(tmp_path: Path, kind: str, cases: list[tuple[str, str]]) -> None:
+    """In an interpreter of its own: what other tests hold in memory or trace is not counted."""
+    paths = [tmp_path / f"{k}.{kind}" for k in range(len(cases))]
+    for path, (text, _) in zip(paths, cases, strict=True):
+        path.write_text(text, encoding="utf-8")
+    runs = [
+        subprocess.run(
+            [sys.executable, "-c", REFUSALS, kind, *map(str, paths)],
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        for _ in range(3)  # the least of them: what else runs on the machine only adds
+    ]
+    taken = np.array([[float(line) for line in run.stdout.split()] for run in runs])
+    assert taken.shape == (3, len(cases))
+    assert taken.min(axis=0).max() < SECONDS
 
 
 def test_what_cannot_be_read_is_refused(tmp_path: Path) -> None:
