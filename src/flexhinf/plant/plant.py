@@ -412,8 +412,9 @@ def motion_of(signals: Any, times: np.ndarray, order: int, names: Sequence[str] 
             ) from error
         columns.append(constant)
     motion = np.concatenate(columns, axis=2)
-    if motion.shape[2] != (len(names) or max(1, motion.shape[2])):
-        found = f"expected one for each of {list(names) or 'the joints'}, got {motion.shape[2]}"
+    count = motion.shape[2]
+    if count == 0 or (names and count != len(names)):
+        found = f"expected one for each of {list(names) or 'the joints'}, got {count}"
         raise InvalidInput("The number of signals is not that of the joints.", found, "one signal per joint")
     return motion
 

@@ -28,26 +28,24 @@ class Quantity(NamedTuple):
     sign: str = "any"
 
 
-def _same(unit: str, sign: str = "any") -> Quantity:
-    return Quantity(unit, unit, sign)
-
-
 #: Components of a centre of mass and of an inertia, in the order of their arrays.
 VECTOR, INERTIA = ("x", "y", "z"), ("xx", "xy", "xz", "yy", "yz", "zz")
 
 QUANTITIES: dict[str, Quantity] = {
-    "gravity": _same("m/s²"),
+    "gravity": Quantity("m/s²", "m/s²"),
     # links
-    "mass": _same("kg", "not negative"),
-    **{f"centre_of_mass_{axis}": _same("m") for axis in VECTOR},
-    **{f"inertia_{axes}": _same("kg·m²") for axes in INERTIA},
-    "length": _same("m"),  # of a single link: from the axis to the centre of mass
-    "link_inertia": _same("kg·m²", "positive"),  # of a single link: about the axis
-    "inertia_scale": _same("1", "positive"),  # factor of a link's moments: a tolerance that keeps it a body
+    "mass": Quantity("kg", "kg", "not negative"),
+    **{f"centre_of_mass_{axis}": Quantity("m", "m") for axis in VECTOR},
+    **{f"inertia_{axes}": Quantity("kg·m²", "kg·m²") for axes in INERTIA},
+    "length": Quantity("m", "m"),  # of a single link: from the axis to the centre of mass
+    "link_inertia": Quantity("kg·m²", "kg·m²", "positive"),  # of a single link: about the axis
+    "inertia_scale": Quantity(
+        "1", "1", "positive"
+    ),  # factor of a link's moments: a tolerance that keeps it a body
     # what a link carries
-    "payload_mass": _same("kg", "not negative"),
-    **{f"payload_centre_of_mass_{axis}": _same("m") for axis in VECTOR},
-    **{f"payload_inertia_per_mass_{axes}": _same("m²") for axes in INERTIA},
+    "payload_mass": Quantity("kg", "kg", "not negative"),
+    **{f"payload_centre_of_mass_{axis}": Quantity("m", "m") for axis in VECTOR},
+    **{f"payload_inertia_per_mass_{axes}": Quantity("m²", "m²") for axes in INERTIA},
     # joints, seen from the link
     "stiffness": Quantity("N·m/rad", "N/m", "positive"),
     "motor_inertia": Quantity("kg·m²", "kg", "positive"),
@@ -56,10 +54,10 @@ QUANTITIES: dict[str, Quantity] = {
     "rotor_inertia": Quantity("kg·m²", "kg·m²", "positive"),
     "hub_inertia": Quantity("kg·m²", "kg", "not negative"),
     "gear_ratio": Quantity("1", "rad/m", "positive"),
-    "gear_efficiency": _same("1", "positive"),
-    "motor_efficiency": _same("1", "positive"),
-    "resistance": _same("Ω", "positive"),
-    "inductance": _same("H", "positive"),
+    "gear_efficiency": Quantity("1", "1", "positive"),
+    "motor_efficiency": Quantity("1", "1", "positive"),
+    "resistance": Quantity("Ω", "Ω", "positive"),
+    "inductance": Quantity("H", "H", "positive"),
     "torque_constant": Quantity("N·m/A", "N/A"),
     "back_emf_constant": Quantity("V·s/rad", "V·s/m"),
     # what a real joint adds
@@ -86,13 +84,11 @@ def parameter_units(values: Mapping[str, Any], slides: Sequence[bool]) -> dict[s
     """
     units = {}
     for name, value in values.items():
-        quantity = next((known for known in (name, f"{name}_x", f"{name}_xx") if known in QUANTITIES), None)
-        if quantity is None:
-            continue
         size = int(np.size(value))
-        sliding = [bool(slide) for slide in slides] if size == len(slides) else [False] * size
+        sliding = slides if size == len(slides) else [False] * size
         names = [name] if size == 1 else [f"{name}[{k + 1}]" for k in range(size)]
-        units |= {label: unit_of(quantity, slide) for label, slide in zip(names, sliding, strict=True)}
+        for quantity in [known for known in (name, f"{name}_x", f"{name}_xx") if known in QUANTITIES][:1]:
+            units |= {label: unit_of(quantity, slide) for label, slide in zip(names, sliding, strict=True)}
     return units
 
 
@@ -103,20 +99,18 @@ def per_joint(quantity: str, joint: str, joints: int) -> str:
 
 def check_parameters(robot: str, parameters: Sequence[Parameter], slides: Mapping[str, bool]) -> None:
     """Refuse parameters that mean nothing, or have the wrong sign; `slides`: joints by name, whether prismatic."""
-    known: dict[str, tuple[str, bool]] = {"gravity": ("gravity", False)}
-    for joint, sliding in slides.items():
-        known |= {per_joint(quantity, joint, len(slides)): (quantity, sliding) for quantity in QUANTITIES}
-    meaning: dict[str, tuple[str, str]] = {}
-    for joint in slides if len(slides) > 1 else ():
+    known: dict[str, tuple[str, str]] = {}
+    for joint in slides:
         for quantity in QUANTITIES:
             label = per_joint(quantity, joint, len(slides))
-            other = meaning.setdefault(label, (quantity, joint))
+            other = known.setdefault(label, (quantity, joint))
             if other != (quantity, joint):  # friction of smoothing_a is friction_smoothing of a
                 raise InvalidInput(
                     f"Two numbers of the robot {robot!r} have one name: {label!r}.",
                     f"expected distinct names, got {other[0]} of joint {other[1]!r} and {quantity} of joint {joint!r}",
                     f"another name for the joint {joint!r}",
                 )
+    known.setdefault("gravity", ("gravity", ""))
     for parameter in parameters:
         if parameter.name not in known:
             raise InvalidInput(
@@ -125,8 +119,8 @@ def check_parameters(robot: str, parameters: Sequence[Parameter], slides: Mappin
                 + (f" with _JOINT for {list(slides)}" if slides else ""),
                 nearest(parameter.name, known, "a name of the list"),
             )
-        quantity, sliding = known[parameter.name]
-        sign, unit = QUANTITIES[quantity].sign, unit_of(quantity, sliding)
+        quantity, joint = known[parameter.name]
+        sign, unit = QUANTITIES[quantity].sign, unit_of(quantity, slides.get(joint, False))
         positive, ends = sign == "positive", " at one end of its range"
         for value, where in ((parameter.value, ""), *((end, ends) for end in parameter.interval)):
             if (positive and not value > 0.0) or (sign != "any" and value < 0.0):
@@ -149,17 +143,19 @@ def checked_limits(what: str, stated: Any, joints: Sequence[str], signals: Seque
     Stated as a number or None for each joint, and with `signals` also as a number for all, or by the joints' names or
     those of their signals.
     """
+    if stated is None:
+        return np.full(len(joints), np.inf)
     listed = stated
     if isinstance(stated, Mapping):
         named = {dict(zip(signals, joints)).get(name, name): value for name, value in stated.items()}
         listed = [named.get(joint, np.nan) for joint in joints] if set(named) <= set(joints) else np.nan
     elif isinstance(stated, Sequence) and not isinstance(stated, (str, bytes)) and not signals:
         listed = [np.inf if limit is None else limit for limit in stated]
-    limits = real_array(np.inf if stated is None else listed)
-    if (limits.ndim == 0 and stated is None) or (limits.size == 1 and signals):
+    limits = real_array(listed)
+    if limits.size == 1 and signals:
         limits = np.full(len(joints), limits.item())
     usable = (limits == np.inf) | ((limits >= 1.0 / HUGE) & (limits <= HUGE))
-    if limits.shape != (len(joints),) or not np.all(usable):
+    if limits.shape != (len(joints),) or not usable.all():
         found = f"expected a number > 0, or None, for each of {list(joints)}, got {value_text(stated)}"
         raise InvalidInput(f"{what} do not fit the joints.", found, f"[{', '.join(['10.0'] * len(joints))}]")
     return limits
@@ -206,13 +202,15 @@ class Parameter:
     range: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
-        checked_text("the name of a parameter", self.name)
-        checked_text(f"the unit of {self.name!r}", self.unit)
-        checked_text(f"the source of {self.name!r}", self.source)
+        for kind in ("name", "unit", "source"):
+            checked_text(f"the {kind} of the parameter {value_text(self.name, 60)}", getattr(self, kind))
         if not (is_real(self.value) and abs(real_array(self.value)) <= HUGE):
             found = f"expected a finite number of at most {HUGE:g} {self.unit}, got {value_text(self.value)}"
-            what = f"The parameter {self.name!r} is not finite, or out of all proportion."
-            raise InvalidInput(what, found, "its value in SI units")
+            raise InvalidInput(
+                f"The parameter {self.name!r} is not finite, or out of all proportion.",
+                found,
+                "its value in SI units",
+            )
         if not (is_real(self.tolerance) and 0.0 <= self.tolerance < 100.0):
             found = f"expected 0 to below 100 per cent, got {value_text(self.tolerance)}"
             raise InvalidInput(f"The tolerance of {self.name!r} is not a percentage.", found, "12 for ±12 %")
@@ -226,9 +224,9 @@ class Parameter:
                 f"a range about the nominal value, in {self.unit or 'SI units'}",
             )
         if self.tolerance:
-            found = f"expected one of them, got {self.tolerance:g} per cent and {value_text(self.range)}"
+            what = f"The parameter {self.name!r} has a tolerance and a range."
             raise InvalidInput(
-                f"The parameter {self.name!r} has a tolerance and a range.", found, "one of the two"
+                what, f"got {self.tolerance:g} per cent and {value_text(self.range)}", "one of the two"
             )
         object.__setattr__(self, "range", tuple(ends.tolist()))
 
@@ -236,8 +234,7 @@ class Parameter:
         """The value at −1 (lower end), 0 (nominal), 1 (upper end), or linearly between two of these."""
         if self.range is None:
             return self.value + sign * abs(self.value) * self.tolerance / 100.0
-        share = abs(sign)
-        return (1.0 - share) * self.value + share * self.range[sign > 0.0]  # the ends to the last bit
+        return (1.0 - abs(sign)) * self.value + abs(sign) * self.range[sign > 0.0]  # the ends to the last bit
 
     @property
     def interval(self) -> tuple[float, float]:
