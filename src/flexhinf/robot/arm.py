@@ -18,11 +18,11 @@ from flexhinf.robot.dynamics import (
     bodies_of,
     forward_dynamics,
     inverse_dynamics,
+    lumped,
     matrix_of,
     six_of,
 )
 from flexhinf.robot.parameters import INERTIA, VECTOR, per_joint
-from flexhinf.robot.payload import carried
 from flexhinf.validation import HUGE, real_array, value_text
 
 
@@ -151,9 +151,16 @@ class Arm(JointTree):
         )
         for i, row in enumerate(rows):
             inertia[i] *= values.get(per_joint("inertia_scale", row, count), 1.0)
-            if per_joint("payload_mass", row, count) in values:
-                body = float(mass[i]), centre[i].copy(), matrix_of(inertia[i])
-                mass[i], centre[i], whole = carried(values, row, count, body)
+            load = values.get(per_joint("payload_mass", row, count), 0.0)
+            if load:
+                place, per_mass = (
+                    [values.get(name, 0.0) for name in self._names(row, f"payload_{quantity}", components)]
+                    for quantity, components in (("centre_of_mass", VECTOR), ("inertia_per_mass", INERTIA))
+                )
+                link = float(mass[i]), centre[i].copy(), matrix_of(inertia[i])
+                mass[i], centre[i], whole = lumped(
+                    [link, (load, np.array(place), load * matrix_of(per_mass))]
+                )
                 inertia[i] = six_of(whole)
         return {"gravity": values["gravity"], "mass": mass, "centre_of_mass": centre, "inertia": inertia}
 
@@ -173,13 +180,11 @@ class Arm(JointTree):
 
     def torques(self, q: Any, dq: Any, ddq: Any, p: Any) -> Any:
         """M(q) q̈ + C(q, q̇) q̇ + G(q) by the recursive Newton–Euler algorithm, (n,) of any element."""
-        bodies = bodies_of(*self.rigid(p))
-        return np.array(inverse_dynamics(self.tree, bodies, q, dq, ddq, self.fall(p)))
+        return np.array(inverse_dynamics(self.tree, bodies_of(*self.rigid(p)), q, dq, ddq, self.fall(p)))
 
     def gravity_torque(self, q: Any, p: Any) -> Any:
         """G(q1), (n,), N·m or N, of any element."""
-        nothing = [0.0] * len(self.tree)
-        return self.torques(np.asarray(q), nothing, nothing, p)
+        return self.torques(np.asarray(q), [0.0] * len(self.tree), [0.0] * len(self.tree), p)
 
 
 #: The links' side of a robot: what it is made of, and how torques move it. Frozen, so that it is a key.

@@ -1,6 +1,6 @@
 """What a robot carries: a body of unknown mass that is fixed to one of its links; and its mass, weighed by the motors.
 
-A payload is part of its link's mass, centre of mass and inertia in every plant (`carried`), so that dynamics,
+A payload is part of its link's mass, centre of mass and inertia in every plant (`Arm.packed`), so that dynamics,
 estimator, MuJoCo and feedforward see it. Its numbers are parameters of the robot: a mass of 0 to 3 kg is one uncertain
 number, and the inertia of the payload is in proportion to its mass.
 
@@ -13,7 +13,7 @@ friction holds a part of the weight that the motors do not show, and bounds what
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from types import SimpleNamespace
 from typing import Any
@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf.errors import InvalidInput
-from flexhinf.robot.dynamics import Placement, lumped, matrix_of, six_of
+from flexhinf.robot.dynamics import Placement, matrix_of, six_of
 from flexhinf.robot.elastic import DRIVES, torque_per_input
 from flexhinf.robot.parameters import INERTIA, VECTOR, Parameter, per_joint, unit_of
 from flexhinf.validation import checked_array, value_text, within_proportion
@@ -87,26 +87,29 @@ class Payload:
 
     def parameters(self, frame: Frame, joints: int) -> list[Parameter]:
         """The robot's parameters for it, in the frame of the link that carries it."""
-
-        turn = np.array(frame.placement.rotation)
-        found = {"mass": self.mass}
-        centre = self.centre_of_mass
+        turn, centre = np.array(frame.placement.rotation), self.centre_of_mass
         if centre is None:
-            centre = tuple(
-                Parameter("tip", x, source="assumption: where the link is drawn to end") for x in frame.tip
-            )
-        source, tolerance = centre[0].source, max(one.tolerance for one in centre)
+            centre = [
+                Parameter("", x, source="assumption: where the link is drawn to end") for x in frame.tip
+            ]
         place = np.array(frame.placement.translation) + turn @ [one.value for one in centre]
-        for axis, value in zip(VECTOR, place):
-            found[f"centre_of_mass_{axis}"] = Parameter("", float(value), tolerance, source=source)
         six = six_of(turn @ matrix_of(self.inertia_per_mass) @ turn.T)
+        numbers = {"mass": self.mass}
+        for axis, value in zip(VECTOR, place):
+            tolerance = max(one.tolerance for one in centre)
+            numbers[f"centre_of_mass_{axis}"] = Parameter(
+                "", float(value), tolerance, source=centre[0].source
+            )
         for axes, value in zip(INERTIA, six):
             if value:
-                found[f"inertia_per_mass_{axes}"] = Parameter("", value, source=self.mass.source)
-        payload = {f"payload_{quantity}": number for quantity, number in found.items()}
+                numbers[f"inertia_per_mass_{axes}"] = Parameter("", value, source=self.mass.source)
         return [
-            replace(number, name=per_joint(quantity, frame.joint, joints), unit=unit_of(quantity))
-            for quantity, number in payload.items()
+            replace(
+                number,
+                name=per_joint(f"payload_{quantity}", frame.joint, joints),
+                unit=unit_of(f"payload_{quantity}"),
+            )
+            for quantity, number in numbers.items()
         ]
 
 
@@ -119,15 +122,13 @@ def inertia_of_shape(kind: str, sizes: Sequence[float]) -> tuple[float, ...]:
             f"expected {' and '.join(names)} in m, all > 0, got {value_text(list(sizes))}",
             f"{kind} = {0.05 if len(names) == 1 else [0.05] * len(names)}",
         )
-    if kind == "sphere":
-        x = y = z = 0.4 * sizes[0] ** 2
-    elif kind == "box":
+    x = y = z = 0.4 * sizes[0] ** 2
+    if kind == "box":
         a, b, c = (size**2 / 12.0 for size in sizes)
         x, y, z = b + c, a + c, a + b
-    else:
-        radius, height = sizes
-        x = y = radius**2 / 4.0 + height**2 / 12.0
-        z = radius**2 / 2.0
+    elif kind == "cylinder":
+        x = y = sizes[0] ** 2 / 4.0 + sizes[1] ** 2 / 12.0
+        z = sizes[0] ** 2 / 2.0
     return (x, 0.0, 0.0, y, 0.0, z)
 
 
@@ -153,11 +154,8 @@ def payload_from_text(text: str) -> Payload:
             f"{value_text(text, 60)}",
             "0..3kg@hand, or 0..3kg@hand:0,0,0.1",
         ) from None
-    source = "option --payload"
-    if len(numbers) == 1:
-        mass = Parameter("mass", numbers[0], source=source)
-    else:
-        mass = Parameter("mass", numbers[-2], range=(numbers[0], numbers[-1]), source=source)
+    source, ends = "option --payload", (numbers[0], numbers[-1]) if len(numbers) > 1 else None
+    mass = Parameter("mass", numbers[max(len(numbers) - 2, 0)], range=ends, source=source)
     offset = None if centre is None else tuple(Parameter("centre", x, source=source) for x in centre)
     return Payload(mass, link, offset)
 
@@ -170,25 +168,6 @@ def payload_ends(uncertain: Sequence[Parameter]) -> list[dict[str, float]]:
     masses = [p for p in uncertain if p.name.startswith("payload_mass")]
     ends = ({p.name: p.interval[end] for p in masses} for end in (0, 1))
     return [found for found in ends if found != {p.name: p.value for p in masses}]
-
-
-def carried(
-    values: Mapping[str, float], joint: str, joints: int, body: tuple[float, np.ndarray, np.ndarray]
-) -> tuple[float, np.ndarray, np.ndarray]:
-    """A link's mass, centre of mass (3,) and inertia (3, 3) about it, with what it carries; `body` is the link alone.
-
-    The robot's parameters come by name; it has so many `joints`.
-    """
-
-    def of(quantity: str) -> float:
-        return float(values.get(per_joint(f"payload_{quantity}", joint, joints), 0.0))
-
-    mass = of("mass")
-    if mass == 0.0:  # the link's own numbers, to the last bit
-        return body
-    centre = np.array([of(f"centre_of_mass_{axis}") for axis in VECTOR])
-    about = mass * matrix_of([of(f"inertia_per_mass_{axes}") for axes in INERTIA])
-    return lumped([body, (mass, centre, about)])
 
 
 #: A payload whose lever arm is shorter than this, m, loads no motor: its weight is lost in rounding.
@@ -234,29 +213,31 @@ def weigh_payload(robot: Any, pose: Any, effort: Any, unloaded: Any = None) -> W
             "load_robot(..., payload='0..3kg@LINK')",
         )
     _, model = robot.operating_point(pose)
-    given: list[np.ndarray] = []
-    for name, values in (("effort", effort), ("unloaded", model if unloaded is None else unloaded)):
-        what = f"The {name} does not fit the joints of the robot {robot.name!r}."
-        expected = f"{len(model)} finite numbers ({DRIVES[robot.drive]})"
-        advice = "one mean of each motor's input at rest"
-        given.append(checked_array(what, values, (len(model),), expected, advice))
-    measured, base = given
-    each = torque_per_input(robot.drive, SimpleNamespace(**robot.plant_parameters()))
+    measured, base = (
+        checked_array(
+            f"The {name} does not fit the joints of the robot {robot.name!r}.",
+            values,
+            (len(model),),
+            f"{len(model)} finite numbers ({DRIVES[robot.drive]})",
+            "one mean of each motor's input at rest",
+        )
+        for name, values in (("effort", effort), ("unloaded", model if unloaded is None else unloaded))
+    )
+    p = robot.plant_parameters()
+    each = torque_per_input(robot.drive, SimpleNamespace(**p))
     per_input = np.broadcast_to(np.asarray(each, dtype=float), len(robot.joint_names))
     extra = per_input * (measured - base)
     heavier = [robot.plant_parameters({**robot.nominal, name: robot[name].value + 1.0}) for name in names]
     per_kilogram = np.array([per_input * (robot.operating_point(pose, (), p)[1] - model) for p in heavier]).T
-    least = SHORTEST_LEVER * abs(robot["gravity"].value)
-    if np.linalg.matrix_rank(per_kilogram, tol=least) < len(names):
+    if np.linalg.matrix_rank(per_kilogram, tol=SHORTEST_LEVER * abs(robot["gravity"].value)) < len(names):
         raise InvalidInput(
             "The motors do not show the mass of every payload at this pose.",
             f"expected a pose at which each of {names} loads a motor in its own way, got {value_text(pose)}",
             "a pose with a lever arm across gravity",
         )
     inverse = np.linalg.pinv(per_kilogram)
-    p = robot.plant_parameters()
-    kinds = ("coulomb_friction", "static_friction")
-    dry = np.max([np.broadcast_to(p.get(kind, 0.0), len(base)) for kind in kinds], axis=0)
+    friction = (p.get(kind, 0.0) for kind in ("coulomb_friction", "static_friction"))
+    dry = np.max([np.broadcast_to(force, len(base)) for force in friction], axis=0)
     hidden = np.abs(inverse) @ dry * (1.0 if unloaded is None else 2.0)
     added = inverse @ extra
     return Weighing(

@@ -219,11 +219,10 @@ class PartsReader:
                 )
         chosen = chosen if chosen is not None else table.get("joints")
         still = {**table["locked"], **(locked or {})}
-        root = read_xml(rigid) if rigid.suffix.lower() in MJCF else None
-        if root is not None and root.tag == "mujoco":
-            arm = read_mjcf(root, rigid.name, chosen, still)
-        else:
-            arm = read_urdf(rigid, chosen, still)
+        root = read_xml(rigid)
+        read = read_mjcf if rigid.suffix.lower() in MJCF and root.tag == "mujoco" else read_urdf
+        with located(rigid.name):
+            arm = read(root, chosen, still)
         distinct(f"{file}: the joint", [row["name"] for row in table["joint"]])
         names = [joint.name for joint in arm.joints]
         unknown = [name for name in rows if name not in arm.movable]
