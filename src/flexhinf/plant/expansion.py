@@ -153,8 +153,11 @@ def expand_control_affine(
     point = [np.atleast_1d(np.asarray(a, dtype=float)) for a in (x0, u0, d0)]
     n, m, md = map(len, point)
     if degree < 1:
-        found = f"expected >= 1, got {value_text(degree)}"
-        raise InvalidInput("The degree of the expansion cannot be used.", found, "for example 3")
+        raise InvalidInput(
+            "The degree of the expansion cannot be used.",
+            f"expected >= 1, got {value_text(degree)}",
+            "for example 3",
+        )
     inner = max(degree, 2)
     x, u, d = np.split(jets(np.concatenate(point), inner), [n, n + m])
     with np.errstate(all="ignore"):

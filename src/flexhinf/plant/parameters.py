@@ -37,8 +37,9 @@ class ParameterTable:
 
     def __post_init__(self) -> None:
         if not isinstance(self.values, Mapping):
-            found = f"expected a mapping, got {self.values!r}"
-            raise InvalidInput("The parameters are not named.", found, "{'mass': 1.0}")
+            raise InvalidInput(
+                "The parameters are not named.", f"expected a mapping, got {self.values!r}", "{'mass': 1.0}"
+            )
         checked = {}
         for name, value in self.values.items():
             if not str(name).isidentifier() or keyword.iskeyword(str(name)) or str(name).startswith("_"):
@@ -81,9 +82,10 @@ class ParameterTable:
         """A vector (size,) of numbers or elements, by name."""
         vector = np.asarray(vector)
         if vector.shape != (self.size,):
-            found = f"expected shape ({self.size},) for {list(self.names)}, got {vector.shape}"
             raise InvalidInput(
-                "The parameter vector does not fit the parameters.", found, "vector(), changed"
+                "The parameter vector does not fit the parameters.",
+                f"expected shape ({self.size},) for {list(self.names)}, got {vector.shape}",
+                "vector(), changed",
             )
         named, start = {}, 0
         for name, value in self.values.items():
@@ -107,9 +109,11 @@ class ParameterTable:
             if name not in self.values:
                 raise unknown_name(f"There is no parameter {name!r}.", name, self.names, AS_STATED)
             if np.shape(value) != self.values[name].shape:
-                what = f"The parameter {name!r} has the wrong shape."
-                found = f"expected {self.values[name].shape}, got {np.shape(value)}"
-                raise InvalidInput(what, found, "one number for each nominal number")
+                raise InvalidInput(
+                    f"The parameter {name!r} has the wrong shape.",
+                    f"expected {self.values[name].shape}, got {np.shape(value)}",
+                    "one number for each nominal number",
+                )
         return ParameterTable({**self.values, **changes})
 
     def vectors(self, rows: Sequence[Mapping[str, Any]]) -> np.ndarray:

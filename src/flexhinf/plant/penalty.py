@@ -126,9 +126,11 @@ class Penalty:
             np.diag(np.full(inputs, effort) if effort.ndim == 0 else effort) if effort.ndim < 2 else effort
         )
         if matrix.shape != (inputs, inputs):
-            found = f"expected ({inputs}, {inputs}) for {inputs} inputs, got {matrix.shape}"
-            advice = "a number, one number per input, or a matrix"
-            raise InvalidInput("The effort penalty R2 has the wrong shape.", found, advice)
+            raise InvalidInput(
+                "The effort penalty R2 has the wrong shape.",
+                f"expected ({inputs}, {inputs}) for {inputs} inputs, got {matrix.shape}",
+                "a number, one number per input, or a matrix",
+            )
         return checked_r2(matrix, 1e-9, 1e-12)
 
     def evaluate(self, x: Any, names: Sequence[str], p: Any) -> Any:

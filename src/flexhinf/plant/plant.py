@@ -331,7 +331,7 @@ ITERATIONS = 50
 def pose_values(pose: Any, names: Sequence[str], owner: str = "plant") -> np.ndarray:
     """One finite value per name, from a mapping (zero for names left out) or a sequence."""
     if isinstance(pose, Mapping):
-        for name in set(pose) - set(names):
+        for name in [name for name in pose if name not in names]:
             raise unknown_name(f"The pose names {name!r}.", name, names)
         pose = [pose.get(name, 0.0) for name in names]
     expected = f"{len(names)} finite values for {list(names)}"
@@ -405,8 +405,11 @@ def motion_of(signals: Any, times: np.ndarray, order: int, names: Sequence[str] 
     motion = np.concatenate(columns, axis=2)
     count = motion.shape[2]
     if count == 0 or (names and count != len(names)):
-        found = f"expected one for each of {list(names) or 'the joints'}, got {count}"
-        raise InvalidInput("The number of signals is not that of the joints.", found, "one signal per joint")
+        raise InvalidInput(
+            "The number of signals is not that of the joints.",
+            f"expected one for each of {list(names) or 'the joints'}, got {count}",
+            "one signal per joint",
+        )
     return motion
 
 
@@ -441,7 +444,8 @@ def _linear_plant(
     values: tuple[np.ndarray, ...], states: Sequence[str], inputs: Sequence[str], **names: Any
 ) -> Plant:
     kinds = (
-        "state_matrix", "input_matrix", "disturbance_matrix", "output_matrix", "feedthrough", "state", "input", "output",
+        "state_matrix", "input_matrix", "disturbance_matrix", "output_matrix", "feedthrough", "state", "input",
+        "output",
     )  # fmt: skip
     return Plant(linear_flow, linear_output, states, inputs, parameters=dict(zip(kinds, values)), **names)
 
@@ -472,18 +476,18 @@ def plant_from_control(system: Any, inputs: Sequence[str] | None = None) -> Plan
     labels = list(linear.input_labels)
     chosen = labels if inputs is None else list(inputs)
     if not set(chosen) <= set(labels) or not chosen:
-        found = f"expected some of {labels}, got {chosen}"
-        raise InvalidInput("The system has no such inputs.", found, str(labels[:1]))
+        raise InvalidInput(
+            "The system has no such inputs.", f"expected some of {labels}, got {chosen}", str(labels[:1])
+        )
     places = [labels.index(name) for name in chosen]
     others = [k for k, name in enumerate(labels) if name not in chosen]
     a, b, c, d = (np.asarray(m, dtype=float) for m in (linear.A, linear.B, linear.C, linear.D))
     disturbances = tuple(labels[k] for k in others)
     if d[:, others].any():
-        advice = "measurement noise is the loop's; other disturbances act through a state"
         raise InvalidInput(
             "A disturbance acts on a measurement directly.",
             f"expected D = 0 for {list(disturbances)}",
-            advice,
+            "measurement noise is the loop's; other disturbances act through a state",
         )
     point = (np.zeros(size) for size in (len(a), len(chosen), len(c)))
     return _linear_plant(

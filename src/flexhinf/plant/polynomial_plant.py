@@ -27,8 +27,11 @@ def checked_r2(r2: Any, rounding: float = 1e-12, least: float = 0.0) -> np.ndarr
     """
     given, r2 = r2, np.atleast_2d(real_array(r2))
     if r2.ndim != 2 or r2.shape[0] != r2.shape[1] or not r2.size or not np.isfinite(r2).all():
-        found = f"expected real numbers of shape (m, m), m >= 1, got {value_text(given)}"
-        raise InvalidInput("R2 is not a finite square matrix.", found, "R2 = lᵀl > 0")
+        raise InvalidInput(
+            "R2 is not a finite square matrix.",
+            f"expected real numbers of shape (m, m), m >= 1, got {value_text(given)}",
+            "R2 = lᵀl > 0",
+        )
     half = (r2 + r2.T) / 2
     eigenvalues, asymmetry = np.linalg.eigvalsh(half), np.abs(r2 - r2.T).max()
     if not np.allclose(r2, r2.T, rtol=rounding, atol=least * np.abs(r2).max()) or eigenvalues[0] <= 0:
@@ -44,9 +47,11 @@ def _numbers(name: str, given: Any) -> np.ndarray:
     try:
         return real_array(given, strict=True)
     except ValueError:
-        found = f"expected an array of real numbers, got {value_text(given)}"
-        what = f"A coefficient of {name} is not made of numbers."
-        raise InvalidInput(what, found, "rows of equal length") from None
+        raise InvalidInput(
+            f"A coefficient of {name} is not made of numbers.",
+            f"expected an array of real numbers, got {value_text(given)}",
+            "rows of equal length",
+        ) from None
 
 
 def parts_from_input(name: str, given: Any, n: int) -> dict[int, np.ndarray]:
@@ -130,8 +135,9 @@ def checked_parts(
                 "f has n rows; g1 and g2 have n rows and one column per input; R2 is (inputs, inputs)",
             )
         if not np.isfinite(part).all():
-            what = f"{name} has a coefficient that is not finite."
-            raise InvalidInput(what, f"at degree {degree}", "check the parameters")
+            raise InvalidInput(
+                f"{name} has a coefficient that is not finite.", f"at degree {degree}", "check the parameters"
+            )
         if degree == lowest or part.any():
             checked[degree] = part
     if lowest not in checked:

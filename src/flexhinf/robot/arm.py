@@ -126,8 +126,11 @@ class Arm(JointTree):
         vector = real_array(self.down)
         length = float(np.linalg.norm(vector))
         if vector.shape != (3,) or not 1.0 / HUGE < length < HUGE:
-            found = f"expected three numbers, got {value_text(self.down)}"
-            raise InvalidInput("The direction of gravity is none.", found, "[0, 0, -1]")
+            raise InvalidInput(
+                "The direction of gravity is none.",
+                f"expected three numbers, got {value_text(self.down)}",
+                "[0, 0, -1]",
+            )
         object.__setattr__(self, "down", tuple(float(entry) / length for entry in vector))
 
     def _names(self, joint: str, quantity: str, components: tuple[str, ...]) -> list[str]:

@@ -206,8 +206,9 @@ class Joint:
         axis = checked_array(what, self.axis, (3,), NUMBERS_TEXT, "[0, 0, 1]", HUGE)
         length = float(np.linalg.norm(axis))
         if not length > 1.0 / HUGE:
-            what = f"The axis of joint {self.name!r} has no direction."
-            raise InvalidInput(what, f"got {list(self.axis)}", "[0, 0, 1]")
+            raise InvalidInput(
+                f"The axis of joint {self.name!r} has no direction.", f"got {list(self.axis)}", "[0, 0, 1]"
+            )
         object.__setattr__(self, "axis", tuple(_snap(float(a) / length) for a in self.axis))
         if self.limits is not None:
             limits = real_array(self.limits)

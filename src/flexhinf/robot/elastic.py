@@ -522,8 +522,11 @@ def state_and_input(
         arrays.append(array)
     counts = {len(array) for array in arrays if array.ndim == 2} or {1}
     if len(counts) > 1:
-        what = "The motion's derivatives have different numbers of times."
-        raise InvalidInput(what, f"expected one, got {[array.shape for array in arrays]}", "a row per time")
+        raise InvalidInput(
+            "The motion's derivatives have different numbers of times.",
+            f"expected one, got {[array.shape for array in arrays]}",
+            "a row per time",
+        )
     count, table = counts.pop(), ParameterTable(values)
     if not count:
         return np.zeros((0, Layout(len(joints), flow.rigid).mechanical)), np.zeros((0, len(joints)))

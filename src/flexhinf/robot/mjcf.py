@@ -63,8 +63,11 @@ def read_mjcf(
     mujoco = extra_package("mujoco", "mujoco", "MJCF is read by MuJoCo, which is not installed.")
     for element in root.iter():
         if element.tag in REFUSED:
-            found = "expected bodies, joints and inertials in this file"
-            raise InvalidInput(f"<{element.tag}> is not read.", found, REFUSED[element.tag])
+            raise InvalidInput(
+                f"<{element.tag}> is not read.",
+                "expected bodies, joints and inertials in this file",
+                REFUSED[element.tag],
+            )
     bodies = sum(1 for _ in root.iter("body"))
     if bodies > MOST_LINKS:
         raise InvalidInput(
@@ -90,9 +93,10 @@ def _refused_by_mujoco() -> Iterator[None]:
     try:
         yield
     except Exception as error:  # whatever MuJoCo's parser and compiler refuse
-        found = f"got: {' '.join(str(error).split())}"
         raise InvalidInput(
-            "MuJoCo does not read it.", found, "a file that MuJoCo's own viewer opens"
+            "MuJoCo does not read it.",
+            f"got: {' '.join(str(error).split())}",
+            "a file that MuJoCo's own viewer opens",
         ) from error
 
 
@@ -129,8 +133,11 @@ def _kept(root: Element) -> Element:
             lowest = 0.0 if key in ("mass", "density") else -HUGE
             outside = any(number < lowest or number > HUGE for number in map(_number, text.split()))
             if outside or _NOT_FINITE.search(text):
-                found = f"expected numbers from {lowest:g} to {HUGE:g}, got {value_text(text, 60)}"
-                raise InvalidInput(f"{key} of <{element.tag}> cannot be read.", found, "correct the value")
+                raise InvalidInput(
+                    f"{key} of <{element.tag}> cannot be read.",
+                    f"expected numbers from {lowest:g} to {HUGE:g}, got {value_text(text, 60)}",
+                    "correct the value",
+                )
     return kept
 
 
@@ -166,8 +173,11 @@ def _check(spec: Any) -> None:
     for where, part in [*parts, *((f"<body> {value_text(body.name, 60)}", body) for body in spec.bodies)]:
         for key, what in ACTING.items():
             if np.any(np.asarray(getattr(part, key, 0.0)) != 0.0):
-                found = f"expected none, got {key} = {value_text(getattr(part, key), 40)}: {what}"
-                raise InvalidInput(f"{where} has {key}.", found, f"leave out {key}")
+                raise InvalidInput(
+                    f"{where} has {key}.",
+                    f"expected none, got {key} = {value_text(getattr(part, key), 40)}: {what}",
+                    f"leave out {key}",
+                )
     actuators = [(f"the actuator of {actuator.target!r}", actuator) for actuator in spec.actuators]
     for where, part in [*parts, *actuators]:
         for key in ("", "actfrc", "force", "ctrl"):
@@ -175,13 +185,18 @@ def _check(spec: Any) -> None:
             switch = getattr(part, f"{key}limited", 0)
             acts = switch == 1 or (switch == 2 and compiler.autolimits and (low or high))
             if acts and not low < high:
-                found = f"expected two ends in order, got {low:g} to {high:g}"
-                raise InvalidInput(f"the {key}range of {where} is none.", found, f'{key}range="-1 1"')
+                raise InvalidInput(
+                    f"the {key}range of {where} is none.",
+                    f"expected two ends in order, got {low:g} to {high:g}",
+                    f'{key}range="-1 1"',
+                )
     for where, joint in parts:
         if joint.type.name not in KINDS:
-            what = f"{where} is of type {joint.type.name.removeprefix('mjJNT_').lower()!r}."
-            advice = "a robot on a fixed base with joints of one degree of freedom"
-            raise InvalidInput(what, "expected hinge or slide", advice)
+            raise InvalidInput(
+                f"{where} is of type {joint.type.name.removeprefix('mjJNT_').lower()!r}.",
+                "expected hinge or slide",
+                "a robot on a fixed base with joints of one degree of freedom",
+            )
 
 
 def _check_couplings(root: Element, moving: set[str]) -> None:
@@ -204,8 +219,11 @@ def _check_couplings(root: Element, moving: set[str]) -> None:
         ]
         coupled = {part.get("joint") for part in element}
         if acting and (element.tag != "fixed" or coupled & moving):
-            found = "expected joints that are coupled by links alone"
-            raise InvalidInput(f"a tendon has {acting[0]}.", found, "the robot without it")
+            raise InvalidInput(
+                f"a tendon has {acting[0]}.",
+                "expected joints that are coupled by links alone",
+                "the robot without it",
+            )
 
 
 def _number(text: str) -> float:
@@ -285,8 +303,11 @@ _NO_GRAVITY = 1 << 7  # mjDSBL_GRAVITY
 def _placement(position: np.ndarray, quaternion: np.ndarray) -> Placement:
     """A place from MuJoCo's position and unit quaternion (w, x, y, z)."""
     if not np.all(np.abs(position) <= HUGE):
-        found = f"expected at most {HUGE:g} m, got {position.tolist()}"
-        raise InvalidInput("a body is out of all proportion.", found, "metres")
+        raise InvalidInput(
+            "a body is out of all proportion.",
+            f"expected at most {HUGE:g} m, got {position.tolist()}",
+            "metres",
+        )
     w, *axis = quaternion.tolist()
     place = Placement(translation=tuple(position.tolist()))
     angle = 2.0 * float(np.arctan2(np.linalg.norm(axis), w))

@@ -156,8 +156,11 @@ def checked_limits(what: str, stated: Any, joints: Sequence[str], signals: Seque
         limits = np.full(len(joints), limits.item())
     usable = (limits == np.inf) | ((limits >= 1.0 / HUGE) & (limits <= HUGE))
     if limits.shape != (len(joints),) or not usable.all():
-        found = f"expected a number > 0, or None, for each of {list(joints)}, got {value_text(stated)}"
-        raise InvalidInput(f"{what} do not fit the joints.", found, f"[{', '.join(['10.0'] * len(joints))}]")
+        raise InvalidInput(
+            f"{what} do not fit the joints.",
+            f"expected a number > 0, or None, for each of {list(joints)}, got {value_text(stated)}",
+            f"[{', '.join(['10.0'] * len(joints))}]",
+        )
     return limits
 
 
@@ -205,15 +208,17 @@ class Parameter:
         for kind in ("name", "unit", "source"):
             checked_text(f"the {kind} of the parameter {value_text(self.name, 60)}", getattr(self, kind))
         if not (is_real(self.value) and abs(real_array(self.value)) <= HUGE):
-            found = f"expected a finite number of at most {HUGE:g} {self.unit}, got {value_text(self.value)}"
             raise InvalidInput(
                 f"The parameter {self.name!r} is not finite, or out of all proportion.",
-                found,
+                f"expected a finite number of at most {HUGE:g} {self.unit}, got {value_text(self.value)}",
                 "its value in SI units",
             )
         if not (is_real(self.tolerance) and 0.0 <= self.tolerance < 100.0):
-            found = f"expected 0 to below 100 per cent, got {value_text(self.tolerance)}"
-            raise InvalidInput(f"The tolerance of {self.name!r} is not a percentage.", found, "12 for ±12 %")
+            raise InvalidInput(
+                f"The tolerance of {self.name!r} is not a percentage.",
+                f"expected 0 to below 100 per cent, got {value_text(self.tolerance)}",
+                "12 for ±12 %",
+            )
         if self.range is None:
             return
         ends = real_array(self.range)
@@ -224,9 +229,10 @@ class Parameter:
                 f"a range about the nominal value, in {self.unit or 'SI units'}",
             )
         if self.tolerance:
-            what = f"The parameter {self.name!r} has a tolerance and a range."
             raise InvalidInput(
-                what, f"got {self.tolerance:g} per cent and {value_text(self.range)}", "one of the two"
+                f"The parameter {self.name!r} has a tolerance and a range.",
+                f"got {self.tolerance:g} per cent and {value_text(self.range)}",
+                "one of the two",
             )
         object.__setattr__(self, "range", tuple(ends.tolist()))
 

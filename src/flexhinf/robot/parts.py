@@ -137,8 +137,11 @@ class ElasticJoint:
     def __post_init__(self) -> None:
         twisting = [name for name in SPRING if getattr(self, name) is not None]
         if self.stiffness is None and twisting:
-            found = f"expected no number of a spring, got {twisting}"
-            raise InvalidInput("A rigid joint has no spring.", found, "its stiffness; or leave them out")
+            raise InvalidInput(
+                "A rigid joint has no spring.",
+                f"expected no number of a spring, got {twisting}",
+                "its stiffness; or leave them out",
+            )
         if (self.motor_inertia is None) == (self.rotor_inertia is None):
             raise InvalidInput(
                 "The inertia on the motor side must be stated once.",

@@ -106,9 +106,11 @@ class Robot(Summarised):
         required = (*self.links.required(), *driven)
         missing = [name for name in required if name not in names]
         if missing or len(set(names)) != len(names):
-            what = f"The robot {self.name!r} does not have the parameters of its model."
-            found = f"expected each of {list(required)} once, got {names}"
-            raise InvalidInput(what, found, f"add {missing}" if missing else "each name once")
+            raise InvalidInput(
+                f"The robot {self.name!r} does not have the parameters of its model.",
+                f"expected each of {list(required)} once, got {names}",
+                f"add {missing}" if missing else "each name once",
+            )
         check_parameters(self.name, self.parameters, dict(zip(self.joint_names, self.links.slides)))
         home = checked_pose(self.home, np.zeros(len(self.joint_names)), self.links, self.name)
         object.__setattr__(self, "home", tuple(home.tolist()))
@@ -355,16 +357,18 @@ class Robot(Summarised):
         if not isinstance(signs, Mapping):
             names = [parameter.name for parameter in self.uncertain]
             if len(signs) != len(names):
-                found = f"expected one for each of {names}, got {len(signs)}"
                 raise InvalidInput(
-                    "A corner needs one sign per uncertain parameter.", found, "−1, 0 or 1 for each"
+                    "A corner needs one sign per uncertain parameter.",
+                    f"expected one for each of {names}, got {len(signs)}",
+                    "−1, 0 or 1 for each",
                 )
             signs = dict(zip(names, signs, strict=True))
         for name, sign in signs.items():
             if not -1.0 <= sign <= 1.0:
-                found = f"expected −1 to 1, got {sign!r}"
                 raise InvalidInput(
-                    f"The sign for {self[name].name!r} leaves its tolerance.", found, "−1, 0 or 1"
+                    f"The sign for {self[name].name!r} leaves its tolerance.",
+                    f"expected −1 to 1, got {sign!r}",
+                    "−1, 0 or 1",
                 )
             self[name]  # refuses an unknown one
         return self.plant_parameters({p.name: p.at(float(signs.get(p.name, 0.0))) for p in self.parameters})

@@ -110,9 +110,11 @@ def format_reader(suffix: str) -> Callable[..., Robot] | None:
         try:
             return point.load()
         except (ImportError, AttributeError) as error:
-            what = f"The reader of {suffix!r} files cannot be imported."
-            found = f"expected {point.value}, got {type(error).__name__}: {error}"
-            raise InvalidInput(what, found, "the package that states this reader, installed again") from error
+            raise InvalidInput(
+                f"The reader of {suffix!r} files cannot be imported.",
+                f"expected {point.value}, got {type(error).__name__}: {error}",
+                "the package that states this reader, installed again",
+            ) from error
     return None
 
 
@@ -150,8 +152,11 @@ class PartsReader:
             raise InvalidInput(error.what, error.found, f"correct that line; a joint is {NESTING}") from error
         rows = data.get("joint")
         if isinstance(rows, list) and len(rows) > MOST_JOINTS:
-            found = f"expected at most {MOST_JOINTS}, got {len(rows)}"
-            raise InvalidInput(f"{path.name}: there are too many joints.", found, "one robot")
+            raise InvalidInput(
+                f"{path.name}: there are too many joints.",
+                f"expected at most {MOST_JOINTS}, got {len(rows)}",
+                "one robot",
+            )
         self._file = RobotFile(data, path.name)
         self.table = self._file.root
         self.name = self.table["name"] or path.stem
@@ -287,8 +292,11 @@ class PartsReader:
         names, count = robot.joint_names, len(robot.joint_names)
         rows = given if isinstance(given, (list, tuple)) else [given]
         if given is not None and not all(isinstance(row, (str, Payload)) for row in rows):
-            found = f"expected text, a Payload or several, got {value_text(given)}"
-            raise InvalidInput("The payload is none.", found, "payload='0..3kg@hand'")
+            raise InvalidInput(
+                "The payload is none.",
+                f"expected text, a Payload or several, got {value_text(given)}",
+                "payload='0..3kg@hand'",
+            )
         if given is None:
             payloads = [self._payload(row) for row in self.table["payload"]]
         else:

@@ -97,9 +97,11 @@ class RigidArm:
         if name in self.locked:
             value = float(self.locked[name])
             if limits is not None and not limits[0] <= value <= limits[1]:
-                found = f"expected {limits[0]:g} to {limits[1]:g}, got {value:g}"
-                what = f"The joint {name!r} is locked outside its limits."
-                raise InvalidInput(what, found, "a position that the joint can have")
+                raise InvalidInput(
+                    f"The joint {name!r} is locked outside its limits.",
+                    f"expected {limits[0]:g} to {limits[1]:g}, got {value:g}",
+                    "a position that the joint can have",
+                )
             return carrier, place.then(moved(kind, axis, value))
         parent = "world" if carrier is None else self.joints[carrier].name
         self.joints.append(Joint(name, kind, axis, place, limits, parent))
@@ -156,8 +158,11 @@ def read_urdf(
             "arm.xml with the root <mujoco> is read as MJCF; convert other files to URDF first",
         )
     if any("xacro" in element.tag for element in root.iter()):
-        found = "expected plain URDF, got elements of xacro"
-        raise InvalidInput("This is a xacro file.", found, "xacro arm.xacro > arm.urdf")
+        raise InvalidInput(
+            "This is a xacro file.",
+            "expected plain URDF, got elements of xacro",
+            "xacro arm.xacro > arm.urdf",
+        )
     links, elements = _named(root, "link"), _named(root, "joint")
     behind, base = _tree(links, elements)
     movable = tuple(name for name, element in elements.items() if element.get("type") != "fixed")
@@ -177,8 +182,11 @@ def read_urdf(
         if kind != "fixed":
             axis = _vector(name, element.find("axis"), "xyz", (1.0, 0.0, 0.0))
             if not np.linalg.norm(axis) > 1.0 / HUGE:
-                what = f"The axis of the joint {name!r} has no direction."
-                raise InvalidInput(what, f"expected a vector that is not zero, got {axis}", "xyz='0 0 1'")
+                raise InvalidInput(
+                    f"The axis of the joint {name!r} has no direction.",
+                    f"expected a vector that is not zero, got {axis}",
+                    "xyz='0 0 1'",
+                )
             if name not in arm.locked and element.find("mimic") is not None:
                 raise InvalidInput(
                     f"The joint {name!r} mimics another one, which an elastic joint cannot.",
@@ -204,8 +212,9 @@ def _named(root: Element, tag: str) -> dict[str, Element]:
     """The links or the joints by their names, which are usable and stand once."""
     elements = root.findall(tag)
     if len(elements) > MOST_LINKS:
-        found = f"expected at most {MOST_LINKS}, got {len(elements)}"
-        raise InvalidInput(f"There are too many {tag}s.", found, "one robot")
+        raise InvalidInput(
+            f"There are too many {tag}s.", f"expected at most {MOST_LINKS}, got {len(elements)}", "one robot"
+        )
     names = [checked_name(f"a {tag}", one.get("name"), spaces=True) for one in elements]
     distinct(f"The {tag}", names)
     for name, element in zip(names, elements):
@@ -254,14 +263,20 @@ def _check_element(name: str, element: Element) -> None:
     for tag in once:
         count = len(element.findall(tag))
         if count > 1:
-            what = f"<{tag}> stands {count} times in {where} {name!r}."
-            raise InvalidInput(what, f"expected one <{tag}>, got {count}", "delete the others")
+            raise InvalidInput(
+                f"<{tag}> stands {count} times in {where} {name!r}.",
+                f"expected one <{tag}>, got {count}",
+                "delete the others",
+            )
     known = (*once, *OTHERS.get(element.tag, ()))
     for tag in sorted({str(child.tag) for child in element} - set(known)):
         close = difflib.get_close_matches(tag[:60].lower(), known, n=1, cutoff=0.75)
         if close:
-            what = f"There is an unknown element <{tag[:60]}> in {name!r}."
-            raise InvalidInput(what, f"expected one of {list(known)}, got {tag[:60]!r}", f"<{close[0]}>")
+            raise InvalidInput(
+                f"There is an unknown element <{tag[:60]}> in {name!r}.",
+                f"expected one of {list(known)}, got {tag[:60]!r}",
+                f"<{close[0]}>",
+            )
     for child in element:
         if child.tag == "inertial":
             _check_element(name, child)
@@ -352,18 +367,27 @@ def check_selection(joints: Any, locked: Any) -> None:
     """Refuse what does not say which joints move, and where the others stand."""
     listed = isinstance(joints, Sequence) and not isinstance(joints, (str, bytes))
     if joints is not None and not (listed and all(isinstance(name, str) for name in joints)):
-        found = f"expected a list of names, got joints={value_text(joints, 60)}"
-        raise InvalidInput("The joints that move are not named.", found, "joints=['shoulder', 'elbow']")
+        raise InvalidInput(
+            "The joints that move are not named.",
+            f"expected a list of names, got joints={value_text(joints, 60)}",
+            "joints=['shoulder', 'elbow']",
+        )
     distinct("joints: the joint", list(joints or ()))
     if locked is not None and not (
         isinstance(locked, Mapping) and all(isinstance(name, str) for name in locked)
     ):
-        found = f"expected names and positions, got locked={value_text(locked, 60)}"
-        raise InvalidInput("The joints that are locked are not named.", found, "locked={'elbow': 0.0}")
+        raise InvalidInput(
+            "The joints that are locked are not named.",
+            f"expected names and positions, got locked={value_text(locked, 60)}",
+            "locked={'elbow': 0.0}",
+        )
     for name, value in (locked or {}).items():
         if not abs(real_number(value)) <= HUGE:
-            found = f"expected a finite number in rad or m, got {value_text(value, 60)}"
-            raise InvalidInput(f"The joint {value_text(name, 60)} is locked at no position.", found, "0.0")
+            raise InvalidInput(
+                f"The joint {value_text(name, 60)} is locked at no position.",
+                f"expected a finite number in rad or m, got {value_text(value, 60)}",
+                "0.0",
+            )
 
 
 def locked_joints(
@@ -379,8 +403,9 @@ def locked_joints(
     if joints is not None:
         both = [name for name in joints if name in still]
         if both:
-            what = f"The joint {both[0]!r} is both chosen and locked."
-            raise InvalidInput(what, f"got {both}", "one of the two")
+            raise InvalidInput(
+                f"The joint {both[0]!r} is both chosen and locked.", f"got {both}", "one of the two"
+            )
         still |= {name: 0.0 for name in movable if name not in joints and name not in still}
     count = len(movable) - len(still)
     if not 0 < count <= MOST_JOINTS:
