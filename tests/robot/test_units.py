@@ -10,9 +10,8 @@ from hypothesis import given, strategies as st
 
 from flexhinf.errors import InvalidInput
 from flexhinf.robot import load_robot
-from flexhinf.robot.parameters import QUANTITIES
+from flexhinf.robot.parameters import QUANTITIES, measured, respelled
 from flexhinf.robot.signals import UNITS
-from flexhinf.robot.units import measured, respelled
 
 PLAIN = """
 gravity = 9.81

@@ -17,7 +17,7 @@ import numpy as np
 from pydantic import BeforeValidator, Field, ValidatorFunctionWrapHandler, WithJsonSchema, WrapValidator
 
 from flexhinf.plant import Penalty
-from flexhinf.robot.units import SECONDS, SLIDING, TURNING, Stated, lettered, respelled, split
+from flexhinf.robot.parameters import SECONDS, SLIDING, TURNING, Stated, lettered, respelled, split
 from flexhinf.validation import real_number, value_text
 
 #: Units of each kind of number, and what one is in the SI unit that stands first.

@@ -1,8 +1,12 @@
-"""Models with names: ẋ = flow(x, u, d, p), y = output(x, u, p), evaluated, linearised and traced."""
+"""Models with names: ẋ = flow(x, u, d, p), y = output(x, u, p), evaluated, linearised and traced.
+
+Parameters, an argument of every model: a vector for kernels, attributes for the reader.
+"""
 
 from __future__ import annotations
 
 import copy
+import keyword
 import pickle
 import threading
 from collections.abc import Callable, Mapping, Sequence
@@ -15,7 +19,6 @@ import numpy as np
 from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.notebook import Summarised, names_text
 from flexhinf.plant.integration import fastest_modes
-from flexhinf.plant.parameters import ParameterTable
 from flexhinf.scalars import (
     Symbol,
     apply,
@@ -35,10 +38,133 @@ from flexhinf.validation import (
     checked_text,
     distinct,
     extra_package,
+    read_only,
     real_array,
     unknown_name,
     value_text,
 )
+
+AS_STATED = "the name as it stands in the parameters"
+
+
+class Parameters:
+    """The parameters of a model as attributes: ``p.stiffness``."""
+
+    def __init__(self, values: Mapping[str, Any]) -> None:
+        self.__dict__.update(values)
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("_"):  # copy, pickle and notebooks ask for such names
+            raise AttributeError(name)
+        what = f"The model reads a parameter that it does not have: {name!r}."
+        raise unknown_name(what, name, sorted(self.__dict__), AS_STATED)
+
+
+@dataclass(frozen=True)
+class ParameterTable:
+    """Nominal values (finite numbers or arrays, SI units), and their order in a kernel's parameter vector."""
+
+    values: Mapping[str, Any]
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.values, Mapping):
+            raise InvalidInput(
+                "The parameters are not named.", f"expected a mapping, got {self.values!r}", "{'mass': 1.0}"
+            )
+        checked = {}
+        for name, value in self.values.items():
+            if not str(name).isidentifier() or keyword.iskeyword(str(name)) or str(name).startswith("_"):
+                raise InvalidInput(
+                    f"The parameter name {name!r} cannot be an attribute.",
+                    "expected a Python identifier without a leading underscore that is no keyword",
+                    "letters, digits and underscores, for example lambda_ for lambda",
+                )
+            array = real_array(value)
+            if not np.all(np.isfinite(array)):
+                raise InvalidInput(
+                    f"The parameter {name!r} is not a finite number.",
+                    f"expected finite numbers, got {value_text(value)}",
+                    "correct the value; a limit that does not exist is left out rather than infinite",
+                )
+            array.setflags(write=False)
+            checked[str(name)] = array
+        object.__setattr__(self, "values", checked)
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(read_only(state))  # copies share their arrays
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """Names in the order of the vector."""
+        return tuple(self.values)
+
+    @cached_property
+    def size(self) -> int:
+        """Length of the vector."""
+        return sum(value.size for value in self.values.values())
+
+    def vector(self) -> np.ndarray:
+        """Nominal values, flat (size,)."""
+        if not self.values:
+            return np.zeros(0)
+        return np.concatenate([value.ravel() for value in self.values.values()])
+
+    def named(self, vector: Any) -> Parameters:
+        """A vector (size,) of numbers or elements, by name."""
+        vector = np.asarray(vector)
+        if vector.shape != (self.size,):
+            raise InvalidInput(
+                "The parameter vector does not fit the parameters.",
+                f"expected shape ({self.size},) for {list(self.names)}, got {vector.shape}",
+                "vector(), changed",
+            )
+        named, start = {}, 0
+        for name, value in self.values.items():
+            part = vector[start : start + value.size]
+            named[name] = part.reshape(value.shape) if value.ndim else part[0]
+            start += value.size
+        return Parameters(named)
+
+    def flat(self, parameters: Parameters) -> np.ndarray:
+        """Named parameters back as a vector (size,): the inverse of `named`."""
+        parts = [np.ravel(np.asarray(getattr(parameters, name))) for name in self.values]
+        return np.concatenate(parts) if parts else np.zeros(0)
+
+    def known(self, values: Mapping[str, Any]) -> dict[str, Any]:
+        """Those of the values that are in this table: a robot states more than each of its plants has."""
+        return {name: value for name, value in values.items() if name in self.values}
+
+    def replaced(self, changes: Mapping[str, Any]) -> ParameterTable:
+        """A copy with some values changed: known names, the same shapes, finite numbers."""
+        for name, value in changes.items():
+            if name not in self.values:
+                raise unknown_name(f"There is no parameter {name!r}.", name, self.names, AS_STATED)
+            if np.shape(value) != self.values[name].shape:
+                raise InvalidInput(
+                    f"The parameter {name!r} has the wrong shape.",
+                    f"expected {self.values[name].shape}, got {np.shape(value)}",
+                    "one number for each nominal number",
+                )
+        return ParameterTable({**self.values, **changes})
+
+    def vectors(self, rows: Sequence[Mapping[str, Any]]) -> np.ndarray:
+        """Vectors (N, size) of many plants, each with some values changed: `replaced` for all of them at once."""
+        found, start = np.tile(self.vector(), (len(rows), 1)), 0
+        fits = all(name in self.values for row in rows for name in row)
+        try:
+            for name, value in self.values.items():
+                given = [k for k, row in enumerate(rows) if name in row]
+                if given:
+                    columns = real_array([rows[k][name] for k in given])
+                    fits &= columns.shape == (len(given), *value.shape)
+                    found[given, start : start + value.size] = columns.reshape(len(given), -1)
+                start += value.size
+        except (TypeError, ValueError, OverflowError):  # another size, or no number
+            fits = False
+        if not (fits and np.all(np.isfinite(found))):  # `replaced` raises, and says which value it is
+            return np.array([self.replaced(row).vector() for row in rows])
+        return found
+
 
 #: Largest rate at an operating point, relative to the plant's own rates, that still counts as an equilibrium.
 EQUILIBRIUM_TOLERANCE = 1e-9
@@ -213,7 +339,7 @@ class Model(Summarised):
         if self.traced_flow.size1_out(0) != len(self.states):
             raise InvalidInput(
                 "flow(x, u, d, p) returns the wrong number of derivatives.",
-                f"expected one for each of {list(self.states)}, got {self.traced_flow.size1_out(0)}",
+                f"expected {self.n}, one for each of {list(self.states)}, got {self.traced_flow.size1_out(0)}",
                 "one derivative per state, in the order of states",
             )
         measured = self.traced_output.size1_out(0)
@@ -260,7 +386,6 @@ class Model(Summarised):
 
     @cached_property
     def _content(self) -> tuple[str, str]:
-        """Digests of the traced flow and output."""
         return digest(self.traced_flow), digest(self.traced_output)
 
     def check_unchanged(self) -> None:

@@ -14,10 +14,9 @@ import numpy as np
 
 from flexhinf.errors import InvalidInput, NumericalFailure
 from flexhinf.notebook import Summarised, names_text
-from flexhinf.plant.expansion import expand_problem
 from flexhinf.plant.model import EQUILIBRIUM_TOLERANCE, Model, StoredCode, TracedCode, python_control, signals
 from flexhinf.plant.penalty import Penalty
-from flexhinf.plant.polynomial_plant import PolynomialPlant
+from flexhinf.plant.polynomial_plant import PolynomialPlant, expand_problem
 from flexhinf.scalars import apply, digest, pack, symbols, trace
 from flexhinf.validation import checked_array, distinct, read_only, real_array, unknown_name, value_text
 
@@ -392,16 +391,15 @@ def motion_of(signals: Any, times: np.ndarray, order: int, names: Sequence[str] 
             rows = np.asarray(signal.derivatives(times, order), dtype=float)
             columns.append(rows.reshape(order + 1, len(times), -1))
             continue
-        constant = np.zeros((order + 1, len(times), 1))
+        columns.append(np.zeros((order + 1, len(times), 1)))
         try:
-            constant[0] = float(signal)
+            columns[-1][0] = float(signal)
         except (TypeError, ValueError) as error:
             raise InvalidInput(
                 "A signal of a moving reference has no derivatives.",
                 f"expected a signal with derivatives(t, order), or a number, got {value_text(signal)}",
                 "fh.Sine, fh.JerkLimited(..., smoothing=...), fh.Quintic; fh.Spline(times, values) for samples",
             ) from error
-        columns.append(constant)
     motion = np.concatenate(columns, axis=2)
     count = motion.shape[2]
     if count == 0 or (names and count != len(names)):

@@ -17,6 +17,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from flexhinf.errors import InvalidInput
+from flexhinf.robot.arm import Frame
 from flexhinf.robot.dynamics import Placement
 from flexhinf.robot.urdf import MOST_LINKS, RigidArm, locked_joints, moved
 from flexhinf.validation import HUGE, checked_name, extra_package, value_text
@@ -142,7 +143,6 @@ def _kept(root: Element) -> Element:
 
 
 def _pruned(element: Element) -> Element:
-    """An element of a body or a default class without materials, sites, lights and the like."""
     kept = Element(element.tag, {key: text for key, text in element.attrib.items() if key != "material"})
     kept.extend(_pruned(child) for child in element if child.tag in INSIDE)
     return kept
@@ -200,10 +200,8 @@ def _check(spec: Any) -> None:
 
 
 def _check_couplings(root: Element, moving: set[str]) -> None:
-    """Refuse constraints and elastic tendons of joints that move."""
     for element in (element for group in root.findall("equality") for element in group):
-        names = {element.get("joint1"), element.get("joint2")}
-        locked = element.tag == "joint" and not names & moving
+        locked = element.tag == "joint" and not {element.get("joint1"), element.get("joint2")} & moving
         if not locked and element.get("active", "true") != "false":
             raise InvalidInput(
                 f"<equality> {element.tag} {value_text(element.get('name', ''), 60)} couples what moves.",
@@ -217,8 +215,7 @@ def _check_couplings(root: Element, moving: set[str]) -> None:
             for key in ("stiffness", "damping", "frictionloss", "armature")
             if any(_number(word) != 0.0 for word in element.get(key, "").split())
         ]
-        coupled = {part.get("joint") for part in element}
-        if acting and (element.tag != "fixed" or coupled & moving):
+        if acting and (element.tag != "fixed" or {part.get("joint") for part in element} & moving):
             raise InvalidInput(
                 f"a tendon has {acting[0]}.",
                 "expected joints that are coupled by links alone",
@@ -257,7 +254,6 @@ def _use_shapes(spec: Any) -> None:
 
 # From MuJoCo's model ------------------------------------------------------------------------------
 def _filled(arm: RigidArm, model: Any) -> RigidArm:
-    """The arm with what MuJoCo's compiled model has."""
     places: list[tuple[int | None, Placement]] = [(None, Placement())]
     for k in range(1, model.nbody):
         name = model.body(k).name
@@ -280,14 +276,14 @@ def _filled(arm: RigidArm, model: Any) -> RigidArm:
                     "coulomb_friction": model.dof_frictionloss,
                 }  # fmt: skip
                 arm.motors[joint] = {name: float(column[j]) for name, column in columns.items() if column[j]}
-                arm.frames[joint] = joint, Placement()
+                arm.frames[joint] = Frame(joint, Placement())
             place = place.then(Placement(translation=tuple(-x for x in anchor)))  # type: ignore[arg-type]
         places.append((carrier, place))
         if carrier is not None:
             centre = place.then(_placement(model.body_ipos[k], model.body_iquat[k]))
             arm.add_body(carrier, name, float(model.body_mass[k]), np.diag(model.body_inertia[k]), centre)
             if name:
-                arm.frames[name] = arm.joints[carrier].name, place
+                arm.frames[name] = Frame(arm.joints[carrier].name, place)
     gravity = np.array(model.opt.gravity) * (not model.opt.disableflags & _NO_GRAVITY)
     arm.gravity = float(np.linalg.norm(gravity))
     x, y, z = (gravity / arm.gravity if arm.gravity else np.array([0.0, 0.0, -1.0])).tolist()

@@ -125,7 +125,6 @@ def _mass_matrix(robot: Robot, p: Parameters) -> np.ndarray:
 
 
 def _check_geometry(robot: Robot, p: Parameters, file: str) -> None:
-    """Ranges of the joints, their places, and the links' centres of mass and inertias."""
     tree, masses, centres, inertias = robot.links.rigid(p)
     for joint, limits in zip(tree.joints, robot.links.limits):
         if limits is not None and not joint.slides and max(map(abs, limits)) > TURNS:
@@ -165,7 +164,6 @@ def _check_geometry(robot: Robot, p: Parameters, file: str) -> None:
 
 
 def _check_load(robot: Robot, p: Parameters, file: str) -> None:
-    """Gravity, payloads, and what springs, motors and friction are against the weights and inertias that they move."""
     nominal, gravity, tree = robot.nominal, robot.nominal["gravity"], robot.links.rigid(p)[0]
     n = len(tree)
     poses = [np.asarray(robot.home), *np.random.default_rng(0).uniform(-np.pi, np.pi, (POSES, n))]

@@ -10,12 +10,11 @@ from typing import Any
 
 from flexhinf.errors import InvalidInput, located
 from flexhinf.plant import Penalty
-from flexhinf.robot.arm import Pendulum
+from flexhinf.robot.arm import SHAPES, Frame, Payload, Pendulum, inertia_of_shape, payload_from_text
 from flexhinf.robot.dynamics import Joint, Placement, Tree
 from flexhinf.robot.mjcf import read_mjcf
 from flexhinf.robot.parameters import INERTIA, Parameter, per_joint, unit_of
 from flexhinf.robot.parts import ElasticJoint, Link, SingleLink, assembled, single_link_robot, value_of
-from flexhinf.robot.payload import SHAPES, Frame, Payload, inertia_of_shape, payload_from_text
 from flexhinf.robot.plausibility import check_angles, check_plausible
 from flexhinf.robot.robot import Robot
 from flexhinf.robot.schema import NESTING, RobotFile
@@ -230,10 +229,8 @@ class PartsReader:
             arm = read(root, chosen, still)
         distinct(f"{file}: the joint", [row["name"] for row in table["joint"]])
         names = [joint.name for joint in arm.joints]
-        unknown = [name for name in rows if name not in arm.movable]
-        if unknown:
-            what = f"{file}: there is no joint {unknown[0]!r} in {rigid.name}."
-            raise unknown_name(what, unknown[0], arm.movable)
+        for name in [name for name in rows if name not in arm.movable]:
+            raise unknown_name(f"{file}: there is no joint {name!r} in {rigid.name}.", name, arm.movable)
         missing = [name for name in names if name not in rows]
         if missing:
             raise InvalidInput(
@@ -261,8 +258,7 @@ class PartsReader:
         fall = GRAVITY if arm.gravity is None else arm.gravity
         settings = self._settings(kept, fall, arm.down, efforts, arm.speeds)
         robot = assembled(self.name, placed, links, springs, **settings)
-        frames = {name: Frame(joint, place) for name, (joint, place) in arm.frames.items()}
-        return self._finished(robot, frames, arm.tips, payload)
+        return self._finished(robot, arm.frames, arm.tips, payload)
 
     def _settings(
         self,
@@ -297,10 +293,11 @@ class PartsReader:
                 f"expected text, a Payload or several, got {value_text(given)}",
                 "payload='0..3kg@hand'",
             )
+        payloads = [
+            row if isinstance(row, Payload) else payload_from_text(row) for row in rows if row is not None
+        ]
         if given is None:
             payloads = [self._payload(row) for row in self.table["payload"]]
-        else:
-            payloads = [row if isinstance(row, Payload) else payload_from_text(row) for row in rows]
         places = []
         for payload in payloads:
             at = tips[0] if not payload.at and len(tips) == 1 else payload.at
@@ -334,16 +331,16 @@ class PartsReader:
                 scales.append(Parameter(label, 1.0, tolerance, unit, "tolerance of its inertia"))
         robot = robot.with_parameters(*scales, *added)
         moving = {joint for joint, _ in self._used}
-        for joint, stated in self._stated.items():
-            for key in stated if joint in moving else ():
-                if (joint, key) not in self._used:
-                    where = "[tolerances]" if joint is None else f"[joint.tolerances] of {joint!r}"
-                    owner = "no joint states" if joint is None else f"the joint {joint!r} does not state"
-                    raise InvalidInput(
-                        f"{self.file}: {where} has {key!r}, which {owner}.",
-                        f"expected keys out of {sorted(k for one, k in self._used if one == joint)}, got {key!r}",
-                        f"state {key!r} with its value first, or leave out its tolerance",
-                    )
+        for joint in [joint for joint in self._stated if joint in moving]:
+            known = sorted(key for one, key in self._used if one == joint)
+            for key in [key for key in self._stated[joint] if key not in known]:
+                raise InvalidInput(
+                    f"{self.file}: [tolerances] has {key!r}, which no joint states."
+                    if joint is None
+                    else f"{self.file}: [joint.tolerances] of {joint!r} has {key!r}, which the joint does not state.",
+                    f"expected keys out of {known}, got {key!r}",
+                    f"state {key!r} with its value first, or leave out its tolerance",
+                )
         return self._file.check_units(check_plausible(robot, self.file))
 
     # Numbers --------------------------------------------------------------------------------------
@@ -384,7 +381,6 @@ class PartsReader:
             return ElasticJoint(**numbers)
 
     def _link(self, row: Any) -> Any:
-        """The link of a joint, stated in this file: a `Link` or a `SingleLink`."""
         if "link" not in row:
             raise InvalidInput(
                 f"{self.file}: the joint {row['name']!r} has no link.",

@@ -17,10 +17,9 @@ from typing import Any, NamedTuple
 from flexhinf.errors import InvalidInput
 from flexhinf.robot.dynamics import KINDS
 from flexhinf.robot.elastic import DRIVES, SPRING
-from flexhinf.robot.parameters import INERTIA, QUANTITIES
+from flexhinf.robot.parameters import INERTIA, QUANTITIES, Stated, measured, respelled
 from flexhinf.robot.parts import ElasticJoint
 from flexhinf.robot.signals import UNITS
-from flexhinf.robot.units import Stated, measured, respelled
 from flexhinf.validation import nearest, real_number, value_text
 
 #: A tolerance below this many per cent was probably meant as a fraction.

@@ -13,6 +13,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from flexhinf.errors import InvalidInput, located
+from flexhinf.robot.arm import Frame
 from flexhinf.robot.dynamics import KINDS, Joint, Placement, lumped, matrix_of, six_of
 from flexhinf.robot.parameters import INERTIA
 from flexhinf.robot.parts import Link
@@ -78,7 +79,7 @@ class RigidArm:
     locked: Mapping[str, float]
     joints: list[Joint] = field(default_factory=list)
     links: list[Link] = field(default_factory=list)
-    frames: dict[str, tuple[str, Placement]] = field(default_factory=dict)
+    frames: dict[str, Frame] = field(default_factory=dict)
     tips: list[str] = field(default_factory=list)
     efforts: list[float] = field(default_factory=list)
     speeds: list[float] = field(default_factory=list)
@@ -196,7 +197,7 @@ def read_urdf(
             carrier, place = arm.add_joint(carrier, name, kind, axis, place, _limits(name, element))
         if carrier is not None:
             _add_body(arm, carrier, link, links[link], place)
-            arm.frames[link] = arm.joints[carrier].name, place
+            arm.frames[link] = Frame(arm.joints[carrier].name, place)
             arm.frames.setdefault(name, arm.frames[link])
             if link not in behind:
                 arm.tips.append(link)
@@ -209,7 +210,6 @@ def read_urdf(
 
 # Elements -----------------------------------------------------------------------------------------
 def _named(root: Element, tag: str) -> dict[str, Element]:
-    """The links or the joints by their names, which are usable and stand once."""
     elements = root.findall(tag)
     if len(elements) > MOST_LINKS:
         raise InvalidInput(
@@ -270,12 +270,11 @@ def _check_element(name: str, element: Element) -> None:
             )
     known = (*once, *OTHERS.get(element.tag, ()))
     for tag in sorted({str(child.tag) for child in element} - set(known)):
-        close = difflib.get_close_matches(tag[:60].lower(), known, n=1, cutoff=0.75)
-        if close:
+        for close in difflib.get_close_matches(tag[:60].lower(), known, n=1, cutoff=0.75):
             raise InvalidInput(
                 f"There is an unknown element <{tag[:60]}> in {name!r}.",
                 f"expected one of {list(known)}, got {tag[:60]!r}",
-                f"<{close[0]}>",
+                f"<{close}>",
             )
     for child in element:
         if child.tag == "inertial":
@@ -344,7 +343,6 @@ def _largest(name: str, joint: Element, key: str) -> float:
 
 
 def _add_body(arm: RigidArm, carrier: int, link: str, element: Element, place: Placement) -> None:
-    """The body of a link; none without <inertial>."""
     inertial = element.find("inertial")
     if inertial is None:
         return
@@ -398,13 +396,11 @@ def locked_joints(
     still = dict(locked or {})
     for name in (*(joints or ()), *still):
         if name not in movable:
-            what = f"There is no joint {value_text(name, 60)} that could move."
-            raise unknown_name(what, name, movable)
+            raise unknown_name(f"There is no joint {value_text(name, 60)} that could move.", name, movable)
     if joints is not None:
-        both = [name for name in joints if name in still]
-        if both:
+        for name in [name for name in joints if name in still]:
             raise InvalidInput(
-                f"The joint {both[0]!r} is both chosen and locked.", f"got {both}", "one of the two"
+                f"The joint {name!r} is both chosen and locked.", f"got {name!r}", "one of the two"
             )
         still |= {name: 0.0 for name in movable if name not in joints and name not in still}
     count = len(movable) - len(still)
