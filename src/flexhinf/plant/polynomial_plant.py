@@ -174,20 +174,25 @@ class Problem(Protocol):
     @property
     def state_names(self) -> tuple[str, ...]:
         """One name per state."""
+        ...
 
     @property
     def operating_point(self) -> np.ndarray:
         """The point deviations are measured from, shape (n,)."""
+        ...
 
     @property
     def r2(self) -> np.ndarray:
         """Weight of the input, shape (m, m)."""
+        ...
 
     def expand(self, degree: int) -> PolynomialPlant:
         """Taylor expansion: f and h through `degree`, g1 and g2 through `degree` − 1."""
+        ...
 
     def fields(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Exact f (N, n), g1 (N, n, md), g2 (N, n, m) and h (N, s) at deviations `x` (N, n)."""
+        ...
 
 
 @dataclass(frozen=True, init=False, eq=False, repr=False)

@@ -405,7 +405,8 @@ class PartsReader:
                 Parameter("inertia", six[axes], six.get("tolerance", 0.0), source=six["source"])
                 for axes in INERTIA
             ]
-            return Link(*(self._number(stated[key], key, name) for key in whole[:2]), moments)
+            mass, centre = (self._number(stated[key], key, name) for key in whole[:2])
+            return Link(mass, centre, moments)
 
     # Payload --------------------------------------------------------------------------------------
     def _payload(self, table: Mapping[str, Any]) -> Payload:
