@@ -141,7 +141,9 @@ def draw_figure(
             frequency_axis(axis)
     if not columns:
         figure.align_ylabels(axes)
-    named = (axis for axis, panel in zip(axes, parts) if sum(line.name is not None for line in panel.lines) > 1)
+    named = (
+        axis for axis, panel in zip(axes, parts) if sum(line.name is not None for line in panel.lines) > 1
+    )
     if (first := next(named, None)) is not None:
         if columns:
             legend_above(figure, first, columns)

@@ -13,6 +13,7 @@ import numpy as np
 from flexhinf.design.requirements import Requirement
 from flexhinf.design.result import Design, Status as Judged
 from flexhinf.pages.design import frequency, law, region, requirements, runs, step, weights
+from flexhinf.pages.design.region import proof_text
 from flexhinf.pages.drawing import (
     Blocks,
     in_joint,
@@ -25,7 +26,6 @@ from flexhinf.pages.drawing import (
     units_of,
     with_figures,
 )
-from flexhinf.pages.proof import proof_text
 from flexhinf.pages.settings import design_settings, files_section
 from flexhinf.report import (
     KeyNumber,

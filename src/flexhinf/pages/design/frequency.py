@@ -242,7 +242,10 @@ def _sensitivity(loops: Sequence[Loop]) -> Figure:
     for name, response, which, style in curves:
         sizes = np.linalg.norm(getattr(response, which), ord=2, axis=(1, 2))
         lines.append(Line(response.frequencies / (2.0 * np.pi), _decibel(sizes), name, line_style(style)))
-    what, second = f"largest singular value{'' if alone else ' of S'}", "; T: an error of the model" if alone else ""
+    what, second = (
+        f"largest singular value{'' if alone else ' of S'}",
+        "; T: an error of the model" if alone else "",
+    )
     caption = f"{RUNNING} S: how much the loop amplifies a disturbance at the motors{second}. Dotted: 0 dB."
     panel = Panel(what, "dB", lines, (0.0,), depth=SHOWN_DB, **FREQUENCY)
     return draw_figure("sensitivity", [panel], caption, "Sensitivity", 3.6)

@@ -148,7 +148,8 @@ def _pole_groups(design: Design) -> list[PoleGroup]:
         for loop, marker in zip(design.rigid.loops if design.rigid else (), ("1", "2"))
     ]
     groups = [
-        (name, np.array([mode.eigenvalue for mode in modes], dtype=complex), look) for name, modes, look in loops
+        (name, np.array([mode.eigenvalue for mode in modes], dtype=complex), look)
+        for name, modes, look in loops
     ]
     if design.specification.estimator != "none":
         running, look = design.evaluation.frequency_response.poles, {"marker": "x", "color": SERIES[1]}
@@ -171,7 +172,14 @@ def mode_table(design: Design, brief: bool = False) -> Table:
     """Modes that oscillate or do not decay; `brief`: that oscillate, of many joints the vibrations alone."""
     joints = len(design.robot.joint_names)
     rows = [
-        (name, mode.name, *([mode.joint] if joints > 1 else []), mode.frequency, mode.damping, mode.time_constant)
+        (
+            name,
+            mode.name,
+            *([mode.joint] if joints > 1 else []),
+            mode.frequency,
+            mode.damping,
+            mode.time_constant,
+        )
         for name, modes in _modes(design).items()
         for mode in modes
         if _listed(mode)
@@ -220,7 +228,13 @@ def law(design: Design) -> Blocks:
     n, units, x = len(design.goal), units_of(design.evaluation), problem.operating_point
     motors = design.robot.layout.whole(x)[2 * n : 3 * n]
     torques = finite(stiffness_of(problem.plant, design.robot, np.nan) * (motors - x[:n]))
-    values = (design.robot.joint_names, x[:n].tolist(), motors.tolist(), torques, problem.operating_input.tolist())
+    values = (
+        design.robot.joint_names,
+        x[:n].tolist(),
+        motors.tolist(),
+        torques,
+        problem.operating_input.tolist(),
+    )
     rows = [dict(zip(("joint", "link", "motor", "torque", "input"), row)) for row in zip(*values)]
     columns = (
         Column("link position", units.angle, 4, key="link", scale=units.scale),
@@ -297,7 +311,11 @@ def _rigid_figure(e: LawEvaluation, runs: Sequence[tuple[str, Response]]) -> Fig
     joint = int(np.argmax(late))
     step = units.scale * abs(e.setup.start[joint] - goal[joint]) or 1.0
     signals: tuple[tuple[str, str, Callable[[Response], np.ndarray]], ...] = (
-        ("link position − goal", units.angle, lambda run: units.scale * (run.positions[:, joint] - goal[joint])),
+        (
+            "link position − goal",
+            units.angle,
+            lambda run: units.scale * (run.positions[:, joint] - goal[joint]),
+        ),
         ("spring torque", units.spring, lambda run: spring_torques(e, run)[:, joint]),
         ("input", units.effort, lambda run: run.inputs[:, joint]),
     )
@@ -310,7 +328,9 @@ def _rigid_figure(e: LawEvaluation, runs: Sequence[tuple[str, Response]]) -> Fig
             lines.append(Line(response.run.time[few], signal(response)[few], name, style))
         # where our law stays: a rigid law that diverges would hide it
         y = framed(lines[0].y, 0.75) if k else (-SHOWN_STEPS * step, SHOWN_STEPS * step)
-        panels.append(Panel(quantity, unit, lines, () if k else (0.0,), y=y, x=(0.0, float(e.step.run.time[-1]))))
+        panels.append(
+            Panel(quantity, unit, lines, () if k else (0.0,), y=y, x=(0.0, float(e.step.run.time[-1])))
+        )
     where = f", joint {e.setup.joints[joint]}, where it does worst" if len(goal) > 1 else ""
     caption = f"The same step with the rigid design{where}. Lines that leave the panels go on."
     return draw_figure("rigid", panels, caption, "Rigid design", 6.6)

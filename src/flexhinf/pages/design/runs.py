@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf.analysis import Margins
-from flexhinf.design.along_move import MOST_LAWS, AlongMove
+from flexhinf.design.along_move import MOST_LAWS
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.impulse import AFTER, ImpulseRuns
 from flexhinf.design.limit_cycle import WIDEST, LimitCycleCheck
@@ -280,17 +280,6 @@ def margins_along(design: Design) -> Blocks:
     yield lambda: draw_figure("along", panels, caption, "Margins along the move", 5.4)
     columns = ("figure", Column("worst", "", 3), Column("at", "s", 3), "pose")
     yield Table(columns, rows, "The worst pose of each figure", "table-along")
-
-
-def along_rows(along: AlongMove) -> list[dict[str, Any]]:
-    """Time, pose, law and margins at each pose."""
-    return [
-        {
-            "time_s": float(time), "pose": pose, "law": law, "stable": margins.stable,
-            **{name: getattr(margins, name) for name in MARGINS},
-        }
-        for time, pose, law, margins in zip(along.times, along.poses, along.laws, along.margins)
-    ]  # fmt: skip
 
 
 # Ring-down after an impulse ---------------------------------------------------------------------------

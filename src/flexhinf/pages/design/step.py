@@ -180,7 +180,9 @@ def input_panel(e: LawEvaluation, response: Response) -> tuple[Panel, str]:
     if limits.limits_effort:
         required = bool(np.all(limits.peak <= limits.saturation))
         source = limits.peak_source if required else limits.saturation_source
-        name = "limit of the motor" if source == ROBOT else "required: at most" if required else "saturation at"
+        name = (
+            "limit of the motor" if source == ROBOT else "required: at most" if required else "saturation at"
+        )
         name = f"{name} {limit_text(limits.effort)} {units.effort}"
     drawn = {"limits": limits.effort, "limit_name": name} if name else {}
     panel = joint_panel("input", units.effort, response.run.time, response.joints, response.inputs, **drawn)

@@ -358,7 +358,9 @@ def _noise_figure(design: Design, search: NoiseSearch) -> Figure:
         lines = []
         for joint, joint_name in enumerate(design.robot.joint_names):
             groups = [(joint_name, search.trade_off, {"marker": "o", "markersize": 3.0})]
-            groups += [(None, [one], {"marker": m, "markersize": size, "mfc": "none"}) for m, size, one in marks]
+            groups += [
+                (None, [one], {"marker": m, "markersize": size, "mfc": "none"}) for m, size, one in marks
+            ]
             for legend_name, shown, style in groups:
                 noises, values = np.array([(one.noises[joint], getattr(one, name)) for one in shown]).T
                 color = line_style(joint)["color"]
