@@ -218,7 +218,7 @@ def legend_above(figure: Canvas, axes: Axes, columns: int, **options: Any) -> No
 
 def figure_block(name: str, figure: Canvas, sentences: str | Iterable[str], title: str) -> Figure:
     """The figure as a block of a page: anchor ``figure-<name>``, caption in sentences, title before it."""
-    caption = sentences if isinstance(sentences, str) else " ".join(text for text in sentences if text)
+    caption = sentences if isinstance(sentences, str) else " ".join(filter(None, sentences))
     return Figure(f"figure-{name}", figure_to_svg(figure), caption, title)
 
 

@@ -174,27 +174,30 @@ def _noise_table(e: LawEvaluation, together: np.ndarray) -> Table:
         gain, unit, worst = float(column.max()), plant.unit(name), joints[int(np.argmax(column))]
         texts = f"{number(float(sigma), 3)} {unit}", f"{number(gain)} {effort}/{unit}"
         rows.append((name.replace("_", " "), *texts, float(gain * sigma), *([worst] if several else [])))
-    columns = (
-        "sensor", "its noise (rms)", "gain to the input (rms)", Column("at the motor (rms)", effort),
-        *(["motor"] if several else []),
-    )  # fmt: skip
-    caption = (
+    return Table(
+        (
+            "sensor", "its noise (rms)", "gain to the input (rms)", Column("at the motor (rms)", effort),
+            *(["motor"] if several else []),
+        ),
+        rows,
         "Noise of each sensor at the motor that it moves most; all sensors together: "
-        f"{range_text(together, 2)} {effort} rms"
-    )
-    return Table(columns, rows, caption, "table-noise")
+        f"{range_text(together, 2)} {effort} rms",
+        "table-noise",
+    )  # fmt: skip
 
 
 def _estimation_figure(e: LawEvaluation) -> Figure:
     run, joints, units = e.step.run, e.setup.joints, units_of(e)
     truth, estimate = (e.setup.robot.layout.whole(run.signals[name].T) for name in ("state", "estimate"))
     names = ("link position", "link velocity", "motor position", "motor velocity")
-    panels = [
-        joint_panel(name, units.rate if k % 2 else units.angle, run.time, joints, error.T, linewidth=0.9)
-        for k, (name, error) in enumerate(zip(names, np.split(units.scale * (truth - estimate), 4)))
-    ]
-    caption = "True minus estimated state of every joint in the step."
-    return draw_figure("estimate", panels, caption, "Estimation error", 7.4)
+    return draw_figure(
+        "estimate",
+        [
+            joint_panel(name, units.rate if k % 2 else units.angle, run.time, joints, error.T, linewidth=0.9)
+            for k, (name, error) in enumerate(zip(names, np.split(units.scale * (truth - estimate), 4)))
+        ],
+        "True minus estimated state of every joint in the step.", "Estimation error", 7.4,
+    )  # fmt: skip
 
 
 # Frequency responses ------------------------------------------------------------------------------------
@@ -223,14 +226,16 @@ def _bode(loops: Sequence[Loop], joints: Sequence[str], load: str, position: str
         command.append(Line(hertz, _decibel(followed), name, style))
         phase.append(Line(hertz, np.degrees(np.unwrap(np.angle(followed))), None, style))
         torque.append(Line(hertz, _decibel(_moved(response, joint)[below]), None, style))
-    panels = (
-        Panel("command → link", "dB", command, (0.0, 20.0 * np.log10(np.sqrt(0.5))), depth=SHOWN_DB),
-        Panel("phase", "°", phase),
-        Panel(f"torque → link\n(dB of {position}/({load}))", "", torque, depth=SHOWN_DB, **FREQUENCY),
-    )
     which = "" if len(loops) == 1 or len(joints) == 1 else f" Joint: {joints[lines[0][3]]}."
-    caption = f"{RUNNING} Dotted: 0 dB, and −3 dB, where the bandwidth is read.{which}"
-    return draw_figure("bode", panels, caption, "Bode diagram", 8.4)
+    return draw_figure(
+        "bode",
+        (
+            Panel("command → link", "dB", command, (0.0, 20.0 * np.log10(np.sqrt(0.5))), depth=SHOWN_DB),
+            Panel("phase", "°", phase),
+            Panel(f"torque → link\n(dB of {position}/({load}))", "", torque, depth=SHOWN_DB, **FREQUENCY),
+        ),
+        f"{RUNNING} Dotted: 0 dB, and −3 dB, where the bandwidth is read.{which}", "Bode diagram", 8.4,
+    )  # fmt: skip
 
 
 def _sensitivity(loops: Sequence[Loop]) -> Figure:
@@ -246,9 +251,12 @@ def _sensitivity(loops: Sequence[Loop]) -> Figure:
         f"largest singular value{'' if alone else ' of S'}",
         "; T: an error of the model" if alone else "",
     )
-    caption = f"{RUNNING} S: how much the loop amplifies a disturbance at the motors{second}. Dotted: 0 dB."
     panel = Panel(what, "dB", lines, (0.0,), depth=SHOWN_DB, **FREQUENCY)
-    return draw_figure("sensitivity", [panel], caption, "Sensitivity", 3.6)
+    return draw_figure(
+        "sensitivity", [panel],
+        f"{RUNNING} S: how much the loop amplifies a disturbance at the motors{second}. Dotted: 0 dB.",
+        "Sensitivity", 3.6,
+    )  # fmt: skip
 
 
 def _nyquist(loops: Sequence[Loop], joints: Sequence[str]) -> Figure:
@@ -271,8 +279,11 @@ def _nyquist(loops: Sequence[Loop], joints: Sequence[str]) -> Figure:
         y=(-0.5 * NYQUIST, 0.5 * NYQUIST), also=lambda axes: axes.set_aspect("equal"),
     )  # fmt: skip
     others = " The loops at the other inputs are closed." if len(joints) > 1 else ""
-    caption = f"{RUNNING} Opened at one input, positive frequencies, negative feedback.{others}{closest}"
-    return draw_figure("nyquist", [panel], caption, "Nyquist diagram", 4.6)
+    return draw_figure(
+        "nyquist", [panel],
+        f"{RUNNING} Opened at one input, positive frequencies, negative feedback.{others}{closest}",
+        "Nyquist diagram", 4.6,
+    )  # fmt: skip
 
 
 def _lines(
@@ -381,13 +392,15 @@ def corner_table(e: LawEvaluation) -> Table:
     rows, forms = corner_rows(e), e.corners.forms
     title = f"Corners of the tolerances. {corners_text(e)}"
     if not forms:
-        columns = (
-            Column("loop", key="form"),
-            Column("unstable", key="unstable"),
-            Column("growth", "1/s", digits=3, key="rate"),
-        )
-        caption = "Unstable corners, and the growth rate of the worst; a negative rate decays"
-        return Table.of(columns, rows, caption, "table-corners", title=title)
+        return Table.of(
+            (
+                Column("loop", key="form"),
+                Column("unstable", key="unstable"),
+                Column("growth", "1/s", digits=3, key="rate"),
+            ),
+            rows, "Unstable corners, and the growth rate of the worst; a negative rate decays", "table-corners",
+            title=title,
+        )  # fmt: skip
     by, cells = {(row["form"], row["ratio"]): row for row in rows}, []
     for ratio in sorted({row["ratio"] for row in rows if row["ratio"] is not None}):
         texts = []

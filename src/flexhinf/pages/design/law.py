@@ -88,19 +88,20 @@ def poles_figure(groups: Sequence[PoleGroup]) -> Figure:
         axes.axhspan(-2.0, 0.0, color=SERIES[1], alpha=0.08, linewidth=0)
         axes.set_ylim(max(low, -1.05), 1.08)
 
-    panels = (
-        Panel(
-            "Im λ", "rad/s", plane, vertical=0.0, across="Re λ (1/s)", x=(-size, max(0.12 * size, 1.15 * right)),
-            y=(-0.03 * size, size),
+    return draw_figure(
+        "poles",
+        (
+            Panel(
+                "Im λ", "rad/s", plane, vertical=0.0, across="Re λ (1/s)", x=(-size, max(0.12 * size, 1.15 * right)),
+                y=(-0.03 * size, size),
+            ),
+            Panel("damping ratio", "", damping, (0.0,), across="frequency |λ|/2π (Hz)", log=True, also=grows),
         ),
-        Panel("damping ratio", "", damping, (0.0,), across="frequency |λ|/2π (Hz)", log=True, also=grows),
-    )  # fmt: skip
-    caption = (
         "Left: poles λ in the s-plane, upper half, near the imaginary axis; dotted rays have damping ratio "
         f"{', '.join(f'{ray:g}' for ray in RAYS)}. Right: damping ratio −Re λ/|λ| over frequency of all poles but "
-        "those at zero; 1 decays without oscillating, below zero (shaded) grows."
-    )
-    return draw_figure("poles", panels, caption, "Poles", 3.6, columns=2)
+        "those at zero; 1 decays without oscillating, below zero (shaded) grows.",
+        "Poles", 3.6, columns=2,
+    )  # fmt: skip
 
 
 def poles(design: Design) -> Blocks:
@@ -170,32 +171,24 @@ def _listed(mode: Mode) -> bool:
 
 def mode_table(design: Design, brief: bool = False) -> Table:
     """Modes that oscillate or do not decay; `brief`: that oscillate, of many joints the vibrations alone."""
-    joints = len(design.robot.joint_names)
-    rows = [
+    several, many = (len(design.robot.joint_names) > few for few in (1, MANY))
+    return Table(
         (
-            name,
-            mode.name,
-            *([mode.joint] if joints > 1 else []),
-            mode.frequency,
-            mode.damping,
-            mode.time_constant,
-        )
-        for name, modes in _modes(design).items()
-        for mode in modes
-        if _listed(mode)
-        and not (brief and (not mode.eigenvalue.imag or (joints > MANY and not mode.vibration)))
-    ]
-    columns = (
-        "loop",
-        "mode",
-        *(["mainly"] if joints > 1 else []),
-        Column("frequency", "Hz", digits=4, brief="Hz"),
-        Column("damping ratio", digits=4, brief="damping"),
-        Column("time constant", "s", digits=4, brief=None),
-    )
-    caption = "Modes that oscillate or do not decay, linearised at the goal, continuous time"
-    title = f"γ* of the problem = {design.gamma_star:.5g}, γ = {design.gamma:.5g}\nOscillations at the goal"
-    return Table(columns, rows, caption, "table-modes", title=title)
+            "loop", "mode", *(["mainly"] if several else []),
+            Column("frequency", "Hz", digits=4, brief="Hz"),
+            Column("damping ratio", digits=4, brief="damping"),
+            Column("time constant", "s", digits=4, brief=None),
+        ),
+        [
+            (name, mode.name, *([mode.joint] if several else []), mode.frequency, mode.damping, mode.time_constant)
+            for name, modes in _modes(design).items()
+            for mode in modes
+            if _listed(mode)
+            and not (brief and (not mode.eigenvalue.imag or (many and not mode.vibration)))
+        ],
+        "Modes that oscillate or do not decay, linearised at the goal, continuous time", "table-modes",
+        title=f"γ* of the problem = {design.gamma_star:.5g}, γ = {design.gamma:.5g}\nOscillations at the goal",
+    )  # fmt: skip
 
 
 def vibration_damping(modes: Sequence[Mode]) -> list[float]:
@@ -235,21 +228,25 @@ def law(design: Design) -> Blocks:
         torques,
         problem.operating_input.tolist(),
     )
-    rows = [dict(zip(("joint", "link", "motor", "torque", "input"), row)) for row in zip(*values)]
-    columns = (
-        Column("link position", units.angle, 4, key="link", scale=units.scale),
-        Column("motor position, seen from the link", units.angle, 4, key="motor", scale=units.scale),
-        Column("spring torque", units.spring, 3, key="torque"),
-        Column("input", units.effort, 3, key="input"),
-    )
-    yield joint_table(columns, rows, "Equilibrium at the goal", "table-rest")
+    yield joint_table(
+        (
+            Column("link position", units.angle, 4, key="link", scale=units.scale),
+            Column("motor position, seen from the link", units.angle, 4, key="motor", scale=units.scale),
+            Column("spring torque", units.spring, 3, key="torque"),
+            Column("input", units.effort, 3, key="input"),
+        ),
+        [dict(zip(("joint", "link", "motor", "torque", "input"), row)) for row in zip(*values)],
+        "Equilibrium at the goal", "table-rest",
+    )  # fmt: skip
     gains = np.where(np.abs(solution.gain) < ROUNDING * np.abs(solution.gain).max(), 0.0, solution.gain)
-    cells = [
-        (name.replace("_", " "), *(number(float(value)) for value in column))
-        for name, column in zip(problem.state_names, gains.T)
-    ]
-    heads = ("state", *(name.replace("_", " ") for name in problem.input_names))
-    yield Table(heads, cells, "Linear part K of u − u* = K (x − x*)", "table-gain")
+    yield Table(
+        ("state", *(name.replace("_", " ") for name in problem.input_names)),
+        [
+            (name.replace("_", " "), *(number(float(value)) for value in column))
+            for name, column in zip(problem.state_names, gains.T)
+        ],
+        "Linear part K of u − u* = K (x − x*)", "table-gain",
+    )  # fmt: skip
     yield Listing(solution.report())
 
 
@@ -280,11 +277,13 @@ def rigid(design: Design) -> Blocks:
         metrics = (rounded(one.value, 6) if stable else None for one in worst)
         run = "to its end" if end is None else f"diverges at {number(end, 3)} s"
         rows.append((*texts, min(vibration_damping(modes), default=None), *metrics, run))
-    columns = (
-        "law", "fed from", "linearised, true state", Column("smallest damping ratio of a vibration"),
-        Column("largest overshoot", "%", 1), Column("settling time", "s", 3), "run",
+    yield Table(
+        (
+            "law", "fed from", "linearised, true state", Column("smallest damping ratio of a vibration"),
+            Column("largest overshoot", "%", 1), Column("settling time", "s", 3), "run",
+        ),
+        rows, "", "table-rigid", stacks=True,
     )  # fmt: skip
-    yield Table(columns, rows, "", "table-rigid", stacks=True)
     runs = [(f"this law{', with its estimator' if estimator else ''}", design.evaluation.step)]
     runs += [(f"rigid law, fed from the {loop.side} side", loop.response) for loop in loops]
     yield lambda: _rigid_figure(design.evaluation, runs)
@@ -332,5 +331,7 @@ def _rigid_figure(e: LawEvaluation, runs: Sequence[tuple[str, Response]]) -> Fig
             Panel(quantity, unit, lines, () if k else (0.0,), y=y, x=(0.0, float(e.step.run.time[-1])))
         )
     where = f", joint {e.setup.joints[joint]}, where it does worst" if len(goal) > 1 else ""
-    caption = f"The same step with the rigid design{where}. Lines that leave the panels go on."
-    return draw_figure("rigid", panels, caption, "Rigid design", 6.6)
+    return draw_figure(
+        "rigid", panels, f"The same step with the rigid design{where}. Lines that leave the panels go on.",
+        "Rigid design", 6.6,
+    )  # fmt: skip

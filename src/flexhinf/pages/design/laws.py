@@ -189,8 +189,11 @@ def metric_table(
         rows += [heading, *entries] if entries else []
     names = (law.name.replace("-", "\u2011") for law in laws)  # no line breaks at such a hyphen
     heads = [Column(name, brief=law.name, right=True) for name, law in zip(names, laws)]
-    caption = "The same commands, load, move, robots and seeds for all. “best”: of its row, or as good"
-    return Table(("", *heads), rows, caption, "figures-of-merit", title=title)
+    return Table(
+        ("", *heads), rows,
+        "The same commands, load, move, robots and seeds for all. “best”: of its row, or as good",
+        "figures-of-merit", title=title,
+    )  # fmt: skip
 
 
 def comparison_tables(comparison: Comparison, width: int = WIDTH) -> list[Any]:

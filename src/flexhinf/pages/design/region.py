@@ -283,13 +283,13 @@ def _region_table(design: Design) -> Table:
         cost, used = _cost(c, design.choices[0]), "used" if c is design.chosen else ""
         checks = (c.limit, f"{c.residual:.0e}", 1e3 * c.solve_seconds, c.check_seconds)
         rows.append((c.degree, law_name(c.degree), used, level, step, cost, *checks))
-    columns = (
-        Column("degree of V", brief="degree"), "law", "", Column("V up to", brief="V ≤"),
-        Column("largest step sampled, V smallest", brief="sampled step"), Column("cost of the step", brief="cost"),
-        Column("limited by", brief=None), "residual", Column("solve", "ms", 1), Column("check", "s", 1),
-    )  # fmt: skip
     return Table(
-        columns, rows, "Step: of all joints alike, from rest to rest, with the integrals at which V is smallest",
+        (
+            Column("degree of V", brief="degree"), "law", "", Column("V up to", brief="V ≤"),
+            Column("largest step sampled, V smallest", brief="sampled step"), Column("cost of the step", brief="cost"),
+            Column("limited by", brief=None), "residual", Column("solve", "ms", 1), Column("check", "s", 1),
+        ),
+        rows, "Step: of all joints alike, from rest to rest, with the integrals at which V is smallest",
         "table-region", stacks=True,
         title=f"{textwrap.fill(_degree_text(design), WIDTH)}\nRegion of each solution: {_strength(design)}\n"
         "Sampled step: with the integrals at which V is smallest, not the controller's",
@@ -320,8 +320,9 @@ def level_table(design: Design) -> Table:
             ("γ of the law", design.gamma),
             ("γ of the inequality checked in the region", checked),
         ]
-    columns = ("√(∫|z|²/∫|d|²)", Column("value", digits=4))
-    return Table(columns, rows, "Levels of attenuation", "table-attained", title=title)
+    return Table(
+        ("√(∫|z|²/∫|d|²)", Column("value", digits=4)), rows, "Levels of attenuation", "table-attained", title=title,
+    )  # fmt: skip
 
 
 # Dissipation budget -------------------------------------------------------------------------------------
@@ -379,6 +380,7 @@ def _budget_figure(term: BudgetTerm) -> Figure:
     near = np.isfinite(budget.level) and NEAR * budget.level < float(bound.max())
     dashed = [(budget.level, INK, "level of the region")] if near else []
     far = "" if near or not np.isfinite(budget.level) else f" The level, {budget.level:.3g}, is far above."
-    caption = f"V along the step of the nominal robot, and its bound.{far}"
     panel = Panel("V", "", lines, dashed=dashed, y=(0.0, None))
-    return draw_figure("budget", [panel], caption, "Dissipation budget")
+    return draw_figure(
+        "budget", [panel], f"V along the step of the nominal robot, and its bound.{far}", "Dissipation budget",
+    )  # fmt: skip

@@ -69,32 +69,35 @@ def load(design: Design) -> Blocks:
     caption = f"From {run.at:g} s on (dotted) constant torques, unknown to law and estimator, act on all links at once."
     yield lambda: _load_figure(e, run, "load", caption, "Torques on the links")
     unit, scale = units.small
-    rows = [
-        {**row, "twist": abs(row["load"]) / float(k)}
-        for row, k in zip(run.metrics, stiffness_of(e.setup.model, e.setup.robot, np.inf))
-    ]
-    columns = (
-        Column("torque on the link", units.load, key="load"),
-        Column("twist of its spring", unit, key="twist", scale=scale),
-        Column("largest deviation", unit, key="peak_deviation", scale=scale),
-        Column("recovered after", "s", 3, key="recovery_time_s"),
-        Column("remaining deviation", unit, key="remaining_error", scale=scale),
-    )
-    how = (
+    yield joint_table(
+        (
+            Column("torque on the link", units.load, key="load"),
+            Column("twist of its spring", unit, key="twist", scale=scale),
+            Column("largest deviation", unit, key="peak_deviation", scale=scale),
+            Column("recovered after", "s", 3, key="recovery_time_s"),
+            Column("remaining deviation", unit, key="remaining_error", scale=scale),
+        ),
+        [
+            {**row, "twist": abs(row["load"]) / float(k)}
+            for row, k in zip(run.metrics, stiffness_of(e.setup.model, e.setup.robot, np.inf))
+        ],
         "Twist: under this torque alone. Recovered: within 2 % of the joint's step from start to goal from then on. "
-        "Remaining: largest in the last tenth of the time under load"
-    )
-    yield joint_table(columns, rows, how, "table-load")
+        "Remaining: largest in the last tenth of the time under load",
+        "table-load",
+    )  # fmt: skip
 
 
 def _load_figure(e: LawEvaluation, loaded: LoadResponse, name: str, caption: str, title: str) -> Figure:
     response, (unit, scale) = loaded.response, units_of(e).small
     away, time = scale * (response.positions - response.goal), response.run.time
-    panels = (
-        joint_panel("link position − goal", unit, time, response.joints, away, zero=True, vertical=loaded.at),
-        replace(input_panel(e, response)[0], vertical=loaded.at),
-    )
-    return draw_figure(name, panels, caption, title)
+    return draw_figure(
+        name,
+        (
+            joint_panel("link position − goal", unit, time, response.joints, away, zero=True, vertical=loaded.at),
+            replace(input_panel(e, response)[0], vertical=loaded.at),
+        ),
+        caption, title,
+    )  # fmt: skip
 
 
 # Payloads ------------------------------------------------------------------------------------------------
@@ -138,17 +141,18 @@ def payload(design: Design) -> Blocks:
 
     rows = [row(f"{number(sum(p.value for p in masses), 3)} kg, as in the model", e.step, e.margins)]
     rows += [row(f"{number(one.mass, 3)} kg", one.step, one.margins, one) for one in design.payloads]
-    columns = (
-        "payload", Column("overshoot", "%", 2), Column("settling", "s", 3),
-        Column("peak input", units_of(e).effort), Column("sag when gripped", unit), Column("back after", "s", 2),
-        Column("remaining sag", unit), Column("damping", "", 3), Column("peak sensitivity", "", 2),
-        Column("gain margin", "", 2),
-    )  # fmt: skip
-    how = (
+    yield Table(
+        (
+            "payload", Column("overshoot", "%", 2), Column("settling", "s", 3),
+            Column("peak input", units_of(e).effort), Column("sag when gripped", unit), Column("back after", "s", 2),
+            Column("remaining sag", unit), Column("damping", "", 3), Column("peak sensitivity", "", 2),
+            Column("gain margin", "", 2),
+        ),
+        rows,
         "With the payload in the true robot. Worst joints; the peak input is that of the motor nearest to its limit. "
-        "Back: within 2 % of the joint's step from then on"
-    )
-    yield Table(columns, rows, how, "table-payload", stacks=True)
+        "Back: within 2 % of the joint's step from then on",
+        "table-payload", stacks=True,
+    )  # fmt: skip
 
 
 def _payload_notes(design: Design) -> Blocks:
@@ -210,33 +214,35 @@ def move(design: Design) -> Blocks:
     def figure() -> Figure:
         over = response.run.time, e.setup.joints
         position, plan = (units.scale * (values - origin) for values in (response.positions, planned.planned))
-        panels = (
-            joint_panel(quantity, units.angle, *over, position, plan=plan),
-            joint_panel("link position − plan", unit, *over, scale * planned.error, zero=True),
-            input_panel(e, response)[0],
-        )
-        caption = "Link positions and the plan (dotted), their difference, and the inputs."
-        return draw_figure("move", panels, caption, "The move", 6.6)
+        return draw_figure(
+            "move",
+            (
+                joint_panel(quantity, units.angle, *over, position, plan=plan),
+                joint_panel("link position − plan", unit, *over, scale * planned.error, zero=True),
+                input_panel(e, response)[0],
+            ),
+            "Link positions and the plan (dotted), their difference, and the inputs.", "The move", 6.6,
+        )  # fmt: skip
 
     yield figure
-    rows = [
-        {**row, "way": float(way), "relative": row["largest_error"] / float(way) if way else None}
-        for row, way in zip(planned.metrics, planned.ways)
-    ]
-    columns = (
-        Column("way", units.angle, key="way", scale=units.scale),
-        Column("largest error", unit, key="largest_error", scale=scale),
-        Column("of the way", "%", 2, key="relative", scale=100.0),
-        Column("rms error", unit, key="rms_error", scale=scale),
-        Column("error at the end", unit, key="final_error", scale=scale),
-        Column("peak input", units.effort, key="peak_input"),
-        Column("peak speed", units.rate, key="peak_speed", scale=units.scale),
-    )
-    caption = (
+    yield joint_table(
+        (
+            Column("way", units.angle, key="way", scale=units.scale),
+            Column("largest error", unit, key="largest_error", scale=scale),
+            Column("of the way", "%", 2, key="relative", scale=100.0),
+            Column("rms error", unit, key="rms_error", scale=scale),
+            Column("error at the end", unit, key="final_error", scale=scale),
+            Column("peak input", units.effort, key="peak_input"),
+            Column("peak speed", units.rate, key="peak_speed", scale=units.scale),
+        ),
+        [
+            {**row, "way": float(way), "relative": row["largest_error"] / float(way) if way else None}
+            for row, way in zip(planned.metrics, planned.ways)
+        ],
         "Errors: of the true link positions from the plan. Way: between its extremes. Error at the end: largest in the "
-        "last tenth of the run"
-    )
-    yield joint_table(columns, rows, caption, "table-move")
+        "last tenth of the run",
+        "table-move",
+    )  # fmt: skip
 
 
 def margins_along(design: Design) -> Blocks:
@@ -278,8 +284,10 @@ def margins_along(design: Design) -> Blocks:
         panels.append(Panel(quantity, "", lines, (limit,) if limit else ()))
     caption = f"At poses along the move. Dotted: what is required, with its tolerance.{colours}"
     yield lambda: draw_figure("along", panels, caption, "Margins along the move", 5.4)
-    columns = ("figure", Column("worst", "", 3), Column("at", "s", 3), "pose")
-    yield Table(columns, rows, "The worst pose of each figure", "table-along")
+    yield Table(
+        ("figure", Column("worst", "", 3), Column("at", "s", 3), "pose"), rows, "The worst pose of each figure",
+        "table-along",
+    )  # fmt: skip
 
 
 # Ring-down after an impulse ---------------------------------------------------------------------------
@@ -298,20 +306,21 @@ def ring_down(design: Design) -> Blocks:
         )
     yield lambda: _ring_down_figure(runs)
     unit, scale = units.small
-    columns = (
-        Column("impulse", f"{units.load}·s", key="impulse"),
-        Column("largest deviation", unit, key="peak_deviation", scale=scale),
-        Column("least damping ratio", "", 3, key="damping"),
-        Column("its frequency", "Hz", 3, key="frequency_Hz"),
-        Column(f"left after {AFTER:g} periods", "%", 2, key="left", scale=100.0),
-    )
-    caption = (
+    yield joint_table(
+        (
+            Column("impulse", f"{units.load}·s", key="impulse"),
+            Column("largest deviation", unit, key="peak_deviation", scale=scale),
+            Column("least damping ratio", "", 3, key="damping"),
+            Column("its frequency", "Hz", 3, key="frequency_Hz"),
+            Column(f"left after {AFTER:g} periods", "%", 2, key="left", scale=100.0),
+        ),
+        ring_down_rows(runs),
         "Damping ratio: the least of the oscillations that make up "
         f"{100.0 * VISIBLE:g} % of the joint's own velocity or input, fitted to all samples of all runs; fit and "
         f"runs differ by {number(100.0 * runs.ring_down.error, 2)} % of the peak at most. Left: largest velocity of "
-        "the link from then on, of its peak"
-    )
-    yield joint_table(columns, ring_down_rows(runs), caption, "table-ring-down")
+        "the link from then on, of its peak",
+        "table-ring-down",
+    )  # fmt: skip
 
 
 def ring_down_rows(runs: ImpulseRuns) -> list[dict[str, Any]]:
@@ -406,27 +415,27 @@ def long_run(design: Design) -> Blocks:
         )
     yield lambda: _long_run_figure(design, run)
     unit, scale = units.small
-    rows = [
-        {
-            **row,
-            "frequency": _frequency(row["frequency_Hz"]) if row["amplitude"] > SEEN * run.limit else "–",
-            "result": "hunts" if row["amplitude"] > run.limit else "below the limit",
-        }
-        for row in long_run_rows(run)
-    ]
-    columns = (
-        Column("amplitude", unit, key="amplitude", scale=scale),
-        Column("frequency", key="frequency"),
-        Column("remaining error", unit, key="remaining_error", scale=scale),
-        Column("result", key="result"),
-    )
     dead = "" if run.dead_zone is None else ", and a dead zone of the integrals"
-    caption = (
+    yield joint_table(
+        (
+            Column("amplitude", unit, key="amplitude", scale=scale),
+            Column("frequency", key="frequency"),
+            Column("remaining error", unit, key="remaining_error", scale=scale),
+            Column("result", key="result"),
+        ),
+        [
+            {
+                **row,
+                "frequency": _frequency(row["frequency_Hz"]) if row["amplitude"] > SEEN * run.limit else "–",
+                "result": "hunts" if row["amplitude"] > run.limit else "below the limit",
+            }
+            for row in long_run_rows(run)
+        ],
         f"With {listed([name.replace('_', ' ') for name in run.extras if name in DRY])}{dead}. Amplitude: half of the "
-        "distance between the extremes in the last half. Remaining error: largest in the last tenth"
-    )
-    title = f"{run.response.run.time[-1]:.3g} s at rest with dry friction: hunting" if run.oscillates else ""
-    yield joint_table(columns, rows, caption, "table-hunting", title)
+        "distance between the extremes in the last half. Remaining error: largest in the last tenth",
+        "table-hunting",
+        f"{run.response.run.time[-1]:.3g} s at rest with dry friction: hunting" if run.oscillates else "",
+    )  # fmt: skip
 
 
 def _frequency(frequency: float | None) -> str:
@@ -457,19 +466,20 @@ def _long_run_figure(design: Design, run: LimitCycleCheck) -> Figure:
     time, positions, inputs = (tail_of(each, REST_TAIL) for each in runs)
     few, deviation = _extremes(time, scale * (positions - response.goal))
     limit = np.full(len(response.joints), scale * run.limit)
-    panels = (
-        joint_panel(
-            "link position − goal", unit, few, response.joints, deviation, zero=True, limits=limit,
-            limit_name="limit",
-        ),
-        joint_panel("input", units.effort, few, response.joints, _extremes(time, inputs)[1]),
-    )  # fmt: skip
     friction = "sharp: it holds a motor until the torque exceeds it" if run.sharp else "smoothed"
-    caption = (
+    return draw_figure(
+        "rest",
+        (
+            joint_panel(
+                "link position − goal", unit, few, response.joints, deviation, zero=True, limits=limit,
+                limit_name="limit",
+            ),
+            joint_panel("input", units.effort, few, response.joints, _extremes(time, inputs)[1]),
+        ),
         f"The last half of {response.run.time[-1]:.3g} s at the goal, without measurement noise. Dry friction is "
-        f"{friction}. An amplitude beyond {units.small_text(run.limit, 3)} is hunting."
-    )
-    return draw_figure("rest", panels, caption, "At rest with dry friction")
+        f"{friction}. An amplitude beyond {units.small_text(run.limit, 3)} is hunting.",
+        "At rest with dry friction",
+    )  # fmt: skip
 
 
 def _extremes(time: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

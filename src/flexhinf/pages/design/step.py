@@ -101,42 +101,43 @@ def step(design: Design) -> Blocks:
     yield lambda: _step_figure(e, units)
     yield lambda: arm_of(e)
     last = float(e.step.run.time[-1])
-    rows = [
-        {
-            **row, "from": float(begin), "to": float(end),
-            "settling": settling_text(row["settling_time_s"], last) if "settling_time_s" in row else None,
-        }
-        for row, begin, end in zip(e.step.metrics, e.setup.start, e.setup.goal)
-    ]  # fmt: skip
     error = Column("steady-state error", units.angle, key="steady_state_error", scale=units.scale)
     peak = Column("peak input", units.effort, key="peak_input")
-    columns = (
-        Column("from", units.angle, key="from", scale=units.scale),
-        Column("to", units.angle, key="to", scale=units.scale),
-        Column("overshoot", "%", 1, key="overshoot_percent"),
-        Column("settling time", key="settling"),
-        error,
-        peak,
-        Column("input noise", units.effort, key="input_noise"),
-    )
-    caption = (
-        "True link positions. Settling: to ±2 % of the joint's own step. Steady-state error: largest in the last tenth "
-        "of the run. Input noise: standard deviation there"
-    )
-    yield joint_table(columns, rows, caption, "table-step")
-    if design.mujoco is not None:
-        plants = {"ours": e.step, "MuJoCo's": design.mujoco}
-        rows = [{**row, "plant": plant} for plant, response in plants.items() for row in response.metrics]
-        columns = (
-            Column("plant", key="plant"),
-            Column("joint", key="joint"),
-            Column("overshoot", "%", key="overshoot_percent"),
-            Column("settling time", "s", 3, key="settling_time_s"),
+    yield joint_table(
+        (
+            Column("from", units.angle, key="from", scale=units.scale),
+            Column("to", units.angle, key="to", scale=units.scale),
+            Column("overshoot", "%", 1, key="overshoot_percent"),
+            Column("settling time", key="settling"),
             error,
             peak,
-        )
-        caption = f"The same controller and noise on MuJoCo's plant: {difference_text(design)}"
-        yield Table.of(columns, rows, caption, "table-mujoco")
+            Column("input noise", units.effort, key="input_noise"),
+        ),
+        [
+            {
+                **row, "from": float(begin), "to": float(end),
+                "settling": settling_text(row["settling_time_s"], last) if "settling_time_s" in row else None,
+            }
+            for row, begin, end in zip(e.step.metrics, e.setup.start, e.setup.goal)
+        ],
+        "True link positions. Settling: to ±2 % of the joint's own step. Steady-state error: largest in the last tenth "
+        "of the run. Input noise: standard deviation there",
+        "table-step",
+    )  # fmt: skip
+    if design.mujoco is not None:
+        plants = {"ours": e.step, "MuJoCo's": design.mujoco}
+        yield Table.of(
+            (
+                Column("plant", key="plant"),
+                Column("joint", key="joint"),
+                Column("overshoot", "%", key="overshoot_percent"),
+                Column("settling time", "s", 3, key="settling_time_s"),
+                error,
+                peak,
+            ),
+            [{**row, "plant": plant} for plant, response in plants.items() for row in response.metrics],
+            f"The same controller and noise on MuJoCo's plant: {difference_text(design)}", "table-mujoco",
+        )  # fmt: skip
 
 
 def step_text(response: Response, units: Units) -> str:
@@ -205,11 +206,12 @@ def _step_figure(e: LawEvaluation, units: Units) -> Figure:
     if s.estimator != "none":
         fed = f"with {fed} on {', '.join(s.measured).replace('_', ' ')} and measurement noise"
     bound = f" (dashed: {limit})" if inputs.dashed else f" ({limit}, beyond the panel)" if limit else ""
-    caption = (
+    return draw_figure(
+        "step", panels,
         f"Nonlinear loop, {fed}{'' if command is None else f', its command {command.name}'}: link positions as "
-        f"distance from the goal (dotted), torques of the springs, and inputs as applied{bound}."
-    )
-    return draw_figure("step", panels, caption, "Step response", 6.6)
+        f"distance from the goal (dotted), torques of the springs, and inputs as applied{bound}.",
+        "Step response", 6.6,
+    )  # fmt: skip
 
 
 def difference_text(design: Design) -> str:
@@ -402,8 +404,10 @@ def _histograms(e: LawEvaluation, samples: MonteCarlo) -> Figure:
             axis.axvline(nominal, color=SERIES[1], linewidth=1.6)
         if limit is not None and float(values.max()) > 0.5 * limit:
             axis.axvline(limit, color=INK, linewidth=1.0, dashes=DASHED)
-    caption = "Worst joint of each robot. Orange: the nominal robot. Dashed: a limit that is near."
-    return figure_block("spread", figure, caption, "Spread of the sampled robots")
+    return figure_block(
+        "spread", figure, "Worst joint of each robot. Orange: the nominal robot. Dashed: a limit that is near.",
+        "Spread of the sampled robots",
+    )  # fmt: skip
 
 
 def histogram_bins(values: np.ndarray, grain: float) -> np.ndarray:
@@ -426,12 +430,12 @@ def spread_table(e: LawEvaluation) -> Table:
         cells = ("never" if np.isinf(value) else number(value, 3) for value in (nominal, *quantiles))
         rows.append((name, unit, *cells, *([joint or "–"] if several else [])))
     settled = f"{len(samples) - samples.unsettled} of {len(samples)} settle, {samples.diverged} diverge"
-    columns = (
-        "", "unit", Column("nominal robot", brief="nominal", right=True), Column("median", right=True),
-        Column("95 % are below", brief="95 % below", right=True),
-        Column("worst", right=True), *(["worst joint"] if several else []),
-    )  # fmt: skip
     return Table(
-        columns, rows, f"Worst joint of each robot: {settled}" if several else settled, "table-draws",
+        (
+            "", "unit", Column("nominal robot", brief="nominal", right=True), Column("median", right=True),
+            Column("95 % are below", brief="95 % below", right=True),
+            Column("worst", right=True), *(["worst joint"] if several else []),
+        ),
+        rows, f"Worst joint of each robot: {settled}" if several else settled, "table-draws",
         title=f"The step on {len(samples)} robots sampled within their tolerances: {settled}",
     )  # fmt: skip

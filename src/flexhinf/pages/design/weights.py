@@ -123,15 +123,16 @@ def candidate_table(design: Design) -> Table:
         )
         for c in (candidates[k] for k in sorted({0, max(0, used - 1), used, min(last, used + 1), last}))
     ]  # fmt: skip
-    columns = (
-        Column("largest damping weight ζ", "", 3, brief="weight ζ"),
-        Column("target frequency ω", "rad/s", brief="target ω, rad/s"), Column("bandwidth", "rad/s"),
-        Column("damping, worst robot", "", 3, brief="damping: worst"),
-        Column("damping, nominal robot", "", 3, brief="nominal"), "γ*", "",
-    )  # fmt: skip
     count = f"{len(rows)} of {count_text(len(candidates), 'candidate')}"
-    caption = f"{count}, by ζ; design.json has all"
-    return Table(columns, rows, caption, "table-tries", title=f"Search for the weights: {count}")
+    return Table(
+        (
+            Column("largest damping weight ζ", "", 3, brief="weight ζ"),
+            Column("target frequency ω", "rad/s", brief="target ω, rad/s"), Column("bandwidth", "rad/s"),
+            Column("damping, worst robot", "", 3, brief="damping: worst"),
+            Column("damping, nominal robot", "", 3, brief="nominal"), "γ*", "",
+        ),
+        rows, f"{count}, by ζ; design.json has all", "table-tries", title=f"Search for the weights: {count}",
+    )  # fmt: skip
 
 
 # The tolerances -----------------------------------------------------------------------------------------
@@ -154,12 +155,14 @@ def whole_loop(design: Design) -> Blocks:
         f"more overshoot at the corners, the same limits, and at most {NOISE:g} times the noise at each motor. {result}"
     )
     volts = design.setup.model.unit(design.setup.model.inputs[0])
-    rows = [
-        (what, number(damped, 3), number(robust, 3), volts if unit == "input" else unit)
-        for what, unit, damped, robust in whole_loop_rows(search)
-    ]
-    columns = ("running loop", "preset damped", "preset robust", "unit")
-    yield Table(columns, rows, "What the search for the tolerances gained and cost", "table-whole-loop")
+    yield Table(
+        ("running loop", "preset damped", "preset robust", "unit"),
+        [
+            (what, number(damped, 3), number(robust, 3), volts if unit == "input" else unit)
+            for what, unit, damped, robust in whole_loop_rows(search)
+        ],
+        "What the search for the tolerances gained and cost", "table-whole-loop",
+    )  # fmt: skip
 
 
 def whole_loop_rows(search: WholeLoopSearch) -> list[tuple[str, str, float, float]]:
@@ -181,14 +184,15 @@ def robust_table(r: Robustness) -> Table:
         "γ* of the problem": (r.nominal_gamma_star, r.gamma_star),
         "level that the nominal robot attains": (r.nominal_gain, r.robust_gain),
     }
-    rows = [(what, plain, robust, 100.0 * (robust / plain - 1.0)) for what, (plain, robust) in levels.items()]
-    columns = (
-        "", Column("without tolerances", brief="without"), Column("with tolerances", brief="with"),
-        Column("cost", "%", 1),
+    return Table(
+        (
+            "", Column("without tolerances", brief="without"), Column("with tolerances", brief="with"),
+            Column("cost", "%", 1),
+        ),
+        [(what, plain, robust, 100.0 * (robust / plain - 1.0)) for what, (plain, robust) in levels.items()],
+        "What covering the tolerances costs (linear part)", "table-robust",
+        title=f"Cost of the tolerances: {r.channels} channels, {100.0 * r.fraction:.3g} % of them covered",
     )  # fmt: skip
-    title = f"Cost of the tolerances: {r.channels} channels, {100.0 * r.fraction:.3g} % of them covered"
-    caption = "What covering the tolerances costs (linear part)"
-    return Table(columns, rows, caption, "table-robust", title=title)
 
 
 def _robust_text(r: Robustness) -> str:
@@ -257,8 +261,10 @@ def _weight_table(design: Design) -> Blocks:
     for signal, by in rows.items():
         values = (number(by[joint].value) if joint in by else "–" for joint in joints)
         cells.append((signal, *values, " or ".join(dict.fromkeys(weight.unit for weight in by.values()))))
-    columns = ("weight of", *(joints if len(joints) > 1 else ["value"]), "unit")
-    yield Table(columns, cells, "Weights: h(x) has one entry for each", "table-weights")
+    yield Table(
+        ("weight of", *(joints if len(joints) > 1 else ["value"]), "unit"), cells,
+        "Weights: h(x) has one entry for each", "table-weights",
+    )  # fmt: skip
     yield Paragraph(price)
 
 
@@ -291,12 +297,14 @@ def noise_levels(design: Design) -> Blocks:
     if len(joints) > 1:
         by_joint = (search.chosen.levels.link_velocities, search.chosen.levels.motor_velocities)
         links, motors = (np.broadcast_to(level, len(joints)).tolist() for level in by_joint)
-        columns = (
-            "joint", Column("Rᵛ, link velocity", digits=2), Column("Rᵛ, motor velocity", digits=2),
-            Column("noise at the motor (rms)", design.setup.model.unit(design.setup.model.inputs[0])),
+        yield Table(
+            (
+                "joint", Column("Rᵛ, link velocity", digits=2), Column("Rᵛ, motor velocity", digits=2),
+                Column("noise at the motor (rms)", design.setup.model.unit(design.setup.model.inputs[0])),
+            ),
+            list(zip(joints, links, motors, search.chosen.noises.tolist(), strict=True)),
+            "The levels that are used, joint by joint", "table-noise-levels",
         )  # fmt: skip
-        rows = list(zip(joints, links, motors, search.chosen.noises.tolist(), strict=True))
-        yield Table(columns, rows, "The levels that are used, joint by joint", "table-noise-levels")
 
 
 def _outcome(search: NoiseSearch, robust: bool) -> str:
@@ -369,14 +377,14 @@ def _noise_figure(design: Design, search: NoiseSearch) -> Figure:
         across = f"noise at the motor, rms ({unit})"
         dashed = required if name == "damping" else ()
         panels.append(Panel(text, "", lines, dashed=dashed, across=across, y=(0.0, None), log=True))
-    caption = (
+    return draw_figure(
+        "noise-trade-off", panels,
         f"Of {search.count} choices of Rᵛ with a stable loop, dots are those that no other one betters in noise, "
         f"damping and compliance at once, one dot for each motor; {used}. A choice to the left of the squares breaks "
         "another limit (see the table), or yields more to a "
-        f"load.{'' if target is None else ' Dashed: the damping that is required.'}"
-    )
-    title = "Noise at the motors against damping and load stiffness"
-    return draw_figure("noise-trade-off", panels, caption, title, 3.2, columns=7)
+        f"load.{'' if target is None else ' Dashed: the damping that is required.'}",
+        "Noise at the motors against damping and load stiffness", 3.2, columns=7,
+    )  # fmt: skip
 
 
 def noise_table(design: Design) -> Table:
@@ -403,14 +411,16 @@ def noise_table(design: Design) -> Table:
         *finite_metrics, gain = metrics(one)
         rows.append((*finite_metrics, finite(gain), "; ".join(filter(None, (note, missed)))))
     unit = design.setup.model.unit(design.setup.model.inputs[0])
-    columns = (
-        Column("noise at the noisiest motor (rms)", unit, digits=3, brief=f"noise, {unit}"),
-        Column("smallest damping ratio", "", 3, brief="damping"),
-        Column("compliance / true state", "", 2, brief="compliance"),
-        Column("peak sensitivity", "", 2, brief="|S|"),
-        Column("gain margin", "", 2, brief="gain"),
-        Column("limits missed, or used", brief="missed"),
-    )
-    caption = f"{len(rows)} of {search.count} choices of Rᵛ: the default, the one used, and some of the dots"
-    title = f"Noise levels of the estimator: {len(rows)} of {count_text(search.count, 'candidate')}"
-    return Table(columns, rows, caption, "table-noise-search", True, title)
+    return Table(
+        (
+            Column("noise at the noisiest motor (rms)", unit, digits=3, brief=f"noise, {unit}"),
+            Column("smallest damping ratio", "", 3, brief="damping"),
+            Column("compliance / true state", "", 2, brief="compliance"),
+            Column("peak sensitivity", "", 2, brief="|S|"),
+            Column("gain margin", "", 2, brief="gain"),
+            Column("limits missed, or used", brief="missed"),
+        ),
+        rows, f"{len(rows)} of {search.count} choices of Rᵛ: the default, the one used, and some of the dots",
+        "table-noise-search", True,
+        f"Noise levels of the estimator: {len(rows)} of {count_text(search.count, 'candidate')}",
+    )  # fmt: skip
