@@ -122,7 +122,12 @@ def write_campaign(
     case = next((one for one in cases if one.metric == judged.main), next(iter(cases), None))
     search = "" if case is None else f" Search: {worst_text(case)}"
     groups: dict[str, list[Setting]] = {"Campaign": [], "Numbers that differ": [], "Design": [], "Robot": []}
-    heads = {"variable ": "Numbers that differ", "design ": "Design", "robot ": "Robot", "true robot ": "Robot"}
+    heads = {
+        "variable ": "Numbers that differ",
+        "design ": "Design",
+        "robot ": "Robot",
+        "true robot ": "Robot",
+    }
     for name, value in settings.items():
         head = next((head for head in heads if name.startswith(head)), "")
         label_text = name if head == "true robot " else name.removeprefix(head)
@@ -229,7 +234,9 @@ def _failures(judged: CampaignJudgement) -> list[Any]:
         if status == DIVERGED:
             reasons = [f"diverged at {judged.column('diverged_at_s')[k]:g} s"]
         rows.append((k, ", ".join(reasons), unbroken(sample_changes(judged, k)), f"`{replay} {k}`"))
-    few = f" The {FAILURES} worst are listed; all are in samples.parquet." if judged.failures > FAILURES else ""
+    few = (
+        f" The {FAILURES} worst are listed; all are in samples.parquet." if judged.failures > FAILURES else ""
+    )
     text = f"{judged.failures} samples fail. The last column runs one again, in the folder above.{few}"
     columns = ("sample", "why", "its numbers", "replay")
     return [Paragraph(text), Table(columns, rows, "Failures", "table-failures", stacks=True)]
@@ -492,7 +499,10 @@ def _sensitivities(judged: CampaignJudgement) -> list[Any]:
         axis.grid(axis="y", visible=False)
         axis.set_title(f"{metric_text(name)}, R² {number(one.r_squared, 2)}", fontsize=9)
     legend_above(figure, axes[0], 2)
-    first, low = next(iter(found.values())), [metric_text(n) for n, one in found.items() if one.r_squared < 0.5]
+    first, low = (
+        next(iter(found.values())),
+        [metric_text(n) for n, one in found.items() if one.r_squared < 0.5],
+    )
     notes = [Note(f"The ranking says little for {', '.join(low)}: R² is less than half.")] if low else []
     caption = (
         f"Sobol indices by SciPy of {first.terms} in the numbers, fitted to {first.count} samples: of this surrogate, "
