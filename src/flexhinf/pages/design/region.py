@@ -40,7 +40,7 @@ from flexhinf.report import (
     new_figure,
     number,
 )
-from flexhinf.report.table import WIDTH
+from flexhinf.report.blocks import WIDTH
 
 PARTS = {
     "sampling": "the input is held between samples",
