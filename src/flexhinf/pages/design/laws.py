@@ -24,7 +24,7 @@ from flexhinf.pages.drawing import (
     units_of,
 )
 from flexhinf.report import Cell, Column, Figure, Table, house_style, label, number
-from flexhinf.report.table import WIDTH
+from flexhinf.report.blocks import WIDTH
 
 #: Two figures are equally good within this relative difference, or the smallest difference that counts.
 SHARED = 0.005

@@ -29,7 +29,7 @@ from flexhinf.pages.drawing import (
     units_of,
 )
 from flexhinf.report import INK, SERIES, Column, Figure, Listing, Paragraph, Table, at_least, at_most, number
-from flexhinf.report.table import WIDTH
+from flexhinf.report.blocks import WIDTH
 
 #: Parts of the controller in the budget.
 BUDGET_PARTS = {
