@@ -32,7 +32,7 @@ from flexhinf.design.responses import (
     sample_robots,
     worst_of,
 )
-from flexhinf.design.synthesis.degrees import choose_degree, solve_degrees, step_cost, tried_degrees
+from flexhinf.design.synthesis.by_step import choose_degree, solve_degrees, step_cost, tried_degrees
 from flexhinf.design.synthesis.noise import search_noise
 from flexhinf.plant import GeneralisedPlant, Law, Plant
 from flexhinf.robot import Parameter, Robot

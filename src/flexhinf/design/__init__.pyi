@@ -35,7 +35,7 @@ from .result import (
     design_text as design_text,
 )
 from .specification import Specification as Specification
-from .synthesis.degrees import (
+from .synthesis.by_step import (
     DegreeChoice as DegreeChoice,
     shrinking as shrinking,
     try_degrees as try_degrees,

@@ -22,7 +22,7 @@ from flexhinf.design.problem.presets import preset_of, required_damping
 from flexhinf.design.result import ComparedLaw, Comparison, Design, status_of
 from flexhinf.design.rigid import RigidComparison, compare_rigid
 from flexhinf.design.specification import Specification
-from flexhinf.design.synthesis.degrees import rays_of, synthesis_stages
+from flexhinf.design.synthesis.by_step import rays_of, synthesis_stages
 from flexhinf.design.synthesis.steps import Synthesis, synthesise
 from flexhinf.design.tuning import TunedLaw, Tuner
 from flexhinf.robot import Robot
