@@ -210,6 +210,11 @@ def law_names(names: Sequence[str] | None = None) -> tuple[str, ...]:
     return tuple(dict.fromkeys((DESIGN, NL_HINF, *wanted)))
 
 
+def is_hinf(name: str) -> bool:
+    """Whether a law is the design's own, or nonlinear H∞ tuned; linear H∞ (hinf) is a rival of it."""
+    return name in (DESIGN, NL_HINF) or name.startswith(f"{NL_HINF}-")
+
+
 @dataclass(frozen=True, eq=False)
 class LawFactory:
     """Makes laws about the goal of a design, from its model."""

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from flexhinf.design.problem.channels import Channel, channels
-from flexhinf.errors import InvalidInput
 
 pytestmark = pytest.mark.oracle
 
@@ -117,8 +116,7 @@ def test_each_parameter_counts_where_it_does_most(
     """The weight turns with cos q: at 0 it does most, at π/2 nothing."""
     robot = only_uncertain(robot_of("paper"), "mass")
     hanging, level = np.array([0.0]), np.array([np.pi / 2])
-    with pytest.raises(InvalidInput):
-        channels(robot, [level])
+    assert channels(robot, [level]) == ()
     (both,), (one,) = channels(robot, [level, hanging]), channels(robot, [hanging])
     assert np.abs(both.torque) == pytest.approx(np.abs(one.torque))
     weight = 0.05 * 1.0 * 9.8 * 1.0
@@ -140,8 +138,7 @@ def test_channels_of_one_quantity_share_a_group_over_the_joints(robot_of: Callab
 def test_a_robot_without_tolerances_has_no_channels(
     robot_of: Callable[[str], Any], only_uncertain: Callable[..., Any]
 ) -> None:
-    with pytest.raises(InvalidInput):
-        channels(only_uncertain(robot_of("planar-two-link")), [np.array([0.4, 0.6])])
+    assert channels(only_uncertain(robot_of("planar-two-link")), [np.array([0.4, 0.6])]) == ()
 
 
 def test_several_parameters_at_once_add_up_to_first_order(

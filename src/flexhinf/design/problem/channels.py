@@ -75,10 +75,7 @@ class Channel:
 
 
 def channels(robot: Robot, poses: Sequence[np.ndarray]) -> tuple[Channel, ...]:
-    """Of all uncertain parameters, each at that of the poses where it does most.
-
-    Raises `InvalidInput` if there are none.
-    """
+    """Of all uncertain parameters, each at that of the poses where it does most."""
     plant = robot.plant()
     found: list[Channel] = []
     for parameter in robot.uncertain:
@@ -96,13 +93,18 @@ def channels(robot: Robot, poses: Sequence[np.ndarray]) -> tuple[Channel, ...]:
         largest = max(changes, key=lambda ends: float(np.abs(ends).max()))
         joint = next((joint for joint in robot.joint_names if name.endswith(f"_{joint}")), None)
         found += _rank_one(name if joint is None else name.removesuffix(f"_{joint}"), largest, plant.n)
-    if not found:
-        raise InvalidInput(
-            f"The robot {robot.name!r} states no tolerances that the preset robust could stand for.",
-            "expected parameters with a tolerance that changes how the robot moves, got none",
-            "tolerance = 10 beside a value in the robot's file, or preset='damped'",
-        )
     return tuple(found)
+
+
+def tolerance_channels(robot: Robot, poses: Sequence[np.ndarray]) -> tuple[Channel, ...]:
+    """The same. Raises `InvalidInput` if there are none."""
+    if found := channels(robot, poses):
+        return found
+    raise InvalidInput(
+        f"The robot {robot.name!r} states no tolerances that the preset robust could stand for.",
+        "expected parameters with a tolerance that changes how the robot moves, got none",
+        "tolerance = 10 beside a value in the robot's file, or preset='damped'",
+    )
 
 
 def _linearised(robot: Robot, plant: Any, signs: dict[str, float], pose: np.ndarray) -> np.ndarray:

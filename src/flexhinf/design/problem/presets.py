@@ -29,9 +29,9 @@ from flexhinf.design.problem.channels import (
     RobustProblem,
     Scalings,
     acting_corners,
-    channels,
     enlarge_until_covered,
     find_scalings,
+    tolerance_channels,
     with_channels,
 )
 from flexhinf.design.problem.modes import JointScales
@@ -315,7 +315,7 @@ def _searched(
         stated = scales.penalty(chosen.target_frequency, chosen.damping_weights), source, "ours"
         return _without_channels(robot, goal, s, preset, stated, target, result)
 
-    tolerances = channels(robot, [goal, start])
+    tolerances = tolerance_channels(robot, [goal, start])
     linear = nominal(chosen.target_frequency, chosen.damping_weights)
     scalings = find_scalings(RobustProblem(linear, family.torques, tolerances), s.gamma_ratio)
     corners = acting_corners(robot, goal, base())

@@ -15,7 +15,7 @@ from flexhinf.design.estimators import EstimatorNoise, sensor_steps
 from flexhinf.design.joint_limits import ROBOT, JointLimits, integral_dead_zone, joint_limits
 from flexhinf.design.loop_setup import LoopPlants, LoopSetup
 from flexhinf.design.plans import stated_move
-from flexhinf.design.problem.channels import channels
+from flexhinf.design.problem.channels import tolerance_channels
 from flexhinf.design.problem.presets import ChannelledProblem, DesignProblem, preset_of, required_damping
 from flexhinf.design.proved_step import LENGTH, ProvedLaw, proved_law
 from flexhinf.design.responses import Plan, start_and_goal
@@ -177,7 +177,7 @@ class _Steps(Task):
 
     def robust_problem(self) -> tuple[DesignProblem, NoiseSearch | None, WholeLoopSearch]:
         """The preset robust: from what the preset damped comes to, weights and noise levels for the tolerances."""
-        channels(self.robot, [self.goal, self.start])  # refuses a robot without tolerances
+        tolerance_channels(self.robot, [self.goal, self.start])  # refuses a robot without tolerances
         plain = replace(self, s=replace(self.s, preset="damped", rays=0))
         damped, noise = plain.searched_problem()
         assert damped.target is not None
