@@ -19,8 +19,7 @@ from rich.progress import track
 
 import flexhinf as fh
 from flexhinf.design import Specification
-from flexhinf.design.estimators import EstimatorNoise
-from flexhinf.design.loop_setup import LoopSetup
+from flexhinf.design.loop_setup import EstimatorNoise, LoopSetup
 from flexhinf.design.monte_carlo import sampled_runs
 from flexhinf.design.problem.modes import JointScales
 from flexhinf.design.problem.presets import DesignProblem, choose, required_damping

@@ -229,31 +229,34 @@ class Specification:
     def __post_init__(self) -> None:
         for name, field in FIELDS.items():
             if (value := getattr(self, name)) is not field.default:
-                object.__setattr__(self, name, _read(name, value))
+                try:
+                    object.__setattr__(self, name, field.read(value))
+                except InvalidInput as error:
+                    if isinstance(error, WaypointError) or not error.what.startswith(refused(name)):
+                        raise
+                    raise SpecificationError(name, error.what, error.found, example=error.advice) from None
         _check_sensor_units(self)
         for name, (most, why) in MOST.items():
             if (value := getattr(self, name)) is not None and value > most:
                 raise _refusal(name, f"expected at most {most:g} ({why}), got {value_text(value)}")
         if self.delay:
-            from flexhinf.loop.simulation.program import (  # a tenth of the time of `--help`
-                LONGEST_LINEAR,
-                WHOLE,
-            )
+            # Imported late: a tenth of the time of `--help`.
+            from flexhinf.loop.simulation.program import LONGEST_LINEAR, WHOLE
 
-            samples, most = (
-                self.delay / self.period,
-                f"{LONGEST_LINEAR * self.period:g} s, {LONGEST_LINEAR} samples",
-            )
-            if samples > LONGEST_LINEAR * (1.0 + WHOLE):
-                found = f"expected at most {most}: {self.delay:g} s are {samples:.0f} samples"
-                raise _refusal("delay", found, f"{self.delay:g}ms")
+            self._check_length("delay", LONGEST_LINEAR, 1.0 + WHOLE)
+            samples = self.delay / self.period
             if abs(samples - round(samples)) > WHOLE:
                 raise _refusal("delay", f"expected a multiple of {self.period:g} s, got {self.delay:g} s")
-        length = 0.0 if self.duration is None else self.duration / self.period
-        if length > RUN_SAMPLES:
-            most = f"{RUN_SAMPLES * self.period:g} s"
-            found = f"expected at most {most}: {self.duration:g} s are {length:.0f} samples"
-            raise _refusal("duration", found, f"{self.duration:g}ms")
+        self._check_length("duration", RUN_SAMPLES)
+
+    def _check_length(self, name: str, most: int, rounding: float = 1.0) -> None:
+        """Refuse a time of more samples than these."""
+        time = getattr(self, name) or 0.0
+        if time / self.period > most * rounding:
+            found = (
+                f"{most * self.period:g} s, {most} samples: {time:g} s are {time / self.period:.0f} samples"
+            )
+            raise _refusal(name, f"expected at most {found}", f"{time:g}ms")
 
     @property
     def peak_sensitivity_limit(self) -> float:
@@ -301,38 +304,23 @@ def _checked(make: Any) -> Any:
 setattr(Specification, "__init__", _checked(Specification.__init__))  # noqa: B010  pyright
 
 
-def _read(name: str, value: Any) -> Any:
-    try:
-        return FIELDS[name].read(value)
-    except WaypointError:
-        raise
-    except InvalidInput as error:
-        if not error.what.startswith(refused(name)):
-            raise
-        raise SpecificationError(name, error.what, error.found, example=error.advice) from None
-
-
 def _check_sensor_units(s: Specification) -> None:
     """Refuse a step in a unit that its kind of sensor does not have; a number without a unit fits every sensor."""
     parts = s.quantisation if isinstance(s.quantisation, tuple) else (s.quantisation,)
+    kinds = [next((kind for kind in EXAMPLES if kind in name), "") for name in s.measured]
     single = len(parts) == len(s.measured)  # otherwise one for all sensors, or one per signal
+    fitting = all if len(parts) == 1 else any
     for k, part in enumerate(parts):
-        sensors = s.measured[k : k + 1] if single else s.measured
-        kinds = [_kind_of(name) for name in sensors]
-        fitting = all if len(parts) == 1 else any
+        which = slice(k, k + 1) if single else slice(None)
         if isinstance(part, units.Stated) and not fitting(
-            part.si in SENSOR_UNITS.get(kind, ()) for kind in kinds
+            part.si in SENSOR_UNITS.get(kind, ()) for kind in kinds[which]
         ):
             raise _refusal(
                 "quantisation",
                 f"expected a step for each of {list(s.measured)} in its own unit, got '{part.number}{part.unit}' for "
-                f"{' and '.join(map(repr, sensors))}",
-                ",".join(EXAMPLES.get(k, "1e-4") for k in map(_kind_of, s.measured)),
+                f"{' and '.join(map(repr, s.measured[which]))}",
+                ",".join(EXAMPLES.get(kind, "1e-4") for kind in kinds),
             )
-
-
-def _kind_of(name: str) -> str:
-    return next((kind for kind in EXAMPLES if kind in name), "")
 
 
 def _refusal(name: str, found: str, example: str = "") -> SpecificationError:

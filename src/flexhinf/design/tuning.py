@@ -31,7 +31,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from flexhinf.baselines import Candidate, Judgement, Tuning, excess, tune
-from flexhinf.design.estimators import other_quantisation
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.laws import (
     CONTAINED,
@@ -43,7 +42,7 @@ from flexhinf.design.laws import (
     LawKind,
     is_hinf,
 )
-from flexhinf.design.loop_setup import LoopSetup
+from flexhinf.design.loop_setup import LoopSetup, other_quantisation
 from flexhinf.design.requirements import peak_option
 from flexhinf.errors import FlexhinfError, InvalidInput, NumericalFailure
 
@@ -572,15 +571,14 @@ class Tuner:
         """
         values = {name: float(round(x)) if name == DEGREE else x for name, x in values.items()}
         own = self.own.setup
-        noise = own.process_noise.scaled(values.get(ESTIMATOR_NOISE, 1.0))
-        noise = noise.motors_scaled(values.get(MOTOR_NOISE, 1.0))
+        factors = values.get(ESTIMATOR_NOISE, 1.0), values.get(MOTOR_NOISE, 1.0)
         law, s = self.factory.make(kind, values, degree), own.specification
         steps = other_quantisation(own.robot, s.measured, s.quantisation, s.estimator, sensors)
         setup = replace(
             own,
             law=law,
             specification=replace(s, measured=sensors, quantisation=steps),
-            estimator_noise=replace(noise, source="tuned"),
+            estimator_noise=own.process_noise.scaled(*factors, "tuned"),
             linear_model=kind.name == "lqg",
         )
         return LawEvaluation(kind.name, setup, self.own.scenario, values, other_noise=False)

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from flexhinf.analysis import Margins
-from flexhinf.design.estimators import noise_variances
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.joint_limits import ROBOT
+from flexhinf.design.loop_setup import noise_variances
 from flexhinf.design.requirements import Requirement
 from flexhinf.design.responses import Response
 from flexhinf.design.result import ComparedLaw, Comparison, Design

@@ -26,9 +26,8 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.design.estimators import EstimatorNoise
 from flexhinf.design.joint_limits import ROBOT, JointLimits, joint_limits
-from flexhinf.design.loop_setup import LoopSetup
+from flexhinf.design.loop_setup import EstimatorNoise, LoopSetup
 from flexhinf.design.monte_carlo import sampled_runs
 from flexhinf.design.problem.modes import closed_loop
 from flexhinf.design.problem.presets import DesignProblem, choose

@@ -11,9 +11,8 @@ import numpy as np
 
 from flexhinf.design.along_move import AlongMove, MarginLimits, scheduled
 from flexhinf.design.design_file import check_stated_units
-from flexhinf.design.estimators import EstimatorNoise, sensor_steps
 from flexhinf.design.joint_limits import ROBOT, JointLimits, integral_dead_zone, joint_limits
-from flexhinf.design.loop_setup import LoopPlants, LoopSetup
+from flexhinf.design.loop_setup import EstimatorNoise, LoopPlants, LoopSetup, sensor_steps
 from flexhinf.design.plans import stated_move
 from flexhinf.design.problem.channels import tolerance_channels
 from flexhinf.design.problem.presets import ChannelledProblem, DesignProblem, preset_of, required_damping

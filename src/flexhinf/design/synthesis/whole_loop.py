@@ -24,8 +24,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from flexhinf.analysis import EquilibriumLoop, Margins, ToleranceBox, margins
-from flexhinf.design.estimators import EstimatorNoise
-from flexhinf.design.loop_setup import LoopPlants
+from flexhinf.design.loop_setup import EstimatorNoise, LoopPlants
 from flexhinf.design.monte_carlo import sampled_runs
 from flexhinf.design.problem.presets import ChannelledProblem, DesignProblem, required_damping
 from flexhinf.design.problem.weights import Candidate, SearchResult, behaviour_of
@@ -227,8 +226,7 @@ class _Search:
             levels = self.levels
             if levels is not None:
                 links, motors = np.exp(x[2:4]).tolist()
-                levels = levels.scaled(links).motors_scaled(motors / links)
-                levels = replace(levels, source="searched on the running loop")
+                levels = levels.scaled(links, motors / links, "searched on the running loop")
             loop = self.loop(problem, levels)
             scale, corner = self.edge(loop, self.active)
             if scale <= 0.0:
