@@ -29,15 +29,10 @@ from flexhinf.analysis.batch import LawRows
 from flexhinf.design.impulse import ImpulseRuns, impulse_runs, impulse_sizes
 from flexhinf.design.loop_setup import LoopSetup, share_derived
 from flexhinf.design.monte_carlo import MonteCarlo, move_errors, sampled_runs
-from flexhinf.design.problem.modes import (
-    Mode,
-    estimator_modes,
-    modes_of,
-    sampled_modes,
-    stiffness_and_inertia,
-)
+from flexhinf.design.problem.modes import Mode, modes_of, sampled_modes, stiffness_and_inertia
 from flexhinf.design.responses import LoadResponse, Move, Response, Scenario, Worst, worst_of
 from flexhinf.errors import FlexhinfError
+from flexhinf.estimation import stationary_gain
 from flexhinf.plant import Law
 from flexhinf.scalars import trace
 
@@ -204,11 +199,21 @@ class LawEvaluation:
 
     @cached_property
     def estimator_modes(self) -> tuple[Mode, ...]:
-        """Of the estimation error, with the filter's stationary gain; none without an estimator, or without noise."""
+        """Of the estimation error, with the filter's stationary gain; none without an estimator, or without noise.
+
+        e(k + 1) = A (1 − L C) e(k) for the sampled A, with L from the stationary Riccati equation of R^v and R^n. With
+        the nominal plant the linearised loop has these modes beside those of the law.
+        """
         filter = self.loop.filter
         if filter is None or not self.setup.process_noise.largest:
             return ()
-        return estimator_modes(filter, self.setup.goal_equilibrium, self.setup.joints, *self.energy)
+        from scipy.linalg import expm
+
+        a, _, _, c = filter.plant.linearise(*self.setup.goal_equilibrium)
+        sampled = expm(a * filter.period)
+        gain = stationary_gain((sampled, c), filter.process_noise, filter.measurement_noise)
+        error = sampled @ (np.eye(len(a)) - gain @ c)
+        return sampled_modes(*np.linalg.eig(error), filter.period, self.setup.joints, *self.energy)
 
     @cached_property
     def running_modes(self) -> tuple[Mode, ...]:

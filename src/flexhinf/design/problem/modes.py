@@ -25,7 +25,6 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.estimation import stationary_gain
 from flexhinf.loop.simulation.metrics import damping_ratio
 from flexhinf.plant import Penalty
 from flexhinf.robot.elastic import Layout
@@ -113,23 +112,6 @@ def named_modes(
         still = abs(value) <= STANDS_STILL * fastest
         modes.append(Mode(0j if still else complex(value), vibration, joints[int(np.argmax(where))]))
     return tuple(sorted(modes, key=lambda mode: (abs(mode.eigenvalue), mode.joint)))
-
-
-def estimator_modes(
-    estimator: Any, equilibrium: tuple[np.ndarray, np.ndarray], *names: Any
-) -> tuple[Mode, ...]:
-    """Modes of the estimation error in equilibrium, with the stationary gain of the linearised filter, slowest first.
-
-    e(k + 1) = A (1 − L C) e(k) for the sampled A, with L from the stationary Riccati equation of R^v and R^n. With the
-    nominal plant the linearised loop has these modes beside those of the law. `names`: as of `sampled_modes`.
-    """
-    from scipy.linalg import expm
-
-    a, _, _, c = estimator.plant.linearise(*equilibrium)
-    sampled = expm(a * estimator.period)
-    gain = stationary_gain((sampled, c), estimator.process_noise, estimator.measurement_noise)
-    error = sampled @ (np.eye(len(a)) - gain @ c)
-    return sampled_modes(*np.linalg.eig(error), estimator.period, *names)
 
 
 def sampled_modes(

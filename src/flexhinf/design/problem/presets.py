@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -135,8 +135,11 @@ class ToleranceChannels:
 
     def problem(
         self, target_frequency: np.ndarray, damping: np.ndarray, fraction: float, accuracy: float = 1e-6
-    ) -> ChannelledProblem:
-        """The nonlinear problem, its smallest level to an accuracy. Raises `NoFeasibleGamma` if no level does."""
+    ) -> DesignProblem:
+        """The nonlinear problem with channels for a fraction of the tolerances, its smallest level to an accuracy.
+
+        Raises `NoFeasibleGamma` if no level does.
+        """
         robot, goal = self.family.robot, self.family.goal
         linear, scalings = self.linear(target_frequency, damping), self.scaled(fraction)
         star = linear.gamma_star(scalings, accuracy)
@@ -152,46 +155,42 @@ class ToleranceChannels:
             disturbances=(*physical, *(f"{PREFIX}_{k + 1}" for k in range(enter.shape[1]))),
             equilibrium=robot.operating_point(goal),
         )
-        return ChannelledProblem(self, linear, scalings, base, nominal, problem, star, gamma)
+        return DesignProblem("robust", base, "", "ours", problem, nominal, star, gamma, channels=self)
 
+    def design(
+        self, problem: DesignProblem, target_frequency: np.ndarray, damping: np.ndarray, fraction: float
+    ) -> LinearDesign:
+        """The linear law of a `problem` of these weights and this fraction."""
+        linear = self.linear(target_frequency, damping).scaled(problem.gamma, self.scaled(fraction))
+        return linear.design(problem.gamma, problem.gamma_star)
 
-@dataclass(frozen=True, eq=False)
-class ChannelledProblem:
-    """A nonlinear problem with channels for a fraction of the tolerances; `penalty` and `nominal` are without them."""
-
-    channels: ToleranceChannels
-    linear: RobustProblem
-    scalings: Scalings
-    penalty: Penalty
-    nominal: GeneralisedPlant
-    problem: GeneralisedPlant
-    gamma_star: float
-    gamma: float
-
-    @cached_property
-    def design(self) -> LinearDesign:
-        """The linear law."""
-        return self.linear.scaled(self.gamma, self.scalings).design(self.gamma, self.gamma_star)
-
-    def checked(self, target: TargetBehaviour, result: SearchResult, source: str) -> DesignProblem:
-        """The problem of a design, its inequality checked at the corners of the tolerances."""
-        own, nominal, law = self.channels, self.linear.nominal, linear_law(self.problem, self.gamma)
+    def checked(
+        self,
+        problem: DesignProblem,
+        fraction: float,
+        target: TargetBehaviour,
+        result: SearchResult,
+        source: str,
+    ) -> DesignProblem:
+        """A `problem` of the chosen weights and this fraction, its inequality checked at corners of the tolerances."""
+        weights, scalings = (
+            (result.chosen.target_frequency, result.chosen.damping_weights),
+            self.scaled(fraction),
+        )
+        nominal, law = self.linear(*weights).nominal, linear_law(problem.problem, problem.gamma)
         # The inequality with d and z of the nominal problem, for the linear law of the robust one.
-        check = replace(own.corners, problem=self.nominal).dissipation(law.P, law.gain, self.gamma)
-        plain = nominal.design_at(own.s.gamma_ratio)
+        check = replace(self.corners, problem=problem.nominal).dissipation(law.P, law.gain, problem.gamma)
+        plain, own = nominal.design_at(self.s.gamma_ratio), self.design(problem, *weights, fraction)
         by_quantity: dict[str, list[float]] = {}
-        for channel, log in zip(self.linear.channels, self.scalings.log):
+        for channel, log in zip(self.tolerances, scalings.log):
             by_quantity.setdefault("_by_".join(channel.group), []).append(float(np.exp(log)))
         robustness = Robustness(
-            self.scalings.fraction / own.enlarged, len(self.linear.channels), self.gamma_star, plain.gamma_star,
-            nominal.attained(plain.gain), nominal.attained(self.design.gain),
-            {group: (min(each), max(each)) for group, each in by_quantity.items()}, own.enlarged,
+            scalings.fraction / self.enlarged, len(self.tolerances), problem.gamma_star, plain.gamma_star,
+            nominal.attained(plain.gain), nominal.attained(own.gain),
+            {group: (min(each), max(each)) for group, each in by_quantity.items()}, self.enlarged,
             check.count, check.failing, check.complete,
         )  # fmt: skip
-        return DesignProblem(
-            "robust", self.penalty, source, "ours", self.problem, self.nominal, self.gamma_star, self.gamma, target,
-            result, robustness, channels=own,
-        )  # fmt: skip
+        return replace(problem, source=source, target=target, search=result, robustness=robustness)
 
 
 # From a specification to its problem --------------------------------------------------------------------
@@ -329,7 +328,9 @@ def _searched(
 
         result, _ = _widened(few, target, family, robust_synthesis, scales.held)
         problem = larger.problem(result.chosen.target_frequency, result.chosen.damping_weights, 1.0)
-        return problem.checked(target, result, f"{source}, beside the channels of the tolerances")
+        return larger.checked(
+            problem, 1.0, target, result, f"{source}, beside the channels of the tolerances"
+        )
 
     def failing(problem: DesignProblem) -> int:
         assert problem.robustness is not None

@@ -15,7 +15,7 @@ from flexhinf.design.joint_limits import ROBOT, JointLimits, integral_dead_zone,
 from flexhinf.design.loop_setup import EstimatorNoise, LoopPlants, LoopSetup, sensor_steps
 from flexhinf.design.plans import stated_move
 from flexhinf.design.problem.channels import tolerance_channels
-from flexhinf.design.problem.presets import ChannelledProblem, DesignProblem, preset_of, required_damping
+from flexhinf.design.problem.presets import DesignProblem, preset_of, required_damping
 from flexhinf.design.proved_step import LENGTH, ProvedLaw, proved_law
 from flexhinf.design.responses import Plan, start_and_goal
 from flexhinf.design.specification import RINGS, TOLERANCE, Specification, SpecificationError
@@ -252,7 +252,7 @@ class _Steps(Task):
         if target is not None:
             damping = min(required_damping(self.s, target), target.damping)
             same = {"bandwidth": target.bandwidth.tolist(), "damping": damping}
-        chosen: DesignProblem | ChannelledProblem = there.choose(**same)
+        chosen = there.choose(**same)
         if whole is not None:
             damped = there.choose(**same, preset="damped")
             assert chosen.channels is not None

@@ -26,7 +26,7 @@ import numpy as np
 from flexhinf.analysis import EquilibriumLoop, Margins, ToleranceBox, margins
 from flexhinf.design.loop_setup import EstimatorNoise, LoopPlants
 from flexhinf.design.monte_carlo import sampled_runs
-from flexhinf.design.problem.presets import ChannelledProblem, DesignProblem, required_damping
+from flexhinf.design.problem.presets import DesignProblem, required_damping
 from flexhinf.design.problem.weights import Candidate, SearchResult, behaviour_of
 from flexhinf.design.responses import run_length
 from flexhinf.design.synthesis.by_step import Task
@@ -70,7 +70,7 @@ class LoopCandidate:
     """A problem with the noise levels of its estimator, and its loop as the search judges it."""
 
     x: np.ndarray  # (5,), ln of ω, ζ, link and motor levels over those of damped; fraction
-    solved: DesignProblem | ChannelledProblem
+    solved: DesignProblem
     levels: EstimatorNoise | None
     scale: float  # factor of all tolerances at which the first corner is unstable, at most `MOST`
     corner: int  # that corner, of the corners of `tolerance_corners`; −1 for none
@@ -119,18 +119,19 @@ def search_whole_loop(
         search.own, best, **factors, fraction=search.fraction(best.x), count=search.count,
         corner="" if best.corner < 0 else search.box.population.describe(best.corner),
     )  # fmt: skip
-    problem = best.solved
-    if isinstance(problem, DesignProblem):
+    if best is search.own:
         return replace(damped, preset="robust"), levels, outcome
-    behaviour = behaviour_of(search.channels.family, problem.design.gain)
-    chosen = Candidate(*search.weights(best.x), problem.design, behaviour)
+    channels, weights, fraction = search.channels, search.weights(best.x), search.fraction(best.x)
+    design = channels.design(best.solved, *weights, fraction)
+    chosen = Candidate(*weights, design, behaviour_of(channels.family, design.gain))
     assert damped.search
     result = SearchResult(chosen, (*damped.search.candidates, chosen))
     source = (
         f"searched on the running loop: its corners are stable up to {best.scale:.3g} times the tolerances, "
         f"{search.own.scale:.3g} with the preset damped"
     )
-    return problem.checked(search.target, result, source), best.levels, outcome
+    problem = channels.checked(best.solved, fraction, search.target, result, source)
+    return problem, best.levels, outcome
 
 
 class _Search:
@@ -265,9 +266,7 @@ class _Search:
         """Of what the channels can cover, of x (5,)."""
         return float(np.clip(x[4], LEAST_FRACTION, 1.0))
 
-    def loop(
-        self, solved: DesignProblem | ChannelledProblem, levels: EstimatorNoise | None
-    ) -> EquilibriumLoop:
+    def loop(self, solved: DesignProblem, levels: EstimatorNoise | None) -> EquilibriumLoop:
         """The linear loop at the goal."""
         setup = self.task.solved(solved.problem, solved.gamma, 2, levels)
         return setup.equilibrium_loop(estimated=self.task.s.estimator != "none")
@@ -278,7 +277,7 @@ class _Search:
         return min(scale, MOST), corner
 
     def stepped(
-        self, solved: DesignProblem | ChannelledProblem, levels: EstimatorNoise | None, which: np.ndarray
+        self, solved: DesignProblem, levels: EstimatorNoise | None, which: np.ndarray
     ) -> tuple[np.ndarray, float]:
         """Overshoot (N,) of the step at corners, and the largest share of a limit that a step used."""
         setup = self.task.solved(solved.problem, solved.gamma, self.degree, levels)
