@@ -9,7 +9,7 @@ import numpy as np
 
 from flexhinf.design.laws import NL_HINF
 from flexhinf.design.result import ComparedLaw, Comparison
-from flexhinf.design.tuning import TradeOff
+from flexhinf.design.tuning import TunedLaw, pareto_front
 from flexhinf.pages.design.requirements import limit_text
 from flexhinf.pages.drawing import (
     Line,
@@ -290,12 +290,12 @@ def responses_figure(comparison: Comparison) -> Figure:
 
 
 @house_style()
-def trade_off_figure(comparison: Comparison, offs: Sequence[TradeOff]) -> Figure | None:
+def trade_off_figure(comparison: Comparison, laws: Sequence[TunedLaw]) -> Figure | None:
     """Peak input against load deviation: a point for each law, and the curve of what its tuning reaches.
 
     None where fewer than two laws have finite figures.
     """
-    finite = [one for one in offs if np.isfinite([one.point.peak_input, one.point.load_deviation]).all()]
+    finite = [one for one in laws if np.isfinite([one.metrics.peak_input, one.metrics.load_deviation]).all()]
     if len(finite) < 2:
         return None
     from matplotlib.ticker import FuncFormatter
@@ -305,16 +305,17 @@ def trade_off_figure(comparison: Comparison, offs: Sequence[TradeOff]) -> Figure
     for one in finite:
         k, own = place[one.name], one.name == NL_HINF
         style, marker = line_style(k), "*" if own else "os^Dv<>"[k % 7]
-        curve = np.array([[f.peak_input, 1e3 * f.load_deviation] for f in one.curve]).reshape(-1, 2)
+        front = pareto_front((*one.tried, one.metrics), comparison.criterion)
+        curve = np.array([[f.peak_input, 1e3 * f.load_deviation] for f in front]).reshape(-1, 2)
         axis.plot(*curve.T, **{**style, "linewidth": 1.0, "alpha": 0.7})
         axis.plot(
-            [one.point.peak_input], [1e3 * one.point.load_deviation], marker, label=one.name, color=style["color"],
+            [one.metrics.peak_input], [1e3 * one.metrics.load_deviation], marker, label=one.name, color=style["color"],
             markersize=13.0 if own else 6.5, linestyle="none", zorder=4.0,
         )  # fmt: skip
     axis.set(xscale="log", yscale="log", xlabel=f"peak input of the step ({units['input']})")
     legend_above(figure, axis, 5, columnspacing=1.2)
-    peaks = [one.point.peak_input for one in finite]
-    deviations = [1e3 * one.point.load_deviation for one in finite]
+    peaks = [one.metrics.peak_input for one in finite]
+    deviations = [1e3 * one.metrics.load_deviation for one in finite]
     for ruler, limit, values in (
         (axis.xaxis, axis.set_xlim, peaks), (axis.yaxis, axis.set_ylim, deviations)
     ):  # fmt: skip
