@@ -29,8 +29,15 @@ import numpy as np
 
 from flexhinf.certify.box import parameter_groups
 from flexhinf.certify.certificate import Certificate
-from flexhinf.certify.claim import Function, Polynomial
-from flexhinf.certify.evaluation import bracket, linear_part, linear_system, quadratic_part, term_weight
+from flexhinf.certify.claim import Function
+from flexhinf.certify.evaluation import (
+    bracket,
+    linear_part,
+    linear_system,
+    polynomial_at,
+    quadratic_part,
+    term_weight,
+)
 
 _RAYS, _SHARES = 1500, (1e-3, 0.15, 0.3, 0.45, 0.6, 0.75, 0.9, 1.0)
 _ROUNDS, _KEPT, _TRIES = 8, 40, 12  # of the local search: each round halves its steps
@@ -50,7 +57,7 @@ def sampled_gain(statement: Certificate, level: float, about: float, seed: int =
     root = np.linalg.inv(np.linalg.cholesky(quadratic_part(statement.value, len(statement.states)))).T
 
     def value(x: np.ndarray) -> np.ndarray:
-        return _polynomial(statement.value, x)
+        return polynomial_at(statement.value, x)
 
     points = _points(value, root, level, rng)
     parts = _parts(statement, vertices, points)
@@ -118,8 +125,8 @@ def _parts(statement: Certificate, vertices: list[dict[str, float]], x: np.ndarr
             for powers, coefficient in statement.value
             if powers[i]
         ]
-        slope.append(_polynomial(tuple(lowered), x))
-    law = [_polynomial(row, x) for row in statement.law]
+        slope.append(polynomial_at(tuple(lowered), x))
+    law = [polynomial_at(row, x) for row in statement.law]
     columns, weights = [], []
     for i, along in enumerate(slope):
         rows = [(term, np.ones(len(x))) for term in statement.drift[i]]
@@ -132,7 +139,7 @@ def _parts(statement: Certificate, vertices: list[dict[str, float]], x: np.ndarr
             columns.append(along * factor * monomial)
             weights.append([term_weight(term, vertex) for vertex in vertices])
     a = (np.array(weights).T @ np.array(columns)).max(axis=0)
-    z = sum((0.5 * _polynomial(row, x) ** 2 for row in statement.penalty), np.zeros(len(x)))
+    z = sum((0.5 * polynomial_at(row, x) ** 2 for row in statement.penalty), np.zeros(len(x)))
     for i, row in enumerate(statement.r2):
         for j, price in enumerate(row):
             z = z + 0.5 * price * law[i] * law[j]
@@ -145,17 +152,6 @@ def _parts(statement: Certificate, vertices: list[dict[str, float]], x: np.ndarr
                 pushed += weight[:, None] * (slope[i] * np.prod(x ** np.array(term.powers), axis=1))
         g += 0.5 * pushed**2
     return np.stack([a, z, g.max(axis=0)])
-
-
-def _polynomial(polynomial: Polynomial, x: np.ndarray) -> np.ndarray:
-    result = np.zeros(len(x))
-    for powers, coefficient in polynomial:
-        term = np.full(len(x), coefficient)
-        for i, power in enumerate(powers):
-            if power:
-                term = term * x[:, i] ** power
-        result += term
-    return result
 
 
 _FAR, _SLOPES = 4.0 * np.pi, 2001  # how far, and in how many points, the slopes of a function are looked at

@@ -41,7 +41,7 @@ from typing import Self
 import numpy as np
 
 from flexhinf.certify.box import BoxExcess
-from flexhinf.certify.evaluation import polynomial_values
+from flexhinf.certify.evaluation import polynomial_at
 from flexhinf.certify.inequality import (
     Inequality,
     QuotientTable,
@@ -154,30 +154,24 @@ class CellBounds:
         quotients = [self._table(part, layout) for part, layout in zip(factors, shape.quotients)]
         self.quotient_table = np.hstack(quotients) if quotients else np.zeros((len(self.faces), 1))
         parts = [self._table(part, shape.whole) for part in (whole, *powers)]
-        columns = []
-        for group in shape.whole.groups:
-            for b in range(group.count):
-                for i, k in enumerate(group.degrees):
-                    place = group.offset + b * len(group.degrees) + i
-                    columns.append((0, place))
-                    columns += [(1 + q, place) for q, degrees in enumerate(shape.terms) if k in degrees]
+        columns = [
+            (part, place)
+            for (k, _), place in shape.whole.place.items()
+            for part in (0, *(1 + q for q, degrees in enumerate(shape.terms) if k in degrees))
+        ]
         which, place = np.array(columns).T
         self.table = np.ascontiguousarray(np.stack(parts)[which, :, place].T)
         self._highest = max(every[-1], max(map(sum, inequality.value)), max(map(sum, inequality.polynomial)))
 
         def sums(terms: Rational) -> np.ndarray:
             """Sums of absolute coefficients by degree: on each face the same."""
-            row = np.zeros(self._highest + 1)
-            for key, coefficient in terms.items():
-                row[sum(key)] += abs(nearest_double(coefficient))
-            return row * (1 + 1e-12)
+            degrees = np.array([sum(key) for key in terms], dtype=int)
+            sizes = [abs(nearest_double(value)) for value in terms.values()]
+            return np.bincount(degrees, sizes, self._highest + 1) * (1 + 1e-12)
 
         self._value_sizes, self._odd_value, self._odd_whole, *self._odd_factors = map(sums, (value, *odd))
         self._whole_sizes, self._factor_sizes = [*map(sums, (whole, *powers))], [*map(sums, factors)]
-        self.value_terms = (
-            np.array(list(inequality.value)),
-            np.array([nearest_double(value) for value in inequality.value.values()]),
-        )
+        self.value_terms = [(key, nearest_double(number)) for key, number in inequality.value.items()]
         self._check_sizes()
         self._compile()
 
@@ -228,13 +222,11 @@ class CellBounds:
             parts, lambda: machine.assemble(text, 3), lambda image: machine.Code(image, _ENTRY, {})
         )
         self._entry = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_void_p)(self._code.address)
-        segments, lines, edges, place = [], [], [0], 0
-        for layout in (shape.value, *shape.quotients, shape.whole):
-            for variable, length, rows in layout.shift_lines():
-                segments += [variable, length, len(rows), place]
-                lines.append(rows.ravel())
-                place += rows.size
-            edges.append(len(segments) // 4)
+        lines = [layout.shift_lines() for layout in (shape.value, *shape.quotients, shape.whole)]
+        edges = np.cumsum([0, *map(len, lines)])
+        every = [line for part in lines for line in part]
+        places = np.cumsum([0, *(rows.size for _, _, rows in every)])
+        segments = [(variable, length, len(rows), at) for (variable, length, rows), at in zip(every, places)]
         # for each monomial another one times one variable that it is; then which variables it has, as doubles
         monomials = shape.longest.monomials
         number = {beta: b for b, beta in enumerate(monomials)}
@@ -245,8 +237,8 @@ class CellBounds:
         masks = (np.array(monomials).reshape(len(monomials), shape.directions) > 0).astype(float)
         self._constants = {
             "value_table": self.value_table, "quotient_table": self.quotient_table, "table": self.table,
-            "segments": np.array([*edges, *segments], dtype=np.int64),
-            "lines": np.concatenate([*lines, [0]]).astype(np.int32),
+            "segments": np.array([*edges, *np.ravel(segments)], dtype=np.int64),
+            "lines": np.concatenate([*(rows.ravel() for _, _, rows in every), [0]]).astype(np.int32),
             "signs": np.concatenate([links.ravel(), masks.ravel().view(np.int64)]),
         }  # fmt: skip
 
@@ -475,7 +467,7 @@ def _disproved(bounds: CellBounds, cells: Cells, found: Bounds, level: float) ->
         reason = "r > 0" if broken[place] else "V stops increasing"
         outcome, point = _outcome(bounds, cells, found, place, reason)
         ray = point[None] * np.linspace(0.0, 1.0, _ALONG + 1)[1:, None]
-        if (polynomial_values(*bounds.value_terms, ray) < level).all():
+        if (polynomial_at(bounds.value_terms, ray) < level).all():
             return outcome
     return None
 

@@ -13,7 +13,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from functools import cache
+from functools import cache, partialmethod
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -81,15 +82,12 @@ class Layout:
     def shift_lines(self) -> list[tuple[int, int, np.ndarray]]:
         """(variable, length, places (lines, length + 1)): lines of coefficients along which t_j is shifted."""
         result = []
-        for k in self.degrees:
-            for j in range(self.directions):
-                by_length: dict[int, list[list[int]]] = {}
-                for others in monomials_of(self.directions - 1, k):
-                    length = k - sum(others)
-                    betas = [(*others[:j], p, *others[j:]) for p in range(length + 1)]
-                    if length > 0:
-                        by_length.setdefault(length, []).append([self.place[k, beta] for beta in betas])
-                result += [(j, length, np.array(lines)) for length, lines in sorted(by_length.items())]
+        for k, j in product(self.degrees, range(self.directions)):
+            for length in range(1, k + 1):
+                others = [beta for beta in monomials_of(self.directions - 1, k) if sum(beta) == k - length]
+                lines = [[self.place[k, (*b[:j], p, *b[j:])] for p in range(length + 1)] for b in others]
+                if lines:
+                    result.append((j, length, np.array(lines)))
         return result
 
 
@@ -148,6 +146,11 @@ class _Code(Writer):
     """Writing helpers: vectors in memory, loops, running sums."""
 
     zero = "zeroinitializer"
+    plus = partialmethod(Writer.real, "fadd")
+    minus = partialmethod(Writer.real, "fsub")
+    times = partialmethod(Writer.real, "fmul")
+    absolute = partialmethod(Writer.intrinsic, "fabs")
+    fused = partialmethod(Writer.intrinsic, "fmuladd")  # a b + c, fused where the processor can
 
     def at(self, base: str, index: str, kind: str = _VECTOR) -> str:
         return self.let(f"getelementptr inbounds {kind}, ptr {base}, i64 {index}")
@@ -164,32 +167,9 @@ class _Code(Writer):
     def word(self, base: str, index: str) -> str:
         return self.let(f"load i64, ptr {self.at(base, index, 'i64')}, align 8")
 
-    def plus(self, a: str, b: str) -> str:
-        return self.real("fadd", a, b)
-
-    def minus(self, a: str, b: str) -> str:
-        return self.real("fsub", a, b)
-
-    def times(self, a: str, b: str) -> str:
-        return self.real("fmul", a, b)
-
-    def fused(self, a: str, b: str, c: str) -> str:
-        """a b + c, fused where the processor can."""
-        return self.intrinsic("fmuladd", a, b, c)
-
-    def absolute(self, a: str) -> str:
-        return self.intrinsic("fabs", a)
-
-    def positive(self, a: str) -> str:
-        """max(a, 0); of NaN, NaN."""
-        return self.select(self.compare("ole", a, self.zero), self.zero, a)
-
     def largest(self, a: str, even: bool) -> str:
-        """The largest a s for 0 ≤ s ≤ 1, or for |s| ≤ 1."""
-        return self.positive(a) if even else self.absolute(a)
-
-    def constant(self, value: float) -> str:
-        return self.lanes.constant(value)
+        """The largest a s for 0 ≤ s ≤ 1, or for |s| ≤ 1; of NaN, NaN."""
+        return self.select(self.compare("ole", a, self.zero), self.zero, a) if even else self.absolute(a)
 
     def integer(self, operation: str, a: str, b: str) -> str:
         return self.let(f"{operation} i64 {a}, {b}")
@@ -326,13 +306,41 @@ class _Kernel(_Code):
     def kept(self, place: str, group: Group, b: str) -> list[str]:
         return [self.load(self.low_place(place, group, b, p)) for p in range(self.top + 1)]
 
-    def about_middle(self, values: list[str], highest: int) -> list[str]:
-        """A polynomial in ρ about the middle of the cell, scaled by its half width."""
-        middle, values = self.power(2, 1), list(values)
-        for i in range(highest):
-            for p in range(highest - 1, i - 1, -1):
-                values[p] = self.fused(middle, values[p + 1], values[p])
-        return [v if p == 0 or p > highest else self.times(v, self.power(3, p)) for p, v in enumerate(values)]
+    def about_middle(self, layout: Layout, place: str, lift: int = 0) -> tuple[str, str]:
+        """V, or with `lift` 2 r/ρ², about the middle of the cell in the cell's own variables.
+
+        The value there is an output, the low coefficients stand in their buffer. Returned are sums of what the others
+        can add to it, at most: of those that are not kept, and of the low ones; for V to both sides, and of all.
+        """
+        low, output = ("low", "centre") if lift else ("low_value", "value")
+        highest, tail = layout.degrees[-1] - lift, self.sum()
+        for group in layout.groups[LOW + 1 :]:
+            for b, even in self.each(group):
+                value, width = self.zero, self.zero
+                for k, c in zip(group.degrees, self.coefficients(group, b, place)):
+                    value = self.fused(c, self.power(2, k - lift), value)
+                    width = self.fused(self.absolute(c), self.power(4, k - lift), width)
+                self.add(tail, self.plus(self.largest(value, even and lift > 0), width))
+                if lift:
+                    weight = self.work("weight", self.integer("add", b, str(group.first)))
+                    self.store(self.plus(self.absolute(value), width), weight)
+        total, middle = self.sum(self.zero if lift else self.load(tail)), self.power(2, 1)
+        for group in layout.groups[: LOW + 1]:
+            for b, even in self.each(group):
+                found = dict(zip(group.degrees, self.coefficients(group, b, place)))
+                values = [found.get(p + lift, self.zero) for p in range(self.top + 1)]
+                for i in range(highest):
+                    for p in range(highest - 1, i - 1, -1):
+                        values[p] = self.fused(middle, values[p + 1], values[p])
+                for p, value in enumerate(values):
+                    scaled = value if p == 0 or p > highest else self.times(value, self.power(3, p))
+                    self.store(scaled, self.low_place(low, group, b, p))
+                    if centre := group.size == 0 and p == 0:
+                        self.output(output, scaled)
+                    if p <= highest and (lift or not centre):
+                        one_sided = even and p % 2 == 0 and lift > 0
+                        self.add(total, scaled if centre else self.largest(scaled, one_sided))
+        return tail, total
 
     # The entry -----------------------------------------------------------------------------------
     def write(self, entry: str) -> None:
@@ -348,7 +356,7 @@ class _Kernel(_Code):
             self._value()
             outside = self.compare("ogt", self.result("least_value"), self.level)
             for name in ("upper", "upper_inside"):
-                self.output(name, self.constant(float("inf")))
+                self.output(name, self.lanes.constant(float("inf")))
             full = f"llvm.vector.reduce.and.v{LANES}i1"
             every = self.let(f"call i1 @{full}({_TRUTHS} {outside})")
             self.module.declarations[full] = f"declare i1 @{full}({_TRUTHS})"
@@ -361,14 +369,14 @@ class _Kernel(_Code):
         """Powers of the radii into the work buffer, and h^β for every monomial: each is another one times one h."""
         size = self.top + 3
         for which, name in enumerate(("inner", "outer", "middle", "half")):
-            base, value = self.input(name), self.constant(1.0)
+            base, value = self.input(name), self.lanes.constant(1.0)
             for exponent in range(size):
                 self.store(value, self.work("powers", str(which * size + exponent)))
                 value = self.times(value, base)
         for exponent in range(size):
             difference = self.minus(self.power(1, exponent), self.power(2, exponent))
             self.store(difference, self.work("powers", str(4 * size + exponent)))
-        self.store(self.constant(1.0), self.work("scale"))
+        self.store(self.lanes.constant(1.0), self.work("scale"))
         with self.loop(str(len(self.shape.longest.monomials)), "1") as b:
             parent, variable = (self.word(self.pointers["signs"], self.affine(b, 2, i)) for i in (0, 1))
             h = self.load(self.at(self.rows, self.integer("add", variable, str(self.shape.inputs["h"]))))
@@ -379,20 +387,15 @@ class _Kernel(_Code):
         layout = self.shape.value
         base = self.integer("mul", self.face, str(layout.count))
         self.moved(layout, "value_table", base, "value", 0)
-        least, growth, self.value_tail = self.sum(), self.sum(), self.sum()
+        least, growth = self.sum(), self.sum()
         for group in layout.groups:
             for b, even in self.each(group):
-                found = self.coefficients(group, b, "value")
-                inner, slope, width, high, high_width = [self.zero] * 5
-                for k, c in zip(group.degrees, found):
-                    size = self.absolute(c)
+                inner, slope, width = [self.zero] * 3
+                for k, c in zip(group.degrees, self.coefficients(group, b, "value")):
                     inner = self.fused(c, self.power(0, k), inner)
-                    times = self.times(self.constant(float(k)), c)
+                    times = self.times(self.lanes.constant(float(k)), c)
                     slope = self.fused(times, self.power(2, k - 2), slope)
                     width = self.fused(self.absolute(times), self.power(4, k - 2), width)
-                    if group.size > LOW:
-                        high = self.fused(c, self.power(2, k), high)
-                        high_width = self.fused(size, self.power(4, k), high_width)
                 if group.size == 0:
                     self.add(least, inner)
                     self.output("growth_at_centre", slope)
@@ -401,31 +404,15 @@ class _Kernel(_Code):
                     down, falls = (self.let(f"fneg {_VECTOR} {a}") if even else a for a in (inner, slope))
                     self.add(least, self.largest(down, even), "fsub")
                     self.add(growth, self.plus(self.largest(falls, even), width), "fsub")
-                if group.size > LOW:
-                    self.add(self.value_tail, self.plus(self.absolute(high), high_width))
-                else:
-                    for p in range(self.top + 1):
-                        value = found[group.degrees.index(p)] if p in group.degrees else self.zero
-                        self.store(value, self.low_place("low_value", group, b, p))
         self.output("least_value", self.minus(self.load(least), self.input("value_rounding")))
         self.output("growth", self.minus(self.load(growth), self.input("growth_rounding")))
-        # about the middle of the cell: V there, and a bound of how far it goes from it
-        highest, total = layout.degrees[-1], self.sum(self.load(self.value_tail))
-        for group in layout.groups[: LOW + 1]:
-            for b, _ in self.each(group):
-                moved = self.about_middle(self.kept("low_value", group, b), highest)
-                for p, value in enumerate(moved):
-                    self.store(value, self.low_place("low_value", group, b, p))
-                    if group.size == 0 and p == 0:
-                        self.output("value", value)
-                    elif p <= highest:
-                        self.add(total, self.absolute(value))
+        self.value_tail, total = self.about_middle(layout, "value")
         self.output("value_range", self.load(total))
 
     # r ------------------------------------------------------------------------------------------
     def _inequality(self) -> None:
         shape = self.shape
-        allowance, total, self.tail = self.sum(self.input("rounding")), self.sum(), self.sum()
+        allowance = self.sum(self.input("rounding"))
         every, start = sum(layout.count for layout in shape.quotients), 0
         for j, layout in enumerate(shape.quotients):  # a bound of |Q_j|/ρ² on the cell
             base = self.affine(self.face, every, start)
@@ -438,13 +425,12 @@ class _Kernel(_Code):
                     for k, c in zip(group.degrees, self.coefficients(group, b, "quotient")):
                         value = self.fused(self.absolute(c), self.power(1, k - 2), value)
                     self.add(bound, value)
-            error = self.times(self.input("error", j), self.constant(1.000001))
+            error = self.times(self.input("error", j), self.lanes.constant(1.000001))
             self.add(allowance, self.times(self.load(bound), error))
         self.output("allowance", self.load(allowance))
         self._load_whole()
         self.shift("whole", 1 + len(shape.quotients))
-        for group in shape.whole.groups:
-            self._whole_group(group, total)
+        self.tail, total = self.about_middle(shape.whole, "whole", 2)
         upper = self.plus(self.plus(self.load(total), self.load(self.tail)), self.load(allowance))
         self.output("upper", upper)
         least, centre, spread = map(self.result, ("least_value", "value", "value_range"))
@@ -481,35 +467,10 @@ class _Kernel(_Code):
                     self.store(value, self.work("whole", self.integer("add", target, str(i))))
             offset += each * group.count
 
-    def _whole_group(self, group: Group, total: str) -> None:
-        highest = self.shape.whole.degrees[-1] - 2
-        for b, even in self.each(group):
-            found = self.coefficients(group, b, "whole")
-            if group.size > LOW:
-                value, width = self.zero, self.zero
-                for k, c in zip(group.degrees, found):
-                    value = self.fused(c, self.power(2, k - 2), value)
-                    width = self.fused(self.absolute(c), self.power(4, k - 2), width)
-                self.add(self.tail, self.plus(self.largest(value, even), width))
-                weight = self.work("weight", self.integer("add", b, str(group.first)))
-                self.store(self.plus(self.absolute(value), width), weight)
-                continue
-            values = [
-                found[group.degrees.index(p + 2)] if p + 2 in group.degrees else self.zero
-                for p in range(self.top + 1)
-            ]
-            for p, value in enumerate(self.about_middle(values, highest)):
-                self.store(value, self.low_place("low", group, b, p))
-                if group.size == 0 and p == 0:
-                    self.output("centre", value)
-                    self.add(total, value)
-                elif p <= highest:
-                    self.add(total, self.largest(value, even and p % 2 == 0))
-
     def _multipliers(self, allowance: str) -> None:
         """The least bound of F + λ(c − V) with λ a ratio of linear coefficients, one for each variable."""
         shape = self.shape
-        best = self.sum(self.constant(float("inf")))
+        best = self.sum(self.lanes.constant(float("inf")))
         with self.loop(str(shape.states)) as candidate:
             place = self.integer("mul", candidate, str(self.top + 1))
             first = self.let(f"icmp eq i64 {candidate}, 0")
@@ -517,7 +478,7 @@ class _Kernel(_Code):
             slope, growth = (self.load(self.work(name, place)) for name in ("low", "low_value"))
             ratio = self.real("fdiv", slope, growth)
             positive = self.compare("ogt", ratio, self.zero)
-            good = self.logical("and", positive, self.compare("olt", ratio, self.constant(1e200)))
+            good = self.logical("and", positive, self.compare("olt", ratio, self.lanes.constant(1e200)))
             factor = self.select(good, ratio, self.zero)
             total = self.sum()
             for group in shape.whole.groups[: min(LOW, shape.value.degrees[-1]) + 1]:
@@ -549,11 +510,11 @@ class _Kernel(_Code):
                     if p:
                         self.add(scores[0], size)
                     linear = group.size + p == 1
-                    total = self.plus(total, self.times(size, self.constant(0.25)) if linear else size)
+                    total = self.plus(total, self.times(size, self.lanes.constant(0.25)) if linear else size)
                 self.store(total, self.work("weight", self.integer("add", b, str(group.first))))
         for p, value in enumerate(self.kept("low", centre, "0")):
             if p:
-                weight = self.constant(0.25 if p == 1 else 1.0)
+                weight = self.lanes.constant(0.25 if p == 1 else 1.0)
                 self.add(scores[0], self.times(self.absolute(value), weight))
         if d:
             masks = self.at(self.pointers["signs"], str(2 * len(shape.longest.monomials)), "i64")

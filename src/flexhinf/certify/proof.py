@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -17,7 +16,7 @@ from flexhinf.certify.box import Ranges, tolerance_statement
 from flexhinf.certify.cells import CellBounds, Outcome, Progress, search
 from flexhinf.certify.certificate import Certificate
 from flexhinf.certify.claim import MOST_STATES
-from flexhinf.certify.evaluation import quadratic_part
+from flexhinf.certify.evaluation import polynomial_at, quadratic_part
 from flexhinf.certify.inequality import Inequality
 from flexhinf.certify.observer import check_bandwidth, with_observer
 from flexhinf.certify.problem_to_claim import nearest_double, statement_of
@@ -180,20 +179,11 @@ def _extent(inequality: Inequality, level: float) -> tuple[float, np.ndarray]:
     directions = rng.standard_normal((_DIRECTIONS, n))
     directions = np.concatenate([directions, np.eye(n), -np.eye(n)])
     directions /= np.abs(directions).max(axis=1, keepdims=True)
-    parts = np.zeros((max(map(sum, inequality.value)) + 1, len(directions)))  # V_k by degree k
-    powers: list[Any] = [np.ones_like(directions)]
-    while len(powers) < len(parts):
-        powers.append(powers[-1] * directions)
-    for key, value in inequality.value.items():
-        term = np.full(len(directions), nearest_double(value))
-        for i, e in enumerate(key):
-            if e:
-                term *= powers[e][:, i]
-        parts[sum(key)] += term
-    radius = np.zeros(len(directions))
+    terms = [(key, nearest_double(value)) for key, value in inequality.value.items()]
+    degrees = range(max(map(sum, inequality.value)) + 1)
+    parts = [polynomial_at([one for one in terms if sum(one[0]) == k], directions) for k in degrees]
+    radius, value, alive = *np.zeros((2, len(directions))), np.ones(len(directions), dtype=bool)
     step = 0.02 * np.sqrt(level / parts[2])
-    alive = np.ones(len(directions), dtype=bool)
-    value = np.zeros(len(directions))
     for _ in range(2000):
         further = radius + step
         following = sum(part * further**k for k, part in enumerate(parts))
