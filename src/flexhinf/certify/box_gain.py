@@ -27,7 +27,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flexhinf.certify.box import parameter_groups
+from flexhinf.certify.box import group_ends
 from flexhinf.certify.certificate import Certificate
 from flexhinf.certify.claim import Function
 from flexhinf.certify.evaluation import (
@@ -104,15 +104,10 @@ def _points(
 
 def box_vertices(statement: Certificate) -> list[dict[str, float]]:
     """Values of all parameters at the vertices of the box; parameters that occur as one product only are one axis."""
-    ranges = {p.name: (p.low, p.high) for p in statement.parameters}
-    ends = []
-    for group in parameter_groups(statement):
-        merged = [dict(zip(group, chosen)) for chosen in itertools.product(*(ranges[name] for name in group))]
-        size = [np.prod([part[name] ** power for name, power in group.items()]) for part in merged]
-        ends.append([merged[int(np.argmin(size))], merged[int(np.argmax(size))]])
+    corners = itertools.product(*group_ends(statement))
     return [
         statement.middle | {name: value for part in corner for name, value in part.items()}
-        for corner in itertools.product(*ends)
+        for corner in corners
     ]
 
 
@@ -213,11 +208,7 @@ def common_value(statement: Certificate) -> CommonValue | None:
     level = np.zeros_like(base)
     level[:, n:, n:] = np.eye(w)
     constraints = base, np.array([*parts, level])
-    cost, weight, most = np.eye(len(y))[-1], 1.0 / y[-1], count * (n + w)
-    y = _centred(*constraints, y, weight * cost)
-    while most / weight >= _ACCURACY * y[-1]:
-        weight *= _GROWTH
-        y = _centred(*constraints, y, weight * cost)
+    y = _lowest(*constraints, y, lambda y, gap: _GROWTH * gap < _ACCURACY * y[-1])
     return CommonValue(float(np.sqrt(y[-1])), y, *constraints, np.linalg.inv(t))
 
 
@@ -259,10 +250,7 @@ def _feasible(a: np.ndarray, b: np.ndarray, q: np.ndarray) -> np.ndarray | None:
     half = 0.5 * np.eye(n)
     slack = 1.0 + float(np.linalg.eigvalsh(np.swapaxes(a, 1, 2) @ half + half @ a).max())
     y = np.append(half[np.triu_indices(n)], slack)
-    cost, weight, most = np.eye(len(y))[-1], 1.0 / slack, len(base) * n
-    while y[-1] >= 0.0 and most / weight > _ACCURACY * slack:
-        y = _centred(base, parts, y, weight * cost)
-        weight *= _GROWTH
+    y = _lowest(base, parts, y, lambda y, gap: y[-1] < 0.0 or gap <= _ACCURACY * slack)
     if y[-1] >= 0.0:
         return None
     p = _matrix(y[:-1], n) * (2.0 * np.linalg.eigvalsh(q).max() / -y[-1])
@@ -270,6 +258,18 @@ def _feasible(a: np.ndarray, b: np.ndarray, q: np.ndarray) -> np.ndarray | None:
     through = p @ b
     square = np.linalg.eigvalsh(np.swapaxes(through, 1, 2) @ np.linalg.solve(inner, through)).max()
     return np.append(p[np.triu_indices(n)], 2.0 * square)
+
+
+def _lowest(
+    base: np.ndarray, parts: np.ndarray, y: np.ndarray, done: Callable[[np.ndarray, float], bool]
+) -> np.ndarray:
+    """The y with the smallest last entry, followed from a feasible one with a positive last entry as the barrier's
+    weight falls, until `done` says so of y and of a bound of what is missing under the next weight."""
+    weight, most = 1.0 / y[-1], base.shape[0] * base.shape[1]
+    while not done(y, most / weight):
+        y = _centred(base, parts, y, weight * np.eye(len(y))[-1])
+        weight *= _GROWTH
+    return y
 
 
 def _centred(base: np.ndarray, parts: np.ndarray, y: np.ndarray, cost: np.ndarray) -> np.ndarray:

@@ -154,12 +154,7 @@ class CellBounds:
         quotients = [self._table(part, layout) for part, layout in zip(factors, shape.quotients)]
         self.quotient_table = np.hstack(quotients) if quotients else np.zeros((len(self.faces), 1))
         parts = [self._table(part, shape.whole) for part in (whole, *powers)]
-        columns = [
-            (part, place)
-            for (k, _), place in shape.whole.place.items()
-            for part in (0, *(1 + q for q, degrees in enumerate(shape.terms) if k in degrees))
-        ]
-        which, place = np.array(columns).T
+        which, place = np.array(shape.columns).T
         self.table = np.ascontiguousarray(np.stack(parts)[which, :, place].T)
         self._highest = max(every[-1], max(map(sum, inequality.value)), max(map(sum, inequality.polynomial)))
 

@@ -211,14 +211,14 @@ def quotient_table(function: Function, reach: float, order: int) -> QuotientTabl
         flint.ctx.cap, flint.ctx.prec = order + 3, _BITS
         rows = [_row(series, node, order) for node in range(-count, count + 1)]
         flint.ctx.prec = 64
-        sides = []
-        for sign in (1, -1):
-            bounds = [_derivative(series, sign * (i + 0.5) * _PIECE, order + 2) for i in range(pieces)]
-            sides.append(np.maximum.accumulate(bounds))
+        sides = [
+            [_derivative(series, sign * (i + 0.5) * _PIECE, order + 2) for i in range(pieces)]
+            for sign in (1, -1)
+        ]
         ends = [_derivative(series, (i + 0.5) * _PIECE, 1) for i in range(-pieces, pieces)]
     finally:
         flint.ctx.cap, flint.ctx.prec = cap, bits
-    return QuotientTable(-count, np.array(rows), sides[0], sides[1], max(ends))
+    return QuotientTable(-count, np.array(rows), *map(np.maximum.accumulate, sides), max(ends))
 
 
 def _row(function: Series, node: int, order: int) -> list[float]:

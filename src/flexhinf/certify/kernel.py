@@ -111,6 +111,13 @@ class Shape:
         self.directions, self.terms = d, terms
         self.value, self.whole = Layout(d, value), Layout(d, whole)
         self.quotients = [Layout(d, degrees) for degrees in quotients]
+        #: What stands in the table of r on a face, in this order: the polynomial, 0 or 1 and up for `terms`, and the
+        #: place of the coefficient.
+        self.columns = [
+            (part, place)
+            for (k, _), place in self.whole.place.items()
+            for part in (0, *(1 + q for q, degrees in enumerate(terms) if k in degrees))
+        ]
         self.longest = max((self.whole, self.value), key=lambda layout: layout.degrees[-1])
         one = dict.fromkeys(("inner", "outer", "middle", "half"), 1)
         one |= dict.fromkeys(("value_rounding", "growth_rounding", "rounding"), 1)
@@ -357,10 +364,7 @@ class _Kernel(_Code):
             outside = self.compare("ogt", self.result("least_value"), self.level)
             for name in ("upper", "upper_inside"):
                 self.output(name, self.lanes.constant(float("inf")))
-            full = f"llvm.vector.reduce.and.v{LANES}i1"
-            every = self.let(f"call i1 @{full}({_TRUTHS} {outside})")
-            self.module.declarations[full] = f"declare i1 @{full}({_TRUTHS})"
-            with self.where(self.let(f"xor i1 {every}, true")):
+            with self.where(self.any(self.logical("xor", outside, "splat (i1 true)"))):
                 self._inequality()
         self.do("ret i64 0")
         self.finish(f"define i64 @{entry}(ptr %context)", entry)
@@ -445,27 +449,20 @@ class _Kernel(_Code):
 
     def _load_whole(self) -> None:
         """A + Σ s_jm Q_j ℓᵐ on the face."""
-        shape, table, offset = self.shape, self.pointers["table"], 0
+        shape, table, value, before = self.shape, self.pointers["table"], self.zero, 0
         factors = [self.input("s", q) for q in range(len(shape.terms))]
-        chosen = {
-            k: [q for q, degrees in enumerate(shape.terms) if k in degrees] for k in shape.whole.degrees
-        }
-        entries = [sum(1 + len(chosen[k]) for k in group.degrees) for group in shape.whole.groups]
-        size = sum(group.count * each for group, each in zip(shape.whole.groups, entries))
-        base = self.integer("mul", self.face, str(size))
-        for group, each in zip(shape.whole.groups, entries):
+        base = self.integer("mul", self.face, str(len(shape.columns)))
+        for group in shape.whole.groups:
+            size = len(group.degrees)
+            one = [(part, place - group.offset) for part, place in shape.columns]
+            one = [(part, i) for part, i in one if 0 <= i < size]  # of one monomial
             with self.loop(str(group.count)) as b:
-                start, entry = self.affine(b, each, base), offset
-                target = self.affine(b, len(group.degrees), group.offset)
-                for i, k in enumerate(group.degrees):
-                    value = self.number(table, self.integer("add", start, str(entry)))
-                    for q in chosen[k]:
-                        entry += 1
-                        number = self.number(table, self.integer("add", start, str(entry)))
-                        value = self.fused(factors[q], number, value)
-                    entry += 1
+                start, target = self.affine(b, len(one), base), self.affine(b, size, group.offset)
+                for entry, (part, i) in enumerate(one, before):
+                    number = self.number(table, self.integer("add", start, str(entry)))
+                    value = self.fused(factors[part - 1], number, value) if part else number
                     self.store(value, self.work("whole", self.integer("add", target, str(i))))
-            offset += each * group.count
+            before += len(one) * group.count
 
     def _multipliers(self, allowance: str) -> None:
         """The least bound of F + λ(c − V) with λ a ratio of linear coefficients, one for each variable."""

@@ -6,9 +6,9 @@ Found in doubles with a margin, so that the strict inequalities hold in rational
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
+from flint import fmpq
 
 from flexhinf.certify.certificate import Certificate
 from flexhinf.certify.claim import Observer
@@ -17,6 +17,7 @@ from flexhinf.certify.inequality import Algebra, Rational
 from flexhinf.certify.problem_to_claim import matrix_rows, nearest_double, terms_of
 from flexhinf.certify.starts import starts_of
 from flexhinf.errors import InvalidInput, NumericalFailure
+from flexhinf.hinf.linear_part import solve_riccati
 from flexhinf.hinf.value_function import ValueFunction
 from flexhinf.plant.plant import GeneralisedPlant
 
@@ -120,11 +121,9 @@ def _weight(certificate: Certificate, slopes: list[list[Rational]], widest: np.n
     at_origin, radius = np.zeros((2, len(slopes), size))  # J at 0, and how far it goes from there
     for row, entries in enumerate(slopes):
         for column, terms in enumerate(entries):
-            for powers, value in terms.items():
-                if any(powers):
-                    radius[row, column] += abs(nearest_double(value)) * np.prod(widest ** np.array(powers))
-                else:
-                    at_origin[row, column] = nearest_double(value)
+            sizes = {powers: abs(nearest_double(value)) for powers, value in terms.items() if any(powers)}
+            at_origin[row, column] = nearest_double(terms.get((0,) * len(widest), fmpq(0)))
+            radius[row, column] = sum(size * np.prod(widest ** np.array(e)) for e, size in sizes.items())
     scale = np.sqrt(np.diag(transform @ transform.T)[:size])
     base = at_origin.T @ r2 @ at_origin
     most = float(scale @ np.abs(base) @ scale)
@@ -149,32 +148,17 @@ def _storage(closed: np.ndarray, noise: np.ndarray, weight: np.ndarray) -> tuple
         return plain, 0.0
     low, high = 0.0, np.sqrt(np.abs(np.linalg.eigvals(plain @ noise @ noise.T)).max())
     high = high if high > 0 else 1.0
-    while _riccati(closed, noise, weight, high) is None:
+    pushed = noise @ noise.T
+    while solve_riccati(closed, pushed / high**2, weight) is None:
         low, high = high, 2 * high
         if high > 1e12:
             return None
     for _ in range(_HALVINGS):
         middle = (low + high) / 2
-        low, high = (middle, high) if _riccati(closed, noise, weight, middle) is None else (low, middle)
+        found = solve_riccati(closed, pushed / middle**2, weight)
+        low, high = (middle, high) if found is None else (low, middle)
         if high < low * 1.01:
             break
     gain_error = _OVER * high
-    found = _riccati(closed, noise, weight, gain_error)
-    return None if found is None else (found, float(gain_error))
-
-
-def _riccati(closed: np.ndarray, noise: np.ndarray, weight: np.ndarray, gamma: float) -> np.ndarray | None:
-    """The stabilising X ≻ 0, or None."""
-    from scipy.linalg import schur
-
-    n = len(closed)
-    pushed = noise @ noise.T / gamma**2
-    hamiltonian = np.block([[closed, pushed], [-weight, -closed.T]])
-    found: Any = schur(hamiltonian, sort="lhp")
-    _, basis, stable = found
-    nearest = np.abs(np.linalg.eigvals(hamiltonian).real).min()
-    if stable != n or nearest <= 1e-13 * n * np.linalg.norm(hamiltonian):
-        return None
-    x = np.linalg.solve(basis[:n, :n].T, basis[n:, :n].T)
-    x = (x + x.T) / 2
-    return x if np.linalg.eigvalsh(x).min() > 0 else None
+    found = solve_riccati(closed, pushed / gain_error**2, weight)
+    return None if found is None else (found.p, float(gain_error))

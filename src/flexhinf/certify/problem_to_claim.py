@@ -31,6 +31,7 @@ from flexhinf.plant.polynomial_plant import PolynomialPlant, Problem
 from flexhinf.polynomial import basis
 from flexhinf.polynomial.algebra import product
 from flexhinf.scalars import trace
+from flexhinf.scalars.trace import NAMES, instructions
 from flexhinf.validation import HUGE
 
 #: Operations of CasADi that are functions of a certificate.
@@ -191,11 +192,9 @@ class _Reader:
         """The single result of a traced function."""
         work: dict[int, fmpq_mpoly] = {}
         result = [self.context.constant(0)] * function.size1_out(0)
-        for k in range(function.n_instructions()):
-            code = function.instruction_id(k)
-            read, written = function.instruction_input(k), function.instruction_output(k)
+        for code, read, written, constant in instructions(function):
             if code == ca.OP_CONST:
-                work[written[0]] = self.constant(function.instruction_constant(k))
+                work[written[0]] = self.constant(constant)
             elif code == ca.OP_INPUT:
                 work[written[0]] = arguments[read[0]][read[1]]
             elif code == ca.OP_OUTPUT:
@@ -212,8 +211,8 @@ class _Reader:
             return self._applied(ELEMENTARY[code], first)
         if code in (ca.OP_INV, ca.OP_DIV):
             terms, (start, middle, end) = list(terms_of(second).items()), self.edges[2:5]
-            if len(terms) != 1 or any(terms[0][0][:start]) or any(terms[0][0][end:]):
-                raise refused("a quotient by something else than a product of parameters")
+            product_only = len(terms) == 1 and not any(terms[0][0][:start] + terms[0][0][end:])
+            require(product_only, "a quotient by something else than a product of parameters")
             ((e, value),) = terms
             inverse = {(*e[:start], *e[middle:end], *e[start:middle], *e[end:]): 1 / value}
             return (first if code == ca.OP_DIV else 1) * self.context.from_dict(inverse)
@@ -221,32 +220,29 @@ class _Reader:
             value = second.leading_coefficient() if second else fmpq(0)
             if value.q == 1 and 0 <= value <= _HIGHEST_POWER:
                 return first ** int(value.p)
-        name = next((name for name in dir(ca) if name.startswith("OP_") and getattr(ca, name) == code), "?")
-        raise refused(f"the operation {name.removeprefix('OP_').lower()}")
+        require(False, f"the operation {NAMES.get(code, '?').removeprefix('OP_').lower()}")
+        return first
 
     def _applied(self, name: str, argument: fmpq_mpoly) -> fmpq_mpoly:
         """The variable that stands for a function of a linear form of the state; parameters inside are nominal."""
         slope, sums = [0.0] * len(self.states), dict[int | None, fmpq]()
         for exponents, value in terms_of(argument).items():
             states, others = exponents[: self.edges[1]], exponents[self.edges[1] : self.edges[2]]
-            if sum(states) > 1 or any(others) or any(exponents[self.edges[4] :]):
-                raise refused(f"{name} of something else than a linear form of the state")
+            linear = sum(states) <= 1 and not any(others + exponents[self.edges[4] :])
+            require(linear, f"{name} of something else than a linear form of the state")
             for i, power in self._powers(exponents):
                 self.inside = tuple({*self.inside, self.names[i]})
                 value *= rational(self.values[i]) ** power
             place = states.index(1) if any(states) else None
             sums[place] = sums.get(place, fmpq(0)) + value
         offset = sums.pop(None, fmpq(0))
-        if not sums:
-            raise refused(f"{name} of a constant: make that a parameter of the plant")
+        require(bool(sums), f"{name} of a constant: make that a parameter of the plant")
         for place, value in sums.items():
             slope[place or 0] = _exact_double(value, name)
         value = _exact_double(offset, name)
         halves = round(value / (pi / 2))
-        if 0 < abs(halves) <= _MOST_HALVES and value == halves * pi / 2 and name in ("sin", "cos"):
-            function = Function(name, tuple(slope), 0.0, halves)
-        else:
-            function = Function(name, tuple(slope), value)
+        quarter = name in ("sin", "cos") and 0 < abs(halves) <= _MOST_HALVES and value == halves * pi / 2
+        function = Function(name, tuple(slope), *((0.0, halves) if quarter else (value,)))
         if function not in self.functions:
             self.functions.append(function)
         return self._room[self.functions.index(function)]
@@ -259,10 +255,9 @@ class _Reader:
         found: list[dict[Any, fmpq]] = [{} for _ in range(end - n + 1)]
         for exponents, value in terms_of(rate).items():
             states, inputs, functions = exponents[:n], exponents[n:end], exponents[self.edges[4] :]
-            if sum(inputs) > 1:
-                raise refused("an input or a disturbance that does not enter affinely")
-            if sum(functions) > 1 or (any(functions) and any(inputs)):
-                raise refused("a product of functions, or a function in g1 or g2")
+            single = sum(functions) <= 1 and not (any(functions) and any(inputs))
+            require(sum(inputs) <= 1, "an input or a disturbance that does not enter affinely")
+            require(single, "a product of functions, or a function in g1 or g2")
             row = found[1 + inputs.index(1) if any(inputs) else 0]
             powers = self._powers(exponents)
             self.seen |= {i for i, _ in powers}
@@ -270,10 +265,8 @@ class _Reader:
             index = functions.index(1) if any(functions) else None
             if index is not None and any(states):
                 function = self.functions[index]
-                if function.offset != 0.0 or function.name not in _AT_ZERO:
-                    raise refused(
-                        f"a state times {function.name} of a state, away from where that is rational"
-                    )
+                known = function.offset == 0.0 and function.name in _AT_ZERO
+                require(known, f"a state times {function.name} of a state, away from where that is rational")
                 quarters = _AT_ZERO[function.name]
                 at_zero = fmpq(quarters[function.pi_halves % len(quarters)])
                 row[states, pairs, None] = row.get((states, pairs, None), fmpq(0)) + value * at_zero
@@ -293,8 +286,8 @@ class _Reader:
     def polynomial(self, part: fmpq_mpoly) -> Polynomial:
         """A penalised output. Its coefficients are rounded to doubles, and what is checked has these."""
         terms = terms_of(part)
-        if any(any(exponents[self.edges[1] :]) for exponents in terms):
-            raise refused("a penalty that is no polynomial of the state")
+        plain = not any(any(exponents[self.edges[1] :]) for exponents in terms)
+        require(plain, "a penalty that is no polynomial of the state")
         n = self.edges[1]
         return tuple((key[:n], nearest_double(value)) for key, value in terms.items() if any(key))
 
@@ -302,18 +295,19 @@ class _Reader:
 def _exact_double(value: fmpq, where: str) -> float:
     """A rational number that is a double."""
     found = nearest_double(value)
-    if rational(found) != value:
-        raise refused(f"a number of {where} that is no double: make it a parameter of the plant")
+    exact = rational(found) == value
+    require(exact, f"a number of {where} that is no double: make it a parameter of the plant")
     return found
 
 
-def refused(what: str) -> InvalidInput:
-    """The error for a plant that the method cannot take."""
-    return InvalidInput(
-        "The method cannot prove anything about this plant.",
-        f"expected polynomials of the state, and functions ({', '.join(FUNCTIONS)}) of linear forms, got {what}",
-        "sampled_region, or the Taylor expansion as the plant: solve_hji(problem.expand(degree), …)",
-    )
+def require(holds: bool, what: str) -> None:
+    """Refuse a plant that the method cannot take."""
+    if not holds:
+        raise InvalidInput(
+            "The method cannot prove anything about this plant.",
+            f"expected polynomials of the state, and functions ({', '.join(FUNCTIONS)}) of linear forms, got {what}",
+            "sampled_region, or the Taylor expansion as the plant: solve_hji(problem.expand(degree), …)",
+        )
 
 
 _BITS = 20  # of the entries of T
@@ -333,6 +327,8 @@ def statement_of(
     """The certificate to be proved of the nominal plant; arguments as `HJISolution.certify`."""
     pair = checked_pair(solution, gamma, penalty)
     terms = plant_terms(solution.problem, pair.output)
+    law, h = law_polynomials(solution, terms), linear_part(terms.penalty, len(solution.P))
+    root = np.linalg.cholesky(np.linalg.inv(solution.P))
     return claim_of(
         solution,
         solution.problem,
@@ -340,11 +336,11 @@ def statement_of(
         about=about or "a state feedback",
         r2=matrix_rows(solution.expansion.r2),
         value=value_polynomial(solution),
-        law=law_polynomials(solution, terms),
+        law=law,
         gamma=min(pair.gamma, HUGE),  # of the Hamilton–Jacobi–Bellman equation no gain is claimed
         decay=decay,
         level=level,
-        coordinates=matrix_rows(coordinates(solution, terms, pair.gamma, decay)),
+        coordinates=matrix_rows(coordinates(solution.expansion, h, law, solution.P, root, pair.gamma, decay)),
         reach=reach,
     )
 
@@ -430,14 +426,21 @@ def law_polynomials(solution: ValueFunction, terms: PlantTerms) -> tuple[Polynom
     return tuple(tuple((key, value) for key, value in row.items() if value) for row in rows)
 
 
-def coordinates(solution: ValueFunction, terms: PlantTerms, gamma: float, decay: float) -> np.ndarray:
-    """T with V_2 = ½|z|² and r_2 diagonal, both up to the 20 bits that T is rounded to."""
-    plant, p = solution.expansion, solution.P
-    a, c = plant.f_parts[1], linear_part(terms.penalty, len(p))
-    b1, b2 = plant.g1_parts[0][:, :, 0], plant.g2_parts[0][:, :, 0]
-    s = b1 @ b1.T / gamma**2 - b2 @ np.linalg.solve(plant.r2, b2.T)
-    quadratic = p @ a + a.T @ p + c.T @ c + p @ s @ p + decay * p
-    root = np.linalg.cholesky(np.linalg.inv(p))
+def coordinates(
+    plant: PolynomialPlant,
+    h: np.ndarray,
+    law: Sequence[Polynomial],
+    p: np.ndarray,
+    root: np.ndarray,
+    gamma: float,
+    decay: float = 0.0,
+) -> np.ndarray:
+    """T with V_2 = ½|z|² and r_2 diagonal, both up to the 20 bits that T is rounded to; root rootᵀ = P⁻¹."""
+    gain, b1 = linear_part(law, len(p)), plant.g1_parts[0][:, :, 0]
+    a = plant.f_parts[1] + plant.g2_parts[0][:, :, 0] @ gain
+    quadratic = (
+        p @ a + a.T @ p + h.T @ h + gain.T @ plant.r2 @ gain + p @ b1 @ b1.T @ p / gamma**2 + decay * p
+    )
     return few_bits(root @ np.linalg.eigh(-root.T @ quadratic @ root)[1])
 
 

@@ -22,7 +22,7 @@ import numpy as np
 
 from flexhinf.certify.certificate import Certificate
 from flexhinf.certify.claim import Claim, Function, Start, Term, Terms
-from flexhinf.certify.evaluation import path_start, path_states, polynomial_values
+from flexhinf.certify.evaluation import path_start, path_states
 from flexhinf.errors import FlexhinfError, NumericalFailure
 from flexhinf.hinf.sampled import settled, step_roles
 from flexhinf.hinf.value_function import ValueFunction
@@ -287,12 +287,11 @@ def largest_values(statement: Certificate, start: Start, amplitudes: np.ndarray)
     """The largest V over the corners of the box at starts of some amplitudes, in doubles."""
     used = {name for row in start.path for term in row for name, _ in term.parameters}
     ends = {p.name: (p.low, p.high) for p in statement.parameters if p.name in used and p.low < p.high}
-    powers = np.array([powers for powers, _ in statement.value])
-    coefficients = np.array([value for _, value in statement.value])
+    powers, coefficients = (np.array(column) for column in zip(*statement.value))
     largest = np.full(len(amplitudes), -np.inf)
     for corner in itertools.product(*ends.values()):
         x = path_states(start, statement.middle | dict(zip(ends, corner)), amplitudes)
-        largest = np.maximum(largest, polynomial_values(powers, coefficients, x))
+        largest = np.maximum(largest, (coefficients * np.prod(x[:, None, :] ** powers, axis=2)).sum(axis=1))
     return largest
 
 
