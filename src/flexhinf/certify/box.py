@@ -21,7 +21,6 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 from functools import partial
 from math import comb, prod
 from typing import Any
@@ -33,13 +32,14 @@ from flexhinf.certify.certificate import Certificate
 from flexhinf.certify.claim import Term
 from flexhinf.certify.inequality import Algebra, MeanForms, Rational, quotient_table
 from flexhinf.certify.problem_to_claim import (
+    Ranges,
     claim_of,
     coordinates,
     flat_names,
     law_polynomials,
     matrix_rows,
     nearest_double,
-    plant_terms,
+    plant_fields,
     rational,
     terms_of,
     value_polynomial,
@@ -48,8 +48,6 @@ from flexhinf.errors import InvalidInput
 from flexhinf.hinf.value_function import ValueFunction
 from flexhinf.plant.plant import GeneralisedPlant
 from flexhinf.robot import Robot
-
-Ranges = Mapping[str, tuple[float, float]]
 
 _MOVED = 1e-12  # rates at the nominal equilibrium above this, relative to the parameters: it moves
 #: Relative allowance for the rounding of the last sums: a few hundred operations in doubles.
@@ -88,16 +86,7 @@ def tolerance_statement(
     about: str = "",
 ) -> Certificate:
     """The certificate to be proved, at level 1; arguments as `certify_tolerances`."""
-    terms = plant_terms(problem)
-    fixed = [name for name in terms.inside if name in ranges and ranges[name][0] < ranges[name][1]]
-    if fixed:
-        raise InvalidInput(
-            "A parameter stands inside a function of the state.",
-            f"expected parameters that multiply terms, got {', '.join(sorted(fixed))}",
-            "its nominal value, or sampled_region",
-        )
-    box = {q.name: (q.low, q.high) for q in terms.parameters} | dict(ranges)
-    ranged = tuple(replace(q, low=box[q.name][0], high=box[q.name][1]) for q in terms.parameters)
+    fields = plant_fields(problem, ranges=ranges)
     weight, n = scale * solution.P if p is None else p, len(solution.P)
     value = tuple(
         (tuple(int(k == i) + int(k == j) for k in range(n)), float(weight[i, j] / (2.0 if i == j else 1.0)))
@@ -105,12 +94,12 @@ def tolerance_statement(
         for j in range(i, n)
         if weight[i, j]
     )
-    law = law_polynomials(solution, terms)
+    law = law_polynomials(solution, fields)
     root, plant = np.linalg.inv(np.linalg.cholesky(weight)).T, problem.expand(1)
     statement = claim_of(
         solution,
         problem,
-        terms._replace(parameters=ranged),
+        fields,
         about=about or "a state feedback, for all parameters in the box",
         r2=matrix_rows(problem.r2),
         value=value_polynomial(solution, scale) if p is None else value,

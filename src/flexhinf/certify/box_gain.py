@@ -29,7 +29,7 @@ import numpy as np
 
 from flexhinf.certify.box import group_ends
 from flexhinf.certify.certificate import Certificate
-from flexhinf.certify.claim import Function
+from flexhinf.certify.claim import Function, Term
 from flexhinf.certify.evaluation import (
     bracket,
     linear_part,
@@ -113,14 +113,18 @@ def box_vertices(statement: Certificate) -> list[dict[str, float]]:
 
 def _parts(statement: Certificate, vertices: list[dict[str, float]], x: np.ndarray) -> np.ndarray:
     """A, Z and G at points (N, n), (3, N)."""
-    slope = []
-    for i in range(len(statement.states)):
-        lowered = [
+
+    def derivative(i: int) -> list[tuple[tuple[int, ...], float]]:
+        return [
             (tuple(e - (j == i) for j, e in enumerate(powers)), coefficient * powers[i])
             for powers, coefficient in statement.value
             if powers[i]
         ]
-        slope.append(polynomial_at(tuple(lowered), x))
+
+    def weights_of(term: Term) -> np.ndarray:
+        return np.array([term_weight(term, vertex) for vertex in vertices])
+
+    slope = [polynomial_at(derivative(i), x) for i in range(len(statement.states))]
     law = [polynomial_at(row, x) for row in statement.law]
     columns, weights = [], []
     for i, along in enumerate(slope):
@@ -132,7 +136,7 @@ def _parts(statement: Certificate, vertices: list[dict[str, float]], x: np.ndarr
                 function = statement.functions[term.function]
                 monomial = monomial * bracket(function, x @ np.array(function.slope))
             columns.append(along * factor * monomial)
-            weights.append([term_weight(term, vertex) for vertex in vertices])
+            weights.append(weights_of(term))
     a = (np.array(weights).T @ np.array(columns)).max(axis=0)
     z = sum((0.5 * polynomial_at(row, x) ** 2 for row in statement.penalty), np.zeros(len(x)))
     for i, row in enumerate(statement.r2):
@@ -140,12 +144,12 @@ def _parts(statement: Certificate, vertices: list[dict[str, float]], x: np.ndarr
             z = z + 0.5 * price * law[i] * law[j]
     g = np.zeros((len(vertices), len(x)))
     for column in zip(*statement.g1):
-        pushed = np.zeros((len(vertices), len(x)))
-        for i, entry in enumerate(column):
-            for term in entry:
-                weight = np.array([term_weight(term, vertex) for vertex in vertices])
-                pushed += weight[:, None] * (slope[i] * np.prod(x ** np.array(term.powers), axis=1))
-        g += 0.5 * pushed**2
+        parts = [
+            weights_of(term)[:, None] * (along * np.prod(x ** np.array(term.powers), axis=1))
+            for along, entry in zip(slope, column)
+            for term in entry
+        ]
+        g += 0.5 * sum(parts, np.zeros_like(g)) ** 2
     return np.stack([a, z, g.max(axis=0)])
 
 

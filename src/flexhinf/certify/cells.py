@@ -11,9 +11,9 @@ or not. Because |t_j⁰| + h_j ≤ 1, the absolute values of all these products 
 M(ρ_b) = Σ_k ρ_b^(k−2) Σ|coefficients of degree k|: synthetic division makes (|t⁰| + h)^β of |t|^β, and the shift in ρ
 makes (ρ_m + δ)^p = ρ_b^p of ρ^p. Each product passes at most K roundings, so the error is at most K u/(1 − K u) · M
 with u = 2⁻⁵³. K is counted in `roundings`; the allowance is 2 K u M. Dyadic t, h and ρ make the cells themselves exact.
-Nothing overflows or underflows unnoticed: sizes are checked once, in `_checked`, and 1e-300 times the largest factor is
-added for what underflows (1e6 operations lose at most 5e-324 each). A NaN is no bound that holds: all comparisons are
-ordered, and max(a, 0) of NaN is NaN.
+Nothing overflows or underflows unnoticed: sizes are checked once, with the tables, and 1e-300 times the largest factor
+is added for what underflows (1e6 operations lose at most 5e-324 each). A NaN is no bound that holds: all comparisons
+are ordered, and max(a, 0) of NaN is NaN.
 
 The proof itself: branch and bound over cells that march outwards along rays.
 
@@ -167,7 +167,18 @@ class CellBounds:
         self._value_sizes, self._odd_value, self._odd_whole, *self._odd_factors = map(sums, (value, *odd))
         self._whole_sizes, self._factor_sizes = [*map(sums, (whole, *powers))], [*map(sums, factors)]
         self.value_terms = [(key, nearest_double(number)) for key, number in inequality.value.items()]
-        self._check_sizes()
+        scale = max(self.reach, 1.0) ** shape.longest.degrees[-1] * max(
+            (np.nanmax(np.abs(table.rows), initial=1.0) for table in self.tables), default=1.0
+        )
+        tables = self.value_table, self.quotient_table, self.table
+        largest = max(float(np.abs(table).sum()) for table in tables) * scale
+        self._underflow = _SMALLEST * scale
+        if not (largest < _LARGEST and scale < _LARGEST and 1 / self.reach < _LARGEST):
+            raise NumericalFailure(
+                "The numbers of the inequality are too large for a proof in double precision.",
+                f"expected sums below {_LARGEST:g}, got {largest:.3g}",
+                "states in units of about their own size",
+            )
         self._compile()
 
     # Tables -------------------------------------------------------------------------------------
@@ -180,21 +191,6 @@ class CellBounds:
                 beta = key[:variable] + key[variable + 1 :]
                 row[layout.place[sum(key), beta]] = value if sign > 0 or key[variable] % 2 == 0 else -value
         return table
-
-    def _check_sizes(self) -> None:
-        """Raise where doubles could overflow or underflow unnoticed."""
-        highest = self.shape.longest.degrees[-1]
-        rows = max((np.nanmax(np.abs(table.rows), initial=1.0) for table in self.tables), default=1.0)
-        scale = max(self.reach, 1.0) ** highest * rows
-        tables = self.value_table, self.quotient_table, self.table
-        largest = max(float(np.abs(table).sum()) for table in tables) * scale
-        self._underflow = _SMALLEST * scale
-        if not (largest < _LARGEST and scale < _LARGEST and 1 / self.reach < _LARGEST):
-            raise NumericalFailure(
-                "The numbers of the inequality are too large for a proof in double precision.",
-                f"expected sums below {_LARGEST:g}, got {largest:.3g}",
-                "states in units of about their own size",
-            )
 
     @property
     def roundings(self) -> int:
@@ -481,22 +477,16 @@ def _halves(bounds: CellBounds, cells: Cells, found: Bounds) -> Outcome | Cells:
         across = 1 + np.argmax(weighted, axis=1)
         chosen = np.where((chosen == 0) & (length < _NARROW * weighted.max(axis=1)), across, chosen)
         chosen = np.where(length == 0, widest, chosen)
-        size = np.where(chosen > 0, cells.h[np.arange(len(cells)), np.maximum(chosen - 1, 0)], length)
-    else:
-        chosen, size = np.zeros(len(cells), dtype=np.int64), length
+    size = np.column_stack([length, cells.h])[np.arange(len(cells)), chosen]
     small = size < np.where(chosen > 0, _THINNEST, _SHORTEST)
     if small.any():
         place = int(np.flatnonzero(small)[0])
         reason = "not closed" if cells.inner[place] >= 1 else "undecided"
         return _outcome(bounds, cells, found, place, reason)[0]
-    along = cells.chosen(np.flatnonzero(chosen == 0))
+    along, *sides = (cells.chosen(np.flatnonzero(side)) for side in (chosen == 0, chosen > 0, chosen > 0))
     along.outer = (along.inner + along.outer) / 2
-    places = np.flatnonzero(chosen > 0)
-    parts = [along]
-    for side in (1, -1):
-        part = cells.chosen(places)
-        row, column = np.arange(len(places)), chosen[places] - 1
+    row, column = np.arange(len(sides[0])), chosen[chosen > 0] - 1
+    for part, sign in zip(sides, (1, -1)):
         part.h[row, column] /= 2
-        part.t[row, column] += side * part.h[row, column]
-        parts.append(part)
-    return Cells.joined(parts)
+        part.t[row, column] += sign * part.h[row, column]
+    return Cells.joined([along, *sides])

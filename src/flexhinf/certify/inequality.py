@@ -91,10 +91,15 @@ class Inequality(Algebra):
             [[self._terms(entry) for entry in row] for row in rows]
             for rows in (certificate.g2, certificate.g1)
         )
-        total = self.z.constant(rational(certificate.decay)) * value
-        for i, row in enumerate(certificate.drift):
-            total += slope[i] * self._terms(term for term in row if term.function is None)
-            total += slope[i] * sum((a * b for a, b in zip(g2[i], law)), self.zero)
+
+        def pushed(index: int | None) -> fmpq_mpoly:
+            """V_x times the part of the drift with this function, or with none."""
+            parts = (self._terms(t for t in row if t.function == index) for row in certificate.drift)
+            return sum((a * b for a, b in zip(slope, parts)), self.zero)
+
+        total = self.z.constant(rational(certificate.decay)) * value + pushed(None)
+        for along, row in zip(slope, g2):
+            total += along * sum((a * b for a, b in zip(row, law)), self.zero)
         for row in certificate.penalty:
             h = self.moved(self.in_x(row))
             total += h * h / 2
@@ -105,15 +110,9 @@ class Inequality(Algebra):
             along = sum((a * b for a, b in zip(slope, column)), self.zero)
             total += along * along * (1 / (2 * rational(certificate.gamma) ** 2))
         self.value, self.polynomial = terms_of(value), terms_of(total)
-        self.factors: list[Rational] = []
-        self.functions: list[Function] = []
-        for index, function in enumerate(certificate.functions):
-            factor = self.zero
-            for i, row in enumerate(certificate.drift):
-                factor += slope[i] * self._terms(term for term in row if term.function == index)
-            if factor:
-                self.factors.append(terms_of(factor * self.moved(self.line(function.slope))))
-                self.functions.append(function)
+        found = [(function, pushed(index)) for index, function in enumerate(certificate.functions)]
+        self.functions = [function for function, factor in found if factor]
+        self.factors = [terms_of(part * self.moved(self.line(f.slope))) for f, part in found if part]
 
     def _terms(self, row: Iterable[Term]) -> fmpq_mpoly:
         """Terms of a field in z, all with the same function or none, without it."""

@@ -499,20 +499,16 @@ class _Kernel(_Code):
         shape, d = self.shape, self.shape.directions
         scores = [self.sum() for _ in range(shape.states)]
         centre, *others = shape.whole.groups[: LOW + 1]
-        for group in others:
+        for group in (*others, centre):
             for b, _ in self.each(group):
                 total = self.zero
                 for p, value in enumerate(self.kept("low", group, b)):
-                    size = self.absolute(value)
+                    linear, size = group.size + p == 1, self.absolute(value)
+                    size = self.times(size, self.lanes.constant(0.25)) if linear else size
                     if p:
                         self.add(scores[0], size)
-                    linear = group.size + p == 1
-                    total = self.plus(total, self.times(size, self.lanes.constant(0.25)) if linear else size)
+                    total = self.plus(total, size)
                 self.store(total, self.work("weight", self.integer("add", b, str(group.first))))
-        for p, value in enumerate(self.kept("low", centre, "0")):
-            if p:
-                weight = self.lanes.constant(0.25 if p == 1 else 1.0)
-                self.add(scores[0], self.times(self.absolute(value), weight))
         if d:
             masks = self.at(self.pointers["signs"], str(2 * len(shape.longest.monomials)), "i64")
             with self.loop(str(len(shape.whole.monomials)), "1") as b:

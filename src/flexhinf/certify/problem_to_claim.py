@@ -10,10 +10,9 @@ A claim is about the nominal plant (`statement_of`) or about a box of its parame
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from math import pi
-from typing import Any, NamedTuple
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -54,19 +53,8 @@ _MOST_HALVES = 64  # an offset that is the double nearest to k π/2 means k π/2
 _AT_ZERO = {"sin": (0, 1, 0, -1), "cos": (1, 0, -1, 0), "exp": (1,), "tanh": (0,), "arctan": (0,)}
 
 
-class PlantTerms(NamedTuple):
-    """f, g1, g2 and h of a problem as a certificate has them; see `flexhinf.certify.Certificate`.
-
-    `inside` are the parameters that stand in functions of the state, with their nominal values.
-    """
-
-    drift: tuple[Terms, ...]
-    g1: tuple[tuple[Terms, ...], ...]
-    g2: tuple[tuple[Terms, ...], ...]
-    penalty: tuple[Polynomial, ...]
-    functions: tuple[Function, ...]
-    parameters: tuple[Parameter, ...]
-    inside: tuple[str, ...] = ()
+#: The least and the largest value of parameters, by name.
+Ranges = Mapping[str, tuple[float, float]]
 
 
 def rational(value: float) -> fmpq:
@@ -84,10 +72,18 @@ def terms_of(polynomial: fmpq_mpoly) -> dict[tuple[int, ...], fmpq]:
     return {tuple(map(int, key)): value for key, value in polynomial.to_dict().items()}
 
 
-def plant_terms(problem: Problem | None, penalty: Any = None) -> PlantTerms:
-    """The fields of a problem in exact terms; an `InvalidInput` by name for a model that has no such form.
+def plant_fields(
+    problem: Problem | None, penalty: Any = None, ranges: Ranges | None = None
+) -> dict[str, Any]:
+    """The fields of a claim that say what f, g1, g2 and h of a problem are, in exact terms.
 
     `penalty` is the checked h: from deviations (1, n) and the designed h (1, s) to (1, s). Default: the designed one.
+    Parameters that are not among the `ranges` have their nominal values.
+
+    Raises
+    ------
+    InvalidInput
+        By name for a model that has no such form, or with a range for a parameter inside a function of the state.
     """
     if isinstance(problem, PolynomialPlant):
         return _of_polynomials(problem, penalty)
@@ -111,13 +107,23 @@ def plant_terms(problem: Problem | None, penalty: Any = None) -> PlantTerms:
     driven = [a + rational(b) for a, b in zip(inputs[:m], problem.operating_input)]
     rates = reader.run(flow, [moved, driven, inputs[m:], reader.parameters])
     h = reader.run(output, [x, [reader.constant(value) for value in table.vector()]])
-    drift, g2, g1 = zip(
-        *((row[0], tuple(row[1 : 1 + m]), tuple(row[1 + m :])) for row in map(reader.rows, rates))
+    split = [(row[0], tuple(row[1 : 1 + m]), tuple(row[1 + m :])) for row in map(reader.rows, rates)]
+    fields = dict(zip(("drift", "g2", "g1"), zip(*split), strict=True))
+    box = {name: (value, value) for name, value in zip(reader.names, reader.values.tolist())} | dict(
+        ranges or {}
     )
-    outputs, values = tuple(map(reader.polynomial, h)), reader.values
-    used = [(reader.names[i], float(values[i])) for i in sorted(reader.seen)]
-    parameters = tuple(Parameter(name, value, value) for name, value in used)
-    return PlantTerms(drift, g1, g2, outputs, tuple(reader.functions), parameters, reader.inside)
+    if fixed := sorted(name for name in reader.inside if box[name][0] < box[name][1]):
+        raise InvalidInput(
+            "A parameter stands inside a function of the state.",
+            f"expected parameters that multiply terms, got {', '.join(fixed)}",
+            "its nominal value, or sampled_region",
+        )
+    used = [reader.names[i] for i in sorted(reader.seen)]
+    return fields | {
+        "penalty": tuple(map(reader.polynomial, h)),
+        "functions": tuple(reader.functions),
+        "parameters": tuple(Parameter(name, *box[name], _unit(problem, name)) for name in used),
+    }
 
 
 def flat_names(table: ParameterTable) -> list[str]:
@@ -132,7 +138,7 @@ def _checked(penalty: Any, x: Any, h: Any) -> Any:
     return np.asarray(penalty(np.asarray(x)[None], np.asarray(h)[None]))[0]
 
 
-def _of_polynomials(plant: PolynomialPlant, penalty: Any) -> PlantTerms:
+def _of_polynomials(plant: PolynomialPlant, penalty: Any) -> dict[str, Any]:
     n, disturbances, inputs, outputs = plant.size
 
     def row(parts: dict[int, np.ndarray], *place: int) -> Terms:
@@ -152,14 +158,12 @@ def _of_polynomials(plant: PolynomialPlant, penalty: Any) -> PlantTerms:
         )
         for i in range(outputs)
     ]
-    return PlantTerms(
-        tuple(row({k: part for k, part in plant.f_parts.items() if k}, i) for i in range(n)),
-        tuple(tuple(row(plant.g1_parts, i, j) for j in range(disturbances)) for i in range(n)),
-        tuple(tuple(row(plant.g2_parts, i, j) for j in range(inputs)) for i in range(n)),
-        tuple(map(reader.polynomial, reader.run(output, [reader.states, designed]))),
-        (),
-        (),
-    )
+    return {
+        "drift": tuple(row({k: part for k, part in plant.f_parts.items() if k}, i) for i in range(n)),
+        "g1": tuple(tuple(row(plant.g1_parts, i, j) for j in range(disturbances)) for i in range(n)),
+        "g2": tuple(tuple(row(plant.g2_parts, i, j) for j in range(inputs)) for i in range(n)),
+        "penalty": tuple(map(reader.polynomial, reader.run(output, [reader.states, designed]))),
+    }
 
 
 class _Reader:
@@ -181,7 +185,7 @@ class _Reader:
         self.edges = np.cumsum([0, *sizes]).tolist()
         self.functions: list[Function] = []
         self.seen: set[int] = set()
-        self.inside: tuple[str, ...] = ()
+        self.inside: set[str] = set()  # functions of the state
 
     def constant(self, value: float) -> fmpq_mpoly:
         """A number as a polynomial."""
@@ -231,7 +235,7 @@ class _Reader:
             linear = sum(states) <= 1 and not any(others + exponents[self.edges[4] :])
             require(linear, f"{name} of something else than a linear form of the state")
             for i, power in self._powers(exponents):
-                self.inside = tuple({*self.inside, self.names[i]})
+                self.inside.add(self.names[i])
                 value *= rational(self.values[i]) ** power
             place = states.index(1) if any(states) else None
             sums[place] = sums.get(place, fmpq(0)) + value
@@ -326,13 +330,13 @@ def statement_of(
 ) -> Certificate:
     """The certificate to be proved of the nominal plant; arguments as `HJISolution.certify`."""
     pair = checked_pair(solution, gamma, penalty)
-    terms = plant_terms(solution.problem, pair.output)
-    law, h = law_polynomials(solution, terms), linear_part(terms.penalty, len(solution.P))
+    fields = plant_fields(solution.problem, pair.output)
+    law, h = law_polynomials(solution, fields), linear_part(fields["penalty"], len(solution.P))
     root = np.linalg.cholesky(np.linalg.inv(solution.P))
     return claim_of(
         solution,
         solution.problem,
-        terms._replace(penalty=tuple(map(_without_rounding, terms.penalty))),
+        fields | {"penalty": tuple(map(_without_rounding, fields["penalty"]))},
         about=about or "a state feedback",
         r2=matrix_rows(solution.expansion.r2),
         value=value_polynomial(solution),
@@ -346,22 +350,17 @@ def statement_of(
 
 
 def claim_of(
-    solution: ValueFunction, problem: Problem | None, terms: PlantTerms, **others: Any
+    solution: ValueFunction, problem: Problem | None, fields: dict[str, Any], **others: Any
 ) -> Certificate:
-    """The certificate of a solution, with these terms of the plant and the fields that are `others`."""
+    """The certificate of a solution, with `plant_fields` and the `others`."""
     disturbances: Iterable[str] = [f"d{j + 1}" for j in range(solution.expansion.size[1])]
     if isinstance(problem, GeneralisedPlant):
         disturbances = problem.disturbance_names
-    fields = terms._asdict() | {
-        "penalty": tuple(row for row in terms.penalty if row),
-        "parameters": tuple(replace(p, unit=_unit(problem, p.name)) for p in terms.parameters),
-    }
-    del fields["inside"]
     return Certificate(
         states=_signals(problem, solution.state_names),
         inputs=_signals(problem, solution.input_names),
         disturbances=_signals(problem, disturbances),
-        **fields,
+        **fields | {"penalty": tuple(row for row in fields["penalty"] if row)},
         **others,
     )
 
@@ -398,11 +397,11 @@ def _unit(problem: Problem | None, name: str) -> str:
     return problem.plant.unit(name).replace(" ", "·") if isinstance(problem, GeneralisedPlant) else ""
 
 
-def law_polynomials(solution: ValueFunction, terms: PlantTerms) -> tuple[Polynomial, ...]:
+def law_polynomials(solution: ValueFunction, fields: Mapping[str, Any]) -> tuple[Polynomial, ...]:
     """The law −R2⁻¹ g2ᵀ V_xᵀ in doubles: the controller's own numbers if g2 is constant, else the product, rounded."""
     n, _, m, _ = solution.expansion.size
     rows: list[dict[tuple[int, ...], float]] = [{} for _ in range(m)]
-    if all(not any(term.powers) for entries in terms.g2 for row in entries for term in row):
+    if all(not any(term.powers) for entries in fields["g2"] for row in entries for term in row):
         matrix = solution.expansion.g2_parts[0]
         for i, slope in solution.slope_parts.items():
             columns = np.array([product(slope, matrix[:, j], n, i - 1, 0) for j in range(m)])
@@ -410,12 +409,14 @@ def law_polynomials(solution: ValueFunction, terms: PlantTerms) -> tuple[Polynom
                 powers = map(tuple, basis.exponents(n, i - 1).tolist())
                 row |= {key: value for key, value in zip(powers, part.tolist()) if value}
         return tuple(tuple(row.items()) for row in rows)
-    numbers = {parameter.name: (parameter.low + parameter.high) / 2 for parameter in terms.parameters}
+    numbers = {
+        parameter.name: (parameter.low + parameter.high) / 2 for parameter in fields.get("parameters", ())
+    }
     price = solution.input_price
     for k, slope in solution.slope_parts.items():
         for powers, along in zip(basis.exponents(n, k - 1).tolist(), slope.tolist()):
             for i, value in enumerate(along):
-                for j, row in enumerate(terms.g2[i] if value else ()):
+                for j, row in enumerate(fields["g2"][i] if value else ()):
                     for term in row:
                         key = tuple(a + b for a, b in zip(powers, term.powers))
                         factor = value * term.coefficient

@@ -236,9 +236,9 @@ def certify_tolerances(
     side = 1.0 if step is not None and step < 0.0 else -1.0
     if step is not None:
         step = math.nextafter(abs(step), math.inf)  # π is no double, and half a turn is inside
-    start = robot_start(statement, side)
-    if start is None and step is not None:
-        start = tabled_start(solution, statement, step, side)
+    start = robot_start(statement, side) or (
+        None if step is None else tabled_start(solution, statement, step, side)
+    )
     if level is None:
         if step is None or start is None:
             raise InvalidInput(

@@ -15,6 +15,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -95,12 +96,10 @@ def rest_path(statement: Certificate, side: float = -1.0) -> tuple[Start, np.nda
     rates = [i for i in range(len(shares)) if not free[i] and not any(statement.g2[i])]
     while rates:
         for i in rates:
-            try:
+            with suppress(_NoForm):
                 path |= _solved(statement, i, path, functions)
-            except _NoForm:
-                continue
-            rates.remove(i)
-            break
+                rates.remove(i)
+                break
         else:
             return None
     if len(path) < len(shares):
