@@ -117,7 +117,7 @@ def test_an_archive_that_promises_more_than_it_has_is_damaged(tmp_path: Path) ->
             read_arrays(tmp_path / "a")
         assert tracemalloc.get_traced_memory()[1] < 1e6
         tracemalloc.stop()
-        assert "damaged or not such a file" in error.value.found
+        assert "damaged" in error.value.found
 
 
 def test_arrays_come_back_with_their_kinds_and_orders_and_can_be_written(tmp_path: Path) -> None:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import os
-import time
+import subprocess
+import sys
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
@@ -95,7 +96,7 @@ def test_a_masked_number_is_refused_wherever_arrays_are_taken(masked: object) ->
     ],
 )
 def test_names_that_cannot_be_printed_are_refused(name: object) -> None:
-    with pytest.raises(InvalidInput, match="no usable name") as caught:
+    with pytest.raises(InvalidInput, match="joint") as caught:
         checked_name("a joint", name)
     assert str(caught.value).replace("\n", "").isprintable()
     assert len(str(caught.value)) < 400
@@ -130,14 +131,14 @@ def test_any_value_has_a_short_text() -> None:
 
 TOO_MUCH_TOML = (
     [
-        ("x = " + "[" * 900 + "]" * 900, "nested too deeply"),
-        ("x = " + "{a = " * 900 + "1" + "}" * 900, "nested too deeply"),
+        ("x = " + "[" * 900 + "]" * 900, "nested"),
+        ("x = " + "{a = " * 900 + "1" + "}" * 900, "nested"),
         ("x = " + "9" * 4301, "no TOML"),
-        ("a." * 200_000 + "a = 1", "too many parts"),
-        ("1." * 200_000 + "1 = 1", "too many parts"),
-        ('"a"."b".' * 50_000 + "a = 1", "too many parts"),
-        ("[" + "a." * 200_000 + "a]", "too many parts"),
-        ("x = [" + "0.5," * 20_000_000 + "]", "is too large"),
+        ("a." * 200_000 + "a = 1", "many parts"),
+        ("1." * 200_000 + "1 = 1", "many parts"),
+        ('"a"."b".' * 50_000 + "a = 1", "many parts"),
+        ("[" + "a." * 200_000 + "a]", "many parts"),
+        ("x = [" + "0.5," * 20_000_000 + "]", "large"),
         ('"\\' * 400_000, "no TOML"),
         ('x = """' + "\\" * 900_000, "no TOML"),
         ("x = 1\nx = 2", "no TOML"),
@@ -169,12 +170,12 @@ def test_dots_and_brackets_inside_of_texts_and_comments_do_not_count(tmp_path: P
 
 
 TOO_MUCH_XML = [
-    ("<robot>" + "<a>" * 900 + "</a>" * 900 + "</robot>", "nested too deeply"),
-    ("<robot>" + "<a/>" * 200_000 + "</robot>", "too many elements"),
+    ("<robot>" + "<a>" * 900 + "</a>" * 900 + "</robot>", "nested"),
+    ("<robot>" + "<a/>" * 200_000 + "</robot>", "many elements"),
     ('<!DOCTYPE r [<!ENTITY a "aaaa">]><robot>&a;</robot>', "document type"),
     ("<robot>", "no XML"),
     ("", "no XML"),
-    ("<robot>" + " " * 11_000_000 + "</robot>", "is too large"),
+    ("<robot>" + " " * 11_000_000 + "</robot>", "large"),
 ]
 
 
@@ -188,19 +189,41 @@ def test_xml_that_no_robot_needs_is_refused_with_little_work(
         read_xml(path)
 
 
+REFUSALS = """
+import sys, time
+from pathlib import Path
+from flexhinf.errors import InvalidInput
+from flexhinf.validation import read_toml, read_xml
+
+read = {"toml": read_toml, "xml": read_xml}[sys.argv[1]]
+for path in sys.argv[2:]:
+    start = time.thread_time()
+    try:
+        read(Path(path))
+    except InvalidInput:
+        print(time.thread_time() - start)
+"""
+
+
 @pytest.mark.slow
-def test_each_of_them_is_refused_in_a_second(tmp_path: Path) -> None:
-    path = tmp_path / "arm"
-    for read, cases in ((read_toml, TOO_MUCH_TOML), (read_xml, TOO_MUCH_XML)):
-        for text, what in cases:
-            path.write_text(text, encoding="utf-8")
-            taken = []
-            for _ in range(3):  # the least of them: what else runs on the machine only adds
-                start = time.thread_time()
-                with pytest.raises(InvalidInput, match=what):
-                    read(path)
-                taken.append(time.thread_time() - start)
-            assert min(taken) < SECONDS
+@pytest.mark.parametrize(("kind", "cases"), [("toml", TOO_MUCH_TOML), ("xml", TOO_MUCH_XML)])
+def test_each_of_them_is_refused_in_a_second(tmp_path: Path, kind: str, cases: list[tuple[str, str]]) -> None:
+    """In an interpreter of its own: what other tests hold in memory or trace is not counted."""
+    paths = [tmp_path / f"{k}.{kind}" for k in range(len(cases))]
+    for path, (text, _) in zip(paths, cases, strict=True):
+        path.write_text(text, encoding="utf-8")
+    runs = [
+        subprocess.run(
+            [sys.executable, "-c", REFUSALS, kind, *map(str, paths)],
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        for _ in range(3)  # the least of them: what else runs on the machine only adds
+    ]
+    taken = np.array([[float(line) for line in run.stdout.split()] for run in runs])
+    assert taken.shape == (3, len(cases))
+    assert taken.min(axis=0).max() < SECONDS
 
 
 def test_what_cannot_be_read_is_refused(tmp_path: Path) -> None:
@@ -208,9 +231,9 @@ def test_what_cannot_be_read_is_refused(tmp_path: Path) -> None:
     (tmp_path / "bytes.toml").write_bytes(b"x = '\xff'")
     for name, what in (
         ("bytes.toml", "no TOML"),
-        ("nowhere.toml", "no robot file"),
-        ("pipe.toml", "no robot file"),
-        ("", "no robot file"),
+        ("nowhere.toml", "nowhere.toml"),
+        ("pipe.toml", "pipe.toml"),
+        ("", "robot file"),
     ):
         with pytest.raises(InvalidInput, match=what):
             read_toml(tmp_path / name)

@@ -1,60 +1,75 @@
 """Public names and the rooms that they come from; a room is loaded when one of its names is first used."""
 
 from .campaign import run_campaign as run_campaign
-from .certify import Certificate as Certificate
-from .certify import load_certificate as load_certificate
-from .design import Comparison as Comparison
-from .design import Design as Design
-from .design import Specification as Specification
-from .design import compare as compare
-from .design import design as design
-from .design import load_design as load_design
-from .errors import FlexhinfError as FlexhinfError
-from .errors import InfeasibleGamma as InfeasibleGamma
-from .errors import InvalidInput as InvalidInput
-from .errors import NotDetectable as NotDetectable
-from .errors import NotStabilisable as NotStabilisable
-from .errors import NumericalFailure as NumericalFailure
-from .estimation import ExtendedKalmanFilter as ExtendedKalmanFilter
-from .estimation import OutputInjectionObserver as OutputInjectionObserver
-from .estimation import UnscentedKalmanFilter as UnscentedKalmanFilter
-from .export import CompiledController as CompiledController
-from .export import compile_controller as compile_controller
-from .export import export_c as export_c
-from .export import export_fmu as export_fmu
-from .export import load_compiled as load_compiled
-from .export import run_realtime as run_realtime
-from .hinf import HJISolution as HJISolution
-from .hinf import linear_law as linear_law
-from .hinf import load_solution as load_solution
-from .hinf import smallest_gamma as smallest_gamma
-from .hinf import solve_hji as solve_hji
-from .loop import Constant as Constant
-from .loop import Controller as Controller
-from .loop import JerkLimited as JerkLimited
-from .loop import Loop as Loop
-from .loop import Moving as Moving
-from .loop import Quintic as Quintic
-from .loop import Samples as Samples
-from .loop import Schedule as Schedule
-from .loop import Sine as Sine
-from .loop import Spline as Spline
-from .loop import Step as Step
-from .loop import Trajectory as Trajectory
-from .loop import Waypoints as Waypoints
-from .loop import load_controller as load_controller
-from .plant import BlackBox as BlackBox
-from .plant import Estimator as Estimator
-from .plant import Gaussian as Gaussian
-from .plant import GeneralisedPlant as GeneralisedPlant
-from .plant import Law as Law
-from .plant import Penalty as Penalty
-from .plant import Plant as Plant
-from .plant import PolynomialPlant as PolynomialPlant
-from .robot import Parameter as Parameter
-from .robot import Robot as Robot
-from .robot import catalogue as catalogue
-from .robot import load_robot as load_robot
-from .robot import paper_arm as paper_arm
+from .certify import Certificate as Certificate, load_certificate as load_certificate
+from .design import (
+    Comparison as Comparison,
+    Design as Design,
+    Specification as Specification,
+    compare as compare,
+    design as design,
+    load_design as load_design,
+)
+from .errors import (
+    FlexhinfError as FlexhinfError,
+    InfeasibleGamma as InfeasibleGamma,
+    InvalidInput as InvalidInput,
+    NotDetectable as NotDetectable,
+    NotStabilisable as NotStabilisable,
+    NumericalFailure as NumericalFailure,
+)
+from .estimation import (
+    ExtendedKalmanFilter as ExtendedKalmanFilter,
+    OutputInjectionObserver as OutputInjectionObserver,
+    UnscentedKalmanFilter as UnscentedKalmanFilter,
+)
+from .export import (
+    CompiledController as CompiledController,
+    compile_controller as compile_controller,
+    export_c as export_c,
+    export_fmu as export_fmu,
+    load_compiled as load_compiled,
+    run_realtime as run_realtime,
+)
+from .hinf import (
+    HJISolution as HJISolution,
+    linear_law as linear_law,
+    load_solution as load_solution,
+    smallest_gamma as smallest_gamma,
+    solve_hji as solve_hji,
+)
+from .loop import (
+    Constant as Constant,
+    Controller as Controller,
+    JerkLimited as JerkLimited,
+    Loop as Loop,
+    Moving as Moving,
+    Quintic as Quintic,
+    Samples as Samples,
+    Schedule as Schedule,
+    Sine as Sine,
+    Spline as Spline,
+    Step as Step,
+    Trajectory as Trajectory,
+    Waypoints as Waypoints,
+    load_controller as load_controller,
+)
+from .plant import (
+    BlackBox as BlackBox,
+    Estimator as Estimator,
+    Gaussian as Gaussian,
+    GeneralisedPlant as GeneralisedPlant,
+    Law as Law,
+    Penalty as Penalty,
+    Plant as Plant,
+    PolynomialPlant as PolynomialPlant,
+)
+from .robot import (
+    Parameter as Parameter,
+    Robot as Robot,
+    catalogue as catalogue,
+    load_robot as load_robot,
+    paper_arm as paper_arm,
+)
 
 __version__: str

@@ -169,7 +169,7 @@ def test_no_rest_is_infinite_and_spoils_no_other(
     assert math.isinf(modes.rate[0])
     assert not modes.stable[0]
     assert np.isnan(modes.equilibrium).all()
-    with pytest.raises(NumericalFailure, match="no equilibrium"):
+    with pytest.raises(NumericalFailure, match=r"equilibrium[\s\S]*\[1\.570796\]"):
         loop.linear(arm.corner({"mass": 1.0}))
 
 
@@ -213,11 +213,11 @@ def test_misuse_is_refused(made: SimpleNamespace, arm: Robot, cubic: HJISolution
     plant = arm.plant()
     with pytest.raises(InvalidInput, match="twice"):
         EquilibriumLoop(cubic, None, plant, PERIOD, 0.1, equilibrium=(np.zeros(4), np.zeros(1)))
-    with pytest.raises(InvalidInput, match="number of samples"):
+    with pytest.raises(InvalidInput, match=r"delay[\s\S]* 0\.5"):
         EquilibriumLoop(cubic, None, plant, PERIOD, delay=0.5)  # type: ignore[arg-type]
-    with pytest.raises(InvalidInput, match="no goal"):
+    with pytest.raises(InvalidInput, match=r"integrals[\s\S]* goal=0\.5"):
         EquilibriumLoop(made.Gains(plant, np.ones((1, 4)), np.zeros(4), [0.0]), None, plant, PERIOD, 0.5)
-    with pytest.raises(InvalidInput, match="no filter"):
+    with pytest.raises(InvalidInput, match=r"filter[\s\S]* NoneType"):
         EquilibriumLoop(cubic, None, plant, PERIOD).gain(np.eye(4))
     with pytest.raises(InvalidInput, match="stiffness_"):
         EquilibriumLoop(cubic, None, plant, PERIOD).modes([{"stiffness_": 1.0}])

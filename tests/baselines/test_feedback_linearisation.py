@@ -133,7 +133,7 @@ def test_an_integral_of_its_own_rate_adds_one_pole_to_those_of_the_filter(made):
     slow = FeedbackLinearisation.tuned(problem, 6.0, integral=True, integral_rate=0.2).coefficients[0]
     expected = np.sort_complex([*np.roots([1.0, *plain[::-1]]), -1.2])
     np.testing.assert_allclose(np.sort_complex(np.roots([1.0, *slow[::-1]])), expected, rtol=1e-9)
-    with pytest.raises(InvalidInput, match="rate of the integral"):
+    with pytest.raises(InvalidInput, match=r"rate.*integral[\s\S]* 0\.0\n"):
         FeedbackLinearisation.tuned(problem, 6.0, integral=True, integral_rate=0.0)
 
 
@@ -194,10 +194,14 @@ def unstable_zero():
 @pytest.mark.parametrize(
     ("plant", "settings", "complaint"),
     [
-        (unstable_zero(), {"coefficients": [[3.0]], "outputs": ("a",)}, "1 of the 2 modes are zero dynamics"),
-        (None, {"coefficients": [[-1.0, 1.0, 1.0, 1.0]]}, "unstable at the equilibrium"),
-        (None, {"coefficients": [[1.0, 1.0]]}, "do not fit the relative degrees"),
-        (None, {"coefficients": [[1.0] * 4], "integrate": ("motor_position",)}, "errors of its outputs"),
+        (unstable_zero(), {"coefficients": [[3.0]], "outputs": ("a",)}, r"unstable[\s\S]* 1 of .*2 modes"),
+        (None, {"coefficients": [[-1.0, 1.0, 1.0, 1.0]]}, r"unstable[\s\S]* 0 of .*4 modes"),
+        (None, {"coefficients": [[1.0, 1.0]]}, r"degrees[\s\S]*\[\(4,\)\], got \[\(2,\)\]"),
+        (
+            None,
+            {"coefficients": [[1.0] * 4], "integrate": ("motor_position",)},
+            r"outputs[\s\S]*\['motor_position'\]",
+        ),
     ],
 )
 def test_what_does_not_fit_is_refused(made, plant, settings, complaint):
@@ -211,7 +215,7 @@ def test_a_singular_decoupling_matrix_is_refused():
         return np.array([u[0] + u[1], u[0] + u[1] * (1.0 + x[0])])
 
     plant = Plant(flow, lambda x, u, p: x[:1], ("a", "b"), ("u", "v"))
-    with pytest.raises(InvalidInput, match="singular at the equilibrium"):
+    with pytest.raises(InvalidInput, match=r"A\(x\).*singular"):
         FeedbackLinearisation(
             plant=plant,
             equilibrium=(np.zeros(2), np.zeros(2)),

@@ -83,7 +83,7 @@ def test_a_far_goal_is_reached_in_the_sampled_loop(made):
 
 def test_what_does_not_fit_is_refused(made):
     robot = made.robots["paper"]
-    with pytest.raises(FlexhinfError, match="not a robot with elastic joints"):
+    with pytest.raises(FlexhinfError, match=r"elastic[\s\S]*'coil_current'"):
         GravityCompensatedLQR.design(robot.problem(extras="inductance"))
-    with pytest.raises(FlexhinfError, match="gain does not fit"):
+    with pytest.raises(FlexhinfError, match=r"gain[\s\S]*\(1, 4\)"):
         GravityCompensatedLQR(plant=robot.plant(), equilibrium=robot.operating_point(), gain=np.zeros((1, 3)))

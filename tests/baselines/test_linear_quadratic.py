@@ -56,9 +56,9 @@ def test_any_plant_will_do_and_more_effort_asked_for_is_less_input():
 
 def test_what_has_no_lqr_is_refused(made):
     robot = made.robots["paper"]
-    with pytest.raises(NumericalFailure, match="has no LQR"):
+    with pytest.raises(NumericalFailure, match=r"LQR[\s\S]*'link_position_integral'"):
         lqr(robot.problem({"link_position": 1.0}))  # nothing sees the integral
-    with pytest.raises(InvalidInput, match="factor of the effort"):
+    with pytest.raises(InvalidInput, match=r"factor.*effort[\s\S]* 0\.0\n"):
         lqr(robot.problem(), effort=0.0)
-    with pytest.raises(InvalidInput, match="gain does not fit"):
+    with pytest.raises(InvalidInput, match=r"gain[\s\S]*\(1, 4\)"):
         LinearQuadratic(plant=robot.plant(), equilibrium=robot.operating_point(), gain=np.zeros((1, 5)))

@@ -137,7 +137,7 @@ def test_in_the_sampled_loop_the_goal_is_reached(made):
 
 def test_a_joint_too_soft_for_its_weight_is_refused(made):
     soft = made.robots["paper"].with_values({"stiffness": 9.0})
-    with pytest.raises(InvalidInput, match="cannot be found from the motor position by iteration"):
+    with pytest.raises(InvalidInput, match=r"iteration[\s\S]* 30 .* 1\.09\n"):
         TorqueFeedback.tuned(soft.problem(), 4.0)
     TorqueFeedback.tuned(soft.problem(), 4.0, compensation="goal")
 
@@ -145,10 +145,10 @@ def test_a_joint_too_soft_for_its_weight_is_refused(made):
 @pytest.mark.parametrize(
     ("changes", "complaint"),
     [
-        ({"rotor_inertia": 0.0}, "cannot be made so"),
-        ({"compensation": "link"}, "cannot be made so"),
-        ({"proportional": -1.0}, "proportional gain does not fit"),
-        ({"compensation": "goal", "proportional": 1.0}, "not a minimum of the potential"),
+        ({"rotor_inertia": 0.0}, r"rotor[\s\S]* \[0\.0\], 'motor'"),
+        ({"compensation": "link"}, r"compensation[\s\S]* \[0\.5\], 'link'"),
+        ({"proportional": -1.0}, r"proportional[\s\S]* -1\.0"),
+        ({"compensation": "goal", "proportional": 1.0}, r"minimum[\s\S]* -4\.55"),
     ],
 )
 def test_what_does_not_fit_is_refused(made, changes, complaint):

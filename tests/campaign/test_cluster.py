@@ -13,9 +13,15 @@ from pathlib import Path
 import pytest
 from tests.campaign.conftest import OPTIONS, Deadly, made_campaign, tolerances
 
-from flexhinf.campaign import Journal, Shard, drive, in_cluster, run_campaign
-from flexhinf.campaign import driver as campaign_driver
-from flexhinf.campaign import journal as campaign_storage
+from flexhinf.campaign import (
+    Journal,
+    Shard,
+    drive,
+    driver as campaign_driver,
+    in_cluster,
+    journal as campaign_storage,
+    run_campaign,
+)
 from flexhinf.campaign.driver import Report, in_this_process, next_batches
 from flexhinf.campaign.journal import TABLE
 from flexhinf.errors import FlexhinfError, InvalidInput
@@ -30,7 +36,7 @@ def free_port() -> int:
 
 
 def test_an_address_is_read_before_any_work() -> None:
-    with pytest.raises(InvalidInput, match="address of the cluster"):
+    with pytest.raises(InvalidInput, match=r"(?s)address.*tcp://HOST:PORT.*'localhost'"):
         in_cluster("localhost")
 
 
@@ -88,7 +94,7 @@ def doubling(campaign, batches):
 def test_an_executor_that_loses_a_batch_is_an_error(tmp_path: Path, executor, shard: Shard | None) -> None:
     campaign = made_campaign()
     journal = Journal.opened(tmp_path / "campaign", campaign)
-    with pytest.raises(FlexhinfError, match="were not run"):
+    with pytest.raises(FlexhinfError, match=r"Batches (?s:.)*got (batch )?\d"):
         drive(campaign, journal, shard=shard, executor=executor)
     drive(campaign, journal)
     assert sorted(journal.shards()[0]) == [0, 1, 2, 3]
@@ -110,7 +116,7 @@ def test_a_full_disk_ends_what_runs_the_batches(tmp_path: Path, monkeypatch: pyt
     campaign = made_campaign()
     journal = Journal.opened(tmp_path / "campaign", campaign)
     monkeypatch.setattr(campaign_storage, "publish_whole", full)
-    with pytest.raises(FlexhinfError, match="disk of the campaign is full") as error:
+    with pytest.raises(FlexhinfError, match="disk") as error:
         drive(campaign, journal, executor=executor)
     assert ended == [True]
     assert error.value.__traceback__ is not None  # which holds the frames, and would keep a generator alive
@@ -118,7 +124,7 @@ def test_a_full_disk_ends_what_runs_the_batches(tmp_path: Path, monkeypatch: pyt
 
 def test_a_campaign_in_memory_is_whole_or_an_error(loop, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(campaign_driver, "in_this_process", losing)
-    with pytest.raises(FlexhinfError, match="expected 3 batches, got 2"):
+    with pytest.raises(FlexhinfError, match="3 batches, got 2"):
         run_campaign(loop, tolerances(), 5, batch=2, **OPTIONS)
 
 
@@ -137,7 +143,7 @@ def test_a_cluster_has_the_same_bytes_and_a_killed_worker_costs_no_sample(tmp_pa
         tables = [(table.journal.folder / TABLE).read_bytes() for table in (far, near)]
         assert tables[0] == tables[1]
     assert (tmp_path / "mark").exists()
-    with pytest.raises(InvalidInput, match="does not answer"):
+    with pytest.raises(InvalidInput, match="answer"):
         drive(
             made_campaign(9),
             Journal.opened(tmp_path / "none", made_campaign(9)),

@@ -84,7 +84,7 @@ def test_a_function_has_a_generator_for_each_sample():
     assert numbers(draw, range(10))[7] == seventh
     assert len(seventh) == 3
     assert [*draw.samples([0], 1, 0)[0].row()] == ["mass", "gains_1", "gains_2"]
-    with pytest.raises(InvalidInput, match="no parameters"):
+    with pytest.raises(InvalidInput, match=r"parameters(?s:.)*got 3.0"):
         FunctionDraw(lambda rng: 3.0).samples([0], 1, 0)
 
 
@@ -109,14 +109,14 @@ def test_a_robot_that_cannot_be_built_is_a_failure_of_its_sample():
     [
         (lambda: Variable("a", 1.0, 0.0), "interval"),
         (lambda: Variable("a", 0.0, np.inf), "interval"),
-        (lambda: Variable("a", 0.0, 1.0, "gaussian"), "no such distribution"),
-        (lambda: Variable("a", 0.5, 1.5, "normal"), "change its sign"),
+        (lambda: Variable("a", 0.0, 1.0, "gaussian"), "(?s)distribution.*'gaussian'"),
+        (lambda: Variable("a", 0.5, 1.5, "normal"), r"(?s)sign.*36\.1 %"),
         (lambda: Tolerances([]), "Nothing differs"),
         (lambda: Tolerances([Variable("a", 0.0, 1.0)] * 2), "variables"),
-        (lambda: Tolerances([Variable("a", 0.0, 1.0)], "halton"), "no such method"),
+        (lambda: Tolerances([Variable("a", 0.0, 1.0)], "halton"), "(?s)method.*'halton'"),
         (
             lambda: Tolerances([Variable("a", 0.0, 1.0)], "latin-hypercube").samples([0], 10**9, 0),
-            "fit into memory",
+            "(?s)memory.*50000000 numbers",
         ),
     ],
 )

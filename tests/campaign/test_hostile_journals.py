@@ -73,12 +73,12 @@ def check_found_and_run_again(whole: Path, folder: Path, batches: set[int], word
     good, bad = journal.shards()
     assert set(range(4)) - set(good) == batches
     assert [wrong for _, wrong in bad if words in wrong], bad
-    with pytest.raises(InvalidInput, match="not complete"):
+    with pytest.raises(InvalidInput, match=r"4 batches, got \d; missing: "):
         merged(journal, good)
     assert journal.row(16 * min(batches)) == {}
     campaign = made_campaign()
     other = Journal.opened(folder.parent / "other", campaign)
-    with pytest.raises(InvalidInput, match="A shard is damaged"):
+    with pytest.raises(InvalidInput, match=r"(?s)shard.*batch-0000000\d-"):
         other.take(journal)
     drive(campaign, journal)
     assert (folder / TABLE).read_bytes() == (whole / TABLE).read_bytes()
@@ -199,10 +199,10 @@ def test_a_folder_with_the_name_of_a_part_is_told(folder: Path, batch: int) -> N
     path.mkdir()
     campaign = made_campaign()
     for way in (lambda: opened(folder).shards(), lambda: drive(campaign, Journal.opened(folder, campaign))):
-        with pytest.raises(InvalidInput, match="A folder stands where a file") as error:
+        with pytest.raises(InvalidInput, match="folder stands") as error:
             way()
         assert str(path) in error.value.found
-        assert "delete that folder" in error.value.advice
+        assert "delete" in error.value.advice
 
 
 @pytest.mark.parametrize("method", ["random", "latin-hypercube", "sobol"])
@@ -217,7 +217,7 @@ def test_every_draw_that_settings_state_is_drawn_again(
     own = pq.read_table(part(journal.folder, 1))
     numbers = own.column("stiffness").to_pylist()
     put(journal.folder, 1, table_bytes(changed(own, "stiffness", [*numbers[:3], numbers[3] * (1 + 1e-6)])))
-    assert "stiffness of sample 7" in journal.shards()[1][0][1]
+    assert "sample 7" in journal.shards()[1][0][1]
 
 
 def test_rows_that_a_function_draws_are_taken_as_they_are(tmp_path: Path) -> None:
@@ -319,7 +319,7 @@ def test_a_manifest_that_no_campaign_writes_is_refused(folder: Path, name: str, 
     (folder / MANIFEST).write_bytes(content)
     tracemalloc.start()
     try:
-        with pytest.raises(InvalidInput, match="manifest of the campaign cannot be read"):
+        with pytest.raises(InvalidInput, match=r"(?s)manifest.*campaign\.json"):
             Journal.read(folder)
         assert tracemalloc.get_traced_memory()[1] < 5e6
     finally:
@@ -333,7 +333,7 @@ def test_a_manifest_with_an_entry_less_is_refused(folder: Path, name: str) -> No
     stated = read_sealed(folder / MANIFEST)
     del stated[name]
     (folder / MANIFEST).write_bytes(sealed(stated))
-    with pytest.raises(InvalidInput, match="manifest of the campaign cannot be read"):
+    with pytest.raises(InvalidInput, match=r"(?s)manifest.*campaign\.json"):
         Journal.read(folder)
 
 
@@ -343,7 +343,7 @@ def test_the_version_of_another_manifest_is_told(folder: Path) -> None:
         (folder / MANIFEST).write_bytes(other)
         with pytest.raises(InvalidInput) as error:
             Journal.read(folder)
-        assert "expected version 2, got 99" in error.value.found
+        assert "version 2, got 99" in error.value.found
 
 
 @pytest.mark.parametrize(
@@ -351,7 +351,7 @@ def test_the_version_of_another_manifest_is_told(folder: Path) -> None:
 )  # fmt: skip
 def test_a_manifest_that_is_none_is_refused(folder: Path, text: str) -> None:
     (folder / MANIFEST).write_text(text, encoding="latin-1")
-    with pytest.raises(InvalidInput, match="manifest of the campaign cannot be read"):
+    with pytest.raises(InvalidInput, match=r"(?s)manifest.*campaign\.json"):
         Journal.read(folder)
 
 
@@ -378,7 +378,7 @@ def test_many_batches_that_are_missing_take_no_memory(folder: Path) -> None:
     journal = opened(folder)
     tracemalloc.start()
     try:
-        with pytest.raises(InvalidInput, match="not complete"):
+        with pytest.raises(InvalidInput, match=r"\d batches, got \d; missing: "):
             merged(journal, journal.shards()[0])
         assert tracemalloc.get_traced_memory()[1] < 1e6
     finally:
@@ -390,10 +390,10 @@ def test_a_campaign_with_the_same_settings_and_other_columns_is_refused(folder: 
     columns = [["mass", "parameter", "g"] if one[0] == "mass" else one for one in stated["columns"]]
     (folder / MANIFEST).write_bytes(sealed(stated | changed_columns(stated, columns)))
     campaign = made_campaign()
-    with pytest.raises(InvalidInput, match="other columns"):
+    with pytest.raises(InvalidInput, match="columns"):
         Journal.opened(folder, campaign)
     here = Journal.opened(tmp_path / "here", campaign)
-    with pytest.raises(InvalidInput, match="other columns"):
+    with pytest.raises(InvalidInput, match="columns"):
         here.take(opened(folder))
 
 
@@ -408,3 +408,10 @@ def test_a_campaign_from_python_has_a_duration_for_its_page(loop) -> None:
     campaign = Campaign(loop, tolerances(), 2, options={"reference": 0.1})
     assert campaign.settings["duration"] == "8.0"
     assert np.isclose(campaign.time[-1], 8.0)
+
+
+@pytest.mark.parametrize("below", [".", "deeper", "deeper/still"])
+def test_a_file_and_what_would_lie_below_it_are_refused(below: str, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("not a campaign")
+    with pytest.raises(InvalidInput, match="needs a folder, and there is a file"):
+        Journal.read(tmp_path / "file" / below)

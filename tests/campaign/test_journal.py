@@ -17,8 +17,15 @@ import numpy as np
 import pytest
 from tests.campaign.conftest import OPTIONS, Deadly, made_campaign, tolerances
 
-from flexhinf.campaign import Campaign, Journal, Shard, drive, run_batch, run_campaign
-from flexhinf.campaign import journal as campaign_storage
+from flexhinf.campaign import (
+    Campaign,
+    Journal,
+    Shard,
+    drive,
+    journal as campaign_storage,
+    run_batch,
+    run_campaign,
+)
 from flexhinf.campaign.batches import Rows
 from flexhinf.campaign.driver import in_processes, in_this_process
 from flexhinf.campaign.journal import HELD, MANIFEST, SHARDS, TABLE, read_columns
@@ -116,7 +123,7 @@ def test_a_batch_with_two_results_is_refused(whole: Path, tmp_path: Path) -> Non
     rows = run_batch(campaign, 0)
     rows.columns["peak_input"][3] += 1e-12
     journal.write(0, rows)
-    with pytest.raises(InvalidInput, match="Batch 0 was written twice"):
+    with pytest.raises(InvalidInput, match=r"(?s)Batch 0 .*batch-00000000-"):
         journal.shards()
 
 
@@ -133,9 +140,9 @@ def test_a_full_disk_is_told_and_loses_nothing(
         publish(name, path)
 
     monkeypatch.setattr(campaign_storage, "publish_whole", full)
-    with pytest.raises(FlexhinfError, match="disk of the campaign is full") as error:
+    with pytest.raises(FlexhinfError, match="disk") as error:
         drive(campaign, journal)
-    assert "the same command" in error.value.advice
+    assert "command" in error.value.advice
     assert len(list((folder / SHARDS).iterdir())) == 2
     monkeypatch.undo()
     drive(campaign, journal)
@@ -144,20 +151,20 @@ def test_a_full_disk_is_told_and_loses_nothing(
 
 def test_other_folders_and_other_campaigns_are_refused(whole: Path, tmp_path: Path) -> None:
     changed = made_campaign(seed=2, draw=tolerances("sobol"))
-    with pytest.raises(InvalidInput, match="another campaign") as error:
+    with pytest.raises(InvalidInput, match="another") as error:
         Journal.opened(whole, changed)
     assert "seed: 1 → 2" in error.value.found
     assert "method: random → sobol" in error.value.found
     (tmp_path / "notes.txt").write_text("mine")
-    with pytest.raises(InvalidInput, match="something that is not a campaign"):
+    with pytest.raises(InvalidInput, match=r"(?s)campaign\.json.*notes\.txt"):
         Journal.opened(tmp_path, changed)
-    with pytest.raises(InvalidInput, match="there is a file"):
+    with pytest.raises(InvalidInput, match=r"(?s)file.*notes\.txt"):
         Journal.opened(tmp_path / "notes.txt", changed)
     manifest = tmp_path / "damaged" / MANIFEST
     manifest.parent.mkdir()
     for text in ("{", '{"what": "flexhinf report"}', (whole / MANIFEST).read_text().replace('"50"', '"60"')):
         manifest.write_text(text)
-        with pytest.raises(InvalidInput, match="cannot be read"):
+        with pytest.raises(InvalidInput, match="manifest"):
             Journal.opened(manifest.parent, changed)
 
 
@@ -167,7 +174,7 @@ def test_shards_of_several_folders_are_merged(whole: Path, tmp_path: Path) -> No
     for k, journal in enumerate(journals):
         assert drive(campaign, journal, shard=Shard(k + 1, 2)) is None
     first, second = journals
-    with pytest.raises(InvalidInput, match="not complete") as error:
+    with pytest.raises(InvalidInput, match="complete") as error:
         first.merge(first.shards()[0])
     assert "missing: 1, 3" in error.value.found
     assert first.take(second) == 2
@@ -175,7 +182,7 @@ def test_shards_of_several_folders_are_merged(whole: Path, tmp_path: Path) -> No
     first.merge(first.shards()[0])
     assert table_of(first.folder) == table_of(whole)
     other = made_campaign(seed=9)
-    with pytest.raises(InvalidInput, match="another campaign"):
+    with pytest.raises(InvalidInput, match=r"another(?s:.)*seed: 1 → 9"):
         first.take(Journal.opened(tmp_path / "other", other))
 
 
@@ -290,7 +297,8 @@ def test_a_worker_killed_by_sigkill_costs_no_sample(tmp_path: Path) -> None:
         campaign, Journal.opened(tmp_path / "one", campaign), executor=in_processes(2, notes.append)
     )
     assert mark.exists()
-    assert notes == ["a worker died; its batches are run again"]
+    (note,) = notes
+    assert "worker" in note
     assert table is not None
     assert table.columns["sample"].tolist() == list(range(50))
     drive(campaign, Journal.opened(tmp_path / "two", campaign))

@@ -131,7 +131,7 @@ def test_samples_that_are_not_the_same_are_refused():
             compare(a, found(**changes))
     with pytest.raises(InvalidInput, match="Only campaigns"):
         compare(a, 3)  # type: ignore[arg-type]
-    with pytest.raises(InvalidInput, match="no metric 'overshot'"):
+    with pytest.raises(InvalidInput, match="metric 'overshot'"):
         compare(a, a, ["overshot<=3"])
-    with pytest.raises(InvalidInput, match="Not both campaigns"):
+    with pytest.raises(InvalidInput, match=r"both campaigns .*'mass'"):
         compare(a, a).metric("mass")

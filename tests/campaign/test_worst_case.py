@@ -168,7 +168,7 @@ def test_it_is_kept_whole_or_not_at_all(tmp_path, monkeypatch, campaign):
     with pytest.raises(KeyboardInterrupt):
         search_worst(campaign, journal, "peak_input", table.columns, progress=stop)
     assert stored_worsts(journal) == []
-    with pytest.raises(InvalidInput, match="was not searched"):
+    with pytest.raises(InvalidInput, match=r"'peak_input' .*searched"):
         stored_worst(journal, "peak_input")
     found = search_worst(campaign, journal, "peak_input", table.columns)
     path = tmp_path / "runs" / "worst-case" / "peak_input.json"
@@ -178,7 +178,7 @@ def test_it_is_kept_whole_or_not_at_all(tmp_path, monkeypatch, campaign):
         patch.setattr(files, "worst_case", None)  # it is not searched again
         assert search_worst(campaign, journal, "peak_input", table.columns) == found
     path.write_bytes(content[:-9])
-    with pytest.raises(InvalidInput, match="cannot be read"):
+    with pytest.raises(InvalidInput, match=r"(?s)'peak_input'.*peak_input\.json"):
         stored_worst(journal, "peak_input")
     assert stored_worsts(journal) == []
     assert search_worst(campaign, journal, "peak_input", table.columns) == found
@@ -186,7 +186,7 @@ def test_it_is_kept_whole_or_not_at_all(tmp_path, monkeypatch, campaign):
     stated = json.loads(content)
     del stated["sha256"]
     path.write_bytes(sealed(stated | {"settings": stated["settings"] | {"campaign": "another"}}))
-    with pytest.raises(InvalidInput, match="of another campaign"):
+    with pytest.raises(InvalidInput, match="another"):
         stored_worst(journal, "peak_input")
 
 
@@ -203,11 +203,14 @@ def test_numbers_that_json_does_not_have(tmp_path, monkeypatch, campaign, rows):
 @pytest.mark.parametrize(
     ("changes", "what"),
     [
-        ({"metric": "peak"}, "no metric 'peak'"),
-        ({"starts": 0}, "No such starts"),
-        ({"seed": -1}, "No such seed"),
-        ({"rows": {"status": np.zeros(50)}}, "not those of the campaign"),
-        ({"rows": dict.fromkeys(("status", "peak_input", "mass", "stiffness"), np.zeros(3))}, "not those of"),
+        ({"metric": "peak"}, "metric 'peak'"),
+        ({"starts": 0}, "starts=0"),
+        ({"seed": -1}, "seed=-1"),
+        ({"rows": {"status": np.zeros(50)}}, "(?s)rows.*50 numbers"),
+        (
+            {"rows": dict.fromkeys(("status", "peak_input", "mass", "stiffness"), np.zeros(3))},
+            "(?s)rows.*50 numbers",
+        ),
     ],
 )
 def test_mistakes(campaign, rows, changes, what):
@@ -218,10 +221,10 @@ def test_mistakes(campaign, rows, changes, what):
 
 
 def test_a_draw_without_a_box_and_a_metric_that_no_run_has(campaign, rows):
-    with pytest.raises(InvalidInput, match="no box"):
+    with pytest.raises(InvalidInput, match=r"(?s)box.*FunctionDraw"):
         worst_case(made_campaign(draw=lambda rng: {"mass": 1.0}), "peak_input")
     nothing = {**rows, "peak_input": np.full(50, math.nan)}
-    with pytest.raises(InvalidInput, match="No sample has"):
+    with pytest.raises(InvalidInput, match=r"(?s)sample.*'peak_input'.*50 rows"):
         worst_case(campaign, "peak_input", nothing)
 
 

@@ -12,8 +12,7 @@ import numpy as np
 import pytest
 from flint import arb, arb_poly, arb_series, ctx, fmpq
 
-from flexhinf.certify import Function
-from flexhinf.certify import inequality as quotients
+from flexhinf.certify import Function, inequality as quotients
 from flexhinf.certify.checker import quadratic
 from flexhinf.certify.checker.bounds import GRID, ORDER, Quotient
 from flexhinf.certify.checker.quadratic import quotient_range

@@ -105,13 +105,13 @@ def test_what_no_certificate_has_is_refused_in_three_parts(text: str, tmp_path: 
 
 def test_r_must_be_affine_in_a_power_of_each_parameter() -> None:
     drift = ((Term(1.0, (0, 1)),), (Term(1.0, (1, 0), (("inertia", 1),)),))
-    with pytest.raises(InvalidInput, match="one exponent of inertia"):
+    with pytest.raises(InvalidInput, match="exponent of inertia"):
         pendulum(drift=drift)
 
 
 def test_a_file_too_large_is_not_read(tmp_path: Path) -> None:
     (tmp_path / "c.json").write_bytes(b" " * 8_000_001)
-    with pytest.raises(InvalidInput, match="too large"):
+    with pytest.raises(InvalidInput, match=r"c\.json(?s:.)*large"):
         load_certificate(tmp_path / "c.json")
 
 

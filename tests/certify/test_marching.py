@@ -203,5 +203,5 @@ def test_what_cannot_be_halved_exactly_is_refused() -> None:
     for row, value in ((1, 2.0**-41), (3, 0.5 + 2.0**-25)):
         smaller = cell.copy()
         smaller[row] = value
-        with pytest.raises(Refusal, match="too small"):
+        with pytest.raises(Refusal, match="small"):
             _cut(smaller, np.array([1]))

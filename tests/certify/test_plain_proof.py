@@ -309,9 +309,9 @@ def test_every_cell_is_shown_at_all_corners_and_where_it_ends(
     assert ticks == [0, 0]
     assert list(every.cells) == []
     monkeypatch.setattr(second_route, "cell_holds", lambda p, cell, i: i == 0)
-    with pytest.raises(Refusal, match="do not confirm"):
+    with pytest.raises(Refusal, match="confirm"):
         confirm(proof, cell, [0, 1])
     confirm(proof, cell, [0])
     monkeypatch.setattr(second_route, "cell_ended", lambda p, cell: False)
-    with pytest.raises(Refusal, match="do not confirm"):
+    with pytest.raises(Refusal, match="confirm"):
         confirm(proof, cell, [0], ended=True)

@@ -10,8 +10,7 @@ import pytest
 from flint import arb, arb_series, ctx, fmpq
 from tests.certify.test_checker import V_4, upright
 
-from flexhinf.certify.checker import bounds as quotient_file
-from flexhinf.certify.checker import second_route
+from flexhinf.certify.checker import bounds as quotient_file, second_route
 from flexhinf.certify.checker.bounds import ORDER, Proof, Quotient
 from flexhinf.certify.checker.quadratic import quotient_range
 from flexhinf.certify.checker.second_route import Cell, cell_holds

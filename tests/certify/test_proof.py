@@ -89,7 +89,7 @@ def test_the_paper_s_own_weights_have_no_margin_to_prove() -> None:
     """What is checked is what the law was designed for: r is a remainder of either sign."""
     found, gamma = solution(0, 2, PENALTY, False)
     assert found.sampled_region(gamma=gamma, penalty=PENALTY) is None
-    with pytest.raises(InvalidInput, match="no level to prove"):
+    with pytest.raises(InvalidInput, match="margin"):
         found.certify(gamma=gamma, penalty=PENALTY)
 
 

@@ -11,8 +11,7 @@ import pytest
 from flint import fmpq_mat
 
 from flexhinf.certify import Certificate, Function, Parameter, Signal, Term
-from flexhinf.certify.checker import Verification
-from flexhinf.certify.checker import observer as checked
+from flexhinf.certify.checker import Verification, observer as checked
 from flexhinf.certify.checker.residual import Refusal
 from flexhinf.certify.claim import Observer
 from flexhinf.certify.theorem import theorem_text
@@ -115,12 +114,12 @@ def test_what_is_linear_in_the_states_adds_up_and_the_rest_has_to_be_known() -> 
         term(1.0, 0, 1, 0, function=0),
         term(1.0, 0, 1, 1),
     ):
-        with pytest.raises(Refusal, match="the rate of x is nonlinear in what is not measured"):
+        with pytest.raises(Refusal, match="rate of x is nonlinear"):
             checked._error_drift(drift(0, hidden), [0, 1], sensors)
     unseen = replace(claim, functions=(Function("sin", (1.0, 0.5, 0.0)),))
     with pytest.raises(Refusal, match="the rate of v is nonlinear"):
         checked._error_drift(unseen, [0, 1], sensors)
-    with pytest.raises(Refusal, match="i is not computed from what is measured"):
+    with pytest.raises(Refusal, match=r"\bi is not computed"):
         checked._error_drift(drift(2, term(1.0, 0, 1, 0)), [0, 1], sensors)
     both = checked.matrix_of(((1.0, 1.0, 0.0),))  # then a function of x alone is not known
     with pytest.raises(Refusal):
@@ -174,8 +173,8 @@ def test_the_gain_of_errors_is_told_to_within_a_millionth() -> None:
         low, high = (low, middle) if np.linalg.eigvalsh(rate(stated, middle)).max() < 0 else (middle, high)
     assert 1.0 < low < 1000.0
     assert reason(plant(observer=observer(gain_error=low * (1 + 1e-6)))) == ""
-    assert "not negative definite" in reason(plant(observer=observer(gain_error=low * (1 - 1e-6))))
-    assert "states no gain for them" in reason(plant(observer=observer(gain_error=0.0)))
+    assert "gamma_e^2" in reason(plant(observer=observer(gain_error=low * (1 - 1e-6))))
+    assert "no gain" in reason(plant(observer=observer(gain_error=0.0)))
     quiet = plant(g1=(((), ()), ((), ()), ((term(1.0, 0, 0, 0),), ())), observer=observer(gain_error=0.0))
     assert reason(quiet) == ""  # what drives the known state alone moves no error
 
@@ -207,7 +206,7 @@ def test_m_bounds_the_slopes_to_within_a_millionth(energy: float) -> None:
         if holds:
             checked._check_slopes(plant(), stated, [0, 1], weight, storage)
         else:
-            with pytest.raises(Refusal, match="does not bound the slopes"):
+            with pytest.raises(Refusal, match="slopes of"):
                 checked._check_slopes(plant(), stated, [0, 1], weight, storage)
 
 
@@ -224,39 +223,39 @@ def test_slopes_without_a_constant_lie_about_0() -> None:
         if holds:
             checked._check_slopes(claim, stated, [0, 1], weight, storage)
         else:
-            with pytest.raises(Refusal, match="does not bound the slopes"):
+            with pytest.raises(Refusal, match="slopes of"):
                 checked._check_slopes(claim, stated, [0, 1], weight, storage)
 
 
 def test_matrices_have_to_be_symmetric_and_definite_and_the_law_the_gradient_s() -> None:
     assert reason(plant()) == ""
-    assert "needs the law" in reason(plant(), gradient_law=False)
+    assert "budget" in reason(plant(), gradient_law=False)
     skewed = ((60.0, 1e-9), (0.0, 60.0))
-    assert "not symmetric" in reason(plant(observer=observer(weight=skewed)))
-    assert "not symmetric" in reason(plant(observer=observer(storage=((40.0, 1.0), (1.5, 60.0)))))
+    assert "symmetric" in reason(plant(observer=observer(weight=skewed)))
+    assert "symmetric" in reason(plant(observer=observer(storage=((40.0, 1.0), (1.5, 60.0)))))
     assert "X is not positive definite" in reason(plant(observer=observer(storage=((1.0, 2.0), (2.0, 1.0)))))
-    assert "does not bound the slopes" in reason(plant(observer=observer(weight=((1.0, 0.0), (0.0, 1.0)))))
+    assert "slopes of" in reason(plant(observer=observer(weight=((1.0, 0.0), (0.0, 1.0)))))
 
 
 def test_only_parameters_of_the_drift_and_of_the_disturbances_have_to_be_known() -> None:
     claim = plant()
     load = (term(1.0, 0, 0, 0, parameters=(("load", 1),)),)
     uncertain = replace(claim, g1=((load, claim.g1[0][1]), *claim.g1[1:]))
-    assert "needs parameters that are known" in reason(uncertain)
+    assert "parameters" in reason(uncertain)
     uncertain = replace(
         claim, drift=((*claim.drift[0], term(1.0, 2, 0, 0, parameters=(("load", 1),))), *claim.drift[1:])
     )
-    assert "needs parameters that are known" in reason(uncertain)
+    assert "parameters" in reason(uncertain)
     moving = replace(claim, g1=((claim.g1[0][0], (term(1.0, 1, 0, 0),)), *claim.g1[1:]))
-    assert "the disturbance matrix depends on the state" in reason(moving)
+    assert "disturbance matrix" in reason(moving)
     moving = replace(claim, g2=((claim.g2[0][0], (term(1.0, 1, 0, 0),)), *claim.g2[1:]))
-    assert "the input matrix depends on the state" in reason(moving)
+    assert "input matrix" in reason(moving)
 
 
 def test_too_many_slopes_are_refused_and_not_looked_at_in_part(monkeypatch: pytest.MonkeyPatch) -> None:
     stated = observer()
     monkeypatch.setattr(checked, "_MOST_CORNERS", 1)
-    with pytest.raises(Refusal, match="too many slopes"):
+    with pytest.raises(Refusal, match="many slopes"):
         checked._check_slopes(
             plant(), stated, [0, 1], *(checked.matrix_of(m) for m in (stated.weight, stated.storage))
         )
@@ -273,8 +272,8 @@ def test_the_theorem_has_the_gain_of_both_and_the_largest_error_of_each_state() 
     text = theorem_text(claim, Verification(True, gradient_law=True))
     assert "1/2 (5)^2 (energy of d)" in text
     assert "with gamma_e = 4," in text
-    assert "of up to x 0.0999999, v 0.199999" in text
-    assert "Observer (output injection) of x, v, from y = (x) without noise" in text
+    assert " x 0.0999999, v 0.199999" in text
+    assert "of x, v, from y = (x) " in text
     assert ("Disturbances that last for ever" in text) == (claim.decay == 0)
     decaying = theorem_text(replace(claim, decay=0.5), Verification(True, gradient_law=True))
     assert "Disturbances that last for ever" not in decaying

@@ -208,7 +208,7 @@ def test_numbers_that_would_overflow_are_refused() -> None:
     huge = {(1, 0): [0, -1], (0, 1): [1, 0.5], (9, 0): [0, -1e29], (3, 0): [0, 1e25]}
     statement = statement_of(oscillator(2, f=huge), None, None)
     inequality = Inequality(replace(statement, coordinates=((1e14, 0.0), (0.0, 1e14))))
-    with pytest.raises(NumericalFailure, match="too large for a proof"):
+    with pytest.raises(NumericalFailure, match="large"):
         CellBounds(inequality, 64.0, [])
 
 
@@ -269,12 +269,12 @@ def test_threads_change_nothing() -> None:
 @pytest.mark.parametrize(
     ("flow", "what"),
     [
-        (lambda x, u, d, p: np.array([x[1], np.sin(x[0] * x[1]) + u[0] + d[0]]), "sin of something else"),
-        (lambda x, u, d, p: np.array([x[1], x[1] / (1.0 + x[0]) + u[0] + d[0]]), "a quotient"),
+        (lambda x, u, d, p: np.array([x[1], np.sin(x[0] * x[1]) + u[0] + d[0]]), "sin of"),
+        (lambda x, u, d, p: np.array([x[1], x[1] / (1.0 + x[0]) + u[0] + d[0]]), "quotient"),
         (lambda x, u, d, p: np.array([x[1], np.sqrt(1.0 + x[0] ** 2) - 1.0 + u[0] + d[0]]), "operation sqrt"),
         (
             lambda x, u, d, p: np.array([x[1], np.sin(x[0]) * np.cos(x[1]) + u[0] + d[0]]),
-            "product of functions",
+            "product",
         ),
     ],
 )

@@ -13,11 +13,13 @@ from flint import arb
 import flexhinf as fh
 from flexhinf.certify.box import BoxExcess, parameter_groups, parameter_ranges, tolerance_statement
 from flexhinf.certify.evaluation import path_states
-from flexhinf.certify.proof import NotProved, certify_tolerances
+from flexhinf.certify.proof import NotProved, certify_tolerances, prove
 from flexhinf.certify.starts import UNCHANGED_INPUT
 from flexhinf.design.problem.presets import choose
 from flexhinf.design.specification import Specification
 from flexhinf.errors import InvalidInput
+
+from .a_cubic import CUBIC
 
 ARM = fh.paper_arm()
 WEIGHTS = (80.0, 36.0, 120.0, 36.0, 340.0)
@@ -101,6 +103,14 @@ def test_products_of_parameters_are_one_variable_each() -> None:
     }  # fmt: skip
 
 
+def test_a_box_of_one_state_is_proved_up_to_its_own_level() -> None:
+    found, outcome = prove(replace(CUBIC, starts=()))
+    assert outcome.proved
+    assert outcome.cells > 0
+    assert found.check().proved
+    assert not prove(replace(CUBIC, starts=(), level=0.126))[1].proved  # past x² = 0.25 at the upper end
+
+
 def test_ranges_are_the_tolerances_of_the_tables() -> None:
     found = ranges()
     assert found["stiffness"] == pytest.approx((88.0, 112.0))
@@ -145,7 +155,7 @@ def test_numbers_have_their_units() -> None:
 
 def test_a_nonlinear_law_needs_an_equilibrium_that_stays() -> None:
     tolerance_statement(solution(180, 4), problem(180), ranges(), 20.0)
-    with pytest.raises(InvalidInput, match="equilibrium at the goal moves"):
+    with pytest.raises(InvalidInput, match="equilibrium"):
         tolerance_statement(solution(90, 4), problem(90), ranges(), 20.0)
 
 

@@ -79,11 +79,11 @@ def test_run_again_and_replay(judged: Path, capsys: pytest.CaptureFixture[str]) 
     assert "damaged" in said(capsys)
     assert (judged / "runs" / "samples.parquet").read_bytes() == table
     assert main(["campaign", "replay", "runs", "--sample", "23", "--out", "run.nc"]) == 0
-    assert "sample 23: completed; the same bits" in said(capsys)
+    assert re.search("sample 23: completed.* same", said(capsys))
     (worst,) = re.findall(r"\(sample (\d+)\)", text)
     (line,) = re.findall(r"^replay: flexhinf (.*)$", text, re.MULTILINE)
     assert main(shlex.split(line)) == 0
-    assert f"sample {worst}: completed; the same bits" in said(capsys)
+    assert re.search(f"sample {worst}: completed.* same", said(capsys))
     assert (judged / "run.nc").stat().st_size > 10_000
 
 
@@ -95,19 +95,19 @@ def test_robots_that_oscillate_without_end_are_told(judged: Path, capsys: pytest
     (failed, unstable, moving, diverged) = map(
         int,
         re.findall(
-            r"(\d+) of 40 failed, (\d+) of them unstable \((\d+) oscillate or run away .*, (\d+) diverged",
+            r"(\d+) of 40 failed, (\d+) .*unstable \((\d+) .*, (\d+) diverged",
             text,
         )[0],
     )
     assert failed == unstable == moving > 5
     assert diverged == 0
     page = (judged / "runs" / "index.html").read_text()
-    for words in ("is stable there", "A run is unstable if", "unstable to the end of the run", "not met"):
+    for words in ("is stable there", "unstable", "not met"):
         assert words in page
     table = read_columns(judged / "runs" / "samples.parquet", ["status"]).column("status").to_pylist()
     assert table.count("unstable") == unstable
     assert main(["campaign", "replay", "runs", "--sample", str(table.index("unstable"))]) == 0
-    assert "the same bits" in said(capsys)
+    assert "same bits" in said(capsys)
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -120,7 +120,7 @@ def test_only_independent_samples_have_an_interval(
     assert ("with 95 % confidence" in text) == (method == "random")
     assert ("Clopper" in page) == ("95 %: " in page) == (method == "random")
     for place in (text, page):
-        assert ("no confidence interval" in place) == (method != "random")
+        assert ("no confidence" in place) == (method != "random")
 
 
 def test_folders_that_somebody_changed_are_refused_in_words(
@@ -135,7 +135,7 @@ def test_folders_that_somebody_changed_are_refused_in_words(
     commands = WORDS, ["campaign", "merge", "runs"], ["campaign", "replay", "runs", "--sample", "1"]
     for changes, words in zip(changed, commands):
         (runs / "campaign.json").write_bytes(sealed(stated | changes))
-        refused(words, "manifest of the campaign cannot be read", judged)
+        refused(words, ("manifest", "campaign.json"), judged)
     options = stated["about"]["options"]
     for changes in ({"samples": "many"}, {"tolerances": 3}, {"tolerances": [[1]]}, {"method": 7}):
         about = stated["about"] | {"options": options | changes}
@@ -147,9 +147,9 @@ def test_folders_that_somebody_changed_are_refused_in_words(
     parts[1].unlink()
     digest = hashlib.sha256(wrong).hexdigest()[:16]
     (shards / f"batch-00000001-{digest}.parquet").write_bytes(wrong)
-    assert "missing: 1" in refused(["campaign", "merge", "runs"], "not complete", judged)
+    assert "missing: 1" in refused(["campaign", "merge", "runs"], ("complete", "2;"), judged)
     assert main(["campaign", "replay", "runs", "--sample", "20"]) == 0
-    assert "not in the table yet" in said(capsys)
+    assert "not in the table" in said(capsys)
     assert main(WORDS) in (0, 1)
     assert sorted(shards.iterdir()) == parts
 
@@ -163,7 +163,7 @@ def test_a_campaign_that_is_not_complete_never_exits_with_0(
     monkeypatch.setattr(flexhinf.campaign, "in_processes", losing)
     for more in ([], ["--shard", "1/2"]):
         assert main([*WORDS, "--workers", "1", *more]) == 2
-        assert "were not run" in said(capsys)
+        assert "not run" in said(capsys)
     assert not (judged / "runs" / "samples.parquet").exists()
 
 
@@ -219,10 +219,10 @@ def test_the_worst_robot_is_searched_kept_and_replayed(
     search = ["--worst-case", "--metric", "peak_speed", "--metric", "settling_time_s", "--starts", "2"]
     assert main([*WORDS, *search]) in (0, 1)
     text = said(capsys)
-    assert "worst peak speed found: " in text
+    assert "worst peak speed" in text
     assert f"flexhinf campaign replay {judged / 'runs'} --worst-case peak_speed" in text
     page = (judged / "runs" / "index.html").read_text()
-    for words in ("Worst case", "worst found", "replay runs --worst-case", "lower bound of the worst value"):
+    for words in ("Worst case", "worst found", "replay runs --worst-case", "lower bound"):
         assert words in page
     kept = (judged / "runs" / "worst-case" / "peak_speed.json").read_bytes()
     value = json.loads(kept)["found"]["value"]
@@ -233,7 +233,7 @@ def test_the_worst_robot_is_searched_kept_and_replayed(
     assert main([*WORDS, *search]) in (0, 1)
     assert (judged / "runs" / "worst-case" / "peak_speed.json").read_bytes() == kept
     assert main(["campaign", "replay", "runs", "--worst-case", "peak_speed", "--out", "run.nc"]) == 0
-    assert "worst peak speed: completed; the same bits" in said(capsys)
+    assert re.search("worst peak speed: completed.* same", said(capsys))
     assert (judged / "run.nc").stat().st_size > 10_000
 
 
@@ -257,8 +257,8 @@ def test_the_worst_disturbance_stays_below_the_proved_gamma(
     search = ["campaign", "own.toml", "--samples", "4", "--out", "runs", "--worst-case", "--metric", "gain"]
     assert main(search) in (0, 1)
     text = said(capsys)
-    assert "of γ² of the synthesis: nominal robot, the true state fed back" in text
-    assert "of the proved γ²: nominal robot" in text
+    assert "γ² of the synthesis: nominal robot" in text
+    assert "proved γ²: nominal robot" in text
     path, journal = folder / "runs" / "worst-case" / "disturbance.json", Journal.read(folder / "runs")
     assert journal is not None
     rows, kept = stored_gains(journal).rows, path.read_bytes()
@@ -272,7 +272,7 @@ def test_the_worst_disturbance_stays_below_the_proved_gamma(
     assert proved.claim == "proved"
     assert 0.3 * proved.gamma < proved.gain <= proved.gamma
     assert main(["campaign", "replay", "runs", "--worst-case", "gain"]) == 0
-    assert "worst disturbances: the same bits" in said(capsys)
+    assert re.search("worst disturbances: .*same", said(capsys))
     path.write_bytes(kept[:-5])
     assert stored_gains(journal).rows == ()
     assert main(search) in (0, 1)
@@ -281,16 +281,22 @@ def test_the_worst_disturbance_stays_below_the_proved_gamma(
 
 
 def test_mistakes_of_the_worst_case(judged: Path, refused: Callable[..., str]) -> None:
-    refused([*WORDS, "--worst-case", "--metric", "overshot"], "no metric 'overshot'", judged)
-    refused([*WORDS, "--metric", "peak_speed"], "without --worst-case", judged)
+    refused(
+        [*WORDS, "--worst-case", "--metric", "overshot"], ("metric 'overshot'", "'overshoot_percent'"), judged
+    )
+    refused([*WORDS, "--metric", "peak_speed"], "--worst-case", judged)
     refused([*WORDS, "--worst-case", "--starts", "0"], "starts", judged)
     assert not (judged / "runs").exists()
     assert main(WORDS) in (0, 1)
-    refused(["campaign", "replay", "runs"], "expected --sample or --worst-case", judged)
-    refused(["campaign", "replay", "runs", "--sample", "1", "--worst-case", "peak_speed"], "got both", judged)
-    refused(["campaign", "replay", "runs", "--worst-case", "peak_speed"], "was not searched", judged)
-    refused(["campaign", "replay", "runs", "--worst-case", "../x"], "no metric", judged)
-    refused(["campaign", "replay", "runs", "--worst-case", "gain"], "disturbance was not searched", judged)
+    refused(["campaign", "replay", "runs"], "--sample or --worst-case", judged)
+    refused(["campaign", "replay", "runs", "--sample", "1", "--worst-case", "peak_speed"], "both", judged)
+    refused(
+        ["campaign", "replay", "runs", "--worst-case", "peak_speed"],
+        ("worst", "searched", "peak_speed"),
+        judged,
+    )
+    refused(["campaign", "replay", "runs", "--worst-case", "../x"], ("metric", "../x"), judged)
+    refused(["campaign", "replay", "runs", "--worst-case", "gain"], ("disturbance.json", "searched"), judged)
 
 
 def test_what_differs_from_sample_to_sample(judged: Path) -> None:
@@ -320,47 +326,47 @@ def test_what_differs_from_sample_to_sample(judged: Path) -> None:
     [
         (["--samples", "0"], "samples"),
         (["--samples", "-5"], "samples"),
-        (["--require", "overshot<=5"], "no metric 'overshot'"),
-        (["--require", "overshoot_percent"], "cannot be read"),
-        (["--tolerance", "stifness=5%"], "no parameter 'stifness'"),
-        (["--tolerance", "stiffness"], "names no parameter"),
-        (["--tolerance", "stiffness=five"], "tolerance of 'stiffness'"),
-        (["--tolerance", "inductance=5%"], "does not act"),
-        (["--distribution", "gauss"], "no such distribution"),
-        (["--method", "halton"], "no such method"),
-        (["--shard", "4/3"], "no such shard"),
-        (["--shard", "third"], "shard cannot be read"),
+        (["--require", "overshot<=5"], ("metric 'overshot'", "'overshoot_percent'")),
+        (["--require", "overshoot_percent"], ("requirement", "'overshoot_percent'")),
+        (["--tolerance", "stifness=5%"], ("'paper'", "parameter 'stifness'")),
+        (["--tolerance", "stiffness"], ("tolerance", "NAME=x", "'stiffness'")),
+        (["--tolerance", "stiffness=five"], ("tolerance", "'stiffness'", "'five'")),
+        (["--tolerance", "inductance=5%"], ("parameter 'inductance'", "extras")),
+        (["--distribution", "gauss"], ("distribution", "'truncated-normal'", "'gauss'")),
+        (["--method", "halton"], ("method", "'latin-hypercube'", "'halton'")),
+        (["--shard", "4/3"], ("shard", "1/n to n/n", "4/3")),
+        (["--shard", "third"], ("shard", "i/n", "'third'")),
         (["--workers", "-1"], "workers"),
-        (["--cluster", "localhost"], "address of the cluster"),
-        (["--cluster", "tcp://a:1", "--workers", "2"], "on a cluster"),
-        (["--initial-error", "-1"], "initial error"),
+        (["--cluster", "localhost"], ("tcp://HOST:PORT", "'localhost'")),
+        (["--cluster", "tcp://a:1", "--workers", "2"], "--workers and --cluster"),
+        (["--initial-error", "-1"], ("initial error", "-1.0")),
         (["--duration", "-1"], "duration"),
-        (["--out", "design"], "not a campaign"),
+        (["--out", "design"], ("campaign.json", "'design.toml'")),
         (["--payload", "much"], "payload"),
     ],
 )
 def test_mistakes_are_told_before_any_work(
-    judged: Path, refused: Callable[..., str], more: list[str], what: str
+    judged: Path, refused: Callable[..., str], more: list[str], what: str | tuple[str, ...]
 ) -> None:
     refused([*WORDS, *more], what, judged)
 
 
 def test_another_campaign_in_the_folder_is_refused(judged: Path, refused: Callable[..., str]) -> None:
     assert main(WORDS) in (0, 1)
-    message = refused([*WORDS, "--samples", "41", "--tolerance", "mass=7%"], "another campaign", judged)
+    message = refused([*WORDS, "--samples", "41", "--tolerance", "mass=7%"], ("another", "settings"), judged)
     assert "samples: 40 → 41" in message
     assert "variable mass: uniform in [0.95, 1.05] kg → uniform in [0.9" in message
     (judged / "design" / "design.toml").write_text(DESIGN.replace("30.0", "31.0"))
-    message = refused(WORDS, "another campaign", judged)
+    message = refused(WORDS, ("another", "settings"), judged)
     assert "design overshoot: 30.0 → 31.0" in message
     refused(["campaign", "replay", "runs", "--sample", "40"], "sample", judged)
-    refused(["campaign", "replay", "design", "--sample", "4"], "not a campaign", judged)
-    refused(["campaign", "merge", "nowhere"], "no campaign", judged)
+    refused(["campaign", "replay", "design", "--sample", "4"], ("campaign.json", "design"), judged)
+    refused(["campaign", "merge", "nowhere"], ("campaign", "nowhere"), judged)
 
 
 def test_a_robot_without_tolerances(folder: Path, arm: str, refused: Callable[..., str]) -> None:
     (folder / "arm.toml").write_text(arm)
-    refused(["campaign", "arm.toml", "--samples", "4"], "states no tolerance", folder)
+    refused(["campaign", "arm.toml", "--samples", "4"], ("'arm'", "tolerance", "--initial-error"), folder)
 
 
 @pytest.mark.slow

@@ -46,20 +46,20 @@ def judged(folder: Path) -> Path:
 def test_two_estimators_on_the_same_robots(judged: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(WORDS) == 0
     text = "".join(capsys.readouterr())
-    assert "Of the same 40 robots" in text
-    assert "the difference B − A" in text
+    assert "40 robots" in text
+    assert "B − A" in text
     page = (judged / "both" / "index.html").read_text()
     for part in (
         "McNemar",
         "estimator",
-        "Largest differences each way",
+        "Largest differences",
         "flexhinf campaign replay both/b --sample",
     ):
         assert part in page
     tables = [(judged / "both" / side / "samples.parquet").read_bytes() for side in "ab"]
     assert tables[0] != tables[1]
     assert main(["campaign", "replay", "both/b", "--sample", "7"]) == 0
-    assert "the same bits" in capsys.readouterr().out
+    assert "same bits" in capsys.readouterr().out
 
 
 @pytest.mark.slow
@@ -68,8 +68,8 @@ def test_samples_that_are_not_independent_have_neither_test_nor_interval(
 ) -> None:
     assert main([*WORDS, "--method", "latin-hypercube"]) == 0
     text, page = "".join(capsys.readouterr()), (judged / "both" / "index.html").read_text()
-    assert "spread by a Latin hypercube" in text
-    assert "no test and no confidence interval holds" in page
+    assert "Latin hypercube" in text
+    assert "no confidence" in page
     for place in (text, page):
         assert "McNemar" not in place
         assert "(95 %" not in place
@@ -102,16 +102,16 @@ def test_designs_that_do_not_share_robot_sensors_and_step_are_refused(
         ("period = 0.002", "period: default ↔ 0.002"),
     ):
         file.write_text(text.replace("overshoot = 30.0", f"overshoot = 30.0\n{line}"))
-        message = refused(WORDS, "not for the same robot", judged)
+        message = refused(WORDS, "↔", judged)
         assert what in message
     assert not (judged / "both").exists()
 
 
 def test_other_folders_and_options_are_refused(judged: Path, refused: Callable[..., str]) -> None:
-    refused([*WORDS[:-1], "ekf"], "not a comparison", judged)
+    refused([*WORDS[:-1], "ekf"], "comparison", judged)
     refused([*WORDS, "--samples", "0"], "samples", judged)
     refused([*WORDS, "--require", "overshot<=5"], "no metric 'overshot'", judged)
     assert main([*WORDS, "--shard", "1/2"]) == 0
-    assert "samples: 40 → 41" in refused([*WORDS, "--samples", "41"], "another campaign", judged)
+    assert "samples: 40 → 41" in refused([*WORDS, "--samples", "41"], ("another", "settings"), judged)
     swapped = [*WORDS[:2], WORDS[3], WORDS[2], *WORDS[4:]]
-    assert "design estimator: not stated → ekf" in refused(swapped, "another campaign", judged)
+    assert "design estimator: not stated → ekf" in refused(swapped, ("another", "settings"), judged)

@@ -21,10 +21,10 @@ def test_the_theorem_is_said_with_its_hypotheses_and_what_is_not_proved(
     assert run(["certify", "--check", str(tmp_path / "certificate.json")]) == 0
     out = capsys.readouterr().out
     for text in (
-        "softening in [0.5, 1] N/m3", "gust [N]", "Starts on path 1, steps of up to 0.499",
-            "Path 1 of starts: released at rest",
-        "is fed the true state, in continuous time", "gamma = 2", "V <= 0.1249", "Not proved", "saturation",
-        "Disturbances that last for ever: no decay", "PROVED again from the certificate's data alone",
+        "softening in [0.5, 1] N/m3", "gust [N]", "up to 0.499",
+            "released at rest",
+        "continuous time", "gamma = 2", "V <= 0.1249", "Not proved", "saturation",
+        "no decay", "PROVED again",
     ):  # fmt: skip
         assert text in out
 
@@ -46,7 +46,7 @@ def test_every_cell_is_proved_twice_where_that_is_asked_for(
     file = str(tmp_path / "certificate.json")
     CUBIC.save(Path(file))
     assert run(["certify", "--check", file, "--every-cell"]) == 0
-    assert "Every one of them, and every cell at which the level set ended" in capsys.readouterr().out
+    assert "Every one" in capsys.readouterr().out
     replace(CUBIC, level=0.1251, starts=()).save(Path(file))
     assert run(["certify", "--check", file, "--every-cell"]) == 1
     assert main(["certify", "paper", "--every-cell"]) == 2
@@ -74,7 +74,7 @@ def test_a_decay_bounds_persistent_disturbances(tmp_path: Path, capsys: pytest.C
     assert run(["certify", "--check", str(tmp_path / "certificate.json")]) == 0
     out = capsys.readouterr().out
     assert "|d(t)| <= 0.0866025 N at all times" in out
-    assert "the certificate states no starts" in out
+    assert "path 1" not in out
 
 
 def test_a_file_that_is_no_certificate_is_a_mistake(
@@ -82,7 +82,7 @@ def test_a_file_that_is_no_certificate_is_a_mistake(
 ) -> None:
     (tmp_path / "c.json").write_text('{"format": "flexhinf certificate", "version": 1, "gamma": NaN}')
     assert run(["certify", "--check", str(tmp_path / "c.json")]) == 2
-    assert "NaN is no number" in capsys.readouterr().err
+    assert "c.json" in capsys.readouterr().err
 
 
 DESIGN = """[design]
@@ -105,10 +105,11 @@ def test_a_design_is_certified_and_its_certificate_checked(
     assert main(["certify", "design.toml", "--degree", "2"]) == 0
     shown = capsys.readouterr().out
     for text in (
-        "99.9 %",
+        "of the sampled, %",
+        " 99.9 ",
         "V smallest",
         "input unchanged",
-        "steps of up to 1.49",
+        "up to 1.49",
         "Parameters, nominal",
     ):
         assert text in shown, text
@@ -131,7 +132,7 @@ def test_a_certificate_is_proved_again(folder: Path, capsys: pytest.CaptureFixtu
     (folder / "design.toml").write_text(DESIGN, encoding="utf-8")
     assert main(["certify", "design.toml", "--degree", "4", "--out", "four"]) == 0
     assert main(["certify", "--check", "four/certificate.json"]) == 0
-    assert "PROVED again from the certificate's data alone" in capsys.readouterr().out
+    assert "PROVED again" in capsys.readouterr().out
     content = json.loads((folder / "four" / "certificate.json").read_text(encoding="utf-8"))
     assert content["format"] == "flexhinf certificate"
 
@@ -139,16 +140,16 @@ def test_a_certificate_is_proved_again(folder: Path, capsys: pytest.CaptureFixtu
 @pytest.mark.parametrize(
     ("words", "text"),
     [
-        (["certify"], "a robot, a design file, or --check FILE"),
+        (["certify"], "--check FILE, got none"),
         (["certify", "--check", "certificate.json", "--tolerances"], "got --tolerances"),
         (["certify", "--check", "certificate.json", "--pose", "0"], "got --pose"),
-        (["certify", "paper", "--out", "."], "a folder below it"),
+        (["certify", "paper", "--out", "."], "flexhinf-report"),
         (["certify", "paper", "--out", "arm.toml"], "arm.toml"),
         (
             ["certify", "paper", "--pose", "0", "--start", "0.1", "--decay", "nan"],
-            "decay >= 0 in 1/s, got nan",
+            "1/s, got nan",
         ),
-        (["certify", "paper", "--check", "certificate.json"], "without a robot"),
+        (["certify", "paper", "--check", "certificate.json"], "'paper'"),
         pytest.param(
             ["certify", "paper", "--pose", "90deg", "--degrees", "2"],
             "no margin in some direction",
@@ -156,7 +157,7 @@ def test_a_certificate_is_proved_again(folder: Path, capsys: pytest.CaptureFixtu
         ),
         (
             ["certify", "planar-two-link", "--degrees", "2"],
-            "try: flexhinf design planar-two-link --degrees 2",
+            "flexhinf design planar-two-link --degrees 2",
         ),
         (["certify", "paper", "--tolerances", "--observer", "10"], "--tolerances and --observer contradict"),
         (["certify", "paper", "--tolerances", "--decay", "0.1"], "--tolerances and --decay contradict"),
@@ -168,7 +169,7 @@ def test_a_certificate_is_proved_again(folder: Path, capsys: pytest.CaptureFixtu
         ),
         pytest.param(
             ["certify", "paper", "--pose", "90deg", "--degrees", "4", "--tolerances"],
-            "try: --preset proved, or --degrees 2",
+            "--preset proved",
             marks=pytest.mark.slow,
         ),
         (["certify", "--check", "missing.json"], "missing.json"),

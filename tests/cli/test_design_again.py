@@ -90,7 +90,9 @@ def test_options_win_over_the_file_and_what_came_of_it_is_not_read(
     assert again in page
     capsys.readouterr()
     main(["design", "mine.toml", "--penalty", "link_position=40,link_position_integral=80"])
-    assert "note: mine.toml: bandwidth gives way to --penalty" in capsys.readouterr().err
+    note = capsys.readouterr().err
+    assert "note: mine.toml: bandwidth " in note
+    assert "--penalty" in note
     design = file_of(folder / "flexhinf-design")["design"]
     assert "bandwidth" not in design
     assert design["penalty"] == {"link_position": 40.0, "link_position_integral": 80.0}
@@ -105,14 +107,14 @@ def test_options_win_over_the_file_and_what_came_of_it_is_not_read(
         ("[design]\nbandwidth = 4", "no 'robot'"),
         ("[desing]\nrobot = 'paper'", "[design] for 'desing'"),
         ("[design]\nrobot = 'paper'\nbandwidth = 4\npenalty = [1, 0, 0, 0, 3]", "contradict"),
-        ("[design]\nrobot = 'paper'\nbandwidth = [4, 5]", "do not fit the joints"),
-        ("[design]\nrobot = 'paper'\nvia = [[9.0, 1.0]]", "does not fit"),
+        ("[design]\nrobot = 'paper'\nbandwidth = [4, 5]", ("bandwidth", "[4.0, 5.0]")),
+        ("[design]\nrobot = 'paper'\nvia = [[9.0, 1.0]]", ("['joint']", "(9.0, 1.0)")),
         ("[design]\nrobot = 'paper'\nextras = ['rust']", "rust"),
         ("[design", "no TOML"),
     ],
 )  # fmt: skip
 def test_what_is_wrong_with_a_design_file_is_told(
-    text: str, what: str, folder: Path, refused: Callable[..., str]
+    text: str, what: str | tuple[str, ...], folder: Path, refused: Callable[..., str]
 ) -> None:
     (folder / "design.toml").write_text(text, encoding="utf-8")
     refused(["design", "design.toml"], what, folder)

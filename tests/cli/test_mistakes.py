@@ -26,12 +26,12 @@ URDF = """<robot name="r"><link name="base"/><link name="a"><inertial><mass valu
     [
         ("stiffness = 100.0", "", "stiffness"),
         ("stiffness = 100.0", "stifness = 100.0", "stiffness"),
-        ("stiffness = 100.0", "stiffness = -1.0", "must be positive"),
+        ("stiffness = 100.0", "stiffness = -1.0", "> 0 N·m/rad"),
         ("stiffness = 100.0", "stiffness = 'soft'", "stiffness"),
-        ("motor_inertia = 0.1", "motor_inertia = 0.0", "must be positive"),
+        ("motor_inertia = 0.1", "motor_inertia = 0.0", "> 0 kg·m²"),
         ("motor_inertia = 0.1", "", "once"),
-        ("xx = 0.01", "xx = -0.01", "positive"),
-        ("xx = 0.01", "xx = 0.1", "triangle"),
+        ("xx = 0.01", "xx = -0.01", "[-0.01, 0.02, 0.02]"),
+        ("xx = 0.01", "xx = 0.1", "[0.02, 0.02, 0.1]"),
         ("[[joint]]", "[[joint", "no TOML"),
     ],
 )
@@ -45,30 +45,30 @@ def test_what_is_wrong_with_a_robot_is_told(
 @pytest.mark.parametrize(
     ("words", "what"),
     [
-        (["--pose", "2.0"], "outside the limits"),
-        (["--start", "2.0"], "outside the limits"),
-        (["--via", "0.1", "--via", "2.0"], "outside the limits"),
-        (["--via", "0.1,0.2"], "does not fit"),
-        (["--via", "there"], "via cannot be used"),
-        (["--pose", "0.1,0.2"], "does not fit"),
-        (["--pose", "90grad"], "text with deg"),
-        (["--preset", "smooth"], "expected paper, damped, robust, proved, got 'smooth'"),
-        (["--bandwidth", "4xyz"], "bandwidth cannot be used"),
+        (["--pose", "2.0"], ("'elbow'", "-1 to 1 rad")),
+        (["--start", "2.0"], ("'elbow'", "-1 to 1 rad")),
+        (["--via", "0.1", "--via", "2.0"], ("'elbow'", "-1 to 1 rad")),
+        (["--via", "0.1,0.2"], ("['elbow']", "(0.1, 0.2)")),
+        (["--via", "there"], "['there']"),
+        (["--pose", "0.1,0.2"], ("['elbow']", "(0.1, 0.2)")),
+        (["--pose", "90grad"], ("pose", "deg", "'90grad'")),
+        (["--preset", "smooth"], ("preset", "damped", "'smooth'")),
+        (["--bandwidth", "4xyz"], ("rad/s > 0", "'4xyz'")),
         (["--bandwidth", "-4"], "bandwidth"),
         (["--bandwidth", "0Hz"], "rad/s > 0"),
         (["--bandwidth", "nan"], "rad/s > 0"),
-        (["--bandwidth", "4,6"], "do not fit the joints"),
+        (["--bandwidth", "4,6"], ("bandwidth", "[4.0, 6.0]")),
         (["--damping", "2"], "damping"),
         (["--damping", "-0.1"], "damping"),
         (["--damping", "high"], "--damping"),
-        (["--peak-voltage", "60"], "expected --peak-torque or --peak-effort, got --peak-voltage 60"),
-        (["--peak-torque", "60", "--peak-effort", "50"], "given twice"),
+        (["--peak-voltage", "60"], ("'arm'", "--peak-torque or --peak-effort", "--peak-voltage 60")),
+        (["--peak-torque", "60", "--peak-effort", "50"], "got --peak-effort, --peak-torque"),
         (["--peak-torque", "-60"], "peak effort"),
         (["--overshoot", "-5"], "overshoot"),
         (["--overshoot", "0"], "overshoot"),
         (["--delay", "-1e-3"], "delay"),
         (["--delay", "5"], "--delay 5ms"),
-        (["--duration", "-3"], "a time > 0"),
+        (["--duration", "-3"], ("duration", "> 0, s")),
         (["--duration", "5000"], "5000000 samples"),
         (["--quantisation", "-1"], "quantisation"),
         (["--quantisation", "inf"], "quantisation"),
@@ -77,14 +77,14 @@ def test_what_is_wrong_with_a_robot_is_told(
         (["--draws", "-3"], "draws"),
         (["--draws", "many"], "--draws"),
         (["--torque-noise", "-1"], "torque noise"),
-        (["--preset", "paper", "--bandwidth", "4"], "--preset paper and --bandwidth contradict"),
-        (["--preset", "paper", *BOTH], "--preset paper and --penalty contradict"),
-        (["--preset", "damped", *BOTH], "--preset damped and --penalty contradict"),
-        (["--preset", "robust", "--effort", "3"], "--preset robust and --effort contradict"),
+        (["--preset", "paper", "--bandwidth", "4"], ("--preset paper", "--bandwidth", "contradict")),
+        (["--preset", "paper", *BOTH], ("--preset paper", "--penalty", "contradict")),
+        (["--preset", "damped", *BOTH], ("--preset damped", "--penalty", "contradict")),
+        (["--preset", "robust", "--effort", "3"], ("--preset robust", "--effort", "contradict")),
         ([*BOTH, "--bandwidth", "1"], "contradict"),
         ([*BOTH, "--damping", "0.3"], "contradict"),
-        (["--preset", "robust"], "no tolerances"),
-        (["--degrees", "two"], "integers from 2 to 12"),
+        (["--preset", "robust"], ("'arm'", "robust", "tolerance")),
+        (["--degrees", "two"], ("2 to 12", "'two'")),
         (["--degrees", "1"], "degrees"),
         (["--penalty", "1,2,3"], "penalty"),
         (["--penalty", "link_positon=1"], "try:   'link_position'"),
@@ -92,14 +92,14 @@ def test_what_is_wrong_with_a_robot_is_told(
         (["--penalty", "linkk=3"], "try:   'link_position'"),
         (
             ["--penalty", "link_position=-60,link_position_integral=300"],
-            "weight of 'link_position' is negative",
+            ("'link_position'", "-60.0"),
         ),
-        (["--pose", "90", "deg"], "write 90deg or '90 deg'"),
-        (["--delay", "5", "ms"], "write 5ms or '5 ms'"),
-        (["--penalty", "link_position=a"], "weights by name"),
+        (["--pose", "90", "deg"], ("(deg)", "'90 deg'")),
+        (["--delay", "5", "ms"], ("(ms)", "'5 ms'")),
+        (["--penalty", "link_position=a"], "'link_position=a'"),
         (["--gamma-ratio", "0.5"], "gamma ratio"),
         (["--gamma-ratio", "1", "--preset", "paper"], "gamma ratio"),
-        (["--rays", "10", "--degrees", "2", "--checked-gamma-ratio", "1.2"], "check cannot be made"),
+        (["--rays", "10", "--degrees", "2", "--checked-gamma-ratio", "1.2"], ("92.07", "73.66")),
         (["--effort", "-1"], "effort"),
         (["--measured", "colour"], "colour"),
         (["--disturbances", "wind"], "wind"),
@@ -110,48 +110,47 @@ def test_what_is_wrong_with_a_robot_is_told(
         (["--period", "0"], "period"),
         (["--elastic", "arm.toml"], "elastic"),
         (["--colour", "red"], "--colour"),
-        (["--goal", "0.1"], "try:   --pose in the place of --goal"),
-        (["--goal-xyz=0.1,0,0"], "--pose-xyz in the place of"),
-        (["--from-pose", "-0.1"], "--start in the place of"),
-        (["--friction"], "--friction-model in the place of"),
-        (["--no-friction"], "--no-friction-model in the place of"),
-        (["--dead-zone", "0"], "--integral-dead-zone in the place of"),
+        (["--goal", "0.1"], ("--goal ", "try:   --pose ")),
+        (["--goal-xyz=0.1,0,0"], ("--goal-xyz ", "try:   --pose-xyz ")),
+        (["--from-pose", "-0.1"], ("--from-pose ", "try:   --start ")),
+        (["--friction"], ("--friction ", "try:   --friction-model ")),
+        (["--no-friction"], ("--no-friction ", "try:   --no-friction-model ")),
+        (["--dead-zone", "0"], ("--dead-zone ", "try:   --integral-dead-zone ")),
     ],
     ids=lambda words: " ".join(words) if isinstance(words, list) else "",
 )
 def test_what_is_wrong_with_an_option_is_told(
-    words: list[str], what: str, arm: str, folder: Path, refused: Callable[..., str]
+    words: list[str], what: str | tuple[str, ...], arm: str, folder: Path, refused: Callable[..., str]
 ) -> None:
     (folder / "arm.toml").write_text(arm, encoding="utf-8")
     refused(["design", "arm.toml", *words], what, folder)
 
 
 def test_degrees_without_their_unit_are_asked_about(folder: Path, refused: Callable[..., str]) -> None:
-    assert "90deg" in refused(["design", "paper", "--pose", "90"], "were degrees meant?", folder)
+    assert "degrees" in refused(["design", "paper", "--pose", "90"], ("'joint'", "90deg"), folder)
 
 
 @pytest.mark.parametrize(
-    ("goal", "what", "expected"),
+    ("goal", "limits"),
     [
-        ("5000deg", "outside the limits of joint 'elbow'", "expected -57.2958 to 57.2958 deg, got 5000deg"),
-        ("50rad", "outside the limits of joint 'elbow'", "expected -1 to 1 rad, got 50rad"),
-        ("5000", "outside the limits of joint 'elbow'", "expected -1 to 1 rad, got 5000 rad"),
+        ("5000deg", "-57.2958 to 57.2958 deg"),
+        ("50rad", "-1 to 1 rad"),
+        ("5000", "-1 to 1 rad"),
     ],
 )
 def test_advice_on_a_pose_follows_its_unit_and_the_limits(
-    goal: str, what: str, expected: str, arm: str, folder: Path, refused: Callable[..., str]
+    goal: str, limits: str, arm: str, folder: Path, refused: Callable[..., str]
 ) -> None:
     """Old code asked whether degrees were meant where they were given, and for limits that the file states."""
     (folder / "arm.toml").write_text(arm)
-    told = refused(["design", "arm.toml", "--pose", goal], what, folder)
-    assert expected in told
-    assert "degrees meant" not in told
-    told = refused(["design", "arm.toml", "--pose", "50"], what, folder)
-    assert "were degrees meant?" in told
-    assert "a pose within the limits" in told
-    told = refused(["design", "paper", "--pose", "500deg"], "more than once around", folder)
-    assert "expected -360 to 360 deg, got 500deg" in told
-    assert "degrees meant" not in told
+    told = refused(["design", "arm.toml", "--pose", goal], ("'elbow'", limits, f"got {goal}"), folder)
+    assert "degrees" not in told
+    told = refused(["design", "arm.toml", "--pose", "50"], ("'elbow'", "-1 to 1 rad"), folder)
+    assert "degrees" in told
+    told = refused(
+        ["design", "paper", "--pose", "500deg"], ("'joint'", "-360 to 360 deg", "got 500deg"), folder
+    )
+    assert "degrees" not in told
 
 
 @pytest.mark.parametrize(
@@ -177,7 +176,7 @@ def test_a_design_that_is_not_there_is_told_as_such(
 ) -> None:
     """Old code took it for a controller's file, and advised to save it again."""
     (folder / "empty").mkdir()
-    told = refused([*words, name], "There is no ", folder)
+    told = refused([*words, name], "expected", folder)
     assert f"'{name}'" in told
     assert "save" not in told
     assert "design" in told
@@ -203,7 +202,7 @@ def test_a_mistake_in_the_options_names_the_help_of_its_command(
 ) -> None:
     """Old code named the help of all commands where a value was missing."""
     path = " ".join(words[:2] if words[0] in ("campaign", "export") else words[:1])
-    told = refused(words, f"expected what `flexhinf {path} --help` lists", folder)
+    told = refused(words, f"`flexhinf {path} --help`", folder)
     assert f"try:   flexhinf {path} --help" in told
 
 
@@ -220,8 +219,7 @@ def test_torques_do_not_fit_motors_that_are_driven_by_volts(
 def test_a_pose_that_the_motor_cannot_hold_is_told(
     words: list[str], folder: Path, refused: Callable[..., str]
 ) -> None:
-    told = refused(["design", "paper", "--peak-voltage", "6", *words], "cannot hold this pose", folder)
-    assert "at most 6 V" in told
+    refused(["design", "paper", "--peak-voltage", "6", *words], ("'joint'", "6 V"), folder)
 
 
 @pytest.mark.parametrize(
@@ -255,7 +253,7 @@ def test_a_robot_that_is_nowhere_is_told_with_the_nearest(folder: Path, refused:
 def test_a_folder_that_is_no_report_is_left_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "thesis.tex").write_text("mine")
     assert main(["design", "paper", *QUICK, "--out", str(tmp_path)]) == 2
-    assert "left alone" in capsys.readouterr().err
+    assert "flexhinf-report.json" in capsys.readouterr().err
     assert [p.name for p in tmp_path.iterdir()] == ["thesis.tex"]
 
 
@@ -265,12 +263,12 @@ def test_a_folder_that_is_no_report_is_left_alone(tmp_path: Path, capsys: pytest
 def test_words_that_are_no_text_are_refused(
     words: list[str], folder: Path, refused: Callable[..., str]
 ) -> None:
-    refused(words, "no text in UTF-8", folder)
+    refused(words, "UTF-8", folder)
 
 
 def test_a_pipe_is_no_robot(folder: Path, refused: Callable[..., str]) -> None:
     os.mkfifo(folder / "arm.toml")
-    refused(["design", "arm.toml"], "There is no robot file", folder)
+    refused(["design", "arm.toml"], ("'arm.toml'", "catalogue"), folder)
 
 
 def paths_of(command: Any, words: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], str]]:
@@ -311,7 +309,7 @@ def test_an_empty_design_is_not_that_of_the_working_folder(
     words: list[str], folder: Path, refused: Callable[..., str]
 ) -> None:
     (folder / "design.toml").write_text("")
-    refused([*words, ""], "no usable path", folder)
+    refused([*words, ""], ("pathlib.Path", "got ''"), folder)
 
 
 @pytest.mark.parametrize(("words", "option"), PATHS)
@@ -323,4 +321,4 @@ def test_an_empty_path_is_no_path(
     for given in ((option, ""), (f"{option}=",)) if option else (("",),):
         count = {("paper",): 0, ("campaign", "compare"): 2}.get(words, 1) if option else 0
         before = ("paper",) * count
-        refused([*words, *before, *given], "no usable path", folder)
+        refused([*words, *before, *given], ("pathlib.Path", "got ''", option), folder)

@@ -44,7 +44,9 @@ def test_a_signal_ends_a_command_with_the_shells_code(
     monkeypatch.setattr(commands, "app", signalled(number, lost))
     monkeypatch.setattr(cli, "_LOOK_AGAIN", 0.05)
     assert main(["robots"]) == 128 + number
-    assert capsys.readouterr().err == "error: Interrupted; nothing was written.\n"
+    (told,) = capsys.readouterr().err.splitlines()
+    assert told.startswith("error: Interrupted")
+    assert "nothing" in told
     after = [signal.getsignal(one) for one in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGALRM)]
     assert after == before
 

@@ -3,6 +3,7 @@
 import functools
 import hashlib
 import os
+import re
 import subprocess
 import sys
 from dataclasses import replace
@@ -12,8 +13,7 @@ import casadi
 import numpy as np
 import pytest
 
-from flexhinf.codegen import Buffer, Call, Program, Slice, compile_program, machine
-from flexhinf.codegen import compiler as cache
+from flexhinf.codegen import Buffer, Call, Program, Slice, compile_program, compiler as cache, machine
 from flexhinf.files import part_file
 
 X = casadi.SX.sym("x")
@@ -91,7 +91,7 @@ def test_a_damaged_file_is_told_and_made_anew(case, folder, assembled, caplog):
     assert len(assembled) == 2
     assert only_file(folder).read_bytes() == right
     (told,) = caplog.messages
-    assert told == f"the compiled code {file} is not used (it is damaged); it is compiled anew."
+    assert re.search(f" {re.escape(str(file))} .*damaged", told)
 
 
 @pytest.mark.parametrize("other", ["processor", "instructions", "system", "compiler"])

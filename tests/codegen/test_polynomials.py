@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import re
 import shutil
 import subprocess
 from pathlib import Path
@@ -109,5 +110,5 @@ def test_c_gives_the_same_bits(tmp_path: Path):
 def test_what_does_not_fit_is_refused(table, target, degrees):
     good = {"table": Slice("c", 0, 6), "target": Slice("u", 0, 2), "degrees": (1,)}
     Polynomial(Slice("x", 0, 3), **good)
-    with pytest.raises(InvalidInput, match="Polynomials join slices that do not fit"):
+    with pytest.raises(InvalidInput, match=re.escape(f", degrees={degrees})")):
         Polynomial(Slice("x", 0, 3), table, target, degrees)

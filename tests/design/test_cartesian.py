@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from typing import Any
 
@@ -28,9 +29,10 @@ def test_a_goal_in_space_is_a_pose_of_the_joints(robot_of: Robots) -> None:
     assert found.specification.pose is not None
     place = position_of(found.robot, found.specification.pose, offset=(0.4, 0.0, 0.0))
     assert place == pytest.approx([0.6, 0.3, 0.0], abs=1e-6)
-    assert "The goal is the pose" in found.notes[-1]
+    assert "goal" in found.notes[-1]
+    assert "singular" not in found.notes[-1]
     stretched = with_joints(request(robot_of, start=(0.3, 0.1)), "0.8999,0,0", TIP)
-    assert "near a singular pose" in stretched.notes[-1]
+    assert "singular" in stretched.notes[-1]
     assert with_joints(request(robot_of)).specification == Specification()
 
 
@@ -47,25 +49,25 @@ def test_waypoints_in_space_are_waypoints_of_the_joints(robot_of: Robots) -> Non
 @pytest.mark.parametrize(
     ("goal", "tool", "fields", "message"),
     [
-        ("0.6,0.3", "", {}, "goal-xyz cannot be read"),
-        ("a,b,c", "", {}, "goal-xyz cannot be read"),
-        ("30DEG,0,0", "", {}, "goal-xyz cannot be read"),
-        ("30deg,0,0", "", {}, "goal-xyz cannot be read"),
-        ("1e300,0,0", "", {}, "goal-xyz cannot be read"),
-        ("0.6,0.3,0", ":1e200,0,0", {}, "tool cannot be read"),
-        ("0.6,0.3,0", ":1e30,0,0", {}, "out of the robot's reach"),
-        ("", TIP, {}, "nothing that it is to reach"),
-        ("0.6,0.3,0", ":0.4", {}, "tool cannot be read"),
-        ("0.6,0.3,0", ":0,0,1rad", {}, "tool cannot be read"),
-        ("0.6,0.3,0", "hand", {}, "no such link"),
-        ("9,0,0", "", {}, "out of the robot's reach"),
-        ("0.6,0.3,0", TIP, {"pose": (0.1, 0.2)}, "stated twice"),
-        ("", TIP, {"move": {**WAY, "x [mm]": [700.0, 9e3, 0.0]}}, "(waypoint at 1 s)"),
+        ("0.6,0.3", "", {}, "goal-xyz.*'0\\.6,0\\.3'"),
+        ("a,b,c", "", {}, "goal-xyz.*'a,b,c'"),
+        ("30DEG,0,0", "", {}, "goal-xyz.*'30DEG,0,0'"),
+        ("30deg,0,0", "", {}, "goal-xyz.*'30deg,0,0'"),
+        ("1e300,0,0", "", {}, "goal-xyz.*'1e300,0,0'"),
+        ("0.6,0.3,0", ":1e200,0,0", {}, "tool.*'1e200,0,0'"),
+        ("0.6,0.3,0", ":1e30,0,0", {}, "reach.*'elbow'.*1e\\+30 m"),
+        ("", TIP, {}, "--pose-xyz.*--tool"),
+        ("0.6,0.3,0", ":0.4", {}, "tool.*'0\\.4'"),
+        ("0.6,0.3,0", ":0,0,1rad", {}, "tool.*'0,0,1rad'"),
+        ("0.6,0.3,0", "hand", {}, "link.*'elbow'.*'hand'"),
+        ("9,0,0", "", {}, "reach.*'elbow'.* 8\\.5 m"),
+        ("0.6,0.3,0", TIP, {"pose": (0.1, 0.2)}, "twice.*--pose-xyz or --pose"),
+        ("", TIP, {"move": {**WAY, "x [mm]": [700.0, 9e3, 0.0]}}, "reach.* 1 s.*'elbow'.* 8\\.1 m"),
         (
             "",
             TIP,
             {"move": {"time": [0, 1], "x [deg]": [0, 1], "y": [0, 1], "z": [0, 0]}},
-            "not those of a point",
+            "waypoints.*'deg'",
         ),
     ],
 )
@@ -74,7 +76,7 @@ def test_what_is_no_goal_is_refused(
 ) -> None:
     with pytest.raises(InvalidInput) as refused:
         with_joints(request(robot_of, **fields), goal, tool)
-    assert message in str(refused.value)
+    assert re.search(message, str(refused.value), re.DOTALL)
 
 
 def test_a_tool_is_a_link_and_an_offset() -> None:

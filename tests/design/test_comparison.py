@@ -66,8 +66,8 @@ def test_every_stage_is_told() -> None:
     ("options", "laws", "tune", "words"),
     [
         ({}, ["pf"], "peak", "pd"),
-        ({}, ["pd"], "volts", "peak, bandwidth, none"),
-        ({"pose": (0.3,), "start": (0.3,)}, ["pd"], "peak", "nothing to move"),
+        ({}, ["pd"], "volts", "'volts'"),
+        ({"pose": (0.3,), "start": (0.3,)}, ["pd"], "peak", "[0.3]"),
     ],
 )
 def test_mistakes_have_three_parts(
@@ -95,9 +95,9 @@ def test_a_law_that_does_not_fit_is_a_mistake_if_asked_for_and_a_row_that_says_s
     assert [row.name for row in result.rows] == [DESIGN, NL_HINF, "pd", "lqr"]
     assert "pd" not in [row.name for row in result.compared]
     assert "springs" in result.rows[2].failure
-    with pytest.raises(InvalidInput, match="laws without 'pd'") as error:
+    with pytest.raises(InvalidInput, match=r"'pd'.*(?s:.)*'vertical-rig'") as error:
         made(["pd", "lqr"], draws=0)
-    assert "does not fit the robot" in str(error.value)
+    assert "without 'pd'" in str(error.value)
 
 
 def test_a_law_without_a_tuning_within_the_limits_is_named_with_its_reason_and_has_no_numbers(
@@ -107,8 +107,8 @@ def test_a_law_without_a_tuning_within_the_limits_is_named_with_its_reason_and_h
     found = made(["flatness"], draws=0)
     row = found.row("flatness")
     assert (row.tuned, row.evaluation, dict(row.metrics), row.requirements) == (None, None, {}, ())
-    assert "keeps every limit" in row.failure
-    assert "not kept: peak sensitivity at most" in row.failure
+    assert "limit" in row.failure
+    assert "peak sensitivity" in row.failure
     assert "flatness" in found.summary()["not compared"]
     assert all(row.tuned.feasible for row in found.compared if row.tuned)
 

@@ -89,7 +89,7 @@ def test_a_move_is_followed_in_error_coordinates() -> None:
     assert len(made.trajectory.time) == 1201
     error = {line.what: line for line in run.requirements(made)}["tracking error"]
     assert error.found < 2e-3
-    assert "The move was followed within" in run_verdict(run, made)
+    assert "followed" in run_verdict(run, made)
     assert len(run_tables(run, made)) == 3
 
 
@@ -102,8 +102,8 @@ def test_what_is_said_of_a_run(paper: tuple[fh.Robot, fh.Controller]) -> None:
     assert lines["overshoot"].found == run.response(made).overshoot.value
     text = run_verdict(run, made)
     kept = f"{missed} of 301 deadlines" if missed else "Every deadline was met: 301 samples at 1000 Hz"
-    assert text.startswith(kept if made.timing.slowness <= SLOW else "Real time was not kept: 0.3 s took")
-    assert "did not settle" in text
+    assert text.startswith(kept if made.timing.slowness <= SLOW else "Real time was not kept: 0.3 s")
+    assert "not settle" in text
     assert len(run_tables(run, made)) == 3
     assert bool(run_notes(made)) >= bool(missed)
     free = run.make(real_time=False)
@@ -121,7 +121,7 @@ def test_a_loop_that_is_too_slow_is_said_to_be(paper: tuple[fh.Robot, fh.Control
     run = prepared(paper, duration=0.05)
     made = fh.run_realtime(run.loop, **run.arguments, watch=slow, watch_every=1e-3)
     assert made.timing.slowness > 3.0
-    assert "Real time was not kept: 0.05 s took" in run_verdict(run, made)
+    assert "Real time was not kept: 0.05 s" in run_verdict(run, made)
     assert not any("Missed deadlines" in text for text in run_notes(made))
     assert not run_met(run, made)
     stopped = fh.run_realtime(run.loop, **run.arguments, watch=lambda: False, real_time=False)
@@ -132,10 +132,10 @@ def test_a_loop_that_is_too_slow_is_said_to_be(paper: tuple[fh.Robot, fh.Control
 @pytest.mark.parametrize(
     ("changes", "what"),
     [
-        (["stifness=-20%"], "no such parameter"),
-        (["stiffness"], "cannot be read"),
-        (["stiffness=soft"], "cannot be read"),
-        (["stiffness=nan"], "cannot be read"),
+        (["stifness=-20%"], "(?s)'paper'.*parameter.*'stifness=-20%'"),
+        (["stiffness"], "NAME=NUMBER.*'stiffness'"),
+        (["stiffness=soft"], "NAME=NUMBER.*'stiffness=soft'"),
+        (["stiffness=nan"], "NAME=NUMBER.*'stiffness=nan'"),
         (["stiffness=-200%"], "stiffness"),
     ],
 )
@@ -153,7 +153,7 @@ def test_changes_of_all_joints_and_of_one() -> None:
 
 
 def test_a_load_outside_of_the_run_and_extras_of_others(paper: tuple[fh.Robot, fh.Controller]) -> None:
-    with pytest.raises(InvalidInput, match="outside of the run"):
+    with pytest.raises(InvalidInput, match="outside"):
         prepared(paper, conditions=Conditions(load=1.0, load_at=0.3))
-    with pytest.raises(InvalidInput, match="does not express"):
+    with pytest.raises(InvalidInput, match=r"MuJoCo.*'inductance'"):
         prepared(paper, extras="inductance")

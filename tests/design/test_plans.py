@@ -102,24 +102,24 @@ def test_the_tracking_error_is_a_requirement_of_each_joint(setup_of: Benches) ->
     [
         (
             {"move": {**WAY, "elbow": [0.0, 4.0, 0.0]}},
-            "leaves the limits of joint 'elbow'",
-            "within the limits",
+            r"(?s)limits.*'elbow'.*2\.6026",
+            "rad",
         ),
         (
             {"move": WAY, "peak_speed": 0.5},
-            "faster than it may",
-            "times as far apart in time: the move keeps its limits in",
+            r"(?s)'elbow' faster.* 0\.5 rad/s",
+            "3.06 times",
         ),
-        ({"move": WAY, "saturation": 3.0}, "more of joint", "times as far apart in time"),
-        ({"move": {**WAY, "time": [0.0, 1e5, 2e6]}}, "takes too long", "ms"),
-        ({"move": {**WAY, "time": [0.0, 1e-4, 1e-3]}}, "is too short", "seconds"),
-        ({"move": {**WAY, "time": [0.0, 1e-300, 1.0]}}, "too near to each other in time", "seconds"),
+        ({"move": WAY, "saturation": 3.0}, "(?s)'elbow'.*motor.* 3 V", "4.65 times"),
+        ({"move": {**WAY, "time": [0.0, 1e5, 2e6]}}, r"too long[^0]*666\.667 s", "ms"),
+        ({"move": {**WAY, "time": [0.0, 1e-4, 1e-3]}}, r"short[^0]*0\.01 s", "seconds"),
+        ({"move": {**WAY, "time": [0.0, 1e-300, 1.0]}}, "near[^0-9]*1e-09 s", "seconds"),
         (
             {"move": {**WAY, "time": [0, 0.1, 2]}, "shaping": "jerk-limited"},
-            "smoothing of a motion",
+            r"smoothing[^0]*0 s[^0]*0\.1 s",
             "shaping='jump'",
         ),
-        ({"move": {"time": [0, 1], "elbow": [0, 1]}}, "one column for each", "shoulder"),
+        ({"move": {"time": [0, 1], "elbow": [0, 1]}}, r"column(?s:.)*'elbow'\] once, got", "shoulder"),
     ],
 )
 def test_a_move_that_cannot_be_made_is_refused_before_any_work(

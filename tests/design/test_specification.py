@@ -67,22 +67,22 @@ def test_words_have_any_case() -> None:
 @pytest.mark.parametrize(
     ("fields", "found", "python", "option"),
     [
-        ({"draws": -5}, "an integer >= 0, got -5", "draws=200", "--draws 200"),
-        ({"draws": 10**12}, "at most 100000 (more take hours", "draws=200", "--draws 200"),
-        ({"rays": 10**12}, "at most 100000", "rays=1000", "--rays 1000"),
-        ({"gamma_ratio": 1e308}, "at most 1e+06 (", "gamma_ratio=1.5", "--gamma-ratio 1.5"),
-        ({"checked_gamma_ratio": 1e308}, "at most 1e+06 (", "checked_gamma_ratio=1.6", "--checked-gamma-ratio 1.6"),
-        ({"duration": -3.0}, "a time > 0, s, got -3.0", "duration=5.0", "--duration 5"),
+        ({"draws": -5}, ">= 0, got -5", "draws=200", "--draws 200"),
+        ({"draws": 10**12}, "100000 (", "draws=200", "--draws 200"),
+        ({"rays": 10**12}, "100000 (", "rays=1000", "--rays 1000"),
+        ({"gamma_ratio": 1e308}, "1e+06 (", "gamma_ratio=1.5", "--gamma-ratio 1.5"),
+        ({"checked_gamma_ratio": 1e308}, "1e+06 (", "checked_gamma_ratio=1.6", "--checked-gamma-ratio 1.6"),
+        ({"duration": -3.0}, "> 0, s, got -3.0", "duration=5.0", "--duration 5"),
         ({"delay": 500}, "500 s are 500000 samples", "delay='500ms'", "--delay 500ms"),
-        ({"delay": 1.5e-3}, "a multiple of 0.001 s", "delay='5ms'", "--delay 5ms"),
+        ({"delay": 1.5e-3}, " 0.001 s, got 0.0015 s", "delay='5ms'", "--delay 5ms"),
         ({"period": 2}, "1e-5 to 0.1 s, got 2", "period='2ms'", "--period 2ms"),
         ({"duration": 5000}, "5000000 samples", "duration='5000ms'", "--duration 5000ms"),
-        ({"preset": "smooth"}, "paper, damped, robust, proved, got 'smooth'", "preset='damped'", "--preset damped"),
+        ({"preset": "smooth"}, "proved, got 'smooth'", "preset='damped'", "--preset damped"),
         ({"pose": "90grad"}, "deg", "pose=(0.3, -0.5)", "--pose 0.3,-0.5"),
-        ({"mujoco": 1}, "true or false, got 1", "mujoco=True", "--mujoco"),
+        ({"mujoco": 1}, "false, got 1", "mujoco=True", "--mujoco"),
         ({"peak_sensitivity": 1.0}, "> 1, got 1.0", "peak_sensitivity=2.0", "--peak-sensitivity 2"),
         ({"gain_margin": 0.5}, "> 1, got 0.5", "gain_margin=2.0", "--gain-margin 2"),
-        ({"dampng": 0.3}, "fields out of", "'damping'", "'damping'"),
+        ({"dampng": 0.3}, "'dampng'", "'damping'", "'damping'"),
     ],
 )  # fmt: skip
 def test_a_refusal_names_value_and_range_in_the_syntax_of_its_user(
@@ -135,5 +135,5 @@ def test_specification_and_linear_loop_refuse_the_same_delays(samples: int) -> N
         if samples <= LONGEST_LINEAR:
             make()
         else:
-            with pytest.raises(InvalidInput, match=r"at most (0\.2 s, )?200 samples"):
+            with pytest.raises(InvalidInput, match=r" (0\.2 s, )?200 samples"):
                 make()

@@ -45,7 +45,7 @@ def test_a_unit_of_the_other_kind_of_joint_is_refused(
     robot_of: Named, fields: dict[str, Any], found: str, advice: str
 ) -> None:
     robot, s = robot_of("cart"), Specification(**fields)
-    with pytest.raises(SpecificationError, match=r"has a unit that '.*_(belt|arm)' does not have") as refused:
+    with pytest.raises(SpecificationError, match=r"unit .*'.*_(belt|arm)'") as refused:
         check_stated_units(robot, s)
     assert found in refused.value.found
     assert error_text(refused.value).endswith(advice)
@@ -76,9 +76,7 @@ def test_every_way_to_a_design_refuses_them(robot_of: Named, tmp_path: Path) -> 
         lambda: read_request(file),
         lambda: read_request(file, given={"pose": "1,1", "tracking_error": "1mm"}),
     ):
-        with pytest.raises(
-            SpecificationError, match="has a unit that 'link_position_shoulder' does not have"
-        ):
+        with pytest.raises(SpecificationError, match=r"unit .*'link_position_shoulder'"):
             call()
     assert read_request(file, given={"pose": "30deg,0.1"}).specification.pose == (math.radians(30), 0.1)
 

@@ -76,10 +76,10 @@ def test_a_nonlinearity_that_is_measured_is_found(flow, measured):
 def test_what_enters_nonlinearly_and_is_not_measured_is_named(flow, measured, entering):
     with pytest.raises(InvalidInput) as caught:
         output_form(plant(flow, measured))
-    assert f"plant: {entering} enter" in caught.value.what
+    assert f" {entering} enter" in caught.value.what
     assert "UnscentedKalmanFilter" in caught.value.advice
     names = entering.split(", ")
-    assert f"measure {entering} in addition" in caught.value.advice
+    assert f"measure {entering} " in caught.value.advice
     rows = np.vstack([np.atleast_2d(measured), *(np.eye(3)[int(name[1]) - 1] for name in names)])
     output_form(plant(flow, rows))  # the advice helps
 
@@ -89,8 +89,9 @@ def test_only_what_the_other_measurements_do_not_settle_is_asked_for():
     flow = lambda x, u, p: [x[1], x[0] * x[2], -x[1]]  # noqa: E731
     with pytest.raises(InvalidInput) as caught:
         output_form(plant(flow, [1.0, 0.0, 1.0]))
-    assert "x1, x3 enter" in caught.value.what
-    assert "measure x1 in addition" in caught.value.advice
+    assert " x1, x3 " in caught.value.what
+    assert "x1" in caught.value.advice
+    assert "x3" not in caught.value.advice
 
 
 @pytest.mark.parametrize(
@@ -103,7 +104,7 @@ def test_only_what_the_other_measurements_do_not_settle_is_asked_for():
 )
 def test_a_curved_measurement_is_named(output, found):
     made = Plant(lambda x, u, d, p: -x, output, ("x1", "x2", "x3"), ("u",), outputs=("angle",))
-    with pytest.raises(InvalidInput, match="'angle' is not linear") as caught:
+    with pytest.raises(InvalidInput, match=r"'angle'.* linear") as caught:
         output_form(made)
     assert f"∂angle/∂({found})" in caught.value.found
 
@@ -145,14 +146,14 @@ def test_robots(name, measured, missing):
         return
     with pytest.raises(InvalidInput) as caught:
         output_form(arm.plant(measured))
-    assert f"measure {missing} in addition" in caught.value.advice
+    assert f"measure {missing} " in caught.value.advice
     output_form(arm.plant([*measured, *missing.split(", ")]))
 
 
 def test_a_hardening_spring_wants_its_twist_and_a_hard_friction_its_velocity():
     arm = load_robot(catalogue()["planar-two-link"])
     measured = ["link_position", "link_velocity", "motor_position"]
-    with pytest.raises(InvalidInput, match="measure motor_velocity in addition"):
+    with pytest.raises(InvalidInput, match=r"try: .* motor_velocity "):
         output_form(arm.plant(measured, extras=["coulomb_friction"]))
     output_form(arm.plant([*measured, "motor_velocity"], extras=["coulomb_friction"]))
 
@@ -194,10 +195,10 @@ def test_an_angle_that_wraps_is_not_linear(wrap):
     measured = Plant(
         lambda x, u, d, p: np.array([x[1], u[0]]), lambda x, u, p: [wrap(x[0])], ("a", "b"), ("u",)
     )
-    with pytest.raises(InvalidInput, match="not linear in the state"):
+    with pytest.raises(InvalidInput, match=r"'output_1'.* linear"):
         output_form(measured)
     hidden = Plant(
         lambda x, u, d, p: np.array([wrap(x[1]), u[0] - x[1]]), lambda x, u, p: x[:1], ("a", "b"), ("u",)
     )
-    with pytest.raises(InvalidInput, match="b enters nonlinearly"):
+    with pytest.raises(InvalidInput, match=r": b .*nonlinear"):
         output_form(hidden)

@@ -281,7 +281,7 @@ def test_error_energy_is_the_sum_over_all_samples():
         e = filter.error_matrix @ e
     assert error @ x @ error == pytest.approx(energy, rel=1e-10)
     np.testing.assert_allclose(filter.error_energy([1.0, 2.0, 0.0, 0.5]), x)
-    with pytest.raises(InvalidInput, match="weight of the error"):
+    with pytest.raises(InvalidInput, match=r"weight.*error.*semidefinite[\s\S]* -1 "):
         filter.error_energy(np.diag([1.0, -1.0, 0.0, 0.0]))
 
 
@@ -325,7 +325,7 @@ def test_a_two_link_arm_with_positions_only_is_refused():
     settings = (1e-3, 1e-8, 1e-6, np.zeros(8))
     with pytest.raises(InvalidInput) as caught:
         OutputInjectionObserver(two.plant(["link_position"]), *settings)
-    assert "link_velocity, motor_position enter nonlinearly" in caught.value.what
+    assert " link_velocity, motor_position " in caught.value.what
     assert "link_velocity_shoulder" in caught.value.found
     measured = ["link_position", "link_velocity", "motor_position"]
     filter = OutputInjectionObserver(two.plant(measured), *settings)
@@ -336,7 +336,7 @@ def test_what_cannot_be_known_or_is_not_learnt_is_refused():
     rotary = fh.load_robot("quanser-rotflex")
     with pytest.raises(NotDetectable, match="position"):
         observer(rotary.plant(["motor_velocity"]))
-    with pytest.raises(NotDetectable, match="poles cannot be chosen"):
+    with pytest.raises(NotDetectable, match=r"poles[\s\S]*'motor_position'"):
         observer(rotary.plant(["motor_velocity"]), poles=FOUR)
-    with pytest.raises(InvalidInput, match="process noise on every state"):
+    with pytest.raises(InvalidInput, match=r"decay[\s\S]*got 1\n"):
         observer(rotary.plant(["link_position"]), process_noise=0.0)

@@ -37,15 +37,15 @@ def test_several_measurements_of_different_scale_and_some_that_say_the_same():
 @pytest.mark.parametrize(
     ("poles", "found"),
     [
-        ([-1, -2, -3], "4 finite poles"),
-        ([-1, -2, -3, -4, -5], "4 finite poles"),
-        ([-1, -2, -3, np.nan], "4 finite poles"),
-        ("fast", "4 finite poles"),
-        ([-1, -2, -3, 0.0], "negative real parts"),
-        ([-1, -2, -3 + 1j, -3 + 1j], "conjugate pairs"),
-        ([-1, -2, -3 + 1j, -3 - 1.1j], "conjugate pairs"),
+        ([-1, -2, -3], " 4 finite"),
+        ([-1, -2, -3, -4, -5], " 4 finite"),
+        ([-1, -2, -3, np.nan], " 4 finite"),
+        ("fast", " 4 finite"),
+        ([-1, -2, -3, 0.0], "negative"),
+        ([-1, -2, -3 + 1j, -3 + 1j], "conjugate"),
+        ([-1, -2, -3 + 1j, -3 - 1.1j], "conjugate"),
         ([-1, -2, -3 + 400j, -3 - 400j], "below 314.159 rad/s"),
-        ([-1, -2, -3, -3], "at most once per independent measurement"),
+        ([-1, -2, -3, -3], "independent"),
     ],
 )
 def test_poles_that_cannot_be(poles, found):
@@ -59,7 +59,7 @@ def test_poles_that_cannot_be(poles, found):
     ("measured", "mainly"), [(np.eye(4)[1:2], "a"), (np.eye(4)[3:4], "a"), (np.zeros((1, 4)), "a")]
 )
 def test_without_an_observable_pair_no_pole_is_placed(measured, mainly):
-    with pytest.raises(NotDetectable, match=mainly):
+    with pytest.raises(NotDetectable, match=f"'{mainly}'"):
         placed(CHAIN, measured, 0.01, [-1, -2, -3, -4])
 
 
@@ -97,5 +97,5 @@ def test_detectable_is_less_than_observable():
 def test_an_error_that_stays_is_refused():
     check_decay(np.diag([0.999999, 0.5]))
     for factor in (1.0, 1.1, -1.0):
-        with pytest.raises(InvalidInput, match="process noise"):
+        with pytest.raises(InvalidInput, match=f"decay(.|\n)*got {abs(factor):g}\n"):
             check_decay(np.diag([factor, 0.5]))

@@ -80,7 +80,7 @@ def test_a_corrected_covariance_can_be_factored_whatever_the_scales(kind):
 def test_what_is_refused_leaves_a_filter_that_goes_on(kind):
     filter, clean = (kind(integrator(), 0.1, 1e-6, 1e-6, [0.1, 0.0], 1e-2) for _ in range(2))
     filter._belief = far = filter._belief._replace(mean=np.array([-1.7e308, 0.0]))
-    with pytest.raises(NumericalFailure, match="not finite"):
+    with pytest.raises(NumericalFailure, match=r"estimate.*finite[\s\S]*\[-1\.7e\+308 "):
         filter.correct(1.7e308)
     assert filter._belief is far
     filter.predict(0.0)
@@ -95,7 +95,7 @@ def test_what_is_refused_leaves_a_filter_that_goes_on(kind):
 def test_a_correction_that_leaves_no_covariance_is_refused():
     """With a negative central weight the sum of squares has a negative one: then the prediction stands."""
     plant = Plant(lambda x, u, d, p: u - x, lambda x, u, p: x**2, ("x",), ("u",))
-    with pytest.warns(UserWarning, match="central covariance weight"):
+    with pytest.warns(UserWarning, match=r"central.*weight.*negative \(-1\)"):
         filter = UnscentedKalmanFilter(plant, 0.1, 1e-6, 1e-6, [0.0], 1.0, alpha=1.0, beta=0.0, kappa=-0.5)
     before = filter.mean, filter.covariance
     refused = False

@@ -1,7 +1,6 @@
 import numpy as np
 import pytest
-from filterpy.kalman import MerweScaledSigmaPoints
-from filterpy.kalman import UnscentedKalmanFilter as Filterpy
+from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter as Filterpy
 
 from flexhinf.codegen import DIRECT
 from flexhinf.errors import InvalidInput, NumericalFailure
@@ -197,13 +196,13 @@ def free_names():
 @pytest.mark.parametrize(
     ("bounds", "word"),
     [
-        ({"link_pos": (0.0, 1.0)}, "no state"),
-        ({"link_position": (1.0, 0.0)}, "not an interval"),
-        ({"link_position": (0.5, 1.0)}, "outside the bounds"),
-        ({"link_position": (np.nan, 1.0)}, "not an interval"),
-        ({"link_position": (0.0, 1.0, 2.0)}, "not an interval"),
-        ({"link_position": "wide"}, "not an interval"),
-        ({"link_position": 3.0}, "not an interval"),
+        ({"link_pos": (0.0, 1.0)}, "state 'link_pos'"),
+        ({"link_position": (1.0, 0.0)}, r"bounds.*'link_position'[\s\S]* \(1\.0, 0\.0\)"),
+        ({"link_position": (0.5, 1.0)}, r"mean.*bounds.*'link_position'[\s\S]* 0\.2"),
+        ({"link_position": (np.nan, 1.0)}, r"bounds.*'link_position'[\s\S]* \(nan, 1\.0\)"),
+        ({"link_position": (0.0, 1.0, 2.0)}, r"bounds.*'link_position'[\s\S]* \(0\.0, 1\.0, 2\.0\)"),
+        ({"link_position": "wide"}, r"bounds.*'link_position'[\s\S]*'wide'"),
+        ({"link_position": 3.0}, r"bounds.*'link_position'[\s\S]* 3\.0"),
     ],
 )
 def test_bad_bounds_are_refused(bounds, word):
@@ -220,8 +219,8 @@ def test_a_damaged_belief_is_a_failure_that_bounds_do_not_hide(bounds, covarianc
     ukf._belief = Gaussian(np.zeros(1), np.full((1, 1), covariance))
     with pytest.raises(NumericalFailure) as caught:
         ukf.predict([0.0])
-    assert "not finite" in caught.value.what
-    assert "last finite mean" in caught.value.found
+    assert "finite" in caught.value.what
+    assert "mean [" in caught.value.found
     assert "noise" in caught.value.advice
     with pytest.raises(NumericalFailure):
         ukf.correct([2.0])
@@ -231,7 +230,7 @@ def test_a_diverging_model_is_a_failure_and_keeps_the_last_belief():
     plant = Plant(lambda x, u, d, p: x**3 + u, lambda x, u, p: x, ("x",), ("u",))
     ukf = UnscentedKalmanFilter(plant, 0.1, 1e-3, 1e-3, [1.0], 1e-2)
     means = [ukf.mean]
-    with pytest.raises(NumericalFailure, match="not finite"):  # noqa: PT012
+    with pytest.raises(NumericalFailure, match=r"estimate.*finite[\s\S]*mean \[4\.0829\]"):  # noqa: PT012
         while len(means) < 50:
             ukf.predict([0.0])
             means.append(ukf.mean)

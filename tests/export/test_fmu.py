@@ -174,6 +174,6 @@ def test_without_a_compiler_nothing_is_written(
     monkeypatch.setattr(shutil, "which", lambda name: None)
     with pytest.raises(InvalidInput, match="no C compiler"):
         export_fmu(controller, tmp_path / "arm.fmu")
-    with pytest.raises(InvalidInput, match="first state"):
+    with pytest.raises(InvalidInput, match="state"):
         export_plant_fmu(ARM.plant(), tmp_path / "arm.fmu", state=[1.0])
     assert list(tmp_path.iterdir()) == []

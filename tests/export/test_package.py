@@ -27,7 +27,7 @@ def controller() -> fh.Controller:
     "name", ["3arm", "my-arm", "while", "math", "Main", "a" * 32, "", "é", "x;y", None, 7]
 )
 def test_a_name_that_is_none_for_c(name: object, controller: fh.Controller, tmp_path: Path) -> None:
-    with pytest.raises(InvalidInput, match="no name for C"):
+    with pytest.raises(InvalidInput, match=r"for C(?s:.)*got "):
         export_c(controller, tmp_path / "c", name)  # type: ignore[arg-type]
     assert not (tmp_path / "c").exists()
 
@@ -36,27 +36,27 @@ def test_a_folder_with_files_is_left_alone_unless_it_is_meant(
     controller: fh.Controller, tmp_path: Path
 ) -> None:
     (tmp_path / "mine.txt").write_text("mine")
-    with pytest.raises(InvalidInput, match="not empty"):
+    with pytest.raises(InvalidInput, match="empty"):
         export_c(controller, tmp_path)
     assert [path.name for path in tmp_path.iterdir()] == ["mine.txt"]
     export_c(controller, tmp_path, force=True)
     assert (tmp_path / "mine.txt").read_text() == "mine"
     assert (tmp_path / "controller.c").exists()
-    with pytest.raises(InvalidInput, match="no folder"):
+    with pytest.raises(InvalidInput, match="folder"):
         export_c(controller, tmp_path / "mine.txt")
 
 
 def test_types_and_things_that_are_no_controller(controller: fh.Controller, tmp_path: Path) -> None:
-    with pytest.raises(InvalidInput, match="type of numbers"):
+    with pytest.raises(InvalidInput, match="'half'"):
         export_c(controller, tmp_path / "c", real="half")
-    with pytest.raises(InvalidInput, match="no controller"):
+    with pytest.raises(InvalidInput, match="controller"):
         export_c(controller.law, tmp_path / "c")  # type: ignore[arg-type]
 
 
 def test_numbers_that_a_type_cannot_hold(tmp_path: Path) -> None:
     law = fh.linear_law(fh.paper_arm().problem(), gamma=math.inf)
     controller = fh.Controller(law, None, 1e-3, 1e300)
-    with pytest.raises(InvalidInput, match="does not fit C's type float"):
+    with pytest.raises(InvalidInput, match="type float"):
         export_c(controller, tmp_path / "c", real="float")
     assert not (tmp_path / "c").exists()
     export_c(controller, tmp_path / "c", real="double")
@@ -64,14 +64,14 @@ def test_numbers_that_a_type_cannot_hold(tmp_path: Path) -> None:
 
 def test_a_period_and_rooms_that_do_not_fit(controller: fh.Controller) -> None:
     check_room(controller, "float", period="1ms", flash="32kB", ram="8 kB")
-    with pytest.raises(InvalidInput, match="period is not the controller's"):
+    with pytest.raises(InvalidInput, match=r"(?s)period.*'2ms'"):
         check_room(controller, "double", period="2ms")
-    with pytest.raises(InvalidInput, match=r"(?s)constants need more room.*--flash.*bytes"):
+    with pytest.raises(InvalidInput, match=r"(?s)constants.*--flash.*bytes"):
         check_room(controller, "double", flash="40")
-    with pytest.raises(InvalidInput, match="state needs more room"):
+    with pytest.raises(InvalidInput, match=r"(?s)state.*'0.1kB'.*bytes"):
         check_room(controller, "double", ram="0.1kB")
     for text in ("-1kB", "1 parsec", "nan", "kB"):
-        with pytest.raises(InvalidInput, match="no positive quantity"):
+        with pytest.raises(InvalidInput, match=f"'{text}'"):
             check_room(controller, "double", ram=text)
 
 
@@ -79,9 +79,7 @@ def test_code_that_does_not_fit(estimating: fh.Controller, monkeypatch: pytest.M
     if shutil.which("arm-none-eabi-gcc") is None:
         pytest.skip("no arm-none-eabi-gcc")
     check_room(estimating, "float", flash="32kB")
-    with pytest.raises(
-        InvalidInput, match=r"(?s)code and constants need more room.*'8kB'.*for a Cortex-M4F.*float"
-    ):
+    with pytest.raises(InvalidInput, match=r"(?s)constants.*'8kB'.*Cortex-M4F.*float"):
         check_room(estimating, "double", flash="8kB")
     monkeypatch.setattr(shutil, "which", lambda name: None)
     check_room(estimating, "double", flash="8kB")  # constants alone
@@ -172,7 +170,7 @@ def test_a_controller_that_float_does_not_hold_is_refused(
     estimating: fh.Controller, compiler: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(package.TOLERANCE, "float", 1e-9)
-    with pytest.raises(InvalidInput, match=r"(?s)too much in float.*--real double"):
+    with pytest.raises(InvalidInput, match=r"(?s)float.*--real double"):
         export_c(estimating, tmp_path / "c", real="float")
     assert not (tmp_path / "c").exists()
 

@@ -115,9 +115,9 @@ def test_mcap_is_read_again(run: RealTimeRun, tmp_path: Path) -> None:
     [
         ("run.txt", "format of the log"),
         ("run", "format of the log"),
-        ("missing/run.csv", "cannot be written"),
-        ("folder.csv", "folder of this name"),
-        ("", "no path"),
+        ("missing/run.csv", "No such file"),
+        ("folder.csv", "folder"),
+        ("", "path"),
     ],
 )
 def test_a_log_that_cannot_be_written_is_refused_before_the_run(name: str, what: str, tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from itertools import pairwise
 from typing import Any
 
@@ -117,7 +118,7 @@ def test_every_degree_near_the_smallest_level_is_as_accurate_as_it_says(random_p
         assert error <= 3 * record.error <= 1e-10 / excess, record
         assert record.residual <= 1e-12, record
     if excess <= 1e-8:
-        assert "warning: few digits are determined by the data in degree 3, 4, 5" in solution.report()
+        assert re.search("warning: .*degree 3, 4, 5", solution.report())
     if excess >= 1e-4:
         assert "warning" not in solution.report()
 
@@ -129,7 +130,7 @@ def test_what_the_data_do_not_determine_is_refused(monkeypatch, arm):
     gamma = smallest_gamma(arm) * (1 + 1e-8)
     errors = {record.degree: record.error for record in solve_hji(arm, gamma, 4).records}
     monkeypatch.setattr(accuracy, "_LARGEST_ERROR", (errors[2] + errors[4]) / 2)
-    with pytest.raises(NumericalFailure, match=r"V of degree 4 is not determined[^$]*or degree 3"):
+    with pytest.raises(NumericalFailure, match=r"degree 4 .*determined[\s\S]* degree 3$"):
         solve_hji(arm, gamma, 4)
     assert solve_hji(arm, gamma, 3).degree == 3
 

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
+import re
 
 import mpmath
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from scipy.linalg import solve_continuous_are
 
 from flexhinf.errors import InfeasibleGamma, InvalidInput, NotDetectable
@@ -362,7 +362,7 @@ def test_level_must_be_a_positive_number(arm, gamma):
 
 @pytest.mark.parametrize("degree", [1, 0, -2, 2.5, 4.0, math.nan, True, "4", 201, 10**9])
 def test_degree_must_be_an_integer_from_two_to_two_hundred(arm, degree):
-    with pytest.raises(InvalidInput, match="degree of V"):
+    with pytest.raises(InvalidInput, match=rf"degree.* 200[\s\S]* got {re.escape(repr(degree))}"):
         solve_hji(arm, math.inf, degree)
 
 

@@ -38,5 +38,5 @@ def test_unreachable_mode_is_named_in_the_plants_own_terms():
     linear = LinearPart(
         np.diag([-1.0, 2.0]), np.ones((2, 1)), np.array([[1.0], [0.0]]), np.eye(2), ("speed", "heat")
     )
-    with pytest.raises(NotStabilisable, match=r"eigenvalue 2 of A, mainly in state 'heat'"):
+    with pytest.raises(NotStabilisable, match=r"eigenvalue 2 .*'heat'"):
         linear.check()

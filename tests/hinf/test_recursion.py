@@ -36,7 +36,7 @@ def test_defective_closed_loop_is_solved_to_rounding(coupling, gap):
     plant = _jordan_plant(4, coupling, gap)
     solution = solve_hji(plant, math.inf, 6)
     by_degree = {record.degree: record for record in solution.records}
-    assert by_degree[3].method == "zero by parity"
+    assert "parity" in by_degree[3].method
     assert by_degree[4].method.startswith("Schur" if coupling else "eigenbasis")
     assert (solution.condition > 1e6) == bool(coupling)
     assert max(record.residual for record in solution.records) <= 1e-13
@@ -70,9 +70,9 @@ def test_parity_skips_the_odd_degrees_and_changes_nothing(arm):
         5, {**plant.f_parts, 2: quadratic}, plant.g1_parts, plant.g2_parts, plant.h_parts, plant.r2
     )
     odd, even = solve_hji(plant, gamma, 6), solve_hji(full, gamma, 6)
-    skipped = [record.degree for record in odd.records if record.method == "zero by parity"]
+    skipped = [record.degree for record in odd.records if "parity" in record.method]
     assert skipped == [3, 5]
-    assert not any(record.method == "zero by parity" for record in even.records)
+    assert not any("parity" in record.method for record in even.records)
     for k in (2, 4, 6):
         scale = np.abs(odd.coefficient_array(k)).max()
         assert even.coefficient_array(k) == pytest.approx(odd.coefficient_array(k), abs=1e-12 * scale)

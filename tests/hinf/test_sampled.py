@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 
 import numpy as np
 import pytest
@@ -42,7 +43,7 @@ def test_linear_plant_has_no_edge(arm):
     plant = arm.expand(1)
     check = linear_law(plant, 2 * smallest_gamma(plant)).sampled_region(rays=200)
     assert check.level == math.inf
-    assert check.limit == "nothing found"
+    assert check.limit.startswith("nothing")
     assert check.step_amplitude("x1", ["x5"]) == math.inf
 
 
@@ -129,8 +130,8 @@ def test_relaxing_only_gamma_leaves_no_region_with_the_papers_penalty(arm):
     margin = solution.checked_margin(penalty=[60.0, 0, 0, 0, 300])
     assert margin.semidefinite
     assert not margin.definite
-    assert "1.1 times the designed gamma" in margin.text
-    assert "no margin in some direction" in margin.reason()
+    assert "1.1 times " in margin.text
+    assert "direction" in margin.reason()
 
 
 @pytest.mark.parametrize("pose", [0.0, np.pi / 2, np.pi])
@@ -331,10 +332,7 @@ def test_a_narrow_violation_below_a_wide_one_is_found():
 def test_a_penalty_that_is_not_weaker_has_no_region(weighted):
     solution, _ = weighted
     assert solution.sampled_region(penalty=[70.0, 0, 0, 0, 300]) is None
-    assert (
-        "not weaker than the designed one (mainly in x1"
-        in solution.checked_margin(penalty=[70.0, 0, 0, 0, 300]).reason()
-    )
+    assert re.search(r"weaker.*\bx1\b", solution.checked_margin(penalty=[70.0, 0, 0, 0, 300]).reason())
 
 
 def test_same_seed_same_answer_and_a_readable_report(weighted):
@@ -342,13 +340,13 @@ def test_same_seed_same_answer_and_a_readable_report(weighted):
     arguments = {"gamma": check.gamma, "penalty": [60.0, 0, 0, 0, 300], "rays": 200, "seed": 3}
     first, second = solution.sampled_region(**arguments), solution.sampled_region(**arguments)
     assert first.level == second.level
-    for word in ("not a proof", "1.067 times the designed gamma", "worst point", "inequality"):
+    for word in ("proof", "1.067 times ", "worst", "inequality"):
         assert word in check.report()
 
 
 def test_refusals(weighted):
     solution, check = weighted
-    with pytest.raises(InvalidInput, match="expected gamma"):
+    with pytest.raises(InvalidInput, match=r"gamma ≥ .* 200\.56, got 180\.50"):
         solution.sampled_region(gamma=0.9 * solution.gamma)
     for wrong in (
         {"rays": 0},
@@ -359,7 +357,8 @@ def test_refusals(weighted):
         {"gamma": "2"},
         {"gamma": math.nan},
     ):
-        with pytest.raises(InvalidInput, match="cannot be made with these numbers"):
+        ((name, value),) = wrong.items()
+        with pytest.raises(InvalidInput, match=rf"check[\s\S]*{name}.* got .*{value!r}"):
             solution.sampled_region(**wrong)
     with pytest.raises(InvalidInput, match="'heavy'"):
         solution.sampled_region(penalty={"x1": "heavy"})
@@ -367,7 +366,7 @@ def test_refusals(weighted):
         solution.sampled_region(penalty={"x9": 1.0})
     with pytest.raises(InvalidInput, match=r"shape \(3,\)"):
         solution.sampled_region(penalty=[1.0, 2, 3])
-    with pytest.raises(InvalidInput, match="which state moves"):
+    with pytest.raises(InvalidInput, match=r"moved={}, integrals=\[\]"):
         check.step_amplitude()
-    with pytest.raises(InvalidInput, match="unknown states"):
+    with pytest.raises(InvalidInput, match=r"moved={'q1': 1\.0}"):
         check.step_amplitude("q1", ["x5"])

@@ -28,9 +28,9 @@ def general(random_plant):
 def test_a_state_beyond_the_finite_numbers_is_refused(solved, name):
     """Old code returned nan, with a warning of NumPy's."""
     function = getattr(solved, name)
-    with pytest.raises(NumericalFailure, match=r"leaves the finite numbers[\s\S]*1e\+200"):
+    with pytest.raises(NumericalFailure, match=r"\bV .*finite[\s\S]*\[1e\+200, "):
         function([np.zeros(5), np.full(5, 1e200)])
-    with pytest.raises(InvalidInput, match="finite numbers of shape"):
+    with pytest.raises(InvalidInput, match=r"finite.*\(N, 5\), got \[0\.0, nan"):
         function([0.0, np.nan, 0.0, 0.0, 0.0])
 
 
@@ -58,7 +58,7 @@ def test_value_is_the_sum_of_its_monomials(solved):
     assert len(solved.coefficients(4)) == 70
     assert np.array_equal(solved.exponents(4)[0], [4, 0, 0, 0, 0])
     for wrong in (5, 1, "4", 2.5):
-        with pytest.raises(InvalidInput, match="no part of degree"):
+        with pytest.raises(InvalidInput, match=rf"\bV .*degree {wrong!r}\."):
             solved.coefficients(wrong)
     with pytest.raises(InvalidInput, match="got 'here'"):
         solved.value("here")
@@ -141,7 +141,7 @@ def test_closed_loop_is_stable_and_attains_the_level(arm):
 
 def test_report_tells_method_residual_and_memory(solved):
     report = solved.report()
-    for word in ("Riccati", "zero by parity", "eigenbasis", "cond(T)", "memory"):
+    for word in ("Riccati", "parity", "eigenbasis", "cond(T)", "memory"):
         assert word in report
     assert [record.degree for record in solved.records] == [2, 3, 4]
     assert all(record.residual <= 1e-14 for record in solved.records)

@@ -93,12 +93,12 @@ def test_a_file_of_before_the_digest_is_read(solved, tmp_path):
 
 def test_a_pipe_is_refused_at_once(tmp_path):
     os.mkfifo(tmp_path / "pipe")
-    with pytest.raises(InvalidInput, match="not a file"):
+    with pytest.raises(InvalidInput, match=r"/pipe: .*device"):
         load_solution(tmp_path / "pipe")
 
 
 def test_missing_file_and_unwritable_place(solved, tmp_path):
-    with pytest.raises(InvalidInput, match="no such file"):
+    with pytest.raises(InvalidInput, match=r"read[\s\S]*none\.npz: no "):
         load_solution(tmp_path / "none.npz")
-    with pytest.raises(InvalidInput, match="cannot be written"):
+    with pytest.raises(InvalidInput, match=r"written[\s\S]*s\.npz"):
         solved.save(tmp_path / "no folder" / "s.npz")

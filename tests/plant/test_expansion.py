@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import re
 from types import SimpleNamespace
 
 import casadi as ca
@@ -198,13 +199,13 @@ def test_a_flow_that_is_not_affine_is_refused_with_the_term(rate, term):
     def flow(x, u, d, p):
         return np.array([x[1], rate(x, u, d)])
 
-    with pytest.raises(InvalidInput, match="not affine") as caught:
+    with pytest.raises(InvalidInput, match="affine") as caught:
         expand_control_affine(flow, [0.0, 0.0], [0.0, 0.0], [0.0], None, 3)
-    assert f"got {term} in derivative 1" in caught.value.found
+    assert re.search(f" {re.escape(term)} .* 1$", caught.value.found)
 
 
 def test_a_flow_that_is_not_affine_is_refused_at_degree_one_and_by_name():
-    with pytest.raises(InvalidInput, match=r"5 \* voltage \* voltage in derivative 0"):
+    with pytest.raises(InvalidInput, match=r"affine[\s\S]* 5 \* voltage \* voltage .* 0\n"):
         expand_control_affine(
             lambda x, u, d, p: [5.0 * u[0] * u[0]], [0.0], [0.0], [], None, 1, input_names=("voltage",)
         )
@@ -221,13 +222,13 @@ def test_rounding_of_a_square_that_cancels_is_not_a_square():
 @pytest.mark.parametrize(
     ("flow", "message"),
     [
-        (lambda x, u, d, p: [x[0]], "one derivative per state"),
-        (lambda x, u, d, p: [[x[0]], [x[1]]], "one derivative per state"),
-        (lambda x, u, d, p: [x[0], np.nan * x[1]], r"not finite[\s\S]*component \[1\]"),
-        (lambda x, u, d, p: [x[0], np.exp(1e3 + x[1])], "function exp has no"),
-        (lambda x, u, d, p: [x[0], np.sqrt(x[1])], "sqrt has no real Taylor series"),
-        (lambda x, u, d, p: [x[0], x[1] if x[1] > 0 else 0.0], "not a number"),
-        (lambda x, u, d, p: [x[0], "fast"], "not a polynomial of the asked kind"),
+        (lambda x, u, d, p: [x[0]], r"flow[\s\S]*\(2,\), got \(1,\)"),
+        (lambda x, u, d, p: [[x[0]], [x[1]]], r"flow[\s\S]*\(2,\), got \(2, 1\)"),
+        (lambda x, u, d, p: [x[0], np.nan * x[1]], r"finite[\s\S]*component \[1\]"),
+        (lambda x, u, d, p: [x[0], np.exp(1e3 + x[1])], r" exp [\s\S]* 1000\n"),
+        (lambda x, u, d, p: [x[0], np.sqrt(x[1])], r" sqrt [\s\S]*> 0 .* 0\n"),
+        (lambda x, u, d, p: [x[0], x[1] if x[1] > 0 else 0.0], r"`>`[\s\S]*Jet"),
+        (lambda x, u, d, p: [x[0], "fast"], r" 3 variables .*degree 2, got 'fast'"),
     ],
 )
 def test_flows_that_cannot_be_expanded(flow, message):
@@ -241,7 +242,7 @@ def test_degree_zero_is_refused():
 
 
 def test_a_point_that_is_not_finite_is_refused():
-    with pytest.raises(InvalidInput, match="point of the expansion"):
+    with pytest.raises(InvalidInput, match=r"point[\s\S]* nan "):
         expand_control_affine(joint, [0.0, np.nan, 0.0, 0.0], [0.0], [0.0], ARM, 2)
 
 
@@ -267,9 +268,7 @@ def test_a_flow_that_is_affine_in_its_inputs_near_the_point_only_is_refused(actu
         return np.array([x[1], v + w - x[0]])
 
     plant = Plant(flow, lambda x, u, p: x[:1], ("a", "b"), ("u",), ("d",))
-    with pytest.raises(
-        InvalidInput, match=f"not affine in its inputs(.|\n)*function of {place} that bends or jumps"
-    ):
+    with pytest.raises(InvalidInput, match=f"affine(.|\n)* {place} .*jumps"):
         plant.with_objective([1.0, 1.0]).expand(3)
 
 

@@ -1,3 +1,5 @@
+import re
+
 import numpy as np
 import pytest
 
@@ -87,19 +89,19 @@ def test_parameters_and_penalty_code_reach_the_fields():
 @pytest.mark.parametrize(
     ("arguments", "word"),
     [
-        ({"command": "reference"}, "one way only"),
-        ({"integrate": ()}, "no state is integrated"),
-        ({"integrate": ("link_pos",)}, "no state"),
-        ({"integrate": ("link_position", "link_position")}, "integrated states"),
-        ({"disturbances": ("wind",)}, "no disturbance 'wind'"),
+        ({"command": "reference"}, r"command[\s\S]*'reference'"),
+        ({"integrate": ()}, r"integral[\s\S]* integrate=\(\)"),
+        ({"integrate": ("link_pos",)}, r"state[\s\S]*'link_pos'"),
+        ({"integrate": ("link_position", "link_position")}, r"integrated.*'link_position'[\s\S]*distinct"),
+        ({"disturbances": ("wind",)}, "disturbance 'wind'"),
         ({"disturbances": ("link_torque", "link_torque")}, "distinct"),
-        ({"command": None, "disturbances": ()}, "disturbances are none"),
-        ({"penalty": {"speed": 1.0}}, "does not have"),
-        ({"penalty": Penalty({}, -1.0)}, "positive definite"),
-        ({"penalty": Penalty(lambda x, p: x + 1.0)}, "not zero at the operating point"),
-        ({"penalty": Penalty(lambda x, p: np.array([np.nan * x[0]]))}, "not zero at the operating point"),
-        ({"pose": [1.0, 2.0]}, "pose does not fit"),
-        ({"pose": {"motor_position": 1.0}}, "pose names"),
+        ({"command": None, "disturbances": ()}, r"disturbances[\s\S]*got \[\]"),
+        ({"penalty": {"speed": 1.0}}, r"penalty.*'speed'"),
+        ({"penalty": Penalty({}, -1.0)}, r"R2.*definite"),
+        ({"penalty": Penalty(lambda x, p: x + 1.0)}, r"h\(x\).*zero[\s\S]*\[1\.0, 1\.0, 1\.0, 1\.0, 1\.0\]"),
+        ({"penalty": Penalty(lambda x, p: np.array([np.nan * x[0]]))}, r"h\(x\).*zero[\s\S]*\[nan\]"),
+        ({"pose": [1.0, 2.0]}, r"pose[\s\S]* 1 finite.*\['link_position'\], got \[1\.0, 2\.0\]"),
+        ({"pose": {"motor_position": 1.0}}, r"pose.*'motor_position'"),
     ],
 )
 def test_bad_problems_are_refused(arguments, word):
@@ -110,7 +112,7 @@ def test_bad_problems_are_refused(arguments, word):
 
 def test_an_origin_that_is_no_rest_is_refused():
     plant = Plant(lambda x, u, d, p: u - 1.0 + d, lambda x, u, p: x, ("x",), ("u",), ("d",))
-    with pytest.raises(InvalidInput, match="not an equilibrium"):
+    with pytest.raises(InvalidInput, match=r"equilibrium[\s\S]*/dt x = -1\n"):
         plant.with_objective([1.0])
 
 
@@ -122,11 +124,11 @@ def test_a_pose_that_nothing_holds_is_a_failure():
         ("u",),
         ("d",),
     )
-    with pytest.raises(NumericalFailure, match="no equilibrium"):
+    with pytest.raises(NumericalFailure, match=r"equilibrium.*pose[\s\S]*/dt v = 1 "):
         plant.with_objective([1.0, 0.0, 0.0], integrate=("x",), pose=[1.0])
 
 
 @pytest.mark.parametrize("x", [np.zeros(4), np.zeros((3, 6)), np.zeros((1, 1, 5))])
 def test_points_that_do_not_fit_are_refused(x):
-    with pytest.raises(InvalidInput, match="do not fit"):
+    with pytest.raises(InvalidInput, match=re.escape(f"shape {x.shape}")):
         arm().fields(x)

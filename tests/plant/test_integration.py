@@ -1,4 +1,5 @@
 import math
+import re
 
 import numpy as np
 import pytest
@@ -84,5 +85,5 @@ def test_sub_steps():
 
 @pytest.mark.parametrize("mode", [np.nan, np.inf, 1e9])
 def test_hopelessly_fast_plants_are_refused(mode):
-    with pytest.raises(InvalidInput, match="too fast"):
+    with pytest.raises(InvalidInput, match=re.escape(f" {mode:g} rad/s")):
         sub_steps(1e-3, mode)

@@ -54,9 +54,9 @@ def test_replaced_changes_one_and_keeps_the_others():
     ("changes", "word"),
     [
         ({"stifness": 1.0}, "'stiffness'"),
-        ({"mass": [1.0, 2.0]}, "wrong shape"),
-        ({"mass": np.nan}, "not a finite number"),
-        ({"mass": "heavy"}, "not a finite number"),
+        ({"mass": [1.0, 2.0]}, r"'mass'.*shape[\s\S]*\(2,\)"),
+        ({"mass": np.nan}, r"'mass'.*finite[\s\S]* nan"),
+        ({"mass": "heavy"}, r"'mass'.*finite[\s\S]*'heavy'"),
     ],
 )
 def test_bad_changes_are_refused(changes, word):
@@ -84,7 +84,7 @@ def test_bad_tables_are_refused(values):
 
 @pytest.mark.parametrize("size", [0, 7, 9])
 def test_a_vector_of_another_length_is_refused(size):
-    with pytest.raises(InvalidInput, match="does not fit"):
+    with pytest.raises(InvalidInput, match=rf"vector[\s\S]*\(8,\).*\({size},\)"):
         table().named(np.zeros(size))
 
 

@@ -76,7 +76,7 @@ def test_with_parameters_changes_numbers_and_traces_nothing():
     assert plant.fastest_mode() == pytest.approx(3.0, rel=1e-14)
     assert len(calls) == before
     assert faster.code_key == plant.code_key
-    with pytest.raises(InvalidInput, match="no parameter"):
+    with pytest.raises(InvalidInput, match=r"parameter 'rat'"):
         plant.with_parameters(rat=1.0)
 
 
@@ -88,7 +88,7 @@ def test_names_and_units():
     assert plant.unit("speed") == ""
     assert pendulum(outputs=()).outputs == ("output_1", "output_2")
     assert pendulum(inputs="drive").inputs == ("drive",)
-    with pytest.raises(InvalidInput, match="no state"):
+    with pytest.raises(InvalidInput, match=r"state 'sped'"):
         plant.index("sped")
 
 
@@ -107,17 +107,17 @@ def test_piecewise_models_run():
 @pytest.mark.parametrize(
     ("changes", "word"),
     [
-        ({"states": ("angle", "angle")}, "distinct name"),
-        ({"states": ("angle", 3)}, "distinct name"),
-        ({"states": ()}, "at least one state"),
-        ({"inputs": ()}, "at least one state"),
-        ({"states": ("a", "b", "c")}, "wrong number of derivatives"),
-        ({"states": ("a",)}, "does not run on symbols"),
-        ({"disturbances": ("one",)}, "does not run on symbols"),
-        ({"outputs": ("one",)}, "names of the outputs disagree"),
+        ({"states": ("angle", "angle")}, r"states.*'angle'[\s\S]*distinct"),
+        ({"states": ("angle", 3)}, r"states[\s\S]*distinct.*\('angle', 3\)"),
+        ({"states": ()}, r" 0 states.* 1 inputs"),
+        ({"inputs": ()}, r" 2 states.* 0 inputs"),
+        ({"states": ("a", "b", "c")}, r"flow[\s\S]* 3,.*\['a', 'b', 'c'\], got 2"),
+        ({"states": ("a",)}, r"flow.*symbols[\s\S]*IndexError"),
+        ({"disturbances": ("one",)}, r"flow.*symbols[\s\S]*IndexError"),
+        ({"outputs": ("one",)}, r"outputs[\s\S]* 1 .*\['one'\], got 2"),
         ({"parameters": {"rat": 1.0}}, "'rat'"),
-        ({"parameters": {"rate": np.nan}}, "not a finite"),
-        ({"parameters": 3.0}, "not named"),
+        ({"parameters": {"rate": np.nan}}, r"'rate'.*finite[\s\S]* nan"),
+        ({"parameters": 3.0}, r"parameters[\s\S]*mapping.* 3\.0"),
     ],
 )
 def test_bad_plants_are_refused(changes, word):
@@ -161,15 +161,15 @@ def test_bad_points_are_refused(arguments):
 
 
 def test_as_many_points_of_each_or_one():
-    with pytest.raises(InvalidInput, match="numbers of points differ"):
+    with pytest.raises(InvalidInput, match=r"points[\s\S]*\[3, 2, 1\]"):
         pendulum().derivative(np.zeros((3, 2)), np.zeros((2, 1)))
-    with pytest.raises(InvalidInput, match="point x"):
+    with pytest.raises(InvalidInput, match=r" x [\s\S]* 2 finite.*\['angle', 'speed'\]"):
         pendulum().linearise(np.zeros((3, 2)))
 
 
 def test_a_point_without_linearisation_is_refused():
     plant = Plant(lambda x, u, d, p: np.sqrt(x) + u, lambda x, u, p: x, ("x",), ("u",))
-    with pytest.raises(InvalidInput, match="no linearisation"):
+    with pytest.raises(InvalidInput, match=r"linearisation[\s\S]* = inf .*\[0\.0\]"):
         plant.fastest_mode()
     assert plant.fastest_mode([4.0]) == pytest.approx(0.25)
 
@@ -194,5 +194,5 @@ def test_names_that_do_not_tell_signals_apart_are_refused(names):
 
 @pytest.mark.parametrize("unit", ["\x01", "a\u2028b", 3, None])
 def test_units_are_text_that_can_be_printed(unit: object) -> None:
-    with pytest.raises(InvalidInput, match="unit of 'angle' cannot be printed"):
+    with pytest.raises(InvalidInput, match=r"unit.*'angle'.*printed"):
         pendulum(units={"angle": unit})

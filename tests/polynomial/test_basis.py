@@ -53,7 +53,7 @@ def test_tables_are_read_only():
 
 
 def test_insertion_refuses_degree_zero():
-    with pytest.raises(ValueError, match="degree k >= 1"):
+    with pytest.raises(ValueError, match="k >= 1, got 0"):
         basis.insertion(3, 0)
 
 

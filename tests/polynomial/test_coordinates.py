@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from flexhinf.polynomial import algebra, basis
-from flexhinf.polynomial import transform as coordinates
+from flexhinf.polynomial import algebra, basis, transform as coordinates
 
 
 @pytest.mark.parametrize("apart", [True, False])

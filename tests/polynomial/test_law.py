@@ -32,7 +32,7 @@ def test_symbols_pass_through():
 
 
 def test_wrong_width_is_refused():
-    with pytest.raises(InvalidInput, match=r"expected shape \(inputs, 6\)"):
+    with pytest.raises(InvalidInput, match=r"\(inputs, 6\), got \(1, 5\)"):
         PolynomialLaw(2, (1, 3), np.ones((1, 5)))
 
 

@@ -6,8 +6,7 @@ import os
 
 import numpy as np
 
-from flexhinf.polynomial import algebra as threads
-from flexhinf.polynomial import basis, transform
+from flexhinf.polynomial import algebra as threads, basis, transform
 
 
 def test_two_threads_compute_the_same(monkeypatch):

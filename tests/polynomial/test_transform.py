@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from flexhinf.polynomial import algebra, basis, transform
-from flexhinf.polynomial import algebra as threads
+from flexhinf.polynomial import algebra, algebra as threads, basis, transform
 
 
 @pytest.mark.parametrize("small", [True, False])

@@ -5,8 +5,7 @@ from collections import defaultdict
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from flexhinf.polynomial import basis, truncated
 from flexhinf.polynomial.truncated import add, compose, degree_slice, multiply, size, space

@@ -60,10 +60,10 @@ def test_a_report_into_which_somebody_put_files_is_left_alone(tmp_path: Path) ->
     target = report.write(tmp_path / "r", FILES)
     (target / "figures" / "my notes.txt").write_text("hours of work")
     for act in (report.check, lambda path: report.write(path, {"index.html": "new"})):
-        with pytest.raises(InvalidInput, match="not of the report") as caught:
+        with pytest.raises(InvalidInput, match=r"files .*report\b") as caught:
             act(target)
         assert "'figures/my notes.txt'" in caught.value.found
-        assert "move them" in caught.value.advice
+        assert "move" in caught.value.advice
     assert names(target) == {*FILES, MARKER, "figures/my notes.txt"}
     (target / "figures" / "my notes.txt").rename(tmp_path / "my notes.txt")
     assert names(report.write(target, {"index.html": "new"})) == {"index.html", MARKER}
@@ -72,18 +72,18 @@ def test_a_report_into_which_somebody_put_files_is_left_alone(tmp_path: Path) ->
 def test_a_report_that_somebody_edited_or_that_holds_a_folder_of_theirs_is_left_alone(tmp_path: Path) -> None:
     target = report.write(tmp_path / "r", FILES)
     (target / "mine").mkdir()
-    with pytest.raises(InvalidInput, match="not of the report"):
+    with pytest.raises(InvalidInput, match="'mine'"):
         report.write(target, FILES)
     (target / "mine").rmdir()
     (target / "index.html").write_text("hours of work")
     for act in (report.check, lambda path: report.write(path, FILES)):
-        with pytest.raises(InvalidInput, match="were changed") as caught:
+        with pytest.raises(InvalidInput, match="changed") as caught:
             act(target)
         assert "'index.html'" in caught.value.found
     assert (target / "index.html").read_text() == "hours of work"
     (target / "index.html").unlink()
     (target / "index.html").symlink_to(tmp_path)
-    with pytest.raises(InvalidInput, match="were changed"):
+    with pytest.raises(InvalidInput, match=r"(?s)changed.*'index.html'"):
         report.check(target)
     (target / "index.html").unlink()
     assert names(report.write(target, FILES)) == {*FILES, MARKER}
@@ -102,11 +102,11 @@ def test_a_pipe_or_a_link_in_place_of_marker_or_lock_is_neither_waited_for_nor_f
     target = tmp_path / "r"
     target.mkdir()
     os.mkfifo(target / MARKER)
-    with pytest.raises(InvalidInput, match="not a report of flexhinf"):
+    with pytest.raises(InvalidInput, match=MARKER):
         report.check(target)
     lock = tmp_path / ".other.flexhinf-lock"
     lock.symlink_to(tmp_path / "victim")
-    with pytest.raises(InvalidInput, match="cannot be written"):
+    with pytest.raises(InvalidInput, match="flexhinf-lock"):
         report.write(tmp_path / "other", FILES)
     assert not (tmp_path / "victim").exists()
 
@@ -130,7 +130,7 @@ def test_a_pipe_or_a_link_with_the_name_of_a_left_over_is_neither_waited_for_nor
 @pytest.mark.parametrize("path", [None, 3, b"r", "", "a\0b"], ids=repr)
 def test_what_is_no_path_is_refused(path: Any) -> None:
     for act in (report.check, lambda place: report.write(place, FILES)):
-        with pytest.raises(InvalidInput, match=r"no usable path|cannot be written"):
+        with pytest.raises(InvalidInput, match=r"pathlib\.Path|folder cannot"):
             act(path)
 
 
@@ -148,7 +148,7 @@ def test_a_file_put_into_a_report_while_it_is_replaced_is_kept(
 
     monkeypatch.setattr(os, "rename", lambda *names: put_before(rename, *names))
     monkeypatch.setattr(report_folder, "exchange", lambda *names: put_before(exchange, *names))
-    with pytest.raises(InvalidInput, match="not of the report"):
+    with pytest.raises(InvalidInput, match=r"'late.txt'"):
         report.write(target, {"index.html": "new"})
     (tmp_path / "put").unlink()
     assert names(target) == {*FILES, MARKER, "late.txt"}
@@ -172,14 +172,14 @@ def test_a_folder_that_is_no_report_is_left_alone(tmp_path: Path, content: str) 
     (tmp_path / "thesis.tex").write_text("years of work")
     (tmp_path / MARKER).write_text(content)
     for act in (report.check, lambda path: report.write(path, FILES)):
-        with pytest.raises(InvalidInput, match="not a report of flexhinf"):
+        with pytest.raises(InvalidInput, match=MARKER):
             act(tmp_path)
     assert names(tmp_path) == {"thesis.tex", MARKER}
 
 
 def test_a_file_is_left_alone(tmp_path: Path) -> None:
     (tmp_path / "r").write_text("mine")
-    with pytest.raises(InvalidInput, match="there is a file"):
+    with pytest.raises(InvalidInput, match=r"(?s)file.*/r"):
         report.check(tmp_path / "r")
     with pytest.raises(InvalidInput, match="file"):
         report.check(tmp_path / "r" / "below")
@@ -210,7 +210,7 @@ def test_the_working_folder_and_those_above_it_are_not_replaced(
     target = report.write(tmp_path / "r", {**FILES, "sub/file": ""})
     for here in (target, target / "sub"):
         monkeypatch.chdir(here)
-        with pytest.raises(InvalidInput, match="the folder you are in"):
+        with pytest.raises(InvalidInput, match=r"(?s)you are in.*/r"):
             report.check(target)
 
 
@@ -223,7 +223,7 @@ def test_checking_changes_nothing(tmp_path: Path) -> None:
     "name", ["", "/etc/x", "../x", "a/../../x", "a\\b", "a\0b", "a\ud800", "a\nb", MARKER]
 )
 def test_a_file_that_would_leave_the_folder_is_refused(tmp_path: Path, name: str) -> None:
-    with pytest.raises(InvalidInput, match="stays inside its folder"):
+    with pytest.raises(InvalidInput, match="relative path"):
         report.write(tmp_path / "r", {name: "x"})
     assert list(tmp_path.iterdir()) == []
 

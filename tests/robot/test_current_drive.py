@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 
@@ -108,7 +110,7 @@ def test_what_does_not_say_what_the_input_is_is_refused():
         {"torque_constant": 1.0, "back_emf_constant": 1.0},
         {"back_emf_constant": 1.0},
     ):
-        with pytest.raises(InvalidInput, match="torque_constant alone"):
+        with pytest.raises(InvalidInput, match=re.escape(f"{list(stated)}")):
             ElasticJoint(100.0, 0.1, **stated)
-    with pytest.raises(InvalidInput, match="no use for an inductance"):
+    with pytest.raises(InvalidInput, match=r"inductance[\s\S]* 0\.001 H"):
         ElasticJoint(100.0, 0.1, torque_constant=1.0, inductance=1e-3)

@@ -77,11 +77,11 @@ def test_smooth_extras_may_be_designed_with_and_backlash_is_refused_by_name():
 def test_unknown_switches_and_missing_numbers():
     with pytest.raises(InvalidInput, match="stiction"):
         ARM.plant(extras=("stiction",))
-    with pytest.raises(InvalidInput, match="does not state 'backlash'"):
+    with pytest.raises(InvalidInput, match=r"'paper'.*'backlash'"):
         fh.paper_arm().plant(extras="backlash")
-    with pytest.raises(InvalidInput, match="not be negative"):
+    with pytest.raises(InvalidInput, match=r"'backlash'.*negative[\s\S]* -1 rad"):
         ARM.with_values({"backlash": -1.0})
-    with pytest.raises(InvalidInput, match="no use for a parameter 'backlsh'"):
+    with pytest.raises(InvalidInput, match="'backlsh'"):
         ARM.with_parameters(Parameter("backlsh", 1.0))
 
 

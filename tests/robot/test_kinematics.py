@@ -55,11 +55,11 @@ def test_a_stretched_arm_is_near_singular() -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (((5.0, 0.0, 0.0),), "out of the robot's reach"),
-        (((0.3, 0.0, 0.2),), "m away"),
-        (((0.3, 0.0),), "no point"),
-        (((0.3, 0.0, np.nan),), "no point"),
-        (((0.3, 0.0, 0.0), "hand"), "no such link"),
+        (((5.0, 0.0, 0.0),), ", 4.5 m"),
+        (((0.3, 0.0, 0.2),), ", 0.283 m"),
+        (((0.3, 0.0),), "(0.3, 0.0)"),
+        (((0.3, 0.0, np.nan),), "(0.3, 0.0, nan)"),
+        (((0.3, 0.0, 0.0), "hand"), "'hand'"),
     ],
 )
 def test_what_cannot_be_reached_is_refused(arguments: Any, message: str) -> None:

@@ -139,38 +139,38 @@ def test_motors_limits_and_gravity_are_those_of_the_file(write):
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
-        ("<option", "<include file='x.xml'/><option", "<include> is not read"),
-        ('type="slide" axis="1 0 0"', 'type="ball"', "of type 'ball'"),
-        ('type="slide" axis="1 0 0"', 'type="slide" axis="1 x 0"', "bad format in attribute 'axis'"),
-        ('name="elbow"', 'name="elbow" stiffness="3"', "has stiffness"),
-        ('name="elbow"', 'name="elbow" axs="0 0 1"', "unrecognized attribute: 'axs'"),
-        ('name="elbow"', "", "no usable name"),
+        ("<option", "<include file='x.xml'/><option", "<include>"),
+        ('type="slide" axis="1 0 0"', 'type="ball"', "'finger'.*'ball'"),
+        ('type="slide" axis="1 0 0"', 'type="slide" axis="1 x 0"', "attribute 'axis'"),
+        ('name="elbow"', 'name="elbow" stiffness="3"', r"'elbow'.*stiffness[\s\S]*\[3\."),
+        ('name="elbow"', 'name="elbow" axs="0 0 1"', "attribute: 'axs'"),
+        ('name="elbow"', "", r"joint[\s\S]*printable.*''"),
         ('name="elbow"', 'name="shoulder"', "repeated name 'shoulder'"),
-        ('class="slow"', 'class="slw"', "unknown default class name 'slow'"),
-        ('name="left"', 'name="left" gravcomp="1"', "has gravcomp"),
+        ('class="slow"', 'class="slw"', "name 'slow'"),
+        ('name="left"', 'name="left" gravcomp="1"', "'left'.*gravcomp"),
         ("<actuator>", "<equality><joint joint1='finger' joint2='other'/></equality><actuator>", "couples"),
         ("<actuator>", "<tendon><fixed stiffness='3'><joint joint='elbow' coef='1'/></fixed></tendon><actuator>",
-         "a tendon has stiffness"),
-        ('diaginertia="0.02 0.004 0.021"', "", "is incomplete"),
-        ('mass="0.4"', 'mass="-0.4"', "mass of <inertial> cannot be read"),
-        ('armature="0.02"', 'armature="1e31"', "armature of <joint> cannot be read"),
-        ('diaginertia="0.02 0.004 0.021"', 'diaginertia="0.02 0.004 0.9"', "must satisfy"),
-        ('pos="0 0 0.4" axisangle="1 0 1 70"', 'pos="0 0 x"', "bad format in attribute 'pos'"),
-        ('axisangle="1 0 1 70"', 'axisangle="1 0 1 70" euler="0 0 0"', "multiple orientation"),
+         "tendon.*stiffness"),
+        ('diaginertia="0.02 0.004 0.021"', "", r"'fore'.*incomplete"),
+        ('mass="0.4"', 'mass="-0.4"', r"mass.*<inertial>[\s\S]*'-0\.4'"),
+        ('armature="0.02"', 'armature="1e31"', r"armature.*<joint>[\s\S]*'1e31'"),
+        ('diaginertia="0.02 0.004 0.021"', 'diaginertia="0.02 0.004 0.9"', r"inertia.*A \+ B >= C"),
+        ('pos="0 0 0.4" axisangle="1 0 1 70"', 'pos="0 0 x"', "attribute 'pos'"),
+        ('axisangle="1 0 1 70"', 'axisangle="1 0 1 70" euler="0 0 0"', "orientation"),
         ('eulerseq="XYz"', 'eulerseq="XYz" settotalmass="3"', "settotalmass"),
         ('gravity="0.5 0 -9.7"', 'density="1000"', "medium"),
         ('<inertial pos="0 0.1 0" mass="1.5" diaginertia="0.02 0.004 0.021"/>', '<geom type="mesh" mesh="m"/>',
-         "would have to come from its shape"),
+         r"mass.*'fore'[\s\S]*'mesh'"),
         ('<joint name="elbow" class="slow" range="-90 45"/>',
-         '<joint name="elbow"/><joint name="twist" axis="1 0 0"/>', "has 2 joints"),
-        ('class="drawn"', 'class="slow"', "repeated default class"),
+         '<joint name="elbow"/><joint name="twist" axis="1 0 0"/>', "'fore'.* 2 joints"),
+        ('class="drawn"', 'class="slow"', "Element 'default'"),
         ('name="fore"', 'name="upper"', "repeated name 'upper'"),
-        ('name="fore"', 'name="&#x202e;"', "A body .* has no usable name"),
-        ("<worldbody>", '<worldbody><joint name="base"/>', "World body cannot have joints"),
-        ('range="-90 45"', 'range="45 -90"', "range of the joint 'elbow' is none"),
-        ('range="-90 45"', 'range="-90 45" limited="perhaps"', "invalid keyword: 'perhaps'"),
-        ('axis="0.1 1 0"', 'axis="0.1 1 0" actuatorfrcrange="3 1"', "actfrcrange of the joint 'shoulder' is none"),
-        ('forcerange="-12 12"', 'forcerange="12 -12"', "forcerange of the actuator of 'elbow' is none"),
+        ('name="fore"', 'name="&#x202e;"', r"body[\s\S]*printable.*'\\u202e'"),
+        ("<worldbody>", '<worldbody><joint name="base"/>', "World body"),
+        ('range="-90 45"', 'range="45 -90"', r" range.*'elbow'[\s\S]* 45 to -90"),
+        ('range="-90 45"', 'range="-90 45" limited="perhaps"', "keyword: 'perhaps'"),
+        ('axis="0.1 1 0"', 'axis="0.1 1 0" actuatorfrcrange="3 1"', r"actfrcrange.*'shoulder'[\s\S]* 3 to 1"),
+        ('forcerange="-12 12"', 'forcerange="12 -12"', r"forcerange.*'elbow'[\s\S]* 12 to -12"),
     ],
 )  # fmt: skip
 def test_what_is_not_read_and_would_change_the_dynamics_is_refused(write, old, new, words):
@@ -188,19 +188,19 @@ def test_a_limit_that_is_switched_off_is_none(write):
 def test_wrong_names_and_missing_elastic_data_are_refused(write):
     path = write(ARM)
     for joints, locked, words in (
-        (["elbow"], {"elbow": 0.1}, "both chosen and locked"),
-        (["elbw"], {}, r"no joint 'elbw' that could move(.|\n)*try:   'elbow'"),
-        (None, {"elbow": 2.0}, r"'elbow' is locked outside its limits(.|\n)*-1.5708 to 0.785398, got 2"),
+        (["elbow"], {"elbow": 0.1}, "'elbow'.*chosen.*locked"),
+        (["elbw"], {}, r"arm\.xml.*'elbw'(.|\n)*try:   'elbow'"),
+        (None, {"elbow": 2.0}, r"'elbow'.*limits(.|\n)*-1\.5708 to 0\.785398, got 2"),
     ):
         with pytest.raises(InvalidInput, match=words):
             read_mjcf(read_xml(write(ARM)), "arm.xml", joints, locked)
-    with pytest.raises(InvalidInput, match="no joint 'elbw' that could move"):
+    with pytest.raises(InvalidInput, match=r"arm\.xml.*'elbw'"):
         read_mjcf(read_xml(path), path.name, ["elbw"])
-    with pytest.raises(InvalidInput, match="says nothing about elastic joints"):
+    with pytest.raises(InvalidInput, match=r"arm\.xml(.|\n)*elastic="):
         load_robot(path)
-    with pytest.raises(InvalidInput, match="read as MJCF"):
+    with pytest.raises(InvalidInput, match=r"URDF(.|\n)*<sdf>(.|\n)*MJCF"):
         load_robot(write("<sdf/>"), elastic=write(JOINTS, "joints.toml"))
-    with pytest.raises(InvalidInput, match="no robot file"):
+    with pytest.raises(InvalidInput, match=r"none\.toml'(.|\n)*catalogue"):
         load_robot(path, elastic=path.with_name("none.toml"))
 
 
@@ -218,6 +218,6 @@ def test_no_other_file_is_opened_and_none_is_written(write, monkeypatch, tmp_pat
     )
     assert len(rigid(write(ARM.replace("<worldbody>", asset))).joints) == 4
     for word in ("nan", "-inf"):
-        with pytest.raises(InvalidInput, match="axis of <joint> cannot be read"):
+        with pytest.raises(InvalidInput, match=f"axis.*<joint>(.|\\n)*'{word} 0 0'"):
             rigid(write(ARM.replace('axis="1 0 0"', f'axis="{word} 0 0"')))
     assert [path.name for path in tmp_path.iterdir()] == ["arm.xml"]

@@ -131,8 +131,8 @@ def test_perturbed_parameters_reach_mujoco():
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        ({"extras": ("inductance",)}, "does not express 'inductance': its motors have no coil"),
-        ({"step": 0.0}, "not positive"),
+        ({"extras": ("inductance",)}, "MuJoCo.*'inductance'.*coil"),
+        ({"step": 0.0}, r"step[\s\S]* 0\.0"),
         ({"measured": ("speed",)}, "speed"),
     ],
 )
@@ -146,10 +146,10 @@ def test_a_design_with_what_mujoco_cannot_do_is_refused_before_any_work():
         raise AssertionError(text)
 
     for extras in (("inductance",), ("coulomb_friction", "stribeck_friction")):
-        with pytest.raises(InvalidInput, match=f"does not express '{extras[-1]}'"):
+        with pytest.raises(InvalidInput, match=f"MuJoCo.*'{extras[-1]}':"):
             fh.design(load_robot("seven-link"), fh.Specification(mujoco=True, extras=extras), work)
 
 
 def test_a_state_that_does_not_fit_is_refused():
-    with pytest.raises(InvalidInput, match="8 finite numbers"):
+    with pytest.raises(InvalidInput, match=r" 8 finite[\s\S]*array\(\[0\., 0\., 0\., 0\.\]\)"):
         MuJoCoPlant(load_robot("planar-two-link")).reset(np.zeros(4))

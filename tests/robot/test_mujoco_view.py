@@ -64,7 +64,7 @@ def test_links_and_motors_are_drawn(windows: list[Window]) -> None:
         middles = [line.mean(axis=0) for line in lines]
         np.testing.assert_allclose([geom.pos for geom in scene.geoms[:2]], middles, atol=1e-6)
         assert not np.allclose(scene.geoms[3].pos, middles[1], atol=1e-3)
-        assert "10 times larger" in window.texts[3]
+        assert " 10 times" in window.texts[3]
         assert window.data is not plant.data
         window.open = False
         for _ in range(100):
@@ -80,7 +80,7 @@ def test_no_display_and_no_window(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("sys.platform", "linux")
     monkeypatch.delenv("DISPLAY", raising=False)
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
-    with pytest.raises(InvalidInput, match="no display"):
+    with pytest.raises(InvalidInput, match="DISPLAY"):
         check_display()
 
     def refuse(*arguments: Any, **options: Any) -> None:
@@ -89,5 +89,8 @@ def test_no_display_and_no_window(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("DISPLAY", ":0")
     monkeypatch.setattr(viewer, "launch_passive", refuse)
     robot = load_robot("planar-two-link")
-    with pytest.raises(InvalidInput, match="cannot be opened"), MuJoCoView(robot, MuJoCoPlant(robot)):
+    with (
+        pytest.raises(InvalidInput, match=r"viewer(.|\n)*RuntimeError: no OpenGL"),
+        MuJoCoView(robot, MuJoCoPlant(robot)),
+    ):
         pass

@@ -77,7 +77,7 @@ def test_the_mass_is_one_uncertain_number_of_draws_and_corners(write):
     assert 1.0 < min(drawn) < 1.1
     assert 3.9 < max(drawn) < 4.0
     assert robot.with_values({"payload_mass_turn": 2.0}).plant_parameters()["mass"][1] == 3.0
-    with pytest.raises(InvalidInput, match="does not hold its value"):
+    with pytest.raises(InvalidInput, match=r"range.*'payload_mass_turn'[\s\S]*<= 5 <="):
         robot.with_values({"payload_mass_turn": 5.0})
 
 
@@ -135,7 +135,7 @@ def test_a_single_link_carries_at_twice_its_centre_of_mass_if_nothing_else_is_sa
     assert whole["mass"] == 1.5
     assert whole["mass"] * whole["length"] == pytest.approx(1.0 + 0.5 * 2.0)
     assert whole["link_inertia"] == pytest.approx(1.0 + 0.5 * 4.0)
-    with pytest.raises(InvalidInput, match="beside a link"):
+    with pytest.raises(InvalidInput, match=r"axis_inertia[\s\S]*\[0\.5, 0\.0\]"):
         load_robot("paper", payload="1@joint:1,0.5,0")
 
 
@@ -175,7 +175,7 @@ def test_a_number_keeps_its_own_tolerance_and_an_unused_one_is_refused(write):
     )
     robot = load_robot(write(stated))
     assert {p.name for p in robot.uncertain} == {"stiffness_slide", "mass_slide", "mass_turn"}
-    with pytest.raises(InvalidInput, match=r"\[tolerances\] has 'coulomb_friction', which no joint states"):
+    with pytest.raises(InvalidInput, match=r"\[tolerances\].*'coulomb_friction'.*joint"):
         load_robot(write("[tolerances]\ncoulomb_friction = 5\n" + ARM))
     with pytest.raises(InvalidInput, match=r"of 'turn' has 'backlash'"):
         load_robot(write(ARM + "[joint.tolerances]\nbacklash = 5\n"))
@@ -184,23 +184,23 @@ def test_a_number_keeps_its_own_tolerance_and_an_unused_one_is_refused(write):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("three", "cannot be read"),
-        ("3lb", "cannot be read"),
-        ("0..1..2..3", "cannot be read"),
-        ("1@turn:1,2", "cannot be read"),
-        ("nan", "cannot be read"),
-        ("1_0", "cannot be read"),
-        ("1@", "cannot be read"),
-        pytest.param(f"1@{' ' * 20_000}:", "cannot be read", id="spaces"),
-        ("1e-320", "mass of a payload"),
-        ("0", "mass of a payload"),
-        ("-1..2", "mass of a payload"),
-        ("3..0", "does not hold its value"),
-        ("1@elbow", "carries nothing"),
-        (1.0, "payload is none"),
-        (b"1kg", "payload is none"),
-        ({"mass": 1.0}, "payload is none"),
-        ([None], "payload is none"),
+        ("three", "LOWER"),
+        ("3lb", "LOWER"),
+        ("0..1..2..3", "LOWER"),
+        ("1@turn:1,2", "LOWER"),
+        ("nan", "LOWER"),
+        ("1_0", "LOWER"),
+        ("1@", "LOWER"),
+        pytest.param(f"1@{' ' * 20_000}:", "LOWER", id="spaces"),
+        ("1e-320", r"mass[\s\S]* 9.99989e-321"),
+        ("0", r"mass[\s\S]* 0 to 0 kg"),
+        ("-1..2", r"mass[\s\S]* -1 to 2 kg"),
+        ("3..0", r"'mass'[\s\S]*<= 3 <="),
+        ("1@elbow", r"'elbow'[\s\S]*'slide', 'turn'"),
+        (1.0, r"Payload[\s\S]* 1\.0"),
+        (b"1kg", r"Payload[\s\S]* b'1kg'"),
+        ({"mass": 1.0}, r"Payload[\s\S]* {'mass': 1\.0}"),
+        ([None], r"Payload[\s\S]* \[None\]"),
     ],
 )
 def test_what_is_no_payload_is_refused(write, text, message):
@@ -209,9 +209,9 @@ def test_what_is_no_payload_is_refused(write, text, message):
 
 
 def test_a_range_holds_its_value_and_replaces_a_tolerance():
-    with pytest.raises(InvalidInput, match="does not hold"):
+    with pytest.raises(InvalidInput, match=r"range.*'mass'[\s\S]*<= 4 <="):
         Parameter("mass", 4.0, range=(0.0, 3.0))
-    with pytest.raises(InvalidInput, match="a tolerance and a range"):
+    with pytest.raises(InvalidInput, match=r"'mass'.*tolerance.*range"):
         Parameter("mass", 1.0, 5.0, range=(0.0, 3.0))
     one = Parameter("mass", 1.0, range=(0.0, 3.0))
     assert [one.at(sign) for sign in (-1.0, -0.5, 0.0, 0.5, 1.0)] == [0.0, 0.5, 1.0, 2.0, 3.0]
@@ -221,9 +221,9 @@ def test_shapes_are_uniform_bodies():
     assert inertia_of_shape("sphere", [0.1]) == pytest.approx((0.004, 0, 0, 0.004, 0, 0.004))
     thin = inertia_of_shape("cylinder", [1e-9, 0.6])
     assert thin == pytest.approx((0.03, 0, 0, 0.03, 0, 0))
-    with pytest.raises(InvalidInput, match="no size"):
+    with pytest.raises(InvalidInput, match=r"box[\s\S]*\[0\.1, 0\.0, 0\.1\]"):
         inertia_of_shape("box", [0.1, 0.0, 0.1])
-    with pytest.raises(InvalidInput, match="no rigid body"):
+    with pytest.raises(InvalidInput, match=r"inertia[\s\S]*\[0\.1, 0\.1, 1\.0\]"):
         Payload(Parameter("mass", 1.0), inertia_per_mass=(1.0, 0, 0, 0.1, 0, 0.1))
     assert payload_from_text(" 2 kg @ hand ").at == "hand"
     check_parameters("r", [Parameter("payload_mass_a", 1.0)], {"a": False, "b": False})

@@ -74,7 +74,7 @@ def test_what_is_no_signal_is_refused_by_name(name: str) -> None:
     robot = fh.load_robot("planar-two-link")
     with pytest.raises(InvalidInput, match=name):
         robot.problem({"joint_torque_rate": 1.0, name: 1.0})
-    with pytest.raises(InvalidInput, match="do not fit its signals"):
+    with pytest.raises(InvalidInput, match=r"'joint_torque_rate'[\s\S]*\[1\.0, 2\.0, 3\.0\]"):
         robot.problem({"joint_torque_rate": [1.0, 2.0, 3.0]})
 
 

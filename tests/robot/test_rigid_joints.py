@@ -53,7 +53,7 @@ def test_states_and_signals_of_a_rigid_joint(case):
     y = np.asarray(plant.traced_output(x, u, plant.parameters.vector()), dtype=float).ravel()
     assert [y[i] for i in rigid] == [x[i] for i in rigid]
     assert np.abs(plant.derivative(x, u)).max() < 1e-9
-    with pytest.raises(InvalidInput, match="Nothing measures"):
+    with pytest.raises(InvalidInput, match=f"measure.*'joint_torque_{names[rigid[0]]}'"):
         robot.plant(measured=(f"joint_torque_{names[rigid[0]]}",))
     again = pickle.loads(pickle.dumps(robot))
     assert again.plant().states == robot.plant().states
@@ -134,7 +134,7 @@ def test_feedforward_is_the_inverse_of_the_flow(case):
     rates = plant.derivative(x, u)
     np.testing.assert_allclose(rates[:n], motion[1], rtol=1e-12)
     np.testing.assert_allclose(rates[n : 2 * n], motion[2], rtol=1e-8, atol=1e-8)
-    with pytest.raises(InvalidInput, match="rigid joints"):
+    with pytest.raises(InvalidInput, match=r"flat[\s\S]*rigid \["):
         robot.flat_coordinates(x, None)
 
 
@@ -142,15 +142,15 @@ def test_checks_before_a_design_count_springs_only():
     robot = mixed("planar-two-link", "shoulder")
     check_fast(robot, 1e-3)
     check_delay(robot, 5e-3)
-    with pytest.raises(InvalidInput, match="out of proportion"):
+    with pytest.raises(InvalidInput, match=r"delay[\s\S]* 5 s"):
         check_delay(robot, 5.0)
 
 
 def test_what_a_rigid_joint_cannot_have_is_refused():
     two = load_robot("planar-two-link")
-    with pytest.raises(InvalidInput, match=r"expected some of .*shoulder"):
+    with pytest.raises(InvalidInput, match=r"elastic[\s\S]*got \['shoulder', 'elbow'\]"):
         mixed("planar-two-link", *two.joint_names)
-    with pytest.raises(InvalidInput, match=r"expected some of .*got \['wrist'\]"):
+    with pytest.raises(InvalidInput, match=r"elastic[\s\S]*got \['wrist'\]"):
         mixed("planar-two-link", "wrist")
     robot = mixed("planar-two-link", "shoulder")
     with pytest.raises(InvalidInput, match="motor_velocity_shoulder"):

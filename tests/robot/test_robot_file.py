@@ -126,7 +126,7 @@ def replaced(old, new):
         (replaced("gear_ratio = 100\n", ""), ["'turn'", "gear_ratio"]),
         (
             replaced("stiffness = 100.0", "stiffness = { value = 100.0, range = [-5.0, 120.0] }"),
-            ["stiffness_turn", "positive", "-5 N·m/rad at one end of its range"],
+            ["stiffness_turn", "positive", " -5 N·m/rad ", "range"],
         ),
         (
             replaced("stiffness = 100.0", "stiffness = { value = 100.0, range = [0.0, 120.0] }"),
@@ -134,24 +134,27 @@ def replaced(old, new):
         ),
         (
             replaced("stiffness = 100.0", "stiffness = { value = 100.0, range = [1e-31, 1e3] }"),
-            ["all proportion"],
+            ["'stiffness_turn'", "proportion", "1e-31"],
         ),
         (
             replaced("mass = 2.0", "mass = { value = 2.0, range = [-1.0, 3.0] }"),
-            ["mass_slide", "not be negative"],
+            ["mass_slide", "negative", " -1 kg"],
         ),
         (replaced("effort_limit = 120", "effort_limit = 1e-40"), ["effort", "1e-40"]),
-        (replaced("stiffness = 100.0", 'stiffness = "soft"'), ["stiffness", "valid number", "'soft'"]),
-        (replaced("tolerance = 5", "tolerance = 100"), ["tolerance", "less than 100"]),
+        (replaced("stiffness = 100.0", 'stiffness = "soft"'), ["stiffness", "N·m/rad", "'soft'"]),
+        (replaced("tolerance = 5", "tolerance = 100"), ["tolerance", " 100"]),
         (replaced("xx = 0.01, yy", "xx = -0.01, yy"), ["'slide'", "inertia", "positive"]),
         (replaced("xx = 0.01, yy", "xx = 0.0, yy"), ["'slide'", "inertia", "positive"]),
-        (replaced("xx = 0.01, yy", "xx = 0.05, yy"), ["'slide'", "triangle inequality"]),
+        (replaced("xx = 0.01, yy", "xx = 0.05, yy"), ["'slide'", "triangle", "[0.02, 0.02, 0.05]"]),
         (replaced("mass = 2.0", "mass = 0.0"), ["'slide'", "mass", "> 0"]),
         (replaced("mass = 2.0\n", ""), ["'slide'", "mass"]),
         (replaced("home = [0.1, 0.2]", "home = [0.6, 0.2]"), ["limits", "'slide'", "0.6"]),
-        (replaced('name = "turn"', 'name = "slide"'), ["distinct names"]),
+        (replaced('name = "turn"', 'name = "slide"'), ["'slide'", "distinct"]),
         (replaced('kind = "prismatic"', 'kind = "fixed"'), ["kind", "'revolute'", "'fixed'"]),
-        (replaced("friction = 0.3", "friction = 0.3\nresistance = 1.0"), ["'turn'", "in part"]),
+        (
+            replaced("friction = 0.3", "friction = 0.3\nresistance = 1.0"),
+            ["'turn'", "got ['resistance']"],
+        ),
         (replaced("[joint.link]", "[joint.lnk]"), ["'lnk'", "'link'"]),
         ("name = [", ["TOML"]),
         ('name = "empty"', ["'joint'", "[[joint]]"]),
@@ -167,9 +170,9 @@ def test_a_mistake_is_told_with_its_place_and_what_is_allowed(write, text, words
 
 def test_motors_of_two_kinds_are_refused(write):
     motor = "friction = 0.3\nresistance = 1.0\ntorque_constant = 1.0\nback_emf_constant = 1.0"
-    with pytest.raises(InvalidInput, match="by torques and by voltages"):
+    with pytest.raises(InvalidInput, match="'slide': 'torque', 'turn': 'voltage'"):
         load_robot(write(replaced("friction = 0.3", motor)))
-    with pytest.raises(InvalidInput, match="by currents and by torques"):
+    with pytest.raises(InvalidInput, match="'slide': 'torque', 'turn': 'current'"):
         load_robot(write(replaced("friction = 0.3", "friction = 0.3\ntorque_constant = 1.0")))
 
 
@@ -180,11 +183,11 @@ def test_a_tolerance_that_looks_like_a_fraction_is_warned_of(write):
 
 
 def test_other_files(write, tmp_path):
-    with pytest.raises(InvalidInput, match="no robot file"):
+    with pytest.raises(InvalidInput, match=r"nothing\.toml'[\s\S]*catalogue"):
         load_robot(tmp_path / "nothing.toml")
-    with pytest.raises(InvalidInput, match="beside a URDF"):
+    with pytest.raises(InvalidInput, match=r"elastic=.*URDF.*'arm\.toml'"):
         load_robot(write(GOOD), elastic=write(GOOD, "joints.toml"))
-    with pytest.raises(InvalidInput, match="URDF only"):
+    with pytest.raises(InvalidInput, match=r"joints.*locked.*URDF"):
         load_robot(write(GOOD), joints=["turn"])
 
 
@@ -195,7 +198,7 @@ def test_a_single_link_by_its_inertia_about_the_axis(write):
     plant = robot.plant()
     assert plant.states == ("link_position", "link_velocity", "motor_position", "motor_velocity")
     np.testing.assert_allclose(plant.derivative([0.1, 0, 0, 0], [0.2]), [0, -2.0, 0, (0.2 + 1.0) / 0.1])
-    with pytest.raises(InvalidInput, match="single link"):
+    with pytest.raises(InvalidInput, match=r"axis_inertia[\s\S]* 3 joints"):
         load_robot(write(GOOD + text + "[joint.motor]\nmotor_inertia = 0.1\n"))
 
 
@@ -203,19 +206,31 @@ def test_a_single_link_by_its_inertia_about_the_axis(write):
 @pytest.mark.parametrize(
     ("replaced", "by", "match"),
     [
-        ('"turn"', r'"tu\nrn"', "no usable name"),
-        ('"turn"', r'"tu\u001b[31mrn"', "no usable name"),
-        ('"turn"', r'"tu\u202ern"', "no usable name"),
-        ('"turn"', '"' + "t" * 101 + '"', "no usable name"),
-        ('"turn"', '"integral"', "another meaning"),
-        ('name = "two"', r'name = "two\u0007"', "no usable name"),
-        ('name = "two"', r'description = "two\u0007"', "cannot be printed"),
-        ('source = "CAD"', r'source = "C\u0000AD"', "cannot be printed"),
-        ("mass = 2.0", "mass = 1e31", "out of all proportion"),
-        ("stiffness = { value = 1000.0", "stiffness = { value = 1e-31", "out of all proportion"),
+        ('"turn"', r'"tu\nrn"', r"joint[\s\S]*printable.*'tu\\nrn'"),
+        ('"turn"', r'"tu\u001b[31mrn"', r"joint[\s\S]*printable.*'tu\\x1b\[31mrn'"),
+        ('"turn"', r'"tu\u202ern"', r"joint[\s\S]*printable.*'tu\\u202ern'"),
+        ('"turn"', '"' + "t" * 101 + '"', r"joint[\s\S]*printable.*\(101 characters\)"),
+        ('"turn"', '"integral"', r"'integral'[\s\S]*'world'"),
+        ('name = "two"', r'name = "two\u0007"', r"robot[\s\S]*printable.*'two\\x07'"),
+        ('name = "two"', r'description = "two\u0007"', r"description.*printed[\s\S]*'two\\x07'"),
+        ('source = "CAD"', r'source = "C\u0000AD"', r"source.*'inertia'.*printed[\s\S]*'C\\x00AD'"),
+        ("mass = 2.0", "mass = 1e31", r"'mass'.*proportion[\s\S]* 1e\+31"),
+        (
+            "stiffness = { value = 1000.0",
+            "stiffness = { value = 1e-31",
+            r"'stiffness_slide'.*proportion[\s\S]* 1e-31",
+        ),
         ("axis = [1, 0, 0]", "axis = [0, 1e200, 1e200]", "axis"),
-        ("home = [0.1, 0.2]", "home = [" + "0.1," * 200_000 + "]", "pose does not fit"),
-        ("effort = 0.5", "effort = 0.5\n[[joint]]" * 1 + "\n[[joint]]" * 70_000, "too many joints"),
+        (
+            "home = [0.1, 0.2]",
+            "home = [" + "0.1," * 200_000 + "]",
+            r"pose[\s\S]* 2 finite.*\['slide', 'turn'\]",
+        ),
+        (
+            "effort = 0.5",
+            "effort = 0.5\n[[joint]]" * 1 + "\n[[joint]]" * 70_000,
+            r"joints[\s\S]* 100, got 70003",
+        ),
     ],
 )
 def test_what_no_robot_has_is_refused_with_little_work(tmp_path, replaced, by, match, bounded_work):
@@ -237,5 +252,5 @@ def test_two_numbers_of_one_name_are_refused(tmp_path):
 
 def test_a_name_that_no_file_can_have_is_refused():
     for name in ("a" * 5000, "a\0b.toml"):
-        with pytest.raises(InvalidInput, match="no robot file"):
+        with pytest.raises(InvalidInput, match="catalogue"):
             load_robot(name)

@@ -107,16 +107,16 @@ def test_joints_are_chosen_or_locked_by_name(urdf, elastic):
         (None, {"locked": {"grip": 0.0}}, ["'follow'", "mimic"]),
         (None, {"joints": ["shoulder", "wrist"]}, ["'wrist'", "'elbow'"]),
         (None, {"joints": ["sholder"]}, ["'sholder'", "try:   'shoulder'"]),
-        (None, {"joints": ["grip"], "locked": {"grip": 0.0}}, ["both chosen and locked"]),
-        (None, {"locked": {"lift": 99.0}}, ["'lift'", "outside its limits"]),
+        (None, {"joints": ["grip"], "locked": {"grip": 0.0}}, ["'grip'", "chosen", "locked"]),
+        (None, {"locked": {"lift": 99.0}}, ["'lift'", "limits", "0 to 0.3, got 99"]),
         (("<?xml", "not <<xml"), {}, ["no XML"]),
         (("<robot name", "<model name"), {}, ["no XML"]),
         (('type="revolute"', 'type="floating"'), {}, ["'shoulder'", "'floating'"]),
         (('<axis xyz="0 1 0"/>', '<axis xyz="0 1"/>'), {}, ["'shoulder'", "3 numbers"]),
         (('<mass value="2.5"/>', '<mass value="heavy"/>'), {}, ["'upper'", "'heavy'"]),
-        (('ixx="0.03"', 'ixx="0.3"'), {"joints": ["shoulder"]}, ["'upper'", "triangle inequality"]),
+        (('ixx="0.03"', 'ixx="0.3"'), {"joints": ["shoulder"]}, ["'upper'", "triangle"]),
         (('<child link="fore"/>', '<child link="for"/>'), {}, ["'elbow'", "'for'"]),
-        (('<parent link="world"/>', '<parent link="ram"/>'), {}, ["no tree"]),
+        (('<parent link="world"/>', '<parent link="ram"/>'), {}, ["tree", "['world']", "'ram'"]),
     ],
 )
 def test_what_cannot_be_used_is_refused_by_name(urdf, change, options, words):
@@ -131,11 +131,11 @@ def test_what_cannot_be_used_is_refused_by_name(urdf, change, options, words):
 
 
 def test_a_urdf_without_inertials_or_without_elastic_data(urdf, elastic):
-    with pytest.raises(InvalidInput, match="says nothing about elastic joints"):
+    with pytest.raises(InvalidInput, match=r"arm\.urdf[\s\S]*elastic="):
         load_robot(urdf)
-    with pytest.raises(InvalidInput, match=r"'elbow' of arm\.urdf has no stiffness"):
+    with pytest.raises(InvalidInput, match=r"'elbow'.*arm\.urdf.*stiffness"):
         load_robot(urdf, elastic=elastic("shoulder"), joints=["shoulder", "elbow"])
-    with pytest.raises(InvalidInput, match=r"no joint 'elbw' in arm\.urdf"):
+    with pytest.raises(InvalidInput, match=r"'elbw'.*arm\.urdf"):
         load_robot(urdf, elastic=elastic("shoulder", "elbw"), joints=["shoulder", "elbow"])
     twice = elastic("shoulder").read_text().replace("[joint.spring]", "axis = [0, 0, 1]\n[joint.spring]")
     path = elastic("shoulder")
@@ -144,7 +144,7 @@ def test_a_urdf_without_inertials_or_without_elastic_data(urdf, elastic):
         load_robot(urdf, elastic=path, joints=["shoulder"])
     urdf.write_text("<robot name='a'><link name='b'/><link name='c'/><joint name='j' type='revolute'>"
                     "<parent link='b'/><child link='c'/></joint></robot>", encoding="utf-8")  # fmt: skip
-    with pytest.raises(InvalidInput, match="has no mass"):
+    with pytest.raises(InvalidInput, match=r"'j'.*mass[\s\S]* 0 kg"):
         read_urdf(urdf)
     urdf.write_text("<mujoco/>", encoding="utf-8")
     with pytest.raises(InvalidInput, match="<robot>"):
@@ -166,10 +166,10 @@ BODY = """<robot name="two">
 @pytest.mark.parametrize(
     ("changes", "what"),
     [
-        ({"MASS": "-0.4"}, "no such body exists"),
-        ({"IXX": "-0.002"}, "no such body exists"),
-        ({"IZZ": "0.01"}, "no such body exists"),
-        ({"KIND": "revolute", "AXIS": "0 0 0"}, "no direction"),
+        ({"MASS": "-0.4"}, r"'tool'.*negative.*mass:"),
+        ({"IXX": "-0.002"}, r"'tool'.*negative.*inertia:"),
+        ({"IZZ": "0.01"}, "'tool'.*triangle"),
+        ({"KIND": "revolute", "AXIS": "0 0 0"}, r"axis.*'hand'[\s\S]*\(0\.0, 0\.0, 0\.0\)"),
     ],
 )
 def test_impossible_bodies_behind_a_fixed_joint_are_refused(tmp_path, changes, what):
@@ -217,7 +217,7 @@ def chain(count, kind="fixed"):
 def test_a_name_that_stands_twice_is_refused(tmp_path, element):
     text = ARM.replace('<link name="bracket">', '<link name="upper">')
     text = text if element == "link" else ARM.replace('joint name="weld"', 'joint name="stand"')
-    refused(tmp_path / "arm.urdf", text, f"the {element} '(upper|stand)' stands there 2 times")
+    refused(tmp_path / "arm.urdf", text, f"{element} '(upper|stand)'.* 2 times")
 
 
 @pytest.mark.parametrize("axis", ["0 1e200 1e200", "0 0 1e-300", "0 1e400 0"])
@@ -227,17 +227,19 @@ def test_an_axis_that_would_become_zero_is_refused(tmp_path, axis):
 
 @pytest.mark.parametrize("name", ["", "a b", "a&#10;b", "a&#x202e;b", "a" * 101])
 def test_a_joint_whose_name_cannot_be_printed_is_refused(tmp_path, name):
-    refused(tmp_path / "arm.urdf", ARM.replace('"elbow"', f'"{name}"'), "no usable name")
+    refused(tmp_path / "arm.urdf", ARM.replace('"elbow"', f'"{name}"'), r"joint[\s\S]*printable")
 
 
 def test_a_joint_without_a_name_is_refused(tmp_path):
-    refused(tmp_path / "arm.urdf", ARM.replace('<joint name="elbow" ', "<joint "), "no usable name")
+    refused(tmp_path / "arm.urdf", ARM.replace('<joint name="elbow" ', "<joint "), r"joint[\s\S]*printable")
 
 
 def test_too_many_links_and_joints_are_refused_in_a_second(tmp_path):
-    refused(tmp_path / "arm.urdf", chain(2000), "too many links")
-    refused(tmp_path / "arm.urdf", chain(150, "continuous"), "too many joints move")
-    refused(tmp_path / "arm.urdf", "<robot>" + '<joint name="a"/>' * 90_000 + "</robot>", "too many joints")
+    refused(tmp_path / "arm.urdf", chain(2000), r"links[\s\S]* 2001")
+    refused(tmp_path / "arm.urdf", chain(150, "continuous"), r"joints[\s\S]* 1 to 100, got 150")
+    refused(
+        tmp_path / "arm.urdf", "<robot>" + '<joint name="a"/>' * 90_000 + "</robot>", r"joints[\s\S]* 90000"
+    )
 
 
 def test_a_long_chain_of_fixed_links_is_one_link(tmp_path):
@@ -253,38 +255,38 @@ def test_masses_out_of_proportion_are_refused(tmp_path, mass):
     refused(
         tmp_path / "arm.urdf",
         ARM.replace('<mass value="2.5"/>', f'<mass value="{mass}"/>'),
-        "value of <mass>",
+        "value.*<mass>",
     )
 
 
 @pytest.mark.parametrize("value", [np.ma.masked, "far", 1e300, np.nan, 10**400])
 def test_a_joint_is_locked_at_a_number(urdf, value):
-    with pytest.raises(InvalidInput, match="locked at no position"):
+    with pytest.raises(InvalidInput, match=r"'elbow'.*locked[\s\S]*finite"):
         read_urdf(urdf, locked={"elbow": value, "follow": 0.0})
 
 
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
-        ('<mass value="2.5"/>', '<mass value="99"/><mass value="2.5"/>', "<mass> stands 2 times in <inertial> of"),
-        ('<axis xyz="0 1 0"/>', '<axis xyz="1 0 0"/><axis xyz="0 1 0"/>', "<axis> stands 2 times"),
-        ('<parent link="base"/>', '<parent link="fore"/><parent link="base"/>', "<parent> stands 2 times"),
-        ('<child link="upper"/>', '<child link="fore"/><child link="upper"/>', "<child> stands 2 times"),
-        ('<origin xyz="0 0.1 0"/>', '<origin xyz="0 0 9"/><origin xyz="0 0.1 0"/>', "<origin> stands 2 times"),
-        ('<limit lower="-2"', '<limit lower="-1" upper="1"/><limit lower="-2"', "<limit> stands 2 times"),
-        ('<link name="fore">', '<link name="fore"><inertial/>', "<inertial> stands 2 times"),
-        ("<inertia ixx", '<inertia ixx="1" iyy="1" izz="1"/><inertia ixx', "<inertia> stands 2 times"),
-        ('<mass value="0.4"/>', '<mass kg="0.4"/>', "<mass> in 'bracket' has no 'value'"),
-        ('<mass value="0.4"/>', "", "has no mass"),
-        ('<mass value="0.4"/>', '<mass value="0.4" unit="g"/>', "unknown attribute 'unit'"),
-        ('izz="0.004"', 'izZ="0.004"', "<inertia> in 'fore' has no 'izz'"),
-        ('<axis xyz="0 1 0"/>', '<axis XYZ="0 1 0"/>', "<axis> in 'shoulder' has no 'xyz'"),
-        ('<axis xyz="0 1 0"/>', '<Axis xyz="0 1 0"/>', "unknown element <Axis>"),
-        ('<parent link="base"/>', "<parent/>", "<parent> in 'shoulder' has no 'link'"),
-        ('lower="-2" upper="1.5"', 'lower="1.5" upper="-2"', "leave no room"),
-        ('value="2.5"', 'value="2_5"', "value of <mass>"),
-        ('value="2.5"', 'value="\u0662"', "value of <mass>"),
-        ('value="2.5"', 'value="inf"', "value of <mass>"),
+        ('<mass value="2.5"/>', '<mass value="99"/><mass value="2.5"/>', "<mass>.* 2 .*<inertial>"),
+        ('<axis xyz="0 1 0"/>', '<axis xyz="1 0 0"/><axis xyz="0 1 0"/>', "<axis> .* 2 times"),
+        ('<parent link="base"/>', '<parent link="fore"/><parent link="base"/>', "<parent> .* 2 times"),
+        ('<child link="upper"/>', '<child link="fore"/><child link="upper"/>', "<child> .* 2 times"),
+        ('<origin xyz="0 0.1 0"/>', '<origin xyz="0 0 9"/><origin xyz="0 0.1 0"/>', "<origin> .* 2 times"),
+        ('<limit lower="-2"', '<limit lower="-1" upper="1"/><limit lower="-2"', "<limit> .* 2 times"),
+        ('<link name="fore">', '<link name="fore"><inertial/>', "<inertial> .* 2 times"),
+        ("<inertia ixx", '<inertia ixx="1" iyy="1" izz="1"/><inertia ixx', "<inertia> .* 2 times"),
+        ('<mass value="0.4"/>', '<mass kg="0.4"/>', "<mass>.*'bracket'.*'value'"),
+        ('<mass value="0.4"/>', "", "<inertial>.*'bracket'.*mass"),
+        ('<mass value="0.4"/>', '<mass value="0.4" unit="g"/>', "attribute 'unit'"),
+        ('izz="0.004"', 'izZ="0.004"', "<inertia>.*'fore'.*'izz'"),
+        ('<axis xyz="0 1 0"/>', '<axis XYZ="0 1 0"/>', "<axis>.*'shoulder'.*'xyz'"),
+        ('<axis xyz="0 1 0"/>', '<Axis xyz="0 1 0"/>', "element <Axis>"),
+        ('<parent link="base"/>', "<parent/>", "<parent>.*'shoulder'.*'link'"),
+        ('lower="-2" upper="1.5"', 'lower="1.5" upper="-2"', r"limits.*'shoulder'[\s\S]* 1\.5 "),
+        ('value="2.5"', 'value="2_5"', "value.*<mass>"),
+        ('value="2.5"', 'value="\u0662"', "value.*<mass>"),
+        ('value="2.5"', 'value="inf"', "value.*<mass>"),
     ],
 )  # fmt: skip
 def test_what_could_be_read_in_two_ways_is_refused(tmp_path, old, new, words):
@@ -338,7 +340,7 @@ def test_efforts_and_speeds_come_from_the_urdf_and_the_file_wins(urdf, elastic):
 def test_limits_of_zero_and_below(tmp_path, elastic, key):
     file, names = tmp_path / "arm.urdf", ("shoulder", "elbow", "lift")
     stated = {"effort": "9", "velocity": "1"}[key]
-    for value, words in (("0", ""), ("-4", f"{key} limit of the joint 'shoulder' is negative")):
+    for value, words in (("0", ""), ("-4", f"{key}.*'shoulder'.*negative")):
         file.write_text(ARM.replace(f'{key}="{stated}"', f'{key}="{value}"', 1))
         options = {"locked": {"grip": 0.0, "follow": 0.0}}
         if words:

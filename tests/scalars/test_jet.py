@@ -8,8 +8,7 @@ import casadi as ca
 import mpmath
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from flexhinf import scalars
 from flexhinf.errors import InvalidInput
@@ -261,7 +260,7 @@ def test_dense_coefficients_go_both_ways():
     jet = Jet.from_coefficients(vector, 2, 2)
     np.testing.assert_array_equal(jet.coefficients, vector)
     assert (jet.n, jet.degree, jet.constant) == (2, 2, 0.0)
-    with pytest.raises(InvalidInput, match="does not fit"):
+    with pytest.raises(InvalidInput, match=r"\(10,\).*\(6,\)"):
         Jet.from_coefficients(vector, 2, 3)
 
 
@@ -270,7 +269,7 @@ def test_coefficients_of_a_mixed_array():
     table = coefficients([[x, 3.0], [0, y]], 2, 1)
     np.testing.assert_array_equal(table, [[[1, 1, 0], [3, 0, 0]], [[0, 0, 0], [2, 0, 1]]])
     for wrong in ([x, "a"], [jets([1.0], 1)[0]], [jets([1.0, 2.0], 2)[0]], [symbols("s", 1)[0]]):
-        with pytest.raises(InvalidInput, match="not a polynomial of the asked kind"):
+        with pytest.raises(InvalidInput, match=r" 2 variables .*degree 1, "):
             coefficients(wrong, 2, 1)
 
 
@@ -297,7 +296,7 @@ def test_coefficients_of_a_mixed_array():
         (lambda x: np.arctan2(x, x), "arctan2"),
         (lambda x: np.arctan2(x, x - 1), "arctan2"),
         (lambda x: np.hypot(x, x), "sqrt"),
-        (lambda x: x / 0.0, "divided by zero"),
+        (lambda x: x / 0.0, "zero"),
     ],
 )
 def test_points_that_are_not_analytic_are_refused(what, named):
@@ -313,7 +312,7 @@ def test_points_that_are_not_analytic_are_refused(what, named):
 def test_piecewise_functions_are_refused_by_name(name):
     x = jets([0.5, 1.0], 2)
     for argument in (x, x[0]):
-        with pytest.raises(InvalidInput, match=f"{name} is not smooth.*Jet"):
+        with pytest.raises(InvalidInput, match=f" {name} .*smooth.*Jet"):
             getattr(scalars, name)(argument)
 
 
@@ -322,7 +321,7 @@ def test_piecewise_functions_of_several_arguments_are_refused_by_name():
     for name, arguments in {
         "maximum": (x, 0.0), "minimum": (0.0, x), "clip": (x, -1.0, 1.0), "where": (True, x, 0.0),
     }.items():  # fmt: skip
-        with pytest.raises(InvalidInput, match=f"{name} is not smooth.*Jet"):
+        with pytest.raises(InvalidInput, match=f" {name} .*smooth.*Jet"):
             getattr(scalars, name)(*arguments)
 
 
@@ -338,7 +337,7 @@ def test_piecewise_functions_of_several_arguments_are_refused_by_name():
 )  # fmt: skip
 def test_branches_and_conversions_are_refused(what):
     [x] = jets([0.5], 2)
-    with pytest.raises(InvalidInput, match="not a number"):
+    with pytest.raises(InvalidInput, match=r"number.*`[\s\S]*Jet\(1 variables, degree 2, value 0\.5\)"):
         what(x)
 
 
@@ -365,7 +364,7 @@ def test_jets_of_different_kinds_are_refused():
     [a], [b], c = jets([0.5], 2), jets([0.5], 3), jets([0.5, 1.0], 2)
     for other in (b, c[0]):
         for operation in ("__add__", "__sub__", "__mul__", "__truediv__", "__pow__", "arctan2", "hypot"):
-            with pytest.raises(InvalidInput, match="different kinds"):
+            with pytest.raises(InvalidInput, match=r"Jet\(1 variables, degree 2.* Jet\("):
                 getattr(a, operation)(other)
 
 
@@ -376,7 +375,7 @@ def test_a_jet_is_not_a_key():
 
 @pytest.mark.parametrize("point", [[np.nan], [np.inf, 0.0], [], [[1.0]], 3.0])
 def test_unusable_points_are_refused(point):
-    with pytest.raises(InvalidInput, match="point of the expansion"):
+    with pytest.raises(InvalidInput, match=r"point[\s\S]*finite"):
         jets(point, 2)
 
 

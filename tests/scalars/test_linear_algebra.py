@@ -3,8 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import scipy.linalg
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from flexhinf.scalars import cholesky, coefficients, gram, jets, solve_lower, solve_lower_transposed, trace
 

@@ -136,20 +136,20 @@ def branch(x):
     "code", [branch, bool, lambda x: max(x, 0.0), np.sign, lambda x: np.maximum(x, 0.0), lambda x: 0 < x < 1]
 )
 def test_branches_raise(code):
-    with pytest.raises(InvalidInput, match="no truth value") as caught:
+    with pytest.raises(InvalidInput, match=r"truth[\s\S]*Symbol\(") as caught:
         code(symbols("x", 1)[0])
     assert "flexhinf.scalars.where" in caught.value.advice
 
 
 @pytest.mark.parametrize("code", [float, math.sin, lambda x: np.array([x], dtype=float)])
 def test_asking_for_the_number_raises(code):
-    with pytest.raises(InvalidInput, match="not a number"):
+    with pytest.raises(InvalidInput, match=r"float\(Symbol\(x\)\)"):
         code(symbols("x", 1)[0])
 
 
 def test_filling_a_float_array_raises():
     target = np.zeros(2)
-    with pytest.raises(InvalidInput, match="not a number"):
+    with pytest.raises(InvalidInput, match=r"float\(Symbol\(x\)\)"):
         target[0] = symbols("x", 1)[0]
 
 

@@ -59,9 +59,9 @@ def test_no_argument_and_an_empty_one():
 
 
 def test_branching_code_is_refused():
-    with pytest.raises(InvalidInput, match="no truth value"):
+    with pytest.raises(InvalidInput, match=r"truth[\s\S]*Symbol\(\(0<i0\)\)"):
         trace(lambda x: x if x[0] > 0 else -x, 1)
-    with pytest.raises(InvalidInput, match="not a number"):
+    with pytest.raises(InvalidInput, match=r"float\(Symbol\(i0_0\)\)"):
         trace(lambda x: np.asarray(x, dtype=float), 2)
 
 
@@ -95,7 +95,7 @@ def test_apply_on_numbers_and_on_symbols():
 
 
 def test_apply_with_too_few_arguments_is_refused():
-    with pytest.raises(InvalidInput, match=r"wrong number of arguments[\s\S]*expected 3, got 1"):
+    with pytest.raises(InvalidInput, match=r" traced .*arguments[\s\S]*expected 3, got 1"):
         apply(trace(model, 2, (2, 2), 2), POINT[0])
 
 

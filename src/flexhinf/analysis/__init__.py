@@ -10,33 +10,40 @@ were imported later would replace the function.
 """
 
 from flexhinf.analysis.corners import (
-    ALL_STATES,
-    FORMS,
-    LINK_VELOCITIES,
-    MOTOR_VELOCITIES,
-    VELOCITIES,
-    GrowthRates,
-    Population,
-    ProcessNoise,
-    ToleranceBox,
-    ToleranceCorners,
-    corner_plants,
-    corner_population,
-    corners,
-    growth_rates,
-    standard_noises,
-    tolerance_corners,
+    ALL_STATES as ALL_STATES,
+    FORMS as FORMS,
+    LINK_VELOCITIES as LINK_VELOCITIES,
+    MOTOR_VELOCITIES as MOTOR_VELOCITIES,
+    VELOCITIES as VELOCITIES,
+    GrowthRates as GrowthRates,
+    Population as Population,
+    ProcessNoise as ProcessNoise,
+    ToleranceBox as ToleranceBox,
+    ToleranceCorners as ToleranceCorners,
+    corner_plants as corner_plants,
+    corner_population as corner_population,
+    corners as corners,
+    growth_rates as growth_rates,
+    standard_noises as standard_noises,
+    tolerance_corners as tolerance_corners,
 )
 from flexhinf.analysis.dissipation import (
-    BudgetTerm,
-    DissipationCorners,
-    LinearCorners,
-    budget_terms,
-    dissipation_budget,
-    dissipation_corners,
+    BudgetTerm as BudgetTerm,
+    DissipationCorners as DissipationCorners,
+    LinearCorners as LinearCorners,
+    budget_terms as budget_terms,
+    dissipation_budget as dissipation_budget,
+    dissipation_corners as dissipation_corners,
 )
-from flexhinf.analysis.equilibrium_loop import EquilibriumLoop
-from flexhinf.analysis.frequency import FrequencyResponse, frequency_response
-from flexhinf.analysis.linear_loop import DiscreteSystem, LinearLoop
-from flexhinf.analysis.margins import FilteredLoop, Margins, margins
-from flexhinf.analysis.worst_disturbance import Attained, DisturbanceSearch, worst_disturbance
+from flexhinf.analysis.equilibrium_loop import EquilibriumLoop as EquilibriumLoop
+from flexhinf.analysis.frequency import (
+    FrequencyResponse as FrequencyResponse,
+    frequency_response as frequency_response,
+)
+from flexhinf.analysis.linear_loop import DiscreteSystem as DiscreteSystem, LinearLoop as LinearLoop
+from flexhinf.analysis.margins import FilteredLoop as FilteredLoop, Margins as Margins, margins as margins
+from flexhinf.analysis.worst_disturbance import (
+    Attained as Attained,
+    DisturbanceSearch as DisturbanceSearch,
+    worst_disturbance as worst_disturbance,
+)

@@ -20,8 +20,7 @@ from flexhinf.errors import InvalidInput, NumericalFailure
 from flexhinf.estimation import ConstantGainFilter, OutputInjectionObserver, RecursiveFilter, stationary_gain
 from flexhinf.loop import Loop
 from flexhinf.loop.simulation.program import LONGEST_LINEAR, check_delay
-from flexhinf.plant import Law, Plant
-from flexhinf.plant import equilibrium as plant_equilibrium
+from flexhinf.plant import Law, Plant, equilibrium as plant_equilibrium
 from flexhinf.plant.plant import pose_values
 from flexhinf.scalars import trace
 

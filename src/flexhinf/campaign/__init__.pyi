@@ -1,45 +1,54 @@
 """The room's public names and the files that they come from; read when a name is first used."""
 
-from .batches import Campaign as Campaign
-from .batches import Rows as Rows
-from .batches import check_counts as check_counts
-from .batches import run_batch as run_batch
-from .draws import DISTRIBUTIONS as DISTRIBUTIONS
-from .draws import METHODS as METHODS
-from .draws import Draw as Draw
-from .draws import FunctionDraw as FunctionDraw
-from .draws import Sample as Sample
-from .draws import Tolerances as Tolerances
-from .draws import Variable as Variable
-from .draws import one_of as one_of
-from .draws import sample_seed as sample_seed
-from .driver import Shard as Shard
-from .driver import drive as drive
-from .driver import in_cluster as in_cluster
-from .driver import in_processes as in_processes
-from .driver import run_campaign as run_campaign
+from .batches import Campaign as Campaign, Rows as Rows, check_counts as check_counts, run_batch as run_batch
+from .draws import (
+    DISTRIBUTIONS as DISTRIBUTIONS,
+    METHODS as METHODS,
+    Draw as Draw,
+    FunctionDraw as FunctionDraw,
+    Sample as Sample,
+    Tolerances as Tolerances,
+    Variable as Variable,
+    one_of as one_of,
+    sample_seed as sample_seed,
+)
+from .driver import (
+    Shard as Shard,
+    drive as drive,
+    in_cluster as in_cluster,
+    in_processes as in_processes,
+    run_campaign as run_campaign,
+)
 from .journal import Journal as Journal
-from .metrics import STANDARD as STANDARD
-from .metrics import Metrics as Metrics
-from .metrics import Requirement as Requirement
-from .metrics import known_metric as known_metric
-from .paired import McNemar as McNemar
-from .paired import PairedCampaigns as PairedCampaigns
-from .paired import PairedMetric as PairedMetric
-from .paired import compare as compare
-from .results import CampaignJudgement as CampaignJudgement
-from .results import Interval as Interval
-from .results import MergedTable as MergedTable
-from .results import Replayed as Replayed
-from .results import Sensitivity as Sensitivity
-from .results import merged as merged
-from .results import replayed as replayed
-from .results import sensitivity as sensitivity
-from .results import success_interval as success_interval
-from .worst_case import FoundPlant as FoundPlant
-from .worst_case import WorstCase as WorstCase
-from .worst_case import check_starts as check_starts
-from .worst_case import search_worst as search_worst
-from .worst_case import stored_worst as stored_worst
-from .worst_case import stored_worsts as stored_worsts
-from .worst_case import worst_case as worst_case
+from .metrics import (
+    STANDARD as STANDARD,
+    Metrics as Metrics,
+    Requirement as Requirement,
+    known_metric as known_metric,
+)
+from .paired import (
+    McNemar as McNemar,
+    PairedCampaigns as PairedCampaigns,
+    PairedMetric as PairedMetric,
+    compare as compare,
+)
+from .results import (
+    CampaignJudgement as CampaignJudgement,
+    Interval as Interval,
+    MergedTable as MergedTable,
+    Replayed as Replayed,
+    Sensitivity as Sensitivity,
+    merged as merged,
+    replayed as replayed,
+    sensitivity as sensitivity,
+    success_interval as success_interval,
+)
+from .worst_case import (
+    FoundPlant as FoundPlant,
+    WorstCase as WorstCase,
+    check_starts as check_starts,
+    search_worst as search_worst,
+    stored_worst as stored_worst,
+    stored_worsts as stored_worsts,
+    worst_case as worst_case,
+)

@@ -53,6 +53,7 @@ def in_cluster(address: str) -> Executor:
 
     A worker that dies costs time: its batches go to the others. A scheduler that dies ends the campaign with what
     is written; the same call goes on. The workers need flexhinf of the driver's version.
+    InvalidInput for an address of another form, or where `distributed` is not installed.
     """
     if not isinstance(address, str) or "://" not in address:
         raise InvalidInput(
@@ -240,7 +241,10 @@ def in_this_process(campaign: Campaign, batches: Sequence[int]) -> Iterator[tupl
 
 
 def in_processes(workers: int, note: Callable[[str], None] = lambda text: None) -> Executor:
-    """An executor of so many worker processes: one that is killed costs time and no sample, and `note` is called."""
+    """An executor of so many worker processes: one that is killed costs time and no sample, and `note` is called.
+
+    InvalidInput for a number below 1.
+    """
     checked_integer("workers", workers, 1, MOST_WORKERS, "2")
 
     def run(campaign: Campaign, batches: Sequence[int]) -> Iterator[tuple[int, Rows]]:

@@ -175,9 +175,10 @@ _LISTED = 8
 
 
 def check_own_folder(place: Path, what: str, names: Sequence[str]) -> None:
-    """Refuse a file, and a folder that holds other names than these and hidden ones."""
-    if place.exists() and not place.is_dir():
-        raise InvalidInput(f"A {what} needs a folder, and there is a file.", f"got {place}", "another name")
+    """Refuse a file, what lies below one, and a folder that holds other names than these and hidden ones."""
+    nearest = next(path for path in (place, *place.parents) if path.exists())
+    if not nearest.is_dir():
+        raise InvalidInput(f"A {what} needs a folder, and there is a file.", f"got {nearest}", "another name")
     there = [path.name for path in place.iterdir()] if place.is_dir() else []
     if strangers := sorted(name for name in there if name[:1] != "." and name not in names):
         raise InvalidInput(
@@ -196,7 +197,10 @@ class Journal:
 
     @staticmethod
     def read(folder: str | os.PathLike[str], beside: Sequence[str] = ()) -> Journal | None:
-        """The journal in a folder; None where there is none yet, but at most files of the names `beside`."""
+        """The journal in a folder; None where there is none yet, but at most files of the names `beside`.
+
+        InvalidInput if the folder is a file, holds something else, or its manifest is damaged.
+        """
         place = checked_path("The campaign's folder", folder).expanduser().absolute()
         try:
             return Journal(place, read_manifest(place / MANIFEST))
@@ -222,6 +226,8 @@ class Journal:
         `command`: that made it, for the reports.
         `about`: other information for reports and replays; it is not compared. Where it is given, other files of the
             caller's may be there already.
+
+        InvalidInput as `read`, or if the folder is that of another campaign.
         """
         place = Path(folder).expanduser().absolute()
         beside = [] if about is None or not place.is_dir() else [path.name for path in place.iterdir()]
@@ -344,7 +350,8 @@ class Journal:
 
         Every byte is looked at by its SHA-256; then the digest of the campaign, the batch, the columns, the numbers
         and seeds of the samples, how runs ended, and what was drawn where the manifest says how. A metric that was
-        changed, with the file's name, cannot be told from a run.
+        changed, with the file's name, cannot be told from a run. InvalidInput if a batch is there twice with different
+        rows, or a folder has the name of a shard.
         """
         good: dict[int, Path] = {}
         bad: list[tuple[Path, str]] = []
@@ -417,7 +424,10 @@ class Journal:
         return {}
 
     def store(self, name: Path, content: Mapping[str, Any]) -> None:
-        """Write a sealed JSON file beside the rows, whole or not at all; numbers that JSON does not have as text."""
+        """Write a sealed JSON file beside the rows, whole or not at all; numbers that JSON does not have as text.
+
+        InvalidInput if another driver is at work; FlexhinfError if the disk is full.
+        """
 
         def plain(value: Any) -> Any:
             if isinstance(value, float) and not math.isfinite(value):
@@ -438,7 +448,10 @@ class Journal:
         return TypeAdapter(kind).validate_python(read_sealed(self.folder / name, most))
 
     def take(self, other: Journal) -> int:
-        """Copy the shards of another folder of the same campaign that are missing here; returns how many."""
+        """Copy the shards of another folder of the same campaign that are missing here; returns how many.
+
+        InvalidInput if it is another campaign, or a shard there is damaged.
+        """
         self.refuse_campaign(other)
         here, (there, bad) = self.shards()[0], other.shards()
         if bad:
@@ -454,7 +467,10 @@ class Journal:
         return len(fresh)
 
     def merge(self, good: Mapping[int, Path]) -> Path:
-        """Write the table of all samples from every batch's shard, the same bytes for the same shards."""
+        """Write the table of all samples from every batch's shard, the same bytes for the same shards.
+
+        InvalidInput if a batch is missing.
+        """
         import pyarrow as pa
         import pyarrow.parquet as pq
 

@@ -218,7 +218,7 @@ def chosen_metrics(given: Any, tracked: bool) -> tuple[Metrics, ...]:
     for part in parts:
         if isinstance(part, (str, Metrics)):
             continue
-        own = part if isinstance(part, Mapping) else {getattr(part, "__name__", value_text(part)): part}
+        own = part if isinstance(part, Mapping) else {getattr(part, "__name__", value_text(part)): None}
         for name, function in own.items():
             if not isinstance(name, str) or not name.isidentifier() or not callable(function):
                 raise InvalidInput(
@@ -243,7 +243,7 @@ class Requirement:
 
     @staticmethod
     def of(text: str, metrics: Sequence[str]) -> Requirement:
-        """Read ``overshoot_percent<=5``."""
+        """Read ``overshoot_percent<=5``; InvalidInput for another form, metric, or no number."""
         match = _REQUIREMENT.match(text)
         try:
             limit = float(match[3]) if match else math.nan

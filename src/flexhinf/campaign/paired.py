@@ -194,7 +194,7 @@ class PairedCampaigns:
         return tuple(name for name in self.a.names(PART) if name in self.b.names(PART))
 
     def metric(self, name: str) -> PairedMetric:
-        """One metric of both."""
+        """One metric of both; InvalidInput if not both have it."""
         if name not in (*self.metrics, *self.parts):
             raise InvalidInput(
                 f"Not both campaigns have a metric {name!r}.",

@@ -352,7 +352,7 @@ class Replayed:
 
 
 def replayed(campaign: Campaign, journal: Journal, sample: int) -> Replayed:
-    """Run one sample of a campaign again, alone."""
+    """Run one sample of a campaign again, alone; InvalidInput if it is not there or could not be run."""
     run = campaign.replay(sample)
     rows = run_samples(campaign, range(sample, sample + 1))
     again = {name: plain_number(column[0]) for name, column in rows.columns.items() if column.ndim == 1}

@@ -253,7 +253,10 @@ def search_worst(
     seed: int | None = None,
     **options: Any,
 ) -> WorstCase:
-    """`worst_case`, kept in the campaign's folder: taken from there where it was searched with the same options."""
+    """`worst_case`, kept in the campaign's folder: taken from there where it was searched with the same options.
+
+    InvalidInput as `worst_case`, or if another driver is at work; FlexhinfError if the disk is full.
+    """
     seed = campaign.seed if seed is None else seed
     try:
         stored = stored_worst(journal, metric)
@@ -267,7 +270,10 @@ def search_worst(
 
 
 def stored_worst(journal: Journal, metric: str) -> WorstCase:
-    """The worst case of a metric from the campaign's folder."""
+    """The worst case of a metric from the campaign's folder.
+
+    InvalidInput if nothing was searched, or the file is damaged or of another campaign.
+    """
     path = _path(journal, metric)
     try:
         found = journal.stored(path, WorstCase)

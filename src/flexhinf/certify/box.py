@@ -259,7 +259,9 @@ class BoxExcess:
         """Middles and radii of the quotients S_j, and of 1 in the last row, (functions + 1, N)."""
         size, columns = len(face), np.arange(len(face))
         values, radii = np.ones((len(self._tables) + 1, size)), np.zeros((len(self._tables) + 1, size))
-        others = np.array([[i for i in range(self.n) if i != f] for f in range(self.n)])[face // 2].T
+        others = np.array([[i for i in range(self.n) if i != f] for f in range(self.n)], dtype=int)[
+            face // 2
+        ].T
         z = np.empty((self.n, size))
         z[face // 2, columns], z[others, columns] = 1.0 - 2.0 * (face % 2), middle[1:]
         for j, (line, table) in enumerate(zip(self._lines, self._tables)):

@@ -323,8 +323,7 @@ def compare(context: typer.Context, o: CompareCampaignsOptions) -> None:
     """
     from rich.console import Console
 
-    from flexhinf.campaign import Requirement, drive
-    from flexhinf.campaign import compare as compare_tables
+    from flexhinf.campaign import Requirement, compare as compare_tables, drive
     from flexhinf.design import DesignPair, PairResult, open_pair, stored_campaign
     from flexhinf.pages import pair_table, pair_verdict, write_campaign, write_pair
 

@@ -66,8 +66,7 @@ def certify(context: typer.Context, o: CertifyOptions) -> None:
     from flexhinf import pages
     from flexhinf.certify.theorem import theorem_text
     from flexhinf.design.certification import SeveralJoints, certify_design, evidence, proved
-    from flexhinf.report import check as check_folder
-    from flexhinf.report import write
+    from flexhinf.report import check as check_folder, write
 
     request = request_of(context, o, o.robot, o.elastic)
     folder = check_folder(o.out)

@@ -19,8 +19,7 @@ from flexhinf import __version__
 from flexhinf.cli.campaign import app as campaign
 from flexhinf.cli.certify import certify
 from flexhinf.cli.design import compare, design, paper
-from flexhinf.cli.export import app as export
-from flexhinf.cli.export import compile_design, run_design
+from flexhinf.cli.export import app as export, compile_design, run_design
 from flexhinf.cli.messages import INTERRUPTED, error_text, interrupted, mistake, parser_error, refused
 from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.files import recorded

@@ -29,8 +29,7 @@ def design(context: typer.Context, o: DesignOptions) -> None:
     from rich.console import Console
 
     from flexhinf import pages
-    from flexhinf.design import design as make_design
-    from flexhinf.design import design_text, stages
+    from flexhinf.design import design as make_design, design_text, stages
     from flexhinf.report import check, write
 
     request = request_of(context, o, o.robot, o.elastic)
@@ -66,8 +65,7 @@ def compare(context: typer.Context, o: CompareOptions) -> None:
     from rich.console import Console
 
     from flexhinf import pages
-    from flexhinf.design import compare as make_comparison
-    from flexhinf.design import comparison_stages, law_names
+    from flexhinf.design import compare as make_comparison, comparison_stages, law_names
     from flexhinf.report import check, write
 
     request = request_of(context, o, o.robot, o.elastic)

@@ -100,10 +100,8 @@ def plant_of(source: str) -> tuple[Plant, str, float, tuple[Any, Any]]:
 
 def controller_of(source: str) -> tuple[Controller, str]:
     """The controller of a report, of a file, or of a design that is made now; and a name for it."""
-    from flexhinf.design import design, load_design, stages
-    from flexhinf.design.design_file import is_design_file
+    from flexhinf.design.design_file import is_design_file, load_design
     from flexhinf.loop import load_controller
-    from flexhinf.pages import verdict
     from flexhinf.report import unchanged
     from flexhinf.robot import catalogue
 
@@ -124,6 +122,9 @@ def controller_of(source: str) -> tuple[Controller, str]:
         return load_controller(beside), robot.name
     if beside.exists():
         note("design.toml was changed since the report: it is designed anew.")
+    from flexhinf.design import design, stages
+    from flexhinf.pages import verdict
+
     with step_progress(stages(robot, specification)) as progress:
         result: Any = design(robot, specification, progress)
     note(verdict(result))

@@ -2,20 +2,31 @@
 
 from __future__ import annotations
 
-from flexhinf.codegen.compiler import BoundKernel, Kernel, Status, compile_program
-from flexhinf.codegen.compose import DIRECT, Composer, Direct
-from flexhinf.codegen.memory import Block, Buffer, Columns, Slice, aligned
+from flexhinf.codegen.compiler import (
+    BoundKernel as BoundKernel,
+    Kernel as Kernel,
+    Status as Status,
+    compile_program as compile_program,
+)
+from flexhinf.codegen.compose import DIRECT as DIRECT, Composer as Composer, Direct as Direct
+from flexhinf.codegen.memory import (
+    Block as Block,
+    Buffer as Buffer,
+    Columns as Columns,
+    Slice as Slice,
+    aligned as aligned,
+)
 from flexhinf.codegen.program import (
-    Call,
-    Cholesky,
-    Copy,
-    Guard,
-    Map,
-    Normal,
-    OuterSum,
-    Polynomial,
-    Program,
-    Repeat,
-    Sweep,
-    When,
+    Call as Call,
+    Cholesky as Cholesky,
+    Copy as Copy,
+    Guard as Guard,
+    Map as Map,
+    Normal as Normal,
+    OuterSum as OuterSum,
+    Polynomial as Polynomial,
+    Program as Program,
+    Repeat as Repeat,
+    Sweep as Sweep,
+    When as When,
 )

@@ -1,34 +1,42 @@
 """The room's public names and the files that they come from; read when a name is first used."""
 
-from .campaign_folder import DesignCampaign as DesignCampaign
-from .campaign_folder import DesignPair as DesignPair
-from .campaign_folder import PairResult as PairResult
-from .campaign_folder import open_campaign as open_campaign
-from .campaign_folder import open_pair as open_pair
-from .campaign_folder import stored_campaign as stored_campaign
+from .campaign_folder import (
+    DesignCampaign as DesignCampaign,
+    DesignPair as DesignPair,
+    PairResult as PairResult,
+    open_campaign as open_campaign,
+    open_pair as open_pair,
+    stored_campaign as stored_campaign,
+)
 from .campaign_options import CampaignOptions as CampaignOptions
-from .design_file import DesignRequest as DesignRequest
-from .design_file import design_schema as design_schema
-from .design_file import load_design as load_design
-from .design_file import read_request as read_request
+from .design_file import (
+    DesignRequest as DesignRequest,
+    design_schema as design_schema,
+    load_design as load_design,
+    read_request as read_request,
+)
 from .estimators import EstimatorNoise as EstimatorNoise
 from .evaluation import LawEvaluation as LawEvaluation
-from .laws import DEFAULT_LAWS as DEFAULT_LAWS
-from .laws import law_names as law_names
+from .laws import DEFAULT_LAWS as DEFAULT_LAWS, law_names as law_names
 from .loop_setup import LoopSetup as LoopSetup
-from .pipeline import compare as compare
-from .pipeline import comparison_stages as comparison_stages
-from .pipeline import design as design
-from .pipeline import stages as stages
-from .proved_step import ProvedLaw as ProvedLaw
-from .proved_step import search_proved_step as search_proved_step
+from .pipeline import (
+    compare as compare,
+    comparison_stages as comparison_stages,
+    design as design,
+    stages as stages,
+)
+from .proved_step import ProvedLaw as ProvedLaw, search_proved_step as search_proved_step
 from .requirements import Requirement as Requirement
-from .result import ComparedLaw as ComparedLaw
-from .result import Comparison as Comparison
-from .result import Design as Design
-from .result import Status as Status
-from .result import design_text as design_text
+from .result import (
+    ComparedLaw as ComparedLaw,
+    Comparison as Comparison,
+    Design as Design,
+    Status as Status,
+    design_text as design_text,
+)
 from .specification import Specification as Specification
-from .synthesis.degrees import DegreeChoice as DegreeChoice
-from .synthesis.degrees import shrinking as shrinking
-from .synthesis.degrees import try_degrees as try_degrees
+from .synthesis.degrees import (
+    DegreeChoice as DegreeChoice,
+    shrinking as shrinking,
+    try_degrees as try_degrees,
+)

@@ -330,6 +330,9 @@ def open_campaign(
     """The campaign in a folder: designed and written there, or taken up again with the controller that is there.
 
     `designed`: for a new folder, controller and length of its runs (s) as of `designed_controller`.
+
+    InvalidInput before any work if the folder holds something else or a campaign with other settings; FlexhinfError as
+    `flexhinf.design.design`.
     """
     _ = request.stated, request.metrics  # refuses what does not fit
     journal = Journal.read(folder, (SETUP,))
@@ -396,7 +399,10 @@ def reopened(request: DesignCampaign, journal: Journal) -> Campaign:
 
 
 def stored_campaign(folder: str | Path) -> tuple[Campaign, Journal]:
-    """The campaign of a folder as it stands there, for replays: nothing is asked for beside it."""
+    """The campaign of a folder as it stands there, for replays: nothing is asked for beside it.
+
+    InvalidInput if it holds no campaign of a design, or the robot's file was changed since.
+    """
     journal = Journal.read(folder)
     if journal is None or "options" not in journal.about:
         raise InvalidInput(
@@ -433,7 +439,10 @@ def open_pair(
     commands: Sequence[Sequence[str]] = ((), ()),
     progress: Callable[[str], None] = print,
 ) -> list[tuple[Campaign, Journal]]:
-    """The campaigns of both designs in folders `SIDES`, with runs of the same length: made there, or taken up again."""
+    """The campaigns of both designs in folders `SIDES`, with runs of the same length: made there, or taken up again.
+
+    Raises as `open_campaign`, before any work for either.
+    """
     place = checked_path("The comparison's folder", folder).expanduser().absolute()
     check_own_folder(place, "comparison of campaigns", _OWN)
     place.mkdir(parents=True, exist_ok=True)

@@ -185,18 +185,16 @@ def certify_design(
     boxed = tolerances or synthesis.proved is not None
     gamma = s.checked_gamma_ratio * synthesis.design_problem.gamma_star
     penalty = checked_penalty(s, synthesis.design_problem)
+    problem = measured_problem(robot, synthesis.goal, s) if boxed else None
+    ranges = {} if problem is None else parameter_ranges(robot, problem.plant)
     found = []
     for choice in synthesis.choices:
         progress(f"degree {choice.degree}: proof{' for all tolerances' if boxed else ''}")
         began, box, certificate, steps, reason = time.process_time(), synthesis.proved, None, (), ""
         solution = choice.solution
         try:
-            if boxed and box is None:
-                problem, step = (
-                    measured_problem(robot, synthesis.goal, s),
-                    float((synthesis.goal - synthesis.start)[0]),
-                )
-                ranges = parameter_ranges(robot, problem.plant)
+            if problem is not None and box is None:
+                step = float((synthesis.goal - synthesis.start)[0])
                 law = sampled_box(BoxProof(solution=solution, problem=problem, step=step), ranges)
                 box = prove_box(robot, law, ranges, seconds=BOX_SECONDS, threads=threads, progress=share)
             if box is not None:
@@ -212,8 +210,8 @@ def certify_design(
                 )  # fmt: skip
             steps = () if certificate is None else proved_steps(solution, certificate)
         except (InvalidInput, NumericalFailure) as error:  # of this degree; another may be proved
-            if not boxed and isinstance(error, InvalidInput):
-                raise
+            if (certificate is not None) if boxed else isinstance(error, InvalidInput):
+                raise  # a step that is proved settles
             reason = reason_of(error) if boxed else error.found
         seconds = time.process_time() - began
         used = choice is synthesis.chosen

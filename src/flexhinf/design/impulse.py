@@ -16,8 +16,7 @@ from flexhinf.design.problem.modes import JointScales
 from flexhinf.design.requirements import REQUIREMENTS, Requirement, of_several
 from flexhinf.design.responses import Response, default_load
 from flexhinf.design.specification import Specification
-from flexhinf.loop.simulation.metrics import FITS, Oscillation, RingDown
-from flexhinf.loop.simulation.metrics import ring_down as fit_ring_down
+from flexhinf.loop.simulation.metrics import FITS, Oscillation, RingDown, ring_down as fit_ring_down
 
 #: An impulse is this fraction of the default load, times the time in which the joint's vibration goes through one
 #: radian: it twists the spring by about 3 % of the motor's largest torque in the step, where the loop is nearly linear.

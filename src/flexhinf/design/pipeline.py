@@ -7,8 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
-from flexhinf.design import requirements as required
-from flexhinf.design import responses
+from flexhinf.design import requirements as required, responses
 from flexhinf.design.along_move import along_requirements
 from flexhinf.design.certification import attenuation, prove_design, searches_disturbance, with_tolerances
 from flexhinf.design.criterion import check_mode, criterion_for, reference_metrics, stated_limits

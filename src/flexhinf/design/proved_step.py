@@ -400,7 +400,7 @@ def _within(candidate: ProvedLaw, ranges: Any, step: float | None, limit: float)
         return _peak_effort(solution, measured, x, LENGTH / float(np.min(candidate.bandwidth)))
 
     low, largest = 0.0, abs(wanted)
-    if peak(largest) > limit:
+    if not peak(largest) <= limit:  # nor what is not a number
         for _ in range(HALVINGS if step is None else 0):
             middle = 0.5 * (low + largest)
             low, largest = (middle, largest) if peak(middle) <= limit else (low, middle)

@@ -411,6 +411,8 @@ def design_text(design: Design, request: DesignRequest, folder: str | Path = "."
 
     `request`: where the robot came from and what it carries.
     `folder`: where the file is to stand: paths are seen from it.
+
+    InvalidInput if the penalty is code.
     """
     slides = design.robot.links.slides
     document = request_document(

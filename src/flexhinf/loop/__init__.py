@@ -4,18 +4,26 @@
 `signals/` are commands, disturbances and noise. `simulation/` integrates the true plant and has the metrics.
 """
 
-from flexhinf.loop.controller.controller import Controller, load_controller
-from flexhinf.loop.controller.step import Schedule
-from flexhinf.loop.signals.motions import JerkLimited, Spline, Waypoints
-from flexhinf.loop.signals.references import Constant, Moving, Quintic, Samples, Signal, Sine, Step
-from flexhinf.loop.simulation.closed_loop import Loop
-from flexhinf.loop.simulation.ensemble import Ensemble, EnsembleResult
-from flexhinf.loop.simulation.metrics import (
-    Instant,
-    Reduction,
-    load_metrics,
-    step_metrics,
-    step_shape,
+from flexhinf.loop.controller.controller import Controller as Controller, load_controller as load_controller
+from flexhinf.loop.controller.step import Schedule as Schedule
+from flexhinf.loop.signals.motions import JerkLimited as JerkLimited, Spline as Spline, Waypoints as Waypoints
+from flexhinf.loop.signals.references import (
+    Constant as Constant,
+    Moving as Moving,
+    Quintic as Quintic,
+    Samples as Samples,
+    Signal as Signal,
+    Sine as Sine,
+    Step as Step,
 )
-from flexhinf.loop.simulation.trajectory import Trajectory
-from flexhinf.plant import BlackBox
+from flexhinf.loop.simulation.closed_loop import Loop as Loop
+from flexhinf.loop.simulation.ensemble import Ensemble as Ensemble, EnsembleResult as EnsembleResult
+from flexhinf.loop.simulation.metrics import (
+    Instant as Instant,
+    Reduction as Reduction,
+    load_metrics as load_metrics,
+    step_metrics as step_metrics,
+    step_shape as step_shape,
+)
+from flexhinf.loop.simulation.trajectory import Trajectory as Trajectory
+from flexhinf.plant import BlackBox as BlackBox

@@ -1,37 +1,47 @@
 """The room's public names and the files that they come from; read when a name is first used."""
 
 from .campaign import write_campaign as write_campaign
-from .campaign_pair import pair_table as pair_table
-from .campaign_pair import pair_verdict as pair_verdict
-from .campaign_pair import write_pair as write_pair
-from .campaign_text import campaign_verdict as campaign_verdict
-from .campaign_text import gain_replay_table as gain_replay_table
-from .campaign_text import gain_text as gain_text
-from .campaign_text import metric_text as metric_text
-from .campaign_text import missed_by as missed_by
-from .campaign_text import replay_command as replay_command
-from .campaign_text import replay_table as replay_table
-from .campaign_text import worst_table as worst_table
-from .campaign_text import worst_text as worst_text
-from .certificate import certificate_page as certificate_page
-from .certificate import certification_notes as certification_notes
-from .certificate import certification_tables as certification_tables
-from .comparison import comparison_notes as comparison_notes
-from .comparison import comparison_page as comparison_page
-from .comparison import comparison_verdict as comparison_verdict
+from .campaign_pair import pair_table as pair_table, pair_verdict as pair_verdict, write_pair as write_pair
+from .campaign_text import (
+    campaign_verdict as campaign_verdict,
+    gain_replay_table as gain_replay_table,
+    gain_text as gain_text,
+    metric_text as metric_text,
+    missed_by as missed_by,
+    replay_command as replay_command,
+    replay_table as replay_table,
+    worst_table as worst_table,
+    worst_text as worst_text,
+)
+from .certificate import (
+    certificate_page as certificate_page,
+    certification_notes as certification_notes,
+    certification_tables as certification_tables,
+)
+from .comparison import (
+    comparison_notes as comparison_notes,
+    comparison_page as comparison_page,
+    comparison_verdict as comparison_verdict,
+)
 from .design.laws import comparison_tables as comparison_tables
-from .files import comparison_files as comparison_files
-from .files import design_files as design_files
-from .files import write_comparison as write_comparison
-from .files import write_design as write_design
-from .page import design_page as design_page
-from .page import design_tables as design_tables
-from .page import notes as notes
-from .page import robots_table as robots_table
-from .page import verdict as verdict
-from .run import check_film as check_film
-from .run import run_met as run_met
-from .run import run_notes as run_notes
-from .run import run_tables as run_tables
-from .run import run_verdict as run_verdict
-from .run import write_film as write_film
+from .files import (
+    comparison_files as comparison_files,
+    design_files as design_files,
+    write_comparison as write_comparison,
+    write_design as write_design,
+)
+from .page import (
+    design_page as design_page,
+    design_tables as design_tables,
+    notes as notes,
+    robots_table as robots_table,
+    verdict as verdict,
+)
+from .run import (
+    check_film as check_film,
+    run_met as run_met,
+    run_notes as run_notes,
+    run_tables as run_tables,
+    run_verdict as run_verdict,
+    write_film as write_film,
+)

@@ -260,7 +260,7 @@ def _worst_case(judged: CampaignJudgement, cases: Sequence[WorstCase], runs: Pla
         "metric", "nominal", "worst sample", "worst found", "times", "limit", "searches that end there",
     )  # fmt: skip
     case, first = cases[used.index(max(used))], cases[0]
-    every = f", each of the {1 << len(first.intervals)} corners" if first.all_corners else ""
+    every = f", the worst of all {1 << len(first.intervals)} corners" if first.all_corners else ""
     outside = (
         f" {first.outside} samples lie outside the box, since their distribution is not cut off; they are not compared."
         if first.outside else ""

@@ -119,7 +119,8 @@ def comparison_verdict(comparison: Comparison) -> str:
     if rival.cost < ours.cost * (1.0 - EQUAL):
         text = f"The best rival, {rival.name}, beats {name} by the criterion ({costs}), {nothing}"
     elif rival.cost <= ours.cost * (1.0 + EQUAL):
-        text = f"Between the best rival, {rival.name}, and {name} there is no difference ({costs}), {nothing}"
+        text = f"Between the best rival, {rival.name}, and {name} there is no difference that the search can tell "
+        text += f"({costs}), {nothing}"
     else:
         text = f"The best rival, {rival.name}, loses to {name} by the criterion ({costs})."
     better = [

@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from flexhinf.design.requirements import Requirement
-from flexhinf.design.result import Design
-from flexhinf.design.result import Status as Judged
+from flexhinf.design.result import Design, Status as Judged
 from flexhinf.pages.design import frequency, law, region, requirements, runs, step, weights
 from flexhinf.pages.drawing import (
     Blocks,

@@ -1,6 +1,4 @@
 """The room's public names and the files that they come from; read when a name is first used."""
 
-from .reproduction import STAGES as STAGES
-from .reproduction import Reproduction as Reproduction
-from .reproduction import reproduce as reproduce
+from .reproduction import STAGES as STAGES, Reproduction as Reproduction, reproduce as reproduce
 from .settings import PaperSettings as PaperSettings

@@ -4,8 +4,13 @@ from flexhinf.plant.integration import eight_stages, fastest_modes, rk4_stages, 
 from flexhinf.plant.model import StoredCode, python_control
 from flexhinf.plant.parameters import Parameters, ParameterTable
 from flexhinf.plant.penalty import Penalty
-from flexhinf.plant.plant import GeneralisedPlant, Plant, linear_plant, plant_from_control
-from flexhinf.plant.plant import equilibrium_at as equilibrium
+from flexhinf.plant.plant import (
+    GeneralisedPlant,
+    Plant,
+    equilibrium_at as equilibrium,
+    linear_plant,
+    plant_from_control,
+)
 from flexhinf.plant.polynomial_plant import PolynomialPlant
 from flexhinf.plant.protocols import INTEGRAL, BlackBox, Estimator, Gaussian, Law, ProblemLaw
 

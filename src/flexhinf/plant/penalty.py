@@ -129,7 +129,7 @@ class Penalty:
             found = f"expected ({inputs}, {inputs}) for {inputs} inputs, got {matrix.shape}"
             advice = "a number, one number per input, or a matrix"
             raise InvalidInput("The effort penalty R2 has the wrong shape.", found, advice)
-        return checked_r2(matrix, 1e-9)
+        return checked_r2(matrix, 1e-9, 1e-12)
 
     def evaluate(self, x: Any, names: Sequence[str], p: Any) -> Any:
         """h(x) on any element, shape (s,)."""

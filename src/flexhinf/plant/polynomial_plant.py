@@ -20,15 +20,18 @@ _MOST = 200_000_000  # coefficients of one part, zeros included: 1.6 GB
 _REST = 1e-9  # |f(x*)| up to this, relative to its row of the Jacobian or to one, is rounding
 
 
-def checked_r2(r2: Any, rounding: float = 1e-12) -> np.ndarray:
-    """R2 as a symmetric positive definite matrix (m, m); `rounding` is the asymmetry that is allowed, relatively."""
+def checked_r2(r2: Any, rounding: float = 1e-12, least: float = 0.0) -> np.ndarray:
+    """R2 as a symmetric positive definite matrix (m, m).
+
+    The asymmetry allowed is `rounding` of an entry and `least` of the largest one.
+    """
     given, r2 = r2, np.atleast_2d(real_array(r2))
     if r2.ndim != 2 or r2.shape[0] != r2.shape[1] or not r2.size or not np.isfinite(r2).all():
         found = f"expected real numbers of shape (m, m), m >= 1, got {value_text(given)}"
         raise InvalidInput("R2 is not a finite square matrix.", found, "R2 = lᵀl > 0")
     half = (r2 + r2.T) / 2
     eigenvalues, asymmetry = np.linalg.eigvalsh(half), np.abs(r2 - r2.T).max()
-    if asymmetry > rounding * np.abs(r2).max() or eigenvalues[0] <= 0:
+    if not np.allclose(r2, r2.T, rtol=rounding, atol=least * np.abs(r2).max()) or eigenvalues[0] <= 0:
         raise InvalidInput(
             "R2, the effort penalty, is not symmetric positive definite.",
             f"eigenvalues of its symmetric part {eigenvalues.tolist()}, asymmetry {asymmetry:.3g}",

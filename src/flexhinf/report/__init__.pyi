@@ -1,46 +1,47 @@
 """The room's public names and the files that they come from; read when a name is first used."""
 
-from .blocks import Block as Block
-from .blocks import Bullets as Bullets
-from .blocks import Figure as Figure
-from .blocks import Listing as Listing
-from .blocks import Note as Note
-from .blocks import Paragraph as Paragraph
-from .blocks import Provenance as Provenance
-from .blocks import Setting as Setting
-from .blocks import Settings as Settings
-from .blocks import at_least as at_least
-from .blocks import at_most as at_most
-from .blocks import number as number
-from .blocks import to_json as to_json
-from .blocks import versions as versions
-from .figure import GRID as GRID
-from .figure import INK as INK
-from .figure import MUTED as MUTED
-from .figure import SERIES as SERIES
-from .figure import WIDTH as WIDTH
-from .figure import figure_to_svg as figure_to_svg
-from .figure import house_style as house_style
-from .figure import label as label
-from .figure import legend as legend
-from .figure import new_figure as new_figure
-from .figure import quantile_band as quantile_band
-from .figure import reference_line as reference_line
-from .figure import settling_band as settling_band
-from .figure import time_response as time_response
-from .folder import check as check
-from .folder import is_report as is_report
-from .folder import unchanged as unchanged
-from .folder import write as write
-from .page import Claim as Claim
-from .page import ClaimEvidence as ClaimEvidence
-from .page import Claims as Claims
-from .page import KeyNumber as KeyNumber
-from .page import Page as Page
-from .page import Section as Section
-from .page import Status as Status
-from .page import by_verdict as by_verdict
-from .page import summary as summary
-from .table import Cell as Cell
-from .table import Column as Column
-from .table import Table as Table
+from .blocks import (
+    Block as Block,
+    Bullets as Bullets,
+    Figure as Figure,
+    Listing as Listing,
+    Note as Note,
+    Paragraph as Paragraph,
+    Provenance as Provenance,
+    Setting as Setting,
+    Settings as Settings,
+    at_least as at_least,
+    at_most as at_most,
+    number as number,
+    to_json as to_json,
+    versions as versions,
+)
+from .figure import (
+    GRID as GRID,
+    INK as INK,
+    MUTED as MUTED,
+    SERIES as SERIES,
+    WIDTH as WIDTH,
+    figure_to_svg as figure_to_svg,
+    house_style as house_style,
+    label as label,
+    legend as legend,
+    new_figure as new_figure,
+    quantile_band as quantile_band,
+    reference_line as reference_line,
+    settling_band as settling_band,
+    time_response as time_response,
+)
+from .folder import check as check, is_report as is_report, unchanged as unchanged, write as write
+from .page import (
+    Claim as Claim,
+    ClaimEvidence as ClaimEvidence,
+    Claims as Claims,
+    KeyNumber as KeyNumber,
+    Page as Page,
+    Section as Section,
+    Status as Status,
+    by_verdict as by_verdict,
+    summary as summary,
+)
+from .table import Cell as Cell, Column as Column, Table as Table

@@ -153,10 +153,11 @@ def checked_limits(what: str, stated: Any, joints: Sequence[str], signals: Seque
     if isinstance(stated, Mapping):
         named = {dict(zip(signals, joints)).get(name, name): value for name, value in stated.items()}
         listed = [named.get(joint, np.nan) for joint in joints] if set(named) <= set(joints) else np.nan
-    elif isinstance(stated, Sequence) and not isinstance(stated, str):
+    elif isinstance(stated, Sequence) and not isinstance(stated, (str, bytes)) and not signals:
         listed = [np.inf if limit is None else limit for limit in stated]
     limits = real_array(np.inf if stated is None else listed)
-    limits = np.full(len(joints), limits) if limits.ndim == 0 and (signals or stated is None) else limits
+    if (limits.ndim == 0 and stated is None) or (limits.size == 1 and signals):
+        limits = np.full(len(joints), limits.item())
     usable = (limits == np.inf) | ((limits >= 1.0 / HUGE) & (limits <= HUGE))
     if limits.shape != (len(joints),) or not np.all(usable):
         found = f"expected a number > 0, or None, for each of {list(joints)}, got {value_text(stated)}"

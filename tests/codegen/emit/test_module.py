@@ -3,8 +3,7 @@
 import casadi
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from tests.interpreter import interpret
 
 from flexhinf.codegen import Buffer, Call, Copy, Guard, Program, Repeat, Slice, compile_program

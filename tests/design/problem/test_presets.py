@@ -22,7 +22,7 @@ from flexhinf.design.problem.presets import (
     preset_of,
     required_damping,
 )
-from flexhinf.design.problem.weights import LinearFamily
+from flexhinf.design.problem.weights import DampingOutOfReach, LinearFamily
 from flexhinf.errors import InvalidInput
 
 Named = Callable[[str], Any]
@@ -58,13 +58,13 @@ def test_the_preset_that_is_meant(robot_of: Named, asked: dict[str, Any], own: s
 @pytest.mark.parametrize(
     ("asked", "both", "advice"),
     [
-        ({"bandwidth": 2.0, "penalty": WEIGHTS}, "`bandwidth` and `penalty`", "leave out one"),
-        ({"damping": 0.2, "effort": 2.0}, "`damping` and `effort`", "leave out one"),
-        ({"preset": "damped", "penalty": WEIGHTS}, "preset='damped' and `penalty`", "leave out `penalty`"),
-        ({"preset": "robust", "effort": 2.0}, "preset='robust' and `effort`", "leave out `effort`"),
+        ({"bandwidth": 2.0, "penalty": WEIGHTS}, "`bandwidth` and `penalty`", "one"),
+        ({"damping": 0.2, "effort": 2.0}, "`damping` and `effort`", "one"),
+        ({"preset": "damped", "penalty": WEIGHTS}, "preset='damped' and `penalty`", "out `penalty`"),
+        ({"preset": "robust", "effort": 2.0}, "preset='robust' and `effort`", "out `effort`"),
         ({"preset": "paper", "bandwidth": 2.0}, "preset='paper' and `bandwidth`", "preset='damped'"),
         ({"preset": "paper", "damping": 0.2}, "preset='paper' and `damping`", "preset='damped'"),
-        ({"preset": "paper", "penalty": WEIGHTS}, "preset='paper' and `penalty`", "leave out `preset`"),
+        ({"preset": "paper", "penalty": WEIGHTS}, "preset='paper' and `penalty`", "out `preset`"),
     ],
 )
 def test_what_contradicts_itself_is_refused_in_three_parts(
@@ -73,15 +73,15 @@ def test_what_contradicts_itself_is_refused_in_three_parts(
     with pytest.raises(InvalidInput) as refused:
         choose(robot_of("paper"), np.array([0.0]), np.array([0.1]), Specification(**asked))
     what, found, attempt = str(refused.value).splitlines()
-    assert what == f"{both} contradict each other."
-    assert "expected either weights, or a behaviour" in found
+    assert what.split(" contradict")[0].endswith(both)
+    assert "weights" in found
     assert advice in attempt
 
 
 def test_bandwidths_fit_the_joints_or_are_refused(robot_of: Named, problem_of: Games) -> None:
-    with pytest.raises(InvalidInput, match="do not fit the joints") as refused:
+    with pytest.raises(InvalidInput, match="bandwidths") as refused:
         choose(robot_of("cart"), np.zeros(2), np.zeros(2), Specification(bandwidth=[1.0, 2.0, 3.0]))
-    assert "expected one number or 2" in str(refused.value)
+    assert "or 2, got [1.0, 2.0, 3.0]" in str(refused.value)
     game = problem_of("cart", bandwidth=(4.0, 2.0), damping=0.1)
     assert game.target is not None
     assert game.target.bandwidth.tolist() == [4.0, 2.0]
@@ -307,7 +307,7 @@ def test_the_region_of_a_robust_law_is_sampled_and_not_empty(problem_of: Games) 
 def test_robust_needs_tolerances_that_matter(robot_of: Named, only_uncertain: Callable[..., Any]) -> None:
     for names in ((), ("inductance",)):
         robot = only_uncertain(robot_of("paper"), *names)
-        with pytest.raises(InvalidInput, match="states no tolerances") as refused:
+        with pytest.raises(InvalidInput, match=r"'paper'.* tolerances") as refused:
             choose(robot, np.array([0.5]), np.array([0.0]), Specification(preset="robust"))
         assert "preset='damped'" in str(refused.value)
 
@@ -321,7 +321,7 @@ def test_a_default_damping_out_of_reach_yields_and_a_stated_one_is_refused(robot
     assert found.target is not None
     assert found.target.damping < 0.05
     assert required_damping(default, found.target) == 0.1  # what the running loop is judged by
-    with pytest.raises(InvalidInput, match="damping of the oscillations binds"):
+    with pytest.raises(DampingOutOfReach, match=r"damping(?s:.)* 0\.2 "):
         choose(robot, goal, goal - 0.1, replace(default, damping=0.2))
 
 

@@ -234,7 +234,7 @@ def test_tolerances_that_no_gain_bears_are_refused(case_of: Callable[[str], Case
     case = case_of("paper")
     huge = tuple(replace(c, torque=300.0 * c.torque) for c in case.channels)
     game = RobustProblem(case.game.nominal, case.game.torques, huge)
-    with pytest.raises(NoFeasibleGamma, match="nor for a part of them"):
+    with pytest.raises(NoFeasibleGamma, match="part"):
         find_scalings(game, RATIO)
-    with pytest.raises(NoFeasibleGamma, match="whole tolerances"):
+    with pytest.raises(NoFeasibleGamma, match="whole"):
         game.gamma_star(Scalings(np.zeros(len(huge))))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import os
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -24,8 +25,7 @@ from flexhinf.errors import InvalidInput
 from flexhinf.estimation import ConstantGainFilter
 from flexhinf.files import read_arrays, write_arrays
 from flexhinf.loop import load_controller
-from flexhinf.loop.controller import controller as controller_module
-from flexhinf.loop.controller import step as law_code
+from flexhinf.loop.controller import controller as controller_module, step as law_code
 from flexhinf.plant import Law
 
 ARM = fh.paper_arm()
@@ -88,6 +88,20 @@ def test_every_law_of_the_house_returns_with_the_same_bits(name: str, tmp_path: 
         assert_same_steps(controller, loaded)
 
 
+def test_a_law_that_is_no_polynomial_keeps_its_degree_and_its_file_stays_the_same(tmp_path: Path) -> None:
+    def flow(x: Any, u: Any, d: Any, p: Any) -> Any:
+        return np.array([x[1], (2.0 + np.cos(x[0])) * u[0] + d[0]])
+
+    plant = fh.Plant(flow, lambda x, u, p: x[:1], ("a", "da"), ("u",), ("d",))
+    law = fh.solve_hji(plant.with_objective({"a": 1.0, "da": 1.0}, None), gamma=math.inf, degree=4)
+    assert not law.law_is_polynomial
+    loaded = through_a_file(fh.Controller(law, None, 1e-3), tmp_path)
+    before = (tmp_path / "controller.npz").read_bytes()
+    assert loaded.law.law_degree == law.law_degree == 4
+    through_a_file(loaded, tmp_path)
+    assert (tmp_path / "controller.npz").read_bytes() == before
+
+
 @pytest.mark.oracle
 @pytest.mark.parametrize("name", ESTIMATORS)
 @pytest.mark.parametrize("one_trace", [controller_module.ONE_TRACE, 0], ids=["one trace", "composed"])
@@ -147,13 +161,13 @@ def test_the_input_before_the_first_measurement_returns_and_a_file_without_it_ha
     assert_same_steps(plain, load_controller(tmp_path / "controller.npz"))
     for wrong in (np.full(1, np.nan), np.zeros(2), np.full(1, -1.0)):
         write_arrays(tmp_path / "controller.npz", "controller", arrays | {"windup.limit": wrong})
-        with pytest.raises(InvalidInput, match="bound of the integrals does not fit"):
+        with pytest.raises(InvalidInput, match=r"\.npz: .*bound.*integrals.*'limit'"):
             load_controller(tmp_path / "controller.npz")
 
 
 @pytest.mark.parametrize("option", ["stay", 50.0, np.nan, [1.0, 2.0], None])
 def test_an_input_before_the_first_measurement_that_does_not_fit_is_refused(option: Any) -> None:
-    with pytest.raises(InvalidInput, match="before the first"):
+    with pytest.raises(InvalidInput, match=rf"before[\s\S]*got {re.escape(repr(option))}"):
         fh.Controller(LAWS["linear"](), None, 1e-3, 48.0, before_first=option)
 
 
@@ -169,18 +183,18 @@ def test_what_cannot_be_saved_is_refused_by_name_and_leaves_no_file(tmp_path: Pa
         pass
 
     law = LAWS["linear"]()
-    with pytest.raises(InvalidInput, match="Branching cannot be saved"):
+    with pytest.raises(InvalidInput, match=r"Branching.*saved[\s\S]*symbols"):
         fh.Controller(Branching(), None).save(tmp_path / "c.npz")
-    with pytest.raises(InvalidInput, match="Mine cannot be saved"):
+    with pytest.raises(InvalidInput, match=r"Mine.*saved[\s\S]*flexhinf\.estimation"):
         fh.Controller(law, Mine(ARM.plant(), 1e-3, *NOISES)).save(tmp_path / "c.npz")
-    with pytest.raises(InvalidInput, match="cannot be written"):
+    with pytest.raises(InvalidInput, match=r"written[\s\S]*c\.npz"):
         fh.Controller(law, None).save(tmp_path / "missing" / "c.npz")
     assert list(tmp_path.iterdir()) == []
 
 
 def test_what_is_no_controller_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "c.npz"
-    with pytest.raises(InvalidInput, match="There is no controller's file"):
+    with pytest.raises(InvalidInput, match=r"c\.npz'[\s\S]*Controller\.save"):
         load_controller(path)
     fh.Controller(LAWS["linear"](), ESTIMATORS["ekf"](), 1e-3).save(path)
     whole = path.read_bytes()
@@ -193,12 +207,17 @@ def test_what_is_no_controller_is_refused(tmp_path: Path) -> None:
     header = json.loads(str(arrays["header"]))
     for change in ({"version": 2}, {"format": "a solution"}):
         write_arrays(path, "controller", {**arrays, "header": np.array(json.dumps({**header, **change}))})
-        with pytest.raises(InvalidInput, match="Another format"):
+        with pytest.raises(InvalidInput, match=rf"c\.npz: .*format.*{next(iter(change.values()))}"):
             load_controller(path)
-    for place in (["subprocess", "Popen"], ["flexhinf.__main__", "main"], ["flexhinf.plant", "Plant"], "x"):
+    for place, word in (
+        (["subprocess", "Popen"], "'Popen'"),
+        (["flexhinf.__main__", "main"], "'main'"),
+        (["flexhinf.plant", "Plant"], "'Plant'"),
+        ("x", "ValueError"),
+    ):
         header["estimator"]["estimator"] = place
         write_arrays(path, "controller", {**arrays, "header": np.array(json.dumps(header))})
-        with pytest.raises(InvalidInput, match="controller cannot be read"):
+        with pytest.raises(InvalidInput, match=rf"c\.npz: .*{word}"):
             load_controller(path)
 
 
@@ -221,7 +240,7 @@ def test_a_header_of_a_whole_file_that_says_something_else_is_refused(
     arrays, _ = read_arrays(path)
     header = json.loads(str(arrays["header"])) | change
     write_arrays(path, "controller", {**arrays, "header": np.array(json.dumps(header))})
-    with pytest.raises(InvalidInput, match="controller cannot be read"):
+    with pytest.raises(InvalidInput, match=r"controller.*read[\s\S]*c\.npz: "):
         load_controller(path)
 
 
@@ -233,17 +252,17 @@ def test_a_changed_bit_a_missing_digest_or_a_pipe_is_refused(tmp_path: Path) -> 
         changed = bytearray(whole)
         changed[place] ^= 4
         path.write_bytes(changed)
-        with pytest.raises(InvalidInput, match="controller cannot be read"):
+        with pytest.raises(InvalidInput, match=r"controller.*read[\s\S]*c\.npz: "):
             load_controller(path)
     path.write_bytes(whole)
     with np.load(path) as archive:
         arrays = {name: archive[name] for name in archive.files}
     np.savez(path, **arrays)
-    with pytest.raises(InvalidInput, match="digest at its end is missing"):
+    with pytest.raises(InvalidInput, match=r"c\.npz: .*digest.*missing"):
         load_controller(path)
     path.unlink()
     os.mkfifo(path)
-    with pytest.raises(InvalidInput, match="not a file"):
+    with pytest.raises(InvalidInput, match=r"c\.npz: .*pipe"):
         load_controller(path)
 
 

@@ -122,7 +122,7 @@ def test_a_spline_of_many_dense_samples_keeps_a_smooth_signal():
 
 
 def test_interpolated_samples_have_no_derivatives():
-    with pytest.raises(InvalidInput, match="linear interpolation") as caught:
+    with pytest.raises(InvalidInput, match=r"interpolation.* 4\b") as caught:
         Samples([0.0, 1.0], [0.0, 1.0]).derivatives(0.5)
     assert "Spline" in caught.value.advice
     assert Samples([0.0, 1.0], [0.0, 1.0]).derivatives(0.5, 0) == [0.5]
@@ -138,6 +138,6 @@ def test_orders_are_numbers(order):
 def test_a_spline_has_four_derivatives_and_needs_samples():
     with pytest.raises(InvalidInput, match="order 5"):
         Spline([0.0, 1.0], [0.0, 1.0]).derivatives(0.0, 5)
-    with pytest.raises(InvalidInput, match="function of time"):
+    with pytest.raises(InvalidInput, match=r"times \(2,\)"):
         Spline([0.0, 0.0], [0.0, 1.0])
     assert "9 samples" in Spline(TIMES, SAMPLES).name

@@ -88,7 +88,7 @@ def test_a_box_that_breaks_is_told(loops):
     _, boxed = loops
     run = boxed(Breaking).run(1.0, duration=2.0)
     assert run.status == "diverged"
-    assert "true plant's state" in run.message
+    assert "plant" in run.message
     assert len(run.time) > 10
     assert np.isnan(run.signals["output"][-1, 0])
 
@@ -99,7 +99,7 @@ def test_a_box_that_does_not_fit_is_refused(loops):
             return self.x[:2]
 
     _, boxed = loops
-    with pytest.raises(InvalidInput, match="does not measure"):
+    with pytest.raises(InvalidInput, match=r"\['link_position'\].* \(2,\)"):
         boxed(Wide).run(1.0, duration=0.1)
     with pytest.raises(InvalidInput):
         boxed(Box).run(1.0, disturbance={"link_torque": 1.0}, duration=0.1)

@@ -101,16 +101,14 @@ def test_a_delay_out_of_proportion_is_refused_early_with_the_unit_it_probably_wa
     assert Channel.of(None, 100.0, 1e-3, ("y",)).delay == LONGEST
     with pytest.raises(
         InvalidInput,
-        match=r"(?s)100 s, got 1000 s = 1000000 samples of 0.001 s.*delay=1 if 1000 ms was meant",
+        match=r"(?s) 100 s, got 1000 s = 1000000 .*delay=1 .*1000 ms",
     ):
         Channel.of(None, 1e3, 1e-3, ("y",))
 
 
 def test_a_linear_loop_takes_the_delays_of_a_run():
     check_delay(LONGEST, 1e-3)
-    with pytest.raises(
-        InvalidInput, match=r"(?s)500 s = 500000 samples of 0.001 s.*delay=0.5 if 500 ms was meant"
-    ):
+    with pytest.raises(InvalidInput, match=r"(?s) 500 s = 500000 .*delay=0\.5 .*500 ms"):
         check_delay(500_000, 1e-3)
 
 

@@ -255,7 +255,7 @@ def test_without_integrals_there_is_no_command(made):
         loop.run(1.0)
     with pytest.raises(InvalidInput):
         loop.run(disturbance=1.0)
-    with pytest.raises(InvalidInput, match="Nothing is tracked"):
+    with pytest.raises(InvalidInput, match=r"tracked[\s\S]*integrate="):
         run.metrics()
 
 
@@ -300,7 +300,7 @@ def test_divergence_is_told_with_the_time_and_the_run_so_far(made):
     run = Loop(paper_arm().plant(), Controller(law, None)).run(1.0, duration=60.0)
     assert run.status == "diverged"
     assert 0.0 < run.diverged_at == run.time[-1] < 60.0
-    assert "true plant's state" in run.message
+    assert "plant" in run.message
     assert f"t = {run.time[-1]:g} s" in run.message
     assert np.all(np.isfinite(run.signals["state"]))
     metrics = run.metrics()
@@ -324,11 +324,11 @@ def test_limits_do_not_hide_an_input_that_is_no_number(saturation):
     plant = Plant(lambda x, u, d, p: u - 1.0, lambda x, u, p: x, ("x",), ("u",))
     controller = Controller(RootLaw(), None, 0.1, saturation)
     run = Loop(plant, controller).run(duration=9.0, initial_state=[0.25])
-    assert "estimate or input" in run.message
+    assert "controller" in run.message
     assert run.status == "diverged"
     assert len(run.time) < 5
     assert controller.step(0.25) == -0.5
-    with pytest.raises(NumericalFailure, match="no longer finite"):
+    with pytest.raises(NumericalFailure, match=r"estimate.*finite[\s\S]* y=-0\.25"):
         controller.step(-0.25)
 
 
@@ -352,21 +352,21 @@ def test_loops_that_do_not_fit_are_refused(made):
     controller = Controller(made.law, made.ukf())
     plant, law = made.two_inputs()
     for true_plant, word in (
-        (paper_arm().plant(measured="motor_position"), "does not give"),
-        (plant, "does not give"),
+        (paper_arm().plant(measured="motor_position"), r"\['link_position'\].*\['motor_position'\]"),
+        (plant, r"\['link_position'\].*\['output_1', 'output_2'\]"),
         ("arm", "neither"),
     ):
         with pytest.raises(InvalidInput, match=word):
             Loop(true_plant, controller)
-    with pytest.raises(InvalidInput, match="needs a controller"):
+    with pytest.raises(InvalidInput, match=r" Controller, .*LinearLaw"):
         Loop(paper_arm().plant(), law)
     for count in (0, -1, 1.5, True, "4"):
         with pytest.raises(InvalidInput, match="sub-steps"):
             Loop(paper_arm().plant(), controller, sub_steps=count)
-    with pytest.raises(InvalidInput, match="does not give"):
+    with pytest.raises(InvalidInput, match=r"plant[\s\S]*'motor_velocity'\].*\['a', 'da', 'b', 'db'\]"):
         Loop(plant, Controller(made.law, None))
     swapped = made.LinearLaw(law.state_names, ("ub", "ua"), law.gain)
-    with pytest.raises(InvalidInput, match="other inputs"):
+    with pytest.raises(InvalidInput, match=r"inputs[\s\S]*\['ub', 'ua'\].*\['ua', 'ub'\]"):
         Loop(plant, Controller(swapped, None))
 
 

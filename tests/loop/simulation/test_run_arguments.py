@@ -1,5 +1,6 @@
 """What a run is given is checked before it starts, whoever asks."""
 
+import re
 from typing import Any
 
 import numpy as np
@@ -68,11 +69,11 @@ def test_commands_beyond_a_joint_are_refused_with_joint_time_and_value(robot: fh
     elbow = {"link_position_elbow": fh.Step(wide, at=0.25)}
     with pytest.raises(fh.InvalidInput, match="link_position_elbow") as caught:
         loop_of(robot, moving=False).run(elbow, duration=0.5)
-    assert f"{wide:.6g} rad at t = 0.25 s" in str(caught.value)
+    assert re.search(rf" {wide:.6g} rad .* 0\.25 s", str(caught.value))
     assert f"{low:g} to {high:g}" in str(caught.value)
     wave = [0.0, fh.Sine(wide, 1.0)]
     moving: Any = fh.Moving(wave, robot.inverse_dynamics)
-    with pytest.raises(fh.InvalidInput, match="leaves the range of 'link_position_elbow'"):
+    with pytest.raises(fh.InvalidInput, match=r"range.*'link_position_elbow'"):
         loop_of(robot, moving=True).run(moving, duration=1.0)
 
 
@@ -96,7 +97,7 @@ def test_the_limit_itself_and_states_without_limits_are_commanded(robot: fh.Robo
 )  # fmt: skip
 def test_degrees_are_asked_about(made: Any, command: Any) -> None:
     loop = Loop(paper_arm().plant(), Controller(made.law, None))
-    with pytest.raises(InvalidInput, match="more than a full turn") as caught:
+    with pytest.raises(InvalidInput, match=r"'link_position'.*turn[\s\S]* 6\.283 rad") as caught:
         loop.run(command, duration=0.5)
     assert "np.radians(" in str(caught.value)
 
@@ -130,10 +131,10 @@ def test_the_number_of_samples() -> None:
 @pytest.mark.parametrize(
     ("duration", "match"),
     [
-        (-3, "not positive"),
-        (4e-4, "shorter than one period"),
-        (1e5, "duration=100 if"),
-        ("long", "not positive"),
+        (-3, r"positive[\s\S]* -3"),
+        (4e-4, r" 0\.001 s, got 0\.0004 s"),
+        (1e5, r"duration=100 .*100000 ms"),
+        ("long", r"positive[\s\S]*'long'"),
     ],
 )
 def test_durations_out_of_proportion(duration: Any, match: str) -> None:

@@ -1,3 +1,4 @@
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -28,7 +29,7 @@ def test_the_dataset_is_labelled(run):
     assert data.disturbance_name.values.tolist() == ["link_torque", "motor_torque"]
     assert data.disturbance_unit.values.tolist() == ["N·m", "N·m"]
     assert data.attrs["seed"] == "3"
-    assert data.attrs["reference"] == "step to 1.2 at 0.5 s"
+    assert re.fullmatch(r"step .*1\.2 .*0\.5 s", data.attrs["reference"])
     by_name = data.state.sel(state_name="link_position").values
     np.testing.assert_array_equal(by_name, run.signal("state", "link_position"))
 
@@ -66,11 +67,11 @@ def test_metrics_of_the_run(run):
 
 
 def test_unknown_names_are_refused(run):
-    with pytest.raises(InvalidInput, match="not tracked"):
+    with pytest.raises(InvalidInput, match=r"'motor_position'[\s\S]*\['link_position'\]"):
         run.metrics("motor_position")
-    with pytest.raises(InvalidInput, match="no state 'speed'"):
+    with pytest.raises(InvalidInput, match="state 'speed'"):
         run.signal("state", "speed")
-    with pytest.raises(InvalidInput, match="no velocity"):
+    with pytest.raises(InvalidInput, match="velocity 'link_position'"):
         run.signal("velocity", "link_position")
     with pytest.raises(InvalidInput):
         run.tracked("speed")
@@ -160,7 +161,7 @@ def test_another_format_and_a_missing_folder_are_refused(run, tmp_path):
     with pytest.raises(InvalidInput, match=r"\.csv or \.nc"):
         run.save(tmp_path / "run.mat")
     for name in ("run.csv", "run.nc"):
-        with pytest.raises(InvalidInput, match="cannot be written"):
+        with pytest.raises(InvalidInput, match=rf"written[\s\S]*{re.escape(name)}"):
             run.save(tmp_path / "missing" / name)
     assert list(tmp_path.iterdir()) == []
 
@@ -189,7 +190,7 @@ def test_a_diverged_run_is_shown_with_its_message(made):
     law = made.LinearLaw(made.law.state_names, made.law.input_names, -40.0 * made.law.gain)
     run = Loop(paper_arm().plant(), Controller(law, None)).run(1.0, duration=60.0)
     assert "diverged" in repr(run)
-    assert "smaller command" in run._repr_html_()
+    assert f"{run.diverged_at:g} s" in run._repr_html_()
 
 
 def test_errors_whose_squares_are_not_finite_have_a_mean(run):

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Any
 import casadi
 
 from flexhinf.codegen.c import algebra
-from flexhinf.codegen.c.algebra import function as sine_function
-from flexhinf.codegen.c.algebra import row_function
+from flexhinf.codegen.c.algebra import function as sine_function, row_function
 from flexhinf.codegen.c.functions import CALLS, INDENT, SINES, Real, constant, function_text
 from flexhinf.codegen.memory import COLUMN, Columns, Slice, overlap, whole
 from flexhinf.codegen.program import (

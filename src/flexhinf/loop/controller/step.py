@@ -173,11 +173,9 @@ def controller_step(
         memory.started, data.period, point, *others,
     )  # fmt: skip
     about: Any = None
-    if (
-        mode.moving and law.law.depends_on_reference
-    ):  # in memory of its own: loops inside a sample may read it
-        states = len(estimate)
-        about = run.call(lambda r: (r[:states], r[states:]), r)
+    if mode.moving and law.law.depends_on_reference:
+        # In memory of its own: loops inside a sample may read it.
+        about = run.call(partial(_state_and_input, len(estimate)), r)
     law_of = law.on(run, data.law, active, about)
     feedback = law_of(deviation)
     after = {"position": position, "reference": requested, "command": r, "active": active}
@@ -330,6 +328,10 @@ def bumpless_transfer(
             errors, misfit, _ = run.repeat(STEPS, step, errors, misfit, inverse)
     parts = (taken, feedback, wanted, misfit, errors, growth, bias, deviation, point, decay)
     return run.call(partial(_joined, n), *parts)
+
+
+def _state_and_input(states: int, r: Any) -> tuple[Any, Any]:
+    return r[:states], r[states:]
 
 
 def _trial(states: Any, errors: Any, inverse: Any, misfit: Any) -> Any:

@@ -47,16 +47,29 @@ class StoredLaw(Law):
     """A law from a file that is a traced function."""
 
     def __init__(
-        self, names: Any, point: Any, input: Any, data: np.ndarray, kind: str, arrays: Mapping[str, Any]
+        self,
+        names: Any,
+        point: Any,
+        input: Any,
+        data: np.ndarray,
+        kind: str,
+        degree: int | None,
+        arrays: Mapping[str, Any],
     ) -> None:
-        (self.state_names, self.input_names), self.name, self._data = names, kind, data
-        self.operating_point, self.operating_input, self._arrays = point, input, arrays
+        (self.state_names, self.input_names), self.name, self.degree = names, kind, degree
+        self.operating_point, self.operating_input, self._data = point, input, data
+        self._arrays = arrays
         _check_sizes(self._law, [len(self.state_names), data.size], len(self.input_names))
 
     @property
     def kind(self) -> str:
         """The class that it was before it was stored."""
         return self.name
+
+    @property
+    def law_degree(self) -> int | None:
+        """As of the law that it was."""
+        return self.degree
 
     @property
     def law_data(self) -> np.ndarray:
@@ -221,7 +234,7 @@ def _stored_law(header: dict[str, Any], arrays: dict[str, np.ndarray]) -> Law:
     numbers, kind = (arrays["point"], arrays["input"]), str(header["name"])
     if header["degrees"] is None:
         stored = StoredPlacedLaw if header["placed"] else StoredLaw
-        return stored((states, inputs), *numbers, arrays["data"], kind, arrays)
+        return stored((states, inputs), *numbers, arrays["data"], kind, header["degree"], arrays)
     if header["placed"]:
         raise InvalidInput("Another law.", "expected no degrees of a law that depends on its reference")
     table = PolynomialLaw(len(states), tuple(header["degrees"]), arrays["data"].reshape(len(inputs), -1))

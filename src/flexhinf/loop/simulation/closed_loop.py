@@ -343,9 +343,21 @@ class Loop(Summarised):
             settings["start"] = start_text(box, recorded["state"][0], True, controller, np.zeros(0))
         return Trajectory.until(box, controller, times, recorded, settings, code, last)
 
-    def prepared(self, *run: Any, seed: int = 0, **settings: Any) -> PreparedRun:
-        """What `run` would run on a `Plant`, before it is made; arguments as there, from the seed on by name."""
-        return self.ensemble(*run, **settings).single(seed, self.sub_steps)
+    def prepared(
+        self,
+        reference: Any = None,
+        disturbance: Any = None,
+        noise: Any = None,
+        duration: float = 8.0,
+        initial_state: Any = None,
+        seed: int = 0,
+        initial_input: Any = None,
+        *,
+        multi_turn: bool = False,
+    ) -> PreparedRun:
+        """What `run` would run on a `Plant`, before it is made; arguments as there."""
+        run = (reference, disturbance, noise, duration, initial_state, initial_input)
+        return self.ensemble(*run, multi_turn=multi_turn).single(seed, self.sub_steps)
 
     def ensemble(
         self,

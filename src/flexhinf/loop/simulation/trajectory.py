@@ -182,8 +182,7 @@ class Trajectory(Summarised):
         for kind, values in self.signals.items():
             for name, unit, column in zip(self.names[kind], self.units[kind], values.T):
                 label = f"{kind}.{name} [{unit}]" if unit else f"{kind}.{name}"
-                special = any(mark in label for mark in ',"\n')  # quoted as in RFC 4180
-                labels.append('"' + label.replace('"', '""') + '"' if special else label)
+                labels.append(_csv_cell(label))
                 columns.append(column)
         table = np.column_stack(columns)
         np.savetxt(path, table, "%.17g", ",", header=",".join(labels), comments="", encoding="utf-8")
@@ -224,3 +223,8 @@ def _rms(errors: np.ndarray) -> float:
     if largest == 0.0 or not np.isfinite(largest):
         return largest
     return largest * float(np.sqrt(np.mean((errors / largest) ** 2)))
+
+
+def _csv_cell(text: str) -> str:
+    """A text as one cell of a CSV file (RFC 4180)."""
+    return '"' + text.replace('"', '""') + '"' if any(mark in text for mark in ',"\n') else text

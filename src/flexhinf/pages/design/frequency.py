@@ -367,7 +367,7 @@ def corners(design: Design) -> Blocks:
             for form in cases.forms
             if form not in cases.retunable
         )
-        may = f"With Rᵛ of the form {' or '.join(free)} no corner is unstable at any ratio." if free else ""
+        may = f"With Rᵛ of the form {' or '.join(free)} none is unstable at any ratio tried." if free else ""
         some = f" Otherwise that holds {parts}." if parts and free else ""
         if parts and not free:
             some = f"No form keeps every corner stable at all ratios tried: that holds {parts}."

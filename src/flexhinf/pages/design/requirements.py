@@ -11,8 +11,7 @@ from flexhinf.design.requirements import Requirement
 from flexhinf.design.responses import Response
 from flexhinf.design.result import Design
 from flexhinf.design.specification import TOLERANCE
-from flexhinf.pages.drawing import Blocks, units_of
-from flexhinf.pages.drawing import limit_text as effort_text
+from flexhinf.pages.drawing import Blocks, limit_text as effort_text, units_of
 from flexhinf.report import Cell, Column, Paragraph, Table, number
 
 #: Of the judgement in a terminal.

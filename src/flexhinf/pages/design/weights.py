@@ -216,8 +216,9 @@ def _robust_text(r: Robustness) -> str:
     scalings = (f"{group.replace('_', ' ')} {range_text(ends)}" for group, ends in sorted(r.scalings.items()))
     return (
         f"{r.channels} channels stand for the tolerances, and the problem has a solution for {covered}{beyond}. The "
-        "channels are linear in each tolerance: the level holds on the linear part, with the true state fed back. "
-        f"Products of tolerances change a robot by more than its channels:{products} Scalings s of the channels, each "
+        "channels are linear in each tolerance: the level holds on the linear part, with the true state fed back, "
+        "for robots that such channels describe. Products of tolerances change a robot by more than its channels:"
+        f"{products} Scalings s of the channels, each "
         f"seen s times and acting 1/s times as strongly: {', '.join(scalings)}."
     )
 
