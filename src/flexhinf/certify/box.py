@@ -158,7 +158,7 @@ def _moves(statement: Certificate, problem: GeneralisedPlant) -> bool:
     corners = [{p.name: end} for p in varying for end in (p.low, p.high)]
     corners += [{p.name: (p.low, p.high)[rng.integers(2)] for p in varying} for _ in range(16)]
 
-    def rates(corner: Mapping[str, float]) -> np.ndarray:
+    def rates(corner: dict[str, float]) -> np.ndarray:
         there = np.array([*(dict(zip(flat, nominal)) | corner).values()])
         return np.abs(np.asarray(problem.flow(point, u, d, table.named(there)), dtype=float))
 

@@ -217,7 +217,7 @@ def quotient_table(function: Function, reach: float, order: int) -> QuotientTabl
         ends = [_derivative(series, (i + 0.5) * _PIECE, 1) for i in range(-pieces, pieces)]
     finally:
         flint.ctx.cap, flint.ctx.prec = cap, bits
-    return QuotientTable(-count, np.array(rows), *map(np.maximum.accumulate, sides), max(ends))
+    return QuotientTable(-count, np.array(rows), *map(np.maximum.accumulate, sides), largest=max(ends))
 
 
 def _row(function: Series, node: int, order: int) -> list[float]:

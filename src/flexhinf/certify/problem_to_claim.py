@@ -11,7 +11,7 @@ A claim is about the nominal plant (`statement_of`) or about a box of its parame
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from math import pi
+from math import pi, prod
 from typing import Any
 
 import casadi as ca
@@ -246,7 +246,7 @@ class _Reader:
         value = _exact_double(offset, name)
         halves = round(value / (pi / 2))
         quarter = name in ("sin", "cos") and 0 < abs(halves) <= _MOST_HALVES and value == halves * pi / 2
-        function = Function(name, tuple(slope), *((0.0, halves) if quarter else (value,)))
+        function = Function(name, tuple(slope), 0.0 if quarter else value, halves if quarter else 0)
         if function not in self.functions:
             self.functions.append(function)
         return self._room[self.functions.index(function)]
@@ -415,15 +415,13 @@ def law_polynomials(solution: ValueFunction, fields: Mapping[str, Any]) -> tuple
     price = solution.input_price
     for k, slope in solution.slope_parts.items():
         for powers, along in zip(basis.exponents(n, k - 1).tolist(), slope.tolist()):
-            for i, value in enumerate(along):
-                for j, row in enumerate(fields["g2"][i] if value else ()):
-                    for term in row:
-                        key = tuple(a + b for a, b in zip(powers, term.powers))
-                        factor = value * term.coefficient
-                        for name, power in term.parameters:
-                            factor *= numbers[name] ** power
-                        for target, weight in zip(rows, price[:, j].tolist()):
-                            target[key] = target.get(key, 0.0) - weight * factor
+            for value, entries in zip(along, fields["g2"]):
+                for weights, term in ((price[:, j], term) for j, row in enumerate(entries) for term in row):
+                    key = tuple(a + b for a, b in zip(powers, term.powers))
+                    factors = [numbers[name] ** power for name, power in term.parameters]
+                    factor = prod(factors, start=value * term.coefficient)
+                    for target, weight in zip(rows, weights.tolist() if value else ()):
+                        target[key] = target.get(key, 0.0) - weight * factor
     return tuple(tuple((key, value) for key, value in row.items() if value) for row in rows)
 
 
