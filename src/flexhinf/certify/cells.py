@@ -36,6 +36,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from math import prod
 from typing import Self
 
 import numpy as np
@@ -197,10 +198,8 @@ class CellBounds:
         """K, an upper bound of the rounded operations through which a term passes on its way into a bound."""
         shape = self.shape
         highest = shape.longest.degrees[-1]
-        monomials = len(monomials_of(shape.directions, highest))
-        low = len(monomials_of(shape.directions, min(LOW, highest)))
-        table = 2 * (len(shape.terms) + 1)
-        shifts = 2 * (shape.directions + 1) * highest
+        monomials, low = (len(monomials_of(shape.directions, k)) for k in (highest, min(LOW, highest)))
+        table, shifts = 2 * (len(shape.terms) + 1), 2 * (shape.directions + 1) * highest
         powers = 14 * highest  # h^β, ρᵏ, sums over k, the shift in ρ, the half width's powers, dyadic radii
         return table + shifts + powers + monomials + low * (highest + 1) + 64
 
@@ -220,11 +219,10 @@ class CellBounds:
         segments = [(variable, length, len(rows), at) for (variable, length, rows), at in zip(every, places)]
         # for each monomial another one times one variable that it is; then which variables it has, as doubles
         monomials = shape.longest.monomials
-        number = {beta: b for b, beta in enumerate(monomials)}
         links = np.zeros((len(monomials), 2), dtype=np.int64)
         for b, beta in enumerate(monomials[1:], 1):
             j = next(j for j, e in enumerate(beta) if e)
-            links[b] = number[(*beta[:j], beta[j] - 1, *beta[j + 1 :])], j
+            links[b] = monomials.index((*beta[:j], beta[j] - 1, *beta[j + 1 :])), j
         masks = (np.array(monomials).reshape(len(monomials), shape.directions) > 0).astype(float)
         self._constants = {
             "value_table": self.value_table, "quotient_table": self.quotient_table, "table": self.table,
@@ -239,10 +237,7 @@ class CellBounds:
         mine = [np.flatnonzero(cells.face == face) for face in range(len(self.faces))]
         padded = [np.append(cell, np.repeat(cell[:1], -len(cell) % LANES)) for cell in mine]
         filled = np.concatenate(padded)  # empty lanes repeat the first cell of their face
-        faces, total = (
-            np.repeat(np.arange(len(mine)), [len(part) // LANES for part in padded]),
-            len(filled) // LANES,
-        )
+        faces = np.repeat(np.arange(len(mine)), [len(part) // LANES for part in padded])
         slot = np.empty(len(cells), dtype=np.int64)
         slot[filled[::-1]] = np.arange(len(filled))[::-1]  # of each cell the first
         rows, names = self.rows(cells), self.shape.outputs
@@ -252,16 +247,14 @@ class CellBounds:
             numbers = np.array([2 * variable + (sign < 0) for variable, sign in self.faces])
             added, score = self.box(numbers[cells.face], cells.t.T, cells.h.T, *radii)
             rows[:, self.shape.inputs["rounding"]] += added
-        inputs = _aligned(total * rows.shape[1] * LANES).reshape(total, rows.shape[1], LANES)
-        inputs[:] = rows[filled].reshape(total, LANES, -1).transpose(0, 2, 1)
-        size = names["count"]
-        outputs = _aligned(total * size * LANES).reshape(total, size, LANES)
+        inputs, outputs = (_aligned(len(faces), size, LANES) for size in (rows.shape[1], names["count"]))
+        inputs[:] = rows[filled].reshape(len(faces), LANES, -1).transpose(0, 2, 1)
         arrays = self._constants | {
             "faces": faces.astype(np.int64), "inputs": inputs, "outputs": outputs, "level": np.array([level])
         }  # fmt: skip
 
         def run(first: int, last: int) -> None:
-            whole = arrays | {"work": _aligned(self.shape.work["count"] * LANES)}
+            whole = arrays | {"work": _aligned(self.shape.work["count"], LANES)}
             addresses = (whole[name].ctypes.data for name in POINTERS[2:])
             words = np.array([first, last, *addresses], dtype=np.int64)
             self._entry(words.ctypes.data)
@@ -272,21 +265,17 @@ class CellBounds:
             edges = np.linspace(0, len(faces), _PARTS + 1).astype(np.int64).tolist()
             for future in [pool.submit(run, a, b) for a, b in pairwise(edges) if b > a]:
                 future.result()
-        found = outputs.transpose(0, 2, 1).reshape(total * LANES, size)[slot]
+        found = outputs.transpose(0, 2, 1).reshape(len(filled), -1)[slot]
         single = {name: found[:, names[name]] for name in list(names)[:-2]}
         return Bounds(**single, score=found[:, names["score"] :] + score.T)
 
     def rows(self, cells: Cells) -> np.ndarray:
         """The kernel's inputs (N, rows) for each cell. Radii are exact: fractions and the reach have few bits."""
         inner, outer = cells.inner * self.reach, cells.outer * self.reach
-        middle = (inner + outer) / 2
-        half = np.maximum(outer - middle, middle - inner)
-        unit = 2 * self.roundings * _UNIT
-        face = cells.face
-        powers = outer[:, None] ** np.arange(self._highest + 1) * (1 + 1e-12)
+        middle, unit, face = (inner + outer) / 2, 2 * self.roundings * _UNIT, cells.face
+        half, degrees = np.maximum(outer - middle, middle - inner), np.arange(self._highest + 1)
+        powers = outer[:, None] ** degrees * (1 + 1e-12)
         lowered = np.hstack([np.zeros((len(face), 2)), powers[:, :-2]])
-
-        degrees = np.arange(self._highest + 1)
 
         def allowed(size: np.ndarray, odd: np.ndarray) -> np.ndarray:
             return unit * size + odd * (1 + 1e-12) + self._underflow
@@ -300,14 +289,10 @@ class CellBounds:
         for j, (form, table) in enumerate(zip(self.lines, self.tables)):
             slope = np.stack([np.delete(form, variable) for variable, _ in self.faces])
             at = np.array([sign * form[variable] for variable, sign in self.faces])[face]
-            at = at + (slope[face] * cells.t).sum(1)
-            wide = (np.abs(slope[face]) * cells.h).sum(1)
-            pad = 1e-13 * np.abs(form).sum() * outer + 1e-300
-            low, high = at - wide, at + wide
-            low, high = (
-                np.minimum(low * inner, low * outer) - pad,
-                np.maximum(high * inner, high * outer) + pad,
-            )
+            at, wide = at + (slope[face] * cells.t).sum(1), (np.abs(slope[face]) * cells.h).sum(1)
+            low, high, pad = at - wide, at + wide, 1e-13 * np.abs(form).sum() * outer + 1e-300
+            low = np.minimum(low * inner, low * outer) - pad
+            high = np.maximum(high * inner, high * outer) + pad
             rows, error = table.enclose(low, high)
             for row in rows.T:
                 size = size + (np.abs(row) + _VALUE) * (lowered @ next(sizes))
@@ -316,8 +301,7 @@ class CellBounds:
             size = size + np.where(np.isfinite(error), error, 0.0) * (lowered @ self._factor_sizes[j])
             errors.append(error)
             coefficients.append(rows)
-        rounding = allowed(size, odd)
-        scalars = [inner, outer, middle, half, value_rounding, growth_rounding, rounding, *errors]
+        scalars = [inner, outer, middle, half, value_rounding, growth_rounding, allowed(size, odd), *errors]
         return np.hstack([cells.t, cells.h, np.stack(scalars, axis=1), *coefficients])
 
 
@@ -326,11 +310,11 @@ def _degrees(terms: Rational) -> tuple[int, ...]:
     return tuple(sorted({sum(key) for key in terms}))
 
 
-def _aligned(count: int) -> np.ndarray:
+def _aligned(*shape: int) -> np.ndarray:
     """Zeros that start at a multiple of 64 bytes."""
+    count = prod(shape)
     raw = np.zeros(count + 8)
-    offset = (-raw.ctypes.data % 64) // 8
-    return raw[offset : offset + count]
+    return raw[(-raw.ctypes.data % 64) // 8 :][:count].reshape(shape)
 
 
 #: Called now and then with the number of cells done and the estimated share of the whole.
@@ -387,8 +371,7 @@ def search(
     stack = [
         Cells(np.arange(faces), np.zeros((faces, d)), np.ones((faces, d)), np.zeros(faces), np.ones(faces))
     ]
-    done, share = 0, 0.0
-    whole = faces * 2.0**d
+    done, share, whole = 0, 0.0, faces * 2.0**d
     with ThreadPoolExecutor(threads) if threads > 1 else nullcontext() as pool:
         while stack:
             cells = _next_batch(stack)
@@ -398,22 +381,18 @@ def search(
             done += len(cells)
             outside = found.least_value > level
             accepted = ~outside & (found.growth > 0) & ((found.upper < 0) | (found.upper_inside < 0))
-            failed = ~outside & ~accepted
-            closing = accepted & (cells.inner >= 1)  # at the reach, and V may still be below the level
-            failed |= closing
-            accepted &= ~closing
-            width = np.prod(2 * cells.h, axis=1) / whole
+            accepted &= cells.inner < 1  # at the reach V may still be below the level
+            failed, width = ~(outside | accepted), np.prod(2 * cells.h, axis=1) / whole
             share += float((width * np.where(outside, 1 - cells.inner, 0)).sum())
             share += float((width * np.where(accepted, cells.outer - cells.inner, 0)).sum())
             if failed.any():
-                chosen = np.flatnonzero(failed)
-                part, rest = found.chosen(chosen), cells.chosen(chosen)
+                part, rest = found.chosen(failed), cells.chosen(failed)
                 end = _disproved(bounds, rest, part, level) or _halves(bounds, rest, part)
                 if isinstance(end, Outcome):
                     return replace(end, cells=done)
                 stack.append(end)
             if accepted.any():
-                stack.append(_following(cells.chosen(np.flatnonzero(accepted))))
+                stack.append(_following(cells.chosen(accepted)))
             if progress is not None:
                 progress(done, min(share, 1.0))
     return Outcome(True, "proved", None, level, float("nan"), done)
@@ -421,15 +400,14 @@ def search(
 
 def _next_batch(stack: list[Cells]) -> Cells:
     """The cells that were put on the stack last, at most `_TOGETHER`."""
-    parts, count = [], 0
-    while stack and count < _TOGETHER:
+    parts, room = [], _TOGETHER
+    while stack and room:
         part = stack.pop()
-        if count + len(part) > _TOGETHER:
-            split = len(part) - (_TOGETHER - count)
-            stack.append(part.chosen(np.arange(split)))
-            part = part.chosen(np.arange(split, len(part)))
+        if len(part) > room:
+            stack.append(part.chosen(np.arange(len(part) - room)))
+            part = part.chosen(np.arange(len(part) - room, len(part)))
         parts.append(part)
-        count += len(part)
+        room -= len(part)
     return Cells.joined(parts)
 
 
@@ -470,12 +448,10 @@ def _halves(bounds: CellBounds, cells: Cells, found: Bounds) -> Outcome | Cells:
     vague = ~np.isfinite(found.allowance) | ~(score.sum(1) > 0)
     chosen = np.argmax(score, axis=1)
     if d:
-        widest = 1 + np.argmax(cells.h, axis=1)
-        width = cells.h.max(axis=1)
-        chosen = np.where(vague, np.where(length < 0.5 * width, widest, 0), chosen)
-        weighted = cells.h * np.where(score[:, 1:] > 0, 1.0, 0.5)
-        across = 1 + np.argmax(weighted, axis=1)
-        chosen = np.where((chosen == 0) & (length < _NARROW * weighted.max(axis=1)), across, chosen)
+        widest, weighted = 1 + np.argmax(cells.h, axis=1), cells.h * np.where(score[:, 1:] > 0, 1.0, 0.5)
+        chosen = np.where(vague, np.where(length < 0.5 * cells.h.max(axis=1), widest, 0), chosen)
+        thin = (chosen == 0) & (length < _NARROW * weighted.max(axis=1))
+        chosen = np.where(thin, 1 + np.argmax(weighted, axis=1), chosen)
         chosen = np.where(length == 0, widest, chosen)
     size = np.column_stack([length, cells.h])[np.arange(len(cells)), chosen]
     small = size < np.where(chosen > 0, _THINNEST, _SHORTEST)
@@ -483,7 +459,7 @@ def _halves(bounds: CellBounds, cells: Cells, found: Bounds) -> Outcome | Cells:
         place = int(np.flatnonzero(small)[0])
         reason = "not closed" if cells.inner[place] >= 1 else "undecided"
         return _outcome(bounds, cells, found, place, reason)[0]
-    along, *sides = (cells.chosen(np.flatnonzero(side)) for side in (chosen == 0, chosen > 0, chosen > 0))
+    along, *sides = map(cells.chosen, (chosen == 0, chosen > 0, chosen > 0))
     along.outer = (along.inner + along.outer) / 2
     row, column = np.arange(len(sides[0])), chosen[chosen > 0] - 1
     for part, sign in zip(sides, (1, -1)):
