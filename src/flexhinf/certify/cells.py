@@ -37,7 +37,6 @@ from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from math import prod
-from typing import Self
 
 import numpy as np
 
@@ -51,7 +50,7 @@ from flexhinf.certify.inequality import (
     parity,
     quotient_table,
 )
-from flexhinf.certify.kernel import LANES, LOW, POINTERS, Layout, Shape, kernel_text, monomials_of
+from flexhinf.certify.kernel import LANES, LOW, OUTPUTS, POINTERS, Layout, Shape, kernel_text, monomials_of
 from flexhinf.certify.problem_to_claim import nearest_double, terms_of
 from flexhinf.codegen import machine
 from flexhinf.codegen.compiler import cached
@@ -67,50 +66,14 @@ _ENTRY = "flexhinf_cells"
 _ASYMMETRY = 1e-9  # largest share of terms of the wrong parity, for opposite faces to be treated together
 
 
-class _PerCell:
-    """A dataclass whose fields are arrays with a row for each of N cells."""
-
-    def __len__(self) -> int:
-        return len(next(iter(vars(self).values())))
-
-    def chosen(self, places: np.ndarray) -> Self:
-        """Some of them, as copies."""
-        return type(self)(*(rows[places] for rows in vars(self).values()))
-
-    @classmethod
-    def joined(cls, parts: Sequence[Self]) -> Self:
-        """All cells of several lists."""
-        return cls(*map(np.concatenate, zip(*(vars(part).values() for part in parts))))
-
-
-@dataclass
-class Cells(_PerCell):
-    """N cells; t and h are middle and half widths (N, n − 1) of the box of directions, radii in units of the reach.
-
-    All but the faces are dyadic.
-    """
-
-    face: np.ndarray
-    t: np.ndarray
-    h: np.ndarray
-    inner: np.ndarray
-    outer: np.ndarray
-
-
-@dataclass
-class Bounds(_PerCell):
-    """Results of the kernel; each of shape (N,) but `score`."""
-
-    least_value: np.ndarray  # V ≥ this on the inner end of the cell
-    growth: np.ndarray  # ∂V/∂ρ /ρ ≥ this on the cell
-    upper: np.ndarray  # r/ρ² ≤ this on the cell
-    upper_inside: np.ndarray  # r/ρ² ≤ this where V ≤ level
-    centre: np.ndarray  # r/ρ² in the middle, up to the allowance
-    allowance: np.ndarray
-    value: np.ndarray  # V in the middle
-    value_range: np.ndarray  # how far it goes from there
-    growth_at_centre: np.ndarray  # ∂V/∂ρ /ρ in the middle
-    score: np.ndarray  # (N, n): how much the radius and each t_j add to `upper`
+def cells_of(
+    face: np.ndarray, t: np.ndarray, h: np.ndarray, inner: np.ndarray, outer: np.ndarray
+) -> np.recarray:
+    """N cells as records; t and h are middle and half widths (N, n − 1) of the box of directions, radii in units of the
+    reach. All but the faces are dyadic."""
+    d = t.shape[1:]
+    kind = [("face", int), ("t", float, d), ("h", float, d), ("inner", float), ("outer", float)]
+    return np.rec.fromarrays([face, t, h, inner, outer], kind)
 
 
 class CellBounds:
@@ -232,8 +195,8 @@ class CellBounds:
         }  # fmt: skip
 
     # Cells --------------------------------------------------------------------------------------
-    def bound(self, cells: Cells, level: float, pool: ThreadPoolExecutor | None = None) -> Bounds:
-        """Bounds on cells; the same for any number of threads."""
+    def bound(self, cells: np.recarray, level: float, pool: ThreadPoolExecutor | None = None) -> np.recarray:
+        """Records of `OUTPUTS` and `score` for each cell; the same for any number of threads."""
         mine = [np.flatnonzero(cells.face == face) for face in range(len(self.faces))]
         padded = [np.append(cell, np.repeat(cell[:1], -len(cell) % LANES)) for cell in mine]
         filled = np.concatenate(padded)  # empty lanes repeat the first cell of their face
@@ -266,10 +229,11 @@ class CellBounds:
             for future in [pool.submit(run, a, b) for a, b in pairwise(edges) if b > a]:
                 future.result()
         found = outputs.transpose(0, 2, 1).reshape(len(filled), -1)[slot]
-        single = {name: found[:, names[name]] for name in list(names)[:-2]}
-        return Bounds(**single, score=found[:, names["score"] :] + score.T)
+        found[:, names["score"] :] += score.T
+        kind = [*((name, float) for name in OUTPUTS), ("score", float, (self.n,))]
+        return found.view(kind)[:, 0].view(np.recarray)
 
-    def rows(self, cells: Cells) -> np.ndarray:
+    def rows(self, cells: np.recarray) -> np.ndarray:
         """The kernel's inputs (N, rows) for each cell. Radii are exact: fractions and the reach have few bits."""
         inner, outer = cells.inner * self.reach, cells.outer * self.reach
         middle, unit, face = (inner + outer) / 2, 2 * self.roundings * _UNIT, cells.face
@@ -369,7 +333,7 @@ def search(
     """Prove the inequality on the component of {V ≤ level} around 0, or say where that fails."""
     d, faces = bounds.n - 1, len(bounds.faces)
     stack = [
-        Cells(np.arange(faces), np.zeros((faces, d)), np.ones((faces, d)), np.zeros(faces), np.ones(faces))
+        cells_of(np.arange(faces), np.zeros((faces, d)), np.ones((faces, d)), np.zeros(faces), np.ones(faces))
     ]
     done, share, whole = 0, 0.0, faces * 2.0**d
     with ThreadPoolExecutor(threads) if threads > 1 else nullcontext() as pool:
@@ -386,39 +350,41 @@ def search(
             share += float((width * np.where(outside, 1 - cells.inner, 0)).sum())
             share += float((width * np.where(accepted, cells.outer - cells.inner, 0)).sum())
             if failed.any():
-                part, rest = found.chosen(failed), cells.chosen(failed)
+                part, rest = found[failed], cells[failed]
                 end = _disproved(bounds, rest, part, level) or _halves(bounds, rest, part)
                 if isinstance(end, Outcome):
                     return replace(end, cells=done)
                 stack.append(end)
             if accepted.any():
-                stack.append(_following(cells.chosen(accepted)))
+                stack.append(_following(cells[accepted]))
             if progress is not None:
                 progress(done, min(share, 1.0))
     return Outcome(True, "proved", None, level, float("nan"), done)
 
 
-def _next_batch(stack: list[Cells]) -> Cells:
+def _next_batch(stack: list[np.recarray]) -> np.recarray:
     """The cells that were put on the stack last, at most `_TOGETHER`."""
     parts, room = [], _TOGETHER
     while stack and room:
         part = stack.pop()
         if len(part) > room:
-            stack.append(part.chosen(np.arange(len(part) - room)))
-            part = part.chosen(np.arange(len(part) - room, len(part)))
+            stack.append(part[:-room])
+            part = part[-room:]
         parts.append(part)
         room -= len(part)
-    return Cells.joined(parts)
+    return np.concatenate(parts).view(np.recarray)
 
 
-def _following(cells: Cells) -> Cells:
+def _following(cells: np.recarray) -> np.recarray:
     """The intervals of ρ that follow accepted cells outwards."""
     length = cells.outer - cells.inner
-    return replace(cells, inner=cells.outer, outer=np.minimum(cells.outer + _GROWTH * length, 1.0))
+    return cells_of(
+        cells.face, cells.t, cells.h, cells.outer, np.minimum(cells.outer + _GROWTH * length, 1.0)
+    )
 
 
 def _outcome(
-    bounds: CellBounds, cells: Cells, found: Bounds, place: int, reason: str
+    bounds: CellBounds, cells: np.recarray, found: np.recarray, place: int, reason: str
 ) -> tuple[Outcome, np.ndarray]:
     """A search that ended at the middle of a cell, and that point z (n,)."""
     variable, sign = bounds.faces[int(cells.face[place])]
@@ -427,7 +393,7 @@ def _outcome(
     return Outcome(False, reason, point, float(found.value[place]), float(found.centre[place]), 0), point
 
 
-def _disproved(bounds: CellBounds, cells: Cells, found: Bounds, level: float) -> Outcome | None:
+def _disproved(bounds: CellBounds, cells: np.recarray, found: np.recarray, level: float) -> Outcome | None:
     """A point of the region at which r > 0 or V decreases along the ray, if the middle of a cell is one."""
     broken = (found.centre > found.allowance) & np.isfinite(found.allowance)
     stops = found.growth_at_centre < -bounds.rows(cells)[:, bounds.shape.inputs["growth_rounding"]]
@@ -441,7 +407,7 @@ def _disproved(bounds: CellBounds, cells: Cells, found: Bounds, level: float) ->
     return None
 
 
-def _halves(bounds: CellBounds, cells: Cells, found: Bounds) -> Outcome | Cells:
+def _halves(bounds: CellBounds, cells: np.recarray, found: np.recarray) -> Outcome | np.recarray:
     """Both halves of every cell. Of a cell cut in ρ only the inner half: the outer one follows when it is accepted."""
     length, d = cells.outer - cells.inner, bounds.n - 1
     score = np.where(found.score >= 0, found.score, 0.0)
@@ -459,10 +425,10 @@ def _halves(bounds: CellBounds, cells: Cells, found: Bounds) -> Outcome | Cells:
         place = int(np.flatnonzero(small)[0])
         reason = "not closed" if cells.inner[place] >= 1 else "undecided"
         return _outcome(bounds, cells, found, place, reason)[0]
-    along, *sides = map(cells.chosen, (chosen == 0, chosen > 0, chosen > 0))
+    along, *sides = (cells[side] for side in (chosen == 0, chosen > 0, chosen > 0))
     along.outer = (along.inner + along.outer) / 2
     row, column = np.arange(len(sides[0])), chosen[chosen > 0] - 1
     for part, sign in zip(sides, (1, -1)):
         part.h[row, column] /= 2
         part.t[row, column] += sign * part.h[row, column]
-    return Cells.joined([along, *sides])
+    return np.concatenate([along, *sides]).view(np.recarray)

@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from functools import cache, partialmethod
-from itertools import product
+from itertools import groupby, product
 from typing import NamedTuple
 
 import numpy as np
@@ -29,6 +29,19 @@ POINTERS = (
     "first", "last", "faces", "inputs", "outputs", "work", "level", "value_table", "quotient_table", "table",
     "segments", "lines", "signs",
 )  # fmt: skip
+
+#: What is found of each cell, and at last `score`: how much the radius and each t_j add to `upper`.
+OUTPUTS = (
+    "least_value",  # V ≥ this on the inner end of the cell
+    "growth",  # ∂V/∂ρ /ρ ≥ this on the cell
+    "upper",  # r/ρ² ≤ this on the cell
+    "upper_inside",  # r/ρ² ≤ this where V ≤ level
+    "centre",  # r/ρ² in the middle, up to the allowance
+    "allowance",
+    "value",  # V in the middle
+    "value_range",  # how far it goes from there
+    "growth_at_centre",  # ∂V/∂ρ /ρ in the middle
+)
 
 _VECTOR = f"<{LANES} x double>"
 _TRUTHS = f"<{LANES} x i1>"
@@ -63,20 +76,15 @@ class Layout:
 
     def __init__(self, directions: int, degrees: Sequence[int]) -> None:
         self.directions, self.degrees = directions, tuple(degrees)
-        self.monomials = monomials_of(directions, max(self.degrees))
-        sizes = np.array([sum(beta) for beta in self.monomials])
-        even = np.array([not any(e % 2 for e in beta) for beta in self.monomials])
+        self.monomials, first = monomials_of(directions, max(self.degrees)), 0
         self.groups: list[Group] = []
         self.place: dict[tuple[int, tuple[int, ...]], int] = {}
-        for size in np.unique(sizes).tolist():
-            chosen = np.flatnonzero(sizes == size)
-            kept, offset = tuple(k for k in self.degrees if k >= size), len(self.place)
-            self.groups.append(
-                Group(size, int(chosen[0]), len(chosen), int(even[chosen].sum()), kept, offset)
-            )
-            for b in chosen:
-                for k in kept:
-                    self.place[k, self.monomials[b]] = len(self.place)
+        for size, betas in groupby(self.monomials, sum):
+            group, degrees = list(betas), tuple(k for k in self.degrees if k >= size)
+            even = sum(not any(e % 2 for e in beta) for beta in group)
+            self.groups.append(Group(size, first, len(group), even, degrees, len(self.place)))
+            keys, first = [(k, beta) for beta in group for k in degrees], first + len(group)
+            self.place |= zip(keys, range(len(self.place), len(self.place) + len(keys)))
         self.count = len(self.place)
 
     def shift_lines(self) -> list[tuple[int, int, np.ndarray]]:
@@ -122,11 +130,7 @@ class Shape:
         one = dict.fromkeys(("inner", "outer", "middle", "half"), 1)
         one |= dict.fromkeys(("value_rounding", "growth_rounding", "rounding"), 1)
         self.inputs = _places({"t": d, "h": d} | one | {"error": len(quotients), "s": len(terms)})
-        names = (
-            "least_value", "growth", "upper", "upper_inside", "centre", "allowance", "value", "value_range",
-            "growth_at_centre",
-        )  # fmt: skip
-        self.outputs = _places(dict.fromkeys(names, 1) | {"score": states})
+        self.outputs = _places(dict.fromkeys(OUTPUTS, 1) | {"score": states})
         highest, monomials = self.longest.degrees[-1], len(self.longest.monomials)
         low = sum(group.count for group in self.whole.groups if group.size <= LOW) * (highest + 1)
         self.work = _places({
@@ -177,6 +181,13 @@ class _Code(Writer):
     def largest(self, a: str, even: bool) -> str:
         """The largest a s for 0 ≤ s ≤ 1, or for |s| ≤ 1; of NaN, NaN."""
         return self.select(self.compare("ole", a, self.zero), self.zero, a) if even else self.absolute(a)
+
+    def moved_by(self, a: str, values: list[str], degree: int) -> list[str]:
+        """The coefficients of P(t + a), by synthetic division."""
+        for i in range(degree):
+            for p in range(degree - 1, i - 1, -1):
+                values[p] = self.fused(a, values[p + 1], values[p])
+        return values
 
     def integer(self, operation: str, a: str, b: str) -> str:
         return self.let(f"{operation} i64 {a}, {b}")
@@ -234,12 +245,9 @@ def _write_shift(module: ModuleText, longest: int) -> None:
                     pointer = code.at("%lines", code.integer("add", base, str(p)), "i32")
                     narrow = code.let(f"load i32, ptr {pointer}, align 4")
                     places.append(code.at("%coefficients", code.let(f"zext i32 {narrow} to i64")))
-                values = [code.load(place) for place in places]
-                for i in range(L):
-                    for p in range(L - 1, i - 1, -1):
-                        values[p] = code.fused(a, values[p + 1], values[p])
-                for p in range(L):
-                    code.store(values[p], places[p])
+                moved = code.moved_by(a, [code.load(place) for place in places], L)
+                for value, place in zip(moved[:L], places):
+                    code.store(value, place)
             code.do(f"br label %{done}")
         code.place(done)
     code.do("ret void")
@@ -289,12 +297,13 @@ class _Kernel(_Code):
         arguments = f"ptr {self.work(place)}, ptr {segments}, ptr {self.pointers['lines']}, ptr {self.rows}"
         self.do(f"call void @shift({arguments}, i64 {bounds[0]}, i64 {bounds[1]})")
 
-    def each(self, group: Group) -> Iterator[tuple[str, bool]]:
-        """Loops over the monomials of a group: those with even exponents, then the others."""
-        for start, end, even in ((0, group.even, True), (group.even, group.count, False)):
-            if end > start:
-                with self.loop(str(end), str(start)) as b:
-                    yield b, even
+    def each(self, groups: Sequence[Group]) -> Iterator[tuple[Group, str, bool]]:
+        """Loops over the monomials of groups: of each first those with even exponents, then the others."""
+        for group in groups:
+            for start, end, even in ((0, group.even, True), (group.even, group.count, False)):
+                if end > start:
+                    with self.loop(str(end), str(start)) as b:
+                        yield group, b, even
 
     def coefficients(self, group: Group, b: str, place: str) -> list[str]:
         """The coefficients of one monomial, by degree, in the cell's own variables."""
@@ -321,32 +330,27 @@ class _Kernel(_Code):
         """
         low, output = ("low", "centre") if lift else ("low_value", "value")
         highest, tail = layout.degrees[-1] - lift, self.sum()
-        for group in layout.groups[LOW + 1 :]:
-            for b, even in self.each(group):
-                value, width = self.zero, self.zero
-                for k, c in zip(group.degrees, self.coefficients(group, b, place)):
-                    value = self.fused(c, self.power(2, k - lift), value)
-                    width = self.fused(self.absolute(c), self.power(4, k - lift), width)
-                self.add(tail, self.plus(self.largest(value, even and lift > 0), width))
-                if lift:
-                    weight = self.work("weight", self.integer("add", b, str(group.first)))
-                    self.store(self.plus(self.absolute(value), width), weight)
+        for group, b, even in self.each(layout.groups[LOW + 1 :]):
+            value, width = self.zero, self.zero
+            for k, c in zip(group.degrees, self.coefficients(group, b, place)):
+                value = self.fused(c, self.power(2, k - lift), value)
+                width = self.fused(self.absolute(c), self.power(4, k - lift), width)
+            self.add(tail, self.plus(self.largest(value, even and lift > 0), width))
+            if lift:
+                weight = self.work("weight", self.integer("add", b, str(group.first)))
+                self.store(self.plus(self.absolute(value), width), weight)
         total, middle = self.sum(self.zero if lift else self.load(tail)), self.power(2, 1)
-        for group in layout.groups[: LOW + 1]:
-            for b, even in self.each(group):
-                found = dict(zip(group.degrees, self.coefficients(group, b, place)))
-                values = [found.get(p + lift, self.zero) for p in range(self.top + 1)]
-                for i in range(highest):
-                    for p in range(highest - 1, i - 1, -1):
-                        values[p] = self.fused(middle, values[p + 1], values[p])
-                for p, value in enumerate(values):
-                    scaled = value if p == 0 or p > highest else self.times(value, self.power(3, p))
-                    self.store(scaled, self.low_place(low, group, b, p))
-                    if centre := group.size == 0 and p == 0:
-                        self.output(output, scaled)
-                    if p <= highest and (lift or not centre):
-                        one_sided = even and p % 2 == 0 and lift > 0
-                        self.add(total, scaled if centre else self.largest(scaled, one_sided))
+        for group, b, even in self.each(layout.groups[: LOW + 1]):
+            found = dict(zip(group.degrees, self.coefficients(group, b, place)))
+            values = [found.get(p + lift, self.zero) for p in range(self.top + 1)]
+            for p, value in enumerate(self.moved_by(middle, values, highest)):
+                scaled = value if p == 0 or p > highest else self.times(value, self.power(3, p))
+                self.store(scaled, self.low_place(low, group, b, p))
+                if centre := group.size == 0 and p == 0:
+                    self.output(output, scaled)
+                if p <= highest and (lift or not centre):
+                    one_sided = even and p % 2 == 0 and lift > 0
+                    self.add(total, scaled if centre else self.largest(scaled, one_sided))
         return tail, total
 
     # The entry -----------------------------------------------------------------------------------
@@ -392,22 +396,21 @@ class _Kernel(_Code):
         base = self.integer("mul", self.face, str(layout.count))
         self.moved(layout, "value_table", base, "value", 0)
         least, growth = self.sum(), self.sum()
-        for group in layout.groups:
-            for b, even in self.each(group):
-                inner, slope, width = [self.zero] * 3
-                for k, c in zip(group.degrees, self.coefficients(group, b, "value")):
-                    inner = self.fused(c, self.power(0, k), inner)
-                    times = self.times(self.lanes.constant(float(k)), c)
-                    slope = self.fused(times, self.power(2, k - 2), slope)
-                    width = self.fused(self.absolute(times), self.power(4, k - 2), width)
-                if group.size == 0:
-                    self.add(least, inner)
-                    self.output("growth_at_centre", slope)
-                    self.add(growth, self.minus(slope, width))
-                else:
-                    down, falls = (self.let(f"fneg {_VECTOR} {a}") if even else a for a in (inner, slope))
-                    self.add(least, self.largest(down, even), "fsub")
-                    self.add(growth, self.plus(self.largest(falls, even), width), "fsub")
+        for group, b, even in self.each(layout.groups):
+            inner, slope, width = [self.zero] * 3
+            for k, c in zip(group.degrees, self.coefficients(group, b, "value")):
+                inner = self.fused(c, self.power(0, k), inner)
+                times = self.times(self.lanes.constant(float(k)), c)
+                slope = self.fused(times, self.power(2, k - 2), slope)
+                width = self.fused(self.absolute(times), self.power(4, k - 2), width)
+            if group.size == 0:
+                self.add(least, inner)
+                self.output("growth_at_centre", slope)
+                self.add(growth, self.minus(slope, width))
+            else:
+                down, falls = (self.let(f"fneg {_VECTOR} {a}") if even else a for a in (inner, slope))
+                self.add(least, self.largest(down, even), "fsub")
+                self.add(growth, self.plus(self.largest(falls, even), width), "fsub")
         self.output("least_value", self.minus(self.load(least), self.input("value_rounding")))
         self.output("growth", self.minus(self.load(growth), self.input("growth_rounding")))
         self.value_tail, total = self.about_middle(layout, "value")
@@ -423,12 +426,11 @@ class _Kernel(_Code):
             start += layout.count
             self.moved(layout, "quotient_table", base, "quotient", 1 + j)
             bound = self.sum()
-            for group in layout.groups:
-                for b, _ in self.each(group):
-                    value = self.zero
-                    for k, c in zip(group.degrees, self.coefficients(group, b, "quotient")):
-                        value = self.fused(self.absolute(c), self.power(1, k - 2), value)
-                    self.add(bound, value)
+            for group, b, _ in self.each(layout.groups):
+                value = self.zero
+                for k, c in zip(group.degrees, self.coefficients(group, b, "quotient")):
+                    value = self.fused(self.absolute(c), self.power(1, k - 2), value)
+                self.add(bound, value)
             error = self.times(self.input("error", j), self.lanes.constant(1.000001))
             self.add(allowance, self.times(self.load(bound), error))
         self.output("allowance", self.load(allowance))
@@ -478,15 +480,14 @@ class _Kernel(_Code):
             good = self.logical("and", positive, self.compare("olt", ratio, self.lanes.constant(1e200)))
             factor = self.select(good, ratio, self.zero)
             total = self.sum()
-            for group in shape.whole.groups[: min(LOW, shape.value.degrees[-1]) + 1]:
-                for b, even in self.each(group):
-                    pairs = zip(self.kept("low", group, b), self.kept("low_value", group, b))
-                    for p, (f, v) in enumerate(pairs):
-                        value = self.minus(f, self.times(factor, v))
-                        if group.size == 0 and p == 0:
-                            self.add(total, self.fused(factor, self.level, value))
-                        else:
-                            self.add(total, self.largest(value, even and p % 2 == 0))
+            for group, b, even in self.each(shape.whole.groups[: min(LOW, shape.value.degrees[-1]) + 1]):
+                pairs = zip(self.kept("low", group, b), self.kept("low_value", group, b))
+                for p, (f, v) in enumerate(pairs):
+                    value = self.minus(f, self.times(factor, v))
+                    if group.size == 0 and p == 0:
+                        self.add(total, self.fused(factor, self.level, value))
+                    else:
+                        self.add(total, self.largest(value, even and p % 2 == 0))
             self.add(total, self.plus(self.load(self.tail), self.load(allowance)))
             rounding = self.plus(self.load(self.value_tail), self.input("value_rounding"))
             self.add(total, self.times(factor, rounding))
@@ -499,16 +500,15 @@ class _Kernel(_Code):
         shape, d = self.shape, self.shape.directions
         scores = [self.sum() for _ in range(shape.states)]
         centre, *others = shape.whole.groups[: LOW + 1]
-        for group in (*others, centre):
-            for b, _ in self.each(group):
-                total = self.zero
-                for p, value in enumerate(self.kept("low", group, b)):
-                    linear, size = group.size + p == 1, self.absolute(value)
-                    size = self.times(size, self.lanes.constant(0.25)) if linear else size
-                    if p:
-                        self.add(scores[0], size)
-                    total = self.plus(total, size)
-                self.store(total, self.work("weight", self.integer("add", b, str(group.first))))
+        for group, b, _ in self.each((*others, centre)):
+            total = self.zero
+            for p, value in enumerate(self.kept("low", group, b)):
+                linear, size = group.size + p == 1, self.absolute(value)
+                size = self.times(size, self.lanes.constant(0.25)) if linear else size
+                if p:
+                    self.add(scores[0], size)
+                total = self.plus(total, size)
+            self.store(total, self.work("weight", self.integer("add", b, str(group.first))))
         if d:
             masks = self.at(self.pointers["signs"], str(2 * len(shape.longest.monomials)), "i64")
             with self.loop(str(len(shape.whole.monomials)), "1") as b:
