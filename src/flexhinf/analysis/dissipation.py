@@ -91,8 +91,11 @@ def dissipation_budget(
         )  # fmt: skip
     states = tuple(run.names["state"])
     if not set(controller.states) <= set(states):
-        found = f"expected {list(controller.states)}, got {list(states)}"
-        raise InvalidInput("The true state of the run is not known.", found, "a loop round a Plant")
+        raise InvalidInput(
+            "The true state of the run is not known.",
+            f"expected {list(controller.states)}, got {list(states)}",
+            "a loop round a Plant",
+        )
     x = run.signals["state"][:, [states.index(name) for name in controller.states]]
     before = controller.input_before(initial_input)
     integral = _integrals(run, controller, x, before)
@@ -134,7 +137,6 @@ def _integrals(run: Trajectory, controller: Controller, x: np.ndarray, before: n
 
 
 def _disturbances(run: Trajectory, controller: Controller, problem: Any) -> np.ndarray:
-    """d of the problem at each sample (N, md), as the run was given it."""
     names = problem.disturbance_names if isinstance(problem, GeneralisedPlant) else ()
     columns = {name: run.signals["disturbance"][:, i] for i, name in enumerate(run.names["disturbance"])}
     if not controller.mode.moving:

@@ -158,7 +158,6 @@ class DiscreteSystem:
 
     @cached_property
     def _schur(self) -> tuple[np.ndarray, np.ndarray]:
-        """(t, q) with a = q t qᴴ, t triangular."""
         from scipy.linalg import schur
 
         t, q = schur(self.a, output="complex")[:2]
@@ -217,8 +216,11 @@ class DiscreteSystem:
             if sizes.max() <= best * (1.0 + ACCURACY):
                 return best, at
             best, at = float(sizes.max()), float(middle[sizes.argmax()])
-        found = f"after {TURNS} turns at {best:.6g}, {at:.6g} rad/s"
-        raise NumericalFailure("The H∞ norm was not found.", found, "a damped loop")
+        raise NumericalFailure(
+            "The H∞ norm was not found.",
+            f"after {TURNS} turns at {best:.6g}, {at:.6g} rad/s",
+            "a damped loop",
+        )
 
 
 def _crossings(a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray, level: float) -> np.ndarray:

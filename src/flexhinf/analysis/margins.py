@@ -101,7 +101,6 @@ def _guesses(loop: LinearLoop) -> list[tuple[float, float]]:
 
 
 def _nearest(loop: LinearLoop, frequency: float, delay: float) -> complex:
-    """log of the eigenvalue of the opened loop nearest to one."""
     samples = delay / loop.period
     j = np.floor(samples)
     response = loop.opened((samples - j) * loop.period).response(frequency)[0]
@@ -180,7 +179,6 @@ class Margins:
 
     @cached_property
     def _sweep(self) -> np.ndarray:
-        """(F, 2 m + q, m + l): (u + w, u, q) by w and the torques at the links, at these frequencies."""
         return self.linear.running.response(self._frequencies, self._inputs)
 
     @cached_property

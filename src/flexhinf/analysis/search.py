@@ -139,7 +139,6 @@ def climb(
 
 
 def _joined(searches: list[_Search]) -> list[_Search]:
-    """One search for all that are near a better one."""
     kept: list[_Search] = []
     for one in sorted(searches, key=lambda one: -one.value):  # stable: the first start wins a tie
         near = [

@@ -67,8 +67,11 @@ class DisturbanceRuns:
         self, problem: GeneralisedPlant, law: Law, estimator: Any, period: float, horizon: float
     ) -> None:
         if tuple(law.state_names) != tuple(problem.state_names):
-            found = f"expected {list(problem.state_names)}, got {list(law.state_names)}"
-            raise InvalidInput("The law was not made for the problem's states.", found, "the same integrals")
+            raise InvalidInput(
+                "The law was not made for the problem's states.",
+                f"expected {list(problem.state_names)}, got {list(law.state_names)}",
+                "the same integrals",
+            )
         self.problem, self.law, self.period, self.horizon = problem, law, period, horizon
         self.loop = Loop(problem.plant, Controller(law, estimator, period))
         self.times = np.arange(round(horizon / period) + 1) * period
@@ -125,7 +128,6 @@ class DisturbanceRuns:
 
     @cached_property
     def _penalty(self) -> Rows:
-        """|h|² of a deviation (n,)."""
         problem = self.problem
         p, n = problem.plant.parameters, len(problem.state_names)
 
@@ -302,8 +304,11 @@ class DisturbanceSearch:
         search_period: float | None = None,
     ) -> None:
         if estimator is not None and search_period not in (None, period):
-            found = f"expected search_period={period:g} s or none, got {search_period!r}"
-            raise InvalidInput("An estimator has one period.", found, "search_period only for state feedback")
+            raise InvalidInput(
+                "An estimator has one period.",
+                f"expected search_period={period:g} s or none, got {search_period!r}",
+                "search_period only for state feedback",
+            )
         if search_period is None:
             search_period = max(period, SEARCH_PERIOD) if estimator is None else period
         steady = estimator

@@ -148,7 +148,6 @@ class Controller(Summarised):
 
     @property
     def _options(self) -> dict[str, Any]:
-        """The other arguments by name."""
         mode, limits, command = self.mode, self.limits, self.command_limits
         return {
             "moving": mode.moving, "start": mode.start, "fade": self.given_fade,
@@ -307,9 +306,11 @@ class Controller(Summarised):
     def initial_memory(self, state: Any = None, input: Any = None) -> np.ndarray:
         """The memory before the first step, flat; see `reset`."""
         if state is not None and self.estimator is None:
-            what = "There is no estimate to set: this controller feeds back the true state."
-            advice = "reset(); the state of the plant is the loop's initial_state"
-            raise InvalidInput(what, f"expected state=None, got {value_text(state)}", advice)
+            raise InvalidInput(
+                "There is no estimate to set: this controller feeds back the true state.",
+                f"expected state=None, got {value_text(state)}",
+                "reset(); the state of the plant is the loop's initial_state",
+            )
         return self.memory.flat(self._initial_values(state, input))
 
     def _initial_values(self, state: Any = None, input: Any = None) -> dict[str, Any]:
@@ -351,7 +352,6 @@ class Controller(Summarised):
         return ("controller", type(law), law.law_key, names, sizes, model, self.mode)
 
     def _stepped(self, y: Any, r: Any, memory: Any, data: Any, run: Any = DIRECT) -> Any:
-        """`controller_step` of this controller; y has no elements where there is no measurement."""
         parts = (self.law_code, self.estimator, self._sources)
         return controller_step(*parts, y if len(y) else None, r, memory, data, run, self.mode)
 
@@ -398,15 +398,15 @@ class Controller(Summarised):
 
     @cached_property
     def _predicted_step(self) -> Bound:
-        """The step without a measurement: compiled when it is first asked for."""
         if self.estimator is None:
-            what = "There is nothing to predict with: this controller feeds back the true state."
-            advice = "hold the last input for this sample, or a controller with an estimator"
-            raise InvalidInput(what, "expected the state, got None", advice)
+            raise InvalidInput(
+                "There is nothing to predict with: this controller feeds back the true state.",
+                "expected the state, got None",
+                "hold the last input for this sample, or a controller with an estimator",
+            )
         return self._bound(measured=False)
 
     def _bound(self, measured: bool) -> Bound:
-        """The compiled step on this controller's memory."""
         y, u, now = np.zeros(len(self.measured)), np.zeros(len(self.law.input_names)), self._remembered
         arrays = {"y": y} if measured else {}
         arrays |= {"r": now.reference, "data": self.data_vector.copy(), "memory": now.memory}
@@ -536,9 +536,11 @@ def load_controller(path: str | os.PathLike[str]) -> Controller:
 
 
 def _shaped(name: str, value: Any, *shape: int) -> np.ndarray:
-    """An array of a law or an estimator of this shape, or one number for all its elements."""
     array = np.asarray(value, dtype=float)
     if array.shape not in ((), shape):
-        what, found = f"The array {name!r} has the wrong shape.", f"expected {shape}, got {array.shape}"
-        raise InvalidInput(what, found, "one element for each place")
+        raise InvalidInput(
+            f"The array {name!r} has the wrong shape.",
+            f"expected {shape}, got {array.shape}",
+            "one element for each place",
+        )
     return np.broadcast_to(array, shape)

@@ -49,13 +49,17 @@ class Mode:
 
     def __post_init__(self) -> None:
         if not isinstance(self.moving, bool):
-            found = f"expected moving=True or moving=False, got {value_text(self.moving)}"
-            what = "Whether the law acts about a moving reference is not said."
-            raise InvalidInput(what, found, "moving=True for commands (x_d, u_d) of states and inputs")
+            raise InvalidInput(
+                "Whether the law acts about a moving reference is not said.",
+                f"expected moving=True or moving=False, got {value_text(self.moving)}",
+                "moving=True for commands (x_d, u_d) of states and inputs",
+            )
         if self.start not in ("zero", "bumpless"):
-            found = f"expected 'zero' or 'bumpless', got {value_text(self.start)}"
-            advice = "start='bumpless' to continue from the last input"
-            raise InvalidInput("There is no such start of a controller.", found, advice)
+            raise InvalidInput(
+                "There is no such start of a controller.",
+                f"expected 'zero' or 'bumpless', got {value_text(self.start)}",
+                "start='bumpless' to continue from the last input",
+            )
 
     @property
     def bumpless(self) -> bool:
@@ -83,8 +87,11 @@ def checked_period(value: Any) -> float:
         meant = f"period={1e-3 * period:g} if {period:g} ms was meant"
         if period >= 10.0:
             meant += f", or {1.0 / period:g} for a rate of {period:g} Hz"
-    found = f"expected {low:g} s to {high:g} s, got {period:g} s"
-    raise InvalidInput("The sampling period is out of proportion.", found, meant)
+    raise InvalidInput(
+        "The sampling period is out of proportion.",
+        f"expected {low:g} s to {high:g} s, got {period:g} s",
+        meant,
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,15 +138,19 @@ class Limits:
                 return np.array(np.broadcast_to(real_array(value), (inputs,)))
             except (TypeError, ValueError) as error:
                 what = "command" if name.startswith("command") else "inputs"
-                found = f"expected one number or {inputs}, got {value_text(value)}"
-                message = f"The {LIMITS[name]} does not fit the {what}."
-                raise InvalidInput(message, found, f"{name}={advice}") from error
+                raise InvalidInput(
+                    f"The {LIMITS[name]} does not fit the {what}.",
+                    f"expected one number or {inputs}, got {value_text(value)}",
+                    f"{name}={advice}",
+                ) from error
 
         rates = np.full(inputs, np.inf) if rate is None else ends(rate, rate_name, "2.0 per second")
         if not np.all(rates > 0.0):
-            found = f"expected numbers > 0 per second, got {value_text(rate)}"
-            advice = f"{rate_name}=2.0, or one per signal"
-            raise InvalidInput(f"The {LIMITS[rate_name]} is not positive.", found, advice)
+            raise InvalidInput(
+                f"The {LIMITS[rate_name]} is not positive.",
+                f"expected numbers > 0 per second, got {value_text(rate)}",
+                f"{rate_name}=2.0, or one per signal",
+            )
         if saturation is None:
             return Limits(np.full(inputs, -np.inf), np.full(inputs, np.inf), rates)
         advice = f"48.0 for ±48, or {name}=(lower, upper)"
@@ -149,11 +160,11 @@ class Limits:
         )
         lower = lower if pair else -upper
         if not np.all(lower < upper):
-            what = (
-                f"The {LIMITS[name]} leaves no room for the {'input' if name == 'saturation' else 'command'}."
+            raise InvalidInput(
+                f"The {LIMITS[name]} leaves no room for the {'input' if name == 'saturation' else 'command'}.",
+                f"expected lower < upper, got lower={lower.tolist()}, upper={upper.tolist()}",
+                f"{name}={advice}",
             )
-            found = f"expected lower < upper, got lower={lower.tolist()}, upper={upper.tolist()}"
-            raise InvalidInput(what, found, f"{name}={advice}")
         return Limits(lower, upper, rates)
 
 
@@ -199,9 +210,11 @@ def check_kinds(law: Any, estimator: Any) -> None:
             "a solution of solve_hji or linear_law, or a subclass of flexhinf.plant.Law",
         )  # fmt: skip
     if estimator is not None and not isinstance(estimator, Estimator):
-        found = f"expected a flexhinf.plant.Estimator or None, got {type(estimator).__name__}"
-        advice = "Controller(solution, UnscentedKalmanFilter(...), period)"
-        raise InvalidInput("The controller's estimator is none.", found, advice)
+        raise InvalidInput(
+            "The controller's estimator is none.",
+            f"expected a flexhinf.plant.Estimator or None, got {type(estimator).__name__}",
+            "Controller(solution, UnscentedKalmanFilter(...), period)",
+        )
     n, m = len(law.state_names), len(law.input_names)
     point, rest = np.asarray(law.operating_point), np.asarray(law.operating_input)
     if point.shape != (n,) or rest.shape != (m,) or not np.all(np.isfinite(np.ravel(law.law_data))):
@@ -232,6 +245,8 @@ def check_names(law: Law, estimator: Estimator | None, period: float) -> None:
             "the same plant for both",
         )
     if abs(estimator.period - period) > 1e-12 * period:
-        found = f"expected {period} s, got {estimator.period} s"
-        what = "The estimator and the controller run at different periods."
-        raise InvalidInput(what, found, "the same period for both")
+        raise InvalidInput(
+            "The estimator and the controller run at different periods.",
+            f"expected {period} s, got {estimator.period} s",
+            "the same period for both",
+        )

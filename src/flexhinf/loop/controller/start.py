@@ -89,7 +89,6 @@ class Windup:
 
 
 def _bounds(law: Law, estimator: Estimator | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """w, G and S of one law."""
     names = law.plant_states
     n, places = len(names), [names.index(name) for name in law.tracked]
     point, rest = (np.asarray(part, dtype=float) for part in (law.operating_point, law.operating_input))

@@ -96,7 +96,6 @@ class LawCode:
         return lambda x: run.call(self.law.evaluate_law, x, data)
 
     def _from_table(self, run: Composer, data: Block, active: Block | None, x: Block) -> Block:
-        """The polynomials of the active law alone."""
         assert self.table is not None
         inputs, size, degrees = len(self.law.input_names), self.data.size, self.table.degrees
         if active is None:
@@ -225,7 +224,6 @@ def _deviation(tracked: Sequence[Source], moving: bool, *arrays: Any) -> tuple[A
 
 
 def _positions(tracked: Sequence[Source], y: Any, estimate: Any) -> np.ndarray:
-    """The tracked states, (k,)."""
     return np.array([(y if source.measured else estimate)[source.place] for source in tracked])
 
 
@@ -287,9 +285,11 @@ ROUNDING = 1e-14
 def blend_time(fade: Any, mode: Mode) -> float:
     """The time constant of the bias, s; refused if it is not positive, or given though no law ever takes over."""
     if fade is not None and not mode.takes_over:
-        found = f"expected fade=None for one law that starts from zero, got {value_text(fade)}"
-        advice = "start='bumpless', or a Schedule of several laws"
-        raise InvalidInput("A time constant is given for a bias that never is.", found, advice)
+        raise InvalidInput(
+            "A time constant is given for a bias that never is.",
+            f"expected fade=None for one law that starts from zero, got {value_text(fade)}",
+            "start='bumpless', or a Schedule of several laws",
+        )
     return (
         FADE
         if fade is None
@@ -459,17 +459,21 @@ def chosen(
 
 def _checked(laws: Any) -> tuple[Law, ...]:
     if not isinstance(laws, Sequence) or isinstance(laws, str) or not laws:
-        found = f"expected a sequence of laws, got {value_text(laws)}"
-        raise InvalidInput("A schedule needs laws.", found, "Schedule([law, other])")
+        raise InvalidInput(
+            "A schedule needs laws.",
+            f"expected a sequence of laws, got {value_text(laws)}",
+            "Schedule([law, other])",
+        )
     for law in laws:
         check_kinds(law, None)
     first = laws[0]
     names = [(list(law.state_names), list(law.input_names)) for law in laws]
     for other in names:
         if other != names[0]:
-            what = "The laws of a schedule do not mean the same states and inputs."
             raise InvalidInput(
-                what, f"expected {names[0]}, got {other}", "laws of one problem at several poses"
+                "The laws of a schedule do not mean the same states and inputs.",
+                f"expected {names[0]}, got {other}",
+                "laws of one problem at several poses",
             )
     laws = with_common_monomials(laws)
     text, *others = ((type(law), law.law_key, np.size(law.law_data)) for law in laws)
@@ -484,9 +488,11 @@ def _checked(laws: Any) -> tuple[Law, ...]:
     places = [first.state_names.index(name) for name in first.tracked]
     poses = [tuple(np.asarray(law.operating_point, dtype=float)[places].tolist()) for law in laws]
     if not places or len(set(poses)) < len(poses):
-        found = f"expected tracked positions that differ, got {[list(pose) for pose in poses]}"
-        what = "The poses of a schedule do not tell its laws apart."
-        raise InvalidInput(what, found, "laws with integrals, each about a pose of its own")
+        raise InvalidInput(
+            "The poses of a schedule do not tell its laws apart.",
+            f"expected tracked positions that differ, got {[list(pose) for pose in poses]}",
+            "laws with integrals, each about a pose of its own",
+        )
     return laws
 
 

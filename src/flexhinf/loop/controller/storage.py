@@ -168,10 +168,11 @@ def read_controller(path: str | os.PathLike[str], make: Callable[..., Any]) -> A
 
 
 def _arguments(header: dict[str, Any], arrays: dict[str, Any]) -> dict[str, Any]:
-    """The arguments of a controller in a file."""
     if header["format"] != FORMAT or header["version"] != VERSION:
-        found = f"{value_text(header['format'], 60)}, version {value_text(header['version'], 60)}"
-        raise InvalidInput("Another format.", found)
+        raise InvalidInput(
+            "Another format.",
+            f"{value_text(header['format'], 60)}, version {value_text(header['version'], 60)}",
+        )
     laws = [_stored_law(part, _below(f"laws.{k}.", arrays)) for k, part in enumerate(header["laws"])]
     law = laws[0] if header["hysteresis"] is None else Schedule(laws, header["hysteresis"])
     estimator = None if header["estimator"] is None else _restore(header["estimator"], "estimator.", arrays)

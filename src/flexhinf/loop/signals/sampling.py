@@ -84,8 +84,9 @@ def sample_signal(
     values = np.array(np.broadcast_to(values, (len(times), len(channels))))
     if not np.all(np.isfinite(values)):
         row = int(np.argmin(np.all(np.isfinite(values), axis=1)))
-        found = f"got {values[row]} at t = {times[row]:g} s"
-        raise InvalidInput(f"The {what} is not finite.", found, "finite values")
+        raise InvalidInput(
+            f"The {what} is not finite.", f"got {values[row]} at t = {times[row]:g} s", "finite values"
+        )
     return values
 
 
@@ -136,8 +137,9 @@ def sample_noise(noise: Any, seed: int, samples: int, channels: Sequence[str], s
 def check_seed(seed: Any) -> None:
     """Refuse what is no integer in 0 … 2⁶⁴ − 1."""
     if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or not 0 <= int(seed) < 2**64:
-        found = f"expected 0 <= integer < 2**64, got {value_text(seed)}"
-        raise InvalidInput("The seed is not usable.", found, "seed=0")
+        raise InvalidInput(
+            "The seed is not usable.", f"expected 0 <= integer < 2**64, got {value_text(seed)}", "seed=0"
+        )
 
 
 def checked_deviation(noise: Any, channels: Sequence[str]) -> np.ndarray:

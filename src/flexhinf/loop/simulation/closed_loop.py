@@ -95,14 +95,18 @@ class Loop(Summarised):
     ) -> None:
         self.true_plant, self.controller, self._given_sub_steps = true_plant, controller, sub_steps
         if not isinstance(controller, Controller):
-            found = f"expected a Controller, got {type(controller).__name__}"
             raise InvalidInput(
-                "The loop needs a controller.", found, "Controller(solution, estimator, period)"
+                "The loop needs a controller.",
+                f"expected a Controller, got {type(controller).__name__}",
+                "Controller(solution, estimator, period)",
             )
         given = sub_steps if sub_steps is not None else 1
         if isinstance(given, bool) or not isinstance(given, int) or given < 1:
-            found = f"expected an integer >= 1, got {value_text(sub_steps)}"
-            raise InvalidInput("The number of sub-steps is not usable.", found, "4")
+            raise InvalidInput(
+                "The number of sub-steps is not usable.",
+                f"expected an integer >= 1, got {value_text(sub_steps)}",
+                "4",
+            )
         self.channel = Channel.of(quantisation, delay, controller.period, controller.measured)
         if isinstance(true_plant, BlackBox):
             return
@@ -120,12 +124,18 @@ class Loop(Summarised):
             fits = needed == outputs
         if not fits:
             what, found = "what the controller needs", f"expected {list(needed)}, got {list(outputs)}"
-            advice = "the same `measured=` for the true plant and for the estimator's"
-            raise InvalidInput(f"The true plant does not give {what}.", found, advice)
+            raise InvalidInput(
+                f"The true plant does not give {what}.",
+                found,
+                "the same `measured=` for the true plant and for the estimator's",
+            )
         wanted, inputs = tuple(controller.law.input_names), tuple(true_plant.inputs)
         if inputs != wanted:
-            found = f"expected {list(wanted)}, got {list(inputs)}"
-            raise InvalidInput("The true plant has other inputs than the law.", found, "the same actuators")
+            raise InvalidInput(
+                "The true plant has other inputs than the law.",
+                f"expected {list(wanted)}, got {list(inputs)}",
+                "the same actuators",
+            )
 
     def to_control(self) -> Any:
         """The sampled closed loop as a system of python-control (``nlsys`` with ``dt``): commands ``r_…`` and
@@ -294,9 +304,11 @@ class Loop(Summarised):
         stepped instead of the controller, as it is. A run that `pacing` ends stops before that sample."""
         box, controller, channel = self.true_plant, self.controller, self.channel
         if not isinstance(box, BlackBox):
-            found = f"expected a flexhinf.plant.BlackBox, got {type(box).__name__}"
-            what = "A run that is paced needs a plant that integrates itself."
-            raise InvalidInput(what, found, "flexhinf.robot.MuJoCoPlant(robot, ...)")
+            raise InvalidInput(
+                "A run that is paced needs a plant that integrates itself.",
+                f"expected a flexhinf.plant.BlackBox, got {type(box).__name__}",
+                "flexhinf.robot.MuJoCoPlant(robot, ...)",
+            )
         times, commands, settings = self._commanded(reference, disturbance, noise, duration, multi_turn)
         settings |= {"seed": seed, "sub_steps": 1}
         drawn = sample_noise(noise, seed, len(times), controller.measured)
@@ -395,8 +407,9 @@ class Loop(Summarised):
         """
         plant, controller = self.true_plant, self.controller
         if not isinstance(plant, Plant):
-            advice = "Loop.run, one plant after the other"
-            raise InvalidInput("A black box cannot run in lanes.", "expected a Plant", advice)
+            raise InvalidInput(
+                "A black box cannot run in lanes.", "expected a Plant", "Loop.run, one plant after the other"
+            )
         _, commands, settings = self._commanded(reference, disturbance, noise, duration, multi_turn)
         command = Command.of(commands, controller.period)
         start = {
@@ -417,8 +430,11 @@ class Loop(Summarised):
         ]
         samples = np.asarray(instants, dtype=int).reshape(-1)
         if np.any((samples < 0) | (samples >= command.samples)):
-            found = f"expected samples 0 to {command.samples - 1}, got {value_text(instants)}"
-            raise InvalidInput("An instant is outside of the run.", found, "numbers of samples, not times")
+            raise InvalidInput(
+                "An instant is outside of the run.",
+                f"expected samples 0 to {command.samples - 1}, got {value_text(instants)}",
+                "numbers of samples, not times",
+            )
         return Ensemble(
             plant, controller, self.channel, command, start, shared,
             None if disturbance is None else by_name(disturbance, plant), tracking,

@@ -45,15 +45,18 @@ def sample_count(duration: Any, period: float) -> int:
     seconds = checked_positive("The duration of a run", duration, "seconds", "8.0")
     samples = seconds / period + 1.0
     if samples < 1.5:
-        found = f"expected at least {period:g} s, got {seconds:g} s"
         raise InvalidInput(
-            "The run is shorter than one period.", found, "a duration in seconds, for example 8.0"
+            "The run is shorter than one period.",
+            f"expected at least {period:g} s, got {seconds:g} s",
+            "a duration in seconds, for example 8.0",
         )
     if samples > MOST_SAMPLES:
         most = f"{MOST_SAMPLES - 1} samples = {(MOST_SAMPLES - 1) * period:g} s"
-        found = f"expected at most {most}, got {seconds:g} s"
-        advice = f"duration={1e-3 * seconds:g} if {seconds:g} ms was meant"
-        raise InvalidInput("The run is too long for its period.", found, advice)
+        raise InvalidInput(
+            "The run is too long for its period.",
+            f"expected at most {most}, got {seconds:g} s",
+            f"duration={1e-3 * seconds:g} if {seconds:g} ms was meant",
+        )
     return round(samples)
 
 
@@ -89,7 +92,6 @@ def starting_state(given: Any, states: Sequence[str], controller: Controller) ->
 
 
 def _designed_start(controller: Controller) -> dict[str, float]:
-    """Where the controller starts, by name."""
     estimator, law = controller.estimator, controller.law
     start = law.operating_point if estimator is None else estimator.initial[0]
     return dict(zip(controller.states, np.asarray(start, dtype=float).tolist()))
@@ -151,9 +153,11 @@ def check_ranges(
         outside = np.flatnonzero((column < low - slack) | (column > high + slack))
         if len(outside):
             unit, first = units.get(name, ""), outside[0]
-            found = f"expected {low:g} to {high:g} {unit}, got {column[first]:.6g} {unit} at t = {times[first]:g} s"
-            advice = "a command within the joint's limits; angles are in rad"
-            raise InvalidInput(f"The reference leaves the range of {name!r}.", found, advice)
+            raise InvalidInput(
+                f"The reference leaves the range of {name!r}.",
+                f"expected {low:g} to {high:g} {unit}, got {column[first]:.6g} {unit} at t = {times[first]:g} s",
+                "a command within the joint's limits; angles are in rad",
+            )
 
 
 def check_turns(reference: Any, commands: np.ndarray, names: Sequence[str], units: Mapping[str, str]) -> None:
@@ -209,8 +213,11 @@ def checked_seeds(seeds: Any, count: int) -> tuple[int, ...]:
     for seed in given[:1] if np.ndim(seeds) == 0 else given:
         check_seed(seed)
     if len(given) != count:
-        found = f"expected {count} integers, got {len(given)}"
-        raise InvalidInput("The seeds do not fit the plants.", found, "one for each plant")
+        raise InvalidInput(
+            "The seeds do not fit the plants.",
+            f"expected {count} integers, got {len(given)}",
+            "one for each plant",
+        )
     return tuple(int(seed) for seed in given)
 
 

@@ -218,11 +218,9 @@ class Ensemble:
 
     # Execution modes --------------------------------------------------------------------------------
     def _few(self, plants: EnsemblePlants) -> bool:
-        """Whether they are not worth a kernel of their own."""
         return len(plants) < LANES or len(plants) * self.command.samples < WORTH
 
     def _room(self, count: int) -> Recorded:
-        """For so many runs."""
         codes, steps = (np.zeros(count, dtype=int) for _ in range(2))
         kept = np.zeros((count, len(self.instants), len(self.kept)))
         return Recorded(codes, steps, np.zeros((len(self.remembered), count)), kept)
@@ -230,7 +228,6 @@ class Ensemble:
     def _in_lanes(
         self, plants: EnsemblePlants, lanes: int, threads: int, disturbances: Disturbances | None = None
     ) -> Recorded:
-        """Side by side, on a kernel that reduces."""
         truth = np.column_stack([self.command.period / plants.parts, plants.truth])
         own = {**plants.own, "truth": truth}
         if "deviation" in self.shared:
@@ -340,7 +337,6 @@ class Ensemble:
 
     # What the runs have -----------------------------------------------------------------------------
     def _plants(self, parameters: Any, seeds: Any, states: Any, loads: Any, inputs: Any) -> EnsemblePlants:
-        """From what a user gives to `run`, which see."""
         plant, controller = self.plant, self.controller
         truth = checked_parameters(plant, parameters)
         count = len(truth)
@@ -367,7 +363,6 @@ class Ensemble:
         return EnsemblePlants(truth, parts, checked_seeds(seeds, count), own)
 
     def _disturbances(self, plants: EnsemblePlants) -> Disturbances:
-        """For each number of sub-steps see `sample_disturbance`; empty without a disturbance."""
         if self.disturbance is None:
             return {}
         given = self.disturbance, self.command.period, self.command.samples
@@ -416,7 +411,6 @@ class Ensemble:
 
     @cached_property
     def _reducer(self) -> Kernel:
-        """The reductions alone, of one run's signals."""
         sizes = LoopCode.of(self.plant, self.controller, self.channel, 1).sizes
         updates = tuple(one.code_key for one in self.reductions)
         build = lambda: compile_program(reduction_program(sizes, self.reductions))  # noqa: E731
@@ -424,7 +418,6 @@ class Ensemble:
 
 
 def _signal_names(plant: Plant, controller: Controller) -> dict[str, tuple[str, ...]]:
-    """What can be kept of a run, by the kinds of `Trajectory.signals`."""
     return {
         "state": tuple(plant.states), "output": tuple(controller.measured), "estimate": tuple(controller.states),
         "input": tuple(controller.law.input_names),

@@ -128,12 +128,17 @@ def load_metrics(
     """
     after = time >= start * (1.0 - ROUNDING)
     if not np.any(after):
-        found = f"expected start <= {time[-1]:g} s, got {start:g} s"
-        raise InvalidInput("The disturbance starts after the run.", found, "a longer run")
+        raise InvalidInput(
+            "The disturbance starts after the run.",
+            f"expected start <= {time[-1]:g} s, got {start:g} s",
+            "a longer run",
+        )
     if not (np.isfinite(step) and step != 0.0):
-        found = f"expected a step other than zero, of which 2 % are the band, got {value_text(step)}"
-        advice = "step=0.1 as a reference, stated beside the result"
-        raise InvalidInput("The recovery time needs the size of a step.", found, advice)
+        raise InvalidInput(
+            "The recovery time needs the size of a step.",
+            f"expected a step other than zero, of which 2 % are the band, got {value_text(step)}",
+            "step=0.1 as a reference, stated beside the result",
+        )
     deviation = position[after] - command
     return {
         "peak_deviation": float(np.abs(deviation).max()),
@@ -349,7 +354,6 @@ _STEP_START = (0.0, -np.inf, np.inf, -1.0, 0.0, *(-1.0, 0.0, 0.0) * len(RISE))
 
 
 def _step(place: Place, kept: Any, now: Instant) -> Any:
-    """As `flexhinf.loop.step_metrics`, of a sample after the other."""
     position, channel = place.position(now), place.command
     begun = where(now.change[channel] > 0.5, now.first[channel], position)
     initial = where(now.step > 0.5, kept[0], begun)

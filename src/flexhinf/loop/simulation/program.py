@@ -60,16 +60,18 @@ class Channel:
         late = real_number(delay)
         fits = steps.shape in ((0,), (), (len(measured),))
         if not fits or not np.all(np.isfinite(steps)) or np.any(steps < 0):
-            found = (
-                f"expected one step >= 0 or one for each of {list(measured)}, got {value_text(quantisation)}"
+            raise InvalidInput(
+                "The quantisation does not fit the measurements.",
+                f"expected one step >= 0 or one for each of {list(measured)}, got {value_text(quantisation)}",
+                "quantisation=2 * np.pi / 4096 for an encoder of 12 bits",
             )
-            advice = "quantisation=2 * np.pi / 4096 for an encoder of 12 bits"
-            raise InvalidInput("The quantisation does not fit the measurements.", found, advice)
         samples = late / period
         if not (np.isfinite(samples) and samples >= 0.0 and abs(samples - round(samples)) <= WHOLE):
-            found = f"expected a multiple of {period:g} s, got {value_text(delay)} s"
-            what = "The input delay is not a whole number of samples."
-            raise InvalidInput(what, found, f"delay={period:g} for one sample")
+            raise InvalidInput(
+                "The input delay is not a whole number of samples.",
+                f"expected a multiple of {period:g} s, got {value_text(delay)} s",
+                f"delay={period:g} for one sample",
+            )
         check_delay(samples, period)
         quanta = () if quantisation is None else tuple(np.broadcast_to(steps, (len(measured),)).tolist())
         return Channel(quanta if any(quanta) else (), round(samples))
@@ -262,7 +264,6 @@ def reduction_program(sizes: LoopSizes, reductions: Sequence[Reduction]) -> Prog
 
 
 def _remembered(reductions: Sequence[Reduction]) -> int:
-    """How many numbers they remember."""
     return sum(len(reduction.start) for reduction in reductions)
 
 
