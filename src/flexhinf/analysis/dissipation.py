@@ -98,12 +98,10 @@ def dissipation_budget(
         )
     x = run.signals["state"][:, [states.index(name) for name in controller.states]]
     before = controller.input_before(initial_input)
-    integral = _integrals(run, controller, x, before)
-    moved = np.hstack([x, integral]) - law.operating_point
+    moved = np.hstack([x, _integrals(run, controller, x, before)]) - law.operating_point
     with np.errstate(all="ignore"):  # a run that diverges is not complete
         value, wanted = law.value_and_gradient(moved)[0], law.operating_input + law.inputs(moved)
-    late = loop.channel.delay
-    applied = np.vstack([np.tile(before, (late, 1)), run.signals["input"]])[: len(x) - 1]
+    applied = np.vstack([np.tile(before, (loop.channel.delay, 1)), run.signals["input"]])[: len(x) - 1]
     first, last = applied - wanted[:-1], applied - wanted[1:]
     r2, period = law.expansion.r2, controller.period
     square = lambda a, b: np.einsum("ki,ij,kj->k", a, r2, b)  # noqa: E731

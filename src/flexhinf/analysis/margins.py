@@ -496,5 +496,4 @@ class FilteredLoop:
         linear = self.linear(self.loop.gain(process_noise))
         poles = linear.running.poles
         near = np.abs(poles[np.imag(poles) >= 0.0])
-        inside = near[(near > self.grid[0]) & (near < self.grid[-1])]
-        return Margins(linear, np.union1d(self.grid, inside))
+        return Margins(linear, np.union1d(self.grid, near[(near > self.grid[0]) & (near < self.grid[-1])]))

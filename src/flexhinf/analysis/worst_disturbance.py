@@ -103,8 +103,7 @@ class DisturbanceRuns:
         """x − x* with the integrals as the controller has them (N, n + k), and u − u* (N, m)."""
         controller, x = self.loop.controller, run.signals["state"]
         position = self.tracked(run)
-        wanted = self.wanted(d)[: len(position)]
-        growth = self.period * (0.5 * (position[1:] + position[:-1]) - wanted[:-1])
+        growth = self.period * (0.5 * (position[1:] + position[:-1]) - self.wanted(d)[: len(position) - 1])
         integral = np.vstack([np.zeros(position.shape[1]), np.cumsum(growth, axis=0)])
         states = [tuple(self.problem.plant.states).index(name) for name in controller.states]
         moved = np.hstack([x[:, states] - self.law.operating_point[: len(states)], integral])
@@ -112,8 +111,7 @@ class DisturbanceRuns:
 
     def wanted(self, d: np.ndarray) -> np.ndarray:
         """Commanded positions (N, k) of the interval that begins at each sample."""
-        controller = self.loop.controller
-        wanted = np.tile(controller.operating_reference, (len(d), 1))
+        wanted = np.tile(self.loop.controller.operating_reference, (len(d), 1))
         wanted[:, : self.commands] += d[:, : self.commands]
         return wanted
 
@@ -199,8 +197,7 @@ def _slopes(
     chosen = [tuple(plant.disturbances).index(name) for name in runs.problem.disturbances or ()]
     torques[:, chosen] = d[:, c:]
     u_by, after = split(stepped.u.by), split(stepped.memory.by)
-    sub_steps = runs.loop.sub_steps
-    moved = one_period(plant, runs.period, sub_steps, x, stepped.u.value, vectors, torques)[1]
+    moved = one_period(plant, runs.period, runs.loop.sub_steps, x, stepped.u.value, vectors, torques)[1]
     by_input = moved[:, :, n : n + m]
     state = np.concatenate([by_input @ u_by[0], after[0]], axis=1)
     state[:, :n, :n] += moved[:, :, :n]
@@ -324,8 +321,7 @@ class DisturbanceSearch:
 
     def on(self, times: np.ndarray, d: np.ndarray) -> np.ndarray:
         """Samples of the search, held, at other times."""
-        place = (times / self.search_runs.period + 1e-6).astype(int)
-        return d[np.minimum(place, len(d) - 1)]
+        return d[np.minimum((times / self.search_runs.period + 1e-6).astype(int), len(d) - 1)]
 
     def scaled(self, d: np.ndarray, energy: float) -> np.ndarray:
         """d with ∫|d|² = energy."""
@@ -340,8 +336,7 @@ class DisturbanceSearch:
         direction = np.linalg.svd(system.response(frequency)[0])[2][0].conj()
         t = self.search_runs.times
         window = np.sin(np.pi * (t + self.search_runs.period) / (t[-1] + 2.0 * self.search_runs.period)) ** 2
-        wave = np.real(np.exp(1j * frequency * t)[:, None] * direction)
-        return gain, wave * window[:, None]
+        return gain, np.real(np.exp(1j * frequency * t)[:, None] * direction) * window[:, None]
 
     def random(self, seed: int) -> np.ndarray:
         """Noise that fades: a start without a preference."""

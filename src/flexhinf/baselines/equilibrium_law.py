@@ -284,8 +284,7 @@ def lqr_gain(problem: GeneralisedPlant, effort: float = 1.0) -> np.ndarray:
     a, b, h = linear.f_parts[1], linear.g2_parts[0][:, :, 0], linear.h_parts[1]
     r2 = checked_positive("The factor of the effort", effort, "a number", "effort=1.0") * problem.r2
     try:
-        p = solve_continuous_are(a, b, h.T @ h, r2)
-        gain = -np.linalg.solve(r2, b.T @ p)
+        gain = -np.linalg.solve(r2, b.T @ solve_continuous_are(a, b, h.T @ h, r2))
         slowest = float(np.linalg.eigvals(a + b @ gain).real.max())
         if slowest < 0.0:
             return read_only(gain)

@@ -121,8 +121,7 @@ class NormalForm:
         x, u, p, _, top = self._derivatives
         highest, v = ca.vertcat(*top), ca.SX.sym("v", u.numel())
         decoupling = ca.jacobian(highest, u)
-        free = ca.substitute(highest, u, ca.SX.zeros(u.numel()))
-        solved = ca.densify(ca.solve(decoupling, v - free))
+        solved = ca.densify(ca.solve(decoupling, v - ca.substitute(highest, u, ca.SX.zeros(u.numel()))))
         return ca.Function("linearising", [x, v, p], [solved], {"cse": True})
 
     def coordinates(self, x: Any, u: Any, p: Any) -> tuple[Any, Any]:

@@ -193,8 +193,7 @@ class Controller(Summarised):
     def summary(self) -> dict[str, str]:
         """Law, estimator, period, limits, and what is measured and commanded."""
         limits, command, mode = self.limits, self.command_limits, self.mode
-        kinds = dict.fromkeys(law.kind for law in self.laws)
-        law, zone = ", ".join(kinds), self.integral_dead_zone
+        law, zone = ", ".join(dict.fromkeys(law.kind for law in self.laws)), self.integral_dead_zone
         pairs = zip(command.texts, command.rate)
         facts = {
             "law": law if len(self.laws) == 1 else f"{len(self.laws)} laws ({law})",
@@ -362,8 +361,7 @@ class Controller(Summarised):
 
     def _traced(self, measured: bool) -> Any:
         def step(y: Any, r: Any, memory: Any, data: Any) -> Any:
-            named = self.memory.named(memory), self.data.named(data)
-            u, estimate, after = self._stepped(y, r, *named)
+            u, estimate, after = self._stepped(y, r, self.memory.named(memory), self.data.named(data))
             return u, estimate, self.memory.flat(after)
 
         sizes = (len(self.measured) * measured, len(self.commanded), self.memory.size, self.data.size)
@@ -388,8 +386,7 @@ class Controller(Summarised):
             Block(place, (place.size if place else 0,))
             for place in (places[name] for name in (*READ, "after"))
         )
-        named = self.memory.named(memory), self.data.named(data)
-        u, estimate, after = self._stepped(y, r, *named, run)
+        u, estimate, after = self._stepped(y, r, self.memory.named(memory), self.data.named(data), run)
         run.copy(u, Block(places["u"], u.shape))
         run.copy(estimate, Block(places["estimate"], estimate.shape))
         for part, place in self.memory.pairs(after):

@@ -113,8 +113,7 @@ def _line(model: Plant, x: np.ndarray, u: np.ndarray, places: list[int]) -> tupl
     """∂x/∂r (n, k) and ∂u/∂r (m, k) of the equilibria through one, r the states at `places`; None and None where the
     model has no slope there."""
     a, b, _, _ = model.linearise(x, u)
-    chosen = np.eye(len(x))[places]
-    rows = np.block([[a, b], [chosen, np.zeros((len(places), len(u)))]])
+    rows = np.block([[a, b], [np.eye(len(x))[places], np.zeros((len(places), len(u)))]])
     if not np.isfinite(rows).all():
         return None, None
     line = np.linalg.lstsq(rows, np.eye(len(rows))[:, len(x) :], rcond=None)[0]

@@ -264,8 +264,7 @@ def _input(
         u = clip(u, last - period * rate, last + period * rate)
     # Anti-windup: an integral that would push a saturated input further stands still.
     beyond = wanted - u + bounds[0] if bounded else wanted - u
-    pushes = growth * (beyond @ gain)
-    choices = zip(pushes, before, integral)
+    choices = zip(growth * (beyond @ gain), before, integral)
     return u, np.array([where(push > 0.0, old, new) for push, old, new in choices]), np.ones(1)
 
 

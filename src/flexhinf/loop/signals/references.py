@@ -223,8 +223,7 @@ class Quintic(_Finite):
             for c in reversed(polynomial):
                 value = value * s + c
             value = (self.goal - self.start) / self.duration**k * value
-            inside = where(t < self.at + self.duration, value, 0.0)
-            rows.append(where(t >= self.at, inside, 0.0))
+            rows.append(where(t >= self.at, where(t < self.at + self.duration, value, 0.0), 0.0))
         return _stacked(self(t), *rows)
 
 

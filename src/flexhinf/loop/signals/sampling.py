@@ -36,8 +36,7 @@ def by_name(signal: Any, plant: Plant | BlackBox) -> Any:
     if not isinstance(signal, Mapping):
         return signal
     single = {name: part for name, part in signal.items() if name not in groups}
-    grouped = {one: part for name, part in signal.items() for one in groups.get(name, ())}
-    return {**grouped, **single}
+    return {**{one: part for name, part in signal.items() for one in groups.get(name, ())}, **single}
 
 
 def sample_signal(

@@ -453,8 +453,7 @@ class Loop(Summarised):
         if reference is None:
             given = controller.operating_reference
         elif isinstance(reference, Mapping):
-            held = dict(zip(names, controller.operating_reference.tolist()))
-            given = {**held, **by_name(reference, plant)}
+            given = {**dict(zip(names, controller.operating_reference.tolist())), **by_name(reference, plant)}
         commands = sample_signal(given, times, names, "reference")
         models = [plant] if controller.estimator is None else [plant, controller.estimator.plant]
         limits = next((model.limits for model in models if model.limits), {})

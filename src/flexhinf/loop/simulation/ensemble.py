@@ -228,8 +228,7 @@ class Ensemble:
     def _in_lanes(
         self, plants: EnsemblePlants, lanes: int, threads: int, disturbances: Disturbances | None = None
     ) -> Recorded:
-        truth = np.column_stack([self.command.period / plants.parts, plants.truth])
-        own = {**plants.own, "truth": truth}
+        own = {**plants.own, "truth": np.column_stack([self.command.period / plants.parts, plants.truth])}
         if "deviation" in self.shared:
             own["key"] = np.array([(0, *seed_key(seed)) for seed in plants.seeds], float).reshape(-1, 3)
         found = self._room(len(plants))
