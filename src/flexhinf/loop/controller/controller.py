@@ -12,20 +12,26 @@ import numpy as np
 from flexhinf.codegen import DIRECT, Block, Buffer, Call, Composer, Slice, compile_program
 from flexhinf.codegen.program import Step
 from flexhinf.errors import ControllerInUse, InvalidInput
+from flexhinf.loop.controller.laws import Schedule, check_kinds, read_controller, write_controller
 from flexhinf.loop.controller.memory import Layout, StateHistory, filler, step_failure, step_program
 from flexhinf.loop.controller.options import (
+    FirstInput,
     Limits,
-    Mode,
-    Source,
-    check_kinds,
+    Windup,
     check_names,
     checked_period,
     command_limits,
     dead_zone,
 )
-from flexhinf.loop.controller.start import FirstInput, Windup
-from flexhinf.loop.controller.step import STEPS, LawCode, Schedule, blend_time, controller_step, inverse_slope
-from flexhinf.loop.controller.storage import read_controller, write_controller
+from flexhinf.loop.controller.step import (
+    STEPS,
+    LawCode,
+    Mode,
+    Source,
+    blend_time,
+    controller_step,
+    inverse_slope,
+)
 from flexhinf.loop.shared import share
 from flexhinf.notebook import Summarised, names_text, number_text
 from flexhinf.plant import Estimator, Law, python_control
@@ -55,7 +61,7 @@ class Controller(Summarised):
         Sampling period, s; that of the estimator.
     saturation : None, float, (m,) array or tuple (lower, upper)
         Limits of the input; a number or an array means ±. Integrals that would push a saturated input
-        further stand still; without limits, integrals push no further than `flexhinf.loop.controller.start` says.
+        further stand still; without limits, integrals push no further than `flexhinf.loop.controller.options` says.
     moving : bool
         The law in error coordinates about a moving reference: the command of a sample is (x_d, u_d), (n + m,),
         the states of the law's plant without integrals and the inputs, and u = u_d + k(x − x_d, e) with
@@ -124,7 +130,9 @@ class Controller(Summarised):
         if windup is not None:
             windup.check(self.laws)
         self.mode = Mode(
-            moving, start, len(self.laws), self.command_limits.active, self.limits.rated,
+            moving, start, len(self.laws),
+            bool(np.isfinite([*self.command_limits.pair, self.command_limits.rate]).any()),
+            bool(np.isfinite(self.limits.rate).any()),
             self.integral_dead_zone is not None, bool(self.tracked) and bool(np.isfinite(self.windup.limit).any()),
         )  # fmt: skip
         self.first_input = FirstInput(before_first, solution, estimator, self.limits)
@@ -202,6 +210,8 @@ class Controller(Summarised):
             "measured": names_text(self.measured),
             "tracked": names_text(self.tracked),
             "inputs": names_text(tuple(self.law.input_names)),
+        }
+        optional = {
             "saturation": ", ".join(limits.texts) if np.isfinite(limits.pair).any() else "",
             "integrals push": self.windup.text if mode.bounds_windup else "",
             "input rate": ", ".join(f"at most {r:.4g} per s" for r in limits.rate) if mode.limits_input_rate else "",
@@ -210,8 +220,7 @@ class Controller(Summarised):
             "integral dead zone": "" if zone is None else ", ".join(f"± {size:.4g}" for size in zone),
             "reference": "moving" if mode.moving else "",
         }  # fmt: skip
-        optional = list(facts)[6:]
-        return {name: fact for name, fact in facts.items() if fact or name not in optional}
+        return {**facts, **{name: fact for name, fact in optional.items() if fact}}
 
     @property
     def commanded(self) -> tuple[str, ...]:

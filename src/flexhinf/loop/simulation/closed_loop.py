@@ -14,20 +14,21 @@ import numpy as np
 from flexhinf.errors import InvalidInput, NumericalFailure
 from flexhinf.loop.controller.controller import Controller
 from flexhinf.loop.signals.references import signal_name
-from flexhinf.loop.signals.sampling import by_name, checked_deviation, sample_noise, sample_signal
-from flexhinf.loop.simulation.compiled_runs import (
-    LoopCode,
-    PreparedRun,
+from flexhinf.loop.simulation.ensemble import Ensemble, PreparedRun, signal_place, tracked_place
+from flexhinf.loop.simulation.inputs import (
+    by_name,
     check_ranges,
     check_turns,
+    checked_deviation,
     operating_state,
     sample_count,
+    sample_noise,
+    sample_signal,
     start_text,
     starting_state,
 )
-from flexhinf.loop.simulation.ensemble import Ensemble, signal_place, tracked_place
 from flexhinf.loop.simulation.metrics import Command, Reduction, common_reductions, tracking_reductions
-from flexhinf.loop.simulation.program import CONTROL_FAILED, PLANT_FAILED, Channel
+from flexhinf.loop.simulation.program import CONTROL_FAILED, PLANT_FAILED, Channel, LoopCode
 from flexhinf.loop.simulation.trajectory import Trajectory
 from flexhinf.notebook import Summarised, names_text
 from flexhinf.plant import BlackBox, Plant, python_control, rk4_step, sub_steps
@@ -227,7 +228,7 @@ class Loop(Summarised):
     def code(self) -> LoopCode:
         """What of a run on a `Plant` is compiled: the same for all parameters of plant and law."""
         assert isinstance(self.true_plant, Plant)
-        return LoopCode.of(self.true_plant, self.controller, self.channel, self.sub_steps)
+        return LoopCode(self.true_plant, self.controller, self.channel, self.sub_steps)
 
     def with_plant(self, plant: Plant | BlackBox) -> Loop:
         """The same controller, channel and sub-steps round another true plant."""
@@ -292,7 +293,7 @@ class Loop(Summarised):
             "initial_state": initial_state, "initial_input": initial_input, "multi_turn": multi_turn,
         }  # fmt: skip
         if isinstance(self.true_plant, Plant):
-            return self.prepared(**settings).alone()
+            return self.prepared(**settings).run()[0]
         return self.run_paced(AT_ONCE, **settings)
 
     def run_paced(
