@@ -35,7 +35,7 @@ from flexhinf.campaign.metrics import (
 )
 from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.loop import Ensemble, EnsembleResult, Loop, Trajectory
-from flexhinf.loop.simulation.compiled_runs import sample_count, starting_state
+from flexhinf.loop.simulation.inputs import sample_count, starting_state
 from flexhinf.plant import Plant
 from flexhinf.validation import unknown_name, value_text
 

@@ -28,8 +28,8 @@ import numpy as np
 
 from flexhinf.errors import InvalidInput
 from flexhinf.loop import Ensemble, EnsembleResult, Instant, Reduction, Trajectory
-from flexhinf.loop.signals.sampling import sample_disturbance
 from flexhinf.loop.simulation.ensemble import tracked_place
+from flexhinf.loop.simulation.inputs import sample_disturbance
 from flexhinf.loop.simulation.metrics import ROUNDING, SETTLING_BAND, TAIL, Command, Place
 from flexhinf.scalars import maximum, minimum, where
 from flexhinf.validation import unknown_name, value_text

@@ -24,7 +24,7 @@ from flexhinf.codegen.program import Step
 from flexhinf.errors import InvalidInput
 from flexhinf.loop import Controller
 from flexhinf.loop.controller.memory import SPACING, step_program
-from flexhinf.loop.controller.start import holding_function
+from flexhinf.loop.controller.options import holding_function
 from flexhinf.validation import value_text
 
 #: Words of C99 and of C++, and names of their headers: NAME.h must not be found in the place of one.

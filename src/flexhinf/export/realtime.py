@@ -28,7 +28,7 @@ from flexhinf.export.compiled import CompiledController
 from flexhinf.export.controller_c import code_of
 from flexhinf.loop import Loop, Trajectory
 from flexhinf.loop.simulation.closed_loop import AT_ONCE, Pacing
-from flexhinf.loop.simulation.compiled_runs import sample_count
+from flexhinf.loop.simulation.inputs import sample_count
 from flexhinf.validation import value_text
 
 #: Percentiles by which jitter is told; the last one is the largest value.
