@@ -21,8 +21,8 @@ import numpy as np
 
 from flexhinf import __version__
 from flexhinf.campaign.batches import BATCH, TRACED, Campaign, Rows, checked_integer, run_batch
-from flexhinf.campaign.journal import Journal, disk_refusals, labelled
-from flexhinf.campaign.results import MergedTable, merged
+from flexhinf.campaign.journal import Journal, disk_refusals
+from flexhinf.campaign.results import MergedTable, labelled, merged
 from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.validation import extra_package, unknown_name, value_text
 

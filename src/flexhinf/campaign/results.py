@@ -3,23 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from flexhinf.campaign.batches import TRACED, Campaign, Column, run_samples
-from flexhinf.campaign.journal import (
-    Journal,
-    StoredColumns,
-    labelled,
-    numpy_column,
-    plain_number,
-    read_columns,
-)
+from flexhinf.campaign.journal import Journal, numpy_column, plain_number, read_columns
 from flexhinf.campaign.metrics import COMPLETED, Requirement
 from flexhinf.errors import InvalidInput
 from flexhinf.loop import Trajectory
@@ -161,6 +154,50 @@ def _indices(function, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     )  # fmt: skip
     first, total = (np.clip(np.ravel(values), 0.0, 1.0) for values in (found.first_order, found.total_order))
     return first, np.where(np.isfinite(total), total, math.nan)
+
+
+#: Columns of a file that are held in memory at once: what one figure or table compares.
+HELD = 6
+
+
+class StoredColumns(Mapping[str, np.ndarray]):
+    """Columns (N,) of a file by name, each read when it is used; the last `HELD` ones stay in memory."""
+
+    def __init__(self, path: Any) -> None:
+        import pyarrow.parquet as pq
+
+        self.names = tuple(pq.read_schema(path).names)
+        self._read = lru_cache(HELD)(lambda name: numpy_column(read_columns(path, [name]).column(name)))
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        """A column; do not write into it."""
+        if name not in self.names:
+            raise KeyError(name)
+        return self._read(name)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.names)
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+
+def labelled(
+    rows: Mapping[str, np.ndarray], columns: Sequence[Column], time: np.ndarray, settings: Mapping[str, str]
+) -> xr.Dataset:
+    """Rows as an xarray Dataset of dimension ``sample``, kept signals with ``kept`` runs and ``time`` (s) instead."""
+    import xarray as xr
+
+    variables, coordinates = {}, {"sample": rows["sample"]}
+    for column in columns:
+        values = rows[column.name]
+        attributes = {"units": column.unit, "kind": column.kind}
+        if column.kind == "trace":
+            variables[column.name] = (("kept", "time"), values, attributes)
+            coordinates |= {"time": ("time", time, {"units": "s"}), "kept": np.arange(len(values))}
+        elif column.name != "sample":
+            variables[column.name] = ("sample", values, attributes)
+    return xr.Dataset(variables, coordinates, dict(settings))
 
 
 #: Quantiles that are stated of every metric.

@@ -19,8 +19,7 @@ import numpy as np
 from flexhinf.analysis.search import box_corners, climb
 from flexhinf.campaign.batches import Campaign, checked_integer, rows_of, run_batch
 from flexhinf.campaign.draws import Tolerances
-from flexhinf.campaign.journal import Journal
-from flexhinf.campaign.manifest import UNREADABLE
+from flexhinf.campaign.journal import UNREADABLE, Journal
 from flexhinf.campaign.metrics import COMPLETED, known_metric
 from flexhinf.errors import InvalidInput
 from flexhinf.loop import Trajectory
