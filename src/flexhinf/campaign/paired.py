@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -255,8 +255,7 @@ def compare(
         )
     paired = PairedCampaigns(*sides)
     known = (*paired.metrics, *paired.parts)
-    checked = tuple(Requirement.of(text, known) for text in requirements)
-    return PairedCampaigns(*sides, checked)
+    return replace(paired, requirements=tuple(Requirement.of(text, known) for text in requirements))
 
 
 def _table(source: xr.Dataset | MergedTable) -> CampaignTable:
@@ -268,8 +267,10 @@ def _table(source: xr.Dataset | MergedTable) -> CampaignTable:
             f"expected an xarray Dataset of `run_campaign`, got {value_text(source)}",
             "flexhinf.campaign.compare(fh.run_campaign(…), fh.run_campaign(…))",
         )
-    described = [Column("sample", "own")]
-    for name, one in source.data_vars.items():
-        described.append(Column(str(name), one.attrs.get("kind", ""), one.attrs.get("units", "")))
+    stated = source.data_vars.items()
+    described = [
+        Column(str(name), one.attrs.get("kind", ""), one.attrs.get("units", "")) for name, one in stated
+    ]
+    described.insert(0, Column("sample", "own"))
     columns = {column.name: source[column.name].values for column in described}
     return CampaignTable(described, columns, {str(k): str(v) for k, v in source.attrs.items()})

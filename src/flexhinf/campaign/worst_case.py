@@ -164,8 +164,7 @@ def worst_case(
         some = [(points[k] - low) / width for k in order[: max(1, starts // 2)] if size[k] > -math.inf]
         if all_corners:
             every = box_corners(len(names))
-            worst = np.argsort(-values(every), kind="stable")[: -(-(starts - len(some)) // 2)]
-            some += list(every[worst])
+            some += list(every[np.argsort(-values(every), kind="stable")[: -(-(starts - len(some)) // 2)]])
         generator = np.random.Generator(np.random.Philox(key=[seed, _STREAM]))
         some += list(generator.random((max(0, starts - len(some)), len(names))))
         climbed = climb(values, np.array(some), lambda _, best: progress(runs, -best if least else best))

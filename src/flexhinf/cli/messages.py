@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from itertools import pairwise
 from pathlib import Path
@@ -112,6 +112,16 @@ def refused(error: OSError | MemoryError, written: Sequence[Path]) -> str:
 def note(text: str) -> None:
     """Print what must not be missed."""
     typer.secho(f"note: {option_syntax(text)}", fg="yellow", err=True)
+
+
+def show(tables: Iterable[Any], notes: Iterable[str] = ()) -> None:
+    """Print tables, and then notes."""
+    from rich.console import Console
+
+    for table in tables:
+        Console().print(table)
+    for text in notes:
+        note(text)
 
 
 def parser_error(error: TyperException, arguments: Sequence[str]) -> str:

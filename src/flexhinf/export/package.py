@@ -7,6 +7,7 @@ import os
 import re
 import subprocess
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -72,8 +73,7 @@ def export_c(
         If law or estimator need an operation that has no form in C.
     """
     target = checked_folder(folder, force)
-    files = controller_files(controller, name, real)
-    write_files(target, files)
+    write_files(target, controller_files(controller, name, real))
     return target
 
 
@@ -124,19 +124,19 @@ def check_room(controller: Controller, real: str, period: str = "", flash: str =
             "a design with --period of that length",
         )
     code = code_of(controller, "controller", real)
-    rows = []
-    if flash:
-        whole = cortex_m4_bytes(code)
-        constants = (code.sizes["data"] + code.sizes["memory"]) * code.real.bytes
-        what, needed, where = "code and constants need", whole, ", compiled for a Cortex-M4F"
-        if whole is None:
-            what, needed, where = "constants need", constants, ""
-        rows.append((what, flash, "--flash", needed, where, "--degrees 2 at the design, --real float"))
-    if ram:
-        advice = "--real float, an extended Kalman filter (--estimator ekf), --degrees 2"
-        rows.append(("state needs", ram, "--ram", code.state_bytes, "", advice))
-    for what, stated, option, needed, where, advice in rows:
-        if needed > _quantity(stated, BYTES):
+    whole = cortex_m4_bytes(code) if flash else None
+    constants = (code.sizes["data"] + code.sizes["memory"]) * code.real.bytes
+    kind, where = (
+        ("constants", "") if whole is None else ("code and constants", ", compiled for a Cortex-M4F")
+    )
+    rows = (
+        ("--flash", flash, f"{kind} need", constants if whole is None else whole, where,
+         "--degrees 2 at the design, --real float"),
+        ("--ram", ram, "state needs", code.state_bytes, "",
+         "--real float, an extended Kalman filter (--estimator ekf), --degrees 2"),
+    )  # fmt: skip
+    for option, stated, what, needed, where, advice in rows:
+        if stated and needed > _quantity(stated, BYTES):
             raise InvalidInput(
                 f"The controller does not fit: its {what} more room.",
                 f"expected at most {value_text(stated)} ({option}), got {needed} bytes in the type {real}{where}",
@@ -151,10 +151,9 @@ BYTES = {"": 1.0, "b": 1.0, "kb": 1e3, "kib": 1024.0, "mb": 1e6, "mib": 1024.0**
 
 def _quantity(text: str, units: Mapping[str, float]) -> float:
     found = re.fullmatch(r"\s*([0-9.]+(?:e[-+]?[0-9]+)?)\s*([a-zµ]*)\s*", text.lower())
-    try:
-        value = float(found.group(1)) * units[found.group(2)] if found else -1.0
-    except (ValueError, KeyError):
-        value = -1.0
+    value = -1.0
+    with suppress(ValueError, KeyError):
+        value = float(found.group(1)) * units[found.group(2)] if found else value
     if not 0.0 < value < 1e30:
         raise InvalidInput(
             "This is no positive quantity.",
@@ -190,8 +189,9 @@ def _accuracy(code: ControllerCode, run: Recording) -> tuple[float, str]:
     """
     most = TOLERANCE[code.real.name]
     if code.real.name == "double":
-        bits = "the simulation's bits with fused multiply-adds"
-        return most, f"{bits}, {most:.0e} of the largest value without"
+        return (
+            most, f"the simulation's bits with fused multiply-adds, {most:.0e} of the largest value without"
+        )  # fmt: skip
     fused, plain = (_measured_error(code, run, flags) for flags in ((), (f"-D{code.upper('PLAIN')}",)))
     if fused is None or plain is None:
         no = "not measured: no C compiler for this machine was found"
@@ -272,22 +272,22 @@ def _readme(code: ControllerCode, run: Recording, accuracy: str) -> str:
     c = code.controller
     begins = "Without an estimator the state is what is measured, so the robot may be anywhere."
     if code.predicts:
-        other = "this observer cannot be told of it"
-        if code.starts_anywhere:
-            other = f"call `{code.name}_start` with its state instead"
+        start = f"call `{code.name}_start` with its state instead"
+        other = start if code.starts_anywhere else "this observer cannot be told of it"
         begins = (
             f"`{code.name}_init` believes the robot at rest at the estimate of the last column, where the step of the "
             "design starts.\nThe estimator trusts that: from another place the first inputs may be as large as their "
             f"limits. Where the robot is\nelsewhere, {other}; an input that acts already is its other argument."
         )
-    signals = []
-    for kind, array, starts in (
-        ("Y", "input.y", None), ("R", "input.r", None), ("U", "output.u", code.safe_input),
-        ("X", "output.estimate", code.belief),
-    ):  # fmt: skip
-        for k, name in enumerate(code.signals[kind]):
-            start = "" if starts is None else f"{starts[k]:.6g}"
-            signals.append((f"`{array}`", str(k), comment(name), comment(code.units.get(name, "")), start))
+    arrays = {
+        "Y": ("input.y", None), "R": ("input.r", None), "U": ("output.u", code.safe_input),
+        "X": ("output.estimate", code.belief),
+    }  # fmt: skip
+    signals = [
+        (f"`{array}`", str(k), comment(name), comment(code.units.get(name, "")),
+         "" if starts is None else f"{starts[k]:.6g}")
+        for kind, (array, starts) in arrays.items() for k, name in enumerate(code.signals[kind])
+    ]  # fmt: skip
     at_limit = int(((run.u <= c.limits.lower) | (run.u >= c.limits.upper)).any(axis=1).sum())
     none = f"none: set `{code.upper('P_LOWER')}` and `{code.upper('P_UPPER')}` to what the drives take"
     facts = {

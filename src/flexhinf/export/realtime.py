@@ -221,16 +221,17 @@ def run_realtime(
         core that there is not.
     """
     low, high = PRIORITIES
+    cores = os.cpu_count() or 1
     if priority is not None and (not isinstance(priority, int) or not low <= priority <= high):
         raise InvalidInput(
             "There is no such real-time priority.",
             f"expected {low} to {high}, got {value_text(priority)}",
             "80: above everything but the kernel's own threads",
         )
-    cores = os.cpu_count() or 1
     if core is not None and (not isinstance(core, int) or not 0 <= core < cores):
-        expected = f"expected 0 to {cores - 1}, got {value_text(core)}"
-        raise InvalidInput("There is no such processor core.", expected, "0")
+        raise InvalidInput(
+            "There is no such processor core.", f"expected 0 to {cores - 1}, got {value_text(core)}", "0"
+        )
     initial_input = loop.controller.input_before(initial_input, initial_estimate)
     settings: dict[str, Any] = {
         "reference": reference, "disturbance": disturbance, "noise": noise, "initial_state": initial_state,
@@ -302,8 +303,7 @@ class _Clock:
             self._stepped = copy.copy(library)
             self.code_names |= library.code_numbers
             self.name = f"compiled library {library.path.name}"
-        numbers = {name: number for number, name in self.code_names.items()}
-        self._numbers = None if library is None else numbers
+        self._numbers = {name: number for number, name in self.code_names.items()} if library else None
         self._step, self._k, self._first = self._stepped.step, 0, 0
         # filled, so that no page of memory is missing when it is first written
         self._due, self._woken, self._computed, self._ready, self._over = np.full((5, samples), 0)
@@ -350,8 +350,7 @@ class _Clock:
 
     def timing(self, times: np.ndarray) -> Timing:
         """Of the samples that were made, their times (N,) in the run."""
-        n = len(times)
-        due = self._due[:n]
+        n, due = len(times), self._due[: len(times)]
         ready = np.maximum(self._ready[:n], self._woken[:n])  # a step that failed has no end
         over = np.maximum(self._over[:n], ready)
         since = [1e-9 * (row - due) for row in (self._woken[:n], ready, over)]
@@ -386,9 +385,10 @@ def _stopping() -> Iterator[list[int]]:
             raise KeyboardInterrupt
         request.append(number)
 
-    names = [name for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
-    before = {getattr(signal, name): signal.getsignal(getattr(signal, name)) for name in names}
-    before = {number: handler for number, handler in before.items() if handler not in (signal.SIG_IGN, None)}
+    ending = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
+    before = {
+        one: handler for one in ending if (handler := signal.getsignal(one)) not in (signal.SIG_IGN, None)
+    }
     for number in before:
         signal.signal(number, stop)
     try:

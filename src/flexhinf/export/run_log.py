@@ -57,20 +57,26 @@ def log_columns(run: RealTimeRun) -> list[LogColumn]:
     Flags are 0 or 1: ``missed_deadline`` and ``overrun`` as `Timing` has them, ``at_limit`` where an input is as large
     as it may be; ``code`` is how the controller's step ended, 0 for OK.
     """
-    found, trajectory, timing = [], run.trajectory, run.timing
-    for kind, values in trajectory.signals.items():
-        names = zip(trajectory.names[kind], trajectory.units[kind], values.T, strict=True)
-        found += [LogColumn(KINDS.get(kind, kind), name, unit, column) for name, unit, column in names]
+    trajectory, timing = run.trajectory, run.timing
+    signals = [
+        LogColumn(KINDS.get(kind, kind), *column)
+        for kind, values in trajectory.signals.items()
+        for column in zip(trajectory.names[kind], trajectory.units[kind], values.T, strict=True)
+    ]
     u, (low, high) = trajectory.signals["input"], run.input_range
     with np.errstate(invalid="ignore"):  # an infinite limit is reached by nothing: ∞ − ∞ is NaN
         limited = (u <= low + AT_LIMIT * np.abs(low)) | (u >= high - AT_LIMIT * np.abs(high))
     flags = {
         "missed_deadline": timing.missed, "overrun": timing.overrun, "at_limit": limited.any(axis=1), "code": run.codes,
     }  # fmt: skip
-    found += [LogColumn("flags", name, "", np.asarray(values, dtype=float)) for name, values in flags.items()]
-    times = (timing.woken, timing.computed, timing.ready, timing.over)
-    names = ("lateness", "step_time", "input_ready", "over")
-    return found + [LogColumn("timing", name, "s", values) for name, values in zip(names, times, strict=True)]
+    times = {
+        "lateness": timing.woken, "step_time": timing.computed, "input_ready": timing.ready, "over": timing.over,
+    }  # fmt: skip
+    return [
+        *signals,
+        *(LogColumn("flags", name, "", np.asarray(values, dtype=float)) for name, values in flags.items()),
+        *(LogColumn("timing", name, "s", values) for name, values in times.items()),
+    ]
 
 
 def check_log(path: str | os.PathLike[str]) -> Path:
@@ -85,13 +91,13 @@ def check_log(path: str | os.PathLike[str]) -> Path:
             f"expected a name that ends with {', '.join(ENDINGS)}, got {str(path)!r}",
             f"--log {path.stem or 'run'}.csv",
         )
-    for package in ENDINGS[path.suffix]:
-        if importlib.util.find_spec(package) is None:
-            raise InvalidInput(
-                f"A log in {path.suffix[1:].upper() if path.suffix == '.mcap' else 'Parquet'} needs another package.",
-                f"expected the package {package!r}, which is not installed, for {path.name}",
-                f"pip install 'flexhinf[log]', or --log {path.stem or 'run'}.csv",
-            )
+    missing = [name for name in ENDINGS[path.suffix] if importlib.util.find_spec(name) is None]
+    if missing:
+        raise InvalidInput(
+            f"A log in {path.suffix[1:]} needs another package.",
+            f"expected the package {missing[0]!r}, which is not installed, for {path.name}",
+            f"pip install 'flexhinf[log]', or --log {path.stem or 'run'}.csv",
+        )
     return check_place(path, "log")
 
 
@@ -144,8 +150,7 @@ def _write_parquet(run: RealTimeRun, name: str) -> None:
     import pyarrow
     from pyarrow import parquet
 
-    settings = {key: str(value) for key, value in _settings(run).items()}
-    table = pyarrow.table(_table(run)).replace_schema_metadata(settings)
+    table = pyarrow.table(_table(run)).replace_schema_metadata(_settings(run))
     parquet.write_table(table, name)  # snappy, which every reader has
 
 
@@ -160,7 +165,7 @@ def _write_mcap(run: RealTimeRun, name: str) -> None:
     with open(name, "wb") as file:
         writer = Writer(file)
         writer.start(profile="", library="flexhinf")
-        channels = {}
+        channels = dict[str, int]()
         for kind, group in columns.items():
             properties = {c.name: {"type": "number", "description": c.unit or "no unit"} for c in group}
             text = json.dumps({"type": "object", "properties": properties}).encode()
@@ -169,22 +174,22 @@ def _write_mcap(run: RealTimeRun, name: str) -> None:
         for k, at in enumerate(run.trajectory.time.tolist()):
             moment = run.began + round(1e9 * at)
             for kind, group in columns.items():
-                values = {column.name: float(column.values[k]) for column in group}
-                finite = {
-                    name: value for name, value in values.items() if np.isfinite(value)
-                }  # others have no JSON
+                # numbers that are not finite have no JSON
+                finite = {one.name: float(one.values[k]) for one in group if np.isfinite(one.values[k])}
                 writer.add_message(channels[kind], moment, json.dumps(finite).encode(), moment, k)
-        writer.add_metadata("flexhinf run", {key: str(value) for key, value in _settings(run).items()})
+        writer.add_metadata("flexhinf run", _settings(run))
         writer.finish()
 
 
-def _settings(run: RealTimeRun) -> dict[str, object]:
+def _settings(run: RealTimeRun) -> dict[str, str]:
+    """As text by name, for the head of a file."""
     codes = {str(number): name for number, name in run.code_names.items()}
     ended = "completed" if run.stopped is None else "stopped before its end"
-    return {
+    settings = {
         **run.trajectory.settings, "status": run.trajectory.message or ended, "codes": json.dumps(codes),
         "began_ns_since_1970": run.began,
     }  # fmt: skip
+    return {key: str(value) for key, value in settings.items()}
 
 
 #: What a sample is, by the name of the code that a step in C returns for it.
