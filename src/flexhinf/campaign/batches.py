@@ -275,7 +275,6 @@ class Campaign:
 
     @cached_property
     def _recorder(self) -> Ensemble:
-        """The same runs, of which trajectories are asked for."""
         return self._ensemble()
 
     def _ensemble(self, **wanted: Any) -> Ensemble:
@@ -298,12 +297,25 @@ class Campaign:
         # the first sample tells draws of the same code from each other
         numbers = ", ".join(f"{name} {value:.{DIGITS}g}" for name, value in self._first.row().items())
         own = [one for one in self.metrics if one.function is not None and not is_ours(one.function)]
+        # controller, plant and the end of a short run distinguish two loops of the same description
+        loop, controller = self.loop, self.loop.controller
+        plant = loop.true_plant
+        numbers_of = {"plant": number_hash(plant.parameters.vector())} if isinstance(plant, Plant) else {}
+        duration = min(PROBE * controller.period, float(self.options["duration"]))
+        run = self.loop_of(Sample()).run(
+            **{**self.options, "duration": duration, "seed": sample_seed(self.seed, 0)}
+        )
+        last = np.concatenate([run.signals[kind][-1] for kind in ("state", "estimate", "input")])
         return {
             "version": __version__, "samples": str(self.samples), "seed": str(self.seed), "batch": str(self.batch),
             **dict(self.about), **dict(self.draw.settings), **options, "first sample": numbers,
             "metrics": ", ".join(name for one in self.metrics for name in one.units),
             **{f"metric {', '.join(one.units)}": fingerprint(one.function) for one in own},
-            "signals": ", ".join(self.signals or ()), **self._probe,
+            "signals": ", ".join(self.signals or ()),
+            "period": repr(controller.period), "measured": ", ".join(controller.measured),
+            "controller": number_hash(controller.data_vector), "sub-steps": str(loop.sub_steps),
+            **numbers_of,
+            "short run": " ".join(f"{value:.{DIGITS}g}" for value in last),
         }  # fmt: skip
 
     @cached_property
@@ -311,23 +323,6 @@ class Campaign:
         """Of what the rows depend on, and of what they hold."""
         columns = [[column.name, column.kind, column.unit] for column in self.columns]
         return campaign_digest(self.settings, columns, self.time.tolist())
-
-    @cached_property
-    def _probe(self) -> dict[str, str]:
-        """Controller, plant and the end of a short run: they distinguish two loops of the same description."""
-        loop, controller = self.loop, self.loop.controller
-        found = {
-            "period": repr(controller.period), "measured": ", ".join(controller.measured),
-            "controller": number_hash(controller.data_vector), "sub-steps": str(loop.sub_steps),
-        }  # fmt: skip
-        if isinstance(loop.true_plant, Plant):
-            found["plant"] = number_hash(loop.true_plant.parameters.vector())
-        duration = min(PROBE * controller.period, float(self.options["duration"]))
-        options = {**self.options, "duration": duration, "seed": sample_seed(self.seed, 0)}
-        run = self.loop_of(Sample()).run(**options)
-        last = np.concatenate([run.signals[kind][-1] for kind in ("state", "estimate", "input")])
-        found["short run"] = " ".join(f"{value:.{DIGITS}g}" for value in last)
-        return found
 
 
 def check_counts(samples: Any, seed: Any, batch: Any) -> None:

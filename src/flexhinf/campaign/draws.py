@@ -66,12 +66,13 @@ def campaign_digest(
 
 def option_text(value: Any) -> str:
     """An option of a run; of a signal its name, of a user's function its fingerprint."""
-    if isinstance(value, Mapping):
-        return ", ".join(f"{name}: {option_text(part)}" for name, part in value.items())
-    if isinstance(value, np.ndarray):
-        return ", ".join(repr(one) for one in value.ravel().tolist())
-    if isinstance(value, types.FunctionType | types.MethodType | functools.partial) and not is_ours(value):
-        return fingerprint(value)
+    match value:
+        case Mapping():
+            return ", ".join(f"{name}: {option_text(part)}" for name, part in value.items())
+        case np.ndarray():
+            return ", ".join(repr(one) for one in value.ravel().tolist())
+        case types.FunctionType() | types.MethodType() | functools.partial() if not is_ours(value):
+            return fingerprint(value)
     text = str(getattr(value, "name", "") or getattr(value, "__qualname__", None) or repr(value))
     return str(type(value).__qualname__) if " at 0x" in text else text
 
@@ -99,42 +100,47 @@ class _Reader:
         self.kept: list[Any] = []  # so that no other value gets the identity of one that is known
 
     def text(self, value: Any) -> str:
-        """Of any value."""
-        if value is None or value is Ellipsis or isinstance(value, (bool, int, str, bytes)):
-            return repr(value)
-        if isinstance(value, (float, complex)):
-            return f"{value:.{READ_DIGITS}g}"
-        if isinstance(value, np.generic):
-            return self.text(value.item())
+        match value:
+            case None | bool() | int() | str() | bytes() | types.EllipsisType():
+                return repr(value)
+            case float() | complex():
+                return f"{value:.{READ_DIGITS}g}"
+            case np.generic():
+                return self.text(value.item())
         if id(value) not in self.known:
             self.kept.append(value)
             self.known[id(value)] = f"inside {_name(type(value))}"  # where it holds itself
-            found = self._code(value) or self._container(value) or self._instance(value)
+            found = self._part(value) or self._instance(value)
             self.known[id(value)] = hashlib.sha256(found.encode()).hexdigest()
         return self.known[id(value)]
 
-    def _container(self, value: Any) -> str:
-        if isinstance(value, (set, frozenset)):
-            return f"set {sorted(map(self.text, value))}"
-        if isinstance(value, np.ndarray):
-            return f"array {value.shape} {[self.text(one) for one in value.ravel().tolist()]}"
-        if isinstance(value, (list, tuple)):
-            return f"{type(value).__name__} {[self.text(one) for one in value]}"
-        if isinstance(value, Mapping):
-            return f"map {[(self.text(key), self.text(one)) for key, one in value.items()]}"
+    def _part(self, value: Any) -> str:
+        """Of a container or of code; empty for another object."""
+        match value:
+            case set() | frozenset():
+                return f"set {sorted(map(self.text, value))}"
+            case np.ndarray():
+                return f"array {value.shape} {[self.text(one) for one in value.ravel().tolist()]}"
+            case list() | tuple():
+                return f"{type(value).__name__} {[self.text(one) for one in value]}"
+            case Mapping():
+                return f"map {[(self.text(key), self.text(one)) for key, one in value.items()]}"
+            case types.ModuleType():
+                return f"module {value.__name__}"
+            case types.MethodType():
+                return f"method {self.text(value.__func__)} of {self.text(value.__self__)}"
+            case functools.partial():
+                return f"partial {[self.text(one) for one in (value.func, value.args, value.keywords)]}"
+            case types.CodeType():
+                return self._compiled(value)
+            case types.BuiltinFunctionType():
+                return f"built in {_name(value)}"
+            case types.FunctionType() | type():
+                return self._function(value)
         return ""
 
-    def _code(self, value: Any) -> str:
-        if isinstance(value, types.ModuleType):
-            return f"module {value.__name__}"
-        if isinstance(value, types.MethodType):
-            return f"method {self.text(value.__func__)} of {self.text(value.__self__)}"
-        if isinstance(value, functools.partial):
-            return f"partial {[self.text(one) for one in (value.func, value.args, value.keywords)]}"
-        if isinstance(value, types.CodeType):
-            return self._compiled(value)
-        if not isinstance(value, (types.FunctionType, type)):
-            return f"built in {_name(value)}" if isinstance(value, types.BuiltinFunctionType) else ""
+    def _function(self, value: types.FunctionType | type) -> str:
+        """Of a function or a class, of another package by its name alone."""
         if _package(value) != self.package or self.package == "flexhinf":
             return f"code {_name(value)}"
         if isinstance(value, type):

@@ -20,6 +20,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -167,16 +168,16 @@ class Metrics:
 def _tracking(run: Trajectory) -> dict[str, float | None]:
     """The worst of all tracked states; infinite where one never settles or rises."""
     rows = [run.metrics(name) for name in run.judged]
-    found: dict[str, float | None] = {}
-    for name in STANDARD_UNITS:
-        if name == "estimation_rmse":
-            found[name] = max(rows[0][name], default=math.nan)
-        elif name in ("settling_time_s", "rise_time_s"):
-            steps = [row for row in rows if row["overshoot_percent"] is not None]
-            found[name] = max((math.inf if row[name] is None else row[name] for row in steps), default=None)
-        else:
-            found[name] = max((row[name] for row in rows if row[name] is not None), default=None)
-    return found
+    stepped = [row for row in rows if row["overshoot_percent"] is not None]
+    times = {
+        name: max((math.inf if row[name] is None else row[name] for row in stepped), default=None)
+        for name in ("settling_time_s", "rise_time_s")
+    }
+    others = {
+        name: max((row[name] for row in rows if row[name] is not None), default=None)
+        for name in STANDARD_UNITS.keys() - times.keys() - {"estimation_rmse"}
+    }
+    return {**others, **times, "estimation_rmse": max(rows[0]["estimation_rmse"], default=math.nan)}
 
 
 def _tracking_in_lanes(found: EnsembleResult) -> dict[str, np.ndarray]:
@@ -244,11 +245,9 @@ class Requirement:
     @staticmethod
     def of(text: str, metrics: Sequence[str]) -> Requirement:
         """Read ``overshoot_percent<=5``; InvalidInput for another form, metric, or no number."""
-        match = _REQUIREMENT.match(text)
-        try:
+        match, limit = _REQUIREMENT.match(text), math.nan
+        with suppress(ValueError):
             limit = float(match[3]) if match else math.nan
-        except ValueError:
-            limit = math.nan
         if match is None or math.isnan(limit):
             raise InvalidInput(
                 "The requirement cannot be read.",

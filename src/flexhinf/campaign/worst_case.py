@@ -236,7 +236,6 @@ def _sizes(values: np.ndarray, status: np.ndarray, least: bool) -> np.ndarray:
 
 
 def _given(*values: object) -> dict[str, str]:
-    """What a search depends on."""
     return dict(zip(("campaign", "metric", "least", "starts", "seed"), map(str, values)))
 
 

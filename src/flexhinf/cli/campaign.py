@@ -109,21 +109,17 @@ def run(context: typer.Context, o: RunCampaignOptions) -> None:
 
 
 def _request(o: BatchOptions, source: str) -> DesignCampaign:
-    """The campaign of a design, with the options of a campaign without those of the command."""
     from flexhinf.design import CampaignOptions, DesignCampaign
 
     values: dict[str, Any] = {field.name: getattr(o, field.name) for field in fields(CampaignOptions)}
-    tolerances = []
-    for text in o.tolerance:
-        name, equals, value = text.partition("=")
-        if not equals:
-            raise InvalidInput(
-                "The tolerance names no parameter.",
-                f"expected NAME=x, got {text!r}",
-                "--tolerance stiffness=15%",
-            )
-        tolerances.append((name.strip(), value.strip()))
-    values["tolerances"] = tuple(tolerances)
+    if nameless := [text for text in o.tolerance if "=" not in text]:
+        raise InvalidInput(
+            "The tolerance names no parameter.",
+            f"expected NAME=x, got {nameless[0]!r}",
+            "--tolerance stiffness=15%",
+        )
+    pairs = (text.split("=", 1) for text in o.tolerance)
+    values["tolerances"] = tuple((name.strip(), value.strip()) for name, value in pairs)
     request = read_source(source, o.elastic, {})
     return DesignCampaign(request, CampaignOptions(**values), design_file_of(source))
 
@@ -143,13 +139,13 @@ def _searched(
     o: RunCampaignOptions, requirements: Sequence[Requirement], known: Sequence[str], gain: bool
 ) -> dict[str, bool]:
     """Metrics whose worst case is searched, and whether small values are the bad ones; `GAIN` comes last."""
+    if o.metric and not o.worst_case:
+        raise InvalidInput(
+            "A metric is searched only where the worst case is asked for.",
+            f"got --metric {o.metric[0]} without --worst-case",
+            "--worst-case beside it",
+        )
     if not o.worst_case:
-        if o.metric:
-            raise InvalidInput(
-                "A metric is searched only where the worst case is asked for.",
-                f"got --metric {o.metric[0]} without --worst-case",
-                "--worst-case beside it",
-            )
         return {}
     campaigns.check_starts(o.starts)
     chosen = [campaigns.known_metric(one, [*known, GAIN]) for one in o.metric]
@@ -244,7 +240,6 @@ def replay(context: typer.Context, o: ReplayOptions) -> None:
 
 
 def _finish(table: MergedTable, requirements: list[Any]) -> None:
-    """Report, verdict, worst cases with the commands that run them again; exit code."""
     from flexhinf.design import stored_campaign
     from flexhinf.design.campaign_gain import stored_gains
 

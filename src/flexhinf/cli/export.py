@@ -20,7 +20,6 @@ from flexhinf.validation import checked_path, value_text
 if TYPE_CHECKING:
     from flexhinf.design.deployed_run import DeployedRun
     from flexhinf.loop import Controller
-    from flexhinf.plant import Plant
 
 
 app = typer.Typer(help="Write the controller of a design as what runs on a robot.")
@@ -55,9 +54,16 @@ def export_fmu(context: typer.Context, o: ExportFmuOptions) -> None:
     the robot: motor inputs and disturbances in, measurements and states out,
     its parameters to be set. Needs a C compiler.
     """
+    from flexhinf.design import load_design
+
     if o.plant:
-        model, title, period, rest = plant_of(o.source)
-        written = export.export_plant_fmu(model, o.out, o.name or export.identifier_of(title), period, *rest)
+        path = file_of(o.source, "A plant is that of a design file.", "flexhinf export fmu DIR --plant")
+        robot, s = load_design(path)
+        rest = robot.operating_point(s.pose if s.start is None else s.start, s.extras)
+        name = o.name or export.identifier_of(robot.name)
+        written = export.export_plant_fmu(
+            robot.plant(s.measured, extras=s.extras), o.out, name, s.period, *rest
+        )
     else:
         controller, title = controller_of(o.source)
         written = export.export_fmu(controller, o.out, o.name or export.identifier_of(title))
@@ -73,17 +79,6 @@ def compile_design(context: typer.Context, o: CompileOptions) -> None:
     """
     written = export.compile_controller(controller_of(o.source)[0], o.out, o.processor)
     typer.echo(f"library: {written}")
-
-
-def plant_of(source: str) -> tuple[Plant, str, float, tuple[Any, Any]]:
-    """The true plant of a design file, a name for it, the period, and the equilibrium from which its step starts."""
-    from flexhinf.design import load_design
-
-    path = file_of(source, "A plant is that of a design file.", "flexhinf export fmu DIR --plant")
-    robot, s = load_design(path)
-    pose = s.start if s.start is not None else s.pose
-    plant = robot.plant(s.measured, extras=s.extras)
-    return plant, robot.name, s.period, robot.operating_point(pose, s.extras)
 
 
 def controller_of(source: str) -> tuple[Controller, str]:

@@ -349,7 +349,6 @@ class _Clock:
         self._over[k] = time.perf_counter_ns()
 
     def timing(self, times: np.ndarray) -> Timing:
-        """Of the samples that were made, their times (N,) in the run."""
         n, due = len(times), self._due[: len(times)]
         ready = np.maximum(self._ready[:n], self._woken[:n])  # a step that failed has no end
         over = np.maximum(self._over[:n], ready)

@@ -182,7 +182,6 @@ def _write_mcap(run: RealTimeRun, name: str) -> None:
 
 
 def _settings(run: RealTimeRun) -> dict[str, str]:
-    """As text by name, for the head of a file."""
     codes = {str(number): name for number, name in run.code_names.items()}
     ended = "completed" if run.stopped is None else "stopped before its end"
     settings = {
