@@ -19,7 +19,7 @@ from typer.core import TyperGroup
 
 from flexhinf import campaign as campaigns, pages
 from flexhinf.cli.arguments import design_file_of, read_source, reproduce_command, with_options
-from flexhinf.cli.messages import NOT_MET, note, progress_bar, show
+from flexhinf.cli.messages import NOT_MET, note, progress_bar, show, step_progress
 from flexhinf.cli.options import (
     BatchOptions,
     CompareCampaignsOptions,
@@ -75,7 +75,7 @@ def run(context: typer.Context, o: RunCampaignOptions) -> None:
     asked, shard, executor = _request(o, o.design), campaigns.Shard.read(o.shard or "1/1"), _executor(o)
     checked = _requirements(o.require or asked.requirements, asked.metrics.units)
     metrics = _searched(o, checked, list(asked.metrics.units), o.worst_case and searches_gain(asked))
-    with design_stages() as stage:
+    with step_progress() as stage:
         command = [word for k, word in enumerate(reproduce_command(context)) if (k, word) != (2, "run")]
         campaign, journal = open_campaign(asked, o.out, command, stage)
     try:
@@ -95,7 +95,7 @@ def run(context: typer.Context, o: RunCampaignOptions) -> None:
             note("the worst case is searched when all shards are there, by the same command without --shard")
         return
     for metric, least in metrics.items():
-        with design_stages() as stage:
+        with step_progress() as stage:
             if metric == GAIN:
                 search_gain(asked, journal, stage)
             else:
@@ -293,7 +293,7 @@ def compare(context: typer.Context, o: CompareCampaignsOptions) -> None:
     pair = DesignPair(_request(o, o.first), _request(o, o.second))
     checked = _requirements(o.require or pair.a.requirements, pair.a.metrics.units)
     words = reproduce_command(context)
-    with design_stages() as stage:
+    with step_progress() as stage:
         opened = open_pair(pair, o.out, (words, words), stage)
     tables = []
     for name, (campaign, journal) in zip("AB", opened):
@@ -321,19 +321,6 @@ def compare(context: typer.Context, o: CompareCampaignsOptions) -> None:
         note("the specifications do not differ")
     typer.echo(pages.pair_verdict(result))
     typer.echo(f"report: {path}")
-
-
-@contextmanager
-def design_stages() -> Iterator[Callable[[str], None]]:
-    """A line for what comes next while the controller is designed; silent where it is no terminal."""
-    from rich.console import Console
-
-    console = Console(stderr=True)
-    if not console.is_terminal:
-        yield lambda text: None
-        return
-    with console.status("design") as status:
-        yield lambda text: status.update(text.replace("[", r"\["))
 
 
 @contextmanager

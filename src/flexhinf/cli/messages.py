@@ -172,12 +172,13 @@ def progress_bar(*columns: str, disable: bool = False) -> Any:
 
 
 @contextmanager
-def step_progress(total: int) -> Iterator[Callable[[str], None]]:
-    """A bar of so many steps around some work, silent where standard error is no terminal.
+def step_progress(total: int | None = None) -> Iterator[Callable[[str], None]]:
+    """A bar of so many steps around some work, a mark that turns where nobody knows how many; silent where standard
+    error is no terminal.
 
     It gives a function that is called with the name of each step before the step begins.
     """
-    bar = progress_bar("Bar", "MofNComplete", "TimeElapsed")
+    bar = progress_bar(*(("Spinner",) if total is None else ("Bar", "MofNComplete")), "TimeElapsed")
     task, begun = bar.add_task("", total=total), 0
 
     def begin(text: str) -> None:
