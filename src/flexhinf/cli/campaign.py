@@ -326,10 +326,7 @@ def compare(context: typer.Context, o: CompareCampaignsOptions) -> None:
 @contextmanager
 def sample_progress(part: str) -> Iterator[Callable[[Report], None]]:
     """Samples, rate and time left: a bar, or a line every `EVERY` seconds where standard error is no terminal."""
-    from rich.console import Console
-
-    terminal = Console(stderr=True).is_terminal
-    bar = progress_bar("Bar", "MofNComplete", disable=not terminal)
+    bar = progress_bar("Bar", "MofNComplete")
     task = bar.add_task("")
     begun, told = time.monotonic(), time.monotonic()
 
@@ -344,7 +341,7 @@ def sample_progress(part: str) -> Iterator[Callable[[Report], None]]:
             shown = f"{left:.0f} s" if left < 120.0 else f"{left / 60.0:.0f} min"
             text = f"{rate:.3g} samples/s, {shown if left < 7200.0 else f'{left / 3600.0:.1f} h'} left"
         bar.update(task, total=report.total, completed=report.done, description=text)
-        if not terminal and report.fresh and time.monotonic() - told >= EVERY:
+        if bar.disable and report.fresh and time.monotonic() - told >= EVERY:
             told = time.monotonic()
             sys.stderr.write(
                 f"{part + ': ' if part else ''}{report.done} of {report.total} samples, {text}\n"

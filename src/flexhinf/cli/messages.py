@@ -161,20 +161,20 @@ def _joined(arguments: Sequence[str]) -> str:
     return ""
 
 
-def progress_bar(*columns: str, disable: bool = False) -> Any:
-    """A bar on standard error that vanishes at its end: its columns of `rich.progress` by name, then what is done."""
+def progress_bar(*columns: str) -> Any:
+    """A bar on standard error that vanishes at its end, silent where that is no terminal: its columns of
+    `rich.progress` by name, then what is done."""
     from rich import progress
     from rich.console import Console
 
     made = [getattr(progress, f"{name}Column")() for name in columns]
-    text = progress.TextColumn("{task.description}", markup=False)
-    return progress.Progress(*made, text, console=Console(stderr=True), transient=True, disable=disable)
+    text, console = progress.TextColumn("{task.description}", markup=False), Console(stderr=True)
+    return progress.Progress(*made, text, console=console, transient=True, disable=not console.is_terminal)
 
 
 @contextmanager
 def step_progress(total: int | None = None) -> Iterator[Callable[[str], None]]:
-    """A bar of so many steps around some work, a mark that turns where nobody knows how many; silent where standard
-    error is no terminal.
+    """A bar of so many steps around some work, a mark that turns where nobody knows how many.
 
     It gives a function that is called with the name of each step before the step begins.
     """
