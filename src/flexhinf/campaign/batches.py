@@ -258,11 +258,11 @@ class Campaign:
 
     def modes(self, samples: Sequence[Sample]) -> dict[str, list[int]]:
         """Places of the samples by their execution mode; `ALONE` are those of which signals are needed."""
-        found: dict[str, list[int]] = {}
+        places: dict[str, list[int]] = {}
         for place, sample in enumerate(samples):
             if not sample.failure:
-                found.setdefault(ALONE if self.ensemble is None else self._mode(sample), []).append(place)
-        return found
+                places.setdefault(ALONE if self.ensemble is None else self._mode(sample), []).append(place)
+        return places
 
     @cached_property
     def ensemble(self) -> Ensemble | None:
@@ -270,17 +270,17 @@ class Campaign:
         if not isinstance(self.loop.true_plant, Plant) or any(one.reduced is None for one in self.metrics):
             return None
         reductions = [reduction for one in self.metrics for reduction in one.reductions]
-        made = self._ensemble(reductions=reductions, kept=self.signals or (), instants=self.instants)
-        return replace(made, common=(*made.common, rest_reduction(made)))
+        ensemble = self._ensemble(reductions=reductions, kept=self.signals or (), instants=self.instants)
+        return replace(ensemble, common=(*ensemble.common, rest_reduction(ensemble)))
 
     @cached_property
     def _recorder(self) -> Ensemble:
         return self._ensemble()
 
-    def _ensemble(self, **wanted: Any) -> Ensemble:
+    def _ensemble(self, **reduced: Any) -> Ensemble:
         loop = Loop(self.loop.true_plant, self.loop.controller, self.loop.sub_steps)
         loop.channel = self.loop.channel
-        return loop.ensemble(**self.options, **wanted)
+        return loop.ensemble(**self.options, **reduced)
 
     def __getstate__(self) -> dict[str, Any]:
         """For other processes: without compiled code."""

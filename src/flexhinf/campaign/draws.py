@@ -110,8 +110,8 @@ class _Reader:
         if id(value) not in self.known:
             self.kept.append(value)
             self.known[id(value)] = f"inside {_name(type(value))}"  # where it holds itself
-            found = self._part(value) or self._instance(value)
-            self.known[id(value)] = hashlib.sha256(found.encode()).hexdigest()
+            text = self._part(value) or self._instance(value)
+            self.known[id(value)] = hashlib.sha256(text.encode()).hexdigest()
         return self.known[id(value)]
 
     def _part(self, value: Any) -> str:
@@ -180,11 +180,11 @@ class _Reader:
 
 
 def _globals(code: types.CodeType) -> list[str]:
-    found = {one.argval for one in dis.get_instructions(code) if one.opname in ("LOAD_GLOBAL", "LOAD_NAME")}
+    names = {one.argval for one in dis.get_instructions(code) if one.opname in ("LOAD_GLOBAL", "LOAD_NAME")}
     for one in code.co_consts:
         if isinstance(one, types.CodeType):
-            found |= set(_globals(one))
-    return sorted(found)
+            names |= set(_globals(one))
+    return sorted(names)
 
 
 #: How a number is distributed in its interval.
@@ -343,7 +343,7 @@ class FunctionDraw(Draw):
 
     def samples(self, indices: Sequence[int], count: int, seed: int) -> list[Sample]:
         """Each from a generator of its own (Philox 4×64, the number of the sample in its counter)."""
-        found = []
+        drawn = []
         for k in indices:
             bits = np.random.Philox(key=[seed, _FUNCTIONS], counter=[0, 0, 0, k])
             value = self.function(np.random.Generator(bits))
@@ -353,8 +353,8 @@ class FunctionDraw(Draw):
                     f"expected a mapping by name or a Sample, got {value_text(value)}",
                     "{'stiffness': rng.uniform(0.9, 1.1)}",
                 )
-            found.append(value if isinstance(value, Sample) else Sample(value))
-        return found
+            drawn.append(value if isinstance(value, Sample) else Sample(value))
+        return drawn
 
     @property
     def settings(self) -> Mapping[str, str]:
@@ -478,12 +478,12 @@ def _sobol(indices: np.ndarray, dimensions: int, seed: int) -> np.ndarray:
     """Points (N, dimensions) of the scrambled sequence: each run of successive numbers at once."""
     from scipy.stats import qmc
 
-    found = np.empty((len(indices), dimensions))
+    points = np.empty((len(indices), dimensions))
     for run in np.split(np.arange(len(indices)), np.flatnonzero(np.diff(indices) != 1) + 1):
         if len(run):
             sequence = qmc.Sobol(dimensions, rng=seed, bits=_SOBOL_BITS)
             if indices[run[0]]:
                 sequence.fast_forward(int(indices[run[0]]))
             even = 1 << (len(run) - 1).bit_length()  # SciPy warns of other numbers at the beginning
-            found[run] = sequence.random(even)[: len(run)]
-    return found
+            points[run] = sequence.random(even)[: len(run)]
+    return points

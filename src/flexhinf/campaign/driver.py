@@ -275,10 +275,10 @@ def _pooled(campaign: Campaign, batches: Sequence[int], workers: int) -> Iterato
 def _run(
     executor: Executor, campaign: Campaign, batches: Sequence[int]
 ) -> Generator[tuple[int, Rows], None, None]:
-    def lost(found: str) -> FlexhinfError:
+    def lost(reason: str) -> FlexhinfError:
         return FlexhinfError(
             "Batches of the campaign were not run; what is written stays.",
-            found,
+            reason,
             "the same command, which runs what is missing; without --cluster and --workers if it happens again",
         )
 

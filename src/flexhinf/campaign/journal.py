@@ -425,7 +425,7 @@ class Journal:
             return error.strerror or str(error)
         try:
             with pq.ParquetFile(path) as file:
-                found, about, rows = (
+                stored, about, rows = (
                     file.schema_arrow,
                     file.schema_arrow.metadata or {},
                     file.metadata.num_rows,
@@ -439,7 +439,7 @@ class Journal:
                 if wrong := _first({
                     "of another campaign, or another part of it":
                         any(about.get(key) != value for key, value in schema.metadata.items()),
-                    "of other columns": not found.equals(schema),
+                    "of other columns": not stored.equals(schema),
                     f"{rows} rows instead of {len(samples)}": rows != len(samples),
                     f"a file that unpacks to {unpacked} bytes": unpacked > _SPARE + rows * size,
                 }):  # fmt: skip

@@ -72,12 +72,12 @@ def run(context: typer.Context, o: RunCampaignOptions) -> None:
     from flexhinf.design import open_campaign
     from flexhinf.design.campaign_gain import search_gain, searches_gain
 
-    asked, shard, executor = _request(o, o.design), campaigns.Shard.read(o.shard or "1/1"), _executor(o)
-    checked = _requirements(o.require or asked.requirements, asked.metrics.units)
-    metrics = _searched(o, checked, list(asked.metrics.units), o.worst_case and searches_gain(asked))
+    design, shard, executor = _request(o, o.design), campaigns.Shard.read(o.shard or "1/1"), _executor(o)
+    checked = _requirements(o.require or design.requirements, design.metrics.units)
+    metrics = _searched(o, checked, list(design.metrics.units), o.worst_case and searches_gain(design))
     with step_progress() as stage:
         command = [word for k, word in enumerate(reproduce_command(context)) if (k, word) != (2, "run")]
-        campaign, journal = open_campaign(asked, o.out, command, stage)
+        campaign, journal = open_campaign(design, o.out, command, stage)
     try:
         with sample_progress(shard.name) as progress:
             table = campaigns.drive(campaign, journal, shard=shard, executor=executor, progress=progress)
@@ -97,7 +97,7 @@ def run(context: typer.Context, o: RunCampaignOptions) -> None:
     for metric, least in metrics.items():
         with step_progress() as stage:
             if metric == GAIN:
-                search_gain(asked, journal, stage)
+                search_gain(design, journal, stage)
             else:
                 text, nominal = f"worst {pages.metric_text(metric)}", table.journal.about.get("nominal", {})
                 progress = partial(_search_progress, stage, text)
@@ -141,7 +141,7 @@ def _searched(
     """Metrics whose worst case is searched, and whether small values are the bad ones; `GAIN` comes last."""
     if o.metric and not o.worst_case:
         raise InvalidInput(
-            "A metric is searched only where the worst case is asked for.",
+            "A metric is searched only where the worst case is searched.",
             f"got --metric {o.metric[0]} without --worst-case",
             "--worst-case beside it",
         )
@@ -225,18 +225,18 @@ def replay(context: typer.Context, o: ReplayOptions) -> None:
         show([pages.gain_replay_table(rows, [search.again(row) for row in rows])])
         return
     if o.sample is not None:
-        found = campaigns.replayed(campaign, journal, o.sample)
-        run, table, same, made = found.run, pages.replay_table(found), found.same, "made the table"
+        replayed = campaigns.replayed(campaign, journal, o.sample)
+        run, table, same, origin = replayed.run, pages.replay_table(replayed), replayed.same, "made the table"
     else:
         case = campaigns.stored_worst(journal, o.worst_case)
         again = case.again(campaign)
         run = None if o.out is None else case.run(campaign)
-        table, same, made = pages.worst_table(case, again), again == case.found, "searched"
+        table, same, origin = pages.worst_table(case, again), again == case.found, "searched"
     if o.out is not None and run is not None:
         run.save(o.out)
     show([table])
     if not same:
-        note(f"the numbers differ in their last bits: another kind of processor, or other versions, {made}")
+        note(f"the numbers differ in their last bits: another kind of processor, or other versions, {origin}")
 
 
 def _finish(table: MergedTable, requirements: list[Any]) -> None:
@@ -258,12 +258,12 @@ def _finish(table: MergedTable, requirements: list[Any]) -> None:
         typer.echo(pages.worst_text(case))
         say_replay(f"--worst-case {case.metric}")
         missed |= bool(pages.missed_by(case, requirements))
-    found = stored_gains(journal)
-    for row in found.rows:
+    gains = stored_gains(journal)
+    for row in gains.rows:
         typer.echo(pages.gain_text(row, journal.about.get("nominal", {})))
-    if found.unproved:
-        note(f"no γ is proved of this law: {found.unproved}")
-    if found.rows:
+    if gains.unproved:
+        note(f"no γ is proved of this law: {gains.unproved}")
+    if gains.rows:
         say_replay(f"--worst-case {GAIN}")
     typer.echo(f"table:  {folder / 'samples.parquet'}")
     typer.echo(f"report: {folder / 'index.html'}")
@@ -328,21 +328,21 @@ def sample_progress(part: str) -> Iterator[Callable[[Report], None]]:
     """Samples, rate and time left: a bar, or a line every `EVERY` seconds where standard error is no terminal."""
     bar = progress_bar("Bar", "MofNComplete")
     task = bar.add_task("")
-    begun, told = time.monotonic(), time.monotonic()
+    begun, printed = time.monotonic(), time.monotonic()
 
     def progress(report: Report) -> None:
-        nonlocal told
+        nonlocal printed
         if report.note:
             note(report.note)
         text, seconds = "", time.monotonic() - begun
         if report.fresh and seconds > 0.0:
             rate = report.fresh / seconds  # of this driver
             left = (report.total - report.done) / rate
-            shown = f"{left:.0f} s" if left < 120.0 else f"{left / 60.0:.0f} min"
-            text = f"{rate:.3g} samples/s, {shown if left < 7200.0 else f'{left / 3600.0:.1f} h'} left"
+            remaining = f"{left:.0f} s" if left < 120.0 else f"{left / 60.0:.0f} min"
+            text = f"{rate:.3g} samples/s, {remaining if left < 7200.0 else f'{left / 3600.0:.1f} h'} left"
         bar.update(task, total=report.total, completed=report.done, description=text)
-        if bar.disable and report.fresh and time.monotonic() - told >= EVERY:
-            told = time.monotonic()
+        if bar.disable and report.fresh and time.monotonic() - printed >= EVERY:
+            printed = time.monotonic()
             sys.stderr.write(
                 f"{part + ': ' if part else ''}{report.done} of {report.total} samples, {text}\n"
             )

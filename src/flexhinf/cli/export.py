@@ -123,23 +123,23 @@ def file_of(source: str, only_design: str = "", then: str = "") -> Path:
     from flexhinf.robot import catalogue
 
     path = checked_path("The design", source)
-    found = path / "design.toml" if os.path.isdir(path) else path
-    if not os.path.exists(found) and source not in catalogue():
+    file = path / "design.toml" if os.path.isdir(path) else path
+    if not os.path.exists(file) and source not in catalogue():
         what = (
-            f"folder {value_text(source, 120)} holds no" if found != path else "path leads to no file and no"
+            f"folder {value_text(source, 120)} holds no" if file != path else "path leads to no file and no"
         )
         raise InvalidInput(
             f"There is no file or design {value_text(source, 120)}.",
             f"expected design.toml, the folder of a report or the file of a controller; the {what} design.toml",
             "flexhinf design ROBOT --out DIR, then DIR in its place",
         )
-    if only_design and not is_design_file(found):
+    if only_design and not is_design_file(file):
         raise InvalidInput(
             only_design,
             f"expected design.toml or a report's folder, got {source!r}",
             f"flexhinf design ROBOT --out DIR, then {then}",
         )
-    return found
+    return file
 
 
 @with_options(RunOptions, RUN_FIELDS)

@@ -137,19 +137,23 @@ def parser_error(error: TyperException, arguments: Sequence[str]) -> str:
     if path in commands and option != typed:
         what, advice = f"{typed} is called {option}, as its field is", f"{option} in the place of {typed}"
         return str(FlexhinfError(f"{what}.", f"expected {option}, got: {' '.join(arguments)}", advice))
-    found = f"expected what `{path} --help` lists, got: {' '.join(arguments)}"
+    expected = f"expected what `{path} --help` lists, got: {' '.join(arguments)}"
     if commands and path not in commands:
         what = f"{path} does not take {option}, which would change nothing there"
-        return str(FlexhinfError(f"{what}.", found, f"without it; it is an option of {', '.join(commands)}"))
+        return str(
+            FlexhinfError(f"{what}.", expected, f"without it; it is an option of {', '.join(commands)}")
+        )
     advice = ", ".join(known or ()) or meant.rstrip("?").strip("'") or _joined(arguments) or f"{path} --help"
-    return str(FlexhinfError(f"{what}.", found, advice))
+    return str(FlexhinfError(f"{what}.", expected, advice))
 
 
 def _with_option(command: Any, path: str, option: str) -> list[str]:
     own = [path] if any(option in (*one.opts, *one.secondary_opts) for one in command.params) else []
     inner = getattr(command, "commands", {})
     return own + [
-        found for name, one in inner.items() for found in _with_option(one, f"{path} {name}", option)
+        command_path
+        for name, one in inner.items()
+        for command_path in _with_option(one, f"{path} {name}", option)
     ]
 
 
@@ -167,9 +171,9 @@ def progress_bar(*columns: str) -> Any:
     from rich import progress
     from rich.console import Console
 
-    made = [getattr(progress, f"{name}Column")() for name in columns]
+    own = [getattr(progress, f"{name}Column")() for name in columns]
     text, console = progress.TextColumn("{task.description}", markup=False), Console(stderr=True)
-    return progress.Progress(*made, text, console=console, transient=True, disable=not console.is_terminal)
+    return progress.Progress(*own, text, console=console, transient=True, disable=not console.is_terminal)
 
 
 @contextmanager

@@ -252,15 +252,15 @@ class CompiledController:
         finally:
             self._busy = False
 
-    def _fill(self, place: np.ndarray, given: Any, what: str, names: tuple[str, ...]) -> None:
+    def _fill(self, place: np.ndarray, numbers: Any, what: str, names: tuple[str, ...]) -> None:
         try:
-            values = real_array(given, strict=True).reshape(-1)
+            values = real_array(numbers, strict=True).reshape(-1)
             fits = values.shape == place.shape
         except (TypeError, ValueError):
             fits = False
         if not fits:
             raise InvalidInput(
-                f"The {what} does not fit.", f"expected a number for each of {list(names)}, got {value_text(given)}",
+                f"The {what} does not fit.", f"expected a number for each of {list(names)}, got {value_text(numbers)}",
                 "an array of this length, or a plain number for one signal",
             )  # fmt: skip
         place[:] = values
@@ -278,11 +278,11 @@ class CompiledController:
                 "The estimate of this controller cannot be set.", "expected state=None", "reset()"
             )
         pointers = []
-        for given, names, what in ((state, self.states, "state"), (input, self.inputs, "input")):
+        for start, names, what in ((state, self.states, "state"), (input, self.inputs, "input")):
             values = np.zeros(len(names))
-            if given is not None:
-                self._fill(values, given, what, names)
-            pointers.append((values, None if given is None else ctypes.c_void_p(values.ctypes.data)))
+            if start is not None:
+                self._fill(values, start, what, names)
+            pointers.append((values, None if start is None else ctypes.c_void_p(values.ctypes.data)))
         if self._begin(pointers[0][1], pointers[1][1]):
             raise InvalidInput(
                 "This process does not compute as the library must.",

@@ -69,12 +69,12 @@ def identifier_of(text: str) -> str:
 
 def constants(prefix: str, names: Sequence[str]) -> list[str]:
     """Names of constants for signals, each once: ``ARM_Y_LINK_POSITION``."""
-    found: list[str] = []
+    chosen: list[str] = []
     for k, name in enumerate(names):
         plain = re.sub(r"[^A-Z0-9]+", "_", name.upper()).strip("_")
         full = f"{prefix}_{plain}" if plain else f"{prefix}_{k}"
-        found.append(full if full not in found else f"{full}_{k}")
-    return found
+        chosen.append(full if full not in chosen else f"{full}_{k}")
+    return chosen
 
 
 #: How characters of units and names are written in ASCII.

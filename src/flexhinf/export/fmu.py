@@ -183,25 +183,25 @@ def export_plant_fmu(
     )
     variables = _variables(rows, plant.unit)
     steps = sub_steps(period, plant.fastest_mode(start))
-    given = ["r + FIRST_U", "r + FIRST_D", "r + FIRST_P"]
+    places = ["r + FIRST_U", "r + FIRST_D", "r + FIRST_P"]
     model = fill(
         template("fmu_plant.h"), name, DOUBLE,
         ARITHMETIC=arithmetic(name, DOUBLE), PERIOD=repr(period), PERIOD_TEXT=f"{period:g}", SUB_STEPS=steps,
         N=plant.n, M=sizes[0], D=sizes[1], P=sizes[2], Y=len(plant.outputs), FUNCTIONS=str(translator),
-        FLOW=_called(flow, plant.traced_flow, ["x", *given], "slope"),
-        OUTPUT=_called(output, plant.traced_output, ["r + FIRST_X", given[0], given[2]], "r + FIRST_Y"),
+        FLOW=_called(flow, plant.traced_flow, ["x", *places], "slope"),
+        OUTPUT=_called(output, plant.traced_output, ["r + FIRST_X", places[0], places[2]], "r + FIRST_Y"),
         START=",\n".join(f"        {one.start!r}" for one in variables[: sum(sizes)]),
     )  # fmt: skip
     about = f"plant in {steps} steps per {period:g} s"
     return _write(Model(name, about, period, tuple(variables), {f"{name}_model.h": model}), path)
 
 
-def _start(given: Any, names: Sequence[str], what: str) -> np.ndarray:
-    values = np.zeros(len(names)) if given is None else real_array(given)
+def _start(start: Any, names: Sequence[str], what: str) -> np.ndarray:
+    values = np.zeros(len(names)) if start is None else real_array(start)
     if values.shape != (len(names),) or not np.isfinite(values).all():
         raise InvalidInput(
             f"The first {what} does not fit the plant.",
-            f"expected a finite number for each of {list(names)}, got {value_text(given)}",
+            f"expected a finite number for each of {list(names)}, got {value_text(start)}",
             f"{what}=None for zeros",
         )
     return values

@@ -103,8 +103,8 @@ def write_files(folder: Path, files: Mapping[str, str | bytes]) -> None:
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            found = f"{path.parent}: {error.strerror or error}"
-            raise InvalidInput("The output folder cannot be made.", found, "another folder") from error
+            reason = f"{path.parent}: {error.strerror or error}"
+            raise InvalidInput("The output folder cannot be made.", reason, "another folder") from error
         data = content.encode("utf-8") if isinstance(content, str) else content
         write_file(path, "exported file", lambda part, data=data: Path(part).write_bytes(data))
 
@@ -150,10 +150,10 @@ BYTES = {"": 1.0, "b": 1.0, "kb": 1e3, "kib": 1024.0, "mb": 1e6, "mib": 1024.0**
 
 
 def _quantity(text: str, units: Mapping[str, float]) -> float:
-    found = re.fullmatch(r"\s*([0-9.]+(?:e[-+]?[0-9]+)?)\s*([a-zµ]*)\s*", text.lower())
+    match = re.fullmatch(r"\s*([0-9.]+(?:e[-+]?[0-9]+)?)\s*([a-zµ]*)\s*", text.lower())
     value = -1.0
     with suppress(ValueError, KeyError):
-        value = float(found.group(1)) * units[found.group(2)] if found else value
+        value = float(match.group(1)) * units[match.group(2)] if match else value
     if not 0.0 < value < 1e30:
         raise InvalidInput(
             "This is no positive quantity.",
@@ -224,8 +224,8 @@ def _measured_error(code: ControllerCode, run: Recording, flags: Sequence[str]) 
         return None
     if "flags of the compiler" in said:  # it has flags of its own, and the controller refuses them
         return None
-    found = re.search(r"largest relative error (\S+)", said)
-    error = float(found.group(1)) if found else math.inf
+    match = re.search(r"largest relative error (\S+)", said)
+    error = float(match.group(1)) if match else math.inf
     return error if math.isfinite(error) else math.inf
 
 

@@ -266,11 +266,11 @@ def _check_library(library: CompiledController, controller: Any) -> None:
         "inputs": tuple(controller.law.input_names), "states": controller.states,
     }  # fmt: skip
     for name, value in own.items():
-        found = getattr(library, name)
-        if found != value:
+        stated = getattr(library, name)
+        if stated != value:
             raise InvalidInput(
                 f"The library is not one of this controller: its {name} {'is' if name == 'period' else 'are'} others.",
-                f"expected {value_text(value)}, got {value_text(found)} in {library.path.name}",
+                f"expected {value_text(value)}, got {value_text(stated)} in {library.path.name}",
                 "flexhinf compile with the same design (a move in error coordinates has a controller of its own)",
             )
     expected = code_of(controller, "controller", "double").digest
@@ -403,16 +403,16 @@ def undisturbed(priority: int | None, core: int | None) -> Iterator[tuple[str, .
 
     Yields what was permitted and what was not, in sentences.
     """
-    told, undo = [], []
+    texts, undo = [], []
     if priority is not None:
         try:
             policy, parameters = os.sched_getscheduler(0), os.sched_getparam(0)
             os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
             undo.append(lambda: os.sched_setscheduler(0, policy, parameters))
-            told.append(f"The loop ran under SCHED_FIFO with priority {priority}.")
+            texts.append(f"The loop ran under SCHED_FIFO with priority {priority}.")
         except (AttributeError, OSError) as error:
             reason = getattr(error, "strerror", None) or "this system has none"
-            told.append(
+            texts.append(
                 f"Real-time priority {priority} was not permitted ({reason}); the loop ran with the usual scheduling."
             )
     if core is not None:
@@ -420,10 +420,10 @@ def undisturbed(priority: int | None, core: int | None) -> Iterator[tuple[str, .
             before = os.sched_getaffinity(0)
             os.sched_setaffinity(0, {core})
             undo.append(lambda: os.sched_setaffinity(0, before))
-            told.append(f"The loop was kept on core {core}.")
+            texts.append(f"The loop was kept on core {core}.")
         except (AttributeError, OSError) as error:
             reason = getattr(error, "strerror", None) or "this system cannot"
-            told.append(f"The loop could not be kept on core {core} ({reason}).")
+            texts.append(f"The loop could not be kept on core {core} ({reason}).")
     if sys.platform == "linux":  # this thread's sleeps end when they are over, and not up to 50 µs later
         ctypes.CDLL(None).prctl(_SET_TIMER_SLACK, _SLACK_NS, 0, 0, 0)
     collects = gc.isenabled()
@@ -431,7 +431,7 @@ def undisturbed(priority: int | None, core: int | None) -> Iterator[tuple[str, .
     gc.freeze()
     gc.disable()
     try:
-        yield tuple(told)
+        yield tuple(texts)
     finally:
         gc.unfreeze()
         if collects:

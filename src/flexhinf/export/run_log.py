@@ -109,9 +109,9 @@ def check_place(path: Path, what: str) -> Path:
         with tempfile.TemporaryFile(dir=path.parent):
             pass
     except (OSError, ValueError) as error:
-        found = f"{path}: {getattr(error, 'strerror', None) or error}"
+        reason = f"{path}: {getattr(error, 'strerror', None) or error}"
         raise InvalidInput(
-            f"The {what} cannot be written.", found, "a writable folder that exists"
+            f"The {what} cannot be written.", reason, "a writable folder that exists"
         ) from error
     return path
 
@@ -130,13 +130,13 @@ def write_log(run: RealTimeRun, path: str | os.PathLike[str]) -> Path:
 # Tables ---------------------------------------------------------------------------------------------
 def _table(run: RealTimeRun) -> dict[str, np.ndarray]:
     """Values by label, the time first; a label that stands twice gets a number."""
-    found: dict[str, np.ndarray] = {"time[s]": run.trajectory.time}
+    table: dict[str, np.ndarray] = {"time[s]": run.trajectory.time}
     for column in log_columns(run):
         label, count = column.label, 2
-        while label in found:
+        while label in table:
             label, count = f"{column.label}_{count}", count + 1
-        found[label] = column.values
-    return found
+        table[label] = column.values
+    return table
 
 
 def _write_csv(run: RealTimeRun, name: str) -> None:
