@@ -33,8 +33,12 @@ TOLERANCE = {"double": 1e-9, "float": 5e-2}
 #: What a test vector in float allows: this many times what was measured, as other processors round otherwise.
 SPARE, LEAST_TOLERANCE = 5.0, 1e-5
 
-#: Files around the controller that take its name and sizes alone.
-AROUND = ("main.c", "Makefile", "CMakeLists.txt", "cortex_m4/board.c", "cortex_m4/board.ld")
+#: Files around the controller, of which NAME is its name, and the templates that they are made of.
+AROUND = {
+    "main.c": "main.c", "Makefile": "Makefile", "CMakeLists.txt": "CMakeLists.txt",
+    "cortex_m4/board.c": "cortex_m4/board.c", "cortex_m4/board.ld": "cortex_m4/board.ld",
+    "templates/NAME.ino": "sketch.ino", "templates/NAME_ros2_controller.cpp": "ros2_controller.cpp",
+}  # fmt: skip
 
 
 def export_c(
@@ -170,14 +174,26 @@ def controller_files(
     code = code_of(controller, name, real)
     run = record(code.controller, exact=np.float32 if real == "float" else np.float64)
     allowed, accuracy = _accuracy(code, run)
+    reference = code.controller.operating_reference
+
+    def strings(names: Sequence[str]) -> str:
+        texts = (comment(name).replace('"', "'") for name in names)
+        return ", ".join(f'"{text}"' for text in texts)
+
+    marks = {
+        "VERSION": __version__, "PERIOD_US": round(1e6 * code.controller.period), "R": code.sizes["r"],
+        "REFERENCE": ", ".join(constant(float(v), code.real) for v in (reference if len(reference) else [0.0])),
+        "COMMAND_INTERFACES": strings(code.signals["U"]), "STATE_INTERFACES": strings(code.signals["Y"]),
+    }  # fmt: skip
     return {
         f"{name}.h": code.header,
         f"{name}.c": code.source,
         f"{name}_test.c": _test(code, run, allowed),
         "README.md": _readme(code, run, accuracy),
-        **{file: _filled(code, file) for file in AROUND},
-        f"templates/{name}.ino": _filled(code, "sketch.ino"),
-        f"templates/{name}_ros2_controller.cpp": _filled(code, "ros2_controller.cpp"),
+        **{
+            path.replace("NAME", name): fill(template(file), name, code.real, **marks)
+            for path, file in AROUND.items()
+        },
     }
 
 
@@ -227,22 +243,6 @@ def _measured_error(code: ControllerCode, run: Recording, flags: Sequence[str]) 
     match = re.search(r"largest relative error (\S+)", said)
     error = float(match.group(1)) if match else math.inf
     return error if math.isfinite(error) else math.inf
-
-
-def _filled(code: ControllerCode, file: str) -> str:
-    c, signals = code.controller, code.signals
-    reference = c.operating_reference if len(c.operating_reference) else np.zeros(1)
-    return fill(
-        template(file), code.name, code.real,
-        VERSION=__version__, PERIOD_US=round(1e6 * c.period), R=code.sizes["r"],
-        REFERENCE=", ".join(constant(float(v), code.real) for v in reference),
-        COMMAND_INTERFACES=_strings(signals["U"]), STATE_INTERFACES=_strings(signals["Y"]),
-    )  # fmt: skip
-
-
-def _strings(names: Sequence[str]) -> str:
-    texts = (comment(name).replace('"', "'") for name in names)
-    return ", ".join(f'"{text}"' for text in texts)
 
 
 def _test(code: ControllerCode, run: Recording, allowed: float) -> str:
