@@ -12,7 +12,6 @@ import os
 import platform
 import shutil
 import subprocess
-from collections.abc import Iterable
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -196,7 +195,14 @@ class CompiledController:
             if not mark:
                 raise ValueError("no library of this version")
             about = json.loads(text)
-            check_instructions(needed.split(), self.path.name)  # before any code of the file is run
+            missing = sorted(set(needed.split()) - instructions()) if needed.split() else []
+            if missing:  # machine code that this processor would end with SIGILL
+                raise InvalidInput(
+                    "The library is for another processor.",
+                    f"expected one that has {', '.join(missing)}, for which {self.path.name} was compiled; this one "
+                    "has not",
+                    "flexhinf compile DESIGN --processor portable, or on this machine",
+                )
             self._library = loaded(image, self.path.parent)
             self._library.flexhinf_state_size.restype = ctypes.c_size_t
         except InvalidInput:
@@ -388,14 +394,3 @@ def compiler_flags(processor: str) -> tuple[str, ...]:
         return ("-march=native",)
     fused = processor == "portable" and instructions() >= PORTABLE
     return ("-march=x86-64", *(f"-m{name}" for name in sorted(PORTABLE) if fused))
-
-
-def check_instructions(needed: Iterable[str], name: str) -> None:
-    """Refuse machine code that this processor would end with SIGILL."""
-    needed = set(needed)
-    if needed and (missing := sorted(needed - instructions())):
-        raise InvalidInput(
-            "The library is for another processor.",
-            f"expected one that has {', '.join(missing)}, for which {name} was compiled; this one has not",
-            "flexhinf compile DESIGN --processor portable, or on this machine",
-        )

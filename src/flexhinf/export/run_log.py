@@ -13,6 +13,7 @@ import importlib.util
 import json
 import os
 import tempfile
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -24,9 +25,6 @@ from flexhinf.export.realtime import RealTimeRun
 from flexhinf.files import write_file
 from flexhinf.loop import Controller, Loop, Samples
 from flexhinf.validation import checked_path
-
-#: Endings of logs, and the packages that each needs.
-ENDINGS: dict[str, tuple[str, ...]] = {".csv": (), ".parquet": ("pyarrow",), ".mcap": ("mcap", "zstandard")}
 
 #: The first part of a column's name, and its topic, where they are not the kind of the trajectory's signal.
 KINDS = {"output": "measured"}
@@ -79,55 +77,6 @@ def log_columns(run: RealTimeRun) -> list[LogColumn]:
     ]
 
 
-def check_log(path: str | os.PathLike[str]) -> Path:
-    """Refuse, before any work, a log that could not be written at its end.
-
-    Raises InvalidInput: for another ending, a package that is missing, or a place that cannot be written.
-    """
-    path = checked_path("The log", path)
-    if path.suffix not in ENDINGS:
-        raise InvalidInput(
-            "The format of the log is not known.",
-            f"expected a name that ends with {', '.join(ENDINGS)}, got {str(path)!r}",
-            f"--log {path.stem or 'run'}.csv",
-        )
-    missing = [name for name in ENDINGS[path.suffix] if importlib.util.find_spec(name) is None]
-    if missing:
-        raise InvalidInput(
-            f"A log in {path.suffix[1:]} needs another package.",
-            f"expected the package {missing[0]!r}, which is not installed, for {path.name}",
-            f"pip install 'flexhinf[log]', or --log {path.stem or 'run'}.csv",
-        )
-    return check_place(path, "log")
-
-
-def check_place(path: Path, what: str) -> Path:
-    """Refuse a file in a folder that is missing or cannot be written, or with the name of a folder."""
-    try:
-        if path.is_dir():
-            raise OSError("there is a folder of this name")
-        with tempfile.TemporaryFile(dir=path.parent):
-            pass
-    except (OSError, ValueError) as error:
-        reason = f"{path}: {getattr(error, 'strerror', None) or error}"
-        raise InvalidInput(
-            f"The {what} cannot be written.", reason, "a writable folder that exists"
-        ) from error
-    return path
-
-
-def write_log(run: RealTimeRun, path: str | os.PathLike[str]) -> Path:
-    """Write a run to a file, whole or not at all; its ending says the format, see `ENDINGS`.
-
-    Raises InvalidInput: as `check_log`.
-    """
-    path = check_log(path)
-    write = {".csv": _write_csv, ".parquet": _write_parquet, ".mcap": _write_mcap}[path.suffix]
-    write_file(path, "log", lambda name: write(run, name))
-    return path
-
-
-# Tables ---------------------------------------------------------------------------------------------
 def _table(run: RealTimeRun) -> dict[str, np.ndarray]:
     """Values by label, the time first; a label that stands twice gets a number."""
     table: dict[str, np.ndarray] = {"time[s]": run.trajectory.time}
@@ -154,7 +103,6 @@ def _write_parquet(run: RealTimeRun, name: str) -> None:
     parquet.write_table(table, name)  # snappy, which every reader has
 
 
-# MCAP -----------------------------------------------------------------------------------------------
 def _write_mcap(run: RealTimeRun, name: str) -> None:
     """One topic for each kind of signal; times are those of the run after the moment when it began."""
     from mcap.writer import Writer
@@ -189,6 +137,59 @@ def _settings(run: RealTimeRun) -> dict[str, str]:
         "began_ns_since_1970": run.began,
     }  # fmt: skip
     return {key: str(value) for key, value in settings.items()}
+
+
+#: How a log is written, by its ending, and the packages that this needs.
+FORMATS: dict[str, tuple[Callable[[RealTimeRun, str], None], tuple[str, ...]]] = {
+    ".csv": (_write_csv, ()), ".parquet": (_write_parquet, ("pyarrow",)), ".mcap": (_write_mcap, ("mcap", "zstandard")),
+}  # fmt: skip
+
+
+def check_log(path: str | os.PathLike[str]) -> Path:
+    """Refuse, before any work, a log that could not be written at its end.
+
+    Raises InvalidInput: for another ending, a package that is missing, or a place that cannot be written.
+    """
+    path = checked_path("The log", path)
+    if path.suffix not in FORMATS:
+        raise InvalidInput(
+            "The format of the log is not known.",
+            f"expected a name that ends with {', '.join(FORMATS)}, got {str(path)!r}",
+            f"--log {path.stem or 'run'}.csv",
+        )
+    missing = [name for name in FORMATS[path.suffix][1] if importlib.util.find_spec(name) is None]
+    if missing:
+        raise InvalidInput(
+            f"A log in {path.suffix[1:]} needs another package.",
+            f"expected the package {missing[0]!r}, which is not installed, for {path.name}",
+            f"pip install 'flexhinf[log]', or --log {path.stem or 'run'}.csv",
+        )
+    return check_place(path, "log")
+
+
+def check_place(path: Path, what: str) -> Path:
+    """Refuse a file in a folder that is missing or cannot be written, or with the name of a folder."""
+    try:
+        if path.is_dir():
+            raise OSError("there is a folder of this name")
+        with tempfile.TemporaryFile(dir=path.parent):
+            pass
+    except (OSError, ValueError) as error:
+        reason = f"{path}: {getattr(error, 'strerror', None) or error}"
+        raise InvalidInput(
+            f"The {what} cannot be written.", reason, "a writable folder that exists"
+        ) from error
+    return path
+
+
+def write_log(run: RealTimeRun, path: str | os.PathLike[str]) -> Path:
+    """Write a run to a file, whole or not at all; its ending says the format, see `FORMATS`.
+
+    Raises InvalidInput: as `check_log`.
+    """
+    path = check_log(path)
+    write_file(path, "log", lambda name: FORMATS[path.suffix][0](run, name))
+    return path
 
 
 #: What a sample is, by the name of the code that a step in C returns for it.
