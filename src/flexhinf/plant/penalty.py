@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import difflib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -12,7 +13,7 @@ import numpy as np
 from flexhinf.errors import InvalidInput
 from flexhinf.plant.model import has_a_name
 from flexhinf.plant.polynomial_plant import checked_r2
-from flexhinf.validation import checked_array, checked_names, nearest, real_array, value_text
+from flexhinf.validation import checked_array, checked_names, real_array, value_text
 
 
 @dataclass(frozen=True)
@@ -171,8 +172,9 @@ class Penalty:
 
 def unknown_weight(name: str, known: Sequence[str]) -> InvalidInput:
     """The error for a weight of something that is not known, with the known name that is most like it."""
+    close = max(known, key=lambda one: difflib.SequenceMatcher(None, name, one).ratio())
     return InvalidInput(
         f"The penalty names a state that the problem does not have: {name!r}.",
         f"expected names out of {list(known)}",
-        f"{nearest(name, known)}; integrals of a tracking error are called NAME_integral",
+        f"{close!r}; integrals of a tracking error are called NAME_integral",
     )
