@@ -29,7 +29,7 @@ from flexhinf.plant import Estimator, Law
 from flexhinf.polynomial import basis
 from flexhinf.polynomial.algebra import PolynomialLaw
 from flexhinf.scalars import absolute, clip, jacobian, where
-from flexhinf.validation import checked_positive, value_text
+from flexhinf.validation import value_text
 
 #: Coefficients from which a polynomial law is a table. Below, its text as one piece is faster.
 TABLE = 500
@@ -275,11 +275,8 @@ def _deviation(tracked: Sequence[Source], moving: bool, *arrays: Any) -> tuple[A
         error = error - clip(error, -zone, zone)
     growth = started * period * error
     integral = integral + growth
-    if moving:
-        deviation = np.concatenate([np.asarray(estimate) - others[0][:n], integral - point[n:]])
-    else:
-        deviation = np.concatenate([np.asarray(estimate), integral]) - point
-    return position, growth, integral, deviation
+    centre = np.concatenate([others[0][:n], point[n:]]) if moving else point
+    return position, growth, integral, np.concatenate([np.asarray(estimate), integral]) - centre
 
 
 def _positions(tracked: Sequence[Source], y: Any, estimate: Any) -> np.ndarray:
@@ -338,21 +335,6 @@ FLAT = 1e-9
 
 #: Below this fraction of the size of its terms, the divisor of Broyden's update is rounding.
 ROUNDING = 1e-14
-
-
-def blend_time(fade: Any, mode: Mode) -> float:
-    """The time constant of the bias, s; refused if it is not positive, or given though no law ever takes over."""
-    if fade is not None and not mode.takes_over:
-        raise InvalidInput(
-            "A time constant is given for a bias that never is.",
-            f"expected fade=None for one law that starts from zero, got {value_text(fade)}",
-            "start='bumpless', or a Schedule of several laws",
-        )
-    return (
-        FADE
-        if fade is None
-        else checked_positive("The time constant of the bias", fade, "seconds", "fade=0.5")
-    )
 
 
 def inverse_slope(slope: np.ndarray) -> np.ndarray:
