@@ -20,7 +20,7 @@ import numpy as np
 from flexhinf.analysis import Attained, worst_disturbance
 from flexhinf.analysis.worst_disturbance import DisturbanceRuns, MovedLaw, worst_gain
 from flexhinf.campaign import Journal
-from flexhinf.campaign.manifest import UNREADABLE
+from flexhinf.campaign.journal import UNREADABLE
 from flexhinf.certify.evaluation import linear_part
 from flexhinf.design import certification
 from flexhinf.design.campaign_folder import DesignCampaign
