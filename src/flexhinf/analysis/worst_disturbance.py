@@ -454,11 +454,9 @@ class MovedLaw(Law):
     """A law in deviations from the equilibrium of another problem's plant at the goal: k(x + δ) − k(δ). A
     NumericalFailure says that no integrals make the law hold that plant there."""
 
-    law_key: Any = ""  # δ is data
     law_data: Any = None  # the law's, then δ (n,) and k(δ) (m,)
 
     def __init__(self, law: Law, problem: GeneralisedPlant) -> None:
-        self.law_key = f"moved {law.law_key}"
         self.law, self.state_names, self.input_names = law, tuple(law.state_names), tuple(law.input_names)
         self.operating_point = np.array(problem.operating_point, dtype=float)
         self.operating_input = np.array(problem.operating_input, dtype=float)
@@ -482,6 +480,11 @@ class MovedLaw(Law):
             f"no integrals near {np.array2string(start[n:], precision=6)} give the input that balances it",
             "another degree, or a law made for this goal",
         )
+
+    @property
+    def law_key(self) -> str:
+        """That of the law: δ is data."""
+        return f"moved {self.law.law_key}"
 
     def evaluate_law(self, x: Any, data: Any) -> Any:
         """k(x + δ) − k(δ)."""

@@ -20,6 +20,7 @@ import math
 from collections import namedtuple
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -343,73 +344,83 @@ def _stepped_metrics(
     return {"overshoot_percent": overshoot, "settling_time_s": settling, "rise_time_s": rise}
 
 
+# What reductions call are functions of this module, so that an ensemble can be pickled.
 def tracking_reductions(place: Place) -> tuple[Reduction, Reduction]:
     """The metrics of `Trajectory.metrics` that are about one tracked state; means of squares to their rounding."""
-    kind, column, channel = place
-
-    def step(kept: Any, now: Instant) -> Any:
-        position = getattr(now, kind)[column]
-        initial = where(
-            now.step > 0.5, kept[0], where(now.change[channel] > 0.5, now.first[channel], position)
-        )
-        return _stepped(kept, now.step, position, (initial, now.last[channel], now.change[channel]))
-
-    def step_result(kept: np.ndarray, command: Command) -> dict[str, np.ndarray]:
-        height = command.last[channel] - kept[0]
-        found = _stepped_metrics(kept, height, command.change[channel], command)
-        is_step = (height != 0.0) & command.steps[channel]
-        return {name: np.where(is_step, values, np.nan) for name, values in found.items()}
-
-    def error(kept: Any, now: Instant) -> Any:
-        error = getattr(now, kind)[column] - now.reference[channel]
-        late = where(now.step >= now.tail, maximum(kept[0], abs(error)), kept[0])
-        return np.array([late, kept[1] + error * error])
-
-    def error_result(kept: np.ndarray, command: Command) -> dict[str, np.ndarray]:
-        return {"steady_state_error": kept[0], "tracking_rmse": np.sqrt(kept[1] / command.samples)}
-
     return (
-        Reduction(_STEP_START, step, step_result, ("step", place)),
-        Reduction((0.0, 0.0), error, error_result, ("error", place)),
+        Reduction(_STEP_START, partial(_step, place), partial(_step_metrics, place), ("step", place)),
+        Reduction((0.0, 0.0), partial(_error, place), _error_metrics, ("error", place)),
     )
 
 
 def step_reduction(state: int, begin: float, end: float) -> Reduction:
     """`flexhinf.loop.step_metrics` of a true state (its column) that steps from `begin` to another `end` at once,
     whatever the command; both are data, not code."""
-
-    def step(kept: Any, now: Instant) -> Any:
-        *step, end = kept
-        return np.array([*_stepped(step, now.step, now.state[state], (step[0], end, 0.0)), end])
-
-    def result(kept: np.ndarray, command: Command) -> dict[str, np.ndarray]:
-        return _stepped_metrics(kept[:-1], kept[-1] - kept[0], 0.0, command)
-
-    return Reduction((begin, *_STEP_START[1:], end), step, result, ("fixed step", state))
+    start = (begin, *_STEP_START[1:], end)
+    return Reduction(start, partial(_fixed_step, state), _fixed_step_metrics, ("fixed step", state))
 
 
 def common_reductions(known: Sequence[tuple[int, int]]) -> tuple[Reduction, Reduction]:
     """The other metrics of `Trajectory.metrics`; `known` are the columns, in the estimate and in the true state, of
     each estimated state whose true value is known."""
     pairs = tuple(known)
-
-    def peak(kept: Any, now: Instant) -> Any:
-        largest = kept[0]
-        for u in now.input:
-            largest = maximum(largest, abs(u))
-        return np.array([largest])
-
-    def estimation(kept: Any, now: Instant) -> Any:
-        errors = [now.estimate[one] - now.state[other] for one, other in pairs]
-        return np.array([total + error * error for total, error in zip(kept, errors)])
-
     return (
-        Reduction((0.0,), peak, lambda kept, command: {"peak_input": kept[0]}, "peak input"),
-        Reduction(
-            (0.0,) * len(pairs), estimation,
-            lambda kept, command: {"estimation_rmse": np.sqrt(kept / command.samples).T}, ("estimation", pairs),
-        ),
-    )  # fmt: skip
+        Reduction((0.0,), _peak, _peak_metric),
+        Reduction((0.0,) * len(pairs), partial(_estimation, pairs), _rms, ("estimation", pairs)),
+    )
+
+
+def _step(place: Place, kept: Any, now: Instant) -> Any:
+    position, channel = getattr(now, place.kind)[place.column], place.command
+    initial = where(now.step > 0.5, kept[0], where(now.change[channel] > 0.5, now.first[channel], position))
+    return _stepped(kept, now.step, position, (initial, now.last[channel], now.change[channel]))
+
+
+def _step_metrics(place: Place, kept: np.ndarray, command: Command) -> dict[str, np.ndarray]:
+    """NaN where the command is no step, or of no height; infinite where the run does not settle or rise."""
+    height = command.last[place.command] - kept[0]
+    values_by_name = _stepped_metrics(kept, height, command.change[place.command], command)
+    step = (height != 0.0) & command.steps[place.command]
+    return {name: np.where(step, values, np.nan) for name, values in values_by_name.items()}
+
+
+def _fixed_step(state: int, kept: Any, now: Instant) -> Any:
+    *step, end = kept
+    return np.array([*_stepped(step, now.step, now.state[state], (step[0], end, 0.0)), end])
+
+
+def _fixed_step_metrics(kept: np.ndarray, command: Command) -> dict[str, np.ndarray]:
+    return _stepped_metrics(kept[:-1], kept[-1] - kept[0], 0.0, command)
+
+
+def _error(place: Place, kept: Any, now: Instant) -> Any:
+    error = getattr(now, place.kind)[place.column] - now.reference[place.command]
+    late = where(now.step >= now.tail, maximum(kept[0], abs(error)), kept[0])
+    return np.array([late, kept[1] + error * error])
+
+
+def _error_metrics(kept: np.ndarray, command: Command) -> dict[str, np.ndarray]:
+    return {"steady_state_error": kept[0], "tracking_rmse": np.sqrt(kept[1] / command.samples)}
+
+
+def _peak(kept: Any, now: Instant) -> Any:
+    largest = kept[0]
+    for u in now.input:
+        largest = maximum(largest, abs(u))
+    return np.array([largest])
+
+
+def _peak_metric(kept: np.ndarray, command: Command) -> dict[str, np.ndarray]:
+    return {"peak_input": kept[0]}
+
+
+def _estimation(pairs: Sequence[tuple[int, int]], kept: Any, now: Instant) -> Any:
+    errors = [now.estimate[one] - now.state[other] for one, other in pairs]
+    return np.array([total + error * error for total, error in zip(kept, errors)])
+
+
+def _rms(kept: np.ndarray, command: Command) -> dict[str, np.ndarray]:
+    return {"estimation_rmse": np.sqrt(kept / command.samples).T}
 
 
 #: Directions that all samples together hold less of, relative to the strongest one, are rounding.
