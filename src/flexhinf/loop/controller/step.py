@@ -232,8 +232,7 @@ def controller_step(
     about: Any = None
     if mode.moving and law.law.depends_on_reference:
         # In memory of its own: loops inside a sample may read it.
-        n = len(estimate)
-        about = run.call(lambda r: (r[:n], r[n:]), r)
+        about = run.call(partial(_state_and_input, len(estimate)), r)
     law_of = law.on(run, data.law, active, about)
     feedback = law_of(deviation)
     after = {"position": position, "reference": requested, "command": r, "active": active}
@@ -358,20 +357,24 @@ def bumpless_transfer(
     n = deviation.shape[0] - growth.shape[0]
     misfit, errors = wanted, deviation[n:]
 
-    def trial_of(states: Any, errors: Any, inverse: Any, misfit: Any) -> Any:
+    def trial(states: Any, errors: Any, inverse: Any, misfit: Any) -> Any:
         return np.concatenate([states, errors + inverse @ misfit])
 
     with run.when(taken):
         misfit = run.call(np.subtract, wanted, feedback)
 
         def step(errors: Any, misfit: Any, inverse: Any) -> tuple[Any, Any, Any]:
-            trial = run.call(trial_of, deviation[:n], errors, inverse, misfit)
-            return run.call(_better, errors, misfit, inverse, trial, law(trial), wanted)
+            tried = run.call(trial, deviation[:n], errors, inverse, misfit)
+            return run.call(_better, errors, misfit, inverse, tried, law(tried), wanted)
 
         if growth.shape[0]:
             errors, misfit, _ = run.repeat(STEPS, step, errors, misfit, inverse)
     parts = (taken, feedback, wanted, misfit, errors, growth, bias, deviation, point, decay)
     return run.call(partial(_joined, n), *parts)
+
+
+def _state_and_input(states: int, r: Any) -> tuple[Any, Any]:
+    return r[:states], r[states:]
 
 
 def _better(
