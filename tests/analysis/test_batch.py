@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from flexhinf.analysis.batch import Rows, near_rest, one_period, solved
+from flexhinf.analysis.sampled_controller import Rows, near_rest, one_period, solved
 from flexhinf.robot import load_robot, paper_arm
 
 

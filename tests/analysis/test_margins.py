@@ -11,8 +11,8 @@ import pytest
 
 import flexhinf as fh
 from flexhinf.analysis import DiscreteSystem, EquilibriumLoop, LinearLoop, margins
-from flexhinf.analysis.frequency import crossings, highest_peak
 from flexhinf.analysis.margins import _gain_margins
+from flexhinf.analysis.search import crossings, highest_peak
 from flexhinf.errors import InvalidInput
 from flexhinf.estimation import ConstantGainFilter
 from flexhinf.hinf import HJISolution

@@ -9,7 +9,7 @@ import pytest
 
 import flexhinf as fh
 from flexhinf.analysis import worst_disturbance
-from flexhinf.analysis.search import MovedLaw, worst_gain
+from flexhinf.analysis.worst_disturbance import MovedLaw, worst_gain
 from flexhinf.plant import GeneralisedPlant
 
 LOW, HIGH = np.array([15.0, 0.8]), np.array([25.0, 1.2])

@@ -6,7 +6,7 @@ from scipy.linalg import expm
 from scipy.signal import freqs
 
 from flexhinf.baselines import FeedbackLinearisation
-from flexhinf.baselines.feedback_linearisation import bessel_coefficients
+from flexhinf.baselines.placed_laws import bessel_coefficients
 from flexhinf.errors import InvalidInput
 from flexhinf.loop import Controller, Loop
 from flexhinf.loop.shared import share

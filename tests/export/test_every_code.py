@@ -168,10 +168,10 @@ def test_the_older_memory_is_32_to_64_good_samples_old(missing: float) -> None:
     """Of measured and predicted samples alike: each program once had a count of its own."""
     controller, rng = made(48.0), np.random.default_rng(3)
     controller.step(0.1, 0.5)
-    history = [controller._memory.copy()]
+    history = [controller._remembered.memory.copy()]
     for k in range(1000):
         controller.step(None if rng.random() < missing else 0.1 + 1e-4 * k, 0.5)
-        history.append(controller._memory.copy())
+        history.append(controller._remembered.memory.copy())
         if k > 64:
             age = next(
                 a

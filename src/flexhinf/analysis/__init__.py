@@ -35,8 +35,8 @@ from flexhinf.analysis.dissipation import (
     dissipation_budget as dissipation_budget,
     dissipation_corners as dissipation_corners,
 )
-from flexhinf.analysis.equilibrium_loop import EquilibriumLoop as EquilibriumLoop
-from flexhinf.analysis.frequency import (
+from flexhinf.analysis.equilibrium_loop import (
+    EquilibriumLoop as EquilibriumLoop,
     FrequencyResponse as FrequencyResponse,
     frequency_response as frequency_response,
 )

@@ -17,7 +17,7 @@ import itertools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import takewhile
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -201,15 +201,12 @@ class Corners:
     population: Population
     complete: bool
 
+    worst: ClassVar[Any]  # the place of the worst corner
+
     @property
     def count(self) -> int:
         """Number of corners."""
         return len(self.population) - 1
-
-    @property
-    def worst(self) -> int:
-        """The worst corner."""
-        raise NotImplementedError
 
     def describe(self, k: int | None = None) -> str:
         """A corner, the worst one by default, by its changes in per cent: ``stiffness -12 %, mass +3 %``."""

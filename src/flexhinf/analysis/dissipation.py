@@ -104,8 +104,8 @@ def dissipation_budget(
     applied = np.vstack([np.tile(before, (loop.channel.delay, 1)), run.signals["input"]])[: len(x) - 1]
     first, last = applied - wanted[:-1], applied - wanted[1:]
     r2, period = law.expansion.r2, controller.period
-    square = lambda a, b: np.einsum("ki,ij,kj->k", a, r2, b)  # noqa: E731
-    spent = 0.5 * period / 3.0 * (square(first, first) + square(first, last) + square(last, last))
+    ends = ((first, first), (first, last), (last, last))
+    spent = 0.5 * period / 3.0 * sum(np.einsum("ki,ij,kj->k", a, r2, b) for a, b in ends)
     d = _disturbances(run, controller, law.problem)[:-1]
     energy = 0.5 * law.gamma**2 * period * (d**2).sum(axis=1) if d.any() else np.zeros(len(d))
     spent, energy = (np.concatenate([[0.0], np.cumsum(parts)]) for parts in (spent, energy))

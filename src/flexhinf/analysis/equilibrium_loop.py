@@ -3,19 +3,29 @@
 What is differentiated is the very step that the compiled loop runs (measure, correct, integrate, law, time
 update, then the true plant over one period with u held), with two changes: the estimator corrects with its
 stationary gain, and the input has no limits.
+
+Also the frequency response of the running loop: sampled, with its estimator and its own delay.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from flexhinf.analysis.batch import Rows, equilibrium_integrals, near_rest, solved
 from flexhinf.analysis.linear_loop import LinearLoop, Modes, with_queue
-from flexhinf.analysis.sampled_controller import SampledController, Stepped, model_rows
+from flexhinf.analysis.sampled_controller import (
+    Rows,
+    SampledController,
+    Stepped,
+    equilibrium_integrals,
+    model_rows,
+    near_rest,
+    solved,
+)
 from flexhinf.errors import InvalidInput, NumericalFailure
 from flexhinf.estimation import ConstantGainFilter, OutputInjectionObserver, RecursiveFilter, stationary_gain
 from flexhinf.loop import Loop
@@ -104,7 +114,7 @@ class EquilibriumLoop:
                 )
             x, u = plant_equilibrium(self._model, law.tracked, pose_values(goal, law.tracked))
             self.model_equilibrium = x[[self._model.index(name) for name in self._states]], u
-        steady = filter
+        steady = self.filter
         if self.tunable:
             steady = ConstantGainFilter(self.filter, self.gain(self.filter.process_noise))
         self.step = SampledController(law, steady, period, moving)
@@ -356,3 +366,87 @@ class EquilibriumLoop:
             scale = np.maximum(1.0, np.abs(z[fine]).max(axis=1))
             size[fine] = np.where(finite, np.abs(move).max(axis=1) / scale, np.inf)
         return z, slope, size <= LAST_STEP
+
+
+# Frequency response ----------------------------------------------------------------------------------
+#: Decades of the grid below the slowest pole that oscillates or decays, and points of the grid.
+BELOW, POINTS = 1.0, 400
+
+
+@dataclass(frozen=True, eq=False)
+class FrequencyResponse:
+    """Responses at z = e^{jωT}, complex, and the poles of the loop.
+
+    Commands and disturbances are held between samples; positions are those of the true plant at the samples. Responses
+    of an unstable loop are those of its transfer functions.
+    """
+
+    frequencies: np.ndarray  # (F,), rad/s, ascending, at most π/T
+    period: float  # T, s
+    positions: tuple[str, ...]  # q names
+    inputs: tuple[str, ...]  # m names
+    disturbances: tuple[str, ...]  # k names
+    command: np.ndarray  # (F, q, q), commanded position → position
+    disturbance: np.ndarray  # (F, q, k), torque → position, rad/N·m or m/N
+    loop_transfer: np.ndarray  # (F, m, m), L broken at all inputs, with negative feedback: S = (1 + L)⁻¹
+    input_loops: np.ndarray  # (F, m), L_i broken at one input, the others closed: its Nyquist curve
+    sensitivity: np.ndarray  # (F, m, m), S at the plant's inputs
+    complementary: np.ndarray  # (F, m, m), T = 1 − S
+    #: (K,), log(z)/T, 1/s, slowest first; of a delayed loop those that count (`DiscreteSystem.modes`)
+    poles: np.ndarray
+    stable: bool  # whether all poles decay
+
+    def __repr__(self) -> str:
+        over = f"{len(self.frequencies)} frequencies, {self.frequencies[0]:.3g} to {self.frequencies[-1]:.3g} rad/s"
+        return f"FrequencyResponse({over}, {len(self.inputs)} inputs, {len(self.positions)} positions)"
+
+    @property
+    def peaks(self) -> tuple[float, float]:
+        """Largest σ_max of S and of T on the grid; the exact peaks are those of `margins`."""
+        return tuple(
+            float(np.linalg.norm(each, 2, axis=(1, 2)).max())
+            for each in (self.sensitivity, self.complementary)
+        )  # type: ignore[return-value]
+
+
+def frequency_response(
+    loop: EquilibriumLoop | LinearLoop,
+    frequencies: Any = None,
+    values: Mapping[str, Any] | None = None,
+    process_noise: np.ndarray | None = None,
+) -> FrequencyResponse:
+    """Responses of a loop at its equilibrium, at frequencies (F,) in rad/s, positive and at most π/T, else refused.
+
+    By default they are a logarithmic grid from a decade below the slowest pole to π/T, with points around every pole
+    of the running and of the opened loop, so that no resonance is missed. `values` and `process_noise` are as for
+    `EquilibriumLoop.linear`; a NumericalFailure says that the loop has no equilibrium with this plant.
+    """
+    linear = loop if isinstance(loop, LinearLoop) else loop.linear(values, process_noise)
+    running, opened, m, top = linear.running, linear.opened(), linear.b.shape[1], np.pi / linear.period
+    if frequencies is None:
+        sizes = np.abs(running.poles)
+        low = float(sizes[sizes > 1e-6 * top].min(initial=top)) / 10.0**BELOW
+        near = np.concatenate([running.frequencies(), opened.frequencies()])
+        grid = np.unique(
+            np.concatenate([np.geomspace(low, top, POINTS), near[(near >= low) & (near <= top)]])
+        )
+    else:
+        grid = np.sort(np.atleast_1d(np.asarray(frequencies, dtype=float)))
+        if grid.ndim != 1 or not len(grid) or not np.all((grid > 0.0) & (grid <= top * (1.0 + 1e-12))):
+            found = np.array2string(grid, threshold=6)
+            raise InvalidInput(
+                "The frequencies do not fit the sampled loop.",
+                f"expected numbers above 0 and up to pi/T = {top:.6g} rad/s, got {found}",
+                "numpy.geomspace(0.1, 1000, 200), in rad/s",
+            )
+    n, q, k = m + len(linear.c), len(linear.positions), linear.g.shape[1]
+    answer = running.response(grid, np.r_[0:m, n : n + q + k])  # one solve for all outputs by w, r and d
+    if linear.late_command:
+        answer[:, :, m : m + q] *= np.exp(-1j * grid * linear.period)[:, None, None]
+    sensitivity, positions = answer[:, :m, :m], answer[:, 2 * m :]
+    return FrequencyResponse(
+        grid, linear.period, linear.names, linear.inputs, linear.disturbances,
+        positions[:, :, m : m + q], positions[:, :, m + q :], -opened.response(grid),
+        np.stack([-linear.opened(i=i).response(grid)[:, 0, 0] for i in range(m)], axis=1),
+        sensitivity, np.eye(m) - sensitivity, running.poles, running.stable,
+    )  # fmt: skip

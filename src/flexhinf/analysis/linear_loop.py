@@ -379,19 +379,15 @@ class Modes:
     multipliers: np.ndarray  # (N, K), complex, eigenvalues of one period; infinite without equilibrium
 
     @property
-    def radius(self) -> np.ndarray:
-        """Largest |multiplier|, (N,)."""
-        return np.abs(self.multipliers).max(axis=1)
-
-    @property
     def stable(self) -> np.ndarray:
         """Which loops are stable, (N,)."""
-        return self.radius < 1.0
+        return np.abs(self.multipliers).max(axis=1) < 1.0
 
     @property
     def rate(self) -> np.ndarray:
-        """log(radius) / period, (N,) in 1/s: positive for a loop that grows, infinite for one without equilibrium."""
-        return np.log(self.radius) / self.period
+        """log of the largest |multiplier| / period, (N,) in 1/s: positive for a loop that grows, infinite for one
+        without equilibrium."""
+        return np.log(np.abs(self.multipliers).max(axis=1)) / self.period
 
     def slowest(self, count: int) -> np.ndarray:
         """The `count` slowest exponents log(multiplier) / period, (N, count) in 1/s."""

@@ -38,13 +38,14 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
 
 from flexhinf.analysis.equilibrium_loop import EquilibriumLoop
-from flexhinf.analysis.frequency import ACCURACY, crossings, highest_peak, refined_crossings, sign_changes
 from flexhinf.analysis.linear_loop import LinearLoop
+from flexhinf.analysis.search import ACCURACY, crossings, highest_peak, refined_crossings, sign_changes
 from flexhinf.loop.simulation.program import LONGEST_LINEAR
 
 #: Fractions of a period at which crossings of the delayed loop are looked for.
@@ -143,6 +144,15 @@ ROUGH = 1e-5
 REAL = 100.0
 
 
+def _pair(name: str, value: str, place: str) -> Any:
+    """Properties for both numbers of a pair that is computed once, from their docstrings."""
+
+    def part(k: int, text: str) -> Any:
+        return property(lambda margins: attrgetter(name)(margins)[k], doc=text)
+
+    return part(0, value), part(1, place)
+
+
 @dataclass(frozen=True, eq=False)
 class Margins:
     """Figures of one loop; those of an unstable loop are zero (delay, disk), infinite (peaks, noise) or NaN.
@@ -192,7 +202,10 @@ class Margins:
     def _peak(self, outputs: slice, inputs: slice, top: float = np.inf) -> tuple[float, float]:
         """Largest σ_max of a part of the sweep up to a frequency, and where."""
         kept, chosen, running = self._frequencies <= top, self._inputs[inputs], self.linear.running
-        sizes = lambda response: np.linalg.norm(response[:, outputs], 2, axis=(1, 2))  # noqa: E731
+
+        def sizes(response: np.ndarray) -> np.ndarray:
+            return np.linalg.norm(response[:, outputs], 2, axis=(1, 2))
+
         swept = sizes(self._sweep[kept][:, :, inputs])
         return highest_peak(
             lambda w: sizes(running.response(w, chosen)), self._frequencies[kept], swept, self._accuracy
@@ -205,15 +218,11 @@ class Margins:
         every = slice(0, self.linear.b.shape[1])
         return self.linear.part("w", "u+w").norm() if self.grid is None else self._peak(every, every)
 
-    @property
-    def peak_sensitivity(self) -> float:
-        """max over ω of σ_max(S(e^{jωT}))."""
-        return self._sensitivity[0]
-
-    @property
-    def sensitivity_frequency(self) -> float:
-        """Where it is reached, rad/s."""
-        return self._sensitivity[1]
+    peak_sensitivity, sensitivity_frequency = _pair(
+        "_sensitivity",
+        "max over ω of σ_max(S(e^{jωT})).",
+        "Where it is reached, rad/s.",
+    )
 
     @cached_property
     def gain_margins(self) -> np.ndarray:
@@ -223,9 +232,10 @@ class Margins:
         if not self.stable:
             return np.full((m, 2), np.nan)
         system = self.linear.running.block(slice(0, 2 * m), slice(0, m))
-        swept = _critical_factors(self._sweep[:, : 2 * m, :m])
-        factors = lambda w: _critical_factors(system.response(w))  # noqa: E731
-        return _gain_margins(factors, self._frequencies, swept, np.pi / system.period, self._accuracy)
+        return _gain_margins(
+            lambda w: _critical_factors(system.response(w)), self._frequencies,
+            _critical_factors(self._sweep[:, : 2 * m, :m]), np.pi / system.period, self._accuracy,
+        )  # fmt: skip
 
     @property
     def gain_margin(self) -> float:
@@ -247,15 +257,11 @@ class Margins:
     def _complementary(self) -> tuple[float, float]:
         return self.linear.part("w", "u").norm() if self.stable else (np.inf, np.nan)
 
-    @property
-    def peak_complementary(self) -> float:
-        """max over ω of σ_max(T), T = 1 − S."""
-        return self._complementary[0]
-
-    @property
-    def complementary_frequency(self) -> float:
-        """Where it is reached, rad/s."""
-        return self._complementary[1]
+    peak_complementary, complementary_frequency = _pair(
+        "_complementary",
+        "max over ω of σ_max(T), T = 1 − S.",
+        "Where it is reached, rad/s.",
+    )
 
     # Disk and delay margin --------------------------------------------------------------------------------
     @cached_property
@@ -275,17 +281,13 @@ class Margins:
             peak, at = highest_peak(lambda w: _scaled_norms(middle.response(w)), middle.frequencies())
         return 1.0 / peak, at
 
-    @property
-    def disk_margin(self) -> float:
-        """α, symmetric: the loop is stable with every input multiplied by its own complex factor
-        (1 + δ/2)/(1 − δ/2), all |δ| < α at once [seiler2020]. The largest such α with one input; with several, a
-        lower bound of it."""
-        return self._disk[0]
-
-    @property
-    def disk_frequency(self) -> float:
-        """Where it is reached, rad/s."""
-        return self._disk[1]
+    disk_margin, disk_frequency = _pair(
+        "_disk",
+        "α, symmetric: the loop is stable with every input multiplied by its own complex factor "
+        "(1 + δ/2)/(1 − δ/2), all |δ| < α at once [seiler2020]. The largest such α with one "
+        "input; with several, a lower bound of it.",
+        "Where it is reached, rad/s.",
+    )
 
     @property
     def disk_gain_margins(self) -> tuple[float, float]:
@@ -304,16 +306,12 @@ class Margins:
     def _delay(self) -> tuple[float, float]:
         return delay_margin(self.linear)
 
-    @property
-    def delay_margin_s(self) -> float:
-        """Largest extra delay of all inputs together, beyond the loop's own, s, between samples too; infinite if no
-        delay makes the loop unstable."""
-        return self._delay[0]
-
-    @property
-    def delay_frequency(self) -> float:
-        """Where the loop then oscillates, rad/s."""
-        return self._delay[1]
+    delay_margin_s, delay_frequency = _pair(
+        "_delay",
+        "Largest extra delay of all inputs together, beyond the loop's own, s, between samples "
+        "too; infinite if no delay makes the loop unstable.",
+        "Where the loop then oscillates, rad/s.",
+    )
 
     # Noise ------------------------------------------------------------------------------------------------
     @cached_property
@@ -348,7 +346,10 @@ class Margins:
             return np.full(len(self.positions), np.nan)
         system = self.linear.part("r", "q")
         grid = system.frequencies()
-        followed = lambda w: np.abs(np.diagonal(system.response(w), axis1=1, axis2=2))  # noqa: E731
+
+        def followed(w: np.ndarray) -> np.ndarray:
+            return np.abs(np.diagonal(system.response(w), axis1=1, axis2=2))
+
         level = followed(np.zeros(1))[0] / np.sqrt(2.0)
         swept = followed(grid) - level
         rows, joints = sign_changes(swept)
@@ -371,16 +372,12 @@ class Margins:
         m = self.linear.b.shape[1]
         return self._peak(slice(2 * m, None), slice(m, None), top)[0]
 
-    @property
-    def damping(self) -> float:
-        """Smallest damping ratio of all oscillations of the running loop (plant, estimator, delay), see
-        `DiscreteSystem.damping`; negative for an unstable loop."""
-        return self.linear.running.damping[0]
-
-    @property
-    def damping_frequency(self) -> float:
-        """|s| of that oscillation, rad/s."""
-        return self.linear.running.damping[1]
+    damping, damping_frequency = _pair(
+        "linear.running.damping",
+        "Smallest damping ratio of all oscillations of the running loop (plant, estimator, delay), see "
+        "`DiscreteSystem.damping`; negative for an unstable loop.",
+        "|s| of that oscillation, rad/s.",
+    )
 
 
 def margins(

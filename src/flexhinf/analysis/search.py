@@ -1,4 +1,5 @@
-"""The largest value of a function over a box, and with it the worst plant of a box for the worst disturbance.
+"""The largest value of a function over a box; and peaks and zeros of functions of frequency, on a grid and refined
+between its points.
 
 `climb` is implicit filtering [kelley2011] over the unit box, from several starts at once. Around each start the
 function is evaluated at ± one step along every axis. Central differences give the gradient, second differences the
@@ -7,28 +8,15 @@ the way of the last moves are tried, and the best of all becomes the next centre
 quarter as long. So the gradient leads while the step is long, and what is left is a search over a grid that shrinks:
 the function need neither be smooth nor free of jumps, as a settling time is not. Every round is one call with the
 points of all searches, so that lanes and threads are full. Searches that come to one point go on as one.
-
-`worst_gain` is a lower bound of the gain of one law over all plants of a box. Each plant runs about its own
-equilibrium at the goal, from rest there: the deviations of state, input and integrals count from it, as in
-`flexhinf.certify.proof`. Where the equilibrium moves by δ, integrals included, the law in these deviations is
-k(x + δ) − k(δ). Plant and disturbance are improved in turn: the plant for a given disturbance by `climb`, which needs
-no derivatives of the loop by its parameters, then the disturbance for that plant by power iteration, as
-`worst_disturbance`.
 """
 
 from __future__ import annotations
 
+from collections import namedtuple
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-
-from flexhinf.analysis.batch import LawRows, equilibrium_integrals
-from flexhinf.analysis.worst_disturbance import Attained, DisturbanceSearch, ascend_inside
-from flexhinf.errors import FlexhinfError, NumericalFailure
-from flexhinf.hinf import HJISolution
-from flexhinf.plant import GeneralisedPlant, Law
 
 #: First step and the factor of the next one, as fractions of the box; the last one is not shorter than the third.
 FIRST_STEP, FACTOR, LAST_STEP = 0.25, 0.25, 2.0**-13
@@ -46,14 +34,8 @@ NEAR = 0.25
 SEARCH_ROUNDS = 200
 
 
-@dataclass(frozen=True, eq=False)
-class Climbed:
-    """Where a search ended: point (d,) and value, evaluations of all searches, and how many ended at this point."""
-
-    point: np.ndarray
-    value: float
-    evaluations: int
-    together: int
+#: Where a search ended: point (d,) and value, evaluations of all searches, and how many ended at this point.
+Climbed = namedtuple("Climbed", ("point", "value", "evaluations", "together"))
 
 
 @dataclass(eq=False)
@@ -157,120 +139,123 @@ def box_corners(d: int) -> np.ndarray:
     return ((np.arange(1 << d)[:, None] >> np.arange(d)) & 1).astype(float)
 
 
-# The worst plant --------------------------------------------------------------------------------
-#: Turns of plant and disturbance at most, and the growth of the gain below which they end.
-ROUNDS, GROWTH = 4, 1e-3
+# On a grid ------------------------------------------------------------------------------------------
+#: Peaks that are refined: those above this fraction of the largest. Steps of the refinement at most.
+HIGH, PEAK_STEPS = 0.9, 60
 
-#: Newton steps towards the integrals of an equilibrium at most, and the relative error of its input.
-ITERATIONS, BALANCED = 20, 1e-12
+#: The golden section, and how often it is taken instead of a parabola.
+GOLDEN, EVERY = 0.381966, 3
 
-#: Turns of each ascent of the disturbance.
-TURNS = 6
+#: Steps towards a zero at most.
+ZERO_STEPS = 120
 
-
-class MovedLaw(Law):
-    """A law in deviations from the equilibrium of another problem's plant at the goal: k(x + δ) − k(δ). A
-    NumericalFailure says that no integrals make the law hold that plant there."""
-
-    def __init__(self, law: Law, problem: GeneralisedPlant) -> None:
-        self.law, self.state_names, self.input_names = law, tuple(law.state_names), tuple(law.input_names)
-        self.operating_point = np.array(problem.operating_point, dtype=float)
-        self.operating_input = np.array(problem.operating_input, dtype=float)
-        n, rows = len(law.plant_states), LawRows(law)
-        integrals = equilibrium_integrals(rows, self.operating_point[:n], self.operating_input)
-        start = np.concatenate([self.operating_point[:n], integrals]) - law.operating_point
-        moved, wanted = start.copy(), self.operating_input - law.operating_input
-        for _ in range(
-            ITERATIONS
-        ):  # Newton's method: integrals with which the law gives the input that is wanted
-            value, slope = rows(moved[None, :])
-            gap = wanted - value[0]
-            if np.abs(gap).max() <= BALANCED * max(1.0, np.abs(wanted).max()):
-                self._data = np.concatenate([np.ravel(law.law_data), moved, value[0]])
-                return
-            moved[n:] += np.linalg.lstsq(slope[0][:, n:], gap, rcond=None)[0]
-            if not np.all(np.isfinite(moved)):
-                break
-        raise NumericalFailure(
-            "The law does not hold the plant at the goal.",
-            f"no integrals near {np.array2string(start[n:], precision=6)} give the input that balances it",
-            "another degree, or a law made for this goal",
-        )
-
-    @property
-    def law_key(self) -> str:
-        """That of the law: δ is data."""
-        return f"moved {self.law.law_key}"
-
-    @property
-    def law_data(self) -> np.ndarray:
-        """The law's, then δ (n,) and k(δ) (m,)."""
-        return self._data
-
-    def evaluate_law(self, x: Any, data: Any) -> Any:
-        """k(x + δ) − k(δ)."""
-        n, m = len(self.state_names), len(self.input_names)
-        return self.law.evaluate_law(x + data[-n - m : -m], data[: -n - m]) - data[-m:]
+#: By what a peak still grows, relative to it, and the relative width of the bracket of a zero, where refinement ends.
+ACCURACY = 1e-12
 
 
-@dataclass(frozen=True, eq=False)
-class WorstGain:
-    """The plant, a point (d,) of the unit box, its worst disturbance, and the runs of the search over plants."""
+def highest_peak(
+    function: Callable[[np.ndarray], np.ndarray],
+    grid: np.ndarray,
+    values: np.ndarray | None = None,
+    accuracy: float = ACCURACY,
+) -> tuple[float, float]:
+    """(largest value, where) of a function of frequencies (F,), every high peak on an ascending grid refined between
+    its neighbours; its values on the grid may be known.
 
-    point: np.ndarray
-    attained: Attained
-    runs: int
-
-
-def worst_gain(
-    problem_at: Callable[[np.ndarray], GeneralisedPlant],
-    law: HJISolution,
-    start: np.ndarray,
-    first: Attained,
-    *,
-    level: float,
-    period: float,
-    horizon: float,
-    starts: np.ndarray | None = None,
-) -> WorstGain:
-    """The plant of a box, and the disturbance of it, with the largest ∫|z|²/∫|d|² that is found, under a law with the
-    true state fed back.
-
-    `problem_at` takes a point (d,) of the unit box to the problem of that plant, about its own equilibrium; where it
-    raises a `FlexhinfError` there is none, and the plant is left out. The search begins at `start` (d,), the nominal
-    plant, and at `starts` (S, d), with the worst disturbance `first` of the nominal plant, whose period and horizon,
-    s, are given too. V of the deviation from each plant's own equilibrium stays below `level`.
+    The next point is the vertex of a parabola through three, every third time the golden section of the longer side.
+    The refinement ends where the parabola rises above the largest value by less than the accuracy, relative to it.
     """
-    point = np.asarray(start, dtype=float)
-    others = np.empty((0, len(point))) if starts is None else starts
-    best, runs = WorstGain(point, first, 0), 0
+    values = function(grid) if values is None else values
+    k = int(values.argmax())
+    best, at = float(values[k]), float(grid[k])
+    inside = values[1:-1]
+    high = (inside >= values[:-2]) & (inside >= values[2:]) & (inside >= HIGH * best)
+    places = np.flatnonzero(high) + np.array([[0], [1], [2]])
+    if not places.size:
+        return best, at
+    x, y = grid[places], values[places]
+    for turn in range(PEAK_STEPS):
+        low, middle, up = x
+        longer = np.where(middle - low > up - middle, low, up)
+        new, parabolic = middle + GOLDEN * (longer - middle), turn % EVERY != EVERY - 1
+        if parabolic:
+            left, right = x[0] - x[1], x[2] - x[1]
+            with np.errstate(all="ignore"):  # three points on a line have no vertex
+                by_left, by_right = (y[0] - y[1]) / left, (y[2] - y[1]) / right
+                curvature = (by_right - by_left) / (right - left)
+                slope = by_left - curvature * left
+                vertex, height = x[1] - 0.5 * slope / curvature, y[1] - 0.25 * slope**2 / curvature
+            new = np.where((vertex > low) & (vertex < up), vertex, new)
+            if np.all(height - y[1] <= accuracy * best):
+                break
+        # The larger of the inner two of four points, and its neighbours.
+        x, y = np.vstack([x, new]), np.vstack([y, function(new)])
+        order = np.argsort(x, axis=0, kind="stable")
+        x, y = np.take_along_axis(x, order, axis=0), np.take_along_axis(y, order, axis=0)
+        kept = y[1:3].argmax(axis=0) + np.array([[0], [1], [2]])
+        x, y = np.take_along_axis(x, kept, axis=0), np.take_along_axis(y, kept, axis=0)
+    which = int(y[1].argmax())
+    return max((best, at), (float(y[1, which]), float(x[1, which])))
 
-    def searched(point: np.ndarray) -> tuple[DisturbanceSearch, np.ndarray]:
-        """The search of a plant, and the best disturbance (N, k) at its times."""
-        problem = problem_at(point)
-        search = DisturbanceSearch(problem, MovedLaw(law, problem), None, period, horizon)
-        place = np.searchsorted(best.attained.times, search.search_runs.times + 1e-9, side="right") - 1
-        return search, best.attained.disturbance[place]
 
-    def gains(points: np.ndarray) -> np.ndarray:
-        """Of plants (N, d) under the best disturbance, at the period of the search; −inf where there is none."""
-        found = []
-        for one in points:
-            try:
-                search, d = searched(one)
-                found.append(search.search_runs.attained(d).gain)
-            except FlexhinfError:
-                found.append(-np.inf)
-        return np.array(found)
+def crossings(
+    function: Callable[[np.ndarray], np.ndarray], grid: np.ndarray, values: np.ndarray | None = None
+) -> list[tuple[int, float]]:
+    """Zeros (branch, frequency) between neighbouring points of an ascending grid (F,) at which a branch changes its
+    sign.
 
-    for _ in range(ROUNDS):
-        found = climb(gains, np.vstack([best.point, others]))
-        others, runs = others[:0], runs + found.evaluations
-        search, d = searched(found.point)
-        attained = ascend_inside(search, d, level, TURNS, law)
-        grown = attained.gain > best.attained.gain * (1.0 + GROWTH) and attained.largest_value <= level
-        if attained.gain > best.attained.gain and attained.largest_value <= level:
-            best = WorstGain(found.point, attained, runs)
-        if not grown:
+    The function takes frequencies (F,) to real values (F, k), one column per branch, each continuous; on the grid they
+    may be known.
+    """
+    values = function(grid) if values is None else values
+    rows, branches = sign_changes(values)
+    return list(
+        zip(branches.tolist(), refined_crossings(function, grid, values, rows, branches), strict=True)
+    )
+
+
+def sign_changes(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(k, branch) of all changes of the sign from row k to the next, of (F, k) values."""
+    signs = np.sign(values)
+    rows, branches = np.nonzero((signs[1:] != signs[:-1]) & (signs[1:] * signs[:-1] <= 0.0))
+    return rows, branches
+
+
+def refined_crossings(
+    function: Callable[[np.ndarray], np.ndarray],
+    grid: np.ndarray,
+    values: np.ndarray,
+    rows: np.ndarray,
+    branches: np.ndarray,
+    accuracy: float = ACCURACY,
+) -> list[float]:
+    """The zero between grid[row] and grid[row + 1] of each branch whose sign changes there.
+
+    False position with the weight of an end halved that stays (Illinois), every third time the middle of the bracket.
+    """
+    if not len(rows):
+        return []
+    low, high = grid[rows], grid[rows + 1]
+    below, above = values[rows, branches], values[rows + 1, branches]
+    which, last = np.arange(len(rows)), np.zeros(len(rows))
+    for turn in range(ZERO_STEPS):
+        middle = 0.5 * (low + high)
+        if turn % EVERY != EVERY - 1:
+            with np.errstate(all="ignore"):
+                position = low - below * (high - low) / (above - below)
+            # A little inside, so that the other end follows a zero that has been reached.
+            margin = 0.4 * accuracy * high
+            middle = np.where(np.isfinite(position), np.clip(position, low + margin, high - margin), middle)
+        value = function(middle)[which, branches]
+        side = np.where(np.sign(value) == np.sign(below), 1.0, -1.0)
+        low, high = np.where(side > 0.0, middle, low), np.where((side < 0.0) | (value == 0.0), middle, high)
+        low = np.where(value == 0.0, middle, low)
+        stays = np.where(side == last, 0.5, 1.0)
+        below, above = (
+            np.where(side > 0.0, value, below * stays),
+            np.where(side > 0.0, above * stays, value),
+        )
+        last = side
+        if np.all(high - low <= accuracy * high):
             break
-    return WorstGain(best.point, best.attained, runs)
+    return (0.5 * (low + high)).tolist()

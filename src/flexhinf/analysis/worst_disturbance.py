@@ -11,20 +11,30 @@ The gradient ∂∫|z|²/∂d comes from the adjoint of the sampled loop. The st
 and the controller's memory (`SampledController`). With ζ' = F(ζ, d) from sample to sample, λ_k = ∂|z_k|²/∂ζ_k +
 λ_{k+1} ∂F/∂ζ is followed backwards, and the gradient is λ_{k+1} ∂F/∂d. All derivatives along the run are computed at
 once; only the products of the recursion are in turn.
+
+`worst_gain` is a lower bound of the gain of one law over all plants of a box. Each plant runs about its own
+equilibrium at the goal, from rest there: the deviations of state, input and integrals count from it, as in
+`flexhinf.certify.proof`. Where the equilibrium moves by δ, integrals included, the law in these deviations is
+k(x + δ) − k(δ). Plant and disturbance are improved in turn: the plant for a given disturbance by `climb`, which needs
+no derivatives of the loop by its parameters, then the disturbance for that plant by power iteration, as
+`worst_disturbance`.
 """
 
 from __future__ import annotations
 
+from collections import namedtuple
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from flexhinf.analysis.batch import Rows, one_period
 from flexhinf.analysis.equilibrium_loop import EquilibriumLoop
 from flexhinf.analysis.linear_loop import DiscreteSystem
-from flexhinf.errors import InvalidInput
+from flexhinf.analysis.sampled_controller import LawRows, Rows, equilibrium_integrals, one_period
+from flexhinf.analysis.search import climb
+from flexhinf.errors import FlexhinfError, InvalidInput, NumericalFailure
 from flexhinf.hinf import HJISolution
 from flexhinf.loop import Controller, Loop, Samples, Trajectory
 from flexhinf.plant import GeneralisedPlant, Law
@@ -427,3 +437,114 @@ def ascend_inside(
             break
         energy *= FACTOR if inside else 1.0 / FACTOR
     return found if best is None else best
+
+
+# The worst plant --------------------------------------------------------------------------------
+#: Turns of plant and disturbance at most, and the growth of the gain below which they end.
+PLANT_ROUNDS, GROWTH = 4, 1e-3
+
+#: Newton steps towards the integrals of an equilibrium at most, and the relative error of its input.
+ITERATIONS, BALANCED = 20, 1e-12
+
+#: Turns of each ascent of the disturbance.
+TURNS = 6
+
+
+class MovedLaw(Law):
+    """A law in deviations from the equilibrium of another problem's plant at the goal: k(x + δ) − k(δ). A
+    NumericalFailure says that no integrals make the law hold that plant there."""
+
+    law_data: Any = None  # the law's, then δ (n,) and k(δ) (m,)
+
+    def __init__(self, law: Law, problem: GeneralisedPlant) -> None:
+        self.law, self.state_names, self.input_names = law, tuple(law.state_names), tuple(law.input_names)
+        self.operating_point = np.array(problem.operating_point, dtype=float)
+        self.operating_input = np.array(problem.operating_input, dtype=float)
+        n, rows = len(law.plant_states), LawRows(law)
+        integrals = equilibrium_integrals(rows, self.operating_point[:n], self.operating_input)
+        start = np.concatenate([self.operating_point[:n], integrals]) - law.operating_point
+        moved, wanted = start.copy(), self.operating_input - law.operating_input
+        for _ in range(
+            ITERATIONS
+        ):  # Newton's method: integrals with which the law gives the input that is wanted
+            value, slope = rows(moved[None, :])
+            gap = wanted - value[0]
+            if np.abs(gap).max() <= BALANCED * max(1.0, np.abs(wanted).max()):
+                self.law_data = np.concatenate([np.ravel(law.law_data), moved, value[0]])
+                return
+            moved[n:] += np.linalg.lstsq(slope[0][:, n:], gap, rcond=None)[0]
+            if not np.all(np.isfinite(moved)):
+                break
+        raise NumericalFailure(
+            "The law does not hold the plant at the goal.",
+            f"no integrals near {np.array2string(start[n:], precision=6)} give the input that balances it",
+            "another degree, or a law made for this goal",
+        )
+
+    @property
+    def law_key(self) -> str:
+        """That of the law: δ is data."""
+        return f"moved {self.law.law_key}"
+
+    def evaluate_law(self, x: Any, data: Any) -> Any:
+        """k(x + δ) − k(δ)."""
+        n, m = len(self.state_names), len(self.input_names)
+        return self.law.evaluate_law(x + data[-n - m : -m], data[: -n - m]) - data[-m:]
+
+
+#: The plant, a point (d,) of the unit box, its worst disturbance, and the runs of the search over plants.
+WorstGain = namedtuple("WorstGain", ("point", "attained", "runs"))
+
+
+def worst_gain(
+    problem_at: Callable[[np.ndarray], GeneralisedPlant],
+    law: HJISolution,
+    start: np.ndarray,
+    first: Attained,
+    *,
+    level: float,
+    period: float,
+    horizon: float,
+    starts: np.ndarray | None = None,
+) -> WorstGain:
+    """The plant of a box, and the disturbance of it, with the largest ∫|z|²/∫|d|² that is found, under a law with the
+    true state fed back.
+
+    `problem_at` takes a point (d,) of the unit box to the problem of that plant, about its own equilibrium; where it
+    raises a `FlexhinfError` there is none, and the plant is left out. The search begins at `start` (d,), the nominal
+    plant, and at `starts` (S, d), with the worst disturbance `first` of the nominal plant, whose period and horizon,
+    s, are given too. V of the deviation from each plant's own equilibrium stays below `level`.
+    """
+    point = np.asarray(start, dtype=float)
+    others = np.empty((0, len(point))) if starts is None else starts
+    best, runs = WorstGain(point, first, 0), 0
+
+    def searched(point: np.ndarray) -> tuple[DisturbanceSearch, np.ndarray]:
+        """The search of a plant, and the best disturbance (N, k) at its times."""
+        problem = problem_at(point)
+        search = DisturbanceSearch(problem, MovedLaw(law, problem), None, period, horizon)
+        place = np.searchsorted(best.attained.times, search.search_runs.times + 1e-9, side="right") - 1
+        return search, best.attained.disturbance[place]
+
+    def gains(points: np.ndarray) -> np.ndarray:
+        """Of plants (N, d) under the best disturbance, at the period of the search; −inf where there is none."""
+        found = []
+        for one in points:
+            try:
+                search, d = searched(one)
+                found.append(search.search_runs.attained(d).gain)
+            except FlexhinfError:
+                found.append(-np.inf)
+        return np.array(found)
+
+    for _ in range(PLANT_ROUNDS):
+        found = climb(gains, np.vstack([best.point, others]))
+        others, runs = others[:0], runs + found.evaluations
+        search, d = searched(found.point)
+        attained = ascend_inside(search, d, level, TURNS, law)
+        grown = attained.gain > best.attained.gain * (1.0 + GROWTH) and attained.largest_value <= level
+        if attained.gain > best.attained.gain and attained.largest_value <= level:
+            best = WorstGain(found.point, attained, runs)
+        if not grown:
+            break
+    return WorstGain(best.point, best.attained, runs)

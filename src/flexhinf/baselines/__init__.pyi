@@ -8,8 +8,12 @@ from .equilibrium_law import (
     lqr as lqr,
     lqr_gain as lqr_gain,
 )
-from .feedback_linearisation import FeedbackLinearisation as FeedbackLinearisation, NormalForm as NormalForm
-from .torque_feedback import MotorPD as MotorPD, TorqueFeedback as TorqueFeedback
+from .placed_laws import (
+    FeedbackLinearisation as FeedbackLinearisation,
+    MotorPD as MotorPD,
+    NormalForm as NormalForm,
+    TorqueFeedback as TorqueFeedback,
+)
 from .tuning import (
     Candidate as Candidate,
     Judgement as Judgement,

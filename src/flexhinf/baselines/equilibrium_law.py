@@ -17,11 +17,13 @@ Two laws are here: the LQR of a problem's linear part, which has the problem's o
 from __future__ import annotations
 
 import abc
+from collections import namedtuple
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
+import casadi as ca
 import numpy as np
 
 from flexhinf.errors import InvalidInput, NumericalFailure
@@ -36,20 +38,16 @@ TORQUES = ("link_torque", "motor_torque")
 COUPLING = 1e-9
 
 
-@dataclass(frozen=True, eq=False)
-class ElasticJoints:
-    """Numbers of n elastic joints at an equilibrium, seen from the link side, SI units: M(q*) and ∂G/∂q, (n, n); of
-    the springs as they are there K and D; of the motors J and B, the back-EMF's k_t k_b / R included; and the torque
-    per input, k_t / R, N·m/V, for a voltage, k_t, N·m/A, for a current, 1 for a torque; (n,) each.
-    """
-
-    link_inertia: np.ndarray
-    gravity_slope: np.ndarray
-    stiffness: np.ndarray
-    spring_damping: np.ndarray
-    motor_inertia: np.ndarray
-    motor_damping: np.ndarray
-    torque_per_input: np.ndarray
+#: Numbers of n elastic joints at an equilibrium, seen from the link side, SI units: M(q*) and ∂G/∂q, (n, n); of the
+#: springs as they are there K and D; of the motors J and B, the back-EMF's k_t k_b / R included; and the torque per
+#: input, k_t / R, N·m/V, for a voltage, k_t, N·m/A, for a current, 1 for a torque; (n,) each.
+ElasticJoints = namedtuple(
+    "ElasticJoints",
+    (
+        "link_inertia", "gravity_slope", "stiffness", "spring_damping", "motor_inertia", "motor_damping",
+        "torque_per_input",
+    ),
+)  # fmt: skip
 
 
 def check_joints(plant: Plant) -> int:
@@ -116,8 +114,6 @@ class GravityTorque:
     @cached_property
     def traced(self) -> Any:
         """(q, parameter vector) → G as a CasADi function."""
-        import casadi as ca
-
         plant, n = self.plant, len(self.plant.inputs)
         q, p = ca.SX.sym("q", n), ca.SX.sym("p", plant.parameters.size)
         d = ca.SX.sym("d", len(plant.disturbances))
@@ -130,8 +126,6 @@ class GravityTorque:
     @cached_property
     def _with_rate(self) -> Any:
         """(q, dq, parameter vector) → G, ∂G/∂q q̇ as one CasADi function."""
-        import casadi as ca
-
         n = len(self.plant.inputs)
         q, dq, p = ca.SX.sym("q", n), ca.SX.sym("dq", n), ca.SX.sym("p", self.plant.parameters.size)
         torque = self.traced(q, p)
@@ -142,10 +136,9 @@ class GravityTorque:
         """G(q), (n,), N·m, at the parameter vector p."""
         return apply(self.traced, q, p)[0]
 
-    def torque_and_rate(self, q: Any, dq: Any, p: Any) -> tuple[Any, Any]:
+    def torque_and_rate(self, q: Any, dq: Any, p: Any) -> tuple[Any, ...]:
         """G(q) and its rate ∂G/∂q q̇, (n,) each."""
-        torque, rate = apply(self._with_rate, q, dq, p)
-        return torque, rate
+        return apply(self._with_rate, q, dq, p)
 
     @cached_property
     def key(self) -> str:
@@ -306,6 +299,7 @@ class LinearQuadratic(EquilibriumLaw):
     """
 
     gain: Any
+    law_key: ClassVar[Any] = "linear feedback"  # one text for all numbers
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -315,11 +309,6 @@ class LinearQuadratic(EquilibriumLaw):
     def law_data(self) -> np.ndarray:
         """K, flat."""
         return self.gain.ravel()
-
-    @property
-    def law_key(self) -> str:
-        """One text for all numbers."""
-        return "linear feedback"
 
     def evaluate_law(self, x: Any, data: Any) -> Any:
         """K x on any element."""

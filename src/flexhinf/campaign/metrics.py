@@ -92,7 +92,7 @@ def _update(places: Sequence[Place], kept: Any, now: Instant) -> Any:
     updated = [first, second]
     for k, place in enumerate(places):
         begun, low, high, last_low, last_high = kept[2 + 5 * k : 7 + 5 * k]
-        position, channel = place.position(now), place.command
+        position, channel = getattr(now, place.kind)[place.column], place.command
         initial = where(now.change[channel] > 0.5, now.first[channel], position)
         beyond = position - now.last[channel]
         late = now.step >= second

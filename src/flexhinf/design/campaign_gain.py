@@ -18,8 +18,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf.analysis import Attained, worst_disturbance
-from flexhinf.analysis.search import MovedLaw, worst_gain
-from flexhinf.analysis.worst_disturbance import DisturbanceRuns
+from flexhinf.analysis.worst_disturbance import DisturbanceRuns, MovedLaw, worst_gain
 from flexhinf.campaign import Journal
 from flexhinf.campaign.journal import UNREADABLE
 from flexhinf.certify.evaluation import linear_part

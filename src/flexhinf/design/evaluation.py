@@ -25,7 +25,7 @@ from flexhinf.analysis import (
     standard_noises,
     tolerance_corners,
 )
-from flexhinf.analysis.batch import LawRows
+from flexhinf.analysis.sampled_controller import LawRows
 from flexhinf.design.impulse import ImpulseRuns, impulse_runs, impulse_sizes
 from flexhinf.design.loop_setup import LoopSetup, share_derived
 from flexhinf.design.monte_carlo import MonteCarlo, move_errors, sampled_runs

@@ -10,20 +10,14 @@ import os
 import threading
 from collections import OrderedDict
 from collections.abc import Callable, Hashable
-from dataclasses import dataclass, field
+from types import SimpleNamespace
 from typing import Any
 
 CAPACITY = 128
 
 
-@dataclass
-class _Entry:
-    lock: Any = field(default_factory=threading.RLock)
-    built: bool = False
-    value: Any = None
-
-
-_kept: OrderedDict[Hashable, _Entry] = OrderedDict()
+#: By key: what was built for it, whether it was, and the lock of whoever builds it.
+_kept: OrderedDict[Hashable, Any] = OrderedDict()
 _lock = threading.Lock()  # of the table alone
 
 
@@ -37,7 +31,7 @@ def share(key: Hashable, build: Callable[[], Any]) -> Any:
     except TypeError:
         return build()
     with _lock:
-        entry = _kept.setdefault(key, _Entry())
+        entry = _kept.setdefault(key, SimpleNamespace(lock=threading.RLock(), built=False, value=None))
         _kept.move_to_end(key)
         while len(_kept) > CAPACITY:
             _kept.popitem(last=False)

@@ -46,7 +46,7 @@ def followed(made_controller, run):
     again, active = made_controller.fresh(), []
     for y, r, u in zip(*(run.signals[name] for name in ("output", "reference", "input"))):
         np.testing.assert_allclose(again.step(y, r), u, atol=1e-9)
-        active.append(int(np.argmax(again.memory.named(again._memory).active)))
+        active.append(int(np.argmax(again.memory.named(again._remembered.memory).active)))
     return np.array(active)
 
 
@@ -87,7 +87,7 @@ def followed_by_states(control, run):
     again.reset(input=[0.3, -0.2])
     for x, r in zip(run.signals["state"], run.signals["reference"]):
         again.step(x, r)
-        active.append(int(np.argmax(again.memory.named(again._memory).active)))
+        active.append(int(np.argmax(again.memory.named(again._remembered.memory).active)))
     return np.array(active)
 
 
@@ -122,7 +122,9 @@ def test_between_two_poses_the_hysteresis_keeps_the_law(made, linear):
         run = Loop(plant, control).run(wobble, duration=2.0)
         active = np.array(
             [
-                (control.step(x, r), int(np.argmax(control.memory.named(control._memory).active)))[1]
+                (control.step(x, r), int(np.argmax(control.memory.named(control._remembered.memory).active)))[
+                    1
+                ]
                 for x, r in zip(run.signals["state"], run.signals["reference"])
             ]
         )
@@ -148,7 +150,7 @@ def test_another_law_takes_over_where_it_is_nearer_by_the_hysteresis(made, linea
             control.reset()
             control.step(np.zeros(4), old)
             control.step(np.zeros(4), edge + offset * (old - new))
-            active = control.memory.named(control._memory).active
+            active = control.memory.named(control._remembered.memory).active
             assert control.laws[int(np.argmax(active))].operating_point[0] == (new if taken else old)
 
 
@@ -191,9 +193,9 @@ def test_composed_equals_one_trace(made, linear, cubic, monkeypatch, moving, law
         y = np.full(len(one.measured), 0.05 * k) + 0.01 * rng.normal(size=len(one.measured))
         r = np.full(len(one.commanded), 0.08 * k)
         np.testing.assert_allclose(composed.step(y, r), one.step(y, r), rtol=1e-8, atol=1e-8)
-        seen.add(int(np.argmax(composed.memory.named(composed._memory).active)))
+        seen.add(int(np.argmax(composed.memory.named(composed._remembered.memory).active)))
     assert len(seen) > 1
-    np.testing.assert_allclose(composed._memory, one._memory, rtol=1e-6, atol=1e-8)
+    np.testing.assert_allclose(composed._remembered.memory, one._remembered.memory, rtol=1e-6, atol=1e-8)
 
 
 @pytest.mark.slow
@@ -215,7 +217,9 @@ def test_seven_links_at_two_poses(seven):
         u, _, after = controller_step(*parts, y, r, *named, mode=control.mode)
         memory = control.memory.flat(after)
         np.testing.assert_allclose(control.step(y, r), u, rtol=1e-8, atol=1e-8 * np.abs(u).max())
-        np.testing.assert_array_equal(control.memory.named(control._memory).active, [k < 2, k >= 2])
+        np.testing.assert_array_equal(
+            control.memory.named(control._remembered.memory).active, [k < 2, k >= 2]
+        )
         if k in (0, 2):
             np.testing.assert_allclose(u, last, rtol=1e-11, atol=1e-9)
         last = u

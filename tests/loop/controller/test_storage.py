@@ -72,7 +72,7 @@ def assert_same_steps(one: fh.Controller, other: fh.Controller, count: int = 40)
         r = 0.1 * rng.normal(size=len(one.commanded)) if moving or k % 3 else None
         np.testing.assert_array_equal(other.step(y, r), one.step(y, r))
         np.testing.assert_array_equal(other.estimate, one.estimate)
-        np.testing.assert_array_equal(other._memory, one._memory)
+        np.testing.assert_array_equal(other._remembered.memory, one._remembered.memory)
 
 
 @pytest.mark.oracle

@@ -32,7 +32,7 @@ def arm_laws():
 
 
 def remembered(made_controller):
-    return made_controller.memory.named(made_controller._memory)
+    return made_controller.memory.named(made_controller._remembered.memory)
 
 
 @pytest.mark.oracle
@@ -155,7 +155,7 @@ def test_composed_equals_one_trace(made, arm_laws, monkeypatch, kind, moving):
         np.testing.assert_allclose(composed.step(y, r), u, rtol=1e-8, atol=1e-9)
         if k == 0:
             np.testing.assert_allclose(u, last, atol=1e-9)
-    np.testing.assert_allclose(composed._memory, one._memory, rtol=1e-7, atol=1e-9)
+    np.testing.assert_allclose(composed._remembered.memory, one._remembered.memory, rtol=1e-7, atol=1e-9)
 
 
 @pytest.mark.slow

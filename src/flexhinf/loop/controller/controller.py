@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import os
 from collections.abc import Callable, Sequence
 from functools import cached_property
@@ -24,11 +25,11 @@ from flexhinf.loop.controller.options import (
     dead_zone,
 )
 from flexhinf.loop.controller.step import (
+    FADE,
     STEPS,
     LawCode,
     Mode,
     Source,
-    blend_time,
     controller_step,
     inverse_slope,
 )
@@ -36,7 +37,7 @@ from flexhinf.loop.shared import share
 from flexhinf.notebook import Summarised, names_text, number_text
 from flexhinf.plant import Estimator, Law, python_control
 from flexhinf.scalars import drop_empty, trace
-from flexhinf.validation import value_text
+from flexhinf.validation import checked_positive, value_text
 
 #: Operations up to which a step is one trace: common subexpressions are then shared between all of its parts.
 #: Above, it is composed of pieces in loops.
@@ -136,7 +137,15 @@ class Controller(Summarised):
             self.integral_dead_zone is not None, bool(self.tracked) and bool(np.isfinite(self.windup.limit).any()),
         )  # fmt: skip
         self.first_input = FirstInput(before_first, solution, estimator, self.limits)
-        self.given_fade, self.fade = fade, blend_time(fade, self.mode)
+        if fade is not None and not self.mode.takes_over:
+            raise InvalidInput(
+                "A time constant is given for a bias that never is.",
+                f"expected fade=None for one law that starts from zero, got {value_text(fade)}",
+                "start='bumpless', or a Schedule of several laws",
+            )
+        self.given_fade, self.fade = fade, FADE
+        if fade is not None:
+            self.fade = checked_positive("The time constant of the bias", fade, "seconds", "fade=0.5")
         self.measured = self.states if estimator is None else tuple(estimator.plant.outputs)
         self._places = np.array([self.states.index(name) for name in self.tracked], dtype=int)
         self._sources = [Source.of(name, self.states, self.measured) for name in self.tracked]
@@ -273,22 +282,22 @@ class Controller(Summarised):
             "lower": limits.lower, "upper": limits.upper, "integral_gain": rows(gains),
         }  # fmt: skip
         if estimator is not None:
-            values["parameters"] = estimator.plant.parameters.vector()
             n, p = estimator.plant.n, len(estimator.plant.outputs)
-            values["process_noise"] = _shaped("process_noise", estimator.process_noise, n, n)
-            values["measurement_noise"] = _shaped("measurement_noise", estimator.measurement_noise, p, p)
+            values |= {
+                "parameters": estimator.plant.parameters.vector(),
+                "process_noise": _shaped("process_noise", estimator.process_noise, n, n),
+                "measurement_noise": _shaped("measurement_noise", estimator.measurement_noise, p, p),
+            }
         if mode.takes_over:
-            values["inverse_slope"] = rows([inverse_slope(gain) for gain in gains])
-            values["decay"] = [np.exp(-self.period / self.fade)]
+            inverse = rows([inverse_slope(gain) for gain in gains])
+            values |= {"inverse_slope": inverse, "decay": [np.exp(-self.period / self.fade)]}
         if isinstance(self.law, Schedule) and mode.laws > 1:
             values["closer"] = [1.0 - self.law.hysteresis]
-        if mode.limits_input_rate:
-            values["input_rate"] = limits.rate
+        values |= {"input_rate": limits.rate} if mode.limits_input_rate else {}
         if mode.limits_command:
-            ends = {"command_lower": command.lower, "command_upper": command.upper}
-            values |= {**ends, "command_rate": command.rate}
-        if mode.has_dead_zone:
-            values["integral_dead_zone"] = self.integral_dead_zone
+            lower, upper = command.pair
+            values |= {"command_lower": lower, "command_upper": upper, "command_rate": command.rate}
+        values |= {"integral_dead_zone": self.integral_dead_zone} if mode.has_dead_zone else {}
         if mode.bounds_windup:
             bound = self.windup
             values |= {"windup_line": bound.line, "windup_spread": bound.spread, "windup_limit": bound.limit}
@@ -497,7 +506,7 @@ class Controller(Summarised):
     @property
     def integrals(self) -> np.ndarray:
         """Integrals of the tracking errors after the last step, (k,)."""
-        return self._memory[self.memory.places["integral"]].copy()
+        return self._remembered.memory[self.memory.places["integral"]].copy()
 
     def reset(self, state: Any = None, input: Any = None) -> None:
         """Forget: integrals zero, no command, belief initial, with the mean at `state` (n,) if given.
@@ -517,16 +526,14 @@ class Controller(Summarised):
             raise ControllerInUse
         self._remembered.begin(self.initial_memory(state, input))
 
-    @property
-    def _memory(self) -> np.ndarray:
-        """The memory of the last good sample, (s,): not a copy."""
-        return self._remembered.memory
-
     # Copies and pickles ---------------------------------------------------------------------------
     def __getstate__(self) -> dict[str, Any]:
         """What the controller is made of, and what it remembers: a copy goes on from there, with memory of its own."""
         arguments = {"solution": self.law, "estimator": self.estimator, "period": self.period}
-        return {"arguments": {**arguments, **self._options}, "remembered": self._remembered.state()}
+        return {
+            "arguments": {**arguments, **self._options},
+            "remembered": copy.deepcopy(vars(self._remembered)),
+        }
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__init__(**state["arguments"])

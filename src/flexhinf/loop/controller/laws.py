@@ -54,9 +54,6 @@ class Schedule(Law):
         If the laws do not fit each other, track nothing or share a pose, or the hysteresis is no such number.
     """
 
-    law_data: Any = None
-    law_key: Any = ""
-
     def __init__(self, laws: Sequence[Law], hysteresis: float = 0.1) -> None:
         self.laws = _checked(laws)
         self.hysteresis = real_number(hysteresis)
@@ -69,7 +66,6 @@ class Schedule(Law):
         first = self.laws[0]
         self.state_names, self.input_names = tuple(first.state_names), tuple(first.input_names)
         self.operating_point, self.operating_input = first.operating_point, first.operating_input
-        self.law_data, self.law_key = first.law_data, first.law_key
 
     def acting(self, pose: Any) -> int:
         """Place of the law that acts at a pose, the nearest in the tracked positions, without hysteresis.
@@ -82,6 +78,16 @@ class Schedule(Law):
         places = [self.state_names.index(name) for name in self.tracked]
         points = np.array([np.asarray(law.operating_point, dtype=float)[places] for law in self.laws])
         return int(np.argmin(np.linalg.norm(points - np.asarray(pose, dtype=float)[places], axis=1)))
+
+    @property
+    def law_data(self) -> np.ndarray:
+        """Numbers of the first law."""
+        return self.laws[0].law_data
+
+    @property
+    def law_key(self) -> str:
+        """Of the formula that the laws share."""
+        return self.laws[0].law_key
 
     def evaluate_law(self, x: Any, data: Any) -> Any:
         """k(x), (m,), by the formula that the laws share."""

@@ -15,7 +15,6 @@ the input before the first sample (`Controller.input_before`).
 
 from __future__ import annotations
 
-import copy
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -201,12 +200,9 @@ class StateHistory:
             self.hold_command()
         return True
 
-    def state(self) -> dict[str, Any]:
-        """Everything that is remembered, for `restore`; arrays are copies."""
-        return copy.deepcopy(vars(self))
-
     def restore(self, state: Mapping[str, Any]) -> None:
-        """Remember what another one of this size did; the arrays that the compiled step writes stay."""
+        """Remember what another one of this size did, its attributes; the arrays that the compiled step writes
+        stay."""
         for name, part in state.items():
             if isinstance(part, np.ndarray):
                 getattr(self, name)[:] = part

@@ -29,7 +29,7 @@ from flexhinf.plant import Estimator, Law
 from flexhinf.polynomial import basis
 from flexhinf.polynomial.algebra import PolynomialLaw
 from flexhinf.scalars import absolute, clip, jacobian, where
-from flexhinf.validation import checked_positive, value_text
+from flexhinf.validation import value_text
 
 #: Coefficients from which a polynomial law is a table. Below, its text as one piece is faster.
 TABLE = 500
@@ -232,8 +232,7 @@ def controller_step(
     about: Any = None
     if mode.moving and law.law.depends_on_reference:
         # In memory of its own: loops inside a sample may read it.
-        n = len(estimate)
-        about = run.call(lambda r: (r[:n], r[n:]), r)
+        about = run.call(partial(_state_and_input, len(estimate)), r)
     law_of = law.on(run, data.law, active, about)
     feedback = law_of(deviation)
     after = {"position": position, "reference": requested, "command": r, "active": active}
@@ -275,11 +274,8 @@ def _deviation(tracked: Sequence[Source], moving: bool, *arrays: Any) -> tuple[A
         error = error - clip(error, -zone, zone)
     growth = started * period * error
     integral = integral + growth
-    if moving:
-        deviation = np.concatenate([np.asarray(estimate) - others[0][:n], integral - point[n:]])
-    else:
-        deviation = np.concatenate([np.asarray(estimate), integral]) - point
-    return position, growth, integral, deviation
+    centre = np.concatenate([others[0][:n], point[n:]]) if moving else point
+    return position, growth, integral, np.concatenate([np.asarray(estimate), integral]) - centre
 
 
 def _positions(tracked: Sequence[Source], y: Any, estimate: Any) -> np.ndarray:
@@ -340,21 +336,6 @@ FLAT = 1e-9
 ROUNDING = 1e-14
 
 
-def blend_time(fade: Any, mode: Mode) -> float:
-    """The time constant of the bias, s; refused if it is not positive, or given though no law ever takes over."""
-    if fade is not None and not mode.takes_over:
-        raise InvalidInput(
-            "A time constant is given for a bias that never is.",
-            f"expected fade=None for one law that starts from zero, got {value_text(fade)}",
-            "start='bumpless', or a Schedule of several laws",
-        )
-    return (
-        FADE
-        if fade is None
-        else checked_positive("The time constant of the bias", fade, "seconds", "fade=0.5")
-    )
-
-
 def inverse_slope(slope: np.ndarray) -> np.ndarray:
     """Least-squares inverse (k, m) of ∂u/∂e (m, k) at the operating point."""
     return np.linalg.pinv(slope, rcond=FLAT)
@@ -376,20 +357,24 @@ def bumpless_transfer(
     n = deviation.shape[0] - growth.shape[0]
     misfit, errors = wanted, deviation[n:]
 
-    def trial_of(states: Any, errors: Any, inverse: Any, misfit: Any) -> Any:
+    def trial(states: Any, errors: Any, inverse: Any, misfit: Any) -> Any:
         return np.concatenate([states, errors + inverse @ misfit])
 
     with run.when(taken):
         misfit = run.call(np.subtract, wanted, feedback)
 
         def step(errors: Any, misfit: Any, inverse: Any) -> tuple[Any, Any, Any]:
-            trial = run.call(trial_of, deviation[:n], errors, inverse, misfit)
-            return run.call(_better, errors, misfit, inverse, trial, law(trial), wanted)
+            tried = run.call(trial, deviation[:n], errors, inverse, misfit)
+            return run.call(_better, errors, misfit, inverse, tried, law(tried), wanted)
 
         if growth.shape[0]:
             errors, misfit, _ = run.repeat(STEPS, step, errors, misfit, inverse)
     parts = (taken, feedback, wanted, misfit, errors, growth, bias, deviation, point, decay)
     return run.call(partial(_joined, n), *parts)
+
+
+def _state_and_input(states: int, r: Any) -> tuple[Any, Any]:
+    return r[:states], r[states:]
 
 
 def _better(

@@ -1,1 +1,1 @@
-"""Commands, disturbances and noise as functions of time, and as samples of a run."""
+"""Commands and disturbances as functions of time."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -159,9 +159,8 @@ class JerkLimited:
 
         An order above 3, or 4 with smoothing, is refused: the next derivative is not finite.
         """
-        bound = (3, "its jerk jumps", "JerkLimited(..., smoothing=0.05)")
-        if self.smoothing:
-            bound = (4, "its snap jumps", "an order of at most 4")
+        smooth = (4, "its snap jumps", "an order of at most 4")
+        bound = smooth if self.smoothing else (3, "its jerk jumps", "JerkLimited(..., smoothing=0.05)")
         orders = range(checked_order(order, "jerk-limited motion", *bound) + 1)
         since = np.asarray(t, dtype=float) - self.at
         several = any(isinstance(getattr(self, name), tuple) for name in ("start", "goal", *LIMITS))
@@ -212,6 +211,7 @@ DEGREE = 9
 class _Sampled:
     times: Any
     values: Any
+    derivatives: ClassVar[Any]
 
     def __post_init__(self) -> None:
         for name, array in zip(("times", "values"), checked_samples(self.times, self.values, smooth=True)):
@@ -219,10 +219,6 @@ class _Sampled:
 
     def __call__(self, t: Any) -> Any:
         return self.derivatives(t, 0)[0]
-
-    def derivatives(self, t: Any, order: int = 4) -> Any:
-        """The value and its time derivatives, (order + 1, …)."""
-        raise NotImplementedError
 
     @property
     def duration(self) -> float:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -36,19 +36,6 @@ from flexhinf.validation import value_text
 
 #: How a run ends that was stopped before its last sample.
 STOPPED = -1
-
-
-class Stepped(Protocol):
-    """What is stepped: a `Controller`, or what has the same signals."""
-
-    def step(self, y: Any, reference: Any) -> np.ndarray:
-        """Input (m,) for a measurement (p,) and a command (k,)."""
-        ...
-
-    @property
-    def estimate(self) -> np.ndarray:
-        """Of the last step, (n,)."""
-        ...
 
 
 class Pacing(NamedTuple):
@@ -297,12 +284,12 @@ class Loop(Summarised):
         return self.run_paced(AT_ONCE, **settings)
 
     def run_paced(
-        self, pacing: Pacing, stepped: Stepped | None = None, reference: Any = None, disturbance: Any = None,
+        self, pacing: Pacing, stepped: Any = None, reference: Any = None, disturbance: Any = None,
         noise: Any = None, duration: float = 8.0, initial_state: Any = None, seed: int = 0, initial_input: Any = None,
         *, multi_turn: bool = False,
     ) -> Trajectory:  # fmt: skip
-        """As `run` on a black box (another plant is refused), its samples made when `pacing` says so; `stepped` is
-        stepped instead of the controller, as it is. A run that `pacing` ends stops before that sample."""
+        """As `run` on a black box (another plant is refused), its samples made when `pacing` says so. What is `stepped`
+        is stepped as it is, instead of the controller. A run that `pacing` ends stops before that sample."""
         box, controller, channel = self.true_plant, self.controller, self.channel
         if not isinstance(box, BlackBox):
             raise InvalidInput(
@@ -465,6 +452,7 @@ class Loop(Summarised):
         settings = {
             "reference": signal_name(reference), "disturbance": signal_name(disturbance),
             "noise": "none" if noise is None else str(noise), "seed": 0,
-            "period": controller.period, "sub_steps": 0, **self.channel.settings(),
+            "period": controller.period, "sub_steps": 0, "quantisation": list(self.channel.quanta) or "none",
+            "input_delay_samples": self.channel.delay,
         }  # fmt: skip
         return times, commands, settings

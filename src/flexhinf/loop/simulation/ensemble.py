@@ -9,11 +9,12 @@ that of a single run, and their signals are reduced afterwards, to the same bits
 
 from __future__ import annotations
 
+from collections import namedtuple
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -135,14 +136,9 @@ def zeros(size: int) -> np.ndarray:
     return values
 
 
-class Recorded(NamedTuple):
-    """What N runs leave behind: code and last sample of their `Status` (N,), what the reductions remember (k, N), and
-    signals at some samples (N, T, j), NaN after the last one of a run that failed."""
-
-    codes: np.ndarray
-    steps: np.ndarray
-    remembered: np.ndarray
-    kept: np.ndarray
+#: What N runs leave behind: code and last sample of their `Status` (N,), what the reductions remember (k, N), and
+#: signals at some samples (N, T, j), NaN after the last one of a run that failed.
+Recorded = namedtuple("Recorded", ("codes", "steps", "remembered", "kept"))
 
 
 @dataclass(frozen=True, eq=False)
@@ -201,29 +197,23 @@ class Ensemble:
         """
         plants = self._plants(parameters, seeds, initial_states, loads, initial_inputs)
         threads = THREADS if threads is None else threads
-        if lanes is None and self._few(plants):
-            found = self._alone(plants, threads)
-        else:
-            found = self._in_lanes(plants, LANES if lanes is None else lanes, threads)
+        few = lanes is None and self._few(plants)
+        found = self._alone(plants, threads) if few else self._in_lanes(plants, lanes or LANES, threads)
         failed = found.codes != 0
         diverged_at = np.where(failed, found.steps * self.command.period, np.nan)
         found.remembered[:, failed] = np.nan
-        start, results = 0, []
+        ends = np.cumsum([len(reduction.start) for reduction in self.reductions])[:-1]
+        remembered, results = iter(np.split(found.remembered, ends)), []
         for several in (*self.tracking.values(), self.common):
-            named: dict[str, np.ndarray] = {}
-            for reduction in several:
-                some = found.remembered[start : start + len(reduction.start)]
-                named |= reduction.result(some, self.command)
-                start += len(reduction.start)
-            named = {name: np.array(values, dtype=float) for name, values in named.items()}
-            for values in named.values():
+            named = [reduction.result(next(remembered), self.command) for reduction in several]
+            results.append({key: np.array(row, dtype=float) for part in named for key, row in part.items()})
+            for values in results[-1].values():
                 values[failed] = np.nan
-            results.append(named)
         *by_state, common = results
-        tracked = dict(zip(self.tracking, by_state))
         return EnsembleResult(
-            found.codes, diverged_at, plants.parts, tuple(self.tracking), tracked, common, found.kept
-        )
+            found.codes, diverged_at, plants.parts, tuple(self.tracking), dict(zip(self.tracking, by_state)), common,
+            found.kept,
+        )  # fmt: skip
 
     def trajectories(
         self,
@@ -255,9 +245,11 @@ class Ensemble:
             found = whole._in_lanes(some, LANES, THREADS, disturbances)
             for k, row in enumerate(found.kept):
                 recorded = dict(zip(names, np.split(row, ends, axis=1)))
-                acting = np.zeros((len(times), len(self.plant.disturbances)))
-                if disturbances:
-                    acting = disturbances[int(some.parts[k])][:, 0, 0] * some.own["load"][k]
+                acting = (
+                    disturbances[int(some.parts[k])][:, 0, 0] * some.own["load"][k]
+                    if disturbances
+                    else np.zeros((len(times), len(self.plant.disturbances)))
+                )
                 signals = {kind: recorded[kind] for kind in ("state", "estimate", "output", "input")}
                 signals |= {"reference": self.commands, "disturbance": acting}
                 yield Trajectory.until(

@@ -17,6 +17,7 @@ part of the result.
 from __future__ import annotations
 
 import math
+from collections import namedtuple
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
@@ -152,13 +153,9 @@ def steady_state_error(position: np.ndarray, reference: np.ndarray) -> float:
     return float(np.abs(tail_of(position - reference)).max())
 
 
-@dataclass(frozen=True)
-class LimitCycle:
-    """An oscillation that does not die out: half of the distance between its extremes, and its frequency, Hz, None
-    where there is not one whole period."""
-
-    amplitude: float
-    frequency: float | None
+#: An oscillation that does not die out: half of the distance between its extremes, and its frequency, Hz, None where
+#: there is not one whole period.
+LimitCycle = namedtuple("LimitCycle", ("amplitude", "frequency"))
 
 
 def limit_cycle(time: np.ndarray, position: np.ndarray) -> LimitCycle:
@@ -209,14 +206,12 @@ class Command:
         steps = np.all(tail_of(commands) == commands[-1], axis=0)
         return cls(period, len(commands), commands[0], commands[-1], change, steps)
 
-    @property
-    def tail(self) -> int:
-        """First sample of the last tenth of the run."""
-        return self.samples - len(tail_of(np.empty(self.samples), TAIL))
-
     def vector(self) -> np.ndarray:
         """What a kernel is given of it, (1 + 3r,): the tail, first, last and change."""
-        return np.concatenate([[self.tail], self.first, self.last, self.change])
+        tail = self.samples - len(
+            tail_of(np.empty(self.samples))
+        )  # first sample of the last tenth of the run
+        return np.concatenate([[tail], self.first, self.last, self.change])
 
 
 @dataclass(frozen=True)
@@ -306,53 +301,13 @@ class EnsembleResult:
         return {key: known.get(key) if self.completed[k] else None for key in row}
 
 
-def update_all(reductions: Sequence[Reduction], remembered: Any, now: Instant) -> Any:
-    """What all reductions remember, one behind the other, after a sample."""
-    parts, start = [], 0
-    for reduction in reductions:
-        size = len(reduction.start)
-        parts.append(np.asarray(reduction.update(remembered[start : start + size], now)))
-        start += size
-    return np.concatenate(parts)
-
-
-@dataclass(frozen=True)
-class Place:
-    """Signal ("state", "output" or "estimate") and column of the true value of a tracked state, and its column of the
-    command."""
-
-    kind: str
-    column: int
-    command: int
-
-    def position(self, now: Instant) -> Any:
-        """Its value."""
-        return getattr(now, self.kind)[self.column]
-
-
-def tracking_reductions(place: Place) -> tuple[Reduction, Reduction]:
-    """The metrics of `Trajectory.metrics` that are about one tracked state; means of squares to their rounding."""
-    step = Reduction(_STEP_START, partial(_step, place), partial(_step_metrics, place), ("step", place))
-    return step, Reduction((0.0, 0.0), partial(_error, place), _error_metrics, ("error", place))
-
-
-def common_reductions(known: Sequence[tuple[int, int]]) -> tuple[Reduction, Reduction]:
-    """The other metrics of `Trajectory.metrics`; `known` are the columns, in the estimate and in the true state, of
-    each estimated state whose true value is known."""
-    pairs = tuple(known)
-    peak = Reduction((0.0,), _peak, _peak_metric)
-    return peak, Reduction((0.0,) * len(pairs), partial(_estimation, pairs), _rms, ("estimation", pairs))
-
+#: Signal ("state", "output" or "estimate") and column of the true value of a tracked state, and its column of the
+#: command.
+Place = namedtuple("Place", ("kind", "column", "command"))
 
 #: Initial position, largest and smallest distance beyond the final command, last sample outside of the settling band,
 #: fraction of the step at the sample before; for each level of the rise its sample, and the fraction then and before.
 _STEP_START = (0.0, -np.inf, np.inf, -1.0, 0.0, *(-1.0, 0.0, 0.0) * len(RISE))
-
-
-def _step(place: Place, kept: Any, now: Instant) -> Any:
-    position, channel = place.position(now), place.command
-    initial = where(now.step > 0.5, kept[0], where(now.change[channel] > 0.5, now.first[channel], position))
-    return _stepped(kept, now.step, position, (initial, now.last[channel], now.change[channel]))
 
 
 def _stepped(kept: Any, step: Any, position: Any, shape: tuple[Any, Any, Any]) -> Any:
@@ -371,16 +326,8 @@ def _stepped(kept: Any, step: Any, position: Any, shape: tuple[Any, Any, Any]) -
     return np.array([initial, high, low, outside, way, *found])
 
 
-def _step_metrics(place: Place, kept: np.ndarray, command: Command) -> dict[str, np.ndarray]:
-    """NaN where the command is no step, or of no height; infinite where the run does not settle or rise."""
-    height = command.last[place.command] - kept[0]
-    found = _stepped_metrics(kept, height, command.change[place.command], command)
-    step = (height != 0.0) & command.steps[place.command]
-    return {name: np.where(step, values, np.nan) for name, values in found.items()}
-
-
 def _stepped_metrics(
-    kept: np.ndarray, height: np.ndarray, start: float, command: Command
+    kept: np.ndarray, height: np.ndarray, start: Any, command: Command
 ) -> dict[str, np.ndarray]:
     _, high, low, outside, _, *crossings = kept
     period = command.period
@@ -397,11 +344,44 @@ def _stepped_metrics(
     return {"overshoot_percent": overshoot, "settling_time_s": settling, "rise_time_s": rise}
 
 
+# What reductions call are functions of this module, so that an ensemble can be pickled.
+def tracking_reductions(place: Place) -> tuple[Reduction, Reduction]:
+    """The metrics of `Trajectory.metrics` that are about one tracked state; means of squares to their rounding."""
+    return (
+        Reduction(_STEP_START, partial(_step, place), partial(_step_metrics, place), ("step", place)),
+        Reduction((0.0, 0.0), partial(_error, place), _error_metrics, ("error", place)),
+    )
+
+
 def step_reduction(state: int, begin: float, end: float) -> Reduction:
     """`flexhinf.loop.step_metrics` of a true state (its column) that steps from `begin` to another `end` at once,
     whatever the command; both are data, not code."""
     start = (begin, *_STEP_START[1:], end)
     return Reduction(start, partial(_fixed_step, state), _fixed_step_metrics, ("fixed step", state))
+
+
+def common_reductions(known: Sequence[tuple[int, int]]) -> tuple[Reduction, Reduction]:
+    """The other metrics of `Trajectory.metrics`; `known` are the columns, in the estimate and in the true state, of
+    each estimated state whose true value is known."""
+    pairs = tuple(known)
+    return (
+        Reduction((0.0,), _peak, _peak_metric),
+        Reduction((0.0,) * len(pairs), partial(_estimation, pairs), _rms, ("estimation", pairs)),
+    )
+
+
+def _step(place: Place, kept: Any, now: Instant) -> Any:
+    position, channel = getattr(now, place.kind)[place.column], place.command
+    initial = where(now.step > 0.5, kept[0], where(now.change[channel] > 0.5, now.first[channel], position))
+    return _stepped(kept, now.step, position, (initial, now.last[channel], now.change[channel]))
+
+
+def _step_metrics(place: Place, kept: np.ndarray, command: Command) -> dict[str, np.ndarray]:
+    """NaN where the command is no step, or of no height; infinite where the run does not settle or rise."""
+    height = command.last[place.command] - kept[0]
+    values_by_name = _stepped_metrics(kept, height, command.change[place.command], command)
+    step = (height != 0.0) & command.steps[place.command]
+    return {name: np.where(step, values, np.nan) for name, values in values_by_name.items()}
 
 
 def _fixed_step(state: int, kept: Any, now: Instant) -> Any:
@@ -414,7 +394,7 @@ def _fixed_step_metrics(kept: np.ndarray, command: Command) -> dict[str, np.ndar
 
 
 def _error(place: Place, kept: Any, now: Instant) -> Any:
-    error = place.position(now) - now.reference[place.command]
+    error = getattr(now, place.kind)[place.column] - now.reference[place.command]
     late = where(now.step >= now.tail, maximum(kept[0], abs(error)), kept[0])
     return np.array([late, kept[1] + error * error])
 
@@ -457,14 +437,9 @@ FITS = 0.1
 LASTING = 2.0
 
 
-@dataclass(frozen=True)
-class Oscillation:
-    """One decaying oscillation in one run: |log λ| / 2π, Hz; −Re/|·| of its exponent, negative where it grows; and its
-    amplitude just after the impulse, over the peak of the watched signal in which it is largest."""
-
-    frequency: float
-    damping: float
-    share: float
+#: One decaying oscillation in one run: |log λ| / 2π, Hz; −Re/|·| of its exponent, negative where it grows; and its
+#: amplitude just after the impulse, over the peak of the watched signal in which it is largest.
+Oscillation = namedtuple("Oscillation", ("frequency", "damping", "share"))
 
 
 @dataclass(frozen=True, eq=False)
@@ -520,10 +495,8 @@ def ring_down(runs: Sequence[np.ndarray], watched: Sequence[Sequence[int]], peri
     lasting = (exponents.imag > 0.0) & (exponents.real > -1.0 / (LASTING * period))
     oscillations, error, rests = [], 0.0, True
     for run, places in zip(runs, watched):
-        begin, columns = (
-            np.linalg.lstsq(vectors, right @ (run[0] / scale) + 0j, rcond=None)[0],
-            run[:, list(places)],
-        )
+        columns = run[:, list(places)]
+        begin = np.linalg.lstsq(vectors, right @ (run[0] / scale) + 0j, rcond=None)[0]
         parts = shapes[list(places)] * begin
         peaks = np.maximum(np.abs(columns).max(axis=0), 1e-300)
         share = 2.0 * (np.abs(parts) / peaks[:, None]).max(axis=0)

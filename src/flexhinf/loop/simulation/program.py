@@ -28,7 +28,7 @@ from flexhinf.codegen.program import Step
 from flexhinf.errors import InvalidInput
 from flexhinf.loop.controller.controller import Controller
 from flexhinf.loop.shared import share
-from flexhinf.loop.simulation.metrics import Instant, Reduction, update_all
+from flexhinf.loop.simulation.metrics import Instant, Reduction
 from flexhinf.plant import Plant, rk4_step
 from flexhinf.scalars import drop_empty, trace
 from flexhinf.validation import real_array, real_number, value_text
@@ -97,10 +97,6 @@ class Channel:
         rounded = [q * np.floor(value / q + 0.5) if q > 0.0 else value for value, q in zip(y, self.quanta)]
         return np.array(rounded)
 
-    def settings(self) -> dict[str, Any]:
-        """For the record of a run."""
-        return {"quantisation": list(self.quanta) or "none", "input_delay_samples": self.delay}
-
 
 #: Nothing in between.
 DIRECT = Channel((), 0)
@@ -140,15 +136,9 @@ def measure_function(plant: Plant, controller: Controller, channel: Channel = DI
     return trace(measure, *sizes, name="measure")
 
 
-@dataclass(frozen=True)
-class EnsembleOptions:
-    """Whether a program of many runs has measurement noise, a disturbance and a delay of the inputs, and which signals
-    it records at every sample: "state", "output", "estimate" or "input", and the column."""
-
-    noisy: bool
-    disturbed: bool
-    delayed: bool
-    kept: tuple[tuple[str, int], ...]
+#: Whether a program of many runs has measurement noise, a disturbance and a delay of the inputs, and which signals it
+#: records at every sample: "state", "output", "estimate" or "input", and the column.
+EnsembleOptions = namedtuple("EnsembleOptions", ("noisy", "disturbed", "delayed", "kept"))
 
 
 class _Buffers(dict[str, Buffer]):
@@ -319,7 +309,10 @@ def _reduce_function(sizes: LoopSizes, reductions: Sequence[Reduction]) -> ca.Fu
     def reduce(step: Any, kept: Any, x: Any, estimate: Any, y: Any, u: Any, command: Any, facts: Any) -> Any:
         rows = (facts[1 + k * r : 1 + (k + 1) * r] for k in range(3))
         now = Instant(step[0], x, estimate, y, u, command, facts[0], *rows)
-        return (update_all(reductions, kept, now), step + 1.0) if reductions else step + 1.0
+        if not reductions:
+            return step + 1.0
+        remembered = zip(reductions, np.split(kept, np.cumsum([len(one.start) for one in reductions])[:-1]))
+        return np.concatenate([np.asarray(one.update(part, now)) for one, part in remembered]), step + 1.0
 
     widths = (1, _remembered(reductions), sizes.x, sizes.estimate, sizes.y, sizes.u, r, 1 + 3 * r)
     return trace(reduce, *widths, name="reduce")

@@ -125,10 +125,8 @@ class Trajectory(Summarised):
 
     def tracked(self, name: str) -> np.ndarray:
         """The true value of a tracked state (N,): of the plant, or as measured where its state is hidden."""
-        for kind in ("state", "output", "estimate"):
-            if name in self.names.get(kind, ()):
-                return self.signal(kind, name)
-        return self.signal("state", name)
+        kinds = (kind for kind in ("state", "output", "estimate") if name in self.names.get(kind, ()))
+        return self.signal(next(kinds, "state"), name)
 
     def metrics(self, name: str | None = None) -> dict[str, Any]:
         """Metrics of the first (or the named) tracked state, or state of a moving reference; where nothing, or not
@@ -225,9 +223,8 @@ class Trajectory(Summarised):
 def _rms(errors: np.ndarray) -> float:
     """Root of the mean square, of numbers whose squares are not finite too."""
     largest = float(np.abs(errors).max())
-    if largest == 0.0 or not np.isfinite(largest):
-        return largest
-    return largest * float(np.sqrt(np.mean((errors / largest) ** 2)))
+    fine = 0.0 < largest < np.inf
+    return largest * float(np.sqrt(np.mean((errors / largest) ** 2))) if fine else largest
 
 
 def _csv_cell(text: str) -> str:
