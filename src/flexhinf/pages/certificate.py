@@ -15,8 +15,8 @@ from flexhinf.certify.pictures import Slice
 from flexhinf.certify.theorem import AUTHOR, common_unit, persistent_bound, theorem_parts
 from flexhinf.design.certification import CertifiedDegree, Evidence
 from flexhinf.design.specification import Specification
+from flexhinf.pages.design.region import RULES
 from flexhinf.pages.drawing import DASHED, figure_block, law_name, reference_line, thin
-from flexhinf.pages.proof import RULES
 from flexhinf.report import (
     INK,
     MUTED,

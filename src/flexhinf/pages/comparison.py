@@ -7,10 +7,15 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.design.criterion import RATIOS, unstable_corners
-from flexhinf.design.laws import DEFAULT_LAWS, DESIGN, NL_HINF
+from flexhinf.design.laws import DEFAULT_LAWS, DESIGN, NL_HINF, is_hinf
 from flexhinf.design.result import Comparison
-from flexhinf.design.tuning import TunedLaw, best_rival, is_hinf, ranked, trade_offs
+from flexhinf.design.tuning import (
+    RATIOS,
+    TunedLaw,
+    best_rival,
+    ranked,
+    unstable_corners,
+)
 from flexhinf.pages.design.frequency import Loop, frequency_figures
 from flexhinf.pages.design.laws import (
     FIGURES,
@@ -164,7 +169,7 @@ def comparison_page(
         (x.label.rstrip(","), f"{'≥' if x.least else '≤'} {number(x.value, 3)} {x.unit}".strip(), x.origin)
         for x in comparison.criterion.limits
     ]
-    trade_off = trade_off_figure(comparison, trade_offs(tuned_laws(comparison), comparison.criterion))
+    trade_off = trade_off_figure(comparison, tuned_laws(comparison))
     blocks: dict[tuple[str, str], Sequence[Any]] = {
         ("criterion", "Laws by the criterion"): (
             Table(("limit for every law", "value", "stated by"), limits, id="table-limits"), Paragraph(RANKING),
