@@ -85,7 +85,7 @@ def ours_of(comparison: Comparison) -> TunedLaw:
     design = comparison.own.tuned
     assert design is not None
     return min(
-        [*[law for law in ranked(tuned_laws(comparison)) if is_hinf(law.name)], design],
+        [*(law for law in ranked(tuned_laws(comparison)) if is_hinf(law.name)), design],
         key=lambda law: law.cost,
     )
 

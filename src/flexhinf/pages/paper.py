@@ -99,12 +99,9 @@ FIRST_PART = 6.0
 # Drawings ----------------------------------------------------------------------------------------------
 def positions(run: Trajectory) -> tuple[np.ndarray, np.ndarray | None]:
     """The link position as measured and as estimated, degrees; no estimate where the true state is fed back."""
-    estimate = (
-        None
-        if (run.names["output"] == run.names["estimate"])
-        else np.degrees(run.signal("estimate", "link_position"))
-    )
-    return np.degrees(run.signal("output", "link_position")), estimate
+    same = run.names["output"] == run.names["estimate"]
+    measured, estimate = (np.degrees(run.signal(kind, "link_position")) for kind in ("output", "estimate"))
+    return measured, None if same else estimate
 
 
 def draw_laws(runs: Mapping[str, Trajectory], voltage: bool = False, step: float | None = None) -> str:
