@@ -303,10 +303,11 @@ def _worst_figure(judged: CampaignJudgement, case: WorstCase, runs: PlantRun) ->
     signal = max(names, key=lambda name: float(np.abs(worst.tracked(name) - nominal.tracked(name)).max()))
     moved = np.abs(worst.signals["input"] - nominal.signals["input"]).max(axis=0)
     u = worst.names["input"][int(np.argmax(moved))]
-    kinds = ((signal, "state"), (signal, "state"), (u, "input"))
-    units = (dict(zip(worst.names[kind], worst.units[kind])).get(name, "") for name, kind in kinds)
-    titles = (name.replace("_", " ") for name, _ in kinds)
-    figure, axes = new_figure(3, labels=list(zip(titles, units)))
+    labels = [
+        (name.replace("_", " "), dict(zip(worst.names[kind], worst.units[kind])).get(name, ""))
+        for name, kind in ((signal, "state"), (signal, "state"), (u, "input"))
+    ]
+    figure, axes = new_figure(3, labels=labels)
     for (name, run), style in zip(drawn.items(), (_COLOURED[1], _BLACK, _COLOURED[0])):
         for axis, values in zip(axes, (run.tracked(signal), run.tracked(signal), run.signal("input", u))):
             axis.plot(run.time, values, label=name, **style)
@@ -463,10 +464,8 @@ def _sensitivities(judged: CampaignJudgement) -> list[Any]:
         axis.grid(axis="y", visible=False)
         axis.set_title(f"{metric_text(name)}, R² {number(one.r_squared, 2)}", fontsize=9)
     legend_above(figure, axes[0], 2)
-    first, low = (
-        next(iter(found.values())),
-        [metric_text(n) for n, one in found.items() if one.r_squared < 0.5],
-    )
+    first = next(iter(found.values()))
+    low = [metric_text(name) for name, one in found.items() if one.r_squared < 0.5]
     notes = [Note(f"The ranking says little for {', '.join(low)}: R² is less than half.")] if low else []
     caption = (
         f"Sobol indices by SciPy of {first.terms} in the numbers, fitted to {first.count} samples: of this surrogate, "
