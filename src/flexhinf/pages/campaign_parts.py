@@ -364,10 +364,8 @@ def pair_verdict(result: PairResult) -> str:
     if not paired.main:
         return f"{text}."
     one = paired.metric(paired.main)
-    medians, better = (
-        [value_text(x, one.unit) for x in one.medians],
-        [percent_text(x.rate) for x in one.better],
-    )
+    medians = [value_text(median, one.unit) for median in one.medians]
+    better = [percent_text(share.rate) for share in one.better]
     return (
         f"{text}; median {metric_text(one.name)} {medians[0]} with A, {medians[1]} with B; the difference B − A is "
         f"{_signed(one.median, one.unit)} at the median ({_interval_text(result, one)}); A is better in {better[0]} of "

@@ -120,11 +120,8 @@ def _beats_linear_about_the_goal(setup: PaperSetup) -> Finding:
         for about, pose in (("the hanging rest", 0.0), ("the goal", goal)):
             runs = []
             for law, name in LAWS.items():
-                solution, period = (
-                    setup.law(degree=(2 if law == "linear" else setup.settings.degree), pose=pose),
-                    setup.settings.period,
-                )
-                loop = setup.loop(solution, inductance=True)
+                solution = setup.law(degree=2 if law == "linear" else setup.settings.degree, pose=pose)
+                loop, period = setup.loop(solution, inductance=True), setup.settings.period
                 controller = Controller(solution, loop.controller.estimator, period, start="bumpless")
                 run = Loop(loop.true_plant, controller).run(
                     Step(goal), None, setup.deviation(loop), STEP_DURATION, rest, setup.settings.seed, held
