@@ -27,7 +27,7 @@ from flexhinf.cli import main
 from flexhinf.cli.arguments import design_file_of
 from flexhinf.design.campaign_folder import stored_campaign, stored_request
 from flexhinf.design.campaign_gain import stored_gains
-from flexhinf.pages.campaign_text import percent_text
+from flexhinf.pages.campaign_parts import percent_text
 
 pytest.importorskip("pyarrow")
 

@@ -1,17 +1,19 @@
 """The room's public names and the files that they come from; read when a name is first used."""
 
 from .campaign import write_campaign as write_campaign
-from .campaign_pair import pair_table as pair_table, pair_verdict as pair_verdict, write_pair as write_pair
-from .campaign_text import (
+from .campaign_parts import (
     campaign_verdict as campaign_verdict,
     gain_replay_table as gain_replay_table,
     gain_text as gain_text,
     metric_text as metric_text,
     missed_by as missed_by,
+    pair_table as pair_table,
+    pair_verdict as pair_verdict,
     replay_command as replay_command,
     replay_table as replay_table,
     worst_table as worst_table,
     worst_text as worst_text,
+    write_pair as write_pair,
 )
 from .certificate import (
     certificate_page as certificate_page,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,16 +19,17 @@ from flexhinf.campaign import (
 from flexhinf.campaign.batches import PART, TRACE
 from flexhinf.campaign.metrics import COMPLETED, DIVERGED, NOT_RUN, UNDAMPED, UNSTABLE
 from flexhinf.design.campaign_gain import GainResults, stored_gains
-from flexhinf.files import write_file
 from flexhinf.loop import Trajectory
-from flexhinf.pages.campaign_text import (
+from flexhinf.pages.campaign_parts import (
     METRIC_LABELS,
     NO_LIMIT,
     SPREAD,
     by_effect,
     campaign_verdict,
+    few_ticks,
     found_text,
     gain_changes,
+    histogram,
     interval_text,
     limit_text,
     metric_text,
@@ -39,14 +39,15 @@ from flexhinf.pages.campaign_text import (
     replay_command,
     sample_changes,
     share_text,
+    small_panels,
     square_text,
     unbroken,
     unstable_text,
     value_text,
     worst_text,
+    write_page,
 )
-from flexhinf.pages.design.step import histogram_bins
-from flexhinf.pages.drawing import DASHED, figure_block, legend_above, panels
+from flexhinf.pages.drawing import DASHED, figure_block, legend_above
 from flexhinf.report import (
     INK,
     SERIES,
@@ -62,7 +63,6 @@ from flexhinf.report import (
     Status,
     Table,
     house_style,
-    label,
     legend,
     new_figure,
     number,
@@ -130,8 +130,9 @@ def write_campaign(
     }
     for name, value in settings.items():
         head = next((head for head in heads if name.startswith(head)), "")
-        label_text = name if head == "true robot " else name.removeprefix(head)
-        groups[heads.get(head, "Campaign")].append(Setting(label_text, value))
+        groups[heads.get(head, "Campaign")].append(
+            Setting(name if head == "true robot " else name.removeprefix(head), value)
+        )
     page = Page(
         journal.about.get("title", "Campaign"), request, f"{campaign_verdict(judged)}{search}",
         tuple(section for section in parts if section.blocks),
@@ -141,13 +142,6 @@ def write_campaign(
     )  # fmt: skip
     write_page(journal.folder, "report of the campaign", page)
     return judged
-
-
-def write_page(folder: Path, what: str, page: Page) -> Path:
-    """Write index.html of a folder, whole or not at all; returns its path."""
-    text, path = page.html(), folder / "index.html"
-    write_file(path, what, lambda name: Path(name).write_text(text, encoding="utf-8"))
-    return path
 
 
 def _key_numbers(judged: CampaignJudgement) -> list[KeyNumber]:
@@ -169,7 +163,6 @@ def _key_numbers(judged: CampaignJudgement) -> list[KeyNumber]:
 
 
 def _statuses(judged: CampaignJudgement, cases: Sequence[WorstCase], gains: GainResults) -> list[Status]:
-    """How many samples fail, which requirements the worst robot misses, and gains that no theorem allows."""
     missed = [f"{judged.failures} of {judged.count} samples fail."] if judged.failures else []
     missed += [
         f"A search found a robot within the tolerances that misses {metric_text(one.metric)} "
@@ -210,8 +203,10 @@ def _success(judged: CampaignJudgement) -> list[Any]:
         "further from the command than before."
     )
     rows = [(*row, percent_text(1.0 - row[-1] / judged.count)) for row in kept]
-    columns = ("requirement", "limit", "failures", "keep it")
-    return [Paragraph(text), Table(columns, rows, "Requirements", "table-success")]
+    return [
+        Paragraph(text),
+        Table(("requirement", "limit", "failures", "keep it"), rows, "Requirements", "table-success"),
+    ]
 
 
 def _failures(judged: CampaignJudgement) -> list[Any]:
@@ -237,14 +232,16 @@ def _failures(judged: CampaignJudgement) -> list[Any]:
     few = (
         f" The {FAILURES} worst are listed; all are in samples.parquet." if judged.failures > FAILURES else ""
     )
-    text = f"{judged.failures} samples fail. The last column runs one again, in the folder above.{few}"
-    columns = ("sample", "why", "its numbers", "replay")
-    return [Paragraph(text), Table(columns, rows, "Failures", "table-failures", stacks=True)]
+    return [
+        Paragraph(
+            f"{judged.failures} samples fail. The last column runs one again, in the folder above.{few}"
+        ),
+        Table(("sample", "why", "its numbers", "replay"), rows, "Failures", "table-failures", stacks=True),
+    ]
 
 
 # Worst robot and worst disturbance ---------------------------------------------------------------------------
 def _worst_case(judged: CampaignJudgement, cases: Sequence[WorstCase], runs: PlantRun | None) -> list[Any]:
-    """What was found for each metric, and the worst run of the one nearest its limit."""
     if not cases:
         return []
     rows, used = [], list[float]()
@@ -306,13 +303,15 @@ def _worst_figure(judged: CampaignJudgement, case: WorstCase, runs: PlantRun) ->
     signal = max(names, key=lambda name: float(np.abs(worst.tracked(name) - nominal.tracked(name)).max()))
     moved = np.abs(worst.signals["input"] - nominal.signals["input"]).max(axis=0)
     u = worst.names["input"][int(np.argmax(moved))]
-    figure, axes = new_figure(3)
+    labels = [
+        (name.replace("_", " "), dict(zip(worst.names[kind], worst.units[kind])).get(name, ""))
+        for name, kind in ((signal, "state"), (signal, "state"), (u, "input"))
+    ]
+    figure, axes = new_figure(3, labels=labels)
     for (name, run), style in zip(drawn.items(), (_COLOURED[1], _BLACK, _COLOURED[0])):
         for axis, values in zip(axes, (run.tracked(signal), run.tracked(signal), run.signal("input", u))):
             axis.plot(run.time, values, label=name, **style)
     _zoom(axes[1], nominal.tracked(signal)[-1], nominal.tracked(signal))
-    for axis, name, kind in zip(axes, (signal, signal, u), ("state", "state", "input")):
-        label(axis, name.replace("_", " "), dict(zip(worst.names[kind], worst.units[kind])).get(name, ""))
     legend(axes[0])
     caption = (
         f"The robot with the worst {metric_text(case.metric)} that was found, the worst sample and the nominal robot, "
@@ -322,13 +321,11 @@ def _worst_figure(judged: CampaignJudgement, case: WorstCase, runs: PlantRun) ->
 
 
 def _zoom(axis: Any, middle: float, values: np.ndarray) -> None:
-    """Show a signal close to where it ends."""
     half = CLOSE * float(np.ptp(values)) or 1e-3
     axis.set_ylim(middle - half, middle + half)
 
 
 def _worst_disturbance(judged: CampaignJudgement, found: GainResults) -> list[Any]:
-    """What each search attained, against the level that belongs to it."""
     if not found.rows:
         return []
     cells = [
@@ -347,12 +344,11 @@ def _worst_disturbance(judged: CampaignJudgement, found: GainResults) -> list[An
         f"and level of its certificate, and for the loop with the true state alone.{numbers}"
         f"{f' No γ is proved of this law: {found.unproved}.' if found.unproved else ''}"
     )
-    figure, (axis,) = new_figure(1)
+    figure, (axis,) = new_figure(1, labels=[(found.rows[0].names[0].replace("_", " "), "")])
     for row, style in zip(found.rows, (*_COLOURED[:2], _BLACK, _COLOURED[2])):
-        values = np.array(row.disturbance)[:, 0]
-        axis.plot(row.times, values, label=f"{row.robot}, {row.loop}, {row.pair}", **style)
-    label(axis, found.rows[0].names[0].replace("_", " "), "")
-    axis.set_xlabel("time (s)")
+        axis.plot(
+            row.times, np.array(row.disturbance)[:, 0], label=f"{row.robot}, {row.loop}, {row.pair}", **style
+        )
     legend(axis)
     columns = ("robot", "loop", "z and d", "attained ∫|z|²/∫|d|²", "γ²", "share", "γ is")
     return [
@@ -384,12 +380,13 @@ def _signals(judged: CampaignJudgement, run: Run | None) -> list[Any]:
         if np.ptp(trace) > 0.0:
             spreads[k] = float(np.ptp(trace[:, trace.shape[1] // 2 :], axis=0).max()) / float(np.ptp(trace))
     close = int(np.argmax(spreads))
-    figure, axes = new_figure(len(names) + 1)
-    for axis, k in zip(axes, (*range(len(names)), close)):
+    drawn = (*range(len(names)), close)
+    labels = [(names[k].removeprefix(TRACE).replace("_", " "), judged.table.unit(names[k])) for k in drawn]
+    figure, axes = new_figure(len(drawn), labels=labels)
+    for axis, k in zip(axes, drawn):
         quantile_band(axis, time, traces[k][ended])
         if lines:
             axis.plot(time, lines[k], label=f"sample {worst}", **_BLACK)
-        label(axis, names[k].removeprefix(TRACE).replace("_", " "), judged.table.unit(names[k]))
     _zoom(axes[-1], float(np.median(traces[close][ended, -1])), traces[close][ended])
     legend(axes[0])
     missing, kept = int((~ended).sum()), len(ended)
@@ -399,19 +396,20 @@ def _signals(judged: CampaignJudgement, run: Run | None) -> list[Any]:
         f"{missing} that did not come to their end are left out." if missing else "",
         f"Dashed: the run with the worst {metric_text(judged.main)}, sample {worst}: {sample_changes(judged, worst)}."
         if worst is not None and lines else "",
-        f"Bottom: {names[close].removeprefix(TRACE).replace('_', ' ')} close to where it ends.",
+        f"Bottom: {labels[-1][0]} close to where it ends.",
     ]  # fmt: skip
     return [figure_block("signals", figure, caption, "Signals")]
 
 
 def _metrics(judged: CampaignJudgement) -> list[Any]:
-    """Histograms of the metrics, and quantiles of all and of each joint's."""
     blocks = list[Any]()
     columns = (
         "", "unit", "least", "5 % are below", "median", "95 % are below", "largest", "sample of the worst",
     )  # fmt: skip
-    whole = "Metrics over all samples that have them"
-    for kind, title, anchor in (("metric", whole, "table-metrics"), (PART, "Joint by joint", "table-joints")):
+    for kind, title, anchor in (
+        ("metric", "Metrics over all samples that have them", "table-metrics"),
+        (PART, "Joint by joint", "table-joints"),
+    ):
         names = [name for name in judged.table.names(kind) if judged.worst(name) is not None]
         rows = []
         for name in names:
@@ -420,41 +418,6 @@ def _metrics(judged: CampaignJudgement) -> list[Any]:
         blocks += _histograms(judged, names) if kind == "metric" else []
         blocks += [Table(columns, rows, title, anchor)] if rows else []
     return blocks
-
-
-def small_panels(count: int, height: float, columns: int = 3, **options: Any) -> tuple[Any, list[Any]]:
-    """As many panels in rows of at most so many columns, each row of this height, inches."""
-    columns = min(columns, count)
-    rows = -(-count // columns)
-    figure, grid = panels(rows, columns, 0.4 + height * rows, **options)
-    axes = [axis for row in grid for axis in row]
-    for axis in axes[count:]:
-        axis.set_visible(False)
-    return figure, axes[:count]
-
-
-def few_ticks(axis: Any, largest: float, which: str = "both") -> None:
-    """Few ticks with short numbers, of size up to `largest`."""
-    axis.locator_params(axis=which, nbins=3 if largest > 5e-3 else 2)
-    for one in (axis.xaxis,) if which == "x" else (axis.xaxis, axis.yaxis):
-        one.set_major_formatter(lambda value, _: number(value, 3))
-    axis.tick_params(axis=which, labelsize=8)
-
-
-def histogram(
-    axis: Any, judged: CampaignJudgement, name: str, unit: str, values: np.ndarray, counted: str
-) -> None:
-    """How often a metric has which value; the kept period is the grain of times."""
-    time, spread = judged.table.journal.time, float(np.ptp(values))
-    period = float(np.diff(time[:2])[0]) if time.size > 1 and unit == "s" else 0.0
-    half = 0.5 * abs(float(values[0])) or 0.5
-    bins = [float(values[0]) - half, float(values[0]) + half]
-    if spread:
-        bins = histogram_bins(values, period if 10.0 * period < spread else 0.0).tolist()
-    axis.hist(values, bins=bins, color=SERIES[0], alpha=0.55)
-    axis.grid(axis="x", visible=False)
-    axis.set_xlabel(metric_text(name, unit), fontsize=8)
-    label(axis, counted, "")
 
 
 def _histograms(judged: CampaignJudgement, names: Sequence[str]) -> list[Any]:
@@ -480,14 +443,16 @@ def _histograms(judged: CampaignJudgement, names: Sequence[str]) -> list[Any]:
 
 
 def _sensitivities(judged: CampaignJudgement) -> list[Any]:
-    """Sobol indices of a surrogate for the first metrics that have one."""
     found = {}
     for name in judged.table.names("metric"):
         one = judged.sensitivity(name) if len(found) < RANKED else None
         found |= {} if one is None else {name: one}
     if not found:
-        few = "The samples are too few to say which number matters: ten for each number, at least."
-        return [Paragraph(few)] if judged.table.names("parameter") else []
+        return (
+            [Paragraph("The samples are too few to say which number matters: ten for each number, at least.")]
+            if judged.table.names("parameter")
+            else []
+        )
     bars = min(BARS, max(len(one.names) for one in found.values()))
     figure, axes = small_panels(len(found), 0.9 + 0.2 * bars, columns=2, sharex=True)
     for axis, (name, one) in zip(axes, found.items()):
@@ -499,10 +464,8 @@ def _sensitivities(judged: CampaignJudgement) -> list[Any]:
         axis.grid(axis="y", visible=False)
         axis.set_title(f"{metric_text(name)}, R² {number(one.r_squared, 2)}", fontsize=9)
     legend_above(figure, axes[0], 2)
-    first, low = (
-        next(iter(found.values())),
-        [metric_text(n) for n, one in found.items() if one.r_squared < 0.5],
-    )
+    first = next(iter(found.values()))
+    low = [metric_text(name) for name, one in found.items() if one.r_squared < 0.5]
     notes = [Note(f"The ranking says little for {', '.join(low)}: R² is less than half.")] if low else []
     caption = (
         f"Sobol indices by SciPy of {first.terms} in the numbers, fitted to {first.count} samples: of this surrogate, "

@@ -6,7 +6,7 @@ import re
 from collections.abc import Sequence
 from itertools import pairwise
 from textwrap import wrap
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -23,6 +23,7 @@ from flexhinf.report import (
     SERIES,
     Bullets,
     Column,
+    Figure,
     KeyNumber,
     Listing,
     Note,
@@ -37,16 +38,10 @@ from flexhinf.report import (
     at_least,
     at_most,
     house_style,
-    label,
     legend,
     new_figure,
     number,
 )
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure as Canvas
-
 
 #: A run is drawn until |x1| has stayed below this share of the step, and half as long again.
 SETTLED, LONGER = 0.01, 1.5
@@ -204,81 +199,82 @@ def _set(text: str) -> str:
 
 # Slices of the region -------------------------------------------------------------------------------------
 def _starts(one: CertifiedDegree, shown: Evidence) -> list[Any]:
-    """The largest proved steps, and the slice of the region where they start."""
     given, surface, (scale, unit) = shown.certificate, shown.surface, _position(shown.certificate)
     if not one.steps:
         return [Paragraph("No steps from rest to rest are stated.")]
-    text = "A step from rest starts at another equilibrium, "
+    text, blocks = "A step from rest starts at another equilibrium, ", [_steps_table(one, given)]
     if surface is None:
-        return [
-            Paragraph(f"{text}of each robot its own, without a jump of the input."),
-            _steps_table(one, given),
-        ]
-    figure, axis = _slice(given, surface, scale)
+        return [Paragraph(f"{text}of each robot its own, without a jump of the input."), *blocks]
+    lines = []
     for path, start, colour in zip(surface.paths, given.starts, SERIES[2:]):
-        axis.plot(scale * path[:, 0], path[:, 1], color=colour, label=f"starts: {_rule(start.rule)}")
-        axis.plot(scale * path[-1, 0], path[-1, 1], "o", color=colour, markersize=5)
-    axis.set_xlabel(f"step to the goal ({unit})")
-    label(axis, "integral of the error", next(x.unit for x in given.states if x.name.endswith("_integral")))
-    legend(axis)
+        lines += [
+            (scale * path[:, 0], path[:, 1], "-", {"color": colour, "label": f"starts: {_rule(start.rule)}"}),
+            (scale * path[-1, 0], path[-1, 1], "o", {"color": colour, "markersize": 5}),
+        ]
+    names = (
+        f"step to the goal ({unit})",
+        "integral of the error",
+        next(x.unit for x in given.states if x.name.endswith("_integral")),
+    )
     caption = "Equilibria at a distance from the goal (+), with each value of the integrator."
+    text += (
+        "with an integrator that the controller chooses. Where V is smallest the region reaches furthest, "
+    )
     return [
-        Paragraph(
-            f"{text}with an integrator that the controller chooses. Where V is smallest the region reaches furthest, "
-            "and the input jumps."
-        ),
-        figure_block("starts", figure, [caption, *_slice_text(given, surface)], "Starts of steps"),
-        _steps_table(one, given),
+        Paragraph(f"{text}and the input jumps."),
+        _slice(("starts", "Starts of steps"), given, surface, scale, lines, names, caption),
+        *blocks,
     ]
 
 
 def _limit(shown: Evidence) -> list[Any]:
-    """The plane in which the sampled level ends."""
     given, plane, sampled = shown.certificate, shown.limit, shown.certificate.sampled_level
     if plane is None:
         return [Paragraph("Sampling finds no point that limits the level.")]
-    figure, axis = _slice(given, plane, 1.0)
-    axis.plot(0.0, 1.0, "D", color=INK, markersize=5, label=f"limits the level: {_LIMITS[plane.limit]}")
+    points = [(0.0, 1.0, "D", {"color": INK, "label": f"limits the level: {_LIMITS[plane.limit]}"})]
     if plane.moved is None:
         other = "the largest proved start"
-        axis.plot(1.0, 0.0, "o", color=SERIES[2], markersize=5, label=other)
-        axis.set_xlabel(f"share of {other}")
+        across = f"share of {other}"
+        points.append((1.0, 0.0, "o", {"color": SERIES[2], "label": other}))
     else:
-        state = given.states[plane.moved]
-        other = f"the {state.name.replace('_', ' ')} with the other states where V₂ is smallest"
-        axis.set_xlabel(f"{state.name.replace('_', ' ')} ({state.unit})")
-    label(axis, "share of the limiting point", "")
-    legend(axis)
+        state = given.states[plane.moved].name.replace("_", " ")
+        across = f"{state} ({given.states[plane.moved].unit})"
+        other = f"the {state} with the other states where V₂ is smallest"
     share = "" if sampled is None else f", {number(100.0 * given.level / sampled, 4)} % of the sampled level"
     where = ", ".join(
         f"{s.name.replace('_', ' ')} {number(float(v), 3)} {s.unit}".rstrip()
         for s, v in zip(given.states, plane.point, strict=True)
     )
     caption = f"The plane through the goal (+), {other}, and the point where the sampled level ends: deviation {where}."
+    about = (
+        f"The proof covers all points of V ≤ c = {at_least(given.level, 5)}{share}; sampling looks for points at which "
+        "the inequality fails, and so says how large a level can be at most."
+    )
+    names = (across, "share of the limiting point", "")
     return [
-        Paragraph(
-            f"The proof covers all points of V ≤ c = {at_least(given.level, 5)}{share}; sampling looks for points at "
-            "which the inequality fails, and so says how large a level can be at most."
-        ),
-        figure_block("limit", figure, [caption, *_slice_text(given, plane)], "Where the level ends"),
+        Paragraph(about),
+        _slice(("limit", "Where the level ends"), given, plane, 1.0, points, names, caption, markersize=5),
     ]
 
 
-def _slice(given: Certificate, one: Slice, scale: float) -> tuple[Canvas, Axes]:
-    """r/V in bands, the proved level's line and the sampled one's, the goal, and the worst point inside."""
-    figure, (axis,) = new_figure(1, height=5.0)
+def _slice(
+    place: tuple[str, str], given: Certificate, one: Slice, scale: float, lines: Sequence[tuple[Any, ...]],
+    names: tuple[str, str, str], caption: str, **style: Any,
+) -> Figure:  # fmt: skip
+    """r/V in bands, the proved level's line and the sampled one's, the goal, the worst point inside, and `lines`.
+
+    `place`: anchor and title; `names`: of the horizontal axis, of the vertical one, and its unit.
+    """
+    figure, (axis,) = new_figure(1, height=5.0, labels=[names[1:]], across=names[0])
     inside = one.rate[(one.value <= given.level) & (one.rate < 0.0)]
     fast = float(np.quantile(inside, 0.15)) if inside.size else -1.0
-    edges = [
-        float(f"{share * fast:.1g}") for share in (1.0, 0.5, 0.2)
-    ]  # round, from the fastest to the slowest
+    edges = [float(f"{share * fast:.1g}") for share in (1.0, 0.5, 0.2)]  # from the fastest to the slowest
+    bands = pairwise([-np.inf, *edges, 0.0])
     across = scale * one.across
     rate = np.where(one.value < 0.0, np.inf, np.nan_to_num(one.rate, nan=edges[-1]))  # V = 0: the goal
     areas = [  # values, limits, colour, depth and name of what is filled
         (rate, [low, high], SERIES[0], depth, f"r/V < {number(high, 2)}/s" if high else "r < 0")
-        for (low, high), depth in zip(
-            pairwise([-np.inf, *edges, 0.0]), np.linspace(0.62, 0.12, len(edges) + 1)
-        )
+        for (low, high), depth in zip(bands, np.linspace(0.62, 0.12, len(edges) + 1))
     ]
     if (rate > 0.0).any():
         areas.append((np.minimum(rate, 1e300), [0.0, np.inf], SERIES[1], 0.4, "r ≥ 0"))
@@ -291,25 +287,25 @@ def _slice(given: Certificate, one: Slice, scale: float) -> tuple[Canvas, Axes]:
         dashed = {"colors": [SERIES[1]], "linewidths": 1.2, "linestyles": [(0, (3.0, 3.0))]}
         axis.contour(across, one.up, one.value, levels=[given.sampled_level], **dashed)
         axis.plot([], [], color=SERIES[1], linewidth=1.2, dashes=(3.0, 3.0), label="sampled level")
-    a, b, _ = one.worst(given.level)
+    a, b, worst = one.worst(given.level)
     axis.plot(scale * a, b, "x", color=INK, markersize=8, markeredgewidth=1.8, label="worst point here")
     axis.plot(0.0, 0.0, "+", color=INK, markersize=9)
     axis.grid(False)
-    return figure, axis
-
-
-def _slice_text(given: Certificate, one: Slice) -> list[str]:
-    """What a slice shows of r."""
-    worst, decays = one.worst(given.level)[2], " with the proved decay in r" if given.decay else ""
-    text = f"Colours: r/V{decays}, the rate at which V falls beyond what the gain asks for; "
-    inside = f"r is negative wherever V ≤ c, least so at the cross, {number(worst, 2)}/s."
-    uncovered = "" if (one.residual <= 0.0).all() else "Where r ≥ 0 nothing is proved."
-    return [text + (inside if worst < 0.0 else "see the cross."), uncovered]
+    for x, y, marker, own in lines:
+        axis.plot(x, y, marker, **style, **own)
+    legend(axis)
+    decays = " with the proved decay in r" if given.decay else ""
+    cross = f"r is negative wherever V ≤ c, least so at the cross, {number(worst, 2)}/s."
+    sentences = (
+        f"{caption} Colours: r/V{decays}, the rate at which V falls beyond what the gain asks for;",
+        cross if worst < 0.0 else "see the cross.",
+        "" if (one.residual <= 0.0).all() else "Where r ≥ 0 nothing is proved.",
+    )
+    return figure_block(place[0], figure, sentences, place[1])
 
 
 # Steps ----------------------------------------------------------------------------------------------------
 def _steps(one: CertifiedDegree, shown: Evidence) -> list[Any]:
-    """The largest proved steps without disturbance, and smaller ones with the worst; none where none is stated."""
     given, solution, blocks = shown.certificate, one.choice.solution, list[Any]()
     value = solution.value if one.box is None else one.box.value
     scale, unit = _position(given)
@@ -317,7 +313,15 @@ def _steps(one: CertifiedDegree, shown: Evidence) -> list[Any]:
     for runs in kinds if one.steps else ():
         if not runs:
             continue
-        figure, axes = new_figure(3, height=6.4)
+        name, title, second, caption = (
+            ("largest", "Largest steps", ("input", given.inputs[0].unit),
+             "The largest proved step for each start of the integrator, without disturbance.")
+            if runs is one.steps else
+            ("worst", "Worst disturbance", ("|d|", common_unit(given.disturbances)),
+             "Steps of 0.8 of the largest ones with the disturbance that V says is worst, d = g1ᵀV_xᵀ/γ², as long as "
+             "the budget lasts. Thin lines: V(x0) + ½γ²∫|d|², which V stays below.")
+        )  # fmt: skip
+        figure, axes = new_figure(3, height=6.4, labels=(("position − goal", unit), second, ("V / c", "")))
         ends = []  # how long the runs are drawn
         for run, colour in zip(runs, SERIES[2:]):
             few = thin(run.time)
@@ -336,18 +340,7 @@ def _steps(one: CertifiedDegree, shown: Evidence) -> list[Any]:
         axes[0].set_xlim(0.0, max(ends))
         axes[2].axhline(1.0, color=SERIES[0], dashes=DASHED, linewidth=1.2)
         reference_line(axes[0])
-        label(axes[0], "position − goal", unit)
-        label(axes[2], "V / c", "")
         legend(axes[0])
-        name, title, quantity, caption = (
-            ("largest", "Largest steps", ("input", given.inputs[0].unit),
-             "The largest proved step for each start of the integrator, without disturbance.")
-            if runs is one.steps else
-            ("worst", "Worst disturbance", ("|d|", common_unit(given.disturbances)),
-             "Steps of 0.8 of the largest ones with the disturbance that V says is worst, d = g1ᵀV_xᵀ/γ², as long as "
-             "the budget lasts. Thin lines: V(x0) + ½γ²∫|d|², which V stays below.")
-        )  # fmt: skip
-        label(axes[1], *quantity)
         blocks.append(figure_block(name, figure, caption, title))
     return blocks
 
@@ -374,13 +367,16 @@ def _budget(shown: Evidence) -> list[Any]:
         f"Disturbances that last: with the proved rate α = {number(given.decay, 3)}/s the region is invariant for "
         f"|d(t)| ≤ √(2αc)/γ = {at_least(persistent_bound(given), 3)} {common_unit(given.disturbances)} at all times."
     )  # fmt: skip
-    table = Table(columns, rows, "Steps of 0.8 of the largest ones", "table-budget", stacks=True)
     return [
         Paragraph(
             "From a start x0 inside, the region holds as long as V(x0) + ½γ²∫|d|² ≤ c. What is left of the level is "
             f"the energy ∫|d|² that disturbances may have{also if given.is_gradient_law else '.'}"
         ),
-        *([table] if rows else []),
+        *(
+            [Table(columns, rows, "Steps of 0.8 of the largest ones", "table-budget", stacks=True)]
+            if rows
+            else []
+        ),
         Paragraph(f"From rest at the goal, disturbances may have an energy of {energy} in all. {last}"),
     ]
 
@@ -399,23 +395,21 @@ def _gain(shown: Evidence) -> list[Any]:
     if not _is_box(given):
         share = number(100.0 * attained.largest_value / given.level, 3)
         nominal, where = "", f" and V up to {share} % of the level"
-    line, (axis,) = new_figure(1, height=1.5)
+    line, (axis,) = new_figure(1, height=1.5, across="√(∫|z|²/∫|d|²)")
     name = f"attained: {at_least(attained.gain)}"
     axis.barh(0.0, attained.gain, height=0.5, color=SERIES[2], alpha=0.55, label=name)
     between = {"left": attained.gain, "height": 0.5, "color": MUTED, "alpha": 0.35}
     axis.barh(0.0, given.gamma - attained.gain, **between, label="the largest lies here")
     axis.axvline(given.gamma, color=SERIES[0], linewidth=2.4, label=f"proved: γ = {at_most(given.gamma)}")
-    axis.set(yticks=[], xlim=(0.0, 1.08 * given.gamma), xlabel="√(∫|z|²/∫|d|²)")
+    axis.set(yticks=[], xlim=(0.0, 1.08 * given.gamma))
     legend(axis)
-    figure, axes = new_figure(2, height=4.6)
-    few = thin(attained.times)
+    (scale, unit), run, few = _position(given), attained.trajectory, thin(attained.times)
+    d = ("d", common_unit(given.disturbances))
+    figure, axes = new_figure(2, height=4.6, labels=(d, ("position − goal", unit)))
     for column, signal, colour in zip(attained.disturbance.T, given.disturbances, SERIES):
         axes[0].plot(attained.times[few], column[few], color=colour, label=signal.name.replace("_", " "))
-    (scale, unit), run = _position(given), attained.trajectory
     moved = run.signals["state"][:, 0] - run.signals["state"][0, 0]
     axes[1].plot(run.time[thin(run.time)], scale * moved[thin(run.time)], color=SERIES[2])
-    label(axes[0], "d", common_unit(given.disturbances))
-    label(axes[1], "position − goal", unit)
     legend(axes[0])
     return [
         Paragraph(
@@ -441,7 +435,6 @@ def _gain(shown: Evidence) -> list[Any]:
 
 # Degrees and check ----------------------------------------------------------------------------------------
 def _degree_table(found: Sequence[CertifiedDegree]) -> Table:
-    """What is proved of the law of each degree."""
     rows = []
     for one in found:
         given, name = one.certificate, law_name(one.choice.degree) + (" *" if one.used else "")
@@ -452,8 +445,9 @@ def _degree_table(found: Sequence[CertifiedDegree]) -> Table:
                 at_least(given.level), None if sampled is None else f"{100.0 * given.level / sampled:.1f}",
                 _steps_text(given) if given.starts else None, given.provenance.get("cells"),
             )  # fmt: skip
-        remark = one.reason if given is None else "used" if one.used else ""
-        rows.append((name, *proved, one.cpu_seconds, remark))
+        rows.append(
+            (name, *proved, one.cpu_seconds, (one.reason if given is None else "used" if one.used else ""))
+        )
     columns = (
         "law", Column("proved level of V", brief="level of V", right=True), Column("of the sampled", "%", right=True),
         "largest steps", Column("cells", right=True), Column("CPU", "s", 1), Column("remark", brief=None),
@@ -464,7 +458,6 @@ def _degree_table(found: Sequence[CertifiedDegree]) -> Table:
 
 
 def _steps_table(one: CertifiedDegree, given: Certificate) -> Table:
-    """Runs from the largest proved starts."""
     effort = given.inputs[0].unit
     inputs = [
         [", ".join(number(float(v), 3) for v in u) for u in (run.first_input, run.peak_input)]

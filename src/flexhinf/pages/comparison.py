@@ -84,8 +84,10 @@ def ours_of(comparison: Comparison) -> TunedLaw:
     """The best nonlinear H∞ law tuned as the rivals are; the design as it is where that keeps no limit, or is worse."""
     design = comparison.own.tuned
     assert design is not None
-    tuned = [law for law in ranked(tuned_laws(comparison)) if is_hinf(law.name)]
-    return min([*tuned, design], key=lambda law: law.cost)
+    return min(
+        [*(law for law in ranked(tuned_laws(comparison)) if is_hinf(law.name)), design],
+        key=lambda law: law.cost,
+    )
 
 
 def called(law: TunedLaw) -> str:
@@ -217,7 +219,6 @@ def comparison_notes(comparison: Comparison) -> list[str]:
 
 # Sections --------------------------------------------------------------------------------------------------
 def _ranking(comparison: Comparison) -> Table:
-    """Ranked laws first, by the criterion."""
     laws = tuned_laws(comparison)
     first = {law.name for law in ranked(laws)} | {DESIGN}
     rows = []
@@ -239,11 +240,12 @@ def _ranking(comparison: Comparison) -> Table:
 
 
 def _frequency(comparison: Comparison) -> list[Any]:
-    """The design, nonlinear H∞ and the best others, in one joint."""
     laws = [law for law in tuned_laws(comparison) if not law.evaluation.linear_failure]
     always = (DESIGN, NL_HINF)
-    others = sorted((law for law in laws if law.name not in always), key=lambda law: law.cost)
-    chosen = [*(law for law in laws if law.name in always), *others[: DRAWN - 1]]
+    chosen = [
+        *(law for law in laws if law.name in always),
+        *sorted((law for law in laws if law.name not in always), key=lambda law: law.cost)[: DRAWN - 1],
+    ]
     if not chosen:
         return []
     place = {row.name: k for k, row in enumerate(comparison.rows)}  # a law looks the same in every figure
@@ -253,7 +255,6 @@ def _frequency(comparison: Comparison) -> list[Any]:
 
 
 def _key_numbers(comparison: Comparison) -> list[KeyNumber]:
-    """Metrics of nonlinear H∞ beside those of the best rival."""
     rival, ours, numbers = best_rival(tuned_laws(comparison)), ours_of(comparison), []
     for metric in (one for key in KEYS for one in FIGURES if one.key == key):
         values = [None if law is None else law.evaluation.metrics.get(metric.key) for law in (ours, rival)]
@@ -265,7 +266,6 @@ def _key_numbers(comparison: Comparison) -> list[KeyNumber]:
 
 
 def _laws(comparison: Comparison) -> list[Any]:
-    """What each law is, how it was tuned, and which states it needs."""
     text = (
         "Every law but the design as it is, is tuned over all its parameters and the noise levels of its estimator, in "
         "three rounds with as many candidates per parameter, with the sensors that its proponents would choose. The "

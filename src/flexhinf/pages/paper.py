@@ -100,13 +100,14 @@ FIRST_PART = 6.0
 def positions(run: Trajectory) -> tuple[np.ndarray, np.ndarray | None]:
     """The link position as measured and as estimated, degrees; no estimate where the true state is fed back."""
     same = run.names["output"] == run.names["estimate"]
-    estimate = None if same else np.degrees(run.signal("estimate", "link_position"))
-    return np.degrees(run.signal("output", "link_position")), estimate
+    measured, estimate = (np.degrees(run.signal(kind, "link_position")) for kind in ("output", "estimate"))
+    return measured, None if same else estimate
 
 
 def draw_laws(runs: Mapping[str, Trajectory], voltage: bool = False, step: float | None = None) -> str:
     """Motor voltages of several laws, or link positions with the command, and a settling band for a step, degrees."""
-    figure, (axes,) = new_figure(1, height=None if voltage else 3.6)
+    quantity = ("motor voltage", "V") if voltage else ("link position", "°")
+    figure, (axes,) = new_figure(1, height=None if voltage else 3.6, labels=[quantity])
     if not voltage:
         first = next(iter(runs.values()))
         command = np.degrees(first.signal("reference", "link_position"))
@@ -116,14 +117,14 @@ def draw_laws(runs: Mapping[str, Trajectory], voltage: bool = False, step: float
     for law, run in runs.items():
         signals: Any = (run.signal("input", "motor_voltage"),) if voltage else positions(run)
         time_response(axes, run.time, *signals, name=LAWS[law], colour=COLOURS[law])
-    label(axes, *(("motor voltage", "V") if voltage else ("link position", "°")))
     legend(axes)
     return figure_to_svg(figure)
 
 
 def draw_loads(runs: Mapping[str, Trajectory]) -> str:
     """Link position, its error enlarged from the disturbance on, and the torque; one colour per place of the torque."""
-    figure, (position, error, torque) = new_figure(3, height=6.6)
+    labels = (("link position", "°"), ("link − command", "°"), ("disturbance torque", "N·m"))
+    figure, (position, error, torque) = new_figure(3, height=6.6, labels=labels)
     longest = max(runs.values(), key=lambda run: len(run.time))
     command = np.degrees(longest.signal("reference", "link_position"))
     reference_line(position, longest.time, command)
@@ -139,10 +140,6 @@ def draw_loads(runs: Mapping[str, Trajectory]) -> str:
     torque.plot(longest.time, load, color=SERIES[3])  # alike at both places
     reach = 1.1 * min(max(largest, 1.0), 180.0)
     error.set_ylim(-reach, reach)
-    names = (("link position", "°"), ("link − command", "°"), ("disturbance torque", "N·m"))
-    for axes, quantity in zip((position, error, torque), names):
-        label(axes, *quantity)
-    figure.align_ylabels([position, error, torque])
     legend(position)
     return figure_to_svg(figure)
 
@@ -191,16 +188,20 @@ def _worst_table(runs: Sequence[ToleranceRun]) -> Table:
         overshoot, settling, error = (
             runs[k].metrics[key] for key in ("overshoot_percent", "settling_time_s", "steady_state_error")
         )
-        changes = runs[k].changes.replace("-", "−")
-        rows.append((name, overshoot, settling, error and math.degrees(error), changes))
+        rows.append(
+            (name, overshoot, settling, error and math.degrees(error), runs[k].changes.replace("-", "−"))
+        )
     columns = (
         "run", Column("overshoot", "%", 2), Column("settling", "s", 2),
         Column("largest error in the last 3 s", "°", 3), "changes of the plant",
     )  # fmt: skip
-    caption = (
-        "The worst runs of Figures 9 and 10, of the true link; – where a run diverged or did not settle."
+    return Table(
+        columns,
+        rows,
+        "The worst runs of Figures 9 and 10, of the true link; – where a run diverged or did not settle.",
+        "table-worst-runs",
+        stacks=True,
     )
-    return Table(columns, rows, caption, "table-worst-runs", stacks=True)
 
 
 #: Title, caption, and drawing as SVG, by the figure's number in the paper.
@@ -266,7 +267,8 @@ FIGURES: dict[str, tuple[str, str | Callable[[PaperSetup], str], Callable[[Paper
 # Figures of the evidence -----------------------------------------------------------------------------
 @house_style()
 def _gain_figure(setup: PaperSetup, worst: Sequence[RunGain]) -> Figure:
-    figure, (axes,) = new_figure(height=3.0)
+    energy = "energy of the disturbance, ∫|d|² (rad² s)"
+    figure, (axes,) = new_figure(height=3.0, labels=[("attained gain", "")], across=energy)
     known = [run for run in worst if math.isfinite(run.gain)]
     axes.plot([run.energy for run in known], [run.gain for run in known], color=SERIES[0], linewidth=1.2)
     for inside, fill in ((True, SERIES[0]), (False, "none")):
@@ -276,23 +278,24 @@ def _gain_figure(setup: PaperSetup, worst: Sequence[RunGain]) -> Figure:
     axes.axhline(setup.gamma, color=SERIES[1], linewidth=1.4, label="γ of the design")
     axes.axhline(setup.gamma_star, color=MUTED, linewidth=1.2, linestyle=(0, (4.0, 2.2)), label="γ*")
     axes.set_xlim(0.7 * ENERGIES[0], 1.4 * ENERGIES[-1])  # first: one known energy alone has no range
-    axes.set(xscale="log", ylim=(0.0, None), xlabel="energy of the disturbance, ∫|d|² (rad² s)")
-    label(axes, "attained gain", "")
+    axes.set(xscale="log", ylim=(0.0, None))
     legend(axes)
-    caption = (
+    return Figure(
+        "figure-gain",
+        figure_to_svg(figure),
         "The largest √(∫|z|²/∫|d|²) found by ascent on the disturbance, a lower bound of the loop's gain, against "
-        "the γ of the design and γ* of the paper's problem."
+        "the γ of the design and γ* of the paper's problem.",
     )
-    return Figure("figure-gain", figure_to_svg(figure), caption)
 
 
 @house_style()
 def _unstable_figure(setup: PaperSetup, study: ToleranceStudy) -> Figure | None:
-    """Unstable corners over q, for all forms of R^v."""
     if not study.estimated:
         return None
     corners, q = study.count("corner"), setup.settings.process_noise
-    figure, goals = new_figure(len(GOALS), height=5.2)
+    labels = [(f"unstable corners at {name_goal(goal)}", "") for goal in GOALS]
+    swept = "q, variance added at each sample (rad² or rad²/s²)"
+    figure, goals = new_figure(len(GOALS), height=5.2, labels=labels, across=swept)
     for axes, goal in zip(goals, GOALS, strict=True):
         for form, colour, marker in zip(FORMS, SERIES, "os^D", strict=False):
             counts = [unstable_of(rates, "corner") for rates in study.of_form(form, goal)]
@@ -302,14 +305,13 @@ def _unstable_figure(setup: PaperSetup, study: ToleranceStudy) -> Figure | None:
             axes.axvline(q, color=MUTED, linewidth=1.0, linestyle=(0, (1.0, 1.6)), label=name)
         axes.set_xscale("log")
         axes.set_ylim(-0.03 * corners, 1.03 * corners)
-        label(axes, f"unstable corners at {name_goal(goal)}", "")
-    goals[-1].set_xlabel("q, variance added at each sample (rad² or rad²/s²)")
     legend(goals[0])
-    caption = (
+    return Figure(
+        "figure-tolerances",
+        figure_to_svg(figure),
         f"How many of the {corners} corners of the tolerances make the loop unstable at 90° (above) "
-        "and at 180° (below), over the R^v that the paper does not give; the paper's penalty, coil in the true plant."
+        "and at 180° (below), over the R^v that the paper does not give; the paper's penalty, coil in the true plant.",
     )
-    return Figure("figure-tolerances", figure_to_svg(figure), caption)
 
 
 #: What is drawn of a claim's finding, by the claim.
@@ -343,7 +345,6 @@ def paper_files(reproduction: Reproduction) -> dict[str, str]:
 
 
 def _page(reproduction: Reproduction, drawn: Mapping[str, str]) -> Page:
-    """Everything on one page, with the SVG of the paper's figures by number."""
     setup, claims = reproduction.setup, reproduction.claims
     counters = {"table": count(1), "figure": count(13)}  # in the order of the page; the paper has 12 figures
     figures: list[Figure | Table] = []
@@ -408,10 +409,13 @@ def _numbered(block: Figure | Table, counters: Mapping[str, Iterator[int]]) -> F
 
 
 def _key_numbers(setup: PaperSetup) -> list[KeyNumber]:
-    ratio = f"{setup.settings.gamma_ratio:g} γ*; the paper gives none"
     numbers = [
         KeyNumber("γ* of the paper's problem", f"{setup.gamma_star:.4f}", note="the smallest feasible one"),
-        KeyNumber("γ of the paper's law here", f"{setup.gamma:.4f}", note=ratio),
+        KeyNumber(
+            "γ of the paper's law here",
+            f"{setup.gamma:.4f}",
+            note=f"{setup.settings.gamma_ratio:g} γ*; the paper gives none",
+        ),
     ]
     for goal, runs in (("180°", setup.runs("03")), ("90°", setup.runs("05"))):
         ours, linear = (runs[name].metrics()["overshoot_percent"] for name in ("nonlinear", "linear"))
@@ -431,7 +435,6 @@ def _settings(setup: PaperSetup) -> dict[str, list[Setting]]:
         )
         for field in fields(PaperSettings)
     ]  # fmt: skip
-    noise = f"{math.sqrt(s.measurement_noise):.3g}"
     rows = {
         "Options": options,
         "Arm": [
@@ -448,7 +451,7 @@ def _settings(setup: PaperSetup) -> dict[str, list[Setting]]:
             ("α, β, κ", "1, 2, 0", "", "Table 3"),
             ("initial estimate", "rest", "", "ours"),
             ("P0", f"{INITIAL_VARIANCE:g} I", "", "ours"),
-            ("simulated noise", noise, "rad (standard deviation)", "as Rⁿ"),
+            ("simulated noise", f"{math.sqrt(s.measurement_noise):.3g}", "rad (standard deviation)", "as Rⁿ"),
         ],
         "Simulation": [
             ("sub-steps per period", steps[0], "", "Runge–Kutta, plant without coil"),

@@ -57,10 +57,11 @@ def run_tables(prepared: DeployedRun, run: RealTimeRun) -> list[Any]:
             tables.append(requirement_table(prepared.requirements(run), units.degrees, title))
         tables.append(_joints(prepared, run, units))
     if tables or len(timing.time):
-        fields = ROWS if timing.real_time else {"step of the controller": "computed", "whole sample": "over"}
         rows = [
             (name, *(1e6 * value for value in percentiles(getattr(timing, field)).values()))
-            for name, field in fields.items()
+            for name, field in (
+                ROWS if timing.real_time else {"step of the controller": "computed", "whole sample": "over"}
+            ).items()
         ]
         columns = ("", *(Column(name, decimals=1) for name in PERCENTILES))
         tables.append(Table(columns, rows, f"Times in µs; the period has {number(1e6 * timing.period)} µs"))
@@ -82,8 +83,11 @@ def _joints(prepared: DeployedRun, run: RealTimeRun, units: Units) -> Table:
         {**row, "settled": settling_text(row["settling_time_s"]) if "settling_time_s" in row else None}
         for row in rows
     ]
-    peak = Column("peak", units.effort, digits=3, key="peak_input")
-    return Table.of((Column("joint", key="joint"), *columns, peak), rows, title)
+    return Table.of(
+        (Column("joint", key="joint"), *columns, Column("peak", units.effort, digits=3, key="peak_input")),
+        rows,
+        title,
+    )
 
 
 # Sentences ------------------------------------------------------------------------------------------
@@ -223,7 +227,6 @@ def _write_mp4(name: str, pictures: Iterator[np.ndarray], rate: int) -> None:
 
 
 def _encoder() -> str | None:
-    """The program ffmpeg of this system, or that of imageio-ffmpeg."""
     if found := shutil.which("ffmpeg"):
         return found
     try:

@@ -98,8 +98,9 @@ def _is_bounded(setup: PaperSetup) -> Finding:
 
 # Reconstruction ------------------------------------------------------------------------------------------
 def _reconstructs(setup: PaperSetup) -> Finding:
-    start = np.array([WRONG, 0.0, WRONG, 0.0])
-    ukf = setup.estimator("ukf", mean=start, covariance=np.array([WRONG**2, 0.1, WRONG**2, 0.1]))
+    ukf = setup.estimator(
+        "ukf", mean=np.array([WRONG, 0.0, WRONG, 0.0]), covariance=np.array([WRONG**2, 0.1, WRONG**2, 0.1])
+    )
     run = setup.run(setup.nonlinear, Step(math.pi), STEP_DURATION, estimator=ukf)
     if run.diverged_at is not None:
         return Finding(False, f"The loop diverged at {run.diverged_at:.2f} s.")
@@ -116,8 +117,11 @@ def _reconstructs(setup: PaperSetup) -> Finding:
         ("state", *errors, Column("error / range", "%", 3)), rows,
         f"UKF on the nominal 180° step, link position measured with Rⁿ = {variance} rad².", "table-reconstruction",
     )  # fmt: skip
-    text = f"The largest RMS error is {100 * largest:.2g} % of its state's range."
-    return Finding(largest <= RECONSTRUCTED_FRACTION, text, table)
+    return Finding(
+        largest <= RECONSTRUCTED_FRACTION,
+        f"The largest RMS error is {100 * largest:.2g} % of its state's range.",
+        table,
+    )
 
 
 # Trials of two filters -----------------------------------------------------------------------------------
@@ -275,9 +279,11 @@ def _trials(setup: PaperSetup) -> tuple[list[Trial], list[Trial]]:
         model.flow, imu, states=model.states, inputs=model.inputs, disturbances=model.disturbances,
         parameters=model.parameters, outputs=("tangential_acceleration", "radial_acceleration", "angular_rate"),
     )  # fmt: skip
-    periods = dict.fromkeys((s.period, 0.01, 0.05))
     return [
-        *(Trial(f"{1e3 * period:g} ms", model, period, q, r, near, {}) for period in periods),
+        *(
+            Trial(f"{1e3 * period:g} ms", model, period, q, r, near, {})
+            for period in dict.fromkeys((s.period, 0.01, 0.05))
+        ),
         Trial("10 ms, stiffness +12 %", model, 0.01, q, r, near, stiff),
         Trial("10 ms, start off by 30°, 1 rad/s", model, 0.01, q, r, FAR, {}),
     ], [
@@ -334,11 +340,12 @@ def _beats_ekf(setup: PaperSetup) -> Finding:
 
 
 def _closed_loops(setup: PaperSetup) -> str:
-    """How far the closed loops of the two filters differ, with the same noise."""
     count, gaps, law = affordable(LOOPS, setup.settings.period), [], setup.nonlinear
     for k in range(count):
-        both = (setup.estimator(kind) for kind in ("ukf", "ekf"))
-        runs = [setup.run(law, Step(math.pi), 8.0, estimator=one, seed=setup.seed(k)) for one in both]
+        runs = [
+            setup.run(law, Step(math.pi), 8.0, estimator=one, seed=setup.seed(k))
+            for one in (setup.estimator(kind) for kind in ("ukf", "ekf"))
+        ]
         if all(run.diverged_at is None for run in runs):
             ukf, ekf = (run.signal("state", "link_position") for run in runs)
             gaps.append(float(np.degrees(np.abs(ukf - ekf).max())))

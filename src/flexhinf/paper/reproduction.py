@@ -44,12 +44,14 @@ class Reproduction:
     @cached_property
     def metrics(self) -> dict[str, Any]:
         """As in ``metrics.json``."""
-        settings = vars(self.setup.settings).items()
         return {
             "version": 1,
             "gamma_star": self.setup.gamma_star,
             "gamma": self.setup.gamma,
-            **{"period_s" if name == "period" else name: value for name, value in settings},
+            **{
+                "period_s" if name == "period" else name: value
+                for name, value in vars(self.setup.settings).items()
+            },
             "figures": self.figures,
             "claims": [claim.as_dict() for claim in self.claims],
             "our_questions": [claim.as_dict() for claim in self.questions],

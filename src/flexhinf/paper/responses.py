@@ -79,8 +79,10 @@ def step_text(run: Trajectory) -> str:
 
 def _tracks_step(run: Trajectory, goal: float) -> Finding:
     m = run.metrics()
-    holds = m["settling_time_s"] is not None and m["steady_state_error"] <= 0.02 * goal
-    return Finding(holds, f"{step_text(run)}.".replace("overshoot", "Overshoot", 1))
+    return Finding(
+        m["settling_time_s"] is not None and m["steady_state_error"] <= 0.02 * goal,
+        f"{step_text(run)}.".replace("overshoot", "Overshoot", 1),
+    )
 
 
 def beats(ours: Trajectory, rival: Trajectory) -> bool:
@@ -94,7 +96,6 @@ def _or_infinite(value: float | None) -> float:
 
 
 def _steps_table(runs: dict[tuple[str, str], Trajectory], caption: str, anchor: str) -> Table:
-    """A row for each step and law."""
     read = (OVERSHOOT, SETTLING, RISE, PEAK)
     rows = [(*names, *(run.metrics()[key] for key, _ in read)) for names, run in runs.items()]
     return Table(("step", "law", *(column for _, column in read)), rows, caption, anchor)
@@ -107,8 +108,9 @@ def _beats_linear(setup: PaperSetup) -> Finding:
     if setup.settings.degree < 4:  # V of the odd arm has no cubic terms: both laws are one
         return Finding("not judged", SAME_LAW, table)
     ours, linear = rows["90°", "NL-H∞"], rows["90°", "L-H∞"]
-    evidence = f"On 90°, NL-H∞: {step_text(ours)}; L-H∞: {step_text(linear)}."
-    return Finding(beats(ours, linear), evidence, table)
+    return Finding(
+        beats(ours, linear), f"On 90°, NL-H∞: {step_text(ours)}; L-H∞: {step_text(linear)}.", table
+    )
 
 
 def _beats_linear_about_the_goal(setup: PaperSetup) -> Finding:
@@ -118,9 +120,8 @@ def _beats_linear_about_the_goal(setup: PaperSetup) -> Finding:
         for about, pose in (("the hanging rest", 0.0), ("the goal", goal)):
             runs = []
             for law, name in LAWS.items():
-                degree = 2 if law == "linear" else setup.settings.degree
-                solution, period = setup.law(degree=degree, pose=pose), setup.settings.period
-                loop = setup.loop(solution, inductance=True)
+                solution = setup.law(degree=2 if law == "linear" else setup.settings.degree, pose=pose)
+                loop, period = setup.loop(solution, inductance=True), setup.settings.period
                 controller = Controller(solution, loop.controller.estimator, period, start="bumpless")
                 run = Loop(loop.true_plant, controller).run(
                     Step(goal), None, setup.deviation(loop), STEP_DURATION, rest, setup.settings.seed, held
@@ -128,11 +129,12 @@ def _beats_linear_about_the_goal(setup: PaperSetup) -> Finding:
                 runs.append(run)
                 rows[name_goal(goal), f"{name} about {about}"] = run
         wins.append(beats(*runs))  # of the laws about the goal
-    caption = (
+    table = _steps_table(
+        rows,
         "The paper's laws, about the hanging rest, and those of the same penalty about the goal; without a jump of the "
-        "input, coil in the true plant."
+        "input, coil in the true plant.",
+        "table-about-the-goal",
     )
-    table = _steps_table(rows, caption, "table-about-the-goal")
     if setup.settings.degree == 2:
         return Finding("not judged", SAME_LAW, table)
     texts = (f"{name}: {step_text(rows['180°', f'{name} about the goal'])}" for name in LAWS.values())
@@ -381,10 +383,12 @@ def attained_gain(setup: PaperSetup) -> Finding:
         "disturbance d", Column("∫|d|²", "rad² s"), Column("largest |x1|", "°", 1),
         Column("attained √(∫|z|²/∫|d|²)", "", 1), Column("over γ", "", 3), Column("over γ*", "", 3),
     )  # fmt: skip
-    caption = (
-        "Attained gain of Eq. (5) from rest, true state fed back, the largest over all horizons up to 20 s."
+    table = Table(
+        columns,
+        rows,
+        "Attained gain of Eq. (5) from rest, true state fed back, the largest over all horizons up to 20 s.",
+        "table-gain",
     )
-    table = Table(columns, rows, caption, "table-gain")
     return Finding(largest <= setup.gamma, evidence, table, numbers, tuple(worst.values()))
 
 
@@ -437,20 +441,26 @@ def _sine_disturbance(setup: PaperSetup) -> Finding:
             if (f, c) not in runs:
                 runs[f, c] = setup.load_response(setup.nonlinear, Sine(TORQUE, f, at=LOAD_FROM), c)
     bad = sorted({f for (f, _), run in runs.items() if not _stays(run, f)})
-    peaks = (_deviation(runs[FREQUENCY, c])[0] for c in CHANNELS)
-    moved = " and ".join("diverged" if peak is None else f"{peak:.1f}°" for peak in peaks)
+    moved = " and ".join(
+        "diverged" if peak is None else f"{peak:.1f}°"
+        for peak in (_deviation(runs[FREQUENCY, c])[0] for c in CHANNELS)
+    )
     others = "It is kept at the other frequencies tried too."
     if bad:
         others = f"The criterion is not kept at {', '.join(f'{f:g}' for f in bad)} Hz."
-    places = (Column(f"torque at the {c}: largest deviation", "°", 2) for c in ("link", "motor"))
-    table = Table(
-        (Column("frequency", "Hz", 2), *places),
-        [(f, *(_deviation(runs[f, c])[0] for c in CHANNELS)) for f in FREQUENCIES],
-        f"Torque of {TORQUE:g} N·m from {LOAD_FROM:g} s on. The paper gives neither size, place nor frequency.",
-        "table-frequencies",
+    return Finding(
+        FREQUENCY not in bad,
+        f"At {FREQUENCY:g} Hz the link moves by at most {moved} (torque at link and at motor). {others}",
+        Table(
+            (
+                Column("frequency", "Hz", 2),
+                *(Column(f"torque at the {c}: largest deviation", "°", 2) for c in ("link", "motor")),
+            ),
+            [(f, *(_deviation(runs[f, c])[0] for c in CHANNELS)) for f in FREQUENCIES],
+            f"Torque of {TORQUE:g} N·m from {LOAD_FROM:g} s on. The paper gives neither size, place nor frequency.",
+            "table-frequencies",
+        ),
     )
-    text = f"At {FREQUENCY:g} Hz the link moves by at most {moved} (torque at link and at motor). {others}"
-    return Finding(FREQUENCY not in bad, text, table)
 
 
 GAIN = PaperClaim(

@@ -213,8 +213,9 @@ def _withstands_tolerances(setup: PaperSetup) -> Finding:
         f" {agree} of {runs} runs of {LONG:g} s agree with the growth rates of the linear loop (within "
         f"{number(error, 2)}/s)."
     )
-    holds = all(rates.unstable == 0 for rates in chosen.values())
-    return Finding(holds, text, _tolerance_table(study), numbers, study)
+    return Finding(
+        all(rates.unstable == 0 for rates in chosen.values()), text, _tolerance_table(study), numbers, study
+    )
 
 
 def _tolerance_table(study: ToleranceStudy) -> Table:
@@ -237,12 +238,14 @@ def _tolerance_table(study: ToleranceStudy) -> Table:
         Column("sampled plants unstable, most over q"), Column("fastest growth", "1/s", 3),
         "one tolerance alone suffices",
     )  # fmt: skip
-    caption = (
+    return Table(
+        columns,
+        rows,
         f"Plants with which the loop is unstable, of {study.count('corner')} corners and {study.count('draw')} sampled "
         f"ones, with the paper's penalty and the coil; q from {number(SWEPT[0])} to {number(SWEPT[-1])}. A negative "
-        "growth is the decay of the slowest loop; – where some plant has no equilibrium."
+        "growth is the decay of the slowest loop; – where some plant has no equilibrium.",
+        "table-tolerances",
     )
-    return Table(columns, rows, caption, "table-tolerances")
 
 
 # Coil ----------------------------------------------------------------------------------------------------

@@ -48,8 +48,10 @@ def prose(text: str) -> str:
     >>> prose("`--seed 3` changes Rᵛ")
     '<code>--seed 3</code> changes R<sup>v</sup>'
     """
-    raised = _RAISED.sub(lambda found: f"R<sup>{found[1] or _LETTERS[found[2]]}</sup>", escape(text))
-    return _CODE.sub(r"<code>\1</code>", raised)
+    return _CODE.sub(
+        r"<code>\1</code>",
+        _RAISED.sub(lambda found: f"R<sup>{found[1] or _LETTERS[found[2]]}</sup>", escape(text)),
+    )
 
 
 def unit_html(unit: str) -> str:
@@ -160,9 +162,11 @@ def _json(value: object, place: tuple[str, ...], margin: str) -> str:
         if wrong != "":
             got = f"got {wrong!r} in {where}"
             raise InvalidInput("A key of a JSON object is text.", got, f"the key {str(wrong)!r}")
-        keys = [json.dumps(key, ensure_ascii=False) for key in value]
         lines = [
-            f"{key}: {_json(each, (*place, name), indent)}" for key, (name, each) in zip(keys, value.items())
+            f"{key}: {_json(each, (*place, name), indent)}"
+            for key, (name, each) in zip(
+                [json.dumps(key, ensure_ascii=False) for key in value], value.items()
+            )
         ]
         return f"{{{indent}{f',{indent}'.join(lines)}{margin}}}" if lines else "{}"
     if isinstance(value, (list, tuple)):
@@ -305,8 +309,9 @@ def inline(svg: str, prefix: str, described_by: str = "") -> str:
         )
 
     def own(mark: re.Match[str]) -> str:
-        named = _NAME.sub(rf"\1{prefix}-", mark[0])
-        return _COLOUR.sub(lambda match: f"var(--{_ROLE[match.group()]})", named)
+        return _COLOUR.sub(
+            lambda match: f"var(--{_ROLE[match.group()]})", _NAME.sub(rf"\1{prefix}-", mark[0])
+        )
 
     described = f' aria-labelledby="{described_by}"' if described_by else ""
     wide = f' style="--units: {view.group(1)}"'
@@ -451,7 +456,7 @@ class Table(Block):
         )
         labels = [""] * len(css)
         if self.stacks:  # what a stacked row repeats before each cell but its first
-            names = [f"{column.name} {column.unit}".strip() for column in self.heads[1:]]
+            names = (f"{column.name} {column.unit}".strip() for column in self.heads[1:])
             labels[1:] = [f' data-label="{escape(name)}"' for name in names]
         grouped = any(isinstance(row, str) for row in self.rows) and not self.stacks
         body = []
@@ -465,12 +470,12 @@ class Table(Block):
                 if grouped:
                     cells[0] = f'<th scope="row">{prose(line[0][0])}</th>'
             body.append(f"<tr>{''.join(cells)}</tr>")
-        anchor = f' id="{self.id}"' if self.id else ""
-        caption, named = "", ""
-        if self.caption:  # above the table, not in it: a <caption> is no wider than its table
-            mark = f' id="{self.id}-caption"' if self.id else ""
-            named = f' aria-labelledby="{self.id}-caption"' if self.id else ""
-            caption = f'<p class="caption"{mark}>{prose(self.caption)}</p>'
+        anchor, mark, named = "", "", ""
+        if self.id:
+            anchor, mark = f' id="{self.id}"', f' id="{self.id}-caption"'
+            named = f' aria-labelledby="{self.id}-caption"' if self.caption else ""
+        # above the table, not in it: a <caption> is no wider than its table
+        caption = f'<p class="caption"{mark}>{prose(self.caption)}</p>' if self.caption else ""
         return (
             f'<div class="{"table stacks" if self.stacks else "table"}"{anchor}>{caption}<table{named}>'
             f"<thead><tr>{head}</tr></thead><tbody>{''.join(body)}</tbody></table></div>"
@@ -525,17 +530,17 @@ class Settings(Block):
 
     def html(self) -> str:
         """One folded table per group inside one folded part."""
-        head = "".join(f'<th scope="col">{name}</th>' for name in ("Setting", "Value", "From"))
-        parts, count = "", sum(len(group) for group in self.groups.values())
+        count, parts = sum(map(len, self.groups.values())), ""
         for name, group in self.groups.items():
             rows = "".join(
                 f'<tr><th scope="row">{prose(one.name)}</th><td>{prose(scalar(one.value))}{unit_html(one.unit)}</td>'
                 f"<td>{prose(one.source)}</td></tr>"
                 for one in group
             )
-            caption = f"<caption>{prose(name)}</caption><thead><tr>{head}</tr></thead>"
             parts += (
-                f'<div class="table"><table class="settings">{caption}<tbody>{rows}</tbody></table></div>'
+                f'<div class="table"><table class="settings"><caption>{prose(name)}</caption><thead><tr>'
+                '<th scope="col">Setting</th><th scope="col">Value</th><th scope="col">From</th></tr></thead>'
+                f"<tbody>{rows}</tbody></table></div>"
             )
         return f"<details><summary>Every assumption and setting ({count})</summary>{parts}</details>"
 
@@ -553,10 +558,10 @@ class Provenance(Block):
         """The command as a listing, then seed and versions."""
         listed = ", ".join(f"{escape(name)} {escape(version)}" for name, version in self.versions.items())
         seed = "nothing was drawn at random" if self.seed is None else f"seed {self.seed}"
-        command = escape(shlex.join(self.command))
         again = "<p>Written from Python with the settings above.</p>"
         if self.command:
-            again = f'<p>This command makes the report again:</p><pre class="command"><code>{command}</code></pre>'
+            command = f'<pre class="command"><code>{escape(shlex.join(self.command))}</code></pre>'
+            again = f"<p>This command makes the report again:</p>{command}"
         return f'{again}<p class="versions">Random numbers: {seed}. Versions: {listed}.</p>'
 
 

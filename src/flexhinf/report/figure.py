@@ -9,7 +9,7 @@ import io
 import re
 import textwrap
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from functools import cache
@@ -127,18 +127,22 @@ def _settings() -> dict[Any, Any]:
 
 @house_style()
 def new_figure(
-    rows: int = 1, *, width: float = WIDTH, height: float | None = None
-) -> tuple[Figure, list[Axes]]:
-    """A figure of stacked panels over one axis of time, and the panels from top to bottom.
+    rows: int = 1, *, width: float = WIDTH, height: float | None = None,
+    labels: Sequence[tuple[str, str]] = (), across: str = "time (s)",
+) -> tuple[Figure, list[Axes]]:  # fmt: skip
+    """A figure of stacked panels over one horizontal axis, and the panels from top to bottom.
 
-    `width` and `height` are in inches; without a height each panel gets what suits its number.
+    `width` and `height` are in inches; without a height each panel gets what suits its number. `labels`: quantity and
+    unit of each panel's vertical axis.
     """
     from matplotlib.figure import Figure
 
     height = height or 0.7 + (2.6 if rows == 1 else 2.1 * rows)
     figure = Figure(figsize=(width, height), layout="constrained")
     axes = list(figure.subplots(rows, 1, sharex=True, squeeze=False)[:, 0])
-    axes[-1].set_xlabel("time (s)")
+    axes[-1].set_xlabel(across)
+    for panel, named in zip(axes, labels):
+        label(panel, *named)
     figure.align_ylabels(axes)
     return figure, axes
 

@@ -51,11 +51,16 @@ def unchanged(path: str | os.PathLike[str], names: Sequence[str]) -> bool:
     listed = (_marker(Path(path)) or {}).get("files")
     if not isinstance(listed, dict):
         return False
+    found = {name: _digest(Path(path) / name) for name in names}
+    return all(digest and listed.get(name) == digest for name, digest in found.items())
+
+
+def _digest(path: Path) -> str:
+    """Of a file; empty where it cannot be read."""
     try:
-        found = {name: file_digest(Path(path) / name) for name in names}
+        return file_digest(path)
     except OSError:
-        return False
-    return all(listed.get(name) == digest for name, digest in found.items())
+        return ""
 
 
 def _marker(folder: Path) -> dict[str, Any] | None:
@@ -168,8 +173,10 @@ def _replace(target: Path, contents: Mapping[str, bytes]) -> None:
             for folder in reversed(PurePosixPath(name).parents[:-1]):
                 (fresh / folder).mkdir(exist_ok=True)  # never `fresh`: who deleted it would delete again
             (fresh / name).write_bytes(content)
-        paths = [path for path in fresh.rglob("*") if path.is_symlink() or not path.is_dir()]
-        found = {str(path.relative_to(fresh).as_posix()): path.stat().st_size for path in paths}
+        found = {
+            str(path.relative_to(fresh).as_posix()): path.stat().st_size
+            for path in [path for path in fresh.rglob("*") if path.is_symlink() or not path.is_dir()]
+        }
         if found != {str(PurePosixPath(name)): len(content) for name, content in contents.items()}:
             raise InvalidInput(
                 "The report's folder was changed while it was written; nothing was published.",
@@ -221,10 +228,7 @@ def _refuse_strangers(folder: Path, target: Path) -> None:
         if name not in (homes if path.is_dir() and not path.is_symlink() else known):
             strangers.append(name)
         elif name in digests:
-            try:  # of a link, a FIFO and what cannot be read the digest is no file's
-                digest = "" if path.is_symlink() else file_digest(path)
-            except OSError:
-                digest = ""
+            digest = "" if path.is_symlink() else _digest(path)  # of a link the digest is no file's
             changed += [name] if digest != digests[name] else []
     for found, what, hint in (
         (strangers, "The report's folder holds files that are not of the report", "move them elsewhere"),

@@ -61,11 +61,10 @@ class Claim(Block):
 
     def as_dict(self) -> dict[str, Any]:
         """The claim as it stands in ``metrics.json``."""
-        criterion = {"criterion": self.criterion} if self.criterion else {}
         known = {
             "id": self.id,
             "text": self.text,
-            **criterion,
+            **({"criterion": self.criterion} if self.criterion else {}),
             "verdict": self.verdict,
             "evidence": self.evidence,
         }
@@ -229,11 +228,13 @@ class Page:
         sheet = resources.files("flexhinf.report").joinpath("page.css").read_text(encoding="utf-8")
         # Paper is light: the dark colours are for screens only.
         screen = f"@media screen and (prefers-color-scheme: dark) {{\n  :root {{\n{dark}  }}\n}}\n"
-        tail = (
-            Section("Settings", (self.settings,), "settings"),
-            Section("How to make this again", (self.provenance,), "again"),
+        sections = (
+            *self.sections,
+            *(
+                Section("Settings", (self.settings,), "settings"),
+                Section("How to make this again", (self.provenance,), "again"),
+            ),
         )
-        sections = (*self.sections, *tail)
         contents = "".join(f'<li><a href="#{part.id}">{prose(part.title)}</a></li>' for part in sections)
         strip = ""
         for one in self.numbers:

@@ -1,0 +1,550 @@
+"""What the reports of campaigns are made of, in words, tables and small panels, on a page and in a terminal; the report
+of two designs on the same samples: success and failure, paired differences, extremes."""
+
+from __future__ import annotations
+
+import math
+import shlex
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from flexhinf.campaign import (
+    CampaignJudgement,
+    FoundPlant,
+    Interval,
+    PairedMetric,
+    Replayed,
+    Requirement,
+    WorstCase,
+)
+from flexhinf.campaign.metrics import COMPLETED, DIVERGED, UNSTABLE
+from flexhinf.design.campaign_folder import SIDES, PairResult
+from flexhinf.design.campaign_gain import GainRow
+from flexhinf.files import write_file
+from flexhinf.pages.design.step import histogram_bins
+from flexhinf.pages.drawing import DASHED, figure_block, framed, panels
+from flexhinf.report import (
+    INK,
+    SERIES,
+    Column,
+    KeyNumber,
+    Listing,
+    Note,
+    Page,
+    Paragraph,
+    Provenance,
+    Section,
+    Setting,
+    Settings,
+    Table,
+    house_style,
+    label,
+    number,
+)
+
+#: Labels of metrics in sentences; others are written with spaces.
+METRIC_LABELS = {
+    "overshoot_percent": "overshoot", "settling_time_s": "settling time", "rise_time_s": "rise time",
+    "tracking_rmse": "RMS tracking error", "estimation_rmse": "RMS estimation error",
+    "estimation_error": "largest estimation error", "input_limit_use": "use of the input's limit",
+    "speed_limit_use": "use of the speed's limit", "tracking_error_use": "use of the tracking error's limit",
+    "tracking_error": "tracking error", "final_error_use": "use of the limit after the move",
+    "final_error": "distance after the move",
+}  # fmt: skip
+
+#: How samples are spread, in a sentence.
+SPREAD = {
+    "random": "independently", "latin-hypercube": "by a Latin hypercube", "sobol": "by a Sobol sequence",
+}  # fmt: skip
+
+#: Numbers of a sample that are listed.
+LISTED = 4
+
+#: Time limits beyond this are no limits: the run only has to get there.
+NO_LIMIT = 1e8
+
+
+def metric_text(metric: str, unit: str = "") -> str:
+    """A metric in a sentence, its unit in parentheses; of a joint with the joint's name behind it."""
+    whole = next((name for name in METRIC_LABELS if f"{metric}_".startswith(f"{name}_")), "")
+    joint = metric.removeprefix(whole).replace("_", " ")
+    text = f"{METRIC_LABELS.get(whole, '')}{joint}"
+    return f"{text} ({unit})" if unit else text
+
+
+def percent_text(fraction: float) -> str:
+    """A fraction with the digits that tell it from zero and from one."""
+    if fraction in (0.0, 1.0):
+        return f"{100 * fraction:.0f} %"
+    if fraction < 0.01:
+        return f"{number(100 * fraction, 2)} %"
+    digits = int(np.clip(np.ceil(-np.log10(1.0 - fraction)), 1, 6)) if fraction > 0.5 else 1
+    return f"{100 * fraction:.{digits}f} %"
+
+
+def interval_text(interval: Interval) -> str:
+    """An interval of a fraction."""
+    return f"{percent_text(interval.low)} to {percent_text(interval.high)}"
+
+
+def value_text(value: float, unit: str) -> str:
+    """A number with its unit; infinity is a time that is never reached."""
+    return "never" if np.isinf(value) else f"{number(value, 3)} {unit}".strip()
+
+
+def limit_text(one: Requirement, unit: str) -> str:
+    """The limit of a requirement."""
+    return (
+        "within the run"
+        if one.at_most and one.limit >= NO_LIMIT
+        else f"at {'most' if one.at_most else 'least'} {value_text(one.limit, unit)}"
+    )
+
+
+def percent_change(name: str, value: float, nominal: float | None) -> str:
+    """Per cent of the nominal number; empty where that is zero, not known, or a payload's."""
+    if not nominal or "payload" in name:
+        return ""
+    change = 100.0 * (value / nominal - 1.0)
+    return f"{'+' if change > 0.0 else ''}{number(change, 2)} %"
+
+
+def _changes_text(
+    numbers: Iterable[tuple[str, float, float | None, str]],
+    others: str = "others by less",
+    most: int = LISTED,
+) -> str:
+    """The first numbers (name, value, nominal, unit) that are not nominal: ``stiffness −12 %, payload 1.2 kg``."""
+    found = [
+        f"{name.replace('_', ' ')} {percent_change(name, value, nominal) or value_text(value, unit)}"
+        for name, value, nominal, unit in numbers
+        if value != nominal
+    ]
+    return (
+        ", ".join([*found[:most], *([others.format(len(found) - most)] if len(found) > most else [])])
+        or "nominal numbers"
+    )
+
+
+def sample_changes(judged: CampaignJudgement, sample: int) -> str:
+    """A sample by its numbers that are furthest from nominal, relative to their spread."""
+    found = []
+    for name, value in judged.numbers(sample).items():
+        column, nominal = judged.column(name), judged.nominal.get(name)
+        middle, spread = float(column.mean()) if nominal is None else nominal, float(column.std())
+        if spread > 0.0 and value != middle:
+            found.append((abs(value - middle) / spread, (name, value, nominal, judged.table.unit(name))))
+    return _changes_text(change for _, change in sorted(found, key=lambda pair: -pair[0]))
+
+
+def replay_command(folder: Path | str, which: str) -> str:
+    """The command that runs one of a campaign's runs again: ``--sample 42``, ``--worst-case overshoot_percent``."""
+    return f"flexhinf campaign replay {shlex.quote(str(folder))} {which}"
+
+
+def unbroken(text: str) -> str:
+    """Per cent on the line of its number."""
+    return text.replace(" %", "\N{NO-BREAK SPACE}%")
+
+
+# Sentences and tables for a terminal too -----------------------------------------------------------------------
+def campaign_verdict(judged: CampaignJudgement) -> str:
+    """How many fail, with what confidence, and the worst of the main metric with its parameters."""
+    found, unstable = judged.success, judged.of_status(UNSTABLE) + judged.of_status(DIVERGED)
+    text = f"{judged.failures} of {judged.count} failed"
+    text += f", {unstable} of them unstable ({unstable_text(judged)})" if unstable else ""
+    if found is None:
+        text += f"; no confidence interval holds for samples spread {SPREAD[judged.method]}"
+    else:
+        text += f"; {interval_text(found)} succeed with 95 % confidence"
+    worst = judged.worst_of_all
+    if worst is None:
+        return f"{text}."
+    value = value_text(float(judged.column(judged.main)[worst]), judged.table.unit(judged.main))
+    return f"{text}; worst {metric_text(judged.main)} {value}, at {sample_changes(judged, worst)} (sample {worst})."
+
+
+def unstable_text(judged: CampaignJudgement) -> str:
+    """How many of the unstable runs moved on to their end, and how many diverged."""
+    return (
+        f"{judged.of_status(UNSTABLE)} oscillate or run away to the end of the run, "
+        f"{judged.of_status(DIVERGED)} diverged"
+    )
+
+
+def worst_text(case: WorstCase) -> str:
+    """What the search found, in one sentence: ``worst overshoot found: 2.6 %, 1.42 times …, at mass −5 %``."""
+    name, sampled = metric_text(case.metric), found_text(case, case.sampled)
+    if not case.worse:
+        return f"worst {name}: {sampled} of sample {case.sample}; the search found no worse robot."
+    times = "" if math.isnan(case.factor) else f"{number(case.factor, 3)} times "
+    numbers, nominal = case.found.numbers, case.nominal.numbers
+    at = _changes_text([(n, numbers[n], nominal[n], case.units[n]) for n in by_effect(case)], "{} others")
+    found = found_text(case, case.found)
+    return f"worst {name} found: {found} ({times}the {sampled} of sample {case.sample}), at {at}."
+
+
+def found_text(case: WorstCase, plant: FoundPlant) -> str:
+    """The metric of a plant, or why it has none."""
+    return value_text(plant.value, case.unit) if plant.status == COMPLETED else plant.status
+
+
+def by_effect(case: WorstCase) -> list[str]:
+    """The numbers, those first whose return to nominal changes the metric most."""
+    effect = {name: abs(value - case.found.value) for name, value in case.alone.items()}
+    return sorted(effect, key=lambda name: -np.nan_to_num(effect[name], nan=1e300, posinf=1e300))
+
+
+def missed_by(case: WorstCase, requirements: Sequence[Requirement]) -> list[Requirement]:
+    """The requirements of its metric that the worst plant misses, all where its run does not come to its end."""
+    value = np.array([case.found.value])
+    ended = case.found.status == COMPLETED
+    return [one for one in requirements if one.metric == case.metric and not (ended and one.met(value)[0])]
+
+
+def gain_text(row: GainRow, nominal: Mapping[str, float]) -> str:
+    """``∫|z|²/∫|d|² 5.1·10³, 77 % of γ² of the synthesis: nominal robot, true state``."""
+    of = "the proved γ²" if row.claim == "proved" else f"γ² of the {row.pair}"
+    robot = "nominal robot" if row.robot == "nominal" else f"worst robot found ({gain_changes(row, nominal)})"
+    return (
+        f"worst disturbance found: ∫|z|²/∫|d|² = {square_text(row.gain)}, {share_text(row)} of {of}: {robot}, "
+        f"{'the true state fed back' if row.loop == 'true state' else 'with the estimator'}."
+    )
+
+
+def square_text(gain: float) -> str:
+    """The square of a gain; infinite where a run diverged."""
+    return "infinite" if math.isinf(gain) else number(gain**2, 4)
+
+
+def share_text(row: GainRow) -> str:
+    """The attained ∫|z|²/∫|d|² over γ²."""
+    return "more" if math.isinf(row.gain) else f"{number(100.0 * (row.gain / row.gamma) ** 2, 3)} %"
+
+
+def gain_changes(row: GainRow, nominal: Mapping[str, float]) -> str:
+    """The robot of a disturbance, by all its numbers."""
+    numbers = [(name, value, nominal.get(name), "") for name, value in row.numbers.items()]
+    return _changes_text(numbers, most=len(numbers))
+
+
+def replay_table(found: Replayed) -> Any:
+    """A sample that was run again: its numbers and metrics, in the table and now."""
+    state = ("the same bits" if found.same else "differs") if found.recorded else "not in the table yet"
+    return _again_table(
+        f"sample {found.sample}: {found.run.status}; {state}",
+        [
+            (name, found.recorded.get(name, "–"), value)
+            for name, value in found.again.items()
+            if name not in ("sample", "failure") and value == value
+        ],
+        "table",
+    )
+
+
+def worst_table(case: WorstCase, again: FoundPlant) -> Any:
+    """The worst plant that was run again: its numbers and the metric, in the folder and now."""
+    same = again == case.found or (again.status == case.found.status != COMPLETED)
+    return _again_table(
+        f"worst {metric_text(case.metric)}: {again.status}; {'the same bits' if same else 'differs'}",
+        [(case.metric, case.found.value, again.value)]
+        + [(n, v, again.numbers[n]) for n, v in case.found.numbers.items()],
+    )
+
+
+def gain_replay_table(rows: Sequence[GainRow], again: Sequence[float]) -> Any:
+    """Gains in the folder, and run again."""
+    same = all(row.gain == value for row, value in zip(rows, again))
+    cells = [(f"{r.robot}, {r.loop}, {r.pair}", r.gain, value, r.gamma) for r, value in zip(rows, again)]
+    return _again_table(f"worst disturbances: {'the same bits' if same else 'differ'}", cells, "found", "γ")
+
+
+def _again_table(title: str, rows: Iterable[Sequence[Any]], before: str = "found", *more: str) -> Any:
+    texts = [[f"{x:.10g}" if isinstance(x, float) else str(x) for x in row] for row in rows]
+    return Table(("", before, "run again", *more), texts, title).terminal()
+
+
+# Page and panels ----------------------------------------------------------------------------------------
+def write_page(folder: Path, what: str, page: Page) -> Path:
+    """Write index.html of a folder, whole or not at all; returns its path."""
+    text, path = page.html(), folder / "index.html"
+    write_file(path, what, lambda name: Path(name).write_text(text, encoding="utf-8"))
+    return path
+
+
+def small_panels(count: int, height: float, columns: int = 3, **options: Any) -> tuple[Any, list[Any]]:
+    """As many panels in rows of at most so many columns, each row of this height, inches."""
+    columns = min(columns, count)
+    rows = -(-count // columns)
+    figure, grid = panels(rows, columns, 0.4 + height * rows, **options)
+    axes = [axis for row in grid for axis in row]
+    for axis in axes[count:]:
+        axis.set_visible(False)
+    return figure, axes[:count]
+
+
+def few_ticks(axis: Any, largest: float, which: str = "both") -> None:
+    """Few ticks with short numbers, of size up to `largest`."""
+    axis.locator_params(axis=which, nbins=3 if largest > 5e-3 else 2)
+    for one in (axis.xaxis,) if which == "x" else (axis.xaxis, axis.yaxis):
+        one.set_major_formatter(lambda value, _: number(value, 3))
+    axis.tick_params(axis=which, labelsize=8)
+
+
+def histogram(
+    axis: Any, judged: CampaignJudgement, name: str, unit: str, values: np.ndarray, counted: str
+) -> None:
+    """How often a metric has which value; the kept period is the grain of times."""
+    time, spread = judged.table.journal.time, float(np.ptp(values))
+    period = float(np.diff(time[:2])[0]) if time.size > 1 and unit == "s" else 0.0
+    half = 0.5 * abs(float(values[0])) or 0.5
+    bins = [float(values[0]) - half, float(values[0]) + half]
+    if spread:
+        bins = histogram_bins(values, period if 10.0 * period < spread else 0.0).tolist()
+    axis.hist(values, bins=bins, color=SERIES[0], alpha=0.55)
+    axis.grid(axis="x", visible=False)
+    axis.set_xlabel(metric_text(name, unit), fontsize=8)
+    label(axis, counted, "")
+
+
+# Two designs on the same samples ------------------------------------------------------------------------
+#: Metrics that are drawn, and points of a panel, at most.
+DRAWN, POINTS = 6, 2000
+
+#: Probabilities below this are not told apart.
+LEAST_P = 1e-6
+
+
+def write_pair(result: PairResult) -> Path:
+    """Write index.html of a comparison; returns its path."""
+    settings, found = result.judged[0].table.journal.settings, result.paired.success
+    request = (
+        f"{result.paired.count} robots, each with its own measurement noise, run twice for {settings['duration']} s: "
+        f"with the controller A of {result.names[0]} and with the controller B of {result.names[1]}."
+    )
+    varied = [one for one in map(result.paired.metric, result.paired.metrics) if np.any(_finite(one) != 0.0)]
+    numbers = [
+        *(
+            KeyNumber(f"fail with {side}", failures, f"of {found.count}", f"{only} with {side} alone")
+            for side, failures, only in zip("AB", found.failures, (found.only_a, found.only_b))
+        ),
+        *(
+            KeyNumber(
+                metric_text(one.name),
+                _signed(one.median),
+                one.unit,
+                f"median of B − A; {_interval_text(result, one)}",
+            )
+            for one in varied[:2]
+        ),
+    ]
+    stated = [Setting(name, value) for name, value in settings.items() if not name.startswith("design ")]
+    with house_style():  # once for all figures
+        blocks = [*_success(result), *_differences(result, varied[:DRAWN]), *_extremes(result, varied)]
+    title = f"Two designs on the same robots “{result.pair.a.request.robot.name}”"
+    page = Page(
+        title, request, pair_verdict(result), (Section("A against B", blocks, "pair"),),
+        Settings({"Samples": stated}), Provenance(result.command, int(settings["seed"])), numbers,
+    )  # fmt: skip
+    return write_page(result.folder, "report of the comparison", page)
+
+
+# In words ----------------------------------------------------------------------------------------------------
+def pair_verdict(result: PairResult) -> str:
+    """Failures of both with the test of McNemar, and the main metric."""
+    paired, found = result.paired, result.paired.success
+    a, b = found.failures
+    text = f"Of the same {paired.count} robots {a} fail with A, {b} with B"
+    if found.only_a + found.only_b:
+        test = f"; McNemar: {_p_text(found.p_value)}" if _independent(result) else ""
+        text += f" ({found.only_a} with A alone, {found.only_b} with B alone{test})"
+    if not paired.main:
+        return f"{text}."
+    one = paired.metric(paired.main)
+    medians = [value_text(median, one.unit) for median in one.medians]
+    better = [percent_text(share.rate) for share in one.better]
+    return (
+        f"{text}; median {metric_text(one.name)} {medians[0]} with A, {medians[1]} with B; the difference B − A is "
+        f"{_signed(one.median, one.unit)} at the median ({_interval_text(result, one)}); A is better in {better[0]} of "
+        f"the pairs, B in {better[1]}."
+    )
+
+
+def _p_text(p: float) -> str:
+    return f"p < {number(LEAST_P, 1)}" if p < LEAST_P else f"p = {number(p, 2)}"
+
+
+def _signed(value: float, unit: str = "") -> str:
+    if math.isnan(value):
+        return "none"
+    text = "∞" if math.isinf(value) else number(abs(value), 3)
+    return f"{'+' if value > 0.0 else '−' if value < 0.0 else ''}{text} {unit}".strip()
+
+
+def _independent(result: PairResult) -> bool:
+    return result.judged[0].method == "random"
+
+
+def _interval_text(result: PairResult, one: PairedMetric) -> str:
+    if not _independent(result):
+        return f"no interval: samples spread {SPREAD[result.judged[0].method]}"
+    return f"95 %: {_span(one)}" if _span(one) else "too few pairs for an interval"
+
+
+def _span(one: PairedMetric) -> str:
+    """The interval of the median; empty where the pairs are too few."""
+    return "" if np.isnan(one.interval).any() else " to ".join(map(_signed, one.interval))
+
+
+def _finite(one: PairedMetric) -> np.ndarray:
+    return one.differences[np.isfinite(one.differences)]
+
+
+# Blocks ------------------------------------------------------------------------------------------------------
+def _success(result: PairResult) -> list[Any]:
+    differing = [(name.replace("_", " "), a, b) for name, a, b in result.pair.differences]
+    designs: Any = Note("The specifications do not differ: the controllers are two of the same design.")
+    if differing:
+        designs = Table(("", "A", "B"), differing, "What differs in the specifications", "table-designs")
+    found, first, own = result.paired.success, result.judged[0], result.pair.b.requirements
+    limits = [
+        f"{metric_text(one.metric)} {limit_text(one, first.table.unit(one.metric))}"
+        for one in result.paired.requirements
+    ]
+    test = (
+        f"McNemar's test, by the binomial distribution over pairs in which one of them fails: {_p_text(found.p_value)}."
+        if _independent(result) else
+        f"The samples are spread {SPREAD[first.method]} and not independent: no test and no confidence interval holds "
+        "for them, and none is stated (`--method random` has them)."
+    )  # fmt: skip
+    text = (
+        "Robots, noise, sensors, motors and step are the same for both; the folders "
+        f"{SIDES[0]} and {SIDES[1]} have the report of each. A sample is a success if its run reaches its end, is "
+        f"stable there, and keeps the requirements: {'; '.join(limits) or 'there are none'}. {test}"
+    )
+    rates = [
+        (f"{name}: {source}", percent_text(one.rate),
+         *(("–", "–") if one.success is None else map(percent_text, (one.success.low, one.success.high))))
+        for name, source, one in zip("AB", result.names, result.judged)
+    ]  # fmt: skip
+    pairs = [("A keeps them", found.neither, found.only_b), ("A fails", found.only_a, found.both_fail)]
+    return [
+        designs,
+        Paragraph(text),
+        *(
+            [Note(f"B by itself requires {', '.join(own)}; here both are judged by the same requirements.")]
+            if own != result.pair.a.requirements
+            else []
+        ),
+        Table(("", "B keeps them", "B fails"), pairs, "Pairs", "table-pairs"),
+        Table(
+            ("", "success", "95 %: from", "to"),
+            rates,
+            "Each by itself, by Clopper and Pearson",
+            "table-rates",
+        ),
+    ]
+
+
+def _difference_table(result: PairResult, names: Sequence[str]) -> Table:
+    """Medians of both and of B − A, and in how many pairs either is better; a terminal shows some of the columns."""
+    rows, independent = [], _independent(result)
+    for one in map(result.paired.metric, names):
+        if len(one.pairs):
+            medians = (value_text(median, "") for median in one.medians)
+            span = (_span(one) or "too few") if independent else "–"
+            better = [
+                text
+                for share in one.better
+                for text in (percent_text(share.rate), unbroken(interval_text(share)) if independent else "–")
+            ]
+            row = (*medians, _signed(one.median), span, *better, len(one.pairs))
+            rows.append((metric_text(one.name), one.unit, *row))
+    columns = (
+        "", "unit", Column("median of A", brief="A"), Column("of B", brief="B"), Column("of B − A", brief="B − A"),
+        "95 %", Column("A is better", brief="A better"), Column("95 %", brief=None), Column("B is better", brief=None),
+        Column("95 %", brief=None), Column("pairs", brief=None),
+    )  # fmt: skip
+    title = f"B − A on the same {result.paired.count} robots"
+    return Table(columns, rows, "Paired differences", "table-differences", title=title)
+
+
+def pair_table(result: PairResult) -> Any:
+    """Paired differences of all metrics, for a terminal."""
+    return _difference_table(result, result.paired.metrics).terminal()
+
+
+def _differences(result: PairResult, drawn: Sequence[PairedMetric]) -> list[Any]:
+    intervals = (
+        " The interval of the median is exact, by order statistics; those of the fractions are Clopper's and "
+        "Pearson's. Each holds with 95 % by itself, not all of them together."
+        if _independent(result) else ""
+    )  # fmt: skip
+    text = (
+        "Better is the smaller value, or the larger one where a requirement states a least value; values that agree to "
+        f"four digits are equal.{intervals} A run that is unstable or does not reach its end is worse than all others; "
+        "pairs of two such runs are left out."
+    )
+    table = _difference_table(result, (*result.paired.metrics, *result.paired.parts))
+    blocks = [Paragraph(text), *([table] if table.rows else [])]
+    if not drawn:
+        return [*blocks, Paragraph("No metric differs in any sample.")]
+    histograms, bars = small_panels(len(drawn), 1.9)
+    samples, clouds = small_panels(len(drawn), 2.2)
+    for k, (one, axis, cloud) in enumerate(zip(drawn, bars, clouds)):
+        histogram(axis, result.judged[0], one.name, one.unit, _finite(one), "pairs" if k % 3 == 0 else "")
+        axis.axvline(0.0, color=INK, linewidth=1.0)
+        if math.isfinite(one.median):
+            axis.axvline(one.median, color=SERIES[1], linewidth=1.4, dashes=DASHED)
+        both = np.isfinite(one.a) & np.isfinite(one.b)
+        a, b = one.a[both][:POINTS], one.b[both][:POINTS]
+        ends = framed(np.array([*a, *b]))
+        cloud.plot(ends, ends, color=INK, linewidth=1.0, dashes=DASHED)
+        cloud.plot(a, b, ".", color=SERIES[0], markersize=3.0, alpha=0.5, markeredgewidth=0.0)
+        cloud.set(xlim=ends, ylim=ends)
+        cloud.set_title(metric_text(one.name, one.unit), fontsize=9, wrap=True)
+        cloud.set_xlabel("A", fontsize=8)
+        label(cloud, "B" if k % 3 == 0 else "", "")
+        for each in (axis, cloud):
+            few_ticks(each, max(map(abs, each.get_xlim())))
+    caption = (
+        "How many pairs have which difference B − A: right of zero B has the larger value. Dashed: the median. "
+        "Differences that are not finite are left out."
+    )
+    few = f" The first {POINTS} samples are drawn." if result.paired.count > POINTS else ""
+    points = f"A point for each robot; above the dashed line B has the larger value.{few}"
+    return [
+        *blocks,
+        figure_block("differences", histograms, caption, "Distribution of the differences"),
+        figure_block("samples", samples, points, "A against B"),
+    ]
+
+
+def _extremes(result: PairResult, varied: Sequence[PairedMetric]) -> list[Any]:
+    cases = [
+        (one, who, sample) for one in varied for who, sample in zip("AB", one.extremes) if sample is not None
+    ]
+    if not cases:
+        return []
+    rows = [
+        (
+            f"{metric_text(one.name)}: {who} is better by most", sample,
+            *(value_text(float(x[sample]), one.unit) for x in (one.a, one.b)),
+            unbroken(sample_changes(result.judged[0], sample)),
+        )
+        for one, who, sample in cases
+    ]  # fmt: skip
+    folder, first = result.folder.name, (result.paired.main, varied[0].name)
+    again = dict.fromkeys(sample for one, _, sample in cases if one.name in first)
+    lines = [replay_command(f"{folder}/{side}", f"--sample {sample}") for sample in again for side in SIDES]
+    columns = ("", "sample", "A", "B", "its numbers")
+    return [
+        Table(columns, rows, "Largest differences each way", "table-extremes", stacks=True),
+        Paragraph(
+            f"These commands, beside the folder {folder}, run the first of them again, with A and with B:"
+        ),
+        Listing("\n".join(lines)),
+    ]
