@@ -23,6 +23,7 @@ from flexhinf.campaign import (
 )
 from flexhinf.campaign.journal import check_own_folder, differing, listed
 from flexhinf.design.campaign_options import CampaignOptions
+from flexhinf.design.checks import end_limit_cycle
 from flexhinf.design.design_file import (
     DESIGN_FILE,
     DesignRequest,
@@ -32,15 +33,13 @@ from flexhinf.design.design_file import (
     request_document,
 )
 from flexhinf.design.evaluation import LawEvaluation
-from flexhinf.design.joint_limits import joint_limits
 from flexhinf.design.laws import DESIGN
-from flexhinf.design.limit_cycle import end_limit_cycle
 from flexhinf.design.loop_setup import LoopPlants
 from flexhinf.design.monte_carlo import RunMetrics
 from flexhinf.design.pipeline import step_duration
 from flexhinf.design.plans import has_integrals, move_reference, stated_move, step_command
 from flexhinf.design.requirements import final_limits, tracking_limits
-from flexhinf.design.responses import LOAD_START, Plan, plan_ends, start_and_goal
+from flexhinf.design.responses import LOAD_START, Plan, joint_limits, plan_ends, start_and_goal
 from flexhinf.design.specification import FIELDS, Specification
 from flexhinf.design.synthesis.steps import synthesise
 from flexhinf.errors import InvalidInput

@@ -26,7 +26,7 @@ from flexhinf.analysis import (
     tolerance_corners,
 )
 from flexhinf.analysis.batch import LawRows
-from flexhinf.design.impulse import ImpulseRuns, impulse_runs, impulse_sizes
+from flexhinf.design.checks import ImpulseRuns, impulse_runs, impulse_sizes
 from flexhinf.design.loop_setup import LoopSetup, share_derived
 from flexhinf.design.monte_carlo import MonteCarlo, move_errors, sampled_runs
 from flexhinf.design.problem.modes import (

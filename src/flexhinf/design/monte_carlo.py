@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from flexhinf.campaign import Metrics
-from flexhinf.design.joint_limits import JointLimits
 from flexhinf.design.loop_setup import LoopSetup
+from flexhinf.design.responses import JointLimits
 from flexhinf.loop import EnsembleResult, Instant, Reduction
 from flexhinf.loop.simulation.metrics import Command, step_reduction
 from flexhinf.robot.signals import signal_names

@@ -8,17 +8,22 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 
 from flexhinf.design import requirements as required, responses
-from flexhinf.design.along_move import along_requirements
 from flexhinf.design.certification import attenuation, prove_design, searches_disturbance, with_tolerances
+from flexhinf.design.checks import (
+    LimitCycleCheck,
+    PayloadEvaluation,
+    along_requirements,
+    end_limit_cycle,
+    evaluate_payloads,
+    payload_requirements,
+)
 from flexhinf.design.criterion import check_mode, criterion_for, reference_metrics, stated_limits
 from flexhinf.design.evaluation import LawEvaluation
-from flexhinf.design.joint_limits import joint_limits
 from flexhinf.design.laws import DESIGN, LawFactory, LawKind, law_kind, law_names
-from flexhinf.design.limit_cycle import LimitCycleCheck, end_limit_cycle
-from flexhinf.design.payload import PayloadEvaluation, evaluate_payloads, payload_requirements
 from flexhinf.design.plans import plan_move, stated_move
 from flexhinf.design.problem.modes import JointScales, closed_loop, modes_of
 from flexhinf.design.problem.presets import preset_of, required_damping
+from flexhinf.design.responses import joint_limits
 from flexhinf.design.result import ComparedLaw, Comparison, Design, status_of
 from flexhinf.design.rigid import RigidComparison, compare_rigid
 from flexhinf.design.specification import Specification
@@ -92,7 +97,7 @@ def design(robot: Robot, specification: Specification, progress: Progress | None
         progress("load, move and sampled robots")
         rigid = rigid.result()
     progress("payloads at the ends of their ranges")
-    payloads = evaluate_payloads(evaluation)
+    payloads = evaluate_payloads(setup, scenario)
     lines = tuple(_requirements(evaluation, synthesis, mujoco, rest, payloads))
     start = float("nan")  # V where the step starts, with the integrals that the controller chooses
     if synthesis.sampled or synthesis.proved is not None:

@@ -9,10 +9,9 @@ from typing import cast
 
 import numpy as np
 
-from flexhinf.design.joint_limits import JointLimits, joint_limits
 from flexhinf.design.problem.modes import JointScales
 from flexhinf.design.problem.presets import BANDWIDTH_FRACTION
-from flexhinf.design.responses import Plan
+from flexhinf.design.responses import JointLimits, Plan, joint_limits
 from flexhinf.design.specification import RUN_SAMPLES, Specification
 from flexhinf.design.waypoint_table import WaypointError, WaypointTable
 from flexhinf.errors import InvalidInput

@@ -28,8 +28,8 @@ from flexhinf.certify.claim import Start
 from flexhinf.certify.evaluation import path_start
 from flexhinf.certify.proof import NotProved, certify_tolerances
 from flexhinf.certify.starts import largest_values, robot_start, tabled_start
-from flexhinf.design.joint_limits import joint_limits
 from flexhinf.design.problem.presets import DesignProblem, choose, measured_problem
+from flexhinf.design.responses import joint_limits
 from flexhinf.design.specification import Specification
 from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.hinf import HJISolution, solve_hji

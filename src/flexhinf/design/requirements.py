@@ -15,9 +15,8 @@ from typing import Any
 import numpy as np
 
 from flexhinf.analysis import Margins, ToleranceCorners
-from flexhinf.design.joint_limits import ROBOT, JointLimits, LimitUse, per_joint
 from flexhinf.design.monte_carlo import MonteCarlo
-from flexhinf.design.responses import Move, Response
+from flexhinf.design.responses import ROBOT, JointLimits, LimitUse, Move, Response, limit_use, per_joint
 from flexhinf.design.specification import FIELDS, TOLERANCE, Specification
 from flexhinf.loop.simulation.metrics import SETTLING_BAND
 
@@ -47,9 +46,8 @@ class Requirement:
     @property
     def met(self) -> bool:
         """Whether it is met, within `TOLERANCE`."""
-        if self.at_most:
-            return bool(self.found <= self.limit * (1.0 + TOLERANCE))
-        return bool(self.found >= self.limit * (1.0 - TOLERANCE))
+        least, most = self.limit * (1.0 - TOLERANCE), self.limit * (1.0 + TOLERANCE)
+        return bool(self.found <= most if self.at_most else self.found >= least)
 
     @property
     def within_tolerance(self) -> bool:
@@ -59,9 +57,8 @@ class Requirement:
     @property
     def judgement(self) -> str:
         """``met``, ``NOT MET``, or what counts as met though the limit itself is missed: ``met within 2 %``."""
-        if not self.met:
-            return "NOT MET"
-        return f"met within {100.0 * TOLERANCE:g} %" if self.within_tolerance else "met"
+        met = f"met within {100.0 * TOLERANCE:g} %" if self.within_tolerance else "met"
+        return met if self.met else "NOT MET"
 
     @property
     def unit_text(self) -> str:
@@ -70,12 +67,10 @@ class Requirement:
 
     def shown(self, degrees: bool) -> Requirement:
         """The same for a reader: angles and speeds of links in degrees where these are shown, a bandwidth as it is."""
-        turns = self.unit == "rad" or (self.unit == "rad/s" and self.what == SPEED)
-        if not (degrees and turns):
+        if not degrees or not (self.unit == "rad" or (self.unit == "rad/s" and self.what == SPEED)):
             return self
-        return replace(
-            self, limit=math.degrees(self.limit), found=math.degrees(self.found), unit=f"°{self.unit[3:]}"
-        )
+        limit, found = math.degrees(self.limit), math.degrees(self.found)
+        return replace(self, limit=limit, found=found, unit=f"°{self.unit[3:]}")
 
 
 @dataclass(frozen=True)
@@ -160,8 +155,8 @@ def all_met(lines: Sequence[Requirement]) -> bool:
 
 def peak_option(unit: str, source: str = "") -> str:
     """The option of the command line that limits an input of this unit, or `ROBOT` where that is the source."""
-    named = {"V": "--peak-voltage", "A": "--peak-current"}
-    return ROBOT if source == ROBOT else named.get(unit, "--peak-torque")
+    options = {"V": "--peak-voltage", "A": "--peak-current"}
+    return ROBOT if source == ROBOT else options.get(unit, "--peak-torque")
 
 
 def of_several(joints: Sequence[str], joint: str | int) -> str:
@@ -194,11 +189,10 @@ def behaviour_requirements(
 
     `least_damped`: the joint of the smallest damping ratio.
     """
-    fraction = np.nan_to_num(margins.bandwidth / bandwidth, nan=0.0)
-    worst = int(np.argmin(fraction))
-    found = np.nan_to_num(margins.bandwidth[worst], nan=0.0)
+    worst = int(np.argmin(np.nan_to_num(margins.bandwidth / bandwidth, nan=0.0)))
+    own = np.nan_to_num(margins.bandwidth[worst], nan=0.0)
     return [
-        REQUIREMENTS["bandwidth"].judge(s, bandwidth[worst], found, RUNNING, joint=of_several(joints, worst)),
+        REQUIREMENTS["bandwidth"].judge(s, bandwidth[worst], own, RUNNING, joint=of_several(joints, worst)),
         REQUIREMENTS["damping"].judge(
             s, damping, margins.damping, RUNNING, joint=of_several(joints, least_damped)
         ),
@@ -245,27 +239,31 @@ def limit_requirements(
     `always`: also where a limit is kept; otherwise only what is exceeded. Ranges are always of the second kind, since
         a run begins and ends within them.
     """
-    found = []
-    if limits.limits_peak:
-        use = limits.input_use(demanded or response)
-        found.append(_peak(limits, use, where, ", without limits of the inputs" if unlimited else ""))
-    if limits.limits_speed:
-        found.append(_limit("speed", limits, limits.speed_use(response), where, limits.speed_source))
-    found = [line for line in found if always or not line.met]
+    how = ", without limits of the inputs" if unlimited else ""
+    inputs, speeds = limits.input_use(demanded or response), limits.speed_use(response)
+    lines = [line for line in _limit_lines(limits, inputs, speeds, where, how) if always or not line.met]
     beyond = limits.beyond_range(response)
     if 0.0 < beyond.value < np.inf:
-        found.append(_limit("range", limits, beyond, where, ROBOT))
-    return found
+        lines.append(_limit_line("range", limits, beyond, where, ROBOT))
+    return lines
 
 
-def _peak(limits: JointLimits, use: LimitUse, where: str, how: str = "") -> Requirement:
-    nearest = "|input| of the motor that is nearest to its limit"
-    criterion = REQUIREMENTS["peak"].criterion if np.ptp(limits.peak) == 0.0 else nearest
-    option = peak_option(use.unit, limits.peak_source)
-    return _limit("peak", limits, use, where, option, criterion=f"{criterion}{how}")
+def _limit_lines(
+    limits: JointLimits, inputs: LimitUse, speeds: LimitUse, where: str, how: str = ""
+) -> list[Requirement]:
+    """Of what is limited: peak input and link speed."""
+    lines = []
+    if limits.limits_peak:
+        nearest = "|input| of the motor that is nearest to its limit"
+        criterion = REQUIREMENTS["peak"].criterion if np.ptp(limits.peak) == 0.0 else nearest
+        option = peak_option(inputs.unit, limits.peak_source)
+        lines.append(_limit_line("peak", limits, inputs, where, option, criterion=f"{criterion}{how}"))
+    if limits.limits_speed:
+        lines.append(_limit_line("speed", limits, speeds, where, limits.speed_source))
+    return lines
 
 
-def _limit(
+def _limit_line(
     name: str, limits: JointLimits, use: LimitUse, where: str, source: str, **more: Any
 ) -> Requirement:
     return REQUIREMENTS[name].judge(
@@ -278,26 +276,18 @@ def sample_requirements(s: Specification, limits: JointLimits, samples: MonteCar
     """The worst of the robots sampled within their tolerances."""
     where = f"the worst of {len(samples)} robots sampled within their tolerances"
     joint = of_several(limits.joints, samples.overshoot_joints[int(np.argmax(samples.overshoot))])
-    lines = [
+
+    def use(values: np.ndarray, most: np.ndarray, units: Sequence[str]) -> LimitUse:
+        finite = values if np.isfinite(values).all() else None  # infinite where a run diverged
+        return limit_use(finite, most, limits.joints, units)
+
+    inputs = use(samples.inputs, limits.peak, limits.effort_units)
+    speeds = use(samples.speeds, limits.speed, limits.speed_units)
+    return [
         REQUIREMENTS["unsettled"].judge(None, 0.0, samples.unsettled, where),
         REQUIREMENTS["overshoot"].judge(s, s.overshoot, samples.overshoot.max(), where, joint=joint),
+        *_limit_lines(limits, inputs, speeds, where),
     ]
-
-    def worst(values: np.ndarray, most: np.ndarray, units: tuple[str, ...]) -> LimitUse:
-        if not np.isfinite(values).all():  # a run diverged
-            joint = int(np.argmin(most))
-            return LimitUse(np.inf, float(most[joint]), "", units[joint], None)
-        row, joint = divmod(int(np.argmax(values / most)), values.shape[1])
-        return LimitUse(
-            float(values[row, joint]), float(most[joint]), limits.joints[joint], units[joint], None
-        )
-
-    if limits.limits_peak:
-        lines.append(_peak(limits, worst(samples.inputs, limits.peak, limits.effort_units), where))
-    if limits.limits_speed:
-        use = worst(samples.speeds, limits.speed, limits.speed_units)
-        lines.append(_limit("speed", limits, use, where, limits.speed_source))
-    return lines
 
 
 #: Default limit of the tracking error, as a fraction of the joint's way along the move.

@@ -14,11 +14,10 @@ import numpy as np
 import tomlkit
 
 from flexhinf.design.certification import Attenuation, DesignProof, StepProof, step_proof
+from flexhinf.design.checks import LimitCycleCheck, PayloadEvaluation
 from flexhinf.design.design_file import DesignRequest, plain, request_document, toml_table
 from flexhinf.design.evaluation import LawEvaluation
-from flexhinf.design.limit_cycle import LimitCycleCheck
 from flexhinf.design.loop_setup import LoopSetup
-from flexhinf.design.payload import PayloadEvaluation
 from flexhinf.design.problem.modes import Mode
 from flexhinf.design.problem.presets import DesignProblem
 from flexhinf.design.requirements import Requirement, all_met

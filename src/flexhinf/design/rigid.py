@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf.design.problem.modes import Mode, modes_of
-from flexhinf.design.responses import Response, run_response
+from flexhinf.design.responses import Response
 from flexhinf.design.specification import Specification
 from flexhinf.hinf import HJISolution, smallest_gamma, solve_hji
 from flexhinf.loop import Controller, Loop
@@ -195,11 +195,10 @@ def compare_rigid(
     for side in SIDES:
         law = RigidLaw(solution, problem, side)
         controller = Controller(law, None, specification.period, saturation, start="bumpless")
-        loop = Loop(true_plant, controller)
         x, u = start
-        response = run_response(
-            loop, goal, x[: len(goal)], tuple(joints), duration=duration, initial_state=x, initial_input=u,
-            seed=specification.seed,
-        )  # fmt: skip
+        run = Loop(true_plant, controller).run(
+            duration=duration, initial_state=x, initial_input=u, seed=specification.seed
+        )
+        response = Response(run, goal, x[: len(goal)], tuple(joints))
         loops.append(RigidLoop(side, modes_of(law.closed_loop(), joints, *energy), response))
     return RigidComparison(solution.gamma, degree, tuple(loops))

@@ -12,11 +12,10 @@ from typing import Any
 import numpy as np
 
 from flexhinf.design.estimators import EstimatorNoise
-from flexhinf.design.joint_limits import ROBOT, JointLimits, joint_limits
 from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.monte_carlo import sampled_runs
 from flexhinf.design.problem.presets import DesignProblem
-from flexhinf.design.responses import Response, run_length, sample_robots
+from flexhinf.design.responses import ROBOT, JointLimits, Response, joint_limits, run_length, sample_robots
 from flexhinf.design.specification import TOLERANCE
 from flexhinf.design.synthesis.degrees import tried_degrees
 from flexhinf.design.synthesis.task import Task

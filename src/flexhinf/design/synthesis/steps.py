@@ -9,10 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.design.along_move import AlongMove, MarginLimits, scheduled
+from flexhinf.design.checks import AlongMove, MarginLimits, scheduled
 from flexhinf.design.design_file import check_stated_units
 from flexhinf.design.estimators import EstimatorNoise, sensor_steps
-from flexhinf.design.joint_limits import ROBOT, JointLimits, integral_dead_zone, joint_limits
 from flexhinf.design.loop_setup import LoopPlants, LoopSetup
 from flexhinf.design.plans import stated_move
 from flexhinf.design.problem.channels import tolerance_channels
@@ -22,7 +21,14 @@ from flexhinf.design.problem.presets import (
     required_damping,
 )
 from flexhinf.design.proved_step import LENGTH, ProvedLaw, proved_law
-from flexhinf.design.responses import Plan, start_and_goal
+from flexhinf.design.responses import (
+    ROBOT,
+    JointLimits,
+    Plan,
+    integral_dead_zone,
+    joint_limits,
+    start_and_goal,
+)
 from flexhinf.design.specification import RINGS, TOLERANCE, Specification, SpecificationError
 from flexhinf.design.synthesis.degrees import (
     DegreeChoice,

@@ -10,11 +10,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from flexhinf.analysis import Margins
-from flexhinf.design.along_move import MOST_LAWS, AlongMove
+from flexhinf.design.checks import (
+    AFTER,
+    MOST_LAWS,
+    WIDEST,
+    AlongMove,
+    ImpulseRuns,
+    LimitCycleCheck,
+    PayloadEvaluation,
+    payload_requirements,
+)
 from flexhinf.design.evaluation import LawEvaluation
-from flexhinf.design.impulse import AFTER, ImpulseRuns
-from flexhinf.design.limit_cycle import WIDEST, LimitCycleCheck
-from flexhinf.design.payload import PayloadEvaluation, payload_requirements
 from flexhinf.design.problem.presets import preset_of
 from flexhinf.design.responses import LoadResponse, Response
 from flexhinf.design.result import Design
