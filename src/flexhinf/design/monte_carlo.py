@@ -6,7 +6,7 @@ The metrics are reductions, computed while each run goes on; the controller stay
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import Any
 
@@ -82,31 +82,27 @@ def sampled_runs(
     """
     n, samples = len(setup.goal), round(duration / setup.specification.period)
     instants = np.arange(0, samples, max(1, -(-samples // KEPT)))  # evenly apart
-    found = setup.steps(
+    runs = setup.steps(
         robots, duration, sub_steps, reductions=step_reductions(setup.start, setup.goal),
         kept=setup.true_plant.states[:n], instants=instants,
     )  # fmt: skip
-    numbers = {name: np.where(np.isnan(values), np.inf, values) for name, values in found.common.items()}
+    numbers = {name: np.where(np.isnan(values), np.inf, values) for name, values in runs.common.items()}
     moving = np.flatnonzero(setup.start != setup.goal).tolist()
-    moved, completed = tuple(setup.joints[k] for k in moving), found.completed
-    overshoot, settling = (
-        _worst([numbers[f"{k} {name}"] for k in moving], moved, completed)
-        for name in ("overshoot_percent", "settling_time_s")
-    )
-    peak = _worst(numbers["effort"].T, setup.joints, completed)
+
+    def worst(rows: Any, joints: Sequence[int]) -> tuple[np.ndarray, tuple[str, ...]]:
+        """The largest of joints' values (n, N) for each run, and its joint; as `worst_of` for a `Response`."""
+        if not joints:
+            return np.where(runs.completed, 0.0, np.inf), ("",) * len(robots)
+        names = [setup.joints[joints[k]] for k in np.argmax(rows, axis=0)]
+        return np.max(rows, axis=0), tuple(np.where(runs.completed, names, "").tolist())
+
+    overshoot = worst([numbers[f"{k} overshoot_percent"] for k in moving], moving)
+    settling = worst([numbers[f"{k} settling_time_s"] for k in moving], moving)
+    peak = worst(numbers["effort"].T, range(n))
     return MonteCarlo(
         tuple(robots), overshoot[0], settling[0], peak[0], overshoot[1], settling[1], peak[1], numbers["effort"],
-        numbers["speed"], setup.specification.period * instants, found.kept,
+        numbers["speed"], setup.specification.period * instants, runs.kept,
     )  # fmt: skip
-
-
-def _worst(rows: Any, joints: Sequence[str], completed: np.ndarray) -> tuple[np.ndarray, tuple[str, ...]]:
-    """The largest of all joints' values (n, N) for each run, and its joint; as `worst_of` of the metrics of a
-    `Response`."""
-    if not joints:
-        return np.where(completed, 0.0, np.inf), ("",) * len(completed)
-    largest: list[int] = np.argmax(rows, axis=0).tolist()
-    return np.max(rows, axis=0), tuple(joints[k] if fine else "" for k, fine in zip(largest, completed))
 
 
 def move_errors(
@@ -117,9 +113,9 @@ def move_errors(
     rest: float | None = None,
 ) -> np.ndarray:
     """Largest error (N,) of any joint along the planned move, rad or m; infinite where a run diverged."""
-    columns = position_columns(setup.tracking_controller.commanded, setup.joints)
-    found = setup.moves(robots, plan, sub_steps, rest, reductions=move_reductions(columns))
-    errors = found.common["tracking_error"].max(axis=1)
+    reductions = move_reductions(position_columns(setup.tracking_controller.commanded, setup.joints))
+    runs = setup.moves(robots, plan, sub_steps, rest, reductions=reductions)
+    errors = runs.common["tracking_error"].max(axis=1)
     return np.where(np.isnan(errors), np.inf, errors)
 
 
@@ -141,10 +137,8 @@ def step_reductions(
     `pairs`: columns of an estimated position, and of the true one.
     """
     moving = np.flatnonzero(start != goal).tolist()
-    return [
-        *(_named(step_reduction(k, float(start[k]), float(goal[k])), f"{k} ") for k in moving),
-        _sizes_of(goal.tolist(), None, pairs),
-    ]
+    steps = (step_reduction(k, float(start[k]), float(goal[k])) for k in moving)
+    return [*steps, _sizes_of(goal.tolist(), None, pairs)]
 
 
 def move_reductions(columns: Sequence[int], pairs: Sequence[tuple[int, int]] = ()) -> list[Reduction]:
@@ -153,15 +147,6 @@ def move_reductions(columns: Sequence[int], pairs: Sequence[tuple[int, int]] = (
     ``late_error`` is the distance from where the move then is. `columns`: link positions in the command (n,).
     """
     return [_sizes_of([0.0] * len(columns), tuple(columns), pairs)]
-
-
-def _named(one: Reduction, before: str) -> Reduction:
-    """The same with other names of its numbers; campaigns travel to other processes, so it is no closure."""
-    return replace(one, result=partial(_renamed, one.result, before))
-
-
-def _renamed(result: Any, before: str, kept: np.ndarray, command: Command) -> dict[str, np.ndarray]:
-    return {before + name: values for name, values in result(kept, command).items()}
 
 
 def _sizes_of(
@@ -178,13 +163,8 @@ def _sizes(
     n: int, columns: Sequence[int] | None, pairs: Sequence[tuple[int, int]], kept: Any, now: Instant
 ) -> Any:
     """The goal, or largest distances from the move; largest late errors, inputs and speeds (n each); an estimate's."""
-    first, late, effort, speed, estimate = (
-        kept[:n],
-        kept[n : 2 * n],
-        kept[2 * n : 3 * n],
-        kept[3 * n : 4 * n],
-        kept[-1],
-    )
+    first, late, effort, speed = (kept[k * n : (k + 1) * n] for k in range(4))
+    estimate = kept[-1]
     if columns is None:
         errors = [abs(now.state[k] - first[k]) for k in range(n)]
     else:
@@ -237,15 +217,12 @@ class RunMetrics:
     @property
     def units(self) -> dict[str, str]:
         """By name, empty where those of the joints differ; a fraction of a limit only where there is one."""
-
-        def common(units: Sequence[str]) -> str:
-            return units[0] if len(set(units)) == 1 else ""
-
-        found = {name: common(units) for name, (units, _) in self.joint_metrics.items()}
-        found["estimation_error"] = common(self.limits.position_units)
-        found |= {"input_limit_use": ""} if self.limits.limits_peak else {}
-        found |= {"speed_limit_use": ""} if self.limits.limits_speed else {}
-        return found | {name: self.joint_metrics[kind][0][k] for name, (kind, k) in self._parts.items()}
+        each = {name: units for name, (units, _) in self.joint_metrics.items()}
+        each["estimation_error"] = self.limits.position_units
+        common = {name: units[0] if len(set(units)) == 1 else "" for name, units in each.items()}
+        uses = {"input_limit_use": self.limits.limits_peak, "speed_limit_use": self.limits.limits_speed}
+        common |= {name: "" for name, limited in uses.items() if limited}
+        return common | {name: each[kind][k] for name, (kind, k) in self._parts.items()}
 
     @cached_property
     def _parts(self) -> dict[str, tuple[str, int]]:
@@ -258,27 +235,24 @@ class RunMetrics:
         """For a campaign whose true plant, estimate and command have these names."""
         names = [name for name in signal_names("link_position", self.limits.joints) if name in estimated]
         pairs = tuple((tuple(estimated).index(name), tuple(states).index(name)) for name in names)
-        if self.ends is None:
-            reductions = move_reductions(position_columns(commanded, self.limits.joints), pairs)
-        else:
-            reductions = step_reductions(*self.ends, pairs)
+        columns = position_columns(commanded, self.limits.joints) if self.ends is None else ()
+        reductions = step_reductions(*self.ends, pairs) if self.ends else move_reductions(columns, pairs)
         return Metrics(self.units, None, partial(self._reduced, bool(pairs)), reductions, tuple(self._parts))
 
-    def _reduced(self, estimated: bool, found: EnsembleResult) -> dict[str, np.ndarray]:
-        common = found.common
+    def _reduced(self, estimated: bool, runs: EnsembleResult) -> dict[str, np.ndarray]:
+        common, nothing = runs.common, np.full(len(runs.codes), np.nan)
         late, effort, speed = common["late_error"], common["effort"], common["speed"]
         every = {"peak_input": effort, "peak_speed": speed}  # (N, n); any number for a joint that has none
         if self.required is None:
+            every["steady_state_error"] = late
             for kind in STEP_UNITS:
                 each = [common.get(f"{k} {kind}", late[:, k]) for k in range(late.shape[1])]
                 every[kind] = np.stack(each, axis=1)
-            every["steady_state_error"] = late
         else:
-            for kind, error, most in zip(
-                ("tracking_error", "final_error"), (common["tracking_error"], late), self.required
-            ):
-                every |= {kind: error, f"{kind}_use": error / most}
-        nothing = np.full(len(found.codes), np.nan)
+            errors = {"tracking_error": common["tracking_error"], "final_error": late}
+            every |= errors
+            for (kind, error), most in zip(errors.items(), self.required):
+                every[f"{kind}_use"] = error / most
         worst = {
             kind: every[kind][:, list(joints)].max(axis=1) if len(joints) else nothing
             for kind, (_, joints) in self.joint_metrics.items()

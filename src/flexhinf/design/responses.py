@@ -17,7 +17,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from flexhinf.design.specification import FIELDS, Specification, SpecificationError
-from flexhinf.loop import Trajectory
+from flexhinf.loop import Signal, Trajectory
 from flexhinf.loop.simulation.metrics import (
     StepShape,
     load_metrics,
@@ -244,25 +244,12 @@ class LoadResponse:
         ]
 
 
-class Plan(Protocol):
-    """A motion of all joints from rest to rest."""
-
-    @property
-    def name(self) -> str:
-        """A short description."""
-        ...
+class Plan(Signal, Protocol):
+    """A motion of all joints from rest to rest: link positions (N, n) at times (N,), and their derivatives."""
 
     @property
     def duration(self) -> float:
         """From its beginning at time 0 to its end, s."""
-        ...
-
-    def __call__(self, t: Any) -> Any:
-        """Link positions (N, n) at times (N,)."""
-        ...
-
-    def derivatives(self, t: Any, order: int = 4) -> Any:
-        """They and their time derivatives, (order + 1, N, n)."""
         ...
 
 

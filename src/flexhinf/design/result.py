@@ -5,38 +5,36 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from functools import cached_property, partial
+from functools import partial
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import tomlkit
 
 from flexhinf.design.certification import Attenuation, DesignProof, StepProof, step_proof
 from flexhinf.design.checks import LimitCycleCheck, PayloadEvaluation
+from flexhinf.design.criterion import Criterion
 from flexhinf.design.design_file import DesignRequest, plain, request_document, toml_table
 from flexhinf.design.evaluation import LawEvaluation
+from flexhinf.design.laws import LawKind
 from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.problem.modes import Mode
 from flexhinf.design.problem.presets import DesignProblem
-from flexhinf.design.requirements import Requirement, all_met
+from flexhinf.design.requirements import Requirement
 from flexhinf.design.responses import Response, Scenario
 from flexhinf.design.rigid import RigidComparison
 from flexhinf.design.specification import RINGS, TOLERANCE, Specification
-from flexhinf.design.synthesis.degrees import DegreeChoice, shrinking
+from flexhinf.design.synthesis.degrees import DegreeChoice
 from flexhinf.design.synthesis.noise import NoiseSearch
 from flexhinf.design.synthesis.steps import Synthesis
+from flexhinf.design.tuning import TunedLaw
 from flexhinf.hinf import HJISolution
 from flexhinf.loop import Controller
 from flexhinf.notebook import Summarised
 from flexhinf.plant import GeneralisedPlant
 from flexhinf.robot import Robot
-
-if TYPE_CHECKING:
-    from flexhinf.design.laws import LawKind
-    from flexhinf.design.tuning import Criterion, TunedLaw
-
 
 #: An estimation error that oscillates with a smaller damping ratio than this is a risk.
 HARDLY_DAMPED = 0.05
@@ -72,12 +70,9 @@ class Status:
     def line(self) -> str:
         """One line: what is not met, not proved or risky."""
         met = f"Specification met on the running loop{f' ({self.scope})' if self.scope else ''}"
-        parts = ["Not met: " + "; ".join(self.not_met) if self.not_met else met]
-        if self.risky:
-            parts.append("Risky: " + "; ".join(self.risky))
-        if self.not_proved:
-            parts.append("Not proved: " + "; ".join(self.not_proved))
-        return ". ".join(parts) + "."
+        rows = {"Not met": self.not_met, "Risky": self.risky, "Not proved": self.not_proved}
+        parts = [f"{name}: " + "; ".join(texts) for name, texts in rows.items() if texts]
+        return ". ".join(parts if self.not_met else [met, *parts]) + "."
 
 
 def status_of(
@@ -89,14 +84,13 @@ def status_of(
     proof: DesignProof,
 ) -> Status:
     """The status of a design."""
-    setup = evaluation.setup
+    setup, names = evaluation.setup, [line.what for line in lines]
     degrees = setup.specification.in_degrees and not any(setup.robot.links.slides)
-    names = [line.what for line in lines]
-    wrong = [line for line in lines if not line.met]
-    missed = dict.fromkeys(_missed(line.shown(degrees), names.count(line.what) > 1) for line in wrong)
-    narrow = dict.fromkeys(line.what for line in lines if line.within_tolerance)
+    missed = dict.fromkeys(
+        _missed(line.shown(degrees), names.count(line.what) > 1) for line in lines if not line.met
+    )
     past = f"{100.0 * TOLERANCE:g} % past its limit at most, which counts as met"
-    scope = [f"{what}: {past}" for what in narrow]
+    scope = list(dict.fromkeys(f"{line.what}: {past}" for line in lines if line.within_tolerance))
     if evaluation.corners is None:
         scope.append("no tolerance stated: only the nominal robot was judged")
     unproved = step_proof(proof, chosen, inside).missing
@@ -107,8 +101,7 @@ def status_of(
 
 def _missed(line: Requirement, places: bool) -> str:
     """Value and limit; also where, if it is judged in several places."""
-    sign = "≤" if line.at_most else "≥"
-    unit = line.unit_text
+    sign, unit = "≤" if line.at_most else "≥", line.unit_text
     joint = f" in {line.joint}" if line.joint else ""
     joint += "" if line.at is None else f" at {line.at:.3g} s"
     place = f"; {line.where}" if places else ""
@@ -120,43 +113,40 @@ def _in_brackets(joints: Sequence[str], joint: str) -> str:
 
 
 def _risks(lines: Sequence[Requirement], evaluation: LawEvaluation) -> list[str]:
-    found, of = [], partial(_in_brackets, evaluation.setup.joints)
+    setup, margins, risks = evaluation.setup, evaluation.margins, []
+    of, period = partial(_in_brackets, setup.joints), setup.specification.period
     slow = [m for m in evaluation.estimator_modes if m.eigenvalue.imag > 0.0 and m.damping < HARDLY_DAMPED]
     if slow:
         worst = min(slow, key=lambda m: m.damping)
-        found.append(
+        risks.append(
             f"the estimation error oscillates at {worst.frequency:.3g} Hz{of(worst.joint)} with a damping of "
             f"{worst.damping:.2g}"
         )
-    damping = evaluation.margins.damping
-    judged = any(line.what.startswith("damping") for line in lines)
-    if damping < RINGS and not slow and not judged:
-        found.append(
-            f"an oscillation of the running loop{of(evaluation.least_damped_joint)} is damped by {damping:.2g} only, "
-            "and no damping is required"
+    elif margins.damping < RINGS and not any(line.what.startswith("damping") for line in lines):
+        risks.append(
+            f"an oscillation of the running loop{of(evaluation.least_damped_joint)} is damped by "
+            f"{margins.damping:.2g} only, and no damping is required"
         )
-    margins, period = evaluation.margins, evaluation.setup.specification.period
     if margins.stable and margins.delay_margin_s < FEW_PERIODS * period:
-        found.append(
+        risks.append(
             f"the loop tolerates {1e3 * margins.delay_margin_s:.2g} ms of extra delay, "
             f"{margins.delay_margin_s / period:.2g} periods"
         )
     loaded = evaluation.load_response.metrics
-    held = [row for row in loaded if row["recovery_time_s"] is None]
     if not loaded:
-        found.append("under a constant load on the links the loop diverges")
-    if held:
-        worst_row = max(held, key=lambda row: row["remaining_error"])
-        joint = f" {worst_row['joint']}" if len(loaded) > 1 else ""
-        found.append(f"under a constant load the link{joint} does not come back within 2 % of the step")
+        risks.append("under a constant load on the links the loop diverges")
+    if held := [row for row in loaded if row["recovery_time_s"] is None]:
+        name = max(held, key=lambda row: row["remaining_error"])["joint"] if len(loaded) > 1 else ""
+        link = f"link {name}" if name else "link"
+        risks.append(f"under a constant load the {link} does not come back within 2 % of the step")
     noise, peak = evaluation.input_noise, evaluation.step.peak_input
     if margins.stable and noise > NOISE_FRACTION * peak:
         noises = evaluation.input_noises
-        joint = "" if noises is None else of(evaluation.setup.joints[int(np.argmax(noises))])
-        found.append(
+        joint = "" if noises is None else of(setup.joints[int(np.argmax(noises))])
+        risks.append(
             f"sensor noise at a motor{joint} is {100.0 * noise / peak:.2g} % of the step's peak input, rms"
         )
-    return found
+    return risks
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -225,7 +215,7 @@ class Design(Summarised):
     @property
     def met(self) -> bool:
         """Whether every requirement is met."""
-        return all_met(self.requirements)
+        return all(line.met for line in self.requirements)
 
     @property
     def noise_search(self) -> NoiseSearch | None:
@@ -287,17 +277,6 @@ class Design(Summarised):
     def gamma(self) -> float:
         """Level of the solution."""
         return self.solution.gamma
-
-    @cached_property
-    def shrinking(self) -> list[tuple[int, int]]:
-        """Pairs of degrees where the higher one allows a smaller step."""
-        return shrinking(self.choices)
-
-    @property
-    def sub_steps(self) -> tuple[int, int]:
-        """Runge–Kutta steps per period: of the estimator's model (0 without one), of the true plant."""
-        filter = self.evaluation.loop.filter
-        return 0 if filter is None else filter.sub_steps, self.scenario.sub_steps
 
     def controller(self, at: np.ndarray | None = None) -> Controller:
         """A new controller as it is deployed: it takes over without a jump of the input.
@@ -364,8 +343,9 @@ class Comparison(Summarised):
         tuned = sorted((row.tuned for row in self.rows if row.tuned is not None), key=lambda law: law.cost)
         costs = ", ".join(f"{law.name} {law.cost:.3g}" for law in tuned)
         lost = ", ".join(row.name for row in self.rows if row.failure)
-        others = {"not compared": lost} if lost else {}
-        return {"robot": self.robot.name, "laws by the criterion": costs, **others}
+        return {"robot": self.robot.name, "laws by the criterion": costs} | (
+            {"not compared": lost} if lost else {}
+        )
 
     @property
     def own(self) -> ComparedLaw:

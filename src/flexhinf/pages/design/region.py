@@ -11,7 +11,7 @@ import numpy as np
 
 from flexhinf.analysis import BudgetTerm
 from flexhinf.design.result import Design
-from flexhinf.design.synthesis.degrees import ACTING, GAIN, DegreeChoice
+from flexhinf.design.synthesis.degrees import ACTING, GAIN, DegreeChoice, shrinking
 from flexhinf.hinf import smallest_gamma
 from flexhinf.pages.drawing import (
     DASHED,
@@ -93,7 +93,7 @@ def region(design: Design) -> Blocks:
 def _notes(design: Design) -> Blocks:
     """What does not follow from the region."""
     attained, proved = design.attenuation.attained, design.synthesis.proved
-    for low, high in design.shrinking:
+    for low, high in shrinking(design.choices):
         yield note(f"Degree {high} allows a smaller step than degree {low}.")
     if design.attenuation.failure:
         yield note(design.attenuation.failure)
