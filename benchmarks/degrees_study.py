@@ -21,9 +21,9 @@ import flexhinf as fh
 from flexhinf.design import Specification
 from flexhinf.design.estimators import EstimatorNoise
 from flexhinf.design.loop_setup import LoopSetup
-from flexhinf.design.monte_carlo import sampled_runs
 from flexhinf.design.problem.modes import JointScales
 from flexhinf.design.problem.presets import DesignProblem, choose, required_damping
+from flexhinf.design.requirements import sampled_runs
 from flexhinf.design.responses import (
     LOAD_FRACTION,
     Response,

@@ -13,8 +13,8 @@ import pytest
 import flexhinf as fh
 from flexhinf.cli.messages import error_text
 from flexhinf.design import Specification
-from flexhinf.design.monte_carlo import MonteCarlo
 from flexhinf.design.requirements import (
+    MonteCarlo,
     Requirement,
     all_met,
     behaviour_requirements,

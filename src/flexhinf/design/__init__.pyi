@@ -8,7 +8,6 @@ from .campaign_folder import (
     open_pair as open_pair,
     stored_campaign as stored_campaign,
 )
-from .campaign_options import CampaignOptions as CampaignOptions
 from .design_file import (
     DesignRequest as DesignRequest,
     design_schema as design_schema,
@@ -19,6 +18,7 @@ from .estimators import EstimatorNoise as EstimatorNoise
 from .evaluation import LawEvaluation as LawEvaluation
 from .laws import DEFAULT_LAWS as DEFAULT_LAWS, law_names as law_names
 from .loop_setup import LoopSetup as LoopSetup
+from .options import CampaignOptions as CampaignOptions
 from .pipeline import (
     compare as compare,
     comparison_stages as comparison_stages,

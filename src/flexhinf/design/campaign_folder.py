@@ -23,7 +23,6 @@ from flexhinf.campaign import (
     Variable,
 )
 from flexhinf.campaign.journal import check_own_folder, differing, listed
-from flexhinf.design.campaign_options import CampaignOptions
 from flexhinf.design.checks import end_limit_cycle
 from flexhinf.design.design_file import (
     DESIGN_FILE,
@@ -36,10 +35,10 @@ from flexhinf.design.design_file import (
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.laws import DESIGN
 from flexhinf.design.loop_setup import LoopPlants
-from flexhinf.design.monte_carlo import RunMetrics
+from flexhinf.design.options import CampaignOptions
 from flexhinf.design.pipeline import step_duration
 from flexhinf.design.plans import has_integrals, move_reference, stated_move, step_command
-from flexhinf.design.requirements import final_limits, tracking_limits
+from flexhinf.design.requirements import RunMetrics, final_limits, tracking_limits
 from flexhinf.design.responses import LOAD_START, Plan, joint_limits, plan_ends, start_and_goal
 from flexhinf.design.specification import FIELDS, Specification
 from flexhinf.design.synthesis.steps import synthesise

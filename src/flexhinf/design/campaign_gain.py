@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -118,10 +119,10 @@ class GainSearch:
     @cached_property
     def box(self) -> tuple[tuple[str, ...], np.ndarray, np.ndarray, np.ndarray]:
         """Names of the robot's numbers that differ, both ends (d,) of their intervals, the nominal robot in them."""
-        robot = self.request.robot
-        variables = [v for v in self.request.variables if v.name in robot.nominal]
+        known = self.request.robot.nominal
+        variables = [v for v in self.request.variables if v.name in known]
         low, high = np.array([(v.low, v.high) for v in variables], dtype=float).reshape(-1, 2).T
-        values = np.array([robot.nominal[v.name] for v in variables])
+        values = np.array([known[v.name] for v in variables])
         nominal = np.clip((values - low) / np.where(high > low, high - low, 1.0), 0.0, 1.0)
         return tuple(v.name for v in variables), low, high, nominal
 
@@ -132,10 +133,10 @@ class GainSearch:
 
     def problem_of(self, problem: GeneralisedPlant, numbers: Mapping[str, float]) -> GeneralisedPlant:
         """A problem with another robot, about that robot's equilibrium at the goal; FlexhinfError where it has none."""
-        robot = self.request.robot
+        robot, plant = self.request.robot, problem.plant
         values = robot.plant_parameters(robot.nominal | dict(numbers))
         equilibrium = robot.operating_point(self.synthesis.goal, (), values)
-        plant = problem.plant.with_parameters(**problem.plant.parameters.known(values))
+        plant = plant.with_parameters(**plant.parameters.known(values))
         return replace(problem, plant=plant, pose=None, equilibrium=equilibrium)
 
     @property
@@ -147,9 +148,12 @@ class GainSearch:
     @cached_property
     def designed(self) -> _Claim:
         """z, d and γ of the synthesis, on the sampled region, or for small disturbances where none was sampled."""
-        law, chosen = self.synthesis.solution, self.synthesis.chosen
-        level = chosen.level
-        if not (chosen.looked and 0.0 < level < math.inf):
+        law, looked, level = (
+            self.synthesis.solution,
+            self.synthesis.chosen.looked,
+            self.synthesis.chosen.level,
+        )
+        if not (looked and 0.0 < level < math.inf):
             n, away = len(law.plant_states), np.zeros(len(law.state_names))
             start = self.request.request.robot.operating_point(self.synthesis.start)[0]
             away[:n] = start - law.operating_point[:n]
@@ -181,11 +185,11 @@ class GainSearch:
 
     def results(self) -> GainResults:
         """Every search, in turn: the synthesis' claim, the loop with its estimator, the proof's claim."""
-        s, rows = self.request.specification, self._rows(self.designed)
-        if self.estimator is not None:  # a disturbance of the same energy
+        s, rows, estimator = self.request.specification, self._rows(self.designed), self.estimator
+        if estimator is not None:  # a disturbance of the same energy
             self.progress("worst disturbance of the loop with the estimator")
             attained = worst_disturbance(
-                self.synthesis.problem, self.synthesis.solution, self.estimator, s.period, energy=rows[0].energy,
+                self.synthesis.problem, self.synthesis.solution, estimator, s.period, energy=rows[0].energy,
                 horizon=self.horizon, turns=ESTIMATOR_TURNS, starts=1, seed=s.seed,
             )  # fmt: skip
             rows.append(_row("nominal", "estimator", self.designed, "not claimed", attained, rows[0].numbers))
@@ -246,19 +250,18 @@ def search_gain(
             f"expected at most {certification.MOST_SEARCHED // STATES}, got {len(request.request.robot.joint_names)}",
             "--metric with a metric of the runs, as overshoot_percent",
         )
-    stored = stored_gains(journal)
-    if stored.rows:
-        return stored
-    results = GainSearch(request, float(journal.settings["duration"]), progress).results()
-    results = replace(results, campaign=journal.digest)
-    journal.store(FILE, asdict(results))
+    results = stored_gains(journal)
+    if not results.rows:
+        results = GainSearch(request, float(journal.settings["duration"]), progress).results()
+        results = replace(results, campaign=journal.digest)
+        journal.store(FILE, asdict(results))
     return results
 
 
 def stored_gains(journal: Journal) -> GainResults:
     """The results in a campaign's folder; no rows where nothing was searched, or the file is damaged."""
-    try:
+    with suppress(*UNREADABLE):
         results = journal.stored(FILE, GainResults, _MOST_FILE)
-    except UNREADABLE:
-        return GainResults()
-    return results if results.campaign == journal.digest else GainResults()
+        if results.campaign == journal.digest:
+            return results
+    return GainResults()

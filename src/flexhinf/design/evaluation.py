@@ -28,7 +28,6 @@ from flexhinf.analysis import (
 from flexhinf.analysis.batch import LawRows
 from flexhinf.design.checks import ImpulseRuns, impulse_runs, impulse_sizes
 from flexhinf.design.loop_setup import LoopSetup, share_derived
-from flexhinf.design.monte_carlo import MonteCarlo, move_errors, sampled_runs
 from flexhinf.design.problem.modes import (
     Mode,
     estimator_modes,
@@ -36,6 +35,7 @@ from flexhinf.design.problem.modes import (
     sampled_modes,
     stiffness_and_inertia,
 )
+from flexhinf.design.requirements import MonteCarlo, move_errors, sampled_runs
 from flexhinf.design.responses import LoadResponse, Move, Response, Scenario, Worst, worst_of
 from flexhinf.errors import FlexhinfError
 from flexhinf.plant import Law

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from contextlib import suppress
 from functools import partial
 from typing import cast
 
@@ -57,9 +58,13 @@ def step_command(robot: Robot, s: Specification, start: np.ndarray, goal: np.nda
     if s.shaping == "jump" or not np.any(goal != start):
         return None
     scales = JointScales.of(robot.plant(), robot.operating_point(goal))
-    bandwidth = BANDWIDTH_FRACTION * scales.held if s.bandwidth is None else s.bandwidth
-    held = [robot.operating_point(at)[1] for at in (start, goal)]
-    each = np.broadcast_to(np.asarray(bandwidth, dtype=float), np.shape(goal))
+    bandwidth = np.asarray(
+        BANDWIDTH_FRACTION * scales.held if s.bandwidth is None else s.bandwidth, dtype=float
+    )
+    held, each = (
+        [robot.operating_point(at)[1] for at in (start, goal)],
+        np.broadcast_to(bandwidth, np.shape(goal)),
+    )
     return plan_move(robot, s, start, goal, each, float(scales.vibration.min()), held)
 
 
@@ -113,8 +118,7 @@ def stated_move(robot: Robot, s: Specification) -> Plan | None:
     except InvalidInput as error:  # what a signal is told about its profile is the shaping of a specification
         advice = error.advice.replace("profile='spline'", "shaping='jump'")
         raise WaypointError(error.what, error.found, advice) from None
-    samples = 1.5 * plan.duration / s.period
-    if samples > RUN_SAMPLES:
+    if 1.5 * plan.duration / s.period > RUN_SAMPLES:
         raise WaypointError(
             "The move takes too long.",
             f"expected at most {RUN_SAMPLES * s.period / 1.5:g} s, got {plan.duration:g} s",
@@ -158,10 +162,8 @@ def _through(robot: Robot, s: Specification, factor: float) -> Plan:
 
 def _wanders(spline: Waypoints) -> bool:
     """Whether a motion goes beyond two neighbouring waypoints by more than `BEYOND` of a joint's way."""
-    parts = np.linspace(0.0, 1.0, 12)[1:-1]
-    inside = spline.times[:-1, None] + parts * np.diff(spline.times)[:, None]
-    between = np.asarray(spline(inside))
-    ends = np.stack([spline.values[:-1], spline.values[1:]])
+    inside = spline.times[:-1, None] + np.linspace(0.0, 1.0, 12)[1:-1] * np.diff(spline.times)[:, None]
+    between, ends = np.asarray(spline(inside)), np.stack([spline.values[:-1], spline.values[1:]])
     low, high = ends.min(axis=0)[:, None], ends.max(axis=0)[:, None]
     beyond = np.maximum(between - high, low - between).max(axis=(0, 1))
     return bool(np.any(beyond > BEYOND * np.ptp(spline.values, axis=0) + 1e-12))
@@ -177,11 +179,9 @@ def _slower(robot: Robot, s: Specification, limits: JointLimits) -> str:
     """Advice with the least factor of `STRETCH` to some power by which a slower move keeps all limits; "" for none."""
     if not isinstance(s.move, WaypointTable):
         return ""
-    for k in range(1, STRETCHES):
-        try:
-            _check(robot, s, _through(robot, s, STRETCH**k), limits, INSTANTS // 10)
-        except InvalidInput:
-            continue
-        longest = STRETCH**k * s.move.times[-1]
-        return f"waypoints {STRETCH**k:.3g} times as far apart in time: the move keeps its limits in {longest:.3g} s"
+    for factor in (STRETCH**k for k in range(1, STRETCHES)):
+        with suppress(InvalidInput):
+            _check(robot, s, _through(robot, s, factor), limits, INSTANTS // 10)
+            longest = factor * s.move.times[-1]
+            return f"waypoints {factor:.3g} times as far apart in time: the move keeps its limits in {longest:.3g} s"
     return ""

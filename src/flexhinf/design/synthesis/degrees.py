@@ -24,9 +24,8 @@ from itertools import pairwise
 import numpy as np
 
 from flexhinf.design.loop_setup import LoopSetup
-from flexhinf.design.monte_carlo import sampled_runs
 from flexhinf.design.problem.modes import closed_loop
-from flexhinf.design.requirements import sample_requirements, step_requirements
+from flexhinf.design.requirements import sample_requirements, sampled_runs, step_requirements
 from flexhinf.design.responses import Response, run_length, sample_robots
 from flexhinf.hinf import HJISolution, smallest_gamma, solve_hji
 from flexhinf.plant import GeneralisedPlant

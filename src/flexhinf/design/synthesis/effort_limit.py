@@ -13,8 +13,8 @@ import numpy as np
 
 from flexhinf.design.estimators import EstimatorNoise
 from flexhinf.design.loop_setup import LoopSetup
-from flexhinf.design.monte_carlo import sampled_runs
 from flexhinf.design.problem.presets import DesignProblem
+from flexhinf.design.requirements import sampled_runs
 from flexhinf.design.responses import ROBOT, JointLimits, Response, joint_limits, run_length, sample_robots
 from flexhinf.design.specification import TOLERANCE
 from flexhinf.design.synthesis.degrees import tried_degrees
