@@ -26,7 +26,7 @@ from flexhinf.certify.claim import MOST_STATES
 from flexhinf.certify.proof import certify, check_decay
 from flexhinf.certify.starts import ProvedStep, longest_run, proved_steps
 from flexhinf.design.loop_setup import LoopSetup
-from flexhinf.design.problem.presets import measured_problem
+from flexhinf.design.problem.presets import measured_problem, preset_of
 from flexhinf.design.proved_step import (
     BoxProof,
     NotWithinTolerances,
@@ -36,6 +36,7 @@ from flexhinf.design.proved_step import (
     reason_of,
     sampled_box,
 )
+from flexhinf.design.responses import joint_limits
 from flexhinf.design.specification import Specification
 from flexhinf.design.synthesis.degrees import DegreeChoice
 from flexhinf.design.synthesis.steps import Synthesis, checked_penalty, synthesise
@@ -131,6 +132,31 @@ SAMPLED_ADVICE = (
 
 class SeveralJoints(InvalidInput):
     """A robot whose law has too many states for a proof."""
+
+
+#: Fields that choose a law by the runs of its step alone, and those by which weights are searched for too.
+STEPPED = ("shaping", "quantisation", "friction_model")
+SEARCHED = (
+    "start", "peak_effort", "peak_speed", "saturation", "peak_sensitivity", "gain_margin", "estimator", "process_noise",
+    "torque_noise", "measurement_noise", "extras", "delay",
+)  # fmt: skip
+
+
+def without_effect(robot: Robot, s: Specification, tolerances: bool = False) -> tuple[str, ...]:
+    """Fields on which the certificates of `certify_design` do not depend.
+
+    The step is run where several degrees are tried, where the preset judges laws by it, and for limits of the joints.
+    """
+    preset, limits = preset_of(robot, s), joint_limits(robot, s)
+    searched = preset in ("damped", "robust", "proved")
+    limited = searched and (limits.limits_peak or limits.limits_speed)
+    if preset in ("robust", "proved") or limited or s.degrees is None or len(s.degrees) > 1:
+        return ()
+    return (
+        STEPPED
+        if searched
+        else (*STEPPED, *(name for name in SEARCHED if not (tolerances and name == "start")))
+    )
 
 
 @dataclass(frozen=True, eq=False)
