@@ -115,14 +115,14 @@ def series(*derivatives: Sequence[Any]) -> np.ndarray:
 
 def derivative(array: Any, order: int) -> np.ndarray:
     """The derivative of an order, (n,), of an array of `Series`; of other elements, which are constant, zero."""
-    factor, found = math.factorial(order), []
+    factor, derivatives = math.factorial(order), []
     for entry in array:
         if isinstance(entry, Series):
             term = entry.coefficients[order]
-            found.append(term if factor == 1 else factor * term)
+            derivatives.append(term if factor == 1 else factor * term)
         else:
-            found.append(0.0 if order else entry)
-    return np.array(found)
+            derivatives.append(0.0 if order else entry)
+    return np.array(derivatives)
 
 
 def _convolved(a: Sequence[Any], b: Sequence[Any], k: int) -> Any:
