@@ -205,11 +205,6 @@ class DesignCampaign:
         speed = ("speed_limit_use<=1",) if limits.limits_speed else ()
         return (*(step if self.plan is None else move), *peak, *speed)
 
-    @property
-    def nominal(self) -> dict[str, float]:
-        """Nominal values of the variables."""
-        return {v.name: self.robot.nominal.get(v.name, 0.0) for v in self.variables}
-
 
 def fields_text(s: Specification) -> dict[str, str]:
     """The fields of a specification that are not at their defaults, as text."""
@@ -218,7 +213,6 @@ def fields_text(s: Specification) -> dict[str, str]:
 
 
 def _spread(parameter: Parameter, text: str) -> Parameter:
-    """A parameter with another tolerance: ``12%``, or ``0.9..1.2`` in its unit."""
     percent, ends = _PERCENT.match(text), _RANGE.match(text)
     with suppress(ValueError):
         if percent:
@@ -353,9 +347,10 @@ def _begun(
     write_file(setup / DESIGN_FILE, "design file", lambda name: Path(name).write_text(text, encoding="utf-8"))
     controller.save(setup / CONTROLLER)
     campaign = request.campaign(load_controller(setup / CONTROLLER), duration)
+    nominal = {v.name: request.robot.nominal.get(v.name, 0.0) for v in request.variables}
     about = {
         "title": f"Campaign of the robot “{one.robot.name}”", "requirements": list(request.requirements),
-        "nominal": request.nominal, "options": {**vars(o), "tolerances": [list(one) for one in o.tolerances]},
+        "nominal": nominal, "options": {**vars(o), "tolerances": [list(one) for one in o.tolerances]},
     }  # fmt: skip
     return campaign, Journal.opened(place, campaign, command, about)
 

@@ -80,7 +80,6 @@ def joint_waypoints(robot: Robot, table: WaypointTable, tool: Tool = ORIGIN) -> 
 
 
 def _converted(robot: Robot, table: WaypointTable, tool: Tool) -> tuple[WaypointTable, Reached]:
-    """The waypoints of the joints, and the pose with the least mobility."""
     wrong = [unit for unit in table.units if unit and unit not in SLIDING]
     if set(table.joints) != set(AXES) or len(table.joints) != 3 or wrong or len(table.rows) > MOST:
         raise WaypointError(

@@ -41,6 +41,7 @@ from flexhinf.design.specification import Specification
 from flexhinf.design.synthesis.degrees import DegreeChoice
 from flexhinf.design.synthesis.steps import Synthesis, checked_penalty, synthesise
 from flexhinf.errors import FlexhinfError, InvalidInput, NumericalFailure
+from flexhinf.hinf import HJISolution
 from flexhinf.plant import GeneralisedPlant, Penalty
 from flexhinf.robot import Robot
 
@@ -90,13 +91,7 @@ def attenuation(setup: LoopSetup, synthesis: Synthesis, duration: float) -> Atte
             proved.inner_level,
         )  # the penalty whose gain is proved, and its region
     if level is not None and searches_disturbance(len(law.state_names), synthesis.rays):
-        horizon = min(LONGEST_DISTURBANCE, STEPS * duration)
-        try:
-            attained = worst_disturbance(
-                problem, law, None, s.period, level=level, horizon=horizon, seed=s.seed
-            )
-        except FlexhinfError as error:
-            failure = " ".join(str(error).split())
+        attained, failure = _attained(problem, law, s, level, STEPS * duration)
     terms: tuple[BudgetTerm, ...] = ()
     if proved is None and (level is not None or len(law.state_names) <= MOST_SEARCHED):
         x, u = setup.robot.operating_point(setup.start)
@@ -110,6 +105,17 @@ def attenuation(setup: LoopSetup, synthesis: Synthesis, duration: float) -> Atte
                 )
             )  # fmt: skip
     return Attenuation(attained, within_level(terms), failure)
+
+
+def _attained(
+    problem: GeneralisedPlant, law: HJISolution, s: Specification, level: float, horizon: float
+) -> tuple[Attained | None, str]:
+    """The worst disturbance found with which V stays below a level; or why there is none."""
+    length = min(LONGEST_DISTURBANCE, horizon)
+    try:
+        return worst_disturbance(problem, law, None, s.period, level=level, horizon=length, seed=s.seed), ""
+    except FlexhinfError as error:
+        return None, " ".join(str(error).split())
 
 
 def within_level(terms: tuple[BudgetTerm, ...]) -> tuple[BudgetTerm, ...]:
@@ -281,16 +287,13 @@ class Evidence:
 
 def evidence(robot: Robot, s: Specification, one: CertifiedDegree) -> Evidence:
     """The pictures and the lower bound of the gain of one certificate."""
-    solution, certificate, attained, weights = one.choice.solution, one.certificate, None, None
-    assert certificate is not None
+    solution, certificate, weights = one.choice.solution, one.certificate, None
     problem = solution.problem if one.box is None else one.box.problem
+    assert certificate is not None
+    assert isinstance(problem, GeneralisedPlant)
     level = certificate.level if one.box is None else one.box.inner_level
-    with suppress(FlexhinfError):
-        assert isinstance(problem, GeneralisedPlant)
-        length = min(LONGEST_DISTURBANCE, longest_run(solution))
-        attained = worst_disturbance(
-            problem, solution, None, s.period, level=level, horizon=length, seed=s.seed
-        )
+    attained, _ = _attained(problem, solution, s, level, longest_run(solution))
+    if attained is not None:
         certificate = replace(certificate, attained_gain=attained.gain)
     if one.box is not None:  # its V is not that of the law, and its robots are many
         return Evidence(certificate, None, None, (), attained)

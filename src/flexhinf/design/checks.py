@@ -91,39 +91,14 @@ class ImpulseRuns:
 
     responses: tuple[Response, ...]  # Of each joint that with the impulse on its link
     impulses: np.ndarray  # (n,), N·m·s or N·s
-    # state, input: (N,), (m,). Where the loop rests
-    state: np.ndarray
-    input: np.ndarray
-    delay: int = 0  # Of the inputs, samples
+    # Oscillations of each run, in velocities and input of its own joint; None where one diverged
+    ring_down: RingDown | None
+    delay: int  # Of the inputs, samples
 
     @property
     def diverged(self) -> bool:
         """Whether any run did."""
-        return any(response.diverged_at is not None for response in self.responses)
-
-    @cached_property
-    def ring_down(self) -> RingDown | None:
-        """Oscillations of each run, in velocities and input of its own joint; None where one diverged.
-
-        They are fitted to what the loop remembers: state, estimate, and inputs of the last samples, the newest last.
-        """
-        if self.diverged:
-            return None
-        runs, first = [], self.responses[0].run
-        for signals in (response.run.signals for response in self.responses):
-            inputs = signals["input"] - self.input
-            lags, none = range(min(self.delay, MOST_LAGS), 0, -1), np.zeros((MOST_LAGS, inputs.shape[1]))
-            before = [np.vstack([none[:lag], inputs[:-lag]]) for lag in lags]
-            believed = signals.get("estimate", signals["state"][:, :0])
-            estimate = believed - self.state[: believed.shape[1]]
-            runs.append(np.hstack([signals["state"] - self.state, estimate, *before, inputs]))
-        n, count, states = len(self.responses), runs[0].shape[1], first.names["state"]
-        motors = [name.replace("link_", "motor_") for name in states[n : 2 * n]]
-        watched = [
-            [n + joint, count - n + joint, *([states.index(name)] if name in states else [])]
-            for joint, name in enumerate(motors)
-        ]
-        return fit_ring_down(runs, watched, first.settings["period"])
+        return self.ring_down is None
 
     @property
     def damping(self) -> float:
@@ -192,7 +167,31 @@ def impulse_runs(
     if np.isfinite(used).all() and (used > ROOM).any():
         impulses = impulses * np.where(used > ROOM, KEPT / used, 1.0)
         runs = tuple(quiet.impulse_responses(impulses, duration, sub_steps))
-    return ImpulseRuns(runs, impulses, state, held, round(setup.specification.delay / period))
+    delay, diverged = (
+        round(setup.specification.delay / period),
+        any(run.diverged_at is not None for run in runs),
+    )
+    return ImpulseRuns(runs, impulses, None if diverged else _ring_down(runs, state, held, delay), delay)
+
+
+def _ring_down(responses: Sequence[Response], state: np.ndarray, held: np.ndarray, delay: int) -> RingDown:
+    """Fitted to what the loop remembers, about the state (N,) and the inputs (m,) with which it rests: state, estimate,
+    and inputs of the last samples, the newest last."""
+    runs, first = [], responses[0].run
+    for signals in (response.run.signals for response in responses):
+        inputs = signals["input"] - held
+        lags, none = range(min(delay, MOST_LAGS), 0, -1), np.zeros((MOST_LAGS, inputs.shape[1]))
+        before = [np.vstack([none[:lag], inputs[:-lag]]) for lag in lags]
+        believed = signals.get("estimate", signals["state"][:, :0])
+        estimate = believed - state[: believed.shape[1]]
+        runs.append(np.hstack([signals["state"] - state, estimate, *before, inputs]))
+    n, count, states = len(responses), runs[0].shape[1], first.names["state"]
+    motors = [name.replace("link_", "motor_") for name in states[n : 2 * n]]
+    watched = [
+        [n + joint, count - n + joint, *([states.index(name)] if name in states else [])]
+        for joint, name in enumerate(motors)
+    ]
+    return fit_ring_down(runs, watched, first.settings["period"])
 
 
 # A long run at rest with dry friction --------------------------------------------------------------------

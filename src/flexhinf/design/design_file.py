@@ -207,7 +207,6 @@ OPTIONS = {
 
 
 def _read(path: Path) -> tuple[dict[str, str], dict[str, Any]]:
-    """Places of a design file and its fields, every key and every value checked; the robot is not read."""
     data, name = read_toml(path, "design file"), path.name
     table = data.get("design")
     if not isinstance(table, dict):
@@ -248,7 +247,6 @@ def _read(path: Path) -> tuple[dict[str, str], dict[str, Any]]:
 
 
 def _place(path: Path, key: str, value: Any) -> str:
-    """A catalogue's name and a payload as they are; a path from the folder of the design file."""
     if not isinstance(value, str):
         raise InvalidInput(
             f"{path.name}: [design] has a value of {key!r} that cannot be used.", f"expected text, got {value!r}",
@@ -268,7 +266,6 @@ def _place(path: Path, key: str, value: Any) -> str:
 
 
 def _example(name: str, text: str) -> str:
-    """A value that can be used, as a line of the file."""
     if not text:
         return f"{name} = true"
     if name == "move":
@@ -380,7 +377,6 @@ def toml_table(values: Mapping[str, Any]) -> Any:
 
 
 def _place_text(source: str | Path, folder: str | Path) -> str:
-    """A catalogue's name, or a path from the folder."""
     if str(source) in catalogue():
         return str(source)
     path = Path(source).resolve()

@@ -113,7 +113,6 @@ def design(robot: Robot, specification: Specification, progress: Progress | None
 
 
 def _runs(evaluation: LawEvaluation, synthesis: Synthesis) -> RigidComparison | None:
-    """The runs that a design shows beside its step, and the rigid design on the same robot, where it is asked for."""
     evaluation.compute("load_response", "ring_down", "move", "step_samples")
     setup, few = evaluation.setup, len(synthesis.problem.state_names) <= RIGID_STATES
     if not setup.specification.compare_rigid:
@@ -231,7 +230,6 @@ def stages(robot: Robot, specification: Specification) -> int:
 
 
 def _synthesis_stages(robot: Robot, s: Specification) -> int:
-    """Those of the laws, with one for each pose of a schedule and one for the search of an effort limit."""
     preset, limits = preset_of(robot, s), joint_limits(robot, s)
     limited = preset in ("damped", "robust") and (limits.limits_peak or limits.limits_speed)
     degrees = synthesis_stages(5 * len(robot.joint_names), s.degrees, s.rays)
@@ -309,7 +307,6 @@ def compare(
 
 
 def _row(kind: LawKind, tuned: TunedLaw | str, progress: Progress) -> ComparedLaw:
-    """One law, from its runs to its requirements; or why there is none that could be compared."""
     failure = tuned if isinstance(tuned, str) else tuned.failure
     if isinstance(tuned, str) or failure:
         progress(f"{kind.name}: not compared")

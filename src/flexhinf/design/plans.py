@@ -145,7 +145,6 @@ def move_reference(robot: Robot, plan: Plan, dry_friction: Sequence[str]) -> Mov
 
 
 def _through(robot: Robot, s: Specification, factor: float) -> Plan:
-    """The move of a specification with its times longer by a factor."""
     if not isinstance(s.move, WaypointTable):
         return cast("Plan", s.move)
     positions = s.move.positions(robot.joint_names, robot.links.slides)
@@ -161,7 +160,6 @@ def _through(robot: Robot, s: Specification, factor: float) -> Plan:
 
 
 def _wanders(spline: Waypoints) -> bool:
-    """Whether a motion goes beyond two neighbouring waypoints by more than `BEYOND` of a joint's way."""
     inside = spline.times[:-1, None] + np.linspace(0.0, 1.0, 12)[1:-1] * np.diff(spline.times)[:, None]
     between, ends = np.asarray(spline(inside)), np.stack([spline.values[:-1], spline.values[1:]])
     low, high = ends.min(axis=0)[:, None], ends.max(axis=0)[:, None]

@@ -160,7 +160,6 @@ def move_reductions(columns: Sequence[int], pairs: Sequence[tuple[int, int]] = (
 def _sizes_of(
     first: Sequence[float], columns: Sequence[int] | None, pairs: Sequence[tuple[int, int]]
 ) -> Reduction:
-    """Sizes of a step to the goal `first` (n,), or of the move in these columns of the command."""
     n = len(first)
     key = ("sizes of a step", n, pairs) if columns is None else ("sizes of a move", columns, pairs)
     start = (*first, *[0.0] * (3 * n + 1))
@@ -468,11 +467,12 @@ def step_requirements(
 
     `unlimited`: the same run without limits of the inputs, for the peak that a limit would hide.
     """
-    worst = response.overshoot
-    joint = of_several(response.joints, worst.joint)
-    overshoot = REQUIREMENTS["overshoot"].judge(s, s.overshoot, worst.value, where, joint=joint)
+    joint, worst = of_several(response.joints, response.overshoot.joint), response.overshoot.value
     free = limits.saturated is not None and unlimited is not None
-    return [overshoot, *limit_requirements(limits, response, where, unlimited or response, unlimited=free)]
+    return [
+        REQUIREMENTS["overshoot"].judge(s, s.overshoot, worst, where, joint=joint),
+        *limit_requirements(limits, response, where, unlimited or response, unlimited=free),
+    ]
 
 
 def limit_requirements(
@@ -502,7 +502,6 @@ def limit_requirements(
 def _limit_lines(
     limits: JointLimits, inputs: LimitUse, speeds: LimitUse, where: str, how: str = ""
 ) -> list[Requirement]:
-    """Of what is limited: peak input and link speed."""
     lines = []
     if limits.limits_peak:
         nearest = "|input| of the motor that is nearest to its limit"
@@ -528,16 +527,14 @@ def sample_requirements(s: Specification, limits: JointLimits, samples: MonteCar
     where = f"the worst of {len(samples)} robots sampled within their tolerances"
     joint = of_several(limits.joints, samples.overshoot_joints[int(np.argmax(samples.overshoot))])
 
-    def use(values: np.ndarray, most: np.ndarray, units: Sequence[str]) -> LimitUse:
-        finite = values if np.isfinite(values).all() else None  # infinite where a run diverged
-        return limit_use(finite, most, limits.joints, units)
-
-    inputs = use(samples.inputs, limits.peak, limits.effort_units)
-    speeds = use(samples.speeds, limits.speed, limits.speed_units)
+    finite = bool(np.isfinite(samples.inputs).all() and np.isfinite(samples.speeds).all())  # no run diverged
+    inputs, speeds = (samples.inputs, samples.speeds) if finite else (None, None)
+    peak = limit_use(inputs, limits.peak, limits.joints, limits.effort_units)
+    speed = limit_use(speeds, limits.speed, limits.joints, limits.speed_units)
     return [
         REQUIREMENTS["unsettled"].judge(None, 0.0, samples.unsettled, where),
         REQUIREMENTS["overshoot"].judge(s, s.overshoot, samples.overshoot.max(), where, joint=joint),
-        *_limit_lines(limits, inputs, speeds, where),
+        *_limit_lines(limits, peak, speed, where),
     ]
 
 
@@ -572,9 +569,9 @@ def move_requirements(s: Specification, limits: JointLimits, move: Move) -> list
 
 def tracking_limits(s: Specification, limits: JointLimits, ways: np.ndarray) -> np.ndarray:
     """Largest tracking error (n,), rad or m: as stated, or `TRACKING_FRACTION` of each way (n,) of the move."""
-    if s.tracking_error is None:
-        return TRACKING_FRACTION * _counted(limits, ways)
-    return per_joint(limits.joints, "tracking_error", s.tracking_error)
+    if s.tracking_error is not None:
+        return per_joint(limits.joints, "tracking_error", s.tracking_error)
+    return TRACKING_FRACTION * _counted(limits, ways)
 
 
 def final_limits(limits: JointLimits, ways: np.ndarray) -> np.ndarray:

@@ -85,9 +85,8 @@ def start_and_goal(robot: Robot, s: Specification, move: Plan | None) -> tuple[n
 
 def run_length(slowest: float) -> float:
     """Length of a run, s, for the slowest decay rate (1/s); `LONGEST` for a loop that does not decay."""
-    if slowest <= 0.0:
-        return LONGEST
-    return min(max(math.ceil(2.0 * TIME_CONSTANTS / slowest) / 2.0, SHORTEST), LONGEST)
+    length = math.ceil(2.0 * TIME_CONSTANTS / slowest) / 2.0 if slowest > 0.0 else LONGEST
+    return min(max(length, SHORTEST), LONGEST)
 
 
 def default_load(per_input: np.ndarray, peak: np.ndarray) -> np.ndarray:
@@ -102,9 +101,8 @@ def sample_count(
     robot: Robot, states: int, s: Specification, default: Sequence[tuple[int, int]] = SAMPLES
 ) -> int:
     """How many robots are sampled: as stated, or by the number of states; none for a robot without tolerances."""
-    if not robot.uncertain:
-        return 0
-    return next(count for most, count in default if states <= most) if s.draws is None else s.draws
+    count = next(count for most, count in default if states <= most) if s.draws is None else s.draws
+    return count if robot.uncertain else 0
 
 
 def sample_robots(robot: Robot, count: int, seed: int) -> tuple[Mapping[str, Any], ...]:
@@ -129,11 +127,9 @@ def worst_of(rows: list[dict[str, Any]], key: str) -> Worst:
 
     Infinite without any row, as of a run that diverged; zero where no joint has the figure.
     """
-    if not rows:
-        return Worst(np.inf, "")
     counted = [row for row in rows if key in row]
     if not counted:
-        return Worst(0.0, "")
+        return Worst(0.0 if rows else np.inf, "")
     values = [np.inf if row[key] is None else float(row[key]) for row in counted]
     k = int(np.argmax(values))
     return Worst(values[k], counted[k]["joint"])

@@ -137,7 +137,6 @@ def _read(path: Path) -> WaypointTable:
 
 
 def _table(columns: dict[Any, Any], what: str, place: Any) -> WaypointTable:
-    """A table of columns by heading; `place` says where a row stands."""
     named = [_heading(name) if isinstance(name, str) else ("", "") for name in columns]
     names = [name for name, _ in named]
     if "time" not in names or len(names) < 2 or not all(names) or len(set(names)) < len(names):
@@ -196,7 +195,6 @@ def _numbers(column: Any) -> np.ndarray:
 
 
 def _heading(text: str) -> tuple[str, str]:
-    """Name and unit of a heading; the unit is empty where none stands in brackets behind the name."""
     text = text.strip()
     for opening, closing in ("[]", "()"):
         if text.endswith(closing) and opening in text:
