@@ -108,11 +108,11 @@ def paper(context: typer.Context, o: PaperOptions) -> None:
     with step_progress(STAGES) as progress:
         result = reproduce(settings, words, progress)
     folder = write(o.out, result.files)
-    _print_claims(result.judged, result.metrics)
+    _print_claims(result.claims, result.questions, result.metrics)
     typer.echo(f"report: {folder / 'index.html'}")
 
 
-def _print_claims(judged: Sequence[Any], metrics: dict[str, Any]) -> None:
+def _print_claims(claims: Sequence[Any], questions: Sequence[Any], metrics: dict[str, Any]) -> None:
     from rich.console import Console
     from rich.markup import escape
     from rich.table import Table
@@ -124,14 +124,13 @@ def _print_claims(judged: Sequence[Any], metrics: dict[str, Any]) -> None:
         f"γ* of the paper's problem = {metrics['gamma_star']:.4f}, γ of its law here = {metrics['gamma']:.4f}"
     )
     console = Console()
-    for ours in (False, True):
-        claims = by_verdict([one.claim for one in judged if one.ours == ours])
-        table = Table(title="Our own question" if ours else title, title_justify="left", show_lines=True)
+    for heading, group in ((title, claims), ("Our own question", questions)):
+        table = Table(title=heading, title_justify="left", show_lines=True)
         table.add_column("claim, and by what it is judged")
         table.add_column("verdict", no_wrap=True)
-        for claim in claims:
+        for claim in by_verdict(group):
             text = f"{escape(claim.text)}\n[dim]{escape(claim.criterion)}[/]"
             table.add_row(text, f"[{colours[claim.verdict]}]{claim.verdict}[/]")
         console.print(table)
-        if not ours:
+        if group is claims:
             console.print(f"{summary(claims)} No printed curve was compared with a computed one.")

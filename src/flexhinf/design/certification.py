@@ -38,7 +38,7 @@ from flexhinf.design.proved_step import (
 )
 from flexhinf.design.responses import joint_limits
 from flexhinf.design.specification import Specification
-from flexhinf.design.synthesis.degrees import DegreeChoice
+from flexhinf.design.synthesis.by_step import DegreeChoice
 from flexhinf.design.synthesis.steps import Synthesis, checked_penalty, synthesise
 from flexhinf.errors import FlexhinfError, InvalidInput, NumericalFailure
 from flexhinf.hinf import HJISolution

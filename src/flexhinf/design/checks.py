@@ -63,8 +63,8 @@ from flexhinf.loop.simulation.metrics import (
 )
 from flexhinf.plant import Law, Parameters, sub_steps
 from flexhinf.robot import Robot, Weighing, weigh_payload
+from flexhinf.robot.arm import payload_ends
 from flexhinf.robot.elastic import stated_friction
-from flexhinf.robot.payload import payload_ends
 
 # An impulse on each joint of the resting loop ------------------------------------------------------------
 

@@ -17,7 +17,6 @@ from flexhinf.design.checks import (
     evaluate_payloads,
     payload_requirements,
 )
-from flexhinf.design.criterion import check_mode, criterion_for, reference_metrics, stated_limits
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.laws import DESIGN, LawFactory, LawKind, law_kind, law_names
 from flexhinf.design.plans import plan_move, stated_move
@@ -27,9 +26,16 @@ from flexhinf.design.responses import joint_limits
 from flexhinf.design.result import ComparedLaw, Comparison, Design, status_of
 from flexhinf.design.rigid import RigidComparison, compare_rigid
 from flexhinf.design.specification import Specification
-from flexhinf.design.synthesis.degrees import rays_of, synthesis_stages
+from flexhinf.design.synthesis.by_step import rays_of, synthesis_stages
 from flexhinf.design.synthesis.steps import Synthesis, synthesise
-from flexhinf.design.tuning import TunedLaw, Tuner
+from flexhinf.design.tuning import (
+    TunedLaw,
+    Tuner,
+    check_mode,
+    criterion_for,
+    reference_metrics,
+    stated_limits,
+)
 from flexhinf.robot import Robot
 from flexhinf.robot.mujoco import check_expressed
 

@@ -15,7 +15,6 @@ import tomlkit
 
 from flexhinf.design.certification import Attenuation, DesignProof, StepProof, step_proof
 from flexhinf.design.checks import LimitCycleCheck, PayloadEvaluation
-from flexhinf.design.criterion import Criterion
 from flexhinf.design.design_file import DesignRequest, plain, request_document, toml_table
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.laws import LawKind
@@ -26,10 +25,10 @@ from flexhinf.design.requirements import Requirement
 from flexhinf.design.responses import Response, Scenario
 from flexhinf.design.rigid import RigidComparison
 from flexhinf.design.specification import RINGS, TOLERANCE, Specification
-from flexhinf.design.synthesis.degrees import DegreeChoice
+from flexhinf.design.synthesis.by_step import DegreeChoice
 from flexhinf.design.synthesis.noise import NoiseSearch
 from flexhinf.design.synthesis.steps import Synthesis
-from flexhinf.design.tuning import TunedLaw
+from flexhinf.design.tuning import Criterion, TunedLaw
 from flexhinf.hinf import HJISolution
 from flexhinf.loop import Controller
 from flexhinf.notebook import Summarised
