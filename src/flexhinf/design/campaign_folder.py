@@ -40,6 +40,7 @@ from flexhinf.design.pipeline import step_duration
 from flexhinf.design.plans import has_integrals, move_reference, stated_move, step_command
 from flexhinf.design.requirements import RunMetrics, final_limits, tracking_limits
 from flexhinf.design.responses import LOAD_START, Plan, joint_limits, plan_ends, start_and_goal
+from flexhinf.design.result import forwarded
 from flexhinf.design.specification import FIELDS, Specification
 from flexhinf.design.synthesis.steps import synthesise
 from flexhinf.errors import InvalidInput
@@ -83,10 +84,7 @@ class DesignCampaign:
     options: CampaignOptions
     file: Path | None = None
 
-    @property
-    def specification(self) -> Specification:
-        """Of the design."""
-        return self.request.specification
+    specification = forwarded("request.specification", Specification, "Of the design.")
 
     @cached_property
     def robot(self) -> Robot:

@@ -7,8 +7,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
 from importlib import import_module
+from operator import attrgetter
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar, cast
 
 import numpy as np
 import tomlkit
@@ -46,6 +47,14 @@ NOISE_FRACTION = 0.05
 
 #: The room whose pages show results. It reads designs, so it is loaded when one is saved.
 PAGES = "flexhinf.pages"
+
+
+T = TypeVar("T")
+
+
+def forwarded(path: str, kind: type[T], doc: str) -> T:
+    """A property of this kind that is an attribute of a part, by its path."""
+    return cast("T", property(attrgetter(path), doc=doc))
 
 
 @dataclass(frozen=True)
@@ -221,61 +230,22 @@ class Design(Summarised):
         """How the estimator's noise levels were found; None where they are stated, or without an estimator."""
         return self.synthesis.noise_search
 
-    @property
-    def setup(self) -> LoopSetup:
-        """The loop of all runs."""
-        return self.evaluation.setup
-
-    @property
-    def scenario(self) -> Scenario:
-        """The runs."""
-        assert self.evaluation.scenario is not None
-        return self.evaluation.scenario
-
-    @property
-    def goal(self) -> np.ndarray:
-        """Link positions (n,), rad or m."""
-        return self.synthesis.goal
-
-    @property
-    def start(self) -> np.ndarray:
-        """Link positions (n,), rad or m."""
-        return self.synthesis.start
-
-    @property
-    def design_problem(self) -> DesignProblem:
-        """Weights, disturbances and level, with their sources."""
-        return self.synthesis.design_problem
-
-    @property
-    def problem(self) -> GeneralisedPlant:
-        """The nominal problem about the goal."""
-        return self.synthesis.problem
-
-    @property
-    def choices(self) -> tuple[DegreeChoice, ...]:
-        """Every degree that was solved."""
-        return self.synthesis.choices
-
-    @property
-    def chosen(self) -> DegreeChoice:
-        """The degree that is used."""
-        return self.synthesis.chosen
-
-    @property
-    def solution(self) -> HJISolution:
-        """The solution that is used, at the goal."""
-        return self.chosen.solution
-
-    @property
-    def gamma_star(self) -> float:
-        """Smallest level of the problem that is solved; of the preset robust, with the channels of the tolerances."""
-        return self.design_problem.gamma_star
-
-    @property
-    def gamma(self) -> float:
-        """Level of the solution."""
-        return self.solution.gamma
+    setup = forwarded("evaluation.setup", LoopSetup, "The loop of all runs.")
+    scenario = forwarded("evaluation.scenario", Scenario, "The runs.")
+    goal = forwarded("synthesis.goal", np.ndarray, "Link positions (n,), rad or m.")
+    start = forwarded("synthesis.start", np.ndarray, "Link positions (n,), rad or m.")
+    design_problem = forwarded(
+        "synthesis.design_problem", DesignProblem, "Weights, disturbances and level, with their sources."
+    )
+    problem = forwarded("synthesis.problem", GeneralisedPlant, "The nominal problem about the goal.")
+    choices = forwarded("synthesis.choices", tuple[DegreeChoice, ...], "Every degree that was solved.")
+    chosen = forwarded("synthesis.chosen", DegreeChoice, "The degree that is used.")
+    solution = forwarded("synthesis.chosen.solution", HJISolution, "The solution that is used, at the goal.")
+    gamma_star = forwarded(
+        "synthesis.design_problem.gamma_star", float,
+        "Smallest level of the problem that is solved; of the preset robust, with the channels of the tolerances.",
+    )  # fmt: skip
+    gamma = forwarded("synthesis.chosen.solution.gamma", float, "Level of the solution.")
 
     def controller(self, at: np.ndarray | None = None) -> Controller:
         """A new controller as it is deployed: it takes over without a jump of the input.
@@ -300,10 +270,7 @@ class ComparedLaw:
     requirements: tuple[Requirement, ...] = ()
     failure: str = ""  # Why there is no evaluation
 
-    @property
-    def name(self) -> str:
-        """Of the law."""
-        return self.kind.name
+    name = forwarded("kind.name", str, "Of the law.")
 
     @property
     def evaluation(self) -> LawEvaluation | None:
