@@ -12,7 +12,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol, cast
 
 import numpy as np
 
@@ -135,6 +135,11 @@ def worst_of(rows: list[dict[str, Any]], key: str) -> Worst:
     return Worst(values[k], counted[k]["joint"])
 
 
+def _worst(key: str, doc: str) -> Worst:
+    """A property: the worst of a response's metrics of this name."""
+    return cast("Worst", property(lambda response: worst_of(response.metrics, key), doc=doc))
+
+
 @dataclass(frozen=True, eq=False)
 class Response:
     """One run to its end, or to where it diverged; goal and start are link positions (n,), rad or m."""
@@ -191,25 +196,12 @@ class Response:
             })  # fmt: skip
         return rows
 
-    @property
-    def peak(self) -> Worst:
-        """Largest |input| of all motors, with the joint that it drives."""
-        return worst_of(self.metrics, "peak_input")
-
-    @property
-    def overshoot(self) -> Worst:
-        """Largest overshoot of all joints that move, per cent of the joint's own step."""
-        return worst_of(self.metrics, "overshoot_percent")
-
-    @property
-    def settling(self) -> Worst:
-        """Slowest settling to ±2 % of the joint's own step, s."""
-        return worst_of(self.metrics, "settling_time_s")
-
-    @property
-    def remaining(self) -> Worst:
-        """Largest error in the last tenth of the run, rad or m."""
-        return worst_of(self.metrics, "steady_state_error")
+    peak = _worst("peak_input", "Largest |input| of all motors, with the joint that it drives.")
+    overshoot = _worst(
+        "overshoot_percent", "Largest overshoot of all joints that move, per cent of the joint's own step."
+    )
+    settling = _worst("settling_time_s", "Slowest settling to ±2 % of the joint's own step, s.")
+    remaining = _worst("steady_state_error", "Largest error in the last tenth of the run, rad or m.")
 
 
 @dataclass(frozen=True, eq=False)
