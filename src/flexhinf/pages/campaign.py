@@ -136,7 +136,7 @@ def write_campaign(
         journal.about.get("title", "Campaign"), request, f"{campaign_verdict(judged)}{search}",
         tuple(section for section in parts if section.blocks),
         Settings({name: group for name, group in groups.items() if group}),
-        Provenance(tuple(journal.manifest.get("command", ())), int(settings["seed"])), _key_numbers(judged),
+        Provenance(tuple(journal.command), int(settings["seed"])), _key_numbers(judged),
         _statuses(judged, cases, gains),
     )  # fmt: skip
     write_page(journal.folder, "report of the campaign", page)

@@ -24,7 +24,7 @@ from flexhinf.codegen import Buffer, Call, Program, Repeat, Slice, compile_progr
 from flexhinf.estimation import ExtendedKalmanFilter, RecursiveFilter, UnscentedKalmanFilter
 from flexhinf.loop import Step
 from flexhinf.loop.shared import share
-from flexhinf.loop.signals.sampling import standard_normal
+from flexhinf.loop.simulation.inputs import standard_normal
 from flexhinf.paper.loop_setup import (
     INITIAL_VARIANCE,
     LONG,
