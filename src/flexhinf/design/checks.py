@@ -23,6 +23,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import cast
 
 import numpy as np
 
@@ -450,6 +451,15 @@ def along_requirements(s: Specification, along: AlongMove) -> list[Requirement]:
 # Payloads at the ends of their ranges --------------------------------------------------------------------
 
 
+def _after_gripping(key: str, doc: str) -> Worst:
+    """A property: the worst of the load step's metrics of this name; zero without a load step."""
+
+    def worst(one: PayloadEvaluation) -> Worst:
+        return Worst(0.0, "") if one.load_step is None else worst_of(one.load_step.metrics, key)
+
+    return cast("Worst", property(worst, doc=doc))
+
+
 @dataclass(frozen=True, eq=False)
 class PayloadEvaluation:
     """One evaluation with other masses in the true robot than in the model."""
@@ -466,23 +476,17 @@ class PayloadEvaluation:
         """Of all payloads, kg."""
         return float(sum(self.masses.values()))
 
-    @property
-    def deflection(self) -> Worst:
-        """Largest deviation of a link after gripping, rad or m; zero where nothing is gripped."""
-        return self._load_metric("peak_deviation")
-
-    @property
-    def recovery(self) -> Worst:
-        """Until all links are back within 2 % of their step, s; infinite where one is not within the run."""
-        return self._load_metric("recovery_time_s")
-
-    @property
-    def remaining(self) -> Worst:
-        """Largest deviation in the last tenth of the run, rad or m."""
-        return self._load_metric("remaining_error")
-
-    def _load_metric(self, key: str) -> Worst:
-        return Worst(0.0, "") if self.load_step is None else worst_of(self.load_step.metrics, key)
+    deflection = _after_gripping(
+        "peak_deviation",
+        "Largest deviation of a link after gripping, rad or m; zero where nothing is gripped.",
+    )
+    recovery = _after_gripping(
+        "recovery_time_s",
+        "Until all links are back within 2 % of their step, s; infinite where one is not within the run.",
+    )
+    remaining = _after_gripping(
+        "remaining_error", "Largest deviation in the last tenth of the run, rad or m."
+    )
 
     @cached_property
     def weighed(self) -> Weighing | None:

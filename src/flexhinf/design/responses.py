@@ -327,6 +327,11 @@ def limit_use(
     return LimitUse(float(values[row, joint]), float(limits[joint]), joints[joint], units[joint], at)
 
 
+def _limited(name: str, doc: str) -> bool:
+    """A property: whether limits of this name are finite for any joint."""
+    return cast("bool", property(lambda limits: bool(np.isfinite(getattr(limits, name)).any()), doc=doc))
+
+
 @dataclass(frozen=True, eq=False)
 class JointLimits:
     """One number per joint, infinite where there is no limit."""
@@ -356,20 +361,9 @@ class JointLimits:
         """The saturation (n,) for a controller; None where no motor has one."""
         return self.saturation if np.isfinite(self.saturation).any() else None
 
-    @property
-    def limits_peak(self) -> bool:
-        """Whether the peak input of any joint has a limit."""
-        return bool(np.isfinite(self.peak).any())
-
-    @property
-    def limits_effort(self) -> bool:
-        """Whether any input has a limit, required or by saturation."""
-        return bool(np.isfinite(self.effort).any())
-
-    @property
-    def limits_speed(self) -> bool:
-        """Whether the speed of any joint has a limit."""
-        return bool(np.isfinite(self.speed).any())
+    limits_peak = _limited("peak", "Whether the peak input of any joint has a limit.")
+    limits_effort = _limited("effort", "Whether any input has a limit, required or by saturation.")
+    limits_speed = _limited("speed", "Whether the speed of any joint has a limit.")
 
     @property
     def strongest(self) -> float:
