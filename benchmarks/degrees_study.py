@@ -20,14 +20,13 @@ from rich.progress import track
 import flexhinf as fh
 from flexhinf.design import Specification
 from flexhinf.design.loop_setup import EstimatorNoise, LoopSetup
-from flexhinf.design.monte_carlo import sampled_runs
 from flexhinf.design.problem.modes import JointScales
 from flexhinf.design.problem.presets import DesignProblem, choose, required_damping
+from flexhinf.design.requirements import sampled_runs
 from flexhinf.design.responses import (
     LOAD_FRACTION,
     Response,
     default_load,
-    run_response,
     sample_robots,
     worst_of,
 )
@@ -207,11 +206,11 @@ class Study:
             return setup.step(LENGTH)
         names = signal_names("link_position", setup.joints)
         x, u = setup.equilibrium(self.case.start)
-        return run_response(
-            setup.loop(setup.bumpless_controller), self.case.goal, self.case.start, setup.joints, duration=LENGTH,
-            reference={name: fh.Step(float(to)) for name, to in zip(names, self.case.goal)}, noise=setup.noise,
-            initial_state=x, initial_input=u,
+        run = setup.loop(setup.bumpless_controller).run(
+            duration=LENGTH, reference={name: fh.Step(float(to)) for name, to in zip(names, self.case.goal)},
+            noise=setup.noise, initial_state=x, initial_input=u,
         )  # fmt: skip
+        return Response(run, self.case.goal, self.case.start, setup.joints)
 
     def _figures(self, law: Law, peak: np.ndarray) -> dict[str, Any]:
         """Of one law; `peak` (n,) are the largest inputs of the linear law's step."""

@@ -137,6 +137,10 @@ def test_a_certificate_is_proved_again(folder: Path, capsys: pytest.CaptureFixtu
     assert content["format"] == "flexhinf certificate"
 
 
+#: One degree of V, and weights that no search changes.
+STATED = ("paper", "--pose", "90deg", "--preset", "paper", "--degrees", "2")
+
+
 @pytest.mark.parametrize(
     ("words", "text"),
     [
@@ -158,6 +162,24 @@ def test_a_certificate_is_proved_again(folder: Path, capsys: pytest.CaptureFixtu
         (
             ["certify", "planar-two-link", "--degrees", "2"],
             "flexhinf design planar-two-link --degrees 2",
+        ),
+        (["certify", *STATED, "--start", "0"], "--start has no effect"),
+        (["certify", *STATED, "--peak-voltage", "30"], "--peak-voltage has no effect"),
+        (["certify", *STATED, "--quantisation", "1e-4"], "--quantisation has no effect"),
+        (
+            [
+                "certify",
+                "paper",
+                "--pose",
+                "90deg",
+                "--degrees",
+                "2",
+                "--damping",
+                "0.3",
+                "--shaping",
+                "quintic",
+            ],
+            "--shaping has no effect",
         ),
         (["certify", "paper", "--tolerances", "--observer", "10"], "--tolerances and --observer contradict"),
         (["certify", "paper", "--tolerances", "--decay", "0.1"], "--tolerances and --decay contradict"),

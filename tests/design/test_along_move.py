@@ -9,8 +9,8 @@ import pytest
 
 import flexhinf as fh
 from flexhinf.analysis import margins
-from flexhinf.design import Specification, along_move
-from flexhinf.design.along_move import AlongMove, MarginLimits, along_requirements, margins_along, scheduled
+from flexhinf.design import Specification, checks
+from flexhinf.design.checks import AlongMove, MarginLimits, along_requirements, margins_along, scheduled
 from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.loop import Schedule, Waypoints
 from flexhinf.plant import Law
@@ -25,7 +25,7 @@ LEAST = MarginLimits(2.5, 1.8, 0.05)
 @pytest.fixture(scope="module", autouse=True)
 def few_poses() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(along_move, "POSES", ((10_000, 3),))
+        patch.setattr(checks, "POSES", ((10_000, 3),))
         yield
 
 

@@ -71,7 +71,7 @@ def test_another_robot_a_load_no_noise(paper: tuple[fh.Robot, fh.Controller]) ->
     # the robot that is driven begins in its own equilibrium, and the law holds it there
     x, u = softer.operating_point([-0.1])
     np.testing.assert_allclose(made.trajectory.signals["state"][0], x)
-    np.testing.assert_allclose(run.controller.input_before(), u)
+    np.testing.assert_allclose(run.loop.controller.input_before(), u)
     assert run_met(run, made) is all(line.met for line in run.requirements(made))
 
 
@@ -81,7 +81,7 @@ def test_a_move_is_followed_in_error_coordinates() -> None:
     controller = controller_of(robot, [0.2, 0.1], {"link_position": 60, "link_position_integral": 300})
     s = Specification(start="0.2,0.1", move=MOVE)
     run = prepare_run(controller, (robot, Specification(start="0.2,0.1")), robot, s, Conditions(noise=False))
-    assert run.controller.mode.moving
+    assert run.loop.controller.mode.moving
     np.testing.assert_allclose(run.start, [0.1, 0.0])
     np.testing.assert_allclose(run.goal, [0.2, 0.2])
     np.testing.assert_allclose(run.arguments["initial_estimate"], robot.operating_point([0.1, 0.0])[0])

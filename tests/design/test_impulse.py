@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from flexhinf.design import Design, Specification
+from flexhinf.design.checks import ROOM, ImpulseRuns, impulse_runs, impulse_sizes
 from flexhinf.design.evaluation import LawEvaluation
-from flexhinf.design.impulse import ROOM, ImpulseRuns, impulse_runs, impulse_sizes
 from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.pages.design.runs import ring_down, ring_down_rows
 from flexhinf.pages.drawing import with_figures

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from flexhinf.design import Design, Specification
-from flexhinf.design.limit_cycle import check_limit_cycle, end_limit_cycle
+from flexhinf.design.checks import check_limit_cycle, end_limit_cycle
 from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.synthesis.steps import synthesise
 from flexhinf.errors import InvalidInput

@@ -13,9 +13,9 @@ import pytest
 import flexhinf as fh
 from flexhinf.analysis import margins
 from flexhinf.design import Design, Specification
+from flexhinf.design.checks import evaluate_payload, evaluate_payloads, payload_requirements
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.loop_setup import LoopSetup
-from flexhinf.design.payload import evaluate_payload, evaluate_payloads, payload_requirements
 from flexhinf.design.problem.presets import choose
 from flexhinf.design.responses import Scenario
 from flexhinf.design.synthesis.noise import search_noise
@@ -24,6 +24,7 @@ from flexhinf.pages.drawing import with_figures
 
 NAME = "payload_mass"
 GOAL, START = np.array([0.6]), np.array([0.3])
+RUNS = Scenario(6.0, np.zeros(1), 6.0, cast(fh.Quintic, None), (), 8)
 
 
 @pytest.fixture(scope="module")
@@ -33,13 +34,11 @@ def evaluation() -> LawEvaluation:
     s = Specification(preset="damped", measured=("link_position", "motor_position"), estimator="ekf")
     chosen = choose(robot, GOAL, START, s)
     setup = LoopSetup(robot, s, fh.solve_hji(chosen.problem, chosen.gamma, 2), GOAL, START, quiet=True)
-    return LawEvaluation("law", setup).in_scenario(
-        Scenario(6.0, np.zeros(1), 6.0, cast(fh.Quintic, None), (), 8)
-    )
+    return LawEvaluation("law", setup).in_scenario(RUNS)
 
 
 def test_both_ends_of_the_range_are_carried(evaluation: LawEvaluation) -> None:
-    light, heavy = evaluate_payloads(evaluation)
+    light, heavy = evaluate_payloads(evaluation.setup, RUNS)
     assert (light.mass, heavy.mass) == (0.0, pytest.approx(0.1))
     assert light.load_step is None  # the model carries more
     assert heavy.load_step is not None
@@ -55,7 +54,7 @@ def test_both_ends_of_the_range_are_carried(evaluation: LawEvaluation) -> None:
 
 
 def test_the_models_own_payload_has_the_loops_own_figures(evaluation: LawEvaluation) -> None:
-    own = evaluate_payload(evaluation, {NAME: 0.02})
+    own = evaluate_payload(evaluation.setup, RUNS, {NAME: 0.02})
     assert own.load_step is None
     assert own.margins.damping == pytest.approx(evaluation.margins.damping, rel=1e-6)
     assert own.margins.peak_sensitivity == pytest.approx(evaluation.margins.peak_sensitivity, rel=1e-6)
@@ -63,13 +62,16 @@ def test_the_models_own_payload_has_the_loops_own_figures(evaluation: LawEvaluat
 
 
 def test_a_robot_without_a_range_carries_nothing_untold(evaluation: LawEvaluation) -> None:
-    known = SimpleNamespace(setup=SimpleNamespace(robot=fh.load_robot("vertical-rig", payload="0.1kg")))
-    assert evaluate_payloads(cast(LawEvaluation, known)) == ()
+    known = SimpleNamespace(robot=fh.load_robot("vertical-rig", payload="0.1kg"))
+    assert evaluate_payloads(cast(LoopSetup, known), RUNS) == ()
 
 
 def test_what_is_too_heavy_is_not_met_and_every_report_says_so(evaluation: LawEvaluation) -> None:
     setup = evaluation.setup
-    heavy, far = evaluate_payloads(evaluation)[-1], evaluate_payload(evaluation, {NAME: 3.0})
+    heavy, far = (
+        evaluate_payloads(evaluation.setup, RUNS)[-1],
+        evaluate_payload(evaluation.setup, RUNS, {NAME: 3.0}),
+    )
     rows = {one: payload_requirements(setup.specification, setup.limits, one, 0.2) for one in (heavy, far)}
     assert all(line.met for line in rows[heavy])
     assert {line.what for line in rows[heavy]} == {"overshoot", "damping of oscillations", "remaining sag"}

@@ -11,10 +11,10 @@ import pytest
 
 import flexhinf as fh
 from flexhinf.design import Specification
-from flexhinf.design.joint_limits import joint_limits
 from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.plans import stated_move, step_command
 from flexhinf.design.requirements import move_requirements, tracking_limits
+from flexhinf.design.responses import joint_limits
 from flexhinf.errors import InvalidInput
 
 Benches = Callable[..., LoopSetup]

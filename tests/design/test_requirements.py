@@ -13,9 +13,8 @@ import pytest
 import flexhinf as fh
 from flexhinf.cli.messages import error_text
 from flexhinf.design import Specification
-from flexhinf.design.joint_limits import ROBOT, JointLimits, joint_limits
-from flexhinf.design.monte_carlo import MonteCarlo
 from flexhinf.design.requirements import (
+    MonteCarlo,
     Requirement,
     all_met,
     behaviour_requirements,
@@ -24,7 +23,7 @@ from flexhinf.design.requirements import (
     sample_requirements,
     step_requirements,
 )
-from flexhinf.design.responses import Worst, worst_of
+from flexhinf.design.responses import ROBOT, JointLimits, Worst, joint_limits, worst_of
 from flexhinf.design.specification import GAIN_MARGIN, PEAK_SENSITIVITY, TOLERANCE, SpecificationError
 from flexhinf.pages.design.requirements import found_text, limit_text, requirement_table
 from flexhinf.report import Cell

@@ -44,7 +44,7 @@ def with_options(options: type, fields: Collection[str] = ()) -> Callable[[Any],
 
     def decorated(command: Callable[..., None]) -> Any:
         def run(context: typer.Context, **values: Any) -> None:
-            stated = _stated(context).items()
+            stated = stated_options(context).items()
             read = {name: _value(own[name], value) for name, value in stated if name in own}
             command(context, options(**{name: value for name, value in read.items() if value is not None}))
 
@@ -81,7 +81,7 @@ def _parameter(field: FieldInfo, both: bool) -> inspect.Parameter:
 
 def request_of(context: typer.Context, o: PointOptions, source: str, elastic: str = "") -> DesignRequest:
     """Robot and specification of a command, whose options win over a design file; prints notes."""
-    stated = _stated(context)
+    stated = stated_options(context)
     peaks = [name for name in ("peak_effort", *PEAKS) if name in stated]
     if len(peaks) > 1:
         names, got = (", ".join(map(option_name, some)) for some in (("peak_effort", *PEAKS), peaks))
@@ -166,7 +166,7 @@ def _value(field: FieldInfo, value: Any) -> Any:
 
 def reproduce_command(context: typer.Context, without: Collection[str] = ()) -> list[str]:
     """The words of the command that makes the same report again; without some parameters, by name."""
-    words, options, stated = context.command_path.split(), _command(context).options, _stated(context)
+    words, options, stated = context.command_path.split(), _command(context).options, stated_options(context)
     for parameter in context.command.params:
         name = str(parameter.name)
         value = stated.get(name)
@@ -188,7 +188,7 @@ def _command(context: typer.Context) -> Any:
     return inspect.unwrap(context.command.callback)  # type: ignore[arg-type]
 
 
-def _stated(context: typer.Context) -> dict[str, Any]:
+def stated_options(context: typer.Context) -> dict[str, Any]:
     """What is not a default, by the name of the parameter."""
     sources = {name: context.get_parameter_source(name) for name in context.params}
     return {

@@ -7,9 +7,9 @@ from shlex import join
 
 import typer
 
-from flexhinf.cli.arguments import reproduce_command, request_of, with_options
+from flexhinf.cli.arguments import reproduce_command, request_of, stated_options, with_options
 from flexhinf.cli.messages import NOT_MET, ProofProgress, note
-from flexhinf.cli.options import CERTIFY_FIELDS, CertifyOptions
+from flexhinf.cli.options import CERTIFY_FIELDS, PEAKS, CertifyOptions
 from flexhinf.design.options import option_name
 from flexhinf.errors import InvalidInput
 
@@ -65,10 +65,25 @@ def certify(context: typer.Context, o: CertifyOptions) -> None:
 
     from flexhinf import pages
     from flexhinf.certify.theorem import theorem_text
-    from flexhinf.design.certification import SeveralJoints, certify_design, evidence, proved
+    from flexhinf.design.certification import (
+        SeveralJoints,
+        certify_design,
+        evidence,
+        proved,
+        without_effect,
+    )
     from flexhinf.report import check as check_folder, write
 
     request = request_of(context, o, o.robot, o.elastic)
+    idle = without_effect(request.robot, request.specification, o.tolerances)
+    for name in stated_options(context) if len(request.robot.joint_names) == 1 else ():
+        if ("peak_effort" if name in PEAKS else name) in idle:
+            raise InvalidInput(
+                f"{option_name(name)} has no effect on this certificate.",
+                "expected several degrees, or weights that are searched for, which choose the law by such options; "
+                f"got one degree {request.specification.degrees}, and no search that runs the step",
+                f"leave out {option_name(name)}, or --preset robust",
+            )
     folder = check_folder(o.out)
     with ProofProgress() as bar:
         try:
@@ -108,10 +123,8 @@ def _check(context: typer.Context, path: Path, o: CertifyOptions) -> None:
     from flexhinf.certify import load_certificate
     from flexhinf.certify.theorem import theorem_text, verification_text
 
-    for name in context.params:
-        source = context.get_parameter_source(name)
-        used = name in ("check", "every_cell", "threads", "robot")
-        if not used and source is not None and source.name == "COMMANDLINE":
+    for name in stated_options(context):
+        if name not in ("check", "every_cell", "threads", "robot"):
             raise InvalidInput(
                 "A certificate is checked as it is.",
                 f"expected --check FILE with --every-cell or --threads alone, got {option_name(name)}",

@@ -8,7 +8,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from flexhinf.design.campaign_options import CampaignOptions
 from flexhinf.design.options import (
     ADVANCED,
     COMPARED,
@@ -19,6 +18,7 @@ from flexhinf.design.options import (
     TRIED,
     WAY,
     WRITTEN,
+    CampaignOptions,
     Duration,
     Number,
     Real,

@@ -8,7 +8,6 @@ from .campaign_folder import (
     open_pair as open_pair,
     stored_campaign as stored_campaign,
 )
-from .campaign_options import CampaignOptions as CampaignOptions
 from .design_file import (
     DesignRequest as DesignRequest,
     design_schema as design_schema,
@@ -18,6 +17,7 @@ from .design_file import (
 from .evaluation import LawEvaluation as LawEvaluation
 from .laws import DEFAULT_LAWS as DEFAULT_LAWS, law_names as law_names
 from .loop_setup import EstimatorNoise as EstimatorNoise, LoopSetup as LoopSetup
+from .options import CampaignOptions as CampaignOptions
 from .pipeline import (
     compare as compare,
     comparison_stages as comparison_stages,

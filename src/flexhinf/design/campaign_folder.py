@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from pathlib import Path
@@ -22,7 +23,7 @@ from flexhinf.campaign import (
     Variable,
 )
 from flexhinf.campaign.journal import check_own_folder, differing, listed
-from flexhinf.design.campaign_options import CampaignOptions
+from flexhinf.design.checks import end_limit_cycle
 from flexhinf.design.design_file import (
     DESIGN_FILE,
     DesignRequest,
@@ -32,15 +33,14 @@ from flexhinf.design.design_file import (
     request_document,
 )
 from flexhinf.design.evaluation import LawEvaluation
-from flexhinf.design.joint_limits import joint_limits
 from flexhinf.design.laws import DESIGN
-from flexhinf.design.limit_cycle import end_limit_cycle
 from flexhinf.design.loop_setup import LoopPlants
-from flexhinf.design.monte_carlo import RunMetrics
+from flexhinf.design.options import CampaignOptions
 from flexhinf.design.pipeline import step_duration
 from flexhinf.design.plans import has_integrals, move_reference, stated_move, step_command
-from flexhinf.design.requirements import final_limits, tracking_limits
-from flexhinf.design.responses import LOAD_START, Plan, plan_ends, start_and_goal
+from flexhinf.design.requirements import RunMetrics, final_limits, tracking_limits
+from flexhinf.design.responses import LOAD_START, Plan, joint_limits, plan_ends, start_and_goal
+from flexhinf.design.result import forwarded
 from flexhinf.design.specification import FIELDS, Specification
 from flexhinf.design.synthesis.steps import synthesise
 from flexhinf.errors import InvalidInput
@@ -84,10 +84,7 @@ class DesignCampaign:
     options: CampaignOptions
     file: Path | None = None
 
-    @property
-    def specification(self) -> Specification:
-        """Of the design."""
-        return self.request.specification
+    specification = forwarded("request.specification", Specification, "Of the design.")
 
     @cached_property
     def robot(self) -> Robot:
@@ -125,28 +122,30 @@ class DesignCampaign:
         o, robot = self.options, self.robot
         off = inactive_parameters(self.specification.extras, robot.joint_names)
         acting = [p for p in robot.uncertain if p.name not in off]
-        found = [Variable(p.name, *p.interval, o.distribution, p.unit) for p in acting]
-        sizes = (o.initial_error, ERROR, "link_position"), (o.disturbance, TORQUE, TORQUE)
-        for size, name, signal in sizes:
+        variables = [Variable(p.name, *p.interval, o.distribution, p.unit) for p in acting]
+        for size, name, signal in (
+            (o.initial_error, ERROR, "link_position"), (o.disturbance, TORQUE, TORQUE),
+        ):  # fmt: skip
             names = signal_names(name, robot.joint_names) if size else ()
-            for one, sliding in zip(names, robot.links.slides):
-                found.append(Variable(one, -size, size, o.distribution, UNITS[signal][sliding]))
-        if not found:
+            variables += [
+                Variable(one, -size, size, o.distribution, UNITS[signal][sliding])
+                for one, sliding in zip(names, robot.links.slides)
+            ]
+        if not variables:
             raise InvalidInput(
                 f"Nothing differs from sample to sample: the robot {robot.name!r} states no tolerance.",
                 "expected a tolerance, a range of the payload, an initial error or a disturbance",
                 "--tolerance stiffness=10%, --payload 0..2kg, --initial-error 0.01, --disturbance 0.5",
             )
-        return tuple(found)
+        return tuple(variables)
 
     @property
     def stated(self) -> dict[str, str]:
         """The design and the campaign as text by name: known before anything is designed; InvalidInput for a misfit."""
         o, s, (start, goal) = self.options, self.specification, self.ends
-        length = {}
+        length = {} if o.duration is None else {"duration": str(float(o.duration))}
         if o.duration is not None:
             sample_count(o.duration, s.period)
-            length = {"duration": str(float(o.duration))}
         fields = {f"design {name}": text for name, text in fields_text(s).items()}
         robots = {"robot": self.request.robot, "true robot": self.robot}
         parameters = {
@@ -155,41 +154,35 @@ class DesignCampaign:
             for p in robot.parameters
             if which == "robot" or p not in self.request.robot.parameters
         }
-        drawn = {f"variable {v.name}": v.text() for v in self.variables}
         return {
-            "samples": str(o.samples), "seed": str(o.seed), "batch": str(o.batch), "method": o.method, **drawn,
+            "samples": str(o.samples), "seed": str(o.seed), "batch": str(o.batch), "method": o.method,
+            **{f"variable {v.name}": v.text() for v in self.variables},
             "start": str(start.tolist()), "goal": str(goal.tolist()), **fields, **parameters, **length,
         }  # fmt: skip
 
     def campaign(self, controller: Controller, duration: float) -> Campaign:
         """The campaign with a controller and runs of this length, s."""
-        s, robot = self.specification, self.robot
-        plants = LoopPlants(robot, s)
-        plant = robot.plant(s.measured, extras=s.extras)
+        s, robot, o = self.specification, self.robot, self.options
+        plants, plant = LoopPlants(robot, s), robot.plant(s.measured, extras=s.extras)
         loop = Loop(plant, controller, None, quantisation=plants.quantisation, delay=s.delay)
-        options: dict[str, Any] = {"duration": duration}
-        reference = self._reference(controller, plants.dry_friction)
-        options |= {} if reference is None else {"reference": reference}
-        options |= {} if plants.noise is None else {"noise": plants.noise}
-        if self.options.disturbance:  # of one N·m or N; what a sample draws is the factor
-            torques = signal_names(TORQUE, robot.joint_names)
-            options["disturbance"] = dict.fromkeys(torques, Step(1.0, at=LOAD_START * duration))
-        draw = Tolerances(
-            self.variables, self.options.method, partial(robot_sample, robot, self.ends[0], s.extras)
-        )
-        return Campaign(
-            loop, draw, self.options.samples, self.options.seed, options,
-            self.metrics.metrics(plant.states, controller.states, controller.commanded),
-            signal_names("link_position", robot.joint_names), self.options.batch, self.stated,
-        )  # fmt: skip
-
-    def _reference(self, controller: Controller, dry_friction: tuple[str, ...]) -> Any:
-        """The move with its feedforward, the shaped step, or nothing where the law holds its goal."""
+        reference: Any = None  # where the law holds its goal
         if self.plan is not None:
-            return move_reference(self.request.robot, self.plan, dry_friction)
-        if not has_integrals(controller.law):
-            return None
-        return step_command(self.request.robot, self.specification, *self.ends)
+            reference = move_reference(self.request.robot, self.plan, plants.dry_friction)
+        elif has_integrals(controller.law):
+            reference = step_command(self.request.robot, s, *self.ends)
+        # a disturbance is of one N·m or N; what a sample draws is the factor
+        torques = dict.fromkeys(signal_names(TORQUE, robot.joint_names), Step(1.0, at=LOAD_START * duration))
+        arguments = {
+            "reference": reference, "noise": plants.noise, "disturbance": torques if o.disturbance else None,
+        }  # fmt: skip
+        options: dict[str, Any] = {"duration": duration}
+        options |= {name: value for name, value in arguments.items() if value is not None}
+        draw = Tolerances(self.variables, o.method, partial(robot_sample, robot, self.ends[0], s.extras))
+        return Campaign(
+            loop, draw, o.samples, o.seed, options,
+            self.metrics.metrics(plant.states, controller.states, controller.commanded),
+            signal_names("link_position", robot.joint_names), o.batch, self.stated,
+        )  # fmt: skip
 
     @cached_property
     def metrics(self) -> RunMetrics:
@@ -204,17 +197,11 @@ class DesignCampaign:
     @property
     def requirements(self) -> tuple[str, ...]:
         """What a run must keep by the design's specification, besides reaching its end."""
-        limits = self.metrics.limits
-        found = ["tracking_error_use<=1", "final_error_use<=1"]
-        if self.plan is None:
-            found = ["settling_time_s<=1e9", f"overshoot_percent<={self.specification.overshoot:g}"]
-        found += ["input_limit_use<=1"] if limits.limits_peak else []
-        return (*found, *(["speed_limit_use<=1"] if limits.limits_speed else []))
-
-    @property
-    def nominal(self) -> dict[str, float]:
-        """Nominal values of the variables."""
-        return {v.name: self.robot.nominal.get(v.name, 0.0) for v in self.variables}
+        limits, move = self.metrics.limits, ("tracking_error_use<=1", "final_error_use<=1")
+        step = ("settling_time_s<=1e9", f"overshoot_percent<={self.specification.overshoot:g}")
+        peak = ("input_limit_use<=1",) if limits.limits_peak else ()
+        speed = ("speed_limit_use<=1",) if limits.limits_speed else ()
+        return (*(step if self.plan is None else move), *peak, *speed)
 
 
 def fields_text(s: Specification) -> dict[str, str]:
@@ -224,15 +211,12 @@ def fields_text(s: Specification) -> dict[str, str]:
 
 
 def _spread(parameter: Parameter, text: str) -> Parameter:
-    """A parameter with another tolerance: ``12%``, or ``0.9..1.2`` in its unit."""
     percent, ends = _PERCENT.match(text), _RANGE.match(text)
-    try:
+    with suppress(ValueError):
         if percent:
             return replace(parameter, tolerance=float(percent[1]), range=None)
         if ends:
             return replace(parameter, tolerance=0.0, range=(float(ends[1]), float(ends[2])))
-    except ValueError:
-        pass
     raise InvalidInput(
         f"The tolerance of {parameter.name!r} cannot be read.",
         f"expected per cent of its value, or an interval in {parameter.unit or 'its unit'}, got {value_text(text)}",
@@ -260,19 +244,19 @@ class DesignPair:
     b: DesignCampaign
 
     def __post_init__(self) -> None:
-        a, b, sides = _circumstances(self.a), _circumstances(self.b), (self.a, self.b)
-        pairs = differing(a, b, [*a, *b], "default")
-        found = [f"{name}: {one} ↔ {other}" for name, one, other in pairs]
-        codes = [
-            one.robot.plant(one.specification.measured, extras=one.specification.extras) for one in sides
+        sides = self.a, self.b
+        a, b = map(_circumstances, sides)
+        rows = [f"{name}: {one} ↔ {other}" for name, one, other in differing(a, b, [*a, *b], "default")]
+        plants = [
+            side.robot.plant(side.specification.measured, extras=side.specification.extras) for side in sides
         ]
-        if not found and codes[0].code_key != codes[1].code_key:
-            found = ["the equations of the robots, which have the same parameters"]
-        if found:
+        if not rows and plants[0].code_key != plants[1].code_key:
+            rows = ["the equations of the robots, which have the same parameters"]
+        if rows:
             raise InvalidInput(
                 "The designs are not for the same robot, sensors, motors and step; their runs cannot be compared "
                 "sample by sample.",
-                listed(found, _LISTED),
+                listed(rows, _LISTED),
                 "designs that differ in preset, weights, degrees, γ or estimator only",
             )
 
@@ -298,10 +282,10 @@ class PairResult:
 def _circumstances(side: DesignCampaign) -> dict[str, str]:
     """Everything stated of a campaign but what the law is."""
     limits = side.metrics.limits
-    plain = {name: text for name, text in side.stated.items() if not name.startswith("design ")}
+    stated = {name: text for name, text in side.stated.items() if not name.startswith("design ")}
     fields = {name: text for name, text in fields_text(side.specification).items() if name in SHARED}
     return {
-        **plain, **fields, "true state fed back": str(side.specification.estimator == "none"),
+        **stated, **fields, "true state fed back": str(side.specification.estimator == "none"),
         "limits of the inputs": str(limits.peak.tolist()), "saturation": str(limits.saturation.tolist()),
         "limits of the speeds": str(limits.speed.tolist()),
     }  # fmt: skip
@@ -335,14 +319,13 @@ def open_campaign(
     `flexhinf.design.design`.
     """
     _ = request.stated, request.metrics  # refuses what does not fit
-    journal = Journal.read(folder, (SETUP,))
-    place = Path(folder).expanduser().absolute()
+    journal, place = Journal.read(folder, (SETUP,)), Path(folder).expanduser().absolute()
     if journal is None:
         (place / SETUP).mkdir(parents=True, exist_ok=True)
         with locked(place / SETUP_LOCK, PATIENCE):
             journal = Journal.read(folder, (SETUP,))  # another driver of a job array may have been quicker
             if journal is None:
-                return _begun(request, place, command, designed or designed_controller(request, progress))
+                return _begun(request, place, command, *(designed or designed_controller(request, progress)))
     journal.refuse_other(request.stated, partly=True)
     campaign = reopened(request, journal)
     journal.refuse_campaign(campaign)
@@ -350,21 +333,22 @@ def open_campaign(
 
 
 def _begun(
-    request: DesignCampaign, place: Path, command: Sequence[str], designed: tuple[Controller, float]
+    request: DesignCampaign, place: Path, command: Sequence[str], controller: Controller, duration: float
 ) -> tuple[Campaign, Journal]:
-    (controller, duration), o, one, setup = designed, request.options, request.request, place / SETUP
+    o, one, setup = request.options, request.request, place / SETUP
     duration = duration if o.duration is None else o.duration
     request.campaign(controller, duration)  # refuses what does not fit before anything is written
-    slides = one.robot.links.slides
-    text = tomlkit.dumps(
-        request_document(one.specification, one.source, one.elastic, setup, one.payload, slides)
+    document = request_document(
+        one.specification, one.source, one.elastic, setup, one.payload, one.robot.links.slides
     )
+    text = tomlkit.dumps(document)
     write_file(setup / DESIGN_FILE, "design file", lambda name: Path(name).write_text(text, encoding="utf-8"))
     controller.save(setup / CONTROLLER)
     campaign = request.campaign(load_controller(setup / CONTROLLER), duration)
+    nominal = {v.name: request.robot.nominal.get(v.name, 0.0) for v in request.variables}
     about = {
         "title": f"Campaign of the robot “{one.robot.name}”", "requirements": list(request.requirements),
-        "nominal": request.nominal, "options": {**vars(o), "tolerances": [list(one) for one in o.tolerances]},
+        "nominal": nominal, "options": {**vars(o), "tolerances": [list(one) for one in o.tolerances]},
     }  # fmt: skip
     return campaign, Journal.opened(place, campaign, command, about)
 
@@ -376,15 +360,14 @@ def designed_controller(
 
     That of a report begins where its step does, so for a move it is designed again, to begin where that does.
     """
-    path, plan = request.file, request.plan
-    robot, s = request.request.robot, request.specification
-    report = plan is None and path is not None and path.name == DESIGN_FILE
-    if report and path is not None and unchanged(path.parent, (DESIGN_FILE, CONTROLLER)):
-        length = read_toml(path, "design file").get("result", {}).get("duration")
-        if isinstance(length, float) and fields_text(load_design(path)[1]) == fields_text(s):
-            return load_controller(path.parent / CONTROLLER), length
+    path, plan, robot, s = request.file, request.plan, request.request.robot, request.specification
+    report = path if plan is None and path is not None and path.name == DESIGN_FILE else None
+    if report and unchanged(report.parent, (DESIGN_FILE, CONTROLLER)):
+        length = read_toml(report, "design file").get("result", {}).get("duration")
+        if isinstance(length, float) and fields_text(load_design(report)[1]) == fields_text(s):
+            return load_controller(report.parent / CONTROLLER), length
     synthesis = synthesise(robot, s, progress)
-    setup = end_limit_cycle(synthesis.setup(robot, s))[0]
+    setup, _ = end_limit_cycle(synthesis.setup(robot, s))
     length = step_duration(LawEvaluation(DESIGN, setup), synthesis)
     if plan is None:
         return setup.bumpless_controller, length
@@ -394,8 +377,8 @@ def designed_controller(
 
 def reopened(request: DesignCampaign, journal: Journal) -> Campaign:
     """The campaign of a folder, with the controller that is there."""
-    controller = load_controller(journal.folder / SETUP / CONTROLLER)
-    return request.campaign(controller, float(journal.settings["duration"]))
+    duration = float(journal.settings["duration"])
+    return request.campaign(load_controller(journal.folder / SETUP / CONTROLLER), duration)
 
 
 def stored_campaign(folder: str | Path) -> tuple[Campaign, Journal]:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -24,9 +25,9 @@ from flexhinf.campaign.journal import UNREADABLE
 from flexhinf.certify.evaluation import linear_part
 from flexhinf.design import certification
 from flexhinf.design.campaign_folder import DesignCampaign
-from flexhinf.design.synthesis.steps import Synthesis, synthesise
+from flexhinf.design.synthesis.steps import synthesise
 from flexhinf.errors import InvalidInput
-from flexhinf.plant import Estimator, GeneralisedPlant, Penalty
+from flexhinf.plant import GeneralisedPlant, Penalty
 
 #: File of the results, in the campaign's folder, and its bytes at most.
 FILE, _MOST_FILE = Path("worst-case") / "disturbance.json", 100_000_000
@@ -96,55 +97,42 @@ class _Claim:
     worst: str
 
 
-@dataclass(frozen=True, eq=False)
 class GainSearch:
-    """The searches of one design, for runs of `duration` (s); the design is solved again: no file has z and V."""
+    """The searches of one design, for runs of `duration` (s); the design is solved again: no file has z and V.
 
-    request: DesignCampaign
-    duration: float
-    progress: Callable[[str], None] = lambda text: None
+    `names`, `low`, `high`, `nominal`: the robot's numbers that differ, both ends (d,) of their intervals, and the
+        nominal robot in the unit box.
+    `horizon`: length of the disturbances, s.
+    """
 
-    @cached_property
-    def synthesis(self) -> Synthesis:
-        """Of the design; raises as `synthesise`."""
-        return synthesise(self.request.request.robot, self.request.specification, self.progress)
-
-    @property
-    def horizon(self) -> float:
-        """Length of the disturbances, s."""
-        return min(certification.LONGEST_DISTURBANCE, certification.STEPS * self.duration)
-
-    @cached_property
-    def box(self) -> tuple[tuple[str, ...], np.ndarray, np.ndarray, np.ndarray]:
-        """Names of the robot's numbers that differ, both ends (d,) of their intervals, the nominal robot in them."""
-        robot = self.request.robot
-        variables = [v for v in self.request.variables if v.name in robot.nominal]
+    def __init__(
+        self, request: DesignCampaign, duration: float, progress: Callable[[str], None] = lambda text: None
+    ) -> None:
+        self.request, self.s, self.progress = request, request.specification, progress
+        designed = request.request.robot
+        self.synthesis = synthesise(designed, self.s, progress)
+        self.estimator = self.synthesis.setup(designed, self.s).estimator(self.synthesis.goal)
+        self.horizon = min(certification.LONGEST_DISTURBANCE, certification.STEPS * duration)
+        known = request.robot.nominal
+        variables = [v for v in request.variables if v.name in known]
+        self.names, values = tuple(v.name for v in variables), np.array([known[v.name] for v in variables])
         low, high = np.array([(v.low, v.high) for v in variables], dtype=float).reshape(-1, 2).T
-        values = np.array([robot.nominal[v.name] for v in variables])
-        nominal = np.clip((values - low) / np.where(high > low, high - low, 1.0), 0.0, 1.0)
-        return tuple(v.name for v in variables), low, high, nominal
+        self.low, self.high = low, high
+        self.nominal = np.clip((values - low) / np.where(high > low, high - low, 1.0), 0.0, 1.0)
 
     def numbers(self, point: np.ndarray) -> dict[str, float]:
         """Of a point (d,) of the unit box."""
-        names, low, high, _ = self.box
-        return dict(zip(names, ((1.0 - point) * low + point * high).tolist(), strict=True))
+        return dict(zip(self.names, ((1.0 - point) * self.low + point * self.high).tolist(), strict=True))
 
     def problem_of(self, problem: GeneralisedPlant, numbers: Mapping[str, float]) -> GeneralisedPlant:
         """A problem with another robot, about that robot's equilibrium at the goal; FlexhinfError where it has none."""
-        robot = self.request.robot
+        robot, plant = self.request.robot, problem.plant
         values = robot.plant_parameters(robot.nominal | dict(numbers))
         equilibrium = robot.operating_point(self.synthesis.goal, (), values)
-        plant = problem.plant.with_parameters(**problem.plant.parameters.known(values))
+        plant = plant.with_parameters(**plant.parameters.known(values))
         return replace(problem, plant=plant, pose=None, equilibrium=equilibrium)
 
-    @property
-    def estimator(self) -> Estimator | None:
-        """The design's, about the goal."""
-        setup = self.synthesis.setup(self.request.request.robot, self.request.specification)
-        return setup.estimator(self.synthesis.goal)
-
-    @cached_property
-    def designed(self) -> _Claim:
+    def _designed(self) -> _Claim:
         """z, d and γ of the synthesis, on the sampled region, or for small disturbances where none was sampled."""
         law, chosen = self.synthesis.solution, self.synthesis.chosen
         level = chosen.level
@@ -158,9 +146,9 @@ class GainSearch:
     @cached_property
     def proved(self) -> tuple[_Claim | None, str]:
         """z, d and γ of the proof, its level in the law's V; or None and why: no proof, or z not linear in x."""
-        robot, s, options = self.request.request.robot, self.request.specification, self.request.options
+        robot, options = self.request.request.robot, self.request.options
         proof = certification.prove_design(
-            robot, s, self.synthesis, math.nan, certification.Attenuation(None, ())
+            robot, self.s, self.synthesis, math.nan, certification.Attenuation(None, ())
         )
         certificate, law, solution = proof.certificate, self.synthesis.proved, self.synthesis.solution
         if certificate is None:
@@ -180,36 +168,36 @@ class GainSearch:
 
     def results(self) -> GainResults:
         """Every search, in turn: the synthesis' claim, the loop with its estimator, the proof's claim."""
-        s, rows = self.request.specification, self._rows(self.designed)
+        designed = self._designed()
+        rows = self._rows(designed)
         if self.estimator is not None:  # a disturbance of the same energy
             self.progress("worst disturbance of the loop with the estimator")
             attained = worst_disturbance(
-                self.synthesis.problem, self.synthesis.solution, self.estimator, s.period, energy=rows[0].energy,
-                horizon=self.horizon, turns=ESTIMATOR_TURNS, starts=1, seed=s.seed,
+                self.synthesis.problem, self.synthesis.solution, self.estimator, self.s.period, energy=rows[0].energy,
+                horizon=self.horizon, turns=ESTIMATOR_TURNS, starts=1, seed=self.s.seed,
             )  # fmt: skip
-            rows.append(_row("nominal", "estimator", self.designed, "not claimed", attained, rows[0].numbers))
+            rows.append(_row("nominal", "estimator", designed, "not claimed", attained, rows[0].numbers))
         self.progress("proof")
         claim, unproved = self.proved
         return GainResults(tuple(rows + ([] if claim is None else self._rows(claim))), unproved)
 
     def _rows(self, claim: _Claim) -> list[GainRow]:
-        s, problem, law = self.request.specification, claim.problem, self.synthesis.solution
+        s, problem, law = self.s, claim.problem, self.synthesis.solution
         self.progress(f"worst disturbance of the nominal robot, z and d of the {claim.pair}")
         first = worst_disturbance(
             problem, law, None, s.period, level=claim.level, horizon=self.horizon, seed=s.seed
         )
-        rows = [_row("nominal", "true state", claim, claim.nominal, first, self.numbers(self.box[3]))]
-        if claim.worst and self.box[0]:
+        rows = [_row("nominal", "true state", claim, claim.nominal, first, self.numbers(self.nominal))]
+        if claim.worst and self.names:
             self.progress(f"worst disturbance of the worst robot, z and d of the {claim.pair}")
             generator = np.random.Generator(np.random.Philox(key=[s.seed, 0]))
             worst = worst_gain(
-                lambda point: self.problem_of(problem, self.numbers(point)), law, self.box[3], first,
+                lambda point: self.problem_of(problem, self.numbers(point)), law, self.nominal, first,
                 level=claim.level, period=s.period, horizon=self.horizon,
-                starts=generator.random((RANDOM, len(self.box[0]))),
+                starts=generator.random((RANDOM, len(self.names))),
             )  # fmt: skip
-            rows.append(
-                _row("worst", "true state", claim, claim.worst, worst.attained, self.numbers(worst.point))
-            )
+            numbers = self.numbers(worst.point)
+            rows.append(_row("worst", "true state", claim, claim.worst, worst.attained, numbers))
         return rows
 
     def again(self, row: GainRow) -> float:
@@ -221,7 +209,7 @@ class GainSearch:
             problem = self.problem_of(problem, row.numbers)
             law = MovedLaw(law, problem)
         estimator = self.estimator if row.loop == "estimator" else None
-        runs = DisturbanceRuns(problem, law, estimator, self.request.specification.period, self.horizon)
+        runs = DisturbanceRuns(problem, law, estimator, self.s.period, self.horizon)
         return runs.attained(np.array(row.disturbance)).gain
 
 
@@ -245,19 +233,18 @@ def search_gain(
             f"expected at most {certification.MOST_SEARCHED // STATES}, got {len(request.request.robot.joint_names)}",
             "--metric with a metric of the runs, as overshoot_percent",
         )
-    stored = stored_gains(journal)
-    if stored.rows:
-        return stored
-    results = GainSearch(request, float(journal.settings["duration"]), progress).results()
-    results = replace(results, campaign=journal.digest)
-    journal.store(FILE, asdict(results))
+    results = stored_gains(journal)
+    if not results.rows:
+        results = GainSearch(request, float(journal.settings["duration"]), progress).results()
+        results = replace(results, campaign=journal.digest)
+        journal.store(FILE, asdict(results))
     return results
 
 
 def stored_gains(journal: Journal) -> GainResults:
     """The results in a campaign's folder; no rows where nothing was searched, or the file is damaged."""
-    try:
+    with suppress(*UNREADABLE):
         results = journal.stored(FILE, GainResults, _MOST_FILE)
-    except UNREADABLE:
-        return GainResults()
-    return results if results.campaign == journal.digest else GainResults()
+        if results.campaign == journal.digest:
+            return results
+    return GainResults()

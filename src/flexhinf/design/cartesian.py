@@ -6,6 +6,7 @@ waypoints the joints move smoothly, and the point not in a straight line.
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -79,7 +80,6 @@ def joint_waypoints(robot: Robot, table: WaypointTable, tool: Tool = ORIGIN) -> 
 
 
 def _converted(robot: Robot, table: WaypointTable, tool: Tool) -> tuple[WaypointTable, Reached]:
-    """The waypoints of the joints, and the pose with the least mobility."""
     wrong = [unit for unit in table.units if unit and unit not in SLIDING]
     if set(table.joints) != set(AXES) or len(table.joints) != 3 or wrong or len(table.rows) > MOST:
         raise WaypointError(
@@ -88,27 +88,25 @@ def _converted(robot: Robot, table: WaypointTable, tool: Tool) -> tuple[Waypoint
             f"{len(table.rows)} rows",
             "time,x [m],y [m],z [m]",
         )
-    order = [table.joints.index(axis) for axis in AXES]
-    found: list[Reached] = []
+    order, joints = [table.joints.index(axis) for axis in AXES], robot.joint_names
+    poses: list[Reached] = []
     for time, row in zip(table.times, table.rows):
-        near = found[-1].pose if found else None
+        near = poses[-1].pose if poses else None
         try:
-            found.append(pose_at(robot, [row[k] for k in order], tool.link, tool.offset, near))
+            poses.append(pose_at(robot, [row[k] for k in order], tool.link, tool.offset, near))
         except InvalidInput as error:
             raise WaypointError(f"{error.what} (waypoint at {time:g} s)", error.found, error.advice) from None
-    rows = tuple(tuple(one.pose.tolist()) for one in found)
-    joints = robot.joint_names
-    worst = min(found, key=lambda one: one.mobility)
+    rows = tuple(tuple(one.pose.tolist()) for one in poses)
+    worst = min(poses, key=lambda one: one.mobility)
     return WaypointTable(table.times, joints, ("",) * len(joints), rows), worst
 
 
 def _singular(what: str, found: Reached) -> list[str]:
-    if not found.near_singular:
-        return []
-    return [
+    text = (
         f"At {what}, {_text(found.pose)}, the robot is near a singular pose: in one direction its point moves by only "
         f"{found.mobility:.2g} of what it does elsewhere, so small errors of the place are large ones of the joints."
-    ]
+    )
+    return [text] if found.near_singular else []
 
 
 def _text(pose: np.ndarray) -> str:
@@ -116,10 +114,9 @@ def _text(pose: np.ndarray) -> str:
 
 
 def _point(what: str, text: str) -> tuple[float, ...]:
-    try:
+    point: tuple[float, ...] = ()
+    with suppress(ValueError):
         point = lengths(text)
-    except ValueError:
-        point = ()
     if len(point) != 3 or not all(map(within_proportion, point)):
         raise InvalidInput(
             f"The point of --{what} cannot be read.",

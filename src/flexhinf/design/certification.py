@@ -26,7 +26,7 @@ from flexhinf.certify.claim import MOST_STATES
 from flexhinf.certify.proof import certify, check_decay
 from flexhinf.certify.starts import ProvedStep, longest_run, proved_steps
 from flexhinf.design.loop_setup import LoopSetup
-from flexhinf.design.problem.presets import measured_problem
+from flexhinf.design.problem.presets import measured_problem, preset_of
 from flexhinf.design.proved_step import (
     BoxProof,
     NotWithinTolerances,
@@ -36,10 +36,12 @@ from flexhinf.design.proved_step import (
     reason_of,
     sampled_box,
 )
+from flexhinf.design.responses import joint_limits
 from flexhinf.design.specification import Specification
 from flexhinf.design.synthesis.by_step import DegreeChoice
 from flexhinf.design.synthesis.steps import Synthesis, checked_penalty, synthesise
 from flexhinf.errors import FlexhinfError, InvalidInput, NumericalFailure
+from flexhinf.hinf import HJISolution
 from flexhinf.plant import GeneralisedPlant, Penalty
 from flexhinf.robot import Robot
 
@@ -82,20 +84,14 @@ def attenuation(setup: LoopSetup, synthesis: Synthesis, duration: float) -> Atte
     """
     s, law, chosen, proved = setup.specification, synthesis.solution, synthesis.chosen, synthesis.proved
     level = chosen.level if chosen.looked and np.isfinite(chosen.level) and chosen.level > 0.0 else None
-    problem = synthesis.problem
-    if (
-        proved is not None and proved.certificate is not None
-    ):  # the penalty whose gain is proved, and its region
-        problem, level = proved.problem, proved.inner_level
-    attained, failure = None, ""
+    problem, attained, failure = synthesis.problem, None, ""
+    if proved is not None and proved.certificate is not None:
+        problem, level = (
+            proved.problem,
+            proved.inner_level,
+        )  # the penalty whose gain is proved, and its region
     if level is not None and searches_disturbance(len(law.state_names), synthesis.rays):
-        horizon = min(LONGEST_DISTURBANCE, STEPS * duration)
-        try:
-            attained = worst_disturbance(
-                problem, law, None, s.period, level=level, horizon=horizon, seed=s.seed
-            )
-        except FlexhinfError as error:
-            failure = " ".join(str(error).split())
+        attained, failure = _attained(problem, law, s, level, STEPS * duration)
     terms: tuple[BudgetTerm, ...] = ()
     if proved is None and (level is not None or len(law.state_names) <= MOST_SEARCHED):
         x, u = setup.robot.operating_point(setup.start)
@@ -109,6 +105,17 @@ def attenuation(setup: LoopSetup, synthesis: Synthesis, duration: float) -> Atte
                 )
             )  # fmt: skip
     return Attenuation(attained, within_level(terms), failure)
+
+
+def _attained(
+    problem: GeneralisedPlant, law: HJISolution, s: Specification, level: float, horizon: float
+) -> tuple[Attained | None, str]:
+    """The worst disturbance found with which V stays below a level; or why there is none."""
+    length = min(LONGEST_DISTURBANCE, horizon)
+    try:
+        return worst_disturbance(problem, law, None, s.period, level=level, horizon=length, seed=s.seed), ""
+    except FlexhinfError as error:
+        return None, " ".join(str(error).split())
 
 
 def within_level(terms: tuple[BudgetTerm, ...]) -> tuple[BudgetTerm, ...]:
@@ -131,6 +138,31 @@ SAMPLED_ADVICE = (
 
 class SeveralJoints(InvalidInput):
     """A robot whose law has too many states for a proof."""
+
+
+#: Fields that choose a law by the runs of its step alone, and those by which weights are searched for too.
+STEPPED = ("shaping", "quantisation", "friction_model")
+SEARCHED = (
+    "start", "peak_effort", "peak_speed", "saturation", "peak_sensitivity", "gain_margin", "estimator", "process_noise",
+    "torque_noise", "measurement_noise", "extras", "delay",
+)  # fmt: skip
+
+
+def without_effect(robot: Robot, s: Specification, tolerances: bool = False) -> tuple[str, ...]:
+    """Fields on which the certificates of `certify_design` do not depend.
+
+    The step is run where several degrees are tried, where the preset judges laws by it, and for limits of the joints.
+    """
+    preset, limits = preset_of(robot, s), joint_limits(robot, s)
+    searched = preset in ("damped", "robust", "proved")
+    limited = searched and (limits.limits_peak or limits.limits_speed)
+    if preset in ("robust", "proved") or limited or s.degrees is None or len(s.degrees) > 1:
+        return ()
+    return (
+        STEPPED
+        if searched
+        else (*STEPPED, *(name for name in SEARCHED if not (tolerances and name == "start")))
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,19 +214,18 @@ def certify_design(
             "tolerance = 10 beside a value in the robot's file, or leave out `tolerances`",
         )
     synthesis = synthesise(robot, s, progress)
-    boxed = tolerances or synthesis.proved is not None
+    goal, boxed = synthesis.goal, tolerances or synthesis.proved is not None
     gamma = s.checked_gamma_ratio * synthesis.design_problem.gamma_star
     penalty = checked_penalty(s, synthesis.design_problem)
-    problem = measured_problem(robot, synthesis.goal, s) if boxed else None
-    ranges = {} if problem is None else parameter_ranges(robot, problem.plant)
-    found = []
+    problem = measured_problem(robot, goal, s) if boxed else None
+    ranges, proofs = {} if problem is None else parameter_ranges(robot, problem.plant), []
     for choice in synthesis.choices:
         progress(f"degree {choice.degree}: proof{' for all tolerances' if boxed else ''}")
         began, box, certificate, steps, reason = time.process_time(), synthesis.proved, None, (), ""
-        solution = choice.solution
+        solution, used = choice.solution, choice is synthesis.chosen
         try:
             if problem is not None and box is None:
-                step = float((synthesis.goal - synthesis.start)[0])
+                step = float((goal - synthesis.start)[0])
                 law = sampled_box(BoxProof(solution=solution, problem=problem, step=step), ranges)
                 box = prove_box(robot, law, ranges, seconds=BOX_SECONDS, threads=threads, progress=share)
             if box is not None:
@@ -203,10 +234,9 @@ def certify_design(
                 margin = solution.checked_margin(gamma, penalty)
                 reason = "" if margin.definite else margin.reason()
             if box is None and not reason:
-                about = about_text(robot, synthesis.goal, choice.degree)
                 certificate = certify(
-                    solution, gamma, penalty, decay=decay, about=about, observer=observer, threads=threads,
-                    progress=share,
+                    solution, gamma, penalty, decay=decay, about=about_text(robot, goal, choice.degree),
+                    observer=observer, threads=threads, progress=share,
                 )  # fmt: skip
             steps = () if certificate is None else proved_steps(solution, certificate)
         except (InvalidInput, NumericalFailure) as error:  # of this degree; another may be proved
@@ -214,34 +244,31 @@ def certify_design(
                 raise  # a step that is proved settles
             reason = reason_of(error) if boxed else error.found
         seconds = time.process_time() - began
-        used = choice is synthesis.chosen
-        found.append(CertifiedDegree(choice, used, certificate, steps, reason, seconds, box))
-    return tuple(found)
+        proofs.append(CertifiedDegree(choice, used, certificate, steps, reason, seconds, box))
+    return tuple(proofs)
 
 
 def proved(
-    found: tuple[CertifiedDegree, ...], degree: int | None, tolerances: bool = False
+    proofs: tuple[CertifiedDegree, ...], degree: int | None, tolerances: bool = False
 ) -> CertifiedDegree:
     """The proof of a degree, or of the one that the design uses; InvalidInput where there is none."""
-    wanted = next(
-        (one for one in found if (one.used if degree is None else one.choice.degree == degree)), None
-    )
-    others = [one.choice.degree for one in found if one.certificate is not None]
-    if wanted is None or wanted.certificate is None:
-        reason = wanted.reason if wanted else "it was not solved"
-        what = "the degree that the design uses" if degree is None else f"degree {degree}"
-        if tolerances:
-            raise NotWithinTolerances(
-                f"expected a gain that can be proved of {what}, got: {reason}",
-                f"--degree {others[-1]}, which is proved" if others else "--preset proved, or --degrees 2",
-            )
-        raise InvalidInput(
-            f"Nothing is proved of {what}.",
-            f"expected a level that can be proved, got: {reason}",
-            f"--degree {others[-1]}, of which a level is proved" if others
-            else "weights on all states, and a smaller `checked_penalty`, so that r < 0 has a margin near the goal",
-        )  # fmt: skip
-    return wanted
+    wanted = [one for one in proofs if (one.used if degree is None else one.choice.degree == degree)]
+    if wanted and wanted[0].certificate is not None:
+        return wanted[0]
+    others = [f"--degree {one.choice.degree}" for one in proofs if one.certificate is not None]
+    reason = wanted[0].reason if wanted else "it was not solved"
+    what = "the degree that the design uses" if degree is None else f"degree {degree}"
+    if tolerances:
+        raise NotWithinTolerances(
+            f"expected a gain that can be proved of {what}, got: {reason}",
+            f"{others[-1]}, which is proved" if others else "--preset proved, or --degrees 2",
+        )
+    raise InvalidInput(
+        f"Nothing is proved of {what}.",
+        f"expected a level that can be proved, got: {reason}",
+        f"{others[-1]}, of which a level is proved" if others
+        else "weights on all states, and a smaller `checked_penalty`, so that r < 0 has a margin near the goal",
+    )  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -260,29 +287,23 @@ class Evidence:
 
 def evidence(robot: Robot, s: Specification, one: CertifiedDegree) -> Evidence:
     """The pictures and the lower bound of the gain of one certificate."""
-    solution, given = one.choice.solution, one.certificate
-    assert given is not None
+    solution, certificate, weights = one.choice.solution, one.certificate, None
     problem = solution.problem if one.box is None else one.box.problem
-    level = given.level if one.box is None else one.box.inner_level
-    try:
-        assert isinstance(problem, GeneralisedPlant)
-        length = min(LONGEST_DISTURBANCE, longest_run(solution))
-        attained = worst_disturbance(
-            problem, solution, None, s.period, level=level, horizon=length, seed=s.seed
-        )
-    except FlexhinfError:
-        attained = None
+    assert certificate is not None
+    assert isinstance(problem, GeneralisedPlant)
+    level = certificate.level if one.box is None else one.box.inner_level
+    attained, _ = _attained(problem, solution, s, level, longest_run(solution))
     if attained is not None:
-        given = replace(given, attained_gain=attained.gain)
+        certificate = replace(certificate, attained_gain=attained.gain)
     if one.box is not None:  # its V is not that of the law, and its robots are many
-        return Evidence(given, None, None, (), attained)
-    weights = None
+        return Evidence(certificate, None, None, (), attained)
     if s.checked_penalty is not None and not callable(s.checked_penalty):
-        groups = robot.plant().groups
-        weights = Penalty.of(s.checked_penalty).expanded(groups).states
-    worst = tuple(pictures.worst_step(solution, given, start) for start in given.starts)
-    slices = pictures.start_surface(solution, given, weights), pictures.limit_slice(solution, given, weights)
-    return Evidence(given, *slices, worst, attained)
+        weights = Penalty.of(s.checked_penalty).expanded(robot.plant().groups).states
+    worst = tuple(pictures.worst_step(solution, certificate, start) for start in certificate.starts)
+    surface = pictures.start_surface(solution, certificate, weights)
+    return Evidence(
+        certificate, surface, pictures.limit_slice(solution, certificate, weights), worst, attained
+    )
 
 
 #: Shares of the sampled level that are proved, the first that is refused followed by the next; the level for the
@@ -328,14 +349,18 @@ class StepProof(NamedTuple):
 
 def step_proof(proof: DesignProof, chosen: DegreeChoice, inside: bool | None) -> StepProof:
     """What is proved of the requested step; `inside`: whether it starts in the sampled region, None without one."""
-    given, loop = proof.certificate, "the step with sampling, estimator and limits"
+    certificate, loop = proof.certificate, "the step with sampling, estimator and limits"
     if proof.box is not None or proof.inside:
-        box = proof.box is not None or given is None or any(p.low < p.high for p in given.parameters)
+        box = (
+            proof.box is not None
+            or certificate is None
+            or any(p.low < p.high for p in certificate.parameters)
+        )
         text = "The step that is asked for is proved, for "
         text += "every robot within the tolerances" if box else "the nominal robot"
         which = "the proof for all tolerances" if proof.box is not None else "this proof"
         missing = (f"{loop}, to which {which} does not extend",)
-        if given is not None and not proof.inside:
+        if certificate is not None and not proof.inside:
             text += ", but starts outside the region that is proved for the nominal robot's own V"
         elif proof.lasts:
             missing = ()
@@ -343,9 +368,8 @@ def step_proof(proof: DesignProof, chosen: DegreeChoice, inside: bool | None) ->
             missing = (f"{loop}, which spends more than the proved level",)
         return StepProof(True, f"{text}.", missing)
     text, missing = "Nothing is proved of the step that is asked for", ()
-    if given is not None:
-        where = ", inside the sampled one" if inside else ""
-        text += f": it starts outside the proved region{where}"
+    if certificate is not None:
+        text += f": it starts outside the proved region{', inside the sampled one' if inside else ''}"
         missing = ("the step starts outside the proved region",)
     elif not chosen.looked:
         text += ", and no region was sampled"
@@ -367,22 +391,19 @@ def prove_design(
 
     `start`: V where the step starts. `worth`: whose budget is compared with the proved level.
     """
-    chosen, began = synthesis.chosen, time.thread_time()
+    chosen, proved, began = synthesis.chosen, synthesis.proved, time.thread_time()
     attained = None if worth.attained is None else worth.attained.gain
-    if synthesis.proved is not None and synthesis.proved.certificate is not None:
-        given = replace(synthesis.proved.certificate, attained_gain=attained)
-        return DesignProof(given, start=start, cpu_seconds=synthesis.proved.cpu_seconds)
-    refused = _refused(s, synthesis)
-    if refused:
+    if proved is not None and proved.certificate is not None:
+        certificate = replace(proved.certificate, attained_gain=attained)
+        return DesignProof(certificate, start=start, cpu_seconds=proved.cpu_seconds)
+    if refused := _refused(s, synthesis):
         return DesignProof(None, refused)
-    levels = [share * chosen.level for share in PROOF_SHARES]
+    levels, reasons = [share * chosen.level for share in PROOF_SHARES], []
     levels += [PROOF_ROOM * start] if PROOF_ROOM * start < levels[-1] else []
-    reasons = []
     while levels:
-        left = s.proof_seconds - (time.thread_time() - began)
+        left, level = s.proof_seconds - (time.thread_time() - began), levels.pop(0)
         try:
-            level = levels.pop(0)
-            found = certify(
+            certificate = certify(
                 synthesis.solution, s.checked_gamma_ratio * synthesis.design_problem.gamma_star,
                 checked_penalty(s, synthesis.design_problem), level,
                 about=about_text(robot, synthesis.goal, chosen.degree),
@@ -394,11 +415,12 @@ def prove_design(
         except FlexhinfError as error:
             reasons.append(" ".join((error.found or error.what).split()))
         else:
-            found = replace(found, sampled_level=chosen.level, attained_gain=attained)
-            budget = within_level(
-                tuple(replace(term, budget=replace(term.budget, level=found.level)) for term in worth.budget)
+            certificate = replace(certificate, sampled_level=chosen.level, attained_gain=attained)
+            proved_level = (
+                replace(one, budget=replace(one.budget, level=certificate.level)) for one in worth.budget
             )
-            return DesignProof(found, "", start, budget, time.thread_time() - began)
+            budget = within_level(tuple(proved_level))
+            return DesignProof(certificate, "", start, budget, time.thread_time() - began)
     return DesignProof(None, reasons[0], cpu_seconds=time.thread_time() - began)
 
 
@@ -409,32 +431,27 @@ def with_tolerances(robot: Robot, s: Specification, synthesis: Synthesis, proof:
     """
     if synthesis.proved is not None or not robot.uncertain or _refused(s, synthesis):
         return proof
-    if synthesis.solution.degree > 2:
-        reason = (
-            f"a law of degree {synthesis.solution.degree - 1} is not tried; --degrees 2, or --preset proved"
-        )
+    solution, goal = synthesis.solution, synthesis.goal
+    if solution.degree > 2:
+        reason = f"a law of degree {solution.degree - 1} is not tried; --degrees 2, or --preset proved"
         return replace(proof, box_reason=reason)
-    problem = measured_problem(robot, synthesis.goal, s)
+    problem = measured_problem(robot, goal, s)
     ranges = parameter_ranges(robot, problem.plant)
-    law = BoxProof(
-        solution=synthesis.solution, problem=problem, step=float((synthesis.goal - synthesis.start)[0])
-    )
+    law = BoxProof(solution=solution, problem=problem, step=float((goal - synthesis.start)[0]))
+    left = max(s.proof_seconds - proof.cpu_seconds, 0.0)
     try:
-        law = common_box(law, ranges)
-        left = max(s.proof_seconds - proof.cpu_seconds, 0.0)
-        return replace(proof, box=prove_box(robot, law, ranges, seconds=left))
+        return replace(proof, box=prove_box(robot, common_box(law, ranges), ranges, seconds=left))
     except (InvalidInput, NumericalFailure) as error:
         return replace(proof, box_reason=reason_of(error))
 
 
 def _refused(s: Specification, synthesis: Synthesis) -> str:
-    states = len(synthesis.solution.state_names)
+    states, chosen = len(synthesis.solution.state_names), synthesis.chosen
     if states > MOST_STATES:
         return f"a proof is made in at most {MOST_STATES} states, and this law has {states}"
     if not s.proof_seconds:
         return "no proof was asked for (--proof-seconds 0)"
     if synthesis.law is not synthesis.solution:
         return "the law is a schedule of several poses"
-    if not (synthesis.chosen.looked and 0.0 < synthesis.chosen.level < np.inf):
-        return "there is no sampled region to prove"
-    return ""
+    sampled = chosen.looked and 0.0 < chosen.level < np.inf
+    return "" if sampled else "there is no sampled region to prove"

@@ -6,8 +6,8 @@ The robot that is driven may carry a payload, or have other parameters than the 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -53,12 +53,10 @@ class Conditions:
 class DeployedRun:
     """A run that is ready to be made."""
 
-    # robot, box: The driven one, and in MuJoCo
-    robot: Robot
+    robot: Robot  # The driven one
     specification: Specification
     plants: LoopPlants  # Of the robot that the controller was designed for: sensors, noise and limits
-    controller: Controller
-    box: MuJoCoPlant
+    box: MuJoCoPlant  # The driven robot in MuJoCo
     loop: Loop
     # start, goal: (n,). Link positions, rad or m
     start: np.ndarray
@@ -71,14 +69,9 @@ class DeployedRun:
         """Make the run; other options and errors are those of `flexhinf.run_realtime`."""
         return run_realtime(self.loop, **self.arguments, **options)
 
-    @cached_property
-    def joints(self) -> tuple[str, ...]:
-        """Names of the joints."""
-        return self.robot.joint_names
-
     def response(self, run: RealTimeRun) -> Response:
         """The run with its metrics for each joint."""
-        return Response(run.trajectory, self.goal, self.start, self.joints)
+        return Response(run.trajectory, self.goal, self.start, self.robot.joint_names)
 
     def requirements(self, run: RealTimeRun) -> list[Requirement]:
         """The requirements of the specification, and that every input was there in time."""
@@ -87,11 +80,11 @@ class DeployedRun:
             lines = step_requirements(self.specification, limits, response, WHERE)
         else:
             lines = move_requirements(self.specification, limits, Move.along(self.plan, response))
-            lines = [replace(line, where=WHERE) for line in lines]
-        if not run.timing.real_time:
-            return lines
-        missed = REQUIREMENTS["deadlines"].judge(None, 0.0, 100.0 * float(np.mean(run.timing.missed)), WHERE)
-        return [missed, *lines]
+        lines = [replace(line, where=WHERE) for line in lines]
+        if run.timing.real_time:
+            missed = 100.0 * float(np.mean(run.timing.missed))
+            lines.insert(0, REQUIREMENTS["deadlines"].judge(None, 0.0, missed, WHERE))
+        return lines
 
 
 def prepare_run(
@@ -152,7 +145,7 @@ def prepare_run(
         arguments |= {"initial_input": held} if not controller.first_input.is_zero else {}
         arguments |= {"initial_estimate": state} if controller.estimator is not None else {}
     loop = Loop(box, controller, quantisation=plants.quantisation, delay=s.delay)
-    return DeployedRun(robot, s, plants, controller, box, loop, start, goal, plan, arguments, conditions)
+    return DeployedRun(robot, s, plants, box, loop, start, goal, plan, arguments, conditions)
 
 
 def perturbed(robot: Robot, changes: Sequence[str]) -> Robot:
@@ -164,8 +157,8 @@ def perturbed(robot: Robot, changes: Sequence[str]) -> Robot:
     for text in changes:
         name, _, number = text.partition("=")
         joints, name = robot.joint_names, name.strip()
-        named = (name, *(per_joint(name, joint, len(joints)) for joint in joints))
-        names = list(dict.fromkeys(one for one in named if one in robot.nominal))
+        full = (per_joint(name, joint, len(joints)) for joint in joints)
+        names = list(dict.fromkeys(one for one in (name, *full) if one in robot.nominal))
         if not names:
             raise InvalidInput(
                 f"The robot {robot.name!r} has no such parameter to change.",
@@ -173,10 +166,9 @@ def perturbed(robot: Robot, changes: Sequence[str]) -> Robot:
                 f"{nearest(name, robot.nominal, 'stiffness').strip(chr(39))}=-20%",
             )
         share = number.strip().endswith("%")
-        try:
+        value = np.nan
+        with suppress(ValueError):
             value = float(number.strip().rstrip("%"))
-        except ValueError:
-            value = np.nan
         if not np.isfinite(value):
             raise InvalidInput(
                 "A change of the robot cannot be read.",

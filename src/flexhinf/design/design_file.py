@@ -8,6 +8,7 @@ came of it and is not read ([found] in older files). Fields are read before the 
 
 from __future__ import annotations
 
+import contextlib
 import difflib
 import itertools
 import math
@@ -15,7 +16,6 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -58,9 +58,7 @@ def check_stated_units(robot: Robot, s: Specification) -> None:
     for field, values, signals in stated:
         parts, units = _parts(values), [known[name] for name in signals]
         each = parts * len(signals) if len(parts) == 1 else parts
-        if len(each) != len(signals):
-            continue
-        for part, signal, unit in zip(each, signals, units):
+        for part, signal, unit in zip(each, signals, units) if len(each) == len(signals) else ():
             if isinstance(part, Stated) and part.si != unit:
                 written = parts if len(set(units)) == 1 else each  # one for all joints, where one can be
                 raise SpecificationError(
@@ -75,10 +73,8 @@ def _fitted(value: float, unit: str) -> str:
     """A value as it was written, its unit exchanged for one of the same size that fits."""
     if not isinstance(value, Stated):
         return f"{value:g}"
-    if value.si == unit:
-        return value.number + value.unit
-    plain = value.unit.lower() == value.si.lower()
-    return value.number + (unit.replace("·", "") if plain else CUSTOMARY[unit])
+    other = unit.replace("·", "") if value.unit.lower() == value.si.lower() else CUSTOMARY[unit]
+    return value.number + (value.unit if value.si == unit else other)
 
 
 def per_signal(robot: Robot, measured: Sequence[str], values: Any) -> tuple[tuple[Any, ...], tuple[str, ...]]:
@@ -127,7 +123,7 @@ def load_design(path: str | Path) -> tuple[Robot, Specification]:
     InvalidInput
         With the file, the key, the value and what is allowed there.
     """
-    request = _request(checked_path("The design file", path), True)
+    request = read_request(checked_path("The design file", path), is_file=True)
     return request.robot, request.specification
 
 
@@ -136,38 +132,28 @@ def read_request(
     elastic: str | Path | None = None,
     given: Mapping[str, Any] | None = None,
     payload: str | None = None,
+    is_file: bool | None = None,
 ) -> DesignRequest:
     """The request of a robot, or of a design file over which `given` wins.
 
-    `source`: as for `load_robot`, or a design file.
+    `source`: as for `load_robot`, or a design file; `is_file` says which where that is known.
     `elastic`: with a URDF; wins over a design file's.
     `given`: fields of a specification; one that is None takes back what the file says. Weights in the file give way
         to a preset, a bandwidth or a damping that is given, and the other way round: `DesignRequest.notes` says so.
     `payload`: as for `load_robot`; wins over a design file's.
     Raises InvalidInput: for a file or a value that cannot be used.
     """
-    return _request(source, is_design_file(source), elastic, given or {}, payload)
-
-
-def _request(
-    source: str | Path,
-    is_file: bool,
-    elastic: str | Path | None = None,
-    given: Mapping[str, Any] = MappingProxyType({}),
-    payload: str | None = None,
-) -> DesignRequest:
-    places: dict[str, str] = {"robot": str(source)}
-    fields: dict[str, Any] = {}
+    given, places, fields = dict(given or {}), {"robot": str(source)}, {}
     rivals: dict[str, str] = {}
-    if is_file:
-        path = checked_path("The design file", source)
-        places, fields = _read(path)
+    if is_design_file(source) if is_file is None else is_file:
+        places, fields = _read(checked_path("The design file", source))
         fields = {name: value for name, value in fields.items() if name not in given}
+        paper = fields.get("preset") == "paper"
         for name, value in given.items():
             if value is not None:
-                rivals |= {rival: name for rival in _rivals(name, value, fields) if rival in fields}
+                rivals |= {rival: name for rival in _rivals(name, value, paper) if rival in fields}
     notes = [f"{Path(source).name}: {rival} gives way to `{name}`" for rival, name in rivals.items()]
-    stated = {**{name: value for name, value in fields.items() if name not in rivals}, **given}
+    stated = {name: value for name, value in fields.items() if name not in rivals} | given
     s = Specification(**{name: value for name, value in stated.items() if value is not None})
     beside = places.get("elastic") if elastic is None else str(elastic)
     carried = places.get("payload") if payload is None else payload
@@ -182,15 +168,14 @@ def _request(
     return DesignRequest(robot, s, places["robot"], beside, tuple(notes), carried)
 
 
-def _rivals(name: str, value: Any, fields: Mapping[str, Any]) -> tuple[str, ...]:
-    """Fields that contradict this one, see `flexhinf.design.problem.presets.preset_of`."""
-    stated = fields.get("preset") == "paper"
-    preset = () if stated else ("preset",)
+def _rivals(name: str, value: Any, paper: bool) -> tuple[str, ...]:
+    """Fields that contradict this one where the file states the preset paper or another; see `preset_of`."""
+    preset, other = (("preset",), ()) if paper else ((), ("preset",))
     return {
         "penalty": ("bandwidth", "damping", "preset"),
-        "effort": ("bandwidth", "damping", *preset),
-        "bandwidth": ("penalty", "effort", *(("preset",) if stated else ())),
-        "damping": ("penalty", "effort", *(("preset",) if stated else ())),
+        "effort": ("bandwidth", "damping", *other),
+        "bandwidth": ("penalty", "effort", *preset),
+        "damping": ("penalty", "effort", *preset),
         "preset": ("penalty", "bandwidth", "damping") if value == "paper" else ("penalty", "effort"),
     }.get(name, ())
 
@@ -222,7 +207,6 @@ OPTIONS = {
 
 
 def _read(path: Path) -> tuple[dict[str, str], dict[str, Any]]:
-    """Places of a design file and its fields, every key and every value checked; the robot is not read."""
     data, name = read_toml(path, "design file"), path.name
     table = data.get("design")
     if not isinstance(table, dict):
@@ -263,7 +247,6 @@ def _read(path: Path) -> tuple[dict[str, str], dict[str, Any]]:
 
 
 def _place(path: Path, key: str, value: Any) -> str:
-    """A catalogue's name and a payload as they are; a path from the folder of the design file."""
     if not isinstance(value, str):
         raise InvalidInput(
             f"{path.name}: [design] has a value of {key!r} that cannot be used.", f"expected text, got {value!r}",
@@ -283,7 +266,6 @@ def _place(path: Path, key: str, value: Any) -> str:
 
 
 def _example(name: str, text: str) -> str:
-    """A value that can be used, as a line of the file."""
     if not text:
         return f"{name} = true"
     if name == "move":
@@ -347,21 +329,19 @@ def request_document(
     for line in HEAD.splitlines():
         document.add(tomlkit.comment(line))
     document.add(tomlkit.nl())
-    table.add("robot", _place_text(robot, folder))
-    if elastic is not None:
-        table.add("elastic", _place_text(elastic, folder))
-    if payload is not None:
-        table.add("payload", payload)
+    beside = None if elastic is None else _place_text(elastic, folder)
+    places = {"robot": _place_text(robot, folder), "elastic": beside, "payload": payload}
     flat = {name: value for name, value in stated.items() if not isinstance(value, dict)}
-    for name, value in flat.items():
+    for name, value in ({k: place for k, place in places.items() if place is not None} | flat).items():
         table.add(name, value)
-        if comment := _comment(name, value, slides if specification.in_degrees else ()):
-            table[name].comment(comment)
+        about = name in flat and _comment(name, value, slides if specification.in_degrees else ())
+        if about:
+            table[name].comment(about)
     table.add(tomlkit.nl())
     table.add(tomlkit.comment("By default:"))
     for name, value in defaults.items():
         if value is not None and name not in stated:
-            unit = _comment(name, value)
+            unit = FIELDS[name].about.unit
             text = f"{name} = {tomlkit.item(value).as_string()}"
             table.add(tomlkit.comment(f"{text}  # {unit}" if unit else text))
     for name, value in stated.items():
@@ -371,12 +351,10 @@ def request_document(
     return document
 
 
-def _comment(name: str, value: Any, slides: Sequence[bool] = ()) -> str:
+def _comment(name: str, value: Any, slides: Sequence[bool]) -> str:
     """The unit of a field; where the report shows degrees, those of positions, of which joints `slides` tells."""
-    if name not in ("pose", "start", "via", "tracking_error") or not slides:
-        return FIELDS[name].about.unit
-    positions = np.ravel(value)
-    if len(positions) == 1 and len(set(slides)) > 1:  # one for joints of both kinds
+    known, positions = name in ("pose", "start", "via", "tracking_error") and bool(slides), np.ravel(value)
+    if not known or (len(positions) == 1 and len(set(slides)) > 1):  # one for joints of both kinds
         return FIELDS[name].about.unit
     kinds = itertools.cycle(slides)
     return ", ".join(f"{q:.6g} m" if s else f"{math.degrees(q):.6g}°" for q, s in zip(positions, kinds))
@@ -386,13 +364,11 @@ def toml_table(values: Mapping[str, Any]) -> Any:
     """A table of plain values; tables stand below their numbers, as TOML wants it."""
     table, below = tomlkit.table(), {}
     for name, value in values.items():
-        rows = isinstance(value, (list, tuple)) and value and isinstance(value[0], Mapping)
         if isinstance(value, Mapping):
             below[name] = toml_table(value)
-        elif rows:
+        elif isinstance(value, (list, tuple)) and value and isinstance(value[0], Mapping):
             below[name] = tomlkit.aot()
-            for row in value:
-                below[name].append(toml_table(row))
+            below[name].extend(map(toml_table, value))
         else:
             table.add(name, value.tolist() if isinstance(value, (np.ndarray, np.generic)) else value)
     for name, value in below.items():
@@ -401,29 +377,24 @@ def toml_table(values: Mapping[str, Any]) -> Any:
 
 
 def _place_text(source: str | Path, folder: str | Path) -> str:
-    """A catalogue's name, or a path from the folder."""
     if str(source) in catalogue():
         return str(source)
     path = Path(source).resolve()
-    try:
-        return Path(os.path.relpath(path, Path(folder).resolve())).as_posix()
-    except ValueError:  # another drive
-        return path.as_posix()
+    with contextlib.suppress(ValueError):  # another drive
+        path = Path(os.path.relpath(path, Path(folder).resolve()))
+    return path.as_posix()
 
 
 def design_schema() -> dict[str, Any]:
     """The JSON schema of a design file, for editors and other programs."""
-    design = json_schema()
-    text = {"type": "string"}
-    design["properties"] = {
-        "robot": text
-        | {"description": "A name that `flexhinf robots` lists, or the path of a robot's file."},
-        "elastic": text | {"description": "With a URDF: the robot file with spring and motor of each joint."},
-        "payload": text
-        | {"description": "What the robot carries instead of its file's own payload: 0..3kg@hand."},
-        **design["properties"],
+    places = {
+        "robot": "A name that `flexhinf robots` lists, or the path of a robot's file.",
+        "elastic": "With a URDF: the robot file with spring and motor of each joint.",
+        "payload": "What the robot carries instead of its file's own payload: 0..3kg@hand.",
     }
-    design["required"] = ["robot"]
+    design = json_schema()
+    texts = {name: {"type": "string", "description": text} for name, text in places.items()}
+    design |= {"properties": {**texts, **design["properties"]}, "required": ["robot"]}
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": "Design file of flexhinf",

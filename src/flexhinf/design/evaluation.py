@@ -26,10 +26,15 @@ from flexhinf.analysis import (
     tolerance_corners,
 )
 from flexhinf.analysis.sampled_controller import LawRows
-from flexhinf.design.impulse import ImpulseRuns, impulse_runs, impulse_sizes
+from flexhinf.design.checks import ImpulseRuns, impulse_runs, impulse_sizes
 from flexhinf.design.loop_setup import LoopSetup, share_derived
-from flexhinf.design.monte_carlo import MonteCarlo, move_errors, sampled_runs
-from flexhinf.design.problem.modes import Mode, modes_of, sampled_modes, stiffness_and_inertia
+from flexhinf.design.problem.modes import (
+    Mode,
+    modes_of,
+    sampled_modes,
+    stiffness_and_inertia,
+)
+from flexhinf.design.requirements import MonteCarlo, move_errors, sampled_runs
 from flexhinf.design.responses import LoadResponse, Move, Response, Scenario, Worst, worst_of
 from flexhinf.errors import FlexhinfError
 from flexhinf.estimation import stationary_gain

@@ -16,9 +16,17 @@ import numpy as np
 
 from flexhinf.analysis import EquilibriumLoop
 from flexhinf.design.design_file import per_signal
-from flexhinf.design.joint_limits import JointLimits, integral_dead_zone, joint_limits
 from flexhinf.design.plans import has_integrals, move_reference, step_command
-from flexhinf.design.responses import LOAD_START, LoadResponse, Move, Plan, Response, run_response
+from flexhinf.design.responses import (
+    LOAD_START,
+    JointLimits,
+    LoadResponse,
+    Move,
+    Plan,
+    Response,
+    integral_dead_zone,
+    joint_limits,
+)
 from flexhinf.design.specification import TORQUE_NOISE, Specification, SpecificationError
 from flexhinf.estimation import (
     ExtendedKalmanFilter,
@@ -319,7 +327,7 @@ class LoopSetup(LoopPlants):
     start: np.ndarray  # (n,), likewise
     estimator_noise: EstimatorNoise | None = None  # R^v; by default what the specification states
     linear_model: bool = False  # whether the estimator is a linear Kalman filter about the goal
-    chosen_zone: np.ndarray | None = None  # (n,), where none is stated, see `design.limit_cycle`
+    chosen_zone: np.ndarray | None = None  # (n,), where none is stated, see `design.checks`
     quiet: bool = False  # no measurement noise in runs of the nominal robot; sampled ones have it
 
     # Parts of the loop --------------------------------------------------------------------------------
@@ -544,10 +552,11 @@ class LoopSetup(LoopPlants):
         **options: Any,
     ) -> Response:
         x, _ = self.equilibrium(at, values)  # the controller boots with the input that holds the model
-        return run_response(
-            loop, self.goal, x[: len(self.goal)], self.joints, noise=None if self.quiet else self.noise,
-            duration=duration, initial_state=x, seed=seed + self.specification.seed, **options,
+        run = loop.run(
+            noise=None if self.quiet else self.noise, duration=duration, initial_state=x,
+            seed=seed + self.specification.seed, **options,
         )  # fmt: skip
+        return Response(run, self.goal, x[: len(self.goal)], self.joints)
 
     def _run_many(
         self,

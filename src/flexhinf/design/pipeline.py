@@ -8,16 +8,21 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 
 from flexhinf.design import requirements as required, responses
-from flexhinf.design.along_move import along_requirements
 from flexhinf.design.certification import attenuation, prove_design, searches_disturbance, with_tolerances
+from flexhinf.design.checks import (
+    LimitCycleCheck,
+    PayloadEvaluation,
+    along_requirements,
+    end_limit_cycle,
+    evaluate_payloads,
+    payload_requirements,
+)
 from flexhinf.design.evaluation import LawEvaluation
-from flexhinf.design.joint_limits import joint_limits
 from flexhinf.design.laws import DESIGN, LawFactory, LawKind, law_kind, law_names
-from flexhinf.design.limit_cycle import LimitCycleCheck, end_limit_cycle
-from flexhinf.design.payload import PayloadEvaluation, evaluate_payloads, payload_requirements
 from flexhinf.design.plans import plan_move, stated_move
 from flexhinf.design.problem.modes import JointScales, closed_loop, modes_of
 from flexhinf.design.problem.presets import preset_of, required_damping
+from flexhinf.design.responses import joint_limits
 from flexhinf.design.result import ComparedLaw, Comparison, Design, status_of
 from flexhinf.design.rigid import RigidComparison, compare_rigid
 from flexhinf.design.specification import Specification
@@ -98,7 +103,7 @@ def design(robot: Robot, specification: Specification, progress: Progress | None
         progress("load, move and sampled robots")
         rigid = rigid.result()
     progress("payloads at the ends of their ranges")
-    payloads = evaluate_payloads(evaluation)
+    payloads = evaluate_payloads(setup, scenario)
     lines = tuple(_requirements(evaluation, synthesis, mujoco, rest, payloads))
     start = float("nan")  # V where the step starts, with the integrals that the controller chooses
     if synthesis.sampled or synthesis.proved is not None:
@@ -114,7 +119,6 @@ def design(robot: Robot, specification: Specification, progress: Progress | None
 
 
 def _runs(evaluation: LawEvaluation, synthesis: Synthesis) -> RigidComparison | None:
-    """The runs that a design shows beside its step, and the rigid design on the same robot, where it is asked for."""
     evaluation.compute("load_response", "ring_down", "move", "step_samples")
     setup, few = evaluation.setup, len(synthesis.problem.state_names) <= RIGID_STATES
     if not setup.specification.compare_rigid:
@@ -128,7 +132,6 @@ def _runs(evaluation: LawEvaluation, synthesis: Synthesis) -> RigidComparison | 
 
 
 def _law_modes(evaluation: LawEvaluation, synthesis: Synthesis) -> tuple:
-    """Of the law alone: continuous, with the true state fed back."""
     loop = closed_loop(synthesis.problem, synthesis.solution.gain)
     return modes_of(loop, evaluation.setup.joints, *evaluation.energy)
 
@@ -150,31 +153,27 @@ def _scenario(
 ) -> tuple[responses.Scenario, responses.Response]:
     """What every law is run with, and the design's own step; its peak without noise sets the load."""
     setup, s, robot = linear.setup, linear.setup.specification, linear.setup.robot
-    step = setup.step(duration)
-    taken = step.run.settings["sub_steps"]
-    scales = JointScales.of(setup.model, setup.goal_equilibrium)
-    if s.load is None:
-        quiet = setup.without_noise.step(duration, sub_steps=taken)
-        load = responses.default_load(scales.per_input, np.abs(quiet.inputs).max(axis=0))
+    step, scales = setup.step(duration), JointScales.of(setup.model, setup.goal_equilibrium)
+    sub_steps, load, stated = step.run.settings["sub_steps"], s.load, stated_move(robot, s)
+    if load is None:
+        quiet = setup.without_noise.step(duration, sub_steps=sub_steps)
+        loads = responses.default_load(scales.per_input, np.abs(quiet.inputs).max(axis=0))
     else:
-        load = np.full(len(setup.goal), s.load)
+        loads = np.full(len(setup.goal), load)
     held = [setup.equilibrium(at)[1] for at in (setup.start, setup.goal)]
-    stated = stated_move(robot, s)
     plan = stated or plan_move(
         robot, s, setup.start, setup.goal, _followed(linear, synthesis), float(scales.vibration.min()), held
     )
     count = responses.sample_count(robot, len(synthesis.problem.state_names), s, samples)
-    robots = responses.sample_robots(robot, count, s.seed)
-    rest = duration if stated else None
-    return responses.Scenario(duration, load, 2.0 * duration, plan, robots, taken, rest), step
+    robots, rest = responses.sample_robots(robot, count, s.seed), duration if stated else None
+    return responses.Scenario(duration, loads, 2.0 * duration, plan, robots, sub_steps, rest), step
 
 
 def _followed(linear: LawEvaluation, synthesis: Synthesis) -> np.ndarray:
     """Bandwidth (n,) by which the move is planned: of the law fed the true state, finite."""
-    found = np.asarray(linear.state_margins.bandwidth, dtype=float)
-    target = synthesis.design_problem.target
-    fallback = np.full(len(found), 1.0) if target is None else target.bandwidth
-    return np.where(np.isfinite(found) & (found > 0.0), found, fallback)
+    own, target = np.asarray(linear.state_margins.bandwidth, dtype=float), synthesis.design_problem.target
+    fallback = np.full(len(own), 1.0) if target is None else target.bandwidth
+    return np.where(np.isfinite(own) & (own > 0.0), own, fallback)
 
 
 def _requirements(
@@ -186,10 +185,9 @@ def _requirements(
 ) -> list[required.Requirement]:
     """The specification line by line: the running loop first, then runs, then tolerances."""
     setup, target = evaluation.setup, synthesis.design_problem.target
-    s, limits = setup.specification, setup.limits
+    s, limits, damping = setup.specification, setup.limits, None
     lines, step, robots = _law_requirements(evaluation)
-    damping = None if target is None else required_damping(s, target)
-    if target is not None and damping is not None:
+    if target is not None and (damping := required_damping(s, target)) is not None:
         worst, margins = evaluation.least_damped_joint, evaluation.margins
         lines += required.behaviour_requirements(s, target.bandwidth, damping, margins, setup.joints, worst)
         lines.append(evaluation.ring_down.requirement(s, damping))
@@ -210,16 +208,15 @@ def _law_requirements(
     evaluation: LawEvaluation,
 ) -> tuple[list[required.Requirement], list[required.Requirement], list[required.Requirement]]:
     """What `design` and `compare` both require of a law: margins, the nominal step, corners and sampled robots."""
-    setup = evaluation.setup
-    s, limits, linear = setup.specification, setup.limits, not evaluation.linear_failure
+    setup, margins, robots = evaluation.setup, [], []
+    s, limits = setup.specification, setup.limits
     unlimited = evaluation.unlimited_step if limits.limits_peak else None
-    robots = []
-    if linear and evaluation.corners is not None:
-        robots.append(required.corner_requirement(evaluation.corners))
+    step = required.step_requirements(s, limits, evaluation.step, "the step, nominal robot", unlimited)
+    if not evaluation.linear_failure:
+        margins = required.margin_requirements(s, evaluation.margins, setup.joints)
+        robots += [] if evaluation.corners is None else [required.corner_requirement(evaluation.corners)]
     if evaluation.step_samples is not None:
         robots += required.sample_requirements(s, limits, evaluation.step_samples)
-    margins = required.margin_requirements(s, evaluation.margins, setup.joints) if linear else []
-    step = required.step_requirements(s, limits, evaluation.step, "the step, nominal robot", unlimited)
     return margins, step, robots
 
 
@@ -234,25 +231,15 @@ def stages(robot: Robot, specification: Specification) -> int:
     """About how many steps of work a design has, for a progress bar."""
     s, states = specification, 5 * len(robot.joint_names)
     robust = ROBUST_STAGES * (preset_of(robot, s) == "robust")
-    return (
-        8
-        + _synthesis_stages(robot, s)
-        + s.mujoco
-        + robust
-        + searches_disturbance(states, rays_of(states, s.rays))
-    )
+    disturbance = searches_disturbance(states, rays_of(states, s.rays))
+    return 8 + _synthesis_stages(robot, s) + s.mujoco + robust + disturbance
 
 
 def _synthesis_stages(robot: Robot, s: Specification) -> int:
-    """Those of the laws, with one for each pose of a schedule and one for the search of an effort limit."""
     preset, limits = preset_of(robot, s), joint_limits(robot, s)
     limited = preset in ("damped", "robust") and (limits.limits_peak or limits.limits_speed)
-    solved = (
-        PROVED_STAGES
-        if preset == "proved"
-        else synthesis_stages(5 * len(robot.joint_names), s.degrees, s.rays)
-    )
-    return solved + len(s.via) + limited
+    degrees = synthesis_stages(5 * len(robot.joint_names), s.degrees, s.rays)
+    return (PROVED_STAGES if preset == "proved" else degrees) + len(s.via) + limited
 
 
 def compare(
@@ -326,17 +313,15 @@ def compare(
 
 
 def _row(kind: LawKind, tuned: TunedLaw | str, progress: Progress) -> ComparedLaw:
-    """One law, from its runs to its requirements; or why there is none that could be compared."""
     failure = tuned if isinstance(tuned, str) else tuned.failure
     if isinstance(tuned, str) or failure:
         progress(f"{kind.name}: not compared")
         return ComparedLaw(kind, failure=failure)
     progress(f"{kind.name}: step, load and move")
-    evaluation = tuned.evaluation
+    evaluation, runs = tuned.evaluation, tuned.evaluation.scenario
     evaluation.compute("worst")
-    assert evaluation.scenario is not None
-    if evaluation.scenario.robots:
-        progress(f"{kind.name}: {len(evaluation.scenario.robots)} robots within their tolerances")
+    if runs and runs.robots:
+        progress(f"{kind.name}: {len(runs.robots)} robots within their tolerances")
     evaluation.compute("metrics")
     margins, step, robots = _law_requirements(evaluation)
     return ComparedLaw(kind, tuned, (*margins, *step, *robots))

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from contextlib import suppress
 from functools import partial
 from typing import cast
 
 import numpy as np
 
-from flexhinf.design.joint_limits import JointLimits, joint_limits
 from flexhinf.design.problem.modes import JointScales
 from flexhinf.design.problem.presets import BANDWIDTH_FRACTION
-from flexhinf.design.responses import Plan
+from flexhinf.design.responses import JointLimits, Plan, joint_limits
 from flexhinf.design.specification import RUN_SAMPLES, Specification
 from flexhinf.design.waypoint_table import WaypointError, WaypointTable
 from flexhinf.errors import InvalidInput
@@ -58,9 +58,13 @@ def step_command(robot: Robot, s: Specification, start: np.ndarray, goal: np.nda
     if s.shaping == "jump" or not np.any(goal != start):
         return None
     scales = JointScales.of(robot.plant(), robot.operating_point(goal))
-    bandwidth = BANDWIDTH_FRACTION * scales.held if s.bandwidth is None else s.bandwidth
-    held = [robot.operating_point(at)[1] for at in (start, goal)]
-    each = np.broadcast_to(np.asarray(bandwidth, dtype=float), np.shape(goal))
+    bandwidth = np.asarray(
+        BANDWIDTH_FRACTION * scales.held if s.bandwidth is None else s.bandwidth, dtype=float
+    )
+    held, each = (
+        [robot.operating_point(at)[1] for at in (start, goal)],
+        np.broadcast_to(bandwidth, np.shape(goal)),
+    )
     return plan_move(robot, s, start, goal, each, float(scales.vibration.min()), held)
 
 
@@ -114,8 +118,7 @@ def stated_move(robot: Robot, s: Specification) -> Plan | None:
     except InvalidInput as error:  # what a signal is told about its profile is the shaping of a specification
         advice = error.advice.replace("profile='spline'", "shaping='jump'")
         raise WaypointError(error.what, error.found, advice) from None
-    samples = 1.5 * plan.duration / s.period
-    if samples > RUN_SAMPLES:
+    if 1.5 * plan.duration / s.period > RUN_SAMPLES:
         raise WaypointError(
             "The move takes too long.",
             f"expected at most {RUN_SAMPLES * s.period / 1.5:g} s, got {plan.duration:g} s",
@@ -142,7 +145,6 @@ def move_reference(robot: Robot, plan: Plan, dry_friction: Sequence[str]) -> Mov
 
 
 def _through(robot: Robot, s: Specification, factor: float) -> Plan:
-    """The move of a specification with its times longer by a factor."""
     if not isinstance(s.move, WaypointTable):
         return cast("Plan", s.move)
     positions = s.move.positions(robot.joint_names, robot.links.slides)
@@ -158,11 +160,8 @@ def _through(robot: Robot, s: Specification, factor: float) -> Plan:
 
 
 def _wanders(spline: Waypoints) -> bool:
-    """Whether a motion goes beyond two neighbouring waypoints by more than `BEYOND` of a joint's way."""
-    parts = np.linspace(0.0, 1.0, 12)[1:-1]
-    inside = spline.times[:-1, None] + parts * np.diff(spline.times)[:, None]
-    between = np.asarray(spline(inside))
-    ends = np.stack([spline.values[:-1], spline.values[1:]])
+    inside = spline.times[:-1, None] + np.linspace(0.0, 1.0, 12)[1:-1] * np.diff(spline.times)[:, None]
+    between, ends = np.asarray(spline(inside)), np.stack([spline.values[:-1], spline.values[1:]])
     low, high = ends.min(axis=0)[:, None], ends.max(axis=0)[:, None]
     beyond = np.maximum(between - high, low - between).max(axis=(0, 1))
     return bool(np.any(beyond > BEYOND * np.ptp(spline.values, axis=0) + 1e-12))
@@ -178,11 +177,9 @@ def _slower(robot: Robot, s: Specification, limits: JointLimits) -> str:
     """Advice with the least factor of `STRETCH` to some power by which a slower move keeps all limits; "" for none."""
     if not isinstance(s.move, WaypointTable):
         return ""
-    for k in range(1, STRETCHES):
-        try:
-            _check(robot, s, _through(robot, s, STRETCH**k), limits, INSTANTS // 10)
-        except InvalidInput:
-            continue
-        longest = STRETCH**k * s.move.times[-1]
-        return f"waypoints {STRETCH**k:.3g} times as far apart in time: the move keeps its limits in {longest:.3g} s"
+    for factor in (STRETCH**k for k in range(1, STRETCHES)):
+        with suppress(InvalidInput):
+            _check(robot, s, _through(robot, s, factor), limits, INSTANTS // 10)
+            longest = factor * s.move.times[-1]
+            return f"waypoints {factor:.3g} times as far apart in time: the move keeps its limits in {longest:.3g} s"
     return ""

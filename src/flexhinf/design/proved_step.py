@@ -15,6 +15,7 @@ from __future__ import annotations
 import itertools
 import time
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
@@ -28,9 +29,9 @@ from flexhinf.certify.claim import Start
 from flexhinf.certify.evaluation import path_start
 from flexhinf.certify.proof import NotProved, certify_tolerances
 from flexhinf.certify.starts import largest_values, robot_start, tabled_start
-from flexhinf.design.joint_limits import joint_limits
 from flexhinf.design.problem.presets import DesignProblem, choose, measured_problem
-from flexhinf.design.specification import Specification
+from flexhinf.design.responses import joint_limits
+from flexhinf.design.specification import FIELDS, Specification
 from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.hinf import HJISolution, solve_hji
 from flexhinf.plant import GeneralisedPlant
@@ -96,10 +97,10 @@ def step_start(statement: Certificate, solution: HJISolution, step: float) -> St
 
 def common_box(law: Law, ranges: Ranges) -> Law:
     """The same with the smallest γ that a common quadratic V of a linear law has, and such a V."""
-    found = common_value(tolerance_statement(law.solution, law.problem, ranges, 1.0))
-    if found is None:
+    common = common_value(tolerance_statement(law.solution, law.problem, ranges, 1.0))
+    if common is None:
         raise NotWithinTolerances("no quadratic V decreases at all corners of the tolerances")
-    return replace(law, gamma=found.smallest, p=found.p(max(QUADRATIC_MARGINS)), common=found)
+    return replace(law, gamma=common.smallest, p=common.p(max(QUADRATIC_MARGINS)), common=common)
 
 
 def sampled_box(law: Law, ranges: Ranges) -> Law:
@@ -109,10 +110,8 @@ def sampled_box(law: Law, ranges: Ranges) -> Law:
     there is none, a multiple of the law's own V, with the smallest γ that no sample of the region refuses.
     """
     if law.solution.degree == 2:
-        try:
+        with suppress(NotWithinTolerances):  # on a region, where the slopes are smaller, there may be one
             return common_box(law, ranges)
-        except NotWithinTolerances:
-            pass  # on a region, where the slopes are smaller, there may be one
     statement = tolerance_statement(law.solution, law.problem, ranges, 1.0)
     start = step_start(statement, law.solution, law.step)
     values = largest_values(statement, start, np.linspace(0.0, abs(law.step), 200))
@@ -145,10 +144,8 @@ def prove_box(
     `most_cells`: of one proof.
     `progress`: as of `certify_tolerances`.
     """
-    goal = np.asarray(law.problem.operating_point)[:1]
-    about = about_text(robot, goal, law.solution.degree)
-    began, reason = time.thread_time(), ""
-    margins = margins or margins_of(law)
+    about = about_text(robot, np.asarray(law.problem.operating_point)[:1], law.solution.degree)
+    began, reason, margins = time.thread_time(), "", margins or margins_of(law)
     for margin in margins:
         gamma, p = margin * law.gamma, law.p if law.common is None else law.common.p(margin)
         left = seconds - (time.thread_time() - began)
@@ -241,22 +238,21 @@ def proved_law(
     tolerances is nominal. What the specification states of bandwidth, damping, degrees and γ/γ* is not searched for.
     """
     _check(robot, s)
-    stated: dict[str, Any] = {} if s.bandwidth is None else {"bandwidths": (1.0,)}
-    stated |= {} if s.damping is None else {"dampings": (s.damping,)}
-    stated |= {} if s.degrees is None else {"degrees": s.degrees}
-    stated |= {} if s.gamma_ratio == Specification().gamma_ratio else {"ratios": (s.gamma_ratio,)}
+    stated = {
+        "bandwidths": None if s.bandwidth is None else (1.0,), "dampings": None if s.damping is None else (s.damping,),
+        "degrees": s.degrees, "ratios": None if s.gamma_ratio == Specification().gamma_ratio else (s.gamma_ratio,),
+    }  # fmt: skip
+    settings: dict[str, Any] = {name: values for name, values in stated.items() if values is not None}
     return search_proved_step(
         robot, goal.tolist(), float((goal - start)[0]), effort_limit=float(joint_limits(robot, s).effort[0]),
         tolerances=1.0 if robot.uncertain else 0.0, most_seconds=s.proof_seconds, specification=s, admits=admits,
-        progress=progress,
-        **stated,
+        progress=progress, **settings,
     )  # fmt: skip
 
 
 def _check(robot: Robot, s: Specification) -> None:
-    default = Specification()
     for name, why in CONTRADICTIONS.items():
-        if (value := getattr(s, name)) and value != getattr(default, name):
+        if (value := getattr(s, name)) and value != FIELDS[name].default:
             raise InvalidInput(
                 f"preset='proved' and `{name}` contradict each other.",
                 f"expected {why}, got {name}={value!r}",
@@ -315,7 +311,7 @@ def search_proved_step(
     _check(robot, base)
     measured = measured_problem(robot, np.asarray(goal, dtype=float), base)
     ranges = parameter_ranges(robot, measured.plant, tolerances) if tolerances else {}
-    found: list[ProvedLaw] = []
+    candidates: list[ProvedLaw] = []
     reasons: list[str] = []
     presets = (("robust",) if robot.uncertain else ()) + (() if ranges else ("damped",))
     for preset, factor, damping in itertools.product(presets, bandwidths, dampings):
@@ -326,15 +322,14 @@ def search_proved_step(
             s = replace(base, preset=preset, damping=damping)
             for candidate in _laws(robot, goal, step, factor, s, ratios, degrees, measured):
                 try:
-                    found.append(_within(candidate, ranges, step, effort_limit))
+                    candidates.append(_within(candidate, ranges, step, effort_limit))
                 except FlexhinfError as error:
                     reasons.append(reason_of(error))
         except FlexhinfError as error:  # no weights for this bandwidth and damping
             reasons.append(reason_of(error))
-    found.sort(key=lambda c: (-round(abs(c.step), 3), c.gamma) if step is None else (0.0, c.gamma))
-    limits: Any = {"seconds": most_seconds, "most_cells": most_cells}
+    candidates.sort(key=lambda c: (-round(abs(c.step), 3), c.gamma) if step is None else (0.0, c.gamma))
     slow_enough = np.inf  # rad/s: what is as fast as a law that was left out is left out too
-    for candidate in found:
+    for candidate in candidates:
         if float(np.min(candidate.bandwidth)) >= slow_enough:
             continue
         if refused := admits(candidate):
@@ -342,19 +337,21 @@ def search_proved_step(
             slow_enough = float(np.min(candidate.bandwidth))
             continue
         for margin in margins_of(candidate):
-            gamma = margin * candidate.gamma
-            progress(f"prove a step of {abs(candidate.step):.4g} with gamma = {gamma:.4g}")
+            progress(f"prove a step of {abs(candidate.step):.4g} with gamma = {margin * candidate.gamma:.4g}")
             try:
-                proved = prove_box(robot, candidate, ranges, margins=(margin,), **limits)
+                proved = prove_box(
+                    robot, candidate, ranges, margins=(margin,), seconds=most_seconds, most_cells=most_cells
+                )
             except NotWithinTolerances as error:
                 reasons.append(reason_of(error))
             else:
-                return replace(proved, candidates=len(found))
+                return replace(proved, candidates=len(candidates))
     often = sorted(dict.fromkeys(reasons), key=lambda reason: -reasons.count(reason))[:SHOWN]
     within = f"whose step stays within {effort_limit:g} and " if np.isfinite(effort_limit) else ""
     raise InvalidInput(
         "No step could be proved.",
-        f"expected a law {within}whose inequality holds, got {len(found)} candidates and no proof: {'; '.join(often)}",
+        f"expected a law {within}whose inequality holds, got {len(candidates)} candidates and no proof: "
+        + "; ".join(often),
         "a larger `peak_effort`, a smaller step, smaller tolerances, another bandwidth or damping, or longer "
         "`proof_seconds`",
     )
@@ -373,9 +370,9 @@ def _laws(
     pose = np.asarray(goal, dtype=float)
     start = pose - (np.pi / 2 if step is None else step)
     s = replace(s, pose=tuple(pose), start=tuple(start))
-    first = choose(robot, pose, start, s)
+    first = chosen = choose(robot, pose, start, s)
     assert first.target is not None
-    chosen, bandwidth = first, factor * first.target.bandwidth
+    bandwidth = factor * first.target.bandwidth
     if factor != 1.0:
         chosen = choose(robot, pose, start, replace(s, bandwidth=tuple(bandwidth.tolist())))
     return [
@@ -415,8 +412,7 @@ def _peak_effort(solution: HJISolution, measured: GeneralisedPlant, x: np.ndarra
     """Largest |u| from a state (n,) on, of the nominal robot; inf where the run diverges."""
     from scipy.integrate import solve_ivp
 
-    held = np.asarray(measured.operating_input, dtype=float)
-    far = 1e3 * (1.0 + np.abs(x).max())
+    held, far = np.asarray(measured.operating_input, dtype=float), 1e3 * (1.0 + np.abs(x).max())
 
     def rates(t: float, state: np.ndarray) -> np.ndarray:
         f, _, g2, _ = measured.fields(state[None])
@@ -427,6 +423,4 @@ def _peak_effort(solution: HJISolution, measured: GeneralisedPlant, x: np.ndarra
 
     diverged.terminal = True  # type: ignore[attr-defined]
     run = solve_ivp(rates, (0.0, duration), x, method="LSODA", rtol=1e-6, atol=1e-8, events=diverged)
-    if run.status != 0:
-        return float("inf")
-    return float(np.abs(held + solution.inputs(run.y.T)).max())
+    return float(np.abs(held + solution.inputs(run.y.T)).max()) if run.status == 0 else np.inf

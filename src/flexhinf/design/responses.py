@@ -1,7 +1,9 @@
-"""Responses of a loop to a step, to a load torque and along a planned move; and the scenario that every law is run in.
+"""Responses of a loop to a step, to a load torque and along a planned move, and what they use of the joints' limits.
 
 The scenario is fixed once, by the design's own law: laws that are compared see the same command, load, move, robots and
 seeds.
+
+Limits of the inputs, speeds and positions of each joint, from the specification or the robot.
 """
 
 from __future__ import annotations
@@ -10,12 +12,12 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol, cast
 
 import numpy as np
 
-from flexhinf.design.specification import Specification
-from flexhinf.loop import Loop, Trajectory
+from flexhinf.design.specification import FIELDS, Specification, SpecificationError
+from flexhinf.loop import Signal, Trajectory
 from flexhinf.loop.simulation.metrics import (
     StepShape,
     load_metrics,
@@ -24,6 +26,9 @@ from flexhinf.loop.simulation.metrics import (
     tail_of,
 )
 from flexhinf.robot import Robot
+from flexhinf.robot.elastic import DRIVES
+from flexhinf.robot.kinematics import position_ranges
+from flexhinf.robot.signals import UNITS
 
 #: Default step: rad for a joint that turns, m for one that slides.
 TURN, SLIDE = 0.1, 0.01
@@ -80,9 +85,8 @@ def start_and_goal(robot: Robot, s: Specification, move: Plan | None) -> tuple[n
 
 def run_length(slowest: float) -> float:
     """Length of a run, s, for the slowest decay rate (1/s); `LONGEST` for a loop that does not decay."""
-    if slowest <= 0.0:
-        return LONGEST
-    return min(max(math.ceil(2.0 * TIME_CONSTANTS / slowest) / 2.0, SHORTEST), LONGEST)
+    length = math.ceil(2.0 * TIME_CONSTANTS / slowest) / 2.0 if slowest > 0.0 else LONGEST
+    return min(max(length, SHORTEST), LONGEST)
 
 
 def default_load(per_input: np.ndarray, peak: np.ndarray) -> np.ndarray:
@@ -97,15 +101,14 @@ def sample_count(
     robot: Robot, states: int, s: Specification, default: Sequence[tuple[int, int]] = SAMPLES
 ) -> int:
     """How many robots are sampled: as stated, or by the number of states; none for a robot without tolerances."""
-    if not robot.uncertain:
-        return 0
-    return next(count for most, count in default if states <= most) if s.draws is None else s.draws
+    count = next(count for most, count in default if states <= most) if s.draws is None else s.draws
+    return count if robot.uncertain else 0
 
 
 def sample_robots(robot: Robot, count: int, seed: int) -> tuple[Mapping[str, Any], ...]:
     """Parameters of robots that are uniformly distributed within their tolerances, the same for the same seed."""
-    rng = np.random.default_rng([seed, 7])
-    return tuple(robot.draw(rng) for _ in range(count))
+    generator = np.random.default_rng([seed, 7])
+    return tuple(robot.draw(generator) for _ in range(count))
 
 
 @dataclass(frozen=True)
@@ -124,14 +127,17 @@ def worst_of(rows: list[dict[str, Any]], key: str) -> Worst:
 
     Infinite without any row, as of a run that diverged; zero where no joint has the figure.
     """
-    if not rows:
-        return Worst(np.inf, "")
     counted = [row for row in rows if key in row]
     if not counted:
-        return Worst(0.0, "")
+        return Worst(0.0 if rows else np.inf, "")
     values = [np.inf if row[key] is None else float(row[key]) for row in counted]
     k = int(np.argmax(values))
     return Worst(values[k], counted[k]["joint"])
+
+
+def _worst(key: str, doc: str) -> Worst:
+    """A property: the worst of a response's metrics of this name."""
+    return cast("Worst", property(lambda response: worst_of(response.metrics, key), doc=doc))
 
 
 @dataclass(frozen=True, eq=False)
@@ -190,25 +196,12 @@ class Response:
             })  # fmt: skip
         return rows
 
-    @property
-    def peak(self) -> Worst:
-        """Largest |input| of all motors, with the joint that it drives."""
-        return worst_of(self.metrics, "peak_input")
-
-    @property
-    def overshoot(self) -> Worst:
-        """Largest overshoot of all joints that move, per cent of the joint's own step."""
-        return worst_of(self.metrics, "overshoot_percent")
-
-    @property
-    def settling(self) -> Worst:
-        """Slowest settling to ±2 % of the joint's own step, s."""
-        return worst_of(self.metrics, "settling_time_s")
-
-    @property
-    def remaining(self) -> Worst:
-        """Largest error in the last tenth of the run, rad or m."""
-        return worst_of(self.metrics, "steady_state_error")
+    peak = _worst("peak_input", "Largest |input| of all motors, with the joint that it drives.")
+    overshoot = _worst(
+        "overshoot_percent", "Largest overshoot of all joints that move, per cent of the joint's own step."
+    )
+    settling = _worst("settling_time_s", "Slowest settling to ±2 % of the joint's own step, s.")
+    remaining = _worst("steady_state_error", "Largest error in the last tenth of the run, rad or m.")
 
 
 @dataclass(frozen=True, eq=False)
@@ -239,25 +232,12 @@ class LoadResponse:
         ]
 
 
-class Plan(Protocol):
-    """A motion of all joints from rest to rest."""
-
-    @property
-    def name(self) -> str:
-        """A short description."""
-        ...
+class Plan(Signal, Protocol):
+    """A motion of all joints from rest to rest: link positions (N, n) at times (N,), and their derivatives."""
 
     @property
     def duration(self) -> float:
         """From its beginning at time 0 to its end, s."""
-        ...
-
-    def __call__(self, t: Any) -> Any:
-        """Link positions (N, n) at times (N,)."""
-        ...
-
-    def derivatives(self, t: Any, order: int = 4) -> Any:
-        """They and their time derivatives, (order + 1, N, n)."""
         ...
 
 
@@ -311,8 +291,144 @@ def plan_ends(plan: Plan) -> tuple[np.ndarray, np.ndarray]:
     return np.reshape(plan(0.0), -1), np.reshape(plan(plan.duration), -1)
 
 
-def run_response(
-    loop: Loop, goal: np.ndarray, start: np.ndarray, joints: tuple[str, ...], **options: Any
-) -> Response:
-    """Run a loop between link positions (n,), with options of `Loop.run`; a run that diverges is a result too."""
-    return Response(loop.run(**options), goal, start, joints)
+#: Who states a limit that no option does.
+ROBOT = "the robot's file"
+
+
+class LimitUse(NamedTuple):
+    """Use of a limit by a run, in the joint and at the moment where it is largest."""
+
+    # value, limit: In `unit`; the value is infinite where the run diverged
+    value: float
+    limit: float
+    joint: str
+    unit: str
+    at: float | None = None  # s
+
+    @property
+    def share(self) -> float:
+        """Value over limit."""
+        return self.value / self.limit
+
+
+def limit_use(
+    values: np.ndarray | None,
+    limits: np.ndarray,
+    joints: Sequence[str],
+    units: Sequence[str],
+    time: np.ndarray | None = None,
+) -> LimitUse:
+    """Use of limits (n,) by values (N, n) at times (N,); infinite without values, as of a run that diverged."""
+    if values is None:
+        tightest = int(np.argmin(limits))
+        return LimitUse(np.inf, float(limits[tightest]), "", units[tightest])
+    row, joint = divmod(int(np.argmax(values / limits)), values.shape[1])
+    at = None if time is None else float(time[row])
+    return LimitUse(float(values[row, joint]), float(limits[joint]), joints[joint], units[joint], at)
+
+
+def _limited(name: str, doc: str) -> bool:
+    """A property: whether limits of this name are finite for any joint."""
+    return cast("bool", property(lambda limits: bool(np.isfinite(getattr(limits, name)).any()), doc=doc))
+
+
+@dataclass(frozen=True, eq=False)
+class JointLimits:
+    """One number per joint, infinite where there is no limit."""
+
+    joints: tuple[str, ...]
+    peak: np.ndarray  # (n,). Largest absolute input that is required, V, or N·m (N)
+    saturation: np.ndarray  # (n,). Limits ± of controller and motors
+    speed: np.ndarray  # (n,). Largest absolute velocity of the links, rad/s or m/s
+    # lower, upper: (n,). Ranges of the link positions, rad or m
+    lower: np.ndarray
+    upper: np.ndarray
+    effort_units: tuple[str, ...]
+    speed_units: tuple[str, ...]
+    position_units: tuple[str, ...]
+    # peak_source, saturation_source, speed_source: The option that states them, or `ROBOT`
+    peak_source: str
+    saturation_source: str
+    speed_source: str
+
+    @property
+    def effort(self) -> np.ndarray:
+        """The smaller of requirement and saturation (n,)."""
+        return np.minimum(self.peak, self.saturation)
+
+    @property
+    def saturated(self) -> np.ndarray | None:
+        """The saturation (n,) for a controller; None where no motor has one."""
+        return self.saturation if np.isfinite(self.saturation).any() else None
+
+    limits_peak = _limited("peak", "Whether the peak input of any joint has a limit.")
+    limits_effort = _limited("effort", "Whether any input has a limit, required or by saturation.")
+    limits_speed = _limited("speed", "Whether the speed of any joint has a limit.")
+
+    @property
+    def strongest(self) -> float:
+        """The largest limit of an input, by the required peak, or by saturation without one; infinite without any."""
+        limits = self.peak if self.limits_peak else self.saturation
+        finite = limits[np.isfinite(limits)]
+        return float(finite.max()) if finite.size else np.inf
+
+    def equivalent_peak(self, response: Response) -> float:
+        """Largest input of a run in terms of the `strongest` motor: the largest share of a limit times that one's."""
+        if not np.isfinite(self.strongest) or response.diverged_at is not None:
+            return response.peak_input
+        use = self.input_use(response, self.peak if self.limits_peak else self.saturation)
+        return use.value if use.limit == self.strongest else use.share * self.strongest
+
+    def input_use(self, response: Response, limits: np.ndarray | None = None) -> LimitUse:
+        """Of the peak, or other limits (n,) of the inputs."""
+        limits = self.peak if limits is None else limits
+        return self._use(response, np.abs(response.inputs), limits, self.effort_units)
+
+    def speed_use(self, response: Response) -> LimitUse:
+        """Of the speed."""
+        return self._use(response, np.abs(response.velocities), self.speed, self.speed_units)
+
+    def beyond_range(self, response: Response) -> LimitUse:
+        """Largest distance of a joint outside of its range (lower, upper), rad or m; the limit is 0."""
+        beyond = np.maximum(np.maximum(self.lower - response.positions, response.positions - self.upper), 0.0)
+        use = self._use(response, beyond, np.ones(len(self.joints)), self.position_units)
+        return use._replace(limit=0.0)
+
+    def _use(self, run: Response, values: np.ndarray, limits: np.ndarray, units: Sequence[str]) -> LimitUse:
+        counted = values if run.diverged_at is None else None
+        return limit_use(counted, limits, self.joints, units, run.run.time)
+
+
+def joint_limits(robot: Robot, s: Specification) -> JointLimits:
+    """The limits of a specification, and those of the robot where it states none."""
+    joints = robot.joint_names
+    values, sources = [], []
+    for name, own in (
+        ("peak_effort", robot.effort_limits), ("saturation", robot.effort_limits), ("peak_speed", robot.speed_limits),
+    ):  # fmt: skip
+        stated = getattr(s, name)
+        values.append(np.array(own, dtype=float) if stated is None else per_joint(joints, name, stated))
+        sources.append(ROBOT if stated is None else FIELDS[name].option)
+    signals = DRIVES[robot.drive], "link_velocity", "link_position"
+    units = (tuple(UNITS[signal][slides] for slides in robot.links.slides) for signal in signals)
+    return JointLimits(joints, *values, *position_ranges(robot), *units, *sources)
+
+
+def integral_dead_zone(robot: Robot, s: Specification, chosen: np.ndarray | None) -> np.ndarray | None:
+    """Errors (n,) that are not integrated, rad or m: as stated, or `chosen`; None without any."""
+    zone = chosen if s.integral_dead_zone is None else s.integral_dead_zone
+    none = zone is None or not np.any(zone)
+    return None if none else per_joint(robot.joint_names, "integral_dead_zone", zone)
+
+
+def per_joint(joints: Sequence[str], name: str, value: Any) -> np.ndarray:
+    """A number of a field for each joint (n,); SpecificationError for another count of numbers."""
+    limits = np.asarray(value, dtype=float)
+    if limits.shape not in ((), (1,), (len(joints),)):
+        raise SpecificationError(
+            name,
+            f"The {name.replace('_', ' ')} does not fit the joints.",
+            f"expected one number, or one for each of {list(joints)}, got {limits.size}",
+            example=",".join(f"{limit:g}" for limit in np.resize(limits, len(joints))),
+        )
+    return np.array(np.broadcast_to(limits, (len(joints),)))

@@ -5,39 +5,36 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from functools import cached_property, partial
+from functools import partial
 from importlib import import_module
+from operator import attrgetter
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, TypeVar, cast
 
 import numpy as np
 import tomlkit
 
 from flexhinf.design.certification import Attenuation, DesignProof, StepProof, step_proof
+from flexhinf.design.checks import LimitCycleCheck, PayloadEvaluation
 from flexhinf.design.design_file import DesignRequest, plain, request_document, toml_table
 from flexhinf.design.evaluation import LawEvaluation
-from flexhinf.design.limit_cycle import LimitCycleCheck
+from flexhinf.design.laws import LawKind
 from flexhinf.design.loop_setup import LoopSetup
-from flexhinf.design.payload import PayloadEvaluation
 from flexhinf.design.problem.modes import Mode
 from flexhinf.design.problem.presets import DesignProblem
-from flexhinf.design.requirements import Requirement, all_met
+from flexhinf.design.requirements import Requirement
 from flexhinf.design.responses import Response, Scenario
 from flexhinf.design.rigid import RigidComparison
 from flexhinf.design.specification import RINGS, TOLERANCE, Specification
-from flexhinf.design.synthesis.by_step import DegreeChoice, shrinking
+from flexhinf.design.synthesis.by_step import DegreeChoice
 from flexhinf.design.synthesis.noise import NoiseSearch
 from flexhinf.design.synthesis.steps import Synthesis
+from flexhinf.design.tuning import Criterion, TunedLaw
 from flexhinf.hinf import HJISolution
 from flexhinf.loop import Controller
 from flexhinf.notebook import Summarised
 from flexhinf.plant import GeneralisedPlant
 from flexhinf.robot import Robot
-
-if TYPE_CHECKING:
-    from flexhinf.design.laws import LawKind
-    from flexhinf.design.tuning import Criterion, TunedLaw
-
 
 #: An estimation error that oscillates with a smaller damping ratio than this is a risk.
 HARDLY_DAMPED = 0.05
@@ -50,6 +47,14 @@ NOISE_FRACTION = 0.05
 
 #: The room whose pages show results. It reads designs, so it is loaded when one is saved.
 PAGES = "flexhinf.pages"
+
+
+T = TypeVar("T")
+
+
+def forwarded(path: str, kind: type[T], doc: str) -> T:
+    """A property of this kind that is an attribute of a part, by its path."""
+    return cast("T", property(attrgetter(path), doc=doc))
 
 
 @dataclass(frozen=True)
@@ -73,12 +78,9 @@ class Status:
     def line(self) -> str:
         """One line: what is not met, not proved or risky."""
         met = f"Specification met on the running loop{f' ({self.scope})' if self.scope else ''}"
-        parts = ["Not met: " + "; ".join(self.not_met) if self.not_met else met]
-        if self.risky:
-            parts.append("Risky: " + "; ".join(self.risky))
-        if self.not_proved:
-            parts.append("Not proved: " + "; ".join(self.not_proved))
-        return ". ".join(parts) + "."
+        rows = {"Not met": self.not_met, "Risky": self.risky, "Not proved": self.not_proved}
+        parts = [f"{name}: " + "; ".join(texts) for name, texts in rows.items() if texts]
+        return ". ".join(parts if self.not_met else [met, *parts]) + "."
 
 
 def status_of(
@@ -90,14 +92,13 @@ def status_of(
     proof: DesignProof,
 ) -> Status:
     """The status of a design."""
-    setup = evaluation.setup
+    setup, names = evaluation.setup, [line.what for line in lines]
     degrees = setup.specification.in_degrees and not any(setup.robot.links.slides)
-    names = [line.what for line in lines]
-    wrong = [line for line in lines if not line.met]
-    missed = dict.fromkeys(_missed(line.shown(degrees), names.count(line.what) > 1) for line in wrong)
-    narrow = dict.fromkeys(line.what for line in lines if line.within_tolerance)
+    missed = dict.fromkeys(
+        _missed(line.shown(degrees), names.count(line.what) > 1) for line in lines if not line.met
+    )
     past = f"{100.0 * TOLERANCE:g} % past its limit at most, which counts as met"
-    scope = [f"{what}: {past}" for what in narrow]
+    scope = list(dict.fromkeys(f"{line.what}: {past}" for line in lines if line.within_tolerance))
     if evaluation.corners is None:
         scope.append("no tolerance stated: only the nominal robot was judged")
     unproved = step_proof(proof, chosen, inside).missing
@@ -108,8 +109,7 @@ def status_of(
 
 def _missed(line: Requirement, places: bool) -> str:
     """Value and limit; also where, if it is judged in several places."""
-    sign = "≤" if line.at_most else "≥"
-    unit = line.unit_text
+    sign, unit = "≤" if line.at_most else "≥", line.unit_text
     joint = f" in {line.joint}" if line.joint else ""
     joint += "" if line.at is None else f" at {line.at:.3g} s"
     place = f"; {line.where}" if places else ""
@@ -121,43 +121,40 @@ def _in_brackets(joints: Sequence[str], joint: str) -> str:
 
 
 def _risks(lines: Sequence[Requirement], evaluation: LawEvaluation) -> list[str]:
-    found, of = [], partial(_in_brackets, evaluation.setup.joints)
+    setup, margins, risks = evaluation.setup, evaluation.margins, []
+    of, period = partial(_in_brackets, setup.joints), setup.specification.period
     slow = [m for m in evaluation.estimator_modes if m.eigenvalue.imag > 0.0 and m.damping < HARDLY_DAMPED]
     if slow:
         worst = min(slow, key=lambda m: m.damping)
-        found.append(
+        risks.append(
             f"the estimation error oscillates at {worst.frequency:.3g} Hz{of(worst.joint)} with a damping of "
             f"{worst.damping:.2g}"
         )
-    damping = evaluation.margins.damping
-    judged = any(line.what.startswith("damping") for line in lines)
-    if damping < RINGS and not slow and not judged:
-        found.append(
-            f"an oscillation of the running loop{of(evaluation.least_damped_joint)} is damped by {damping:.2g} only, "
-            "and no damping is required"
+    elif margins.damping < RINGS and not any(line.what.startswith("damping") for line in lines):
+        risks.append(
+            f"an oscillation of the running loop{of(evaluation.least_damped_joint)} is damped by "
+            f"{margins.damping:.2g} only, and no damping is required"
         )
-    margins, period = evaluation.margins, evaluation.setup.specification.period
     if margins.stable and margins.delay_margin_s < FEW_PERIODS * period:
-        found.append(
+        risks.append(
             f"the loop tolerates {1e3 * margins.delay_margin_s:.2g} ms of extra delay, "
             f"{margins.delay_margin_s / period:.2g} periods"
         )
     loaded = evaluation.load_response.metrics
-    held = [row for row in loaded if row["recovery_time_s"] is None]
     if not loaded:
-        found.append("under a constant load on the links the loop diverges")
-    if held:
-        worst_row = max(held, key=lambda row: row["remaining_error"])
-        joint = f" {worst_row['joint']}" if len(loaded) > 1 else ""
-        found.append(f"under a constant load the link{joint} does not come back within 2 % of the step")
+        risks.append("under a constant load on the links the loop diverges")
+    if held := [row for row in loaded if row["recovery_time_s"] is None]:
+        name = max(held, key=lambda row: row["remaining_error"])["joint"] if len(loaded) > 1 else ""
+        link = f"link {name}" if name else "link"
+        risks.append(f"under a constant load the {link} does not come back within 2 % of the step")
     noise, peak = evaluation.input_noise, evaluation.step.peak_input
     if margins.stable and noise > NOISE_FRACTION * peak:
         noises = evaluation.input_noises
-        joint = "" if noises is None else of(evaluation.setup.joints[int(np.argmax(noises))])
-        found.append(
+        joint = "" if noises is None else of(setup.joints[int(np.argmax(noises))])
+        risks.append(
             f"sensor noise at a motor{joint} is {100.0 * noise / peak:.2g} % of the step's peak input, rms"
         )
-    return found
+    return risks
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -226,79 +223,29 @@ class Design(Summarised):
     @property
     def met(self) -> bool:
         """Whether every requirement is met."""
-        return all_met(self.requirements)
+        return all(line.met for line in self.requirements)
 
     @property
     def noise_search(self) -> NoiseSearch | None:
         """How the estimator's noise levels were found; None where they are stated, or without an estimator."""
         return self.synthesis.noise_search
 
-    @property
-    def setup(self) -> LoopSetup:
-        """The loop of all runs."""
-        return self.evaluation.setup
-
-    @property
-    def scenario(self) -> Scenario:
-        """The runs."""
-        assert self.evaluation.scenario is not None
-        return self.evaluation.scenario
-
-    @property
-    def goal(self) -> np.ndarray:
-        """Link positions (n,), rad or m."""
-        return self.synthesis.goal
-
-    @property
-    def start(self) -> np.ndarray:
-        """Link positions (n,), rad or m."""
-        return self.synthesis.start
-
-    @property
-    def design_problem(self) -> DesignProblem:
-        """Weights, disturbances and level, with their sources."""
-        return self.synthesis.design_problem
-
-    @property
-    def problem(self) -> GeneralisedPlant:
-        """The nominal problem about the goal."""
-        return self.synthesis.problem
-
-    @property
-    def choices(self) -> tuple[DegreeChoice, ...]:
-        """Every degree that was solved."""
-        return self.synthesis.choices
-
-    @property
-    def chosen(self) -> DegreeChoice:
-        """The degree that is used."""
-        return self.synthesis.chosen
-
-    @property
-    def solution(self) -> HJISolution:
-        """The solution that is used, at the goal."""
-        return self.chosen.solution
-
-    @property
-    def gamma_star(self) -> float:
-        """Smallest level of the problem that is solved; of the preset robust, with the channels of the tolerances."""
-        return self.design_problem.gamma_star
-
-    @property
-    def gamma(self) -> float:
-        """Level of the solution."""
-        return self.solution.gamma
-
-    @cached_property
-    def shrinking(self) -> list[tuple[int, int]]:
-        """Pairs of degrees where the higher one allows a smaller step."""
-        return shrinking(self.choices)
-
-    @property
-    def sub_steps(self) -> tuple[int, int]:
-        """Runge–Kutta steps per period: of the estimator's model (0 without one), of the true plant."""
-        filter = self.evaluation.loop.filter
-        return 0 if filter is None else filter.sub_steps, self.scenario.sub_steps
+    setup = forwarded("evaluation.setup", LoopSetup, "The loop of all runs.")
+    scenario = forwarded("evaluation.scenario", Scenario, "The runs.")
+    goal = forwarded("synthesis.goal", np.ndarray, "Link positions (n,), rad or m.")
+    start = forwarded("synthesis.start", np.ndarray, "Link positions (n,), rad or m.")
+    design_problem = forwarded(
+        "synthesis.design_problem", DesignProblem, "Weights, disturbances and level, with their sources."
+    )
+    problem = forwarded("synthesis.problem", GeneralisedPlant, "The nominal problem about the goal.")
+    choices = forwarded("synthesis.choices", tuple[DegreeChoice, ...], "Every degree that was solved.")
+    chosen = forwarded("synthesis.chosen", DegreeChoice, "The degree that is used.")
+    solution = forwarded("synthesis.chosen.solution", HJISolution, "The solution that is used, at the goal.")
+    gamma_star = forwarded(
+        "synthesis.design_problem.gamma_star", float,
+        "Smallest level of the problem that is solved; of the preset robust, with the channels of the tolerances.",
+    )  # fmt: skip
+    gamma = forwarded("synthesis.chosen.solution.gamma", float, "Level of the solution.")
 
     def controller(self, at: np.ndarray | None = None) -> Controller:
         """A new controller as it is deployed: it takes over without a jump of the input.
@@ -323,10 +270,7 @@ class ComparedLaw:
     requirements: tuple[Requirement, ...] = ()
     failure: str = ""  # Why there is no evaluation
 
-    @property
-    def name(self) -> str:
-        """Of the law."""
-        return self.kind.name
+    name = forwarded("kind.name", str, "Of the law.")
 
     @property
     def evaluation(self) -> LawEvaluation | None:
@@ -365,8 +309,9 @@ class Comparison(Summarised):
         tuned = sorted((row.tuned for row in self.rows if row.tuned is not None), key=lambda law: law.cost)
         costs = ", ".join(f"{law.name} {law.cost:.3g}" for law in tuned)
         lost = ", ".join(row.name for row in self.rows if row.failure)
-        others = {"not compared": lost} if lost else {}
-        return {"robot": self.robot.name, "laws by the criterion": costs, **others}
+        return {"robot": self.robot.name, "laws by the criterion": costs} | (
+            {"not compared": lost} if lost else {}
+        )
 
     @property
     def own(self) -> ComparedLaw:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf.design.problem.modes import Mode, modes_of
-from flexhinf.design.responses import Response, run_response
+from flexhinf.design.responses import Response
 from flexhinf.design.specification import Specification
 from flexhinf.hinf import HJISolution, smallest_gamma, solve_hji
 from flexhinf.loop import Controller, Loop
@@ -45,8 +45,7 @@ class RigidFlow:
         link, motor = rates(d)
         columns = [rates(d + np.eye(2 * n)[j])[0] - link for j in range(n)]
         matrix = [[root[i] * columns[j][i] * root[j] + float(i == j) for j in range(n)] for i in range(n)]
-        together = motor + _eliminated(matrix, list(root * (link - motor))) / root
-        return np.concatenate([dq, together])
+        return np.concatenate([dq, motor + _eliminated(matrix, list(root * (link - motor))) / root])
 
 
 def _eliminated(matrix: list[list[Any]], right: list[Any]) -> np.ndarray:
@@ -76,16 +75,15 @@ class RigidLaw(ProblemLaw):
 
     @property
     def _places(self) -> np.ndarray:
-        n = len(self.problem.plant.states) // 4
-        first = 0 if self.side == "link" else 2 * n
-        return np.array([*range(first, first + 2 * n), *range(4 * n, len(self.state_names))])
+        half, size = len(self.problem.plant.states) // 2, len(self.state_names)
+        first = 0 if self.side == "link" else half
+        return np.array([*range(first, first + half), *range(2 * half, size)])
 
     @property
     def state_names(self) -> tuple[str, ...]:
         """States of the elastic robot, then integrals on the side that is fed back."""
-        plant = self.problem.plant
         tracked = [name.replace("link_position", f"{self.side}_position") for name in self.problem.integrate]
-        return (*plant.states, *(f"{name}_integral" for name in tracked))
+        return (*self.problem.plant.states, *(f"{name}_integral" for name in tracked))
 
     @property
     def law_data(self) -> np.ndarray:
@@ -104,17 +102,14 @@ class RigidLaw(ProblemLaw):
     @property
     def gain(self) -> np.ndarray:
         """Its linear part (m, N) on the elastic robot's states, with integrals of the side that is fed back."""
-        rigid = self.solution.gain
-        gain = np.zeros((len(rigid), len(self.state_names)))
-        gain[:, self._places] = rigid
+        gain = np.zeros((len(self.solution.gain), len(self.state_names)))
+        gain[:, self._places] = self.solution.gain
         return gain
 
     def closed_loop(self) -> np.ndarray:
         """A of the elastic robot in this law's loop, (N, N)."""
-        plant, n = self.problem.plant, self.problem.plant.n
-        x, u = self.operating_point[:n], self.operating_input
-        a, b, _, _ = plant.linearise(x, u)
-        size = len(self.state_names)
+        plant, n, size = self.problem.plant, self.problem.plant.n, len(self.state_names)
+        a, b, _, _ = plant.linearise(self.operating_point[:n], self.operating_input)
         whole, inputs = np.zeros((size, size)), np.zeros((size, b.shape[1]))
         whole[:n, :n], inputs[:n] = a, b
         for row, name in enumerate(self.state_names[n:]):
@@ -128,14 +123,13 @@ def rigid_problem(problem: GeneralisedPlant) -> GeneralisedPlant | None:
     Weights of link and motor fall on one state: their squares add. Weights of the springs' torque fall away.
     """
     plant, penalty = problem.plant, problem.penalty
-    weights: Any = None if callable(penalty.states) else penalty.weights(problem.state_names)
-    own = getattr(penalty.states, "states", None)  # weighted states and torques of springs
-    if callable(penalty.states) and own is not None:
-        weights = np.asarray(own, dtype=float)
+    weights: Any = getattr(penalty.states, "states", None)  # of a penalty of states and torques of springs
+    if not callable(penalty.states):
+        weights = penalty.weights(problem.state_names)
     if weights is None or Layout.of(plant.states).rigid:
         return None
     n = plant.n // 4
-    link, motor, integrals = weights[: 2 * n], weights[2 * n : 4 * n], weights[4 * n :]
+    link, motor, integrals = np.split(np.asarray(weights, dtype=float), [2 * n, 4 * n])
     rigid = Plant(
         RigidFlow(plant.flow), lambda x, u, p: x[:n], states=plant.states[: 2 * n], inputs=plant.inputs,
         disturbances=plant.disturbances, parameters=plant.parameters.values, units=plant.units,
@@ -195,11 +189,10 @@ def compare_rigid(
     for side in SIDES:
         law = RigidLaw(solution, problem, side)
         controller = Controller(law, None, specification.period, saturation, start="bumpless")
-        loop = Loop(true_plant, controller)
         x, u = start
-        response = run_response(
-            loop, goal, x[: len(goal)], tuple(joints), duration=duration, initial_state=x, initial_input=u,
-            seed=specification.seed,
-        )  # fmt: skip
+        run = Loop(true_plant, controller).run(
+            duration=duration, initial_state=x, initial_input=u, seed=specification.seed
+        )
+        response = Response(run, goal, x[: len(goal)], tuple(joints))
         loops.append(RigidLoop(side, modes_of(law.closed_loop(), joints, *energy), response))
     return RigidComparison(solution.gamma, degree, tuple(loops))

@@ -43,8 +43,7 @@ class WaypointTable:
 
     def columns(self) -> dict[str, list[float]]:
         """The same by name in SI units, as `waypoints` takes it: for a design file."""
-        values = np.array(self.rows).T.tolist()
-        return {"time": list(self.times), **dict(zip(self.joints, values))}
+        return {"time": list(self.times), **dict(zip(self.joints, np.array(self.rows).T.tolist()))}
 
     def positions(self, joints: Sequence[str], slides: Sequence[bool]) -> np.ndarray:
         """Positions (N, n) of a robot's joints, in their order."""
@@ -76,21 +75,16 @@ class WaypointTable:
                     f"expected one of {list(fitting)}, got {unit!r}",
                     f"'{name} [{next(iter(fitting))}]' in the header",
                 )
-        order = [named.index(name) for name in joints]
-        return np.array(self.rows)[:, order]
+        return np.array(self.rows)[:, [named.index(name) for name in joints]]
 
 
 def waypoints(value: Any) -> Any:
     """A `WaypointTable` of a file or of columns by name; a signal with derivatives and a duration stays as it is."""
-    if isinstance(value, WaypointTable):
-        return value
-    if isinstance(value, (str, os.PathLike)):
-        if not str(value).strip():
-            raise ValueError(value)
+    if isinstance(value, (str, os.PathLike)) and str(value).strip():
         return _read(Path(value))
     if isinstance(value, Mapping):
         return _table(dict(value), "The waypoints", lambda row: f"row {row + 1}")
-    if hasattr(value, "derivatives") and hasattr(value, "duration"):
+    if isinstance(value, WaypointTable) or (hasattr(value, "derivatives") and hasattr(value, "duration")):
         return value
     raise ValueError(value)
 
@@ -100,11 +94,11 @@ def _read(path: Path) -> WaypointTable:
         text = read_text(path, LARGEST, "waypoints as CSV")
     except InvalidInput as error:
         raise WaypointError(error.what, error.found, error.advice) from None
-    numbered = [(k, line) for k, line in enumerate(text.removeprefix("\ufeff").splitlines(), 1)]
+    numbered = enumerate(text.removeprefix("\ufeff").splitlines(), 1)
     kept = [(k, line) for k, line in numbered if line.strip() and not line.lstrip().startswith("#")]
-    semicolons = bool(kept) and ";" in kept[0][1]
+    delimiter = ";" if kept and ";" in kept[0][1] else ","
     try:
-        cells = list(csv.reader((line for _, line in kept), delimiter=";" if semicolons else ","))
+        cells = list(csv.reader((line for _, line in kept), delimiter=delimiter))
     except csv.Error as error:
         raise WaypointError(
             f"{path.name}: this is no CSV file.", f"expected rows of numbers, got: {error}", "time,shoulder"
@@ -143,7 +137,6 @@ def _read(path: Path) -> WaypointTable:
 
 
 def _table(columns: dict[Any, Any], what: str, place: Any) -> WaypointTable:
-    """A table of columns by heading; `place` says where a row stands."""
     named = [_heading(name) if isinstance(name, str) else ("", "") for name in columns]
     names = [name for name, _ in named]
     if "time" not in names or len(names) < 2 or not all(names) or len(set(names)) < len(names):
@@ -202,7 +195,6 @@ def _numbers(column: Any) -> np.ndarray:
 
 
 def _heading(text: str) -> tuple[str, str]:
-    """Name and unit of a heading; the unit is empty where none stands in brackets behind the name."""
     text = text.strip()
     for opening, closing in ("[]", "()"):
         if text.endswith(closing) and opening in text:

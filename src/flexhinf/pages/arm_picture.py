@@ -59,13 +59,13 @@ class ArmFilm:
     @staticmethod
     def of(prepared: DeployedRun, run: RealTimeRun) -> ArmFilm:
         """Of a run; `InvalidInput` for one without samples, or a robot whose links have no length."""
-        n, trajectory = len(prepared.joints), run.trajectory
+        n, trajectory = len(prepared.robot.joint_names), run.trajectory
         state, inputs = trajectory.signals["state"], trajectory.signals["input"]
         bad = np.flatnonzero(~np.isfinite(np.hstack([state, inputs])).all(axis=1))
         kept = slice(0, int(bad[0]) if len(bad) else len(state))  # until the loop diverged
         if not kept.stop:
             raise InvalidInput("There is nothing to film.", "expected one sample at least", "a longer run")
-        names = signal_names("link_position", prepared.joints)
+        names = signal_names("link_position", prepared.robot.joint_names)
         goal = np.broadcast_to(prepared.goal, (len(state), n))
         commanded = trajectory.names.get("reference", ())
         columns = [

@@ -12,10 +12,9 @@ import numpy as np
 
 from flexhinf.analysis import Margins
 from flexhinf.design.evaluation import LawEvaluation
-from flexhinf.design.joint_limits import ROBOT
 from flexhinf.design.loop_setup import noise_variances
 from flexhinf.design.requirements import Requirement
-from flexhinf.design.responses import Response
+from flexhinf.design.responses import ROBOT, Response
 from flexhinf.design.result import ComparedLaw, Comparison, Design
 from flexhinf.design.tuning import best_rival, pareto_front
 from flexhinf.errors import InvalidInput

@@ -12,7 +12,7 @@ import pytest
 from flexhinf.analysis import frequency_response, margins
 from flexhinf.design import Specification
 from flexhinf.design.loop_setup import EstimatorNoise, LoopSetup
-from flexhinf.design.responses import run_response
+from flexhinf.design.responses import Response
 from flexhinf.design.synthesis.noise import COMPLIANT_BAND, search_noise
 from flexhinf.design.synthesis.steps import synthesise
 from flexhinf.loop import Sine
@@ -145,10 +145,8 @@ def _swing(setup: LoopSetup, estimated: bool, frequency: float) -> float:
     load = {"link_torque": Sine(1e-3, frequency / (2.0 * np.pi))}
     x, u = setup.equilibrium(setup.goal)
     loop = setup.loop(setup.controller(setup.goal, moving=True))
-    response = run_response(
-        loop, setup.goal, setup.goal, setup.joints, duration=8.0, initial_state=x, initial_input=u,
-        disturbance=load,
-    )  # fmt: skip
+    run = loop.run(duration=8.0, initial_state=x, initial_input=u, disturbance=load)
+    response = Response(run, setup.goal, setup.goal, setup.joints)
     position = response.run.signal("state", "link_position")
     late = position[-4000:] - setup.goal[0]
     return float(late.max() - late.min()) / 2e-3

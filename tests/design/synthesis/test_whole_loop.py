@@ -13,7 +13,7 @@ import pytest
 from flexhinf.analysis import ToleranceBox
 from flexhinf.design import Design, Specification
 from flexhinf.design.evaluation import LawEvaluation
-from flexhinf.design.monte_carlo import sampled_runs
+from flexhinf.design.requirements import sampled_runs
 from flexhinf.design.synthesis import whole_loop
 from flexhinf.design.synthesis.steps import Synthesis, synthesise
 from flexhinf.design.synthesis.whole_loop import LEAST_FRACTION, NOISE

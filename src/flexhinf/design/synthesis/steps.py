@@ -9,15 +9,21 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.design.along_move import AlongMove, MarginLimits, scheduled
+from flexhinf.design.checks import AlongMove, MarginLimits, scheduled
 from flexhinf.design.design_file import check_stated_units
-from flexhinf.design.joint_limits import ROBOT, JointLimits, integral_dead_zone, joint_limits
 from flexhinf.design.loop_setup import EstimatorNoise, LoopPlants, LoopSetup, sensor_steps
 from flexhinf.design.plans import stated_move
 from flexhinf.design.problem.channels import tolerance_channels
 from flexhinf.design.problem.presets import DesignProblem, preset_of, required_damping
 from flexhinf.design.proved_step import LENGTH, ProvedLaw, proved_law
-from flexhinf.design.responses import Plan, start_and_goal
+from flexhinf.design.responses import (
+    ROBOT,
+    JointLimits,
+    Plan,
+    integral_dead_zone,
+    joint_limits,
+    start_and_goal,
+)
 from flexhinf.design.specification import RINGS, TOLERANCE, Specification, SpecificationError
 from flexhinf.design.synthesis.by_step import (
     DegreeChoice,

@@ -25,9 +25,9 @@ import numpy as np
 
 from flexhinf.analysis import EquilibriumLoop, Margins, ToleranceBox, margins
 from flexhinf.design.loop_setup import EstimatorNoise, LoopPlants
-from flexhinf.design.monte_carlo import sampled_runs
 from flexhinf.design.problem.presets import DesignProblem, required_damping
 from flexhinf.design.problem.weights import Candidate, SearchResult, behaviour_of
+from flexhinf.design.requirements import sampled_runs
 from flexhinf.design.responses import run_length
 from flexhinf.design.synthesis.by_step import Task
 from flexhinf.errors import FlexhinfError

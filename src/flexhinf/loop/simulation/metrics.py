@@ -355,9 +355,10 @@ def tracking_reductions(place: Place) -> tuple[Reduction, Reduction]:
 
 def step_reduction(state: int, begin: float, end: float) -> Reduction:
     """`flexhinf.loop.step_metrics` of a true state (its column) that steps from `begin` to another `end` at once,
-    whatever the command; both are data, not code."""
+    whatever the command; both are data, not code. The column stands before each name: ``"0 overshoot_percent"``."""
     start = (begin, *_STEP_START[1:], end)
-    return Reduction(start, partial(_fixed_step, state), _fixed_step_metrics, ("fixed step", state))
+    named = partial(_fixed_step_metrics, state)
+    return Reduction(start, partial(_fixed_step, state), named, ("fixed step", state))
 
 
 def common_reductions(known: Sequence[tuple[int, int]]) -> tuple[Reduction, Reduction]:
@@ -389,8 +390,9 @@ def _fixed_step(state: int, kept: Any, now: Instant) -> Any:
     return np.array([*_stepped(step, now.step, now.state[state], (step[0], end, 0.0)), end])
 
 
-def _fixed_step_metrics(kept: np.ndarray, command: Command) -> dict[str, np.ndarray]:
-    return _stepped_metrics(kept[:-1], kept[-1] - kept[0], 0.0, command)
+def _fixed_step_metrics(state: int, kept: np.ndarray, command: Command) -> dict[str, np.ndarray]:
+    metrics = _stepped_metrics(kept[:-1], kept[-1] - kept[0], 0.0, command)
+    return {f"{state} {name}": values for name, values in metrics.items()}
 
 
 def _error(place: Place, kept: Any, now: Instant) -> Any:

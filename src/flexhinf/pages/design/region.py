@@ -13,7 +13,7 @@ import numpy as np
 from flexhinf.analysis import BudgetTerm
 from flexhinf.certify.starts import SMALLEST_VALUE, UNCHANGED_INPUT
 from flexhinf.design.result import Design
-from flexhinf.design.synthesis.by_step import ACTING, GAIN, DegreeChoice
+from flexhinf.design.synthesis.by_step import ACTING, GAIN, DegreeChoice, shrinking
 from flexhinf.hinf import smallest_gamma
 from flexhinf.pages.drawing import (
     Blocks,
@@ -181,7 +181,7 @@ def region(design: Design) -> Blocks:
 
 def _notes(design: Design) -> Blocks:
     attained, proved = design.attenuation.attained, design.synthesis.proved
-    for low, high in design.shrinking:
+    for low, high in shrinking(design.choices):
         yield note(f"Degree {high} allows a smaller step than degree {low}.")
     if design.attenuation.failure:
         yield note(design.attenuation.failure)

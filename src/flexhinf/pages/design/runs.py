@@ -10,11 +10,16 @@ from typing import Any
 import numpy as np
 
 from flexhinf.analysis import Margins
-from flexhinf.design.along_move import MOST_LAWS
+from flexhinf.design.checks import (
+    AFTER,
+    MOST_LAWS,
+    WIDEST,
+    ImpulseRuns,
+    LimitCycleCheck,
+    PayloadEvaluation,
+    payload_requirements,
+)
 from flexhinf.design.evaluation import LawEvaluation
-from flexhinf.design.impulse import AFTER, ImpulseRuns
-from flexhinf.design.limit_cycle import WIDEST, LimitCycleCheck
-from flexhinf.design.payload import PayloadEvaluation, payload_requirements
 from flexhinf.design.problem.presets import preset_of
 from flexhinf.design.responses import LoadResponse, Response
 from flexhinf.design.result import Design

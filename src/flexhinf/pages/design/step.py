@@ -8,9 +8,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from flexhinf.design.evaluation import LawEvaluation
-from flexhinf.design.joint_limits import ROBOT
-from flexhinf.design.monte_carlo import MonteCarlo
-from flexhinf.design.responses import Response
+from flexhinf.design.requirements import MonteCarlo
+from flexhinf.design.responses import ROBOT, Response
 from flexhinf.design.result import Design
 from flexhinf.pages.drawing import (
     DASHED,

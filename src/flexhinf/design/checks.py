@@ -1,0 +1,547 @@
+"""Checks of the running loop beyond its step: impulses, a long run at rest, poses along a move, payloads.
+
+Impulse: an impulse of torque on a link makes its velocity jump, by M⁻¹ at the goal. So a run begins at the goal with
+that velocity; neither law nor estimator knows of it. Without measurement noise, which would hide what is left of the
+decay.
+
+Limit cycle: a joint that dry friction holds beside the command stays there until the integral of the error has broken
+it loose; it passes the command, and is held on the other side. No linear metric shows that. The remedy is a dead zone
+of the integrals as wide as the cycle: docs/design.md has its cost, and what else was measured.
+
+Along a move: in error coordinates the law's gain is the same everywhere, and the robot is not: its inertia and the
+estimator's stationary gain change with the pose. At each pose the loop is that of a robot at rest there: velocities
+along the move, and the change from one law to another, are not in it.
+
+Payload: a law and its estimator know the payload's nominal mass. Here the true robot has the masses at the ends of
+their ranges: it makes the step in equilibrium with them, and, at rest at the goal, grips what is heavier than the model
+carries, whose weight then acts on all links at once (as constant torques; the inertia is in the step). No estimator has
+a payload among its states: integral action compensates the unmodelled weight.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import cast
+
+import numpy as np
+
+from flexhinf.analysis import EquilibriumLoop, Margins, margins
+from flexhinf.design.loop_setup import LoopSetup
+from flexhinf.design.plans import has_integrals
+from flexhinf.design.problem.modes import JointScales
+from flexhinf.design.requirements import (
+    REQUIREMENTS,
+    Requirement,
+    limit_requirements,
+    of_several,
+    step_requirements,
+)
+from flexhinf.design.responses import (
+    JointLimits,
+    LoadResponse,
+    Plan,
+    Response,
+    Scenario,
+    Worst,
+    default_load,
+    worst_of,
+)
+from flexhinf.design.specification import RINGS, TOLERANCE, Specification
+from flexhinf.errors import FlexhinfError, InvalidInput
+from flexhinf.loop import Schedule
+from flexhinf.loop.simulation.metrics import (
+    FITS,
+    SETTLING_BAND,
+    LimitCycle,
+    Oscillation,
+    RingDown,
+    limit_cycle,
+    ring_down as fit_ring_down,
+    steady_state_error,
+    tail_of,
+)
+from flexhinf.plant import Law, Parameters, sub_steps
+from flexhinf.robot import Robot, Weighing, weigh_payload
+from flexhinf.robot.arm import payload_ends
+from flexhinf.robot.elastic import stated_friction
+
+# An impulse on each joint of the resting loop ------------------------------------------------------------
+
+#: An impulse is this fraction of the default load, times the time in which the joint's vibration goes through one
+#: radian: it twists the spring by about 3 % of the motor's largest torque in the step, where the loop is nearly linear.
+FRACTION = 0.3
+
+#: A motor may use this fraction of what its limit leaves it at rest; a larger impulse is made smaller, to the second.
+ROOM, KEPT = 0.9, 0.7
+
+#: Runs last so many periods of the lowest vibration with held motors, and at most as long as the step.
+PERIODS = 10.0
+
+#: Most samples of a delay that the fit remembers.
+MOST_LAGS = 20
+
+#: The remaining velocity is measured after so many periods of the least damped oscillation.
+AFTER = 3.0
+
+
+@dataclass(frozen=True, eq=False)
+class ImpulseRuns:
+    """One run a joint, at rest at the goal until the impulse at time 0."""
+
+    responses: tuple[Response, ...]  # Of each joint that with the impulse on its link
+    impulses: np.ndarray  # (n,), N·m·s or N·s
+    # Oscillations of each run, in velocities and input of its own joint; None where one diverged
+    ring_down: RingDown | None
+    delay: int  # Of the inputs, samples
+
+    @property
+    def diverged(self) -> bool:
+        """Whether any run did."""
+        return self.ring_down is None
+
+    @property
+    def damping(self) -> float:
+        """Smallest damping ratio of all runs; −∞ where one diverged."""
+        return -np.inf if self.ring_down is None else self.ring_down.damping
+
+    @property
+    def worst(self) -> int:
+        """The joint of the impulse that shows it."""
+        if self.ring_down is not None:
+            return self.ring_down.worst
+        return next(k for k, response in enumerate(self.responses) if response.diverged_at is not None)
+
+    def requirement(self, s: Specification, damping: float) -> Requirement:
+        """That the running loop comes to rest after an impulse as damped as every oscillation must be."""
+        where = (
+            "nonlinear loop at rest at the goal, struck on one joint after the other, nominal robot, no noise"
+        )
+        joint = of_several(self.responses[0].joints, self.worst)
+        return REQUIREMENTS["ring_down"].judge(s, damping, self.damping, where, joint=joint)
+
+    @property
+    def exponential(self) -> bool:
+        """Whether the runs are decaying oscillations, as those of a linear loop."""
+        return self.ring_down is not None and self.ring_down.error <= FITS
+
+    def least_damped(self, joint: int) -> Oscillation | None:
+        """Of the run with the impulse on a joint; None where nothing oscillates."""
+        oscillations = () if self.ring_down is None else self.ring_down.oscillations[joint]
+        return oscillations[0] if oscillations else None
+
+    def velocity(self, joint: int) -> np.ndarray:
+        """Velocity (N,) of the link with the impulse, over its peak."""
+        own = self.responses[joint].velocities[:, joint]
+        return own / np.abs(own).max()
+
+    def left(self, joint: int) -> float | None:
+        """Largest velocity of that link, over its peak, after `AFTER` periods of its least damped oscillation;
+        None where nothing oscillates, or the run is shorter."""
+        oscillation, time = self.least_damped(joint), self.responses[joint].run.time
+        if oscillation is None or time[-1] * oscillation.frequency < AFTER:
+            return None
+        return float(np.abs(self.velocity(joint)[time >= AFTER / oscillation.frequency]).max())
+
+
+def impulse_sizes(setup: LoopSetup, peak: np.ndarray) -> np.ndarray:
+    """Impulses (n,), N·m·s or N·s, for the peak inputs (n,) of the step."""
+    scales = JointScales.of(setup.model, setup.goal_equilibrium)
+    return FRACTION * default_load(scales.per_input, peak) / scales.vibration
+
+
+def impulse_runs(
+    setup: LoopSetup, impulses: np.ndarray, most: float, sub_steps: int | None = None
+) -> ImpulseRuns:
+    """A run for each joint, its impulse (n,), N·m·s or N·s, smaller where a motor would come near its limit.
+
+    `most`: longest run, s. `sub_steps`: Runge–Kutta steps per period of the true plant.
+    """
+    period, quiet = setup.specification.period, setup.without_noise
+    lowest = JointScales.of(setup.model, setup.goal_equilibrium).held
+    duration = round(min(most, PERIODS * 2.0 * np.pi / lowest) / period) * period
+    state, held = setup.equilibrium(setup.goal)
+    runs = tuple(quiet.impulse_responses(impulses, duration, sub_steps))
+    room = np.maximum(setup.limits.effort - np.abs(held), 1e-12)
+    used = np.array([float((np.abs(run.inputs - held).max(axis=0) / room).max()) for run in runs])
+    if np.isfinite(used).all() and (used > ROOM).any():
+        impulses = impulses * np.where(used > ROOM, KEPT / used, 1.0)
+        runs = tuple(quiet.impulse_responses(impulses, duration, sub_steps))
+    delay, diverged = (
+        round(setup.specification.delay / period),
+        any(run.diverged_at is not None for run in runs),
+    )
+    return ImpulseRuns(runs, impulses, None if diverged else _ring_down(runs, state, held, delay), delay)
+
+
+def _ring_down(responses: Sequence[Response], state: np.ndarray, held: np.ndarray, delay: int) -> RingDown:
+    """Fitted to what the loop remembers, about the state (N,) and the inputs (m,) with which it rests: state, estimate,
+    and inputs of the last samples, the newest last."""
+    runs, first = [], responses[0].run
+    for signals in (response.run.signals for response in responses):
+        inputs = signals["input"] - held
+        lags, none = range(min(delay, MOST_LAGS), 0, -1), np.zeros((MOST_LAGS, inputs.shape[1]))
+        before = [np.vstack([none[:lag], inputs[:-lag]]) for lag in lags]
+        believed = signals.get("estimate", signals["state"][:, :0])
+        estimate = believed - state[: believed.shape[1]]
+        runs.append(np.hstack([signals["state"] - state, estimate, *before, inputs]))
+    n, count, states = len(responses), runs[0].shape[1], first.names["state"]
+    motors = [name.replace("link_", "motor_") for name in states[n : 2 * n]]
+    watched = [
+        [n + joint, count - n + joint, *([states.index(name)] if name in states else [])]
+        for joint, name in enumerate(motors)
+    ]
+    return fit_ring_down(runs, watched, first.settings["period"])
+
+
+# A long run at rest with dry friction --------------------------------------------------------------------
+
+#: Length of the run, s, and in samples at most. A joint is held for as long as the integral needs to grow by twice the
+#: friction, which may be tens of seconds.
+LENGTH, MOST_SAMPLES = 120.0, 240_000
+
+#: Most samples times sub-steps times disturbances.
+MOST_NUMBERS = 30_000_000
+
+#: Largest sub-step times the fastest mode, and fewest sub-steps per period: RK4 errs by 3e-6 per radian of its phase,
+#: and the time at which a joint turns round or sticks is known to a sub-step.
+RK4_STEP, LEAST_PARTS = 0.2, 4
+
+#: An oscillation up to so many standard deviations of a measured position, or one step of its sensor, is no cycle.
+DEVIATIONS = 3.0
+
+#: A dead zone is at most this fraction of the joint's step (of the largest, where it makes none): half of the band in
+#: which a step counts as settled. It is widened so many times.
+WIDEST, WIDENED = 0.01, 2
+
+
+@dataclass(frozen=True, eq=False)
+class LimitCycleCheck:
+    """The step, followed for long without measurement noise, on a true plant whose dry friction holds."""
+
+    response: Response
+    # Of its true plant: those of the specification, and the dry friction that the robot states
+    extras: tuple[str, ...]
+    limit: float  # Largest amplitude that is no limit cycle, rad or m
+    # Whether dry friction holds a resting joint; smoothed, as with rigid joints, it creeps, and may hide a cycle
+    sharp: bool = True
+    dead_zone: np.ndarray | None = None  # (n,) or None. Of the integrals in this run, rad or m
+    # without, tried: The run without the dead zone, where that ended the cycle; that with the widest one, where none
+    # did
+    without: LimitCycleCheck | None = None
+    tried: LimitCycleCheck | None = None
+
+    @cached_property
+    def cycles(self) -> tuple[LimitCycle, ...]:
+        """Motion of each link position in the last half of the run; none where the run diverged."""
+        diverged, time = self.response.diverged_at is not None, self.response.run.time
+        return () if diverged else tuple(limit_cycle(time, q) for q in self.response.positions.T)
+
+    @cached_property
+    def errors(self) -> np.ndarray:
+        """Largest distance (n,) of each link from the goal in the last tenth of the run, rad or m."""
+        if self.response.diverged_at is not None:
+            return np.full(len(self.response.goal), np.inf)
+        pairs = zip(self.response.positions.T, self.response.goal)
+        return np.array([steady_state_error(q, np.full(len(q), goal)) for q, goal in pairs])
+
+    @property
+    def amplitudes(self) -> np.ndarray:
+        """Of `cycles` (n,); infinite where the run diverged."""
+        return np.array([cycle.amplitude for cycle in self.cycles] or [np.inf] * len(self.response.goal))
+
+    @property
+    def worst(self) -> int:
+        """The joint with the largest amplitude."""
+        return int(np.argmax(self.amplitudes))
+
+    @property
+    def oscillating(self) -> tuple[int, ...]:
+        """Joints that move by more than the limit; all where the run diverged."""
+        return tuple(np.flatnonzero(self.amplitudes > self.limit).tolist())
+
+    @property
+    def oscillates(self) -> bool:
+        """Whether any joint does."""
+        return bool(self.oscillating)
+
+    def requirement(self, units: Sequence[str]) -> Requirement:
+        """That dry friction and integral action keep no joint moving; `units` are those of the link positions."""
+        worst = self.worst
+        return REQUIREMENTS["limit_cycle"].judge(
+            None, self.limit, self.amplitudes[worst], "long run at rest, nominal robot with dry friction, no noise",
+            unit=units[worst], joint=of_several(self.response.joints, worst),
+        )  # fmt: skip
+
+
+def end_limit_cycle(setup: LoopSetup) -> tuple[LoopSetup, LimitCycleCheck | None]:
+    """The loop, with a dead zone of its integrals where that ends a limit cycle, and its run at rest.
+
+    The zone is as wide as the cycle of the joint, then twice that, and at most `WIDEST` of the step.
+    """
+    first = check_limit_cycle(setup)
+    stated = setup.specification.integral_dead_zone is not None
+    if first is None or stated or not (first.oscillates and first.cycles and has_integrals(setup.law)):
+        return setup, first
+    step = np.abs(setup.goal - setup.start)
+    most = WIDEST * np.where(step > 0.0, step, step.max())
+    run, zone = first, np.zeros(len(step))
+    for _ in range(WIDENED):
+        wanted = np.where(run.amplitudes > run.limit, np.maximum(run.amplitudes, 2.0 * zone), zone)
+        zone = np.array([float(f"{size:.1e}") for size in np.minimum(wanted, most)])
+        changed = replace(setup, chosen_zone=zone)
+        run = check_limit_cycle(changed)
+        if run is None or not run.cycles:
+            break
+        if not run.oscillates:
+            return changed, replace(run, without=first)
+    return setup, replace(first, tried=run)
+
+
+def check_limit_cycle(setup: LoopSetup) -> LimitCycleCheck | None:
+    """The run; None for a robot without dry friction, or with none above zero."""
+    s, dry = setup.specification, stated_friction(setup.robot.plant_parameters())
+    if not dry:
+        return None
+    extras = tuple(dict.fromkeys((*s.extras, *(tuple(name for name in dry if name in s.extras) or dry))))
+    plant = setup.robot.plant(s.measured, extras=extras, sticking=True)
+    fastest = plant.fastest_mode(*setup.equilibrium(setup.goal))
+    parts = max(LEAST_PARTS, sub_steps(s.period, fastest, RK4_STEP))
+    samples = min(MOST_SAMPLES, MOST_NUMBERS // (parts * len(plant.disturbances)))
+    # without noise, which is a dither that may hide what sticks
+    response = setup.without_noise.step(min(LENGTH, samples * s.period), plant=plant, sub_steps=parts)
+    zone, limit = setup.dead_zone if has_integrals(setup.law) else None, setup.position_resolution(DEVIATIONS)
+    return LimitCycleCheck(response, extras, limit, plant.arrest is not None, zone)
+
+
+# The running loop at poses along a stated move -----------------------------------------------------------
+
+#: Poses at which the loop is linearised, for up to so many states of the linear loop.
+POSES = ((30, 13), (60, 7), (10_000, 5))
+
+#: Most laws of a schedule that is made without being asked for, the goal's included.
+MOST_LAWS = 4
+
+#: Instants by which the way is measured.
+INSTANTS = 400
+
+
+@dataclass(frozen=True)
+class MarginLimits:
+    """Limits of the margins at every pose: at most, at least, and at least (None where no damping is required)."""
+
+    peak_sensitivity: float
+    gain_margin: float
+    damping: float | None = None
+
+    def shares(self, at_pose: Margins) -> dict[str, float]:
+        """Share of each limit that is used: above 1 it is exceeded."""
+        if not at_pose.stable:
+            return dict.fromkeys(("peak_sensitivity", "gain_margin", "damping"), np.inf)
+        shares = {
+            "peak_sensitivity": at_pose.peak_sensitivity / self.peak_sensitivity,
+            "gain_margin": self.gain_margin / at_pose.gain_margin,
+        }
+        if self.damping:
+            shares["damping"] = self.damping / at_pose.damping if at_pose.damping > 0.0 else np.inf
+        return shares
+
+
+@dataclass(frozen=True, eq=False)
+class AlongMove:
+    """Margins at poses along a move."""
+
+    times: np.ndarray  # (P,). When the move passes the poses, s
+    poses: np.ndarray  # (P, n). Link positions, rad or m
+    laws: tuple[int, ...]  # Which law of a schedule acts at each pose; 0 is the goal's
+    margins: tuple[Margins, ...]  # Of the running loop, linearised at each pose
+    least: MarginLimits  # What they are to be
+    count: int = 1  # How many laws there are
+    added: int = 0  # How many of them were added because the margins did not hold
+
+    @cached_property
+    def shares(self) -> list[dict[str, float]]:
+        """Share of each limit that is used at each pose."""
+        return [self.least.shares(one) for one in self.margins]
+
+    @property
+    def share(self) -> float:
+        """The largest share of a limit that is used at any pose."""
+        return max(max(shares.values()) for shares in self.shares)
+
+    @property
+    def worst_pose(self) -> int:
+        """The pose at which that is."""
+        return int(np.argmax([max(shares.values()) for shares in self.shares]))
+
+
+def margins_along(setup: LoopSetup, plan: Plan, least: MarginLimits) -> AlongMove:
+    """Margins of the running loop at poses that are evenly apart on the way of a move."""
+    size, times = setup.equilibrium_loop().states, np.linspace(0.0, plan.duration, INSTANTS)
+    count = next(count for most, count in POSES if size <= most)
+    q = np.reshape(plan(times), (INSTANTS, -1))
+    way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(q, axis=0), axis=1))])
+    way += 1e-9 * max(float(way[-1]), 1e-9) * np.arange(INSTANTS)
+    times = np.interp(np.linspace(0.0, way[-1], count), way, times)  # equal parts of the way, ends included
+    poses, s = np.reshape(plan(times), (len(times), -1)), setup.specification
+    laws, places = (setup.law,), (0,) * len(poses)
+    if isinstance(setup.law, Schedule):
+        laws, places = setup.law.laws, tuple(setup.law.acting(pose) for pose in poses)
+    at_poses = tuple(
+        margins(
+            EquilibriumLoop(
+                laws[k], setup.estimator(pose), setup.smooth_plant, s.period,
+                equilibrium=setup.robot.operating_point(pose), moving=True, delay=round(s.delay / s.period),
+                positions=setup.model.states[: len(pose)],
+            )
+        )
+        for pose, k in zip(poses, places)
+    )  # fmt: skip
+    return AlongMove(times, poses, places, at_poses, least, len(laws))
+
+
+def scheduled(
+    setup: LoopSetup,
+    plan: Plan,
+    least: MarginLimits,
+    another: Callable[[np.ndarray], Law] | None,
+    most: int = MOST_LAWS,
+) -> tuple[Law, AlongMove]:
+    """The law, or a schedule with laws at the worst poses of a move, until the margins hold or there are `most` laws.
+
+    `another` designs a law at a pose (n,); None adds none. A law that does not help is not added.
+    """
+    law, along = setup.law, margins_along(setup, plan, least)
+    laws = [law]
+    while another is not None and along.share > 1.0 and len(laws) < most:
+        try:
+            laws.append(another(along.poses[along.worst_pose]))
+            schedule = Schedule(laws)
+        except FlexhinfError:  # no law there, or one at this pose already
+            break
+        better = margins_along(replace(setup, law=schedule), plan, least)
+        if not better.share < along.share:
+            break
+        law, along = schedule, replace(better, added=len(laws) - 1)
+    return law, along
+
+
+def along_requirements(s: Specification, along: AlongMove) -> list[Requirement]:
+    """Peak sensitivity, gain margin and, where it is required, damping at the worst pose along a move."""
+    laws = f", {along.count} laws" if along.count > 1 else ""
+    where = f"running loop at {len(along.times)} poses along the move{laws}"
+    limits = {
+        "peak_sensitivity": s.peak_sensitivity_limit,
+        "gain_margin": s.gain_margin_limit,
+        "damping": along.least.damping and along.least.damping * (1.0 + TOLERANCE),
+    }
+    # the pose at which each is nearest to its limit, or furthest beyond it
+    worst = {name: int(np.argmax([shares.get(name, 0.0) for shares in along.shares])) for name in limits}
+    return [
+        REQUIREMENTS[name].judge(
+            s, limit, getattr(along.margins[worst[name]], name), where, at=float(along.times[worst[name]]),
+            criterion="worst pose; linearised about the robot at rest there",
+        )
+        for name, limit in limits.items()
+        if limit
+    ]  # fmt: skip
+
+
+# Payloads at the ends of their ranges --------------------------------------------------------------------
+
+
+def _after_gripping(key: str, doc: str) -> Worst:
+    """A property: the worst of the load step's metrics of this name; zero without a load step."""
+
+    def worst(one: PayloadEvaluation) -> Worst:
+        return Worst(0.0, "") if one.load_step is None else worst_of(one.load_step.metrics, key)
+
+    return cast("Worst", property(worst, doc=doc))
+
+
+@dataclass(frozen=True, eq=False)
+class PayloadEvaluation:
+    """One evaluation with other masses in the true robot than in the model."""
+
+    robot: Robot  # The model's
+    masses: Mapping[str, float]  # Of each payload, kg, by the robot's parameters
+    step: Response  # From start to goal, with the payload
+    # The weight beyond the model's as constant torques; None where the model carries as much or more
+    load_step: LoadResponse | None
+    margins: Margins  # Of the running loop about the goal, with the payload
+
+    @property
+    def mass(self) -> float:
+        """Of all payloads, kg."""
+        return float(sum(self.masses.values()))
+
+    deflection = _after_gripping(
+        "peak_deviation",
+        "Largest deviation of a link after gripping, rad or m; zero where nothing is gripped.",
+    )
+    recovery = _after_gripping(
+        "recovery_time_s",
+        "Until all links are back within 2 % of their step, s; infinite where one is not within the run.",
+    )
+    remaining = _after_gripping(
+        "remaining_error", "Largest deviation in the last tenth of the run, rad or m."
+    )
+
+    @cached_property
+    def weighed(self) -> Weighing | None:
+        """Masses by the motors' torques at the end of the step; None where the pose does not show them."""
+        if self.step.diverged_at is not None:
+            return None
+        try:
+            return weigh_payload(self.robot, self.step.goal, tail_of(self.step.inputs).mean(axis=0))
+        except InvalidInput:
+            return None
+
+
+def evaluate_payloads(setup: LoopSetup, runs: Scenario) -> tuple[PayloadEvaluation, ...]:
+    """With all payloads at the ends of their ranges, the lower one where the model carries more; empty without any."""
+    return tuple(evaluate_payload(setup, runs, masses) for masses in payload_ends(setup.robot.uncertain))
+
+
+def evaluate_payload(setup: LoopSetup, runs: Scenario, masses: Mapping[str, float]) -> PayloadEvaluation:
+    """The step and the load step with these masses (kg, by the robot's parameters) in the true robot."""
+    robot, load_step = setup.robot, None
+    true = robot.plant_parameters({**robot.nominal, **masses})
+    step = setup.step(runs.step_duration, values=true, sub_steps=runs.sub_steps)
+    if any(mass > robot.nominal[name] for name, mass in masses.items()):
+        nominal, held = (
+            np.asarray(robot.links.gravity_torque(setup.goal, Parameters(p)), dtype=float)
+            for p in (robot.plant_parameters(), true)
+        )
+        load_step = setup.load_response(-(held - nominal), runs.load_duration, runs.sub_steps)
+    return PayloadEvaluation(robot, masses, step, load_step, margins(setup.equilibrium_loop(values=true)))
+
+
+def payload_requirements(
+    s: Specification, limits: JointLimits, load: PayloadEvaluation, damping: float | None
+) -> list[Requirement]:
+    """Lines of the specification with a payload, the sag after gripping it, and whether the loop rings.
+
+    `damping`: required with the model's payload; with others the loop must not ring.
+    """
+    name = f"with {load.mass:.3g} kg of payload"
+    lines = step_requirements(s, limits, load.step, f"the step {name}")
+    if damping is not None:
+        lines.append(
+            REQUIREMENTS["damping"].judge(
+                None, min(RINGS, damping), load.margins.damping, f"running loop at the goal {name}",
+                criterion="smallest damping ratio; below 0.1 a loop rings",
+            )
+        )  # fmt: skip
+    if load.load_step is None:
+        return lines
+    where, remaining = f"gripping {load.mass:.3g} kg at the goal", load.remaining
+    joint = limits.joints.index(remaining.joint) if remaining.joint else 0
+    lines.append(
+        REQUIREMENTS["load_step"].judge(
+            None, SETTLING_BAND * float(load.load_step.reference_step[joint]), remaining.value, where,
+            unit=limits.position_units[joint], joint=of_several(limits.joints, remaining.joint),
+        )
+    )  # fmt: skip
+    return lines + limit_requirements(limits, load.load_step.response, where, always=False)
