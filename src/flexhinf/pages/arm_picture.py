@@ -65,12 +65,11 @@ class ArmFilm:
         kept = slice(0, int(bad[0]) if len(bad) else len(state))  # until the loop diverged
         if not kept.stop:
             raise InvalidInput("There is nothing to film.", "expected one sample at least", "a longer run")
-        names = signal_names("link_position", prepared.joints)
         goal = np.broadcast_to(prepared.goal, (len(state), n))
         commanded = trajectory.names.get("reference", ())
         columns = [
             trajectory.signal("reference", name) if name in commanded else goal[:, k]
-            for k, name in enumerate(names)
+            for k, name in enumerate(signal_names("link_position", prepared.joints))
         ]
         motors = prepared.robot.layout.whole(state.T)[2 * n : 3 * n].T
         film = ArmFilm(
@@ -268,8 +267,7 @@ def _draw_arm(axes: Axes, film: ArmFilm) -> Moving:
             motor.set_data(*points[1:].T)
         joints.set_data(*np.array([points[0] for points in own]).T)
         aim.set_data(*wanted[-1][-1:].T)
-        begin = int(np.searchsorted(film.time, film.time[k] - TRAIL))
-        past = np.linspace(begin, k, 24).astype(int)
+        past = np.linspace(int(np.searchsorted(film.time, film.time[k] - TRAIL)), k, 24).astype(int)
         trail.set_data(*np.array([film.arm(film.links[i])[-1][-1] for i in past]).T)
 
     return [*goal, aim, trail, *fans, *links, *motors, joints], move

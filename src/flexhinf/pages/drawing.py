@@ -160,10 +160,9 @@ def joint_panel(
     """Signals (N, n) of all joints over time (N,), with a dotted plan (N, n), and limits ± (n,), dashed where a signal
     comes near its own (one that is far away would leave the values flat). The vertical axis shows `least` at least."""
     few, sides, y = thin(time), dict[float, str](), None
-    names = joints if len(joints) > 1 or plan is None else ["link"]
     lines = [
         Line(time[few], values[few, k], name, {**line_style(k), "linewidth": linewidth})
-        for k, name in enumerate(names)
+        for k, name in enumerate(joints if len(joints) > 1 or plan is None else ["link"])
     ]
     for k, column in enumerate([] if plan is None else plan[few].T):
         style = {"color": MUTED, "linewidth": 1.2, "linestyle": DOTTED}

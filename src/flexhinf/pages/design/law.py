@@ -220,12 +220,11 @@ def law(design: Design) -> Blocks:
     yield Paragraph(text)
     n, units, x = len(design.goal), units_of(design.evaluation), problem.operating_point
     motors = design.robot.layout.whole(x)[2 * n : 3 * n]
-    torques = finite(stiffness_of(problem.plant, design.robot, np.nan) * (motors - x[:n]))
     values = (
         design.robot.joint_names,
         x[:n].tolist(),
         motors.tolist(),
-        torques,
+        finite(stiffness_of(problem.plant, design.robot, np.nan) * (motors - x[:n])),
         problem.operating_input.tolist(),
     )
     yield joint_table(
