@@ -186,15 +186,14 @@ def _headline(design: Design) -> str:
             f"the law; smallest of the running loop, estimator included: {number(e.margins.damping, 2)}"
             f"{in_joint(e.least_damped_joint, e.setup.joints)}."
         )
+    within = f"{0 if samples is None else len(samples)} robots sampled within their tolerances"
     if samples is not None and samples.unsettled:
         gone = f", {samples.diverged} of them diverge" if samples.diverged else ""
-        within = f"Of {len(samples)} robots sampled within their tolerances"
-        parts.append(f"{within} {samples.unsettled} do not settle{gone}.")
+        parts.append(f"Of {within} {samples.unsettled} do not settle{gone}.")
     elif samples is not None and len(samples):
         parts.append(
-            f"All of {len(samples)} robots sampled within their tolerances settle, the slowest in "
-            f"{_worst(design, 'settling', 's')}; the largest overshoot is {_worst(design, 'overshoot', '%', 2)}, the "
-            f"largest input {_worst(design, 'peak', units.effort)}."
+            f"All of {within} settle, the slowest in {_worst(design, 'settling', 's')}; the largest overshoot is "
+            f"{_worst(design, 'overshoot', '%', 2)}, the largest input {_worst(design, 'peak', units.effort)}."
         )
     if design.payloads:
         parts.append(runs.payload_text(design))
@@ -212,35 +211,35 @@ def _worst(design: Design, metric: str, unit: str, digits: int = 3) -> str:
 def _key_numbers(design: Design) -> list[KeyNumber]:
     e, period, joints = design.evaluation, design.specification.period, design.evaluation.setup.joints
     response, m, samples, numbers = e.step, e.margins, e.step_samples, []
-    time = rounded(response.settling.value)
-    settles = ("not settled", "") if time is None else (time, "s")
-    overshoot = (rounded(response.overshoot.value, 2), "%")
-    peak = (rounded(response.peak_input), units_of(e).effort)
-    for name, metric, (value, unit), joint in (
-        ("settling time", "settling", settles, response.settling.joint),
-        ("overshoot", "overshoot", overshoot, response.overshoot.joint),
-        ("peak input", "peak", peak, response.peak.joint),
+    for name, metric, value, joint, unit in (
+        ("settling time", "settling", rounded(response.settling.value), response.settling.joint, "s"),
+        ("overshoot", "overshoot", rounded(response.overshoot.value, 2), response.overshoot.joint, "%"),
+        ("peak input", "peak", rounded(response.peak_input), response.peak.joint, units_of(e).effort),
     ):
-        text = nominal = f"nominal robot{in_joint(joint, joints)}"
+        where, never = f"nominal robot{in_joint(joint, joints)}", metric == "settling" and value is None
         if samples is not None and len(samples):
             values = getattr(samples, metric)
-            text = f"worst of {len(values)} sampled robots: {_worst(design, metric, unit or 's')}"
+            text = f"worst of {len(values)} sampled robots: {_worst(design, metric, unit)}"
             if not np.isfinite(values).all():
                 bad = "do not settle" if metric == "settling" else "diverge"
                 text = f"{int(np.isinf(values).sum())} of {len(values)} sampled robots {bad}"
-            text = f"{nominal}; {text}" if len(joints) > 1 else text
-        numbers.append(KeyNumber(name, value, unit, text))
+            where = f"{where}; {text}" if len(joints) > 1 else text
+        numbers.append(KeyNumber(name, "not settled" if never else value, "" if never else unit, where))
     if not m.stable:
         return [*numbers, KeyNumber("margins", "none", note="the sampled loop at the goal is unstable")]
     low, high = m.disk_gain_margins
-    delay = f"{number(m.delay_margin_s / period, 3)} periods of {number(1e3 * period, 3)} ms"
-    one = f"one input{in_joint(joints[m.weakest_input], joints)}"
-    together = f"all at once × {number(low, 2)} to × {number(high, 3)}"
     numbers += [
         KeyNumber("peak sensitivity", rounded(m.peak_sensitivity), note="running loop, with the estimator"),
-        KeyNumber("gain margin", f"× {number(m.gain_margin, 3)}", note=f"{one}; {together}"),
-        KeyNumber("delay margin", rounded(1e3 * m.delay_margin_s), "ms", delay),
-    ]
+        KeyNumber(
+            "gain margin", f"× {number(m.gain_margin, 3)}",
+            note=f"one input{in_joint(joints[m.weakest_input], joints)}; all at once × {number(low, 2)} to "
+            f"× {number(high, 3)}",
+        ),
+        KeyNumber(
+            "delay margin", rounded(1e3 * m.delay_margin_s), "ms",
+            f"{number(m.delay_margin_s / period, 3)} periods of {number(1e3 * period, 3)} ms",
+        ),
+    ]  # fmt: skip
     if e.corners is not None:
         which = "corners of the tolerances" if e.corners.complete else "sampled corners"
         numbers.append(KeyNumber("unstable", e.corners.unstable, f"of {e.corners.count}", which))
@@ -265,5 +264,5 @@ def robots_table() -> Terminal:
         assumed = sum("assumption" in parameter.source for parameter in robot.parameters)
         numbers = f"{len(robot.parameters) - assumed} sourced\n{assumed} assumed"
         rows.append((name, len(robot.joint_names), robot.drive, numbers, robot.description))
-    title = "Robots that come with flexhinf: flexhinf design NAME"
-    return Table(("name", "joints", "drive", "numbers", ""), rows, title).terminal()
+    columns = ("name", "joints", "drive", "numbers", "")
+    return Table(columns, rows, "Robots that come with flexhinf: flexhinf design NAME").terminal()

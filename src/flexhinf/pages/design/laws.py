@@ -170,29 +170,25 @@ def metric_table(
     ]
     judged = [{(line.what, line.where): line for line in law.requirements} for law in laws]
     for key, first in {key: line for law in judged for key, line in law.items()}.items():
-        lines = [law.get(key) for law in judged]
         sampled = ", sampled" if "robots sampled" in first.where else ""
         name = f"{first.what} {limit_text(first.shown(units_of(own).degrees))}{sampled}"
-        rows.append((name, *("–" if line is None else line.judgement for line in lines)))
+        rows.append((name, *(law[key].judgement if key in law else "–" for law in judged)))
     for group, heading in (GROUPS if short else _titles(comparison)).items():
         entries = []
         for figure in (figure for figure in FIGURES if figure.group == group and (figure.brief or not short)):
             values = {law.name: law.metrics.get(figure.key) for law in comparison.compared}
             if set(values.values()) == {None}:
                 continue
-            best = dict(zip(values, best_of(figure, list(values.values()))))
-            cells = (
-                Cell(cell(figure, values[law.name], comparison), "best" if best[law.name] else "")
-                for law in laws
-            )
+            marks = zip(values, best_of(figure, list(values.values())))
+            best = {name: "best" if there else "" for name, there in marks}
+            cells = (Cell(cell(figure, values[law.name], comparison), best[law.name]) for law in laws)
             entries.append((", ".join(filter(None, (figure.label, unit_of(figure, comparison)))), *cells))
         rows += [heading, *entries] if entries else []
-    names = (law.name.replace("-", "\u2011") for law in laws)  # no line breaks at such a hyphen
-    heads = [Column(name, brief=law.name, right=True) for name, law in zip(names, laws)]
+    hyphen = "\u2011"  # at which no line breaks
     return Table(
-        ("", *heads), rows,
-        "The same commands, load, move, robots and seeds for all. “best”: of its row, or as good",
-        "figures-of-merit", title=title,
+        ("", *(Column(law.name.replace("-", hyphen), brief=law.name, right=True) for law in laws)), rows,
+        "The same commands, load, move, robots and seeds for all. “best”: of its row, or as good", "figures-of-merit",
+        title=title,
     )  # fmt: skip
 
 
@@ -295,32 +291,31 @@ def trade_off_figure(comparison: Comparison, offs: Sequence[TradeOff]) -> Figure
 
     None where fewer than two laws have finite figures.
     """
-    finite = [one for one in offs if np.isfinite([one.point.peak_input, one.point.load_deviation]).all()]
-    if len(finite) < 2:
+    points = np.array([(one.point.peak_input, 1e3 * one.point.load_deviation) for one in offs]).reshape(-1, 2)
+    shown = np.isfinite(points).all(axis=1)
+    if shown.sum() < 2:
         return None
     from matplotlib.ticker import FuncFormatter
 
     figure, ((axis,),) = panels(1, 1, 5.0)
     place, units = {row.name: k for k, row in enumerate(comparison.rows)}, comparison.units()
-    for one in finite:
+    for one, point in ((one, point) for one, point, there in zip(offs, points, shown) if there):
         k, own = place[one.name], one.name == NL_HINF
         style, marker = line_style(k), "*" if own else "os^Dv<>"[k % 7]
         curve = np.array([[f.peak_input, 1e3 * f.load_deviation] for f in one.curve]).reshape(-1, 2)
         axis.plot(*curve.T, **{**style, "linewidth": 1.0, "alpha": 0.7})
         axis.plot(
-            [one.point.peak_input], [1e3 * one.point.load_deviation], marker, label=one.name, color=style["color"],
-            markersize=13.0 if own else 6.5, linestyle="none", zorder=4.0,
+            *point[:, None], marker, label=one.name, color=style["color"], markersize=13.0 if own else 6.5,
+            linestyle="none", zorder=4.0,
         )  # fmt: skip
     axis.set(xscale="log", yscale="log", xlabel=f"peak input of the step ({units['input']})")
     legend_above(figure, axis, 5, columnspacing=1.2)
-    peaks = [one.point.peak_input for one in finite]
-    deviations = [1e3 * one.point.load_deviation for one in finite]
-    for ruler, limit, values in (
-        (axis.xaxis, axis.set_xlim, peaks), (axis.yaxis, axis.set_ylim, deviations)
-    ):  # fmt: skip
+    for ruler, limit, values in zip(
+        (axis.xaxis, axis.yaxis), (axis.set_xlim, axis.set_ylim), points[shown].T
+    ):
         ruler.set_minor_formatter(FuncFormatter(lambda x, _: f"{x:g}" if f"{x:.0e}"[0] in "2357" else ""))
         ruler.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
-        limit(max(0.7 * min(values), max(values) / RANGE), 1.4 * max(values))
+        limit(max(0.7 * values.min(), values.max() / RANGE), 1.4 * values.max())
     label(axis, "largest deviation under the load", units["error"])
     return figure_block(
         "trade-off", figure,
