@@ -50,7 +50,7 @@ def test_margins_are_judged(report_design: Make, changes: dict[str, Any], what: 
     vars(found).update({**vars(design.evaluation.margins), **changes})
     if delay is not None:
         vars(found)["_delay"] = (delay, 1.0)
-    assert (what in about(with_evaluation(design, _margins=found))) is there
+    assert (what in about(with_evaluation(design, margins=found))) is there
 
 
 @pytest.mark.slow

@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 
 from flexhinf.analysis import Margins
-from flexhinf.design.estimators import noise_variances
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.joint_limits import ROBOT
+from flexhinf.design.loop_setup import noise_variances
 from flexhinf.design.requirements import Requirement
 from flexhinf.design.responses import Response
 from flexhinf.design.result import ComparedLaw, Comparison, Design
-from flexhinf.design.tuning import best_rival, trade_offs
+from flexhinf.design.tuning import best_rival, pareto_front
 from flexhinf.errors import InvalidInput
 from flexhinf.pages.comparison import comparison_page
 from flexhinf.pages.design.frequency import corner_rows
@@ -297,10 +297,13 @@ def comparison_numbers(comparison: Comparison) -> dict[str, Any]:
         "laws": [_law(row) for row in comparison.rows],
         "trade_off": [
             {
-                **_picked(one, "name peak_input=point.peak_input load_deviation=point.load_deviation"),
-                "curve": [[point.peak_input, point.load_deviation] for point in one.curve],
+                **_picked(one, "name peak_input=metrics.peak_input load_deviation=metrics.load_deviation"),
+                "curve": [
+                    [point.peak_input, point.load_deviation]
+                    for point in pareto_front((*one.tried, one.metrics), criterion)
+                ],
             }
-            for one in trade_offs(tuned, criterion)
+            for one in tuned
         ],
     }
     return finite(numbers)

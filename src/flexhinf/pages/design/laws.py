@@ -9,7 +9,7 @@ import numpy as np
 
 from flexhinf.design.laws import NL_HINF
 from flexhinf.design.result import ComparedLaw, Comparison
-from flexhinf.design.tuning import TradeOff
+from flexhinf.design.tuning import TunedLaw, pareto_front
 from flexhinf.pages.design.requirements import limit_text
 from flexhinf.pages.drawing import (
     Line,
@@ -24,7 +24,7 @@ from flexhinf.pages.drawing import (
     units_of,
 )
 from flexhinf.report import Cell, Column, Figure, Table, house_style, label, number
-from flexhinf.report.table import WIDTH
+from flexhinf.report.blocks import WIDTH
 
 #: Two figures are equally good within this relative difference, or the smallest difference that counts.
 SHARED = 0.005
@@ -286,12 +286,12 @@ def responses_figure(comparison: Comparison) -> Figure:
 
 
 @house_style()
-def trade_off_figure(comparison: Comparison, offs: Sequence[TradeOff]) -> Figure | None:
+def trade_off_figure(comparison: Comparison, laws: Sequence[TunedLaw]) -> Figure | None:
     """Peak input against load deviation: a point for each law, and the curve of what its tuning reaches.
 
     None where fewer than two laws have finite figures.
     """
-    points = np.array([(one.point.peak_input, 1e3 * one.point.load_deviation) for one in offs]).reshape(-1, 2)
+    points = np.array([(law.metrics.peak_input, 1e3 * law.metrics.load_deviation) for law in laws]).reshape(-1, 2)
     shown = np.isfinite(points).all(axis=1)
     if shown.sum() < 2:
         return None
@@ -299,20 +299,19 @@ def trade_off_figure(comparison: Comparison, offs: Sequence[TradeOff]) -> Figure
 
     figure, ((axis,),) = panels(1, 1, 5.0)
     place, units = {row.name: k for k, row in enumerate(comparison.rows)}, comparison.units()
-    for one, point in ((one, point) for one, point, there in zip(offs, points, shown) if there):
-        k, own = place[one.name], one.name == NL_HINF
+    for law, point in ((law, point) for law, point, there in zip(laws, points, shown) if there):
+        k, own = place[law.name], law.name == NL_HINF
         style, marker = line_style(k), "*" if own else "os^Dv<>"[k % 7]
-        curve = np.array([[f.peak_input, 1e3 * f.load_deviation] for f in one.curve]).reshape(-1, 2)
+        front = pareto_front((*law.tried, law.metrics), comparison.criterion)
+        curve = np.array([[one.peak_input, 1e3 * one.load_deviation] for one in front]).reshape(-1, 2)
         axis.plot(*curve.T, **{**style, "linewidth": 1.0, "alpha": 0.7})
         axis.plot(
-            *point[:, None], marker, label=one.name, color=style["color"], markersize=13.0 if own else 6.5,
+            *point[:, None], marker, label=law.name, color=style["color"], markersize=13.0 if own else 6.5,
             linestyle="none", zorder=4.0,
         )  # fmt: skip
     axis.set(xscale="log", yscale="log", xlabel=f"peak input of the step ({units['input']})")
     legend_above(figure, axis, 5, columnspacing=1.2)
-    for ruler, limit, values in zip(
-        (axis.xaxis, axis.yaxis), (axis.set_xlim, axis.set_ylim), points[shown].T
-    ):
+    for ruler, limit, values in zip((axis.xaxis, axis.yaxis), (axis.set_xlim, axis.set_ylim), points[shown].T):
         ruler.set_minor_formatter(FuncFormatter(lambda x, _: f"{x:g}" if f"{x:.0e}"[0] in "2357" else ""))
         ruler.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
         limit(max(0.7 * values.min(), values.max() / RANGE), 1.4 * values.max())

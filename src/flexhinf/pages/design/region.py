@@ -13,7 +13,7 @@ import numpy as np
 from flexhinf.analysis import BudgetTerm
 from flexhinf.certify.starts import SMALLEST_VALUE, UNCHANGED_INPUT
 from flexhinf.design.result import Design
-from flexhinf.design.synthesis.degrees import ACTING, GAIN, DegreeChoice
+from flexhinf.design.synthesis.by_step import ACTING, GAIN, DegreeChoice
 from flexhinf.hinf import smallest_gamma
 from flexhinf.pages.drawing import (
     Blocks,
@@ -29,7 +29,7 @@ from flexhinf.pages.drawing import (
     units_of,
 )
 from flexhinf.report import INK, SERIES, Column, Figure, Listing, Paragraph, Table, at_least, at_most, number
-from flexhinf.report.table import WIDTH
+from flexhinf.report.blocks import WIDTH
 
 #: Parts of the controller in the budget.
 BUDGET_PARTS = {
