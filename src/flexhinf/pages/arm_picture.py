@@ -36,8 +36,8 @@ HAND = 0.62
 def magnification(windup: np.ndarray, slides: np.ndarray, size: float) -> int:
     """By how much wind-ups (N, n), rad or m, are drawn larger: the largest of `FACTORS` with which all stay small
     enough for a robot of this size, m."""
-    largest = np.abs(windup).max(axis=0) / np.where(slides, FARTHEST * size, WIDEST)
-    return max(factor for factor in FACTORS if factor == 1 or factor * largest.max() <= 1.0)
+    largest = (np.abs(windup).max(axis=0) / np.where(slides, FARTHEST * size, WIDEST)).max()
+    return max(factor for factor in FACTORS if factor == 1 or factor * largest <= 1.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,8 +154,7 @@ def frames(film: ArmFilm, rate: int, resolution: int) -> Iterator[np.ndarray]:
     played = min(max(length, SHORTEST), LONGEST)
     slowness, speed = played / length if length else 1.0, "in real time"
     if abs(slowness - 1.0) >= 1e-6:
-        times = number(max(slowness, 1.0 / slowness), 2)
-        speed = f"{times} times {'slower' if slowness > 1.0 else 'faster'}"
+        speed = f"{number(max(slowness, 1.0 / slowness), 2)} times {'slower' if slowness > 1.0 else 'faster'}"
     drawn = "springs drawn as they are"
     if film.factor > 1:
         drawn = f"wind-up of the springs drawn {film.factor} times larger"
@@ -174,8 +173,7 @@ def frames(film: ArmFilm, rate: int, resolution: int) -> Iterator[np.ndarray]:
         canvas = FigureCanvasAgg(figure)
         figure.text(0.035, 0.945, film.title, fontsize=17, weight="bold", va="center")
         figure.text(0.035, 0.905, f"{drawn}; played {speed}", fontsize=10.5, color=MUTED, va="center")
-        mono = {"family": "DejaVu Sans Mono", "fontsize": 20}
-        clock = figure.text(0.965, 0.935, "", ha="right", va="center", **mono)
+        clock = figure.text(0.965, 0.935, "", ha="right", va="center", family="DejaVu Sans Mono", fontsize=20)
         arm = _draw_arm(figure.add_axes(PLACE), film)
         above = figure.add_axes((0.575, middle + 0.045, 0.39, high - middle - 0.045))
         below = figure.add_axes((0.575, low + 0.035, 0.39, middle - low - 0.04))
@@ -264,8 +262,8 @@ def _draw_lines(
         artists += axes.plot([], [], **{**style, "linewidth": 2.0})
         artists += axes.plot([], [], "o", color=style["color"], markersize=4.5)
         if command is not None:
-            colour = SERIES[2] if single else style["color"]
-            axes.plot(film.time[::few], command[::few, j], color=colour, linewidth=1.2, linestyle=DOTTED)
+            dotted = {"color": SERIES[2] if single else style["color"], "linewidth": 1.2, "linestyle": DOTTED}
+            axes.plot(film.time[::few], command[::few, j], **dotted)
     axes.set_title(f"{quantity} ({film.position_unit})", fontsize=10.5)
     axes.set_xlim(0.0, max(float(film.time[-1]), 1e-9))
     axes.set_ylim(*framed(values if command is None else np.concatenate([values, command]), 0.1))

@@ -54,8 +54,8 @@ DASHED = (6.0, 3.0)
 
 def line_style(place: int) -> dict[str, Any]:
     """Colour of one joint or law among several; lines are dashed once the colours are used up."""
-    dashed = {"dashes": (4.0, 2.0)} if place >= len(SERIES) else {}
-    return {"color": SERIES[place % len(SERIES)], "linewidth": 1.5, **dashed}
+    style = {"color": SERIES[place % len(SERIES)], "linewidth": 1.5}
+    return style if place < len(SERIES) else {**style, "dashes": (4.0, 2.0)}
 
 
 def thin(time: np.ndarray, points: int = POINTS) -> slice:
@@ -210,8 +210,8 @@ def panels(
 
 def legend_above(figure: Canvas, axes: Axes, columns: int, **options: Any) -> None:
     """The legend of one panel above all of them."""
-    handles = axes.get_legend_handles_labels()
-    figure.legend(*handles, loc="outside upper left", ncols=columns, frameon=False, **options)
+    where = {"loc": "outside upper left", "ncols": columns, "frameon": False, **options}
+    figure.legend(*axes.get_legend_handles_labels(), **where)
 
 
 def figure_block(name: str, figure: Canvas, sentences: str | Iterable[str], title: str) -> Figure:

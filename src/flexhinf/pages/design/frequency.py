@@ -125,22 +125,18 @@ def margin_table(e: LawEvaluation) -> Table:
     """Margins of the running loop, and with the true state fed back where there is an estimator."""
     alone, period = e.setup.specification.estimator == "none", e.setup.specification.period
     loops, joints = [e.margins] if alone else [e.margins, e.state_margins], e.setup.joints
+    damped = in_joint(e.least_damped_joint, joints)
     tracked = [name.removeprefix("link_position_") for name in e.margins.positions]
     of = f" ({', '.join(tracked)})" if 1 < len(tracked) <= FEW_JOINTS else ""
 
     def gains(m: Margins) -> str:
-        """Factors of the gain of the input with the smallest margin."""
         low, high = (number(float(value), 3) for value in m.gain_margins[m.weakest_input])
         return f"× {low}, × {high}{f' ({joints[m.weakest_input]})' if len(m.gain_margins) > 1 else ''}"
 
     def bandwidths(m: Margins) -> str:
-        """Of every joint; where there are many their range, and the slowest."""
         if len(m.bandwidth) > FEW_JOINTS and np.isfinite(m.bandwidth).all():
             return f"{range_text(m.bandwidth)} (slowest: {tracked[int(np.argmin(m.bandwidth))]})"
         return ", ".join(number(float(w), 3) for w in m.bandwidth)
-
-    def damping(m: Margins) -> str:
-        return f"{number(m.damping, 3)}{in_joint(e.least_damped_joint, joints) if m is e.margins else ''}"
 
     values: dict[str, Callable[[Margins], str]] = {
         "delay margin, ms": lambda m: number(1e3 * m.delay_margin_s, 3),
@@ -152,7 +148,7 @@ def margin_table(e: LawEvaluation) -> Table:
         "peak sensitivity": lambda m: number(m.peak_sensitivity, 3),
         "peak sensitivity at, Hz": lambda m: _hertz(m.sensitivity_frequency),
         "peak complementary": lambda m: number(m.peak_complementary, 3),
-        "smallest damping ratio": damping,
+        "smallest damping ratio": lambda m: number(m.damping, 3) + (damped if m is e.margins else ""),
         "smallest damping at, Hz": lambda m: _hertz(m.damping_frequency),
         f"bandwidth{of}, rad/s": bandwidths,
     }
@@ -211,9 +207,9 @@ class Loop(NamedTuple):
 def frequency_figures(loops: Sequence[Loop], joints: Sequence[str], load: str, position: str) -> list[Figure]:
     """Bode, sensitivity and Nyquist diagram of one loop, a line for each joint; or of several, a line for each, of the
     joint that a torque on its link moves most. `load` and `position` are the units of these."""
-    if not loops:
-        return []
-    return [_bode(loops, joints, load, position), _sensitivity(loops), _nyquist(loops, joints)]
+    return (
+        [_bode(loops, joints, load, position), _sensitivity(loops), _nyquist(loops, joints)] if loops else []
+    )
 
 
 def _bode(loops: Sequence[Loop], joints: Sequence[str], load: str, position: str) -> Figure:
@@ -289,8 +285,8 @@ def _lines(
     """Name, style, response and joint of each line; of several loops the joint that a torque moves most in the 1st."""
     first = loops[0].response
     if len(loops) == 1:
-        names = joints if len(joints) > 1 else [loops[0].name]
-        return [(name, line_style(k), first, k) for k, name in enumerate(names)]
+        names = enumerate(joints if len(joints) > 1 else [loops[0].name])
+        return [(name, line_style(k), first, k) for k, name in names]
     joint = int(np.argmax([np.abs(_moved(first, joint)).max() for joint in range(len(first.positions))]))
     return [(loop.name, line_style(loop.style), loop.response, joint) for loop in loops]
 
@@ -358,8 +354,10 @@ def corners_text(e: LawEvaluation) -> str:
     grows = "has no equilibrium at the goal"
     if np.isfinite(rate):
         grows = f"{'grows' if rate >= 0.0 else 'decays'} with {number(abs(rate), 3)} 1/s"
-    changes = changes_text(worst, e.setup.robot, s.extras)
-    return f"Measured: {sensors}. {unstable}{other}. The worst corner ({changes}) {grows}."
+    return (
+        f"Measured: {sensors}. {unstable}{other}. The worst corner ({changes_text(worst, e.setup.robot, s.extras)}) "
+        f"{grows}."
+    )
 
 
 def corner_rows(e: LawEvaluation) -> list[dict[str, Any]]:

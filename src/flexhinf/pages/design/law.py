@@ -72,7 +72,7 @@ def poles_figure(groups: Sequence[PoleGroup]) -> Figure:
     size = ROOM * float(oscillating.max() if len(oscillating) else np.abs(poles).max(initial=1.0))
     dotted = {"color": MUTED, "linewidth": 0.8, "linestyle": DOTTED, "zorder": 0.5}
     rays = [2.0 * size * np.array([[0.0, -ray], [0.0, np.sqrt(1.0 - ray**2)]]) for ray in RAYS]
-    plane, damping, low = [Line(*ray, None, dotted) for ray in rays], [], -0.05
+    plane, damping, low = [Line(ray[0], ray[1], None, dotted) for ray in rays], [], -0.05
     for name, each, marks in groups:
         style: dict[str, Any] = {"markersize": 6.0, "linestyle": "none", **marks}
         upper = each[np.imag(each) >= 0.0]
@@ -81,21 +81,23 @@ def poles_figure(groups: Sequence[PoleGroup]) -> Figure:
         ratio = damping_ratio(upper)
         low = min([low, *(value - 0.05 for value in ratio.tolist() if value > -1.0 + 1e-9)])
         damping.append(Line(np.abs(upper) / (2.0 * np.pi), ratio, name, style))
-    right = min(size, float(np.real(poles).max(initial=0.0)))
 
     def grows(axes: Axes) -> None:
         axes.margins(x=0.06)
         axes.axhspan(-2.0, 0.0, color=SERIES[1], alpha=0.08, linewidth=0)
-        axes.set_ylim(max(low, -1.05), 1.08)
 
     return draw_figure(
         "poles",
         (
             Panel(
-                "Im λ", "rad/s", plane, vertical=0.0, across="Re λ (1/s)", x=(-size, max(0.12 * size, 1.15 * right)),
+                "Im λ", "rad/s", plane, vertical=0.0, across="Re λ (1/s)",
+                x=(-size, max(0.12 * size, 1.15 * min(size, float(np.real(poles).max(initial=0.0))))),
                 y=(-0.03 * size, size),
             ),
-            Panel("damping ratio", "", damping, (0.0,), across="frequency |λ|/2π (Hz)", log=True, also=grows),
+            Panel(
+                "damping ratio", "", damping, (0.0,), across="frequency |λ|/2π (Hz)", log=True,
+                y=(max(low, -1.05), 1.08), also=grows,
+            ),
         ),
         "Left: poles λ in the s-plane, upper half, near the imaginary axis; dotted rays have damping ratio "
         f"{', '.join(f'{ray:g}' for ray in RAYS)}. Right: damping ratio −Re λ/|λ| over frequency of all poles but "
@@ -115,8 +117,10 @@ def poles(design: Design) -> Blocks:
     error = [mode for mode in design.evaluation.estimator_modes if mode.vibration]
     if error:
         worst, target = min(error, key=lambda mode: mode.damping), design.design_problem.target
-        where = in_joint(worst.joint, design.robot.joint_names)
-        what = f"The estimator's error at {worst.frequency:.3g} Hz{where} has a damping ratio"
+        what = (
+            f"The estimator's error at {worst.frequency:.3g} Hz{in_joint(worst.joint, design.robot.joint_names)} has a "
+            "damping ratio"
+        )
         if worst.damping < HARDLY_SEEN:
             yield note(
                 f"{what} of {worst.damping:.1g} only, and noise keeps it ringing, in the robot too. Measure link "
@@ -311,8 +315,8 @@ def loop_text(loop: RigidLoop) -> str:
 def _rigid_figure(e: LawEvaluation, runs: Sequence[tuple[str, Response]]) -> Figure:
     units, goal, late = units_of(e), e.setup.goal, np.zeros(len(e.setup.goal))
     for _, response in runs[1:]:
-        error = np.abs(response.positions[len(response.positions) // 2 :] - goal)
-        late += np.nan_to_num(error, nan=1e9, posinf=1e9).max(axis=0)
+        errors = np.abs(response.positions[len(response.positions) // 2 :] - goal)
+        late += np.nan_to_num(errors, nan=1e9, posinf=1e9).max(axis=0)
     joint = int(np.argmax(late))
     step = units.scale * abs(e.setup.start[joint] - goal[joint]) or 1.0
     signals: tuple[tuple[str, str, Callable[[Response], np.ndarray]], ...] = (

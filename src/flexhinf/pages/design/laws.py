@@ -99,7 +99,6 @@ GROUPS = {
 
 
 def _titles(comparison: Comparison) -> dict[str, str]:
-    """Titles of the groups, with what was run."""
     s, synthesis, runs = comparison.specification, comparison.synthesis, comparison.scenario
     loads = ", ".join(number(float(value), 3) for value in runs.load)
     slides = comparison.robot.links.slides
@@ -245,11 +244,8 @@ def responses_figure(comparison: Comparison) -> Figure:
         steps[name] = e.step.run.time, angles.scale * (e.step.positions - e.step.goal)
         loaded[name] = load.run.time - at, 1e3 * (load.positions - load.goal)
         moves[name] = e.move.response.run.time, 1e3 * e.move.error
-    groups: dict[str, list[str]] = {}
-    for row in comparison.compared:
-        if row is not thick:
-            groups.setdefault(row.kind.group, []).append(row.name)
-    groups = groups or {comparison.own.kind.group: []}
+    others = [row for row in comparison.compared if row is not thick]
+    groups = list(dict.fromkeys(row.kind.group for row in others)) or [comparison.own.kind.group]
     styles = {row.name: line_style(k) for k, row in enumerate(comparison.rows)}
     figure, grid = panels(len(groups), 3, 0.6 + 2.25 * len(groups), 9.6, sharex="col", sharey="col")
     columns = (
@@ -261,9 +257,9 @@ def responses_figure(comparison: Comparison) -> Figure:
     for k, (run, quantity, unit, errors, span, across) in enumerate(columns):
         joint, limits = _joint_and_limits(errors, span)
         where.append(f"{run}: {joints[joint]}")
-        for axes, (group, names) in zip(grid, groups.items()):
+        for axes, group in zip(grid, groups):
             lines = []
-            for name in (thick.name, *names):
+            for name in (thick.name, *(row.name for row in others if row.kind.group == group)):
                 time, error = errors[name]
                 width, order = (2.2, 2.5) if name == thick.name else (1.2, 3.0)
                 style, few = {**styles[name], "linewidth": width, "zorder": order}, thin(time, POINTS)
@@ -291,15 +287,15 @@ def trade_off_figure(comparison: Comparison, laws: Sequence[TunedLaw]) -> Figure
 
     None where fewer than two laws have finite figures.
     """
-    points = np.array([(law.metrics.peak_input, 1e3 * law.metrics.load_deviation) for law in laws]).reshape(-1, 2)
-    shown = np.isfinite(points).all(axis=1)
-    if shown.sum() < 2:
+    finite = [law for law in laws if np.isfinite([law.metrics.peak_input, law.metrics.load_deviation]).all()]
+    if len(finite) < 2:
         return None
     from matplotlib.ticker import FuncFormatter
 
+    points = np.array([(law.metrics.peak_input, 1e3 * law.metrics.load_deviation) for law in finite])
     figure, ((axis,),) = panels(1, 1, 5.0)
     place, units = {row.name: k for k, row in enumerate(comparison.rows)}, comparison.units()
-    for law, point in ((law, point) for law, point, there in zip(laws, points, shown) if there):
+    for law, point in zip(finite, points):
         k, own = place[law.name], law.name == NL_HINF
         style, marker = line_style(k), "*" if own else "os^Dv<>"[k % 7]
         front = pareto_front((*law.tried, law.metrics), comparison.criterion)
@@ -311,7 +307,7 @@ def trade_off_figure(comparison: Comparison, laws: Sequence[TunedLaw]) -> Figure
         )  # fmt: skip
     axis.set(xscale="log", yscale="log", xlabel=f"peak input of the step ({units['input']})")
     legend_above(figure, axis, 5, columnspacing=1.2)
-    for ruler, limit, values in zip((axis.xaxis, axis.yaxis), (axis.set_xlim, axis.set_ylim), points[shown].T):
+    for ruler, limit, values in zip((axis.xaxis, axis.yaxis), (axis.set_xlim, axis.set_ylim), points.T):
         ruler.set_minor_formatter(FuncFormatter(lambda x, _: f"{x:g}" if f"{x:.0e}"[0] in "2357" else ""))
         ruler.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
         limit(max(0.7 * values.min(), values.max() / RANGE), 1.4 * values.max())

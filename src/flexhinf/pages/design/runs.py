@@ -9,14 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.analysis import Margins
 from flexhinf.design.along_move import MOST_LAWS
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.impulse import AFTER, ImpulseRuns
 from flexhinf.design.limit_cycle import WIDEST, LimitCycleCheck
-from flexhinf.design.payload import PayloadEvaluation, payload_requirements
+from flexhinf.design.payload import payload_requirements
 from flexhinf.design.problem.presets import preset_of
-from flexhinf.design.responses import LoadResponse, Response
+from flexhinf.design.responses import LoadResponse
 from flexhinf.design.result import Design
 from flexhinf.design.specification import RINGS
 from flexhinf.loop.simulation.metrics import REST_TAIL, VISIBLE, tail_of
@@ -64,10 +63,15 @@ def load(design: Design) -> Blocks:
     if run.response.diverged_at is not None:
         yield note("With torques on the links the loop diverges. Try a smaller `--load`.")
     elif slow:
-        still = f"{' and '.join(slow)} {'is' if len(slow) == 1 else 'are'} still more than 2 % of the step"
-        yield note(f"With constant torques on the links, {still} away from the goal at the end of the run.")
-    caption = f"From {run.at:g} s on (dotted) constant torques, unknown to law and estimator, act on all links at once."
-    yield lambda: _load_figure(e, run, "load", caption, "Torques on the links")
+        yield note(
+            f"With constant torques on the links, {' and '.join(slow)} {'is' if len(slow) == 1 else 'are'} still more "
+            "than 2 % of the step away from the goal at the end of the run."
+        )
+    yield lambda: _load_figure(
+        e, run, "load",
+        f"From {run.at:g} s on (dotted) constant torques, unknown to law and estimator, act on all links at once.",
+        "Torques on the links",
+    )  # fmt: skip
     unit, scale = units.small
     yield joint_table(
         (
@@ -124,23 +128,22 @@ def payload(design: Design) -> Blocks:
         )
     yield Paragraph(text)
     if grip is not None:
-        caption = (
+        yield lambda: _load_figure(
+            e, grip, "payload",
             f"At the goal the robot grips {number(heaviest.mass, 3)} kg at {grip.at:g} s (dotted): the weight beyond "
-            "the model's, unknown to law and estimator, acts on all links at once."
-        )
-        yield lambda: _load_figure(e, grip, "payload", caption, "Gripping the heaviest payload")
+            "the model's, unknown to law and estimator, acts on all links at once.",
+            "Gripping the heaviest payload",
+        )  # fmt: skip
     (unit, scale), limits = units_of(e).small, design.setup.limits
-
-    def row(name: str, step: Response, m: Margins, one: PayloadEvaluation | None = None) -> tuple[Any, ...]:
+    rows, modelled = [], f"{number(sum(p.value for p in masses), 3)} kg, as in the model"
+    carried = ((f"{number(one.mass, 3)} kg", one.step, one.margins, one) for one in design.payloads)
+    for name, step, m, one in ((modelled, e.step, e.margins, None), *carried):
         used = limits.input_use(step).value if limits.limits_peak else step.peak_input
         gripped: list[float | None] = [None, None, None]
         if one is not None and one.load_step is not None:
             gripped = [scale * one.deflection.value, one.recovery.value, scale * one.remaining.value]
         metrics = [step.overshoot.value, step.settling.value, used, *gripped, m.damping, m.peak_sensitivity]
-        return (name, *finite([*metrics, m.gain_margin]))
-
-    rows = [row(f"{number(sum(p.value for p in masses), 3)} kg, as in the model", e.step, e.margins)]
-    rows += [row(f"{number(one.mass, 3)} kg", one.step, one.margins, one) for one in design.payloads]
+        rows.append((name, *finite([*metrics, m.gain_margin])))
     yield Table(
         (
             "payload", Column("overshoot", "%", 2), Column("settling", "s", 3),
@@ -197,8 +200,10 @@ def move(design: Design) -> Blocks:
     e, planned, units = design.evaluation, design.evaluation.move, units_of(design.evaluation)
     response, (unit, scale), s = planned.response, units.small, design.evaluation.setup.specification
     if response.diverged_at is not None:
-        advice = "Ask for a slower move, a smaller step or a lower `--bandwidth`."
-        yield note(f"The loop diverges while it follows the planned move. {advice}")
+        yield note(
+            "The loop diverges while it follows the planned move. Ask for a slower move, a smaller step or a lower "
+            "`--bandwidth`."
+        )
     duration = f"{planned.plan.duration:.3g} s"
     about = f"The stated move takes {duration} ({planned.plan.name})."
     origin, quantity = 0.0, "link position"
@@ -211,20 +216,16 @@ def move(design: Design) -> Blocks:
         f"The move needs at most {peak_text(response, units)}, the step {peak_text(e.step, units)}."
     )
 
-    def figure() -> Figure:
-        over = response.run.time, e.setup.joints
-        position, plan = (units.scale * (values - origin) for values in (response.positions, planned.planned))
-        return draw_figure(
-            "move",
-            (
-                joint_panel(quantity, units.angle, *over, position, plan=plan),
-                joint_panel("link position − plan", unit, *over, scale * planned.error, zero=True),
-                input_panel(e, response)[0],
-            ),
-            "Link positions and the plan (dotted), their difference, and the inputs.", "The move", 6.6,
-        )  # fmt: skip
-
-    yield figure
+    time, away, plan = response.run.time, response.positions - origin, planned.planned - origin
+    yield lambda: draw_figure(
+        "move",
+        (
+            joint_panel(quantity, units.angle, time, e.setup.joints, units.scale * away, plan=units.scale * plan),
+            joint_panel("link position − plan", unit, time, e.setup.joints, scale * planned.error, zero=True),
+            input_panel(e, response)[0],
+        ),
+        "Link positions and the plan (dotted), their difference, and the inputs.", "The move", 6.6,
+    )  # fmt: skip
     yield joint_table(
         (
             Column("way", units.angle, key="way", scale=units.scale),
@@ -290,8 +291,10 @@ def margins_along(design: Design) -> Blocks:
         ]
         lines.append(Line(along.times, values, None, {"color": SERIES[0], "linewidth": 1.0, "zorder": 1}))
         panels.append(Panel(quantity, "", lines, (limit,) if limit else ()))
-    caption = f"At poses along the move. Dotted: what is required, with its tolerance.{colours}"
-    yield lambda: draw_figure("along", panels, caption, "Margins along the move", 5.4)
+    yield lambda: draw_figure(
+        "along", panels, f"At poses along the move. Dotted: what is required, with its tolerance.{colours}",
+        "Margins along the move", 5.4,
+    )  # fmt: skip
     yield Table(
         ("figure", Column("worst", "", 3), Column("at", "s", 3), "pose"), rows, "The worst pose of each figure",
         "table-along",
@@ -303,14 +306,13 @@ def ring_down(design: Design) -> Blocks:
     """How the loop comes to rest after an impulse on each link: figure and table; none where a run diverged."""
     runs, units = design.evaluation.ring_down, units_of(design.evaluation)
     if runs.ring_down is None:
-        joint = runs.responses[runs.worst].joints[runs.worst]
-        yield note(f"After a blow on {joint} at the goal the loop diverges.")
+        yield note(f"After a blow on {runs.responses[0].joints[runs.worst]} at the goal the loop diverges.")
         return
     if not runs.exponential:
-        left = "comes to rest" if runs.ring_down.rests else "does not come to rest"
         yield note(
             "After a blow the loop does not decay as a linear one does (dry friction, backlash or limits), and "
-            f"{left}; the damping ratios are those of the nearest decaying oscillations."
+            f"{'comes' if runs.ring_down.rests else 'does not come'} to rest; the damping ratios are those of the "
+            "nearest decaying oscillations."
         )
     yield lambda: _ring_down_figure(runs)
     unit, scale = units.small
@@ -382,7 +384,6 @@ def long_run(design: Design) -> Blocks:
         ])  # fmt: skip
 
     def zone(run: LimitCycleCheck) -> str:
-        """The dead zone of the integrals, of the joints that have one."""
         joints, sizes = run.response.joints, [] if run.dead_zone is None else run.dead_zone.tolist()
         return listed([
             f"{units.small_text(size, 2)}{f' in {joint}' if len(joints) > 1 else ''}"
@@ -450,8 +451,7 @@ def long_run(design: Design) -> Blocks:
 def _frequency(frequency: float | None) -> str:
     if frequency is None:
         return "less than one period in the last half"
-    slow = f", every {number(1.0 / frequency, 3)} s" if frequency < 1.0 else ""
-    return f"{number(frequency, 3)} Hz{slow}"
+    return f"{number(frequency, 3)} Hz{f', every {number(1.0 / frequency, 3)} s' if frequency < 1.0 else ''}"
 
 
 def long_run_rows(run: LimitCycleCheck) -> list[dict[str, Any]]:

@@ -9,6 +9,7 @@ import numpy as np
 
 from flexhinf.design.problem.modes import JointScales
 from flexhinf.design.problem.presets import Robustness, required_damping
+from flexhinf.design.problem.weights import SearchResult, TargetBehaviour
 from flexhinf.design.result import Design
 from flexhinf.design.synthesis.noise import MOST_NOISE, NoiseCandidate, NoiseSearch
 from flexhinf.design.synthesis.whole_loop import NOISE, WholeLoopSearch
@@ -61,8 +62,8 @@ def weights(design: Design) -> Blocks:
         f"from its linear part; the law is solved for γ = {problem.gamma / problem.gamma_star:g} γ* = "
         f"{number(problem.gamma)}."
     )
-    if problem.search is not None:
-        yield from _search(design)
+    if problem.search is not None and problem.target is not None:
+        yield from _search(design, problem.search, problem.target)
     yield from whole_loop(design)
     if problem.robustness is not None:
         yield robust_table(problem.robustness)
@@ -71,10 +72,7 @@ def weights(design: Design) -> Blocks:
 
 
 # The search for bandwidth and damping -------------------------------------------------------------------
-def _search(design: Design) -> Blocks:
-    target, search = design.design_problem.target, design.design_problem.search
-    assert target is not None
-    assert search is not None
+def _search(design: Design, search: SearchResult, target: TargetBehaviour) -> Blocks:
     yield Paragraph(
         "R2 is fixed. For each damping weight ζ of all vibrations the target frequency ω of every joint is moved until "
         f"it has its bandwidth of {range_text(target.bandwidth)} rad/s; ζ is the smallest with which every oscillation "
@@ -238,8 +236,8 @@ def state_weights(problem: GeneralisedPlant, joints: Sequence[str]) -> list[Weig
 
 def effort_unit(problem: GeneralisedPlant) -> str:
     """Of R2, with a dimensionless z."""
-    units = dict.fromkeys(problem.plant.unit(name) for name in problem.input_names)
-    return " or ".join(f"({unit})⁻²" if "·" in unit else f"{unit}⁻²" for unit in units)
+    units = (problem.plant.unit(name) for name in problem.input_names)
+    return " or ".join(dict.fromkeys(f"({unit})⁻²" if "·" in unit else f"{unit}⁻²" for unit in units))
 
 
 def _weight_table(design: Design) -> Blocks:
@@ -294,7 +292,7 @@ def noise_levels(design: Design) -> Blocks:
     if search is None:
         return
     yield lambda: _noise_figure(design, search)
-    yield noise_table(design)
+    yield _noise_table(design, search)
     yield from _hardly_seen(design, search)
     if len(joints) > 1:
         by_joint = (search.chosen.levels.link_velocities, search.chosen.levels.motor_velocities)
@@ -374,7 +372,9 @@ def _noise_figure(design: Design, search: NoiseSearch) -> Figure:
             ]
             for legend_name, shown, style in groups:
                 points = np.array([(one.noises[joint], getattr(one, name)) for one in shown]).T
-                lines.append(Line(*points, legend_name, {"color": color, "linestyle": "none", **style}))
+                lines.append(
+                    Line(points[0], points[1], legend_name, {"color": color, "linestyle": "none", **style})
+                )
         across = f"noise at the motor, rms ({unit})"
         panels.append(Panel(text, "", lines, dashed=dashed, across=across, y=(0.0, None), log=True))
     return draw_figure(
@@ -387,10 +387,8 @@ def _noise_figure(design: Design, search: NoiseSearch) -> Figure:
     )  # fmt: skip
 
 
-def noise_table(design: Design) -> Table:
-    """A few choices of the trade-off of Rᵛ, the default and the one that is used, the quietest first."""
-    search, unit = design.noise_search, design.setup.model.unit(design.setup.model.inputs[0])
-    assert search is not None
+def _noise_table(design: Design, search: NoiseSearch) -> Table:
+    unit = design.setup.model.unit(design.setup.model.inputs[0])
 
     def metrics(c: NoiseCandidate) -> tuple[float, ...]:
         return c.input_noise, c.damping, c.compliance, c.peak_sensitivity, c.gain_margin
