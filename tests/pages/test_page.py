@@ -26,8 +26,7 @@ from flexhinf.pages.design.requirements import found_text, limit_text, requireme
 from flexhinf.pages.design.step import histogram_bins, spread_table
 from flexhinf.pages.design.weights import candidate_table, robust_table
 from flexhinf.pages.drawing import joint_table, with_figures
-from flexhinf.pages.page import remarks, title_of
-from flexhinf.pages.settings import design_settings
+from flexhinf.pages.page import design_settings, remarks, title_of
 from flexhinf.report import Cell, Column, number
 
 Make = Callable[[str], Design]
@@ -102,7 +101,9 @@ def test_one_joint_is_not_named(report_design: Make) -> None:
     both = joint_table(columns, [{"joint": "a", "way": 1.0}, {"joint": "b", "way": 2.0}], "", "")
     assert both.rows == [("a", 2.0, None), ("b", 4.0, None)]
     assert both.stacks
-    settings = {row.name: row.unit for row in design_settings(design)["Synthesis"]}
+    settings = {
+        row.name: row.unit for row in design_settings(design.synthesis, design.evaluation)["Synthesis"]
+    }
     assert settings["pose"] == "rad"
 
 

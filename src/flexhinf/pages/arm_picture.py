@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -37,8 +36,8 @@ HAND = 0.62
 def magnification(windup: np.ndarray, slides: np.ndarray, size: float) -> int:
     """By how much wind-ups (N, n), rad or m, are drawn larger: the largest of `FACTORS` with which all stay small
     enough for a robot of this size, m."""
-    largest = np.abs(windup).max(axis=0) / np.where(slides, FARTHEST * size, WIDEST)
-    return max(factor for factor in FACTORS if factor == 1 or factor * largest.max() <= 1.0)
+    largest = (np.abs(windup).max(axis=0) / np.where(slides, FARTHEST * size, WIDEST)).max()
+    return max(factor for factor in FACTORS if factor == 1 or factor * largest <= 1.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,6 +46,7 @@ class ArmFilm:
     rad or m; inputs (N, n) in `unit`, and their limits (n,), infinite where there are none."""
 
     robot: Robot
+    title: str
     time: np.ndarray
     links: np.ndarray
     motors: np.ndarray
@@ -54,76 +54,57 @@ class ArmFilm:
     inputs: np.ndarray
     limits: np.ndarray
     unit: str
-    title: str
+    windup: np.ndarray  # motor minus link (N, n)
+    factor: int  # by which wind-ups are drawn larger
+    slides: np.ndarray  # whether each joint slides (n,)
+    extent: np.ndarray  # points of the arm (K, 3) at some poses of the run and at its commands
+    size: float  # of the space that the arm takes, m
+    plane: np.ndarray  # two directions (3, 2) to project on
+    names: tuple[str, str]  # of these
+    position_unit: str  # of what `shown` gives
 
     @staticmethod
     def of(prepared: DeployedRun, run: RealTimeRun) -> ArmFilm:
         """Of a run; `InvalidInput` for one without samples, or a robot whose links have no length."""
-        n, trajectory = len(prepared.robot.joint_names), run.trajectory
+        robot, n, trajectory = prepared.robot, len(prepared.robot.joint_names), run.trajectory
         state, inputs = trajectory.signals["state"], trajectory.signals["input"]
         bad = np.flatnonzero(~np.isfinite(np.hstack([state, inputs])).all(axis=1))
         kept = slice(0, int(bad[0]) if len(bad) else len(state))  # until the loop diverged
         if not kept.stop:
             raise InvalidInput("There is nothing to film.", "expected one sample at least", "a longer run")
-        names = signal_names("link_position", prepared.robot.joint_names)
-        goal = np.broadcast_to(prepared.goal, (len(state), n))
-        commanded = trajectory.names.get("reference", ())
+        goal, commanded = (
+            np.broadcast_to(prepared.goal, (len(state), n)),
+            trajectory.names.get("reference", ()),
+        )
         columns = [
             trajectory.signal("reference", name) if name in commanded else goal[:, k]
-            for k, name in enumerate(names)
+            for k, name in enumerate(signal_names("link_position", prepared.robot.joint_names))
         ]
-        motors = prepared.robot.layout.whole(state.T)[2 * n : 3 * n].T
-        film = ArmFilm(
-            prepared.robot, trajectory.time[kept], state[kept, :n], motors[kept], np.stack(columns, axis=1)[kept],
-            inputs[kept], np.maximum(*np.abs(run.input_range)), " or ".join(dict.fromkeys(trajectory.units["input"])),
-            f"{prepared.robot.name}: {'step' if prepared.plan is None else 'move'}",
-        )  # fmt: skip
-        if film.size < 1e-9:
+        links, command = state[kept, :n], np.stack(columns, axis=1)[kept]
+        motors = robot.layout.whole(state.T)[2 * n : 3 * n].T[kept]
+        rows = np.linspace(0, kept.stop - 1, min(kept.stop, 40)).astype(int)
+        poses = [*links[rows], *command[rows[[0, -1]]]]
+        extent = np.concatenate([line for pose in poses for line in skeleton(robot, pose)])
+        size, slides = float(np.ptp(extent, axis=0).max()), np.array(robot.links.slides, dtype=bool)
+        if size < 1e-9:
             raise InvalidInput(
                 "The arm cannot be drawn: its links have no length.",
-                f"expected a robot with joints or centres of mass apart, got {prepared.robot.name!r}",
+                f"expected a robot with joints or centres of mass apart, got {robot.name!r}",
                 "the run without --record",
             )
-        return film
-
-    # What is drawn --------------------------------------------------------------------------------
-    @cached_property
-    def slides(self) -> np.ndarray:
-        """Whether each joint slides (n,)."""
-        return np.array(self.robot.links.slides, dtype=bool)
-
-    @cached_property
-    def windup(self) -> np.ndarray:
-        """Motor minus link (N, n)."""
-        return self.motors - self.links
-
-    @cached_property
-    def extent(self) -> np.ndarray:
-        """Points of the arm (K, 3) at some poses of the run and at its commands."""
-        rows = np.linspace(0, len(self.time) - 1, min(len(self.time), 40)).astype(int)
-        poses = [*self.links[rows], *self.command[rows[[0, -1]]]]
-        return np.concatenate([line for pose in poses for line in skeleton(self.robot, pose)])
-
-    @cached_property
-    def size(self) -> float:
-        """Of the space that the arm takes, m."""
-        return float(np.ptp(self.extent, axis=0).max())
-
-    @cached_property
-    def factor(self) -> int:
-        """By how much wind-ups are drawn larger."""
-        return magnification(self.windup, self.slides, self.size)
-
-    @cached_property
-    def view(self) -> tuple[np.ndarray, tuple[str, str]]:
-        """Two directions (3, 2) to project on, and what they are called."""
-        down = np.asarray(self.robot.links.down, dtype=float)
-        right, up, names = viewing_plane(down, self.extent, self.size)
-        return np.column_stack([right, up]), names
+        right, up, names = viewing_plane(np.asarray(robot.links.down, dtype=float), extent, size)
+        units = (("°", ~slides), ("mm", slides))
+        return ArmFilm(
+            robot, f"{robot.name}: {'step' if prepared.plan is None else 'move'}", trajectory.time[kept], links, motors,
+            command, inputs[kept], np.maximum(*np.abs(run.input_range)),
+            " or ".join(dict.fromkeys(trajectory.units["input"])), motors - links,
+            magnification(motors - links, slides, size), slides, extent, size, np.column_stack([right, up]), names,
+            " or ".join(unit for unit, there in units if there.any()),
+        )  # fmt: skip
 
     def arm(self, pose: np.ndarray) -> list[np.ndarray]:
         """The links at a pose (n,), as lines on the picture."""
-        return [line @ self.view[0] for line in skeleton(self.robot, pose)]
+        return [line @ self.plane for line in skeleton(self.robot, pose)]
 
     def hands(self, k: int) -> list[np.ndarray]:
         """For each joint three points at sample k: on its link, the joint, and on its motor's hand."""
@@ -139,11 +120,6 @@ class ArmFilm:
     def shown(self, values: np.ndarray) -> np.ndarray:
         """Positions (…, n) in degrees and mm."""
         return values * np.where(self.slides, 1e3, np.degrees(1.0))
-
-    @property
-    def position_unit(self) -> str:
-        """Of what is shown."""
-        return " or ".join(unit for unit, there in (("°", ~self.slides), ("mm", self.slides)) if there.any())
 
 
 #: Time that the path of the arm's end is shown, s.
@@ -178,8 +154,7 @@ def frames(film: ArmFilm, rate: int, resolution: int) -> Iterator[np.ndarray]:
     played = min(max(length, SHORTEST), LONGEST)
     slowness, speed = played / length if length else 1.0, "in real time"
     if abs(slowness - 1.0) >= 1e-6:
-        times = number(max(slowness, 1.0 / slowness), 2)
-        speed = f"{times} times {'slower' if slowness > 1.0 else 'faster'}"
+        speed = f"{number(max(slowness, 1.0 / slowness), 2)} times {'slower' if slowness > 1.0 else 'faster'}"
     drawn = "springs drawn as they are"
     if film.factor > 1:
         drawn = f"wind-up of the springs drawn {film.factor} times larger"
@@ -198,8 +173,7 @@ def frames(film: ArmFilm, rate: int, resolution: int) -> Iterator[np.ndarray]:
         canvas = FigureCanvasAgg(figure)
         figure.text(0.035, 0.945, film.title, fontsize=17, weight="bold", va="center")
         figure.text(0.035, 0.905, f"{drawn}; played {speed}", fontsize=10.5, color=MUTED, va="center")
-        mono = {"family": "DejaVu Sans Mono", "fontsize": 20}
-        clock = figure.text(0.965, 0.935, "", ha="right", va="center", **mono)
+        clock = figure.text(0.965, 0.935, "", ha="right", va="center", family="DejaVu Sans Mono", fontsize=20)
         arm = _draw_arm(figure.add_axes(PLACE), film)
         above = figure.add_axes((0.575, middle + 0.045, 0.39, high - middle - 0.045))
         below = figure.add_axes((0.575, low + 0.035, 0.39, middle - low - 0.04))
@@ -228,7 +202,7 @@ def frames(film: ArmFilm, rate: int, resolution: int) -> Iterator[np.ndarray]:
 
 
 def _draw_arm(axes: Axes, film: ArmFilm) -> Moving:
-    flat = film.extent @ film.view[0]
+    flat = film.extent @ film.plane
     middle, reach = 0.5 * (flat.max(axis=0) + flat.min(axis=0)), np.ptp(flat, axis=0)
     box = np.array(PLACE[2:]) * PICTURE
     half = 0.5 * max((reach + 0.2 * film.size) / box) * box  # as much to the inch in both directions
@@ -236,8 +210,8 @@ def _draw_arm(axes: Axes, film: ArmFilm) -> Moving:
     axes.set(facecolor=SKY, xlim=(left, right), ylim=(low, high))
     axes.spines[:].set_visible(False)
     axes.tick_params(length=0, labelsize=8)
-    axes.set_xlabel(f"{film.view[1][0]} (m)", fontsize=9)
-    axes.set_ylabel(f"{film.view[1][1]} (m)", fontsize=9)
+    axes.set_xlabel(f"{film.names[0]} (m)", fontsize=9)
+    axes.set_ylabel(f"{film.names[1]} (m)", fontsize=9)
     first, dashes = film.arm(film.links[0]), (0, (3.0, 1.6))
     axes.plot(*first[0][0], "s", color=MUTED, markersize=15, zorder=1, alpha=0.5)
 
@@ -268,8 +242,7 @@ def _draw_arm(axes: Axes, film: ArmFilm) -> Moving:
             motor.set_data(*points[1:].T)
         joints.set_data(*np.array([points[0] for points in own]).T)
         aim.set_data(*wanted[-1][-1:].T)
-        begin = int(np.searchsorted(film.time, film.time[k] - TRAIL))
-        past = np.linspace(begin, k, 24).astype(int)
+        past = np.linspace(int(np.searchsorted(film.time, film.time[k] - TRAIL)), k, 24).astype(int)
         trail.set_data(*np.array([film.arm(film.links[i])[-1][-1] for i in past]).T)
 
     return [*goal, aim, trail, *fans, *links, *motors, joints], move
@@ -289,8 +262,8 @@ def _draw_lines(
         artists += axes.plot([], [], **{**style, "linewidth": 2.0})
         artists += axes.plot([], [], "o", color=style["color"], markersize=4.5)
         if command is not None:
-            colour = SERIES[2] if single else style["color"]
-            axes.plot(film.time[::few], command[::few, j], color=colour, linewidth=1.2, linestyle=DOTTED)
+            dotted = {"color": SERIES[2] if single else style["color"], "linewidth": 1.2, "linestyle": DOTTED}
+            axes.plot(film.time[::few], command[::few, j], **dotted)
     axes.set_title(f"{quantity} ({film.position_unit})", fontsize=10.5)
     axes.set_xlim(0.0, max(float(film.time[-1]), 1e-9))
     axes.set_ylim(*framed(values if command is None else np.concatenate([values, command]), 0.1))

@@ -34,7 +34,7 @@ from flexhinf.pages.drawing import (
     pose_text,
     units_of,
 )
-from flexhinf.pages.settings import comparison_settings, files_section
+from flexhinf.pages.page import comparison_settings, files_section
 from flexhinf.report import (
     Column,
     KeyNumber,

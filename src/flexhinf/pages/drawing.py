@@ -54,8 +54,8 @@ DASHED = (6.0, 3.0)
 
 def line_style(place: int) -> dict[str, Any]:
     """Colour of one joint or law among several; lines are dashed once the colours are used up."""
-    dashed = {"dashes": (4.0, 2.0)} if place >= len(SERIES) else {}
-    return {"color": SERIES[place % len(SERIES)], "linewidth": 1.5, **dashed}
+    style = {"color": SERIES[place % len(SERIES)], "linewidth": 1.5}
+    return style if place < len(SERIES) else {**style, "dashes": (4.0, 2.0)}
 
 
 def thin(time: np.ndarray, points: int = POINTS) -> slice:
@@ -129,16 +129,15 @@ def draw_figure(
 ) -> Figure:
     """Panels as a figure of a page, with a legend of the first that has more than one name: one above the other over
     one horizontal axis, or with a number of `columns` for the legend above them, beside each other."""
-    height = height or 0.7 + (2.6 if len(parts) == 1 else 2.1 * len(parts))
-    shape = (1, len(parts)) if columns else (len(parts), 1)
-    figure, grid = panels(*shape, height, sharex=not columns)
+    rows, side = (1, len(parts)) if columns else (len(parts), 1)
+    figure, grid = panels(rows, side, height or 0.7 + (2.6 if rows == 1 else 2.1 * rows), sharex=not columns)
     axes = [axis for row in grid for axis in row]
     for axis, panel in zip(axes, parts):
         panel.draw(axis)
-    for axis, panel in zip(axes, parts) if columns else [(axes[-1], parts[-1])]:
-        axis.set_xlabel(panel.across)
-        if panel.log:
-            frequency_axis(axis)
+        if columns or axis is axes[-1]:
+            axis.set_xlabel(panel.across)
+            if panel.log:
+                _frequency_axis(axis)
     if not columns:
         figure.align_ylabels(axes)
     named = (
@@ -160,21 +159,20 @@ def joint_panel(
     """Signals (N, n) of all joints over time (N,), with a dotted plan (N, n), and limits ± (n,), dashed where a signal
     comes near its own (one that is far away would leave the values flat). The vertical axis shows `least` at least."""
     few, sides, y = thin(time), dict[float, str](), None
-    names = joints if len(joints) > 1 or plan is None else ["link"]
     lines = [
         Line(time[few], values[few, k], name, {**line_style(k), "linewidth": linewidth})
-        for k, name in enumerate(names)
+        for k, name in enumerate(joints if len(joints) > 1 or plan is None else ["link"])
     ]
-    for k, column in enumerate([] if plan is None else plan[few].T):
+    if plan is not None:
         style = {"color": MUTED, "linewidth": 1.2, "linestyle": DOTTED}
-        lines.append(Line(time[few], column, None if k else plan_name, style))
+        lines += [Line(time[few], x, None if k else plan_name, style) for k, x in enumerate(plan[few].T)]
     if limits is not None:
-        same = len(set(limits.tolist())) == 1
         for joint in np.flatnonzero(np.isfinite(limits)).tolist():
             limit, (low, high) = float(limits[joint]), framed(values[:, joint])
+            color = INK if len(set(limits.tolist())) == 1 else line_style(joint)["color"]
             for side, size in ((limit, high), (-limit, -low)):
                 if size > NEAR * limit:
-                    sides.setdefault(side, INK if same else line_style(joint)["color"])
+                    sides.setdefault(side, color)
         y = framed(np.array([*framed(values), *sides]))
     if least is not None:
         low, high = framed(values[few])
@@ -185,7 +183,7 @@ def joint_panel(
 
 
 @house_style()
-def frequency_axis(axes: Axes) -> None:
+def _frequency_axis(axes: Axes) -> None:
     """A logarithmic horizontal axis: powers of ten as plain numbers, marks at 2 and 5.
 
     Matplotlib's own labels start its reader of formulas, a quarter of a second; every mark takes a millisecond.
@@ -212,8 +210,8 @@ def panels(
 
 def legend_above(figure: Canvas, axes: Axes, columns: int, **options: Any) -> None:
     """The legend of one panel above all of them."""
-    handles = axes.get_legend_handles_labels()
-    figure.legend(*handles, loc="outside upper left", ncols=columns, frameon=False, **options)
+    where = {"loc": "outside upper left", "ncols": columns, "frameon": False, **options}
+    figure.legend(*axes.get_legend_handles_labels(), **where)
 
 
 def figure_block(name: str, figure: Canvas, sentences: str | Iterable[str], title: str) -> Figure:
@@ -318,10 +316,8 @@ def listed(texts: Sequence[str]) -> str:
 def range_text(values: Any, digits: int = 3) -> str:
     """Smallest and largest of some numbers, or the one that they all are."""
     ordered = sorted(np.ravel(np.asarray(list(values), dtype=float)).tolist())
-    if not ordered:
-        return "–"
-    ends = number(ordered[0], digits), number(ordered[-1], digits)
-    return ends[0] if ends[0] == ends[1] else " to ".join(ends)
+    ends = dict.fromkeys(number(value, digits) for value in (*ordered[:1], *ordered[-1:]))
+    return " to ".join(ends) or "–"
 
 
 def limit_text(limits: np.ndarray) -> str:
@@ -334,14 +330,14 @@ def pose_text(values: Sequence[float] | np.ndarray, slides: Sequence[bool], degr
     """A pose, for example ``(0.6 rad = 34.4°, 0.1 m)``; degrees first where the user gave degrees."""
     texts = []
     for value, sliding in zip(values, slides, strict=True):
-        text = number(float(value) + 0.0)
-        if not sliding:
-            turned = f"{number(math.degrees(value) + 0.0, 3)}°"
-            if degrees:
-                text = turned
-            elif len(slides) <= FEW_JOINTS:
-                text = f"{text} rad = {turned}" if value else "0"
-        texts.append(f"{text} m" if sliding else text)
+        text, turned = number(float(value) + 0.0), f"{number(math.degrees(value) + 0.0, 3)}°"
+        if sliding:
+            text = f"{text} m"
+        elif degrees:
+            text = turned
+        elif len(slides) <= FEW_JOINTS:
+            text = f"{text} rad = {turned}" if value else "0"
+        texts.append(text)
     return ", ".join(texts) if len(texts) == 1 else f"({', '.join(texts)})"
 
 
@@ -376,22 +372,19 @@ def changes_text(values: Mapping[str, Any], robot: Robot, extras: Sequence[str])
     """
     if not isinstance(values, PlantValues):
         raise TypeError(f"expected parameters that know the robot's numbers, got {type(values).__name__}")
-    off = inactive_parameters(extras, robot.joint_names)
-    changes: list[tuple[float, str]] = []
+    off, changes = inactive_parameters(extras, robot.joint_names), list[tuple[float, str]]()
     for name, new in values.numbers.items():
-        old, texts = robot.nominal[name], name.replace("_", " ")
+        old = robot.nominal[name]
         if name in off or abs(new - old) <= 1e-11 * abs(old):
             continue
         change = 100.0 * (new / old - 1.0) if old else math.inf
+        text = f"{'' if change < 0 else '+'}{number(change, 2 if abs(change) < 100.0 else 3)} %"
         if "payload_mass" in name or not old:
-            changes.append((change, f"{texts} {number(new, 2)} {robot[name].unit}".strip()))
-        else:
-            digits = 2 if abs(change) < 100.0 else 3
-            changes.append((change, f"{texts} {'' if change < 0 else '+'}{number(change, digits)} %"))
+            text = f"{number(new, 2)} {robot[name].unit}".strip()
+        changes.append((change, f"{name.replace('_', ' ')} {text}"))
     texts = [text for _, text in sorted(changes, key=lambda change: -abs(change[0]))[:LISTED]]
-    if len(changes) > LISTED:
-        texts.append("others by less")
-    return ", ".join(texts) or "the nominal robot"
+    others = ["others by less"] if len(changes) > LISTED else []
+    return ", ".join([*texts, *others]) or "the nominal robot"
 
 
 def finite(value: Any) -> Any:
@@ -402,9 +395,7 @@ def finite(value: Any) -> Any:
         return {key: finite(entry) for key, entry in value.items()}
     if isinstance(value, (list, tuple)):
         return [finite(entry) for entry in value]
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    return value
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 #: What is code already, or an option of the command line.
@@ -420,11 +411,9 @@ def joint_table(
         return Table.of(columns, records, caption, name, stacks=True, title=title)
     rows = []
     for column, value in zip(columns, Table.of(columns, records).rows[0]):
-        text: Any = value or "–"
-        if value is not None and not isinstance(value, str):
-            unit = column.unit if column.unit == "°" else f" {column.unit}"
-            text = f"{number(float(value))}{unit}".strip()  # pyright: ignore[reportArgumentType]
-        rows.append((column.name, text))
+        if isinstance(value, (int, float)):
+            value = f"{number(float(value))}{'' if column.unit == '°' else ' '}{column.unit}".strip()
+        rows.append((column.name, value or "–"))
     return Table(("", "value"), rows, caption, name, title=title)
 
 

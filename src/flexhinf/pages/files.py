@@ -11,10 +11,9 @@ from typing import Any
 import numpy as np
 
 from flexhinf.analysis import Margins
-from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.loop_setup import noise_variances
 from flexhinf.design.requirements import Requirement
-from flexhinf.design.responses import ROBOT, Response
+from flexhinf.design.responses import ROBOT
 from flexhinf.design.result import ComparedLaw, Comparison, Design
 from flexhinf.design.tuning import best_rival, pareto_front
 from flexhinf.errors import InvalidInput
@@ -46,17 +45,18 @@ def design_files(
     beside : sequence of str
         Names of files that the caller writes into the same folder: the page lists them.
     """
-    runs = _responses(design.evaluation)
-    runs |= {f"ring-down-{k + 1}": one for k, one in enumerate(design.evaluation.ring_down.responses)}
+    e, proof = design.evaluation, design.proof
+    runs = {**_picked(e, RUNS), **{f"ring-down-{k}": one for k, one in enumerate(e.ring_down.responses, 1)}}
     if design.mujoco is not None:
         runs["step-mujoco"] = design.mujoco
-    saved = {"controller": design.controller().save}
-    saved |= {f"runs/{name}.{ENDING}": response.run.save for name, response in runs.items()}
-    files: dict[str, str | bytes] = {"design.json": to_json(design_numbers(design)), **_saved(saved)}
-    if design.proof.certificate is not None:
-        files["certificate.json"] = design.proof.certificate.text()
-    if design.proof.box is not None and design.proof.box.certificate is not None:
-        files[BOX_FILE] = design.proof.box.certificate.text()
+    saved = {f"runs/{name}.{ENDING}": response.run.save for name, response in runs.items()}
+    files = {
+        "design.json": to_json(design_numbers(design)),
+        **_saved({"controller": design.controller().save, **saved}),
+    }
+    for name, certified in (("certificate.json", proof), (BOX_FILE, proof.box)):
+        if certified is not None and certified.certificate is not None:
+            files[name] = certified.certificate.text()
     return {"index.html": design_page(design, command, warnings, (*files, *beside)).html(), **files}
 
 
@@ -68,8 +68,7 @@ def comparison_files(
     saved = {
         f"runs/{row.name}/{name}.{ENDING}": response.run.save
         for row in comparison.compared
-        if row.evaluation is not None
-        for name, response in _responses(row.evaluation).items()
+        for name, response in _picked(row.evaluation, RUNS).items()
     }
     files = {"comparison.json": to_json(comparison_numbers(comparison)), **_saved(saved)}
     return {"index.html": comparison_page(comparison, command, warnings, (*files, *beside)).html(), **files}
@@ -83,10 +82,6 @@ def write_design(design: Design, folder: str | Path) -> Path:
 def write_comparison(comparison: Comparison, folder: str | Path) -> Path:
     """Write the report of a comparison into a folder, which is returned; raises as `flexhinf.report.write`."""
     return write(folder, comparison_files(comparison, ()))
-
-
-def _responses(e: LawEvaluation) -> dict[str, Response]:
-    return {"step": e.step, "load": e.load_response.response, "move": e.move.response}
 
 
 def _saved(files: Mapping[str, Callable[[Path], object]]) -> dict[str, str | bytes]:
@@ -107,8 +102,9 @@ def _saved(files: Mapping[str, Callable[[Path], object]]) -> dict[str, str | byt
 # Numbers ------------------------------------------------------------------------------------------------
 def _picked(value: Any, keys: str) -> dict[str, Any]:
     """Attributes of an object by their names, in one text; ``key=path`` where the key is another, or lies deeper."""
-    pairs = (word.partition("=") for word in keys.split())
-    return {key: attrgetter(path or key)(value) for key, _, path in pairs}
+    return {
+        key: attrgetter(path or key)(value) for key, _, path in (word.partition("=") for word in keys.split())
+    }
 
 
 #: What the files have of an object, for `_picked`.
@@ -129,6 +125,7 @@ SAMPLES = (
 BUDGET = """part=name added spent=budget.total start=budget.start level=budget.level left=budget.left
     kept=budget.kept"""
 LIMIT = "figure=metric value at_least=least from=origin"
+RUNS = "step load=load_response.response move=move.response"
 RUN = "diverged_at_s=diverged_at joints=metrics"
 DISTURBED_RUN = "diverged_at_s=response.diverged_at joints=metrics"
 
@@ -241,7 +238,6 @@ def _margins(m: Margins) -> dict[str, Any]:
 def _weights(design: Design) -> dict[str, Any]:
     problem, whole = design.design_problem, design.synthesis.robust
     search, target, r = problem.search, problem.target, problem.robustness
-    tried = search.candidates if search else ()
     gained = whole and {
         **_picked(whole, "better count corner frequency damping links motors fraction"),
         "figures": [{"what": w, "damped": d, "robust": r} for w, _, d, r in whole_loop_rows(whole)],
@@ -251,29 +247,32 @@ def _weights(design: Design) -> dict[str, Any]:
         "states": {w.signal: w.value for w in state_weights(design.problem, design.robot.joint_names)},
         "effort": design.problem.r2,
         "wanted": target and _picked(target, "bandwidth damping"),
-        "tries": [{**_picked(c, TRY), "used": search is not None and c is search.chosen} for c in tried],
+        "tries": [
+            {**_picked(c, TRY), "used": search is not None and c is search.chosen}
+            for c in (search.candidates if search else ())
+        ],
         "robust": r and {**vars(r), "share": r.fraction},
         "whole_loop": gained,
     }
 
 
 def _estimator_noise(design: Design) -> dict[str, Any]:
-    """Rᵛ in use; the trade-off of the search, and the levels in use where they are none of it."""
     search, tried = design.noise_search, []
     if search is not None:
-        others = [one for one in search.trade_off if not is_used(search, one)]
-        ordered = sorted([*others, search.chosen], key=lambda one: one.input_noise)
-        tried = [{**_picked(one, NOISE), "used": is_used(search, one)} for one in ordered]
-    levels = _picked(design.setup.process_noise, "all_states link_velocities motor_velocities source")
-    return {**levels, "count": 0 if search is None else search.count, "tried": tried}
+        others = (one for one in search.trade_off if not is_used(search, one))
+        tried = sorted([*others, search.chosen], key=lambda one: one.input_noise)
+    return {
+        **_picked(design.setup.process_noise, "all_states link_velocities motor_velocities source"),
+        "count": 0 if search is None else search.count,
+        "tried": [
+            {**_picked(one, NOISE), "used": search is not None and is_used(search, one)} for one in tried
+        ],
+    }
 
 
 def comparison_numbers(comparison: Comparison) -> dict[str, Any]:
     """Of one comparison; figures by the keys of `LawEvaluation.metrics`."""
-    own, criterion = comparison.own.evaluation, comparison.criterion
-    assert own is not None
-    runs = own.scenario
-    assert runs is not None
+    criterion, runs = comparison.criterion, comparison.scenario
     tuned = [row.tuned for row in comparison.compared if row.tuned is not None]
     rival = best_rival(tuned)
     numbers = {
@@ -289,7 +288,7 @@ def comparison_numbers(comparison: Comparison) -> dict[str, Any]:
             **_picked(comparison.synthesis.design_problem, "preset gamma_star gamma"),
             "degree": comparison.synthesis.chosen.degree,
         },
-        **_picked(own.setup, "start goal"),
+        **_picked(comparison.synthesis, "start goal"),
         **_picked(runs, "duration_s=step_duration load move_s=plan.duration"),
         "drawn": len(runs.robots),
         "seed": comparison.specification.seed,

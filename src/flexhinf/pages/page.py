@@ -1,23 +1,32 @@
-"""The report of a design: one page (status, requirements, runs, margins, corners, weights, region, law), and tables for
-a terminal."""
+"""The report of a design: one page (status, requirements, runs, margins, corners, weights, region, law), every setting
+with who states it, the list of files, and tables for a terminal."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import takewhile
-from typing import TYPE_CHECKING, NamedTuple
+from pathlib import PurePath
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from flexhinf.design.evaluation import LawEvaluation
+from flexhinf.design.loop_setup import INITIAL_VARIANCE, noise_variances
 from flexhinf.design.requirements import Requirement
-from flexhinf.design.result import Design, Status as Judged
+from flexhinf.design.responses import ROBOT
+from flexhinf.design.result import Comparison, Design, Status as Judged
+from flexhinf.design.specification import Specification
+from flexhinf.design.synthesis.steps import Synthesis
+from flexhinf.estimation import MODEL_STEP
 from flexhinf.pages.design import frequency, law, region, requirements, runs, step, weights
+from flexhinf.pages.design.weights import effort_unit, state_weights
 from flexhinf.pages.drawing import (
     Blocks,
     in_joint,
     joint_count,
     law_name,
+    limit_text,
     note,
     pose_text,
     range_text,
@@ -25,13 +34,13 @@ from flexhinf.pages.drawing import (
     units_of,
     with_figures,
 )
-from flexhinf.pages.settings import design_settings, files_section
 from flexhinf.report import (
     KeyNumber,
     Note,
     Page,
     Provenance,
     Section,
+    Setting,
     Settings,
     Status,
     Table,
@@ -39,38 +48,32 @@ from flexhinf.report import (
     number,
 )
 from flexhinf.robot import catalogue, load_robot
+from flexhinf.robot.signals import signal_names
 
 if TYPE_CHECKING:
     from rich.table import Table as Terminal
 
 
-class Part(NamedTuple):
-    """A section of the page: anchor, title, and its blocks, notes first; none where it does not apply."""
-
-    anchor: str
-    title: str
-    blocks: Callable[[Design], Blocks]
-
-
-#: In the order of the page.
-PARTS = (
-    Part("specification", "Requirements", requirements.requirements),
-    Part("step", "Step response", step.step),
-    Part("draws", "Step response of robots within their tolerances", step.samples),
-    Part("load", "Load response", runs.load),
-    Part("payload", "Payload", runs.payload),
-    Part("ring-down", "Ring-down after an impulse", runs.ring_down),
-    Part("move", "Planned move with feedforward", runs.move),
-    Part("rest", "Long run at rest with dry friction", runs.long_run),
-    Part("along", "Margins along the move", runs.margins_along),
-    Part("margins", "Margins of the running loop", frequency.margins),
-    Part("modes", "Poles", law.poles),
-    Part("corners", "Corners of the tolerances", frequency.corners),
-    Part("weights", "Weights", weights.weights),
-    Part("noise", "Noise levels of the estimator", weights.noise_levels),
-    Part("region", "Region: what is proved, what is sampled, and dissipation", region.region),
-    Part("rigid", "Rigid design on the same robot", law.rigid),
-    Part("law", "The law", law.law),
+#: Sections in the order of the page: anchor, title, and the function of their blocks, notes first; none where it does
+#: not apply.
+PARTS: tuple[tuple[str, str, Callable[[Design], Blocks]], ...] = (
+    ("specification", "Requirements", requirements.requirements),
+    ("step", "Step response", step.step),
+    ("draws", "Step response of robots within their tolerances", step.samples),
+    ("load", "Load response", runs.load),
+    ("payload", "Payload", runs.payload),
+    ("ring-down", "Ring-down after an impulse", runs.ring_down),
+    ("move", "Planned move with feedforward", runs.move),
+    ("rest", "Long run at rest with dry friction", runs.long_run),
+    ("along", "Margins along the move", runs.margins_along),
+    ("margins", "Margins of the running loop", frequency.margins),
+    ("modes", "Poles", law.poles),
+    ("corners", "Corners of the tolerances", frequency.corners),
+    ("weights", "Weights", weights.weights),
+    ("noise", "Noise levels of the estimator", weights.noise_levels),
+    ("region", "Region: what is proved, what is sampled, and dissipation", region.region),
+    ("rigid", "Rigid design on the same robot", law.rigid),
+    ("law", "The law", law.law),
 )
 
 
@@ -94,22 +97,22 @@ def design_page(
     extras = f" The true plant also has {', '.join(s.extras).replace('_', ' ')}." if s.extras else ""
     slides, degrees = robot.links.slides, units_of(design.evaluation).degrees
     start, goal = (pose_text(pose, slides, degrees) for pose in (design.start, design.goal))
-    joints = joint_count(len(robot.joint_names)).capitalize()
     with house_style():  # once for all figures
-        for part in PARTS:
-            blocks = with_figures(part.blocks(design))
-            if part.anchor == "specification":
+        for anchor, title, part in PARTS:
+            blocks = with_figures(part(design))
+            if anchor == "specification":
                 blocks = [*(note(" ".join(text.split())) for text in warnings), *blocks]
             if not all(isinstance(block, Note) for block in blocks):
-                sections.append(Section(part.title, tuple(blocks), part.anchor))
+                sections.append(Section(title, tuple(blocks), anchor))
     if files:
         sections.append(files_section(files))
     return Page(
         title_of(design),
-        f"{about}{joints}, {robot.drive} driven. Measured: {measured}.{extras} Step from {start} to {goal}.",
+        f"{about}{joint_count(len(robot.joint_names)).capitalize()}, {robot.drive} driven. Measured: {measured}."
+        f"{extras} Step from {start} to {goal}.",
         _headline(design),
         tuple(sections),
-        Settings(design_settings(design)),
+        Settings(design_settings(design.synthesis, design.evaluation)),
         Provenance(tuple(command), s.seed),
         _key_numbers(design),
         status_lines(design.status, design.requirements),
@@ -119,12 +122,12 @@ def design_page(
 def remarks(design: Design) -> dict[str, list[str]]:
     """What the reader must not miss, by the anchor of its section, in the order of the page."""
     return {
-        part.anchor: [
+        anchor: [
             note.text
-            for note in takewhile(lambda block: isinstance(block, Note), part.blocks(design))
+            for note in takewhile(lambda block: isinstance(block, Note), part(design))
             if isinstance(note, Note)
         ]
-        for part in PARTS
+        for anchor, _, part in PARTS
     }
 
 
@@ -167,10 +170,9 @@ def verdict(design: Design) -> str:
 
 def title_of(design: Design) -> str:
     """What was designed, and for which robot."""
-    degree, name = design.chosen.degree, law_name(design.chosen.degree)
-    kind = "A linear H∞ law" if degree == 2 else f"A {name} nonlinear H∞ law"
-    if name.startswith("degree"):
-        kind = f"A nonlinear H∞ law of {name}"
+    name = law_name(design.chosen.degree)
+    kind = f"A nonlinear H∞ law of {name}" if name.startswith("degree") else f"A {name} nonlinear H∞ law"
+    kind = "A linear H∞ law" if design.chosen.degree == 2 else kind
     return f"{kind} for the robot “{design.robot.name}”"
 
 
@@ -186,15 +188,14 @@ def _headline(design: Design) -> str:
             f"the law; smallest of the running loop, estimator included: {number(e.margins.damping, 2)}"
             f"{in_joint(e.least_damped_joint, e.setup.joints)}."
         )
+    within = f"{0 if samples is None else len(samples)} robots sampled within their tolerances"
     if samples is not None and samples.unsettled:
         gone = f", {samples.diverged} of them diverge" if samples.diverged else ""
-        within = f"Of {len(samples)} robots sampled within their tolerances"
-        parts.append(f"{within} {samples.unsettled} do not settle{gone}.")
+        parts.append(f"Of {within} {samples.unsettled} do not settle{gone}.")
     elif samples is not None and len(samples):
         parts.append(
-            f"All of {len(samples)} robots sampled within their tolerances settle, the slowest in "
-            f"{_worst(design, 'settling', 's')}; the largest overshoot is {_worst(design, 'overshoot', '%', 2)}, the "
-            f"largest input {_worst(design, 'peak', units.effort)}."
+            f"All of {within} settle, the slowest in {_worst(design, 'settling', 's')}; the largest overshoot is "
+            f"{_worst(design, 'overshoot', '%', 2)}, the largest input {_worst(design, 'peak', units.effort)}."
         )
     if design.payloads:
         parts.append(runs.payload_text(design))
@@ -202,7 +203,6 @@ def _headline(design: Design) -> str:
 
 
 def _worst(design: Design, metric: str, unit: str, digits: int = 3) -> str:
-    """The largest value among the samples, with its joint where there are several."""
     samples = design.evaluation.step_samples
     values = getattr(samples, metric)
     joint = getattr(samples, f"{metric}_joints")[int(np.argmax(values))]
@@ -212,35 +212,35 @@ def _worst(design: Design, metric: str, unit: str, digits: int = 3) -> str:
 def _key_numbers(design: Design) -> list[KeyNumber]:
     e, period, joints = design.evaluation, design.specification.period, design.evaluation.setup.joints
     response, m, samples, numbers = e.step, e.margins, e.step_samples, []
-    time = rounded(response.settling.value)
-    settles = ("not settled", "") if time is None else (time, "s")
-    overshoot = (rounded(response.overshoot.value, 2), "%")
-    peak = (rounded(response.peak_input), units_of(e).effort)
-    for name, metric, (value, unit), joint in (
-        ("settling time", "settling", settles, response.settling.joint),
-        ("overshoot", "overshoot", overshoot, response.overshoot.joint),
-        ("peak input", "peak", peak, response.peak.joint),
+    for name, metric, value, joint, unit in (
+        ("settling time", "settling", rounded(response.settling.value), response.settling.joint, "s"),
+        ("overshoot", "overshoot", rounded(response.overshoot.value, 2), response.overshoot.joint, "%"),
+        ("peak input", "peak", rounded(response.peak_input), response.peak.joint, units_of(e).effort),
     ):
-        text = nominal = f"nominal robot{in_joint(joint, joints)}"
+        where, never = f"nominal robot{in_joint(joint, joints)}", metric == "settling" and value is None
         if samples is not None and len(samples):
             values = getattr(samples, metric)
-            text = f"worst of {len(values)} sampled robots: {_worst(design, metric, unit or 's')}"
+            text = f"worst of {len(values)} sampled robots: {_worst(design, metric, unit)}"
             if not np.isfinite(values).all():
                 bad = "do not settle" if metric == "settling" else "diverge"
                 text = f"{int(np.isinf(values).sum())} of {len(values)} sampled robots {bad}"
-            text = f"{nominal}; {text}" if len(joints) > 1 else text
-        numbers.append(KeyNumber(name, value, unit, text))
+            where = f"{where}; {text}" if len(joints) > 1 else text
+        numbers.append(KeyNumber(name, "not settled" if never else value, "" if never else unit, where))
     if not m.stable:
         return [*numbers, KeyNumber("margins", "none", note="the sampled loop at the goal is unstable")]
     low, high = m.disk_gain_margins
-    delay = f"{number(m.delay_margin_s / period, 3)} periods of {number(1e3 * period, 3)} ms"
-    one = f"one input{in_joint(joints[m.weakest_input], joints)}"
-    together = f"all at once × {number(low, 2)} to × {number(high, 3)}"
     numbers += [
         KeyNumber("peak sensitivity", rounded(m.peak_sensitivity), note="running loop, with the estimator"),
-        KeyNumber("gain margin", f"× {number(m.gain_margin, 3)}", note=f"{one}; {together}"),
-        KeyNumber("delay margin", rounded(1e3 * m.delay_margin_s), "ms", delay),
-    ]
+        KeyNumber(
+            "gain margin", f"× {number(m.gain_margin, 3)}",
+            note=f"one input{in_joint(joints[m.weakest_input], joints)}; all at once × {number(low, 2)} to "
+            f"× {number(high, 3)}",
+        ),
+        KeyNumber(
+            "delay margin", rounded(1e3 * m.delay_margin_s), "ms",
+            f"{number(m.delay_margin_s / period, 3)} periods of {number(1e3 * period, 3)} ms",
+        ),
+    ]  # fmt: skip
     if e.corners is not None:
         which = "corners of the tolerances" if e.corners.complete else "sampled corners"
         numbers.append(KeyNumber("unstable", e.corners.unstable, f"of {e.corners.count}", which))
@@ -251,7 +251,7 @@ def _key_numbers(design: Design) -> list[KeyNumber]:
 def design_tables(design: Design) -> list[Terminal]:
     """The tables of the page that have a title for a terminal, in its order; of the modes fewer rows."""
     tables = (
-        block for part in PARTS for block in part.blocks(design) if isinstance(block, Table) and block.title
+        block for _, _, part in PARTS for block in part(design) if isinstance(block, Table) and block.title
     )
     short = (law.mode_table(design, brief=True) if table.id == "table-modes" else table for table in tables)
     return [table.terminal() for table in short]
@@ -265,5 +265,198 @@ def robots_table() -> Terminal:
         assumed = sum("assumption" in parameter.source for parameter in robot.parameters)
         numbers = f"{len(robot.parameters) - assumed} sourced\n{assumed} assumed"
         rows.append((name, len(robot.joint_names), robot.drive, numbers, robot.description))
-    title = "Robots that come with flexhinf: flexhinf design NAME"
-    return Table(("name", "joints", "drive", "numbers", ""), rows, title).terminal()
+    columns = ("name", "joints", "drive", "numbers", "")
+    return Table(columns, rows, "Robots that come with flexhinf: flexhinf design NAME").terminal()
+
+
+#: Name, value, unit and source.
+Rows = list[tuple[Any, ...]]
+
+#: What a file is, by its name or its ending; the first that fits.
+MEANING = (
+    ("design.toml", "the request and its result; `flexhinf design design.toml` makes the design again"),
+    ("design.json", "every number of this page"),
+    ("comparison.json", "every number of this page"),
+    ("controller.json", "the controller: `flexhinf.load_controller`"),
+    ("controller", "the controller: `flexhinf.load_controller`"),
+    (".csv", "one run, one column for each signal, SI units, time in s"),
+    (".nc", "one run as NetCDF: `xarray.open_dataset`, units as attributes"),
+)
+
+
+def comparison_settings(comparison: Comparison) -> dict[str, list[Setting]]:
+    """The comparison first, then the design's own law."""
+    own, criterion, runs = comparison.own.evaluation, comparison.criterion, comparison.scenario
+    assert own is not None
+    rows = [
+        ("laws", [row.name for row in comparison.rows], "", "option --laws, or the default"),
+        ("tuned for", criterion.text, "", "ours"),
+        *((x.label, f"{'≥' if x.least else '≤'} {x.value:.4g}", x.unit, x.origin) for x in criterion.limits),
+        ("shared limit", criterion.mode, "", "option --tune"),
+        ("measurement noise", "of the sampled robots only, not of the nominal one", "", "ours"),
+        ("command", "the whole step at once, integrals at zero, for every law", "", "ours"),
+        (
+            "load begins at",
+            "a tenth of its run",
+            "",
+            f"{runs.load_duration:g} s long, in equilibrium at the goal",
+        ),
+        ("plan of the move", float(runs.plan.duration), "s", "the same for every law"),
+        ("sensors", "those of the design or of the law's proponents", "", "see the table of laws"),
+    ]
+    return {"Comparison": [Setting(*row) for row in rows], **design_settings(comparison.synthesis, own)}
+
+
+def design_settings(synthesis: Synthesis, e: LawEvaluation) -> dict[str, list[Setting]]:
+    """In the order of the work."""
+    robot = e.setup.robot
+    spreads = {p.name: f" ({p.spread})" if p.range is not None else f" {p.spread}" for p in robot.parameters}
+    groups: dict[str, Rows] = {
+        "Robot": [
+            ("joints", list(robot.joint_names), "", robot.name),
+            *(
+                (p.name.replace("_", " "), f"{p.value:g}{spreads[p.name]}".rstrip(), p.unit, p.source)
+                for p in robot.parameters
+            ),
+        ],
+        "Synthesis": _synthesis(synthesis, e),
+        "Estimator": _estimator(e),
+        "Simulation": _simulation(e),
+    }
+    return {name: [Setting(*row) for row in rows] for name, rows in groups.items()}
+
+
+def _source(s: Specification, name: str, otherwise: str = "") -> str:
+    """The option of a field; where it was not stated its default, or where the value comes from."""
+    option = f"--{name.replace('_', '-')}"
+    if otherwise:
+        return otherwise if getattr(s, name) is None else f"option {option}"
+    return f"{'default of' if getattr(s, name) == getattr(Specification(), name) else 'option'} {option}"
+
+
+def _synthesis(synthesis: Synthesis, e: LawEvaluation) -> Rows:
+    s, problem, chosen = e.setup.specification, synthesis.problem, synthesis.design_problem
+    proved, counted, degrees = (
+        synthesis.proved,
+        "for the number of states",
+        [c.degree for c in synthesis.choices],
+    )
+    checked = "0.9 × the designed one" if s.checked_penalty is None else str(s.checked_penalty)
+    last: Rows = [
+        ("checked γ/γ*", s.checked_gamma_ratio, "", _source(s, "checked_gamma_ratio")),
+        ("checked penalty", checked, "", _source(s, "checked_penalty")),
+        ("rays", synthesis.rays, "", _source(s, "rays", counted)),
+    ]
+    if proved is not None:
+        source = _source(s, "checked_penalty", "the robot's own, or Eq. (11)")
+        last = [
+            ("γ that is proved", proved.gamma, "", "searched"),
+            ("penalty whose gain is proved", str(proved.problem.penalty.states), "", source),
+            ("R2 of that penalty", proved.problem.r2, "", source),
+        ]
+    home = "the robot's home" if s.move is None else "the last waypoint of --move"
+    return [
+        ("preset", chosen.preset, "", "option --preset" if s.preset else "by what is required"),
+        ("pose", synthesis.goal, _position_unit(e), _source(s, "pose", home)),
+        *(
+            (f"weight of {w.signal.replace('_', ' ')}", w.value, w.unit, chosen.source)
+            for w in state_weights(problem, e.setup.joints)
+        ),
+        ("R2", np.asarray(problem.penalty.effort), effort_unit(problem), chosen.effort_source),
+        ("disturbances", list(problem.disturbance_names), "", _source(s, "disturbances")),
+        ("integrated errors", list(problem.integrate), "", "ours"),
+        ("γ* of the problem", chosen.gamma_star, "", "bisection, relative 1e-8"),
+        ("γ/γ*", chosen.gamma / chosen.gamma_star, "", "searched" if proved else _source(s, "gamma_ratio")),
+        ("degrees of V tried", degrees, "", "option --degrees" if s.degrees else counted),
+        ("degree of V", synthesis.chosen.degree, "", "by the cost of the step" if len(degrees) > 1 else ""),
+        *last,
+    ]
+
+
+def _position_unit(e: LawEvaluation) -> str:
+    units = [e.setup.model.unit(name) for name in signal_names("link_position", e.setup.joints)]
+    return units[0] if len(set(units)) == 1 else ", ".join(units)
+
+
+def _estimator(e: LawEvaluation) -> Rows:
+    s, plant, noise = e.setup.specification, e.setup.model, e.setup.process_noise
+    own: Rows = [("estimator", s.estimator, "", _source(s, "estimator"))]
+    if s.estimator == "none":
+        return [*own, ("fed back", "the true state", "", "option --estimator none")]
+    both = (noise.link_velocities, noise.motor_velocities)
+    links, motors = (list(levels) if isinstance(levels, tuple) else levels for levels in both)
+    initial = "stationary covariance of the filter in equilibrium at the goal"
+    return [
+        *own,
+        ("measured", list(plant.outputs), "", _source(s, "measured")),
+        *(
+            (
+                f"Rⁿ of {name.replace('_', ' ')}",
+                float(value),
+                f"({plant.unit(name)})²",
+                _source(s, "measurement_noise"),
+            )
+            for name, value in zip(plant.outputs, noise_variances(plant, s.measurement_noise))
+        ),
+        ("simulated noise", "white, of these variances", "", "ours"),
+        ("Rᵛ on every state", noise.all_states, "per sample", noise.source),
+        ("Rᵛ on link velocities, added", links, "per sample", noise.source),
+        ("Rᵛ on motor velocities, added", motors, "per sample", noise.source),
+        ("initial estimate", "the equilibrium at the start of the run", "", "ours"),
+        ("P0", initial if noise.largest else f"{INITIAL_VARIANCE:g} I", "", "ours"),
+        ("model", "the nominal robot without extras", "", "ours"),
+        *([("α, β, κ", "1, 2, 0", "", "Table 3 of Elsa & Akbari 2014")] if s.estimator == "ukf" else []),
+    ]
+
+
+def _simulation(e: LawEvaluation) -> Rows:
+    s, runs, filter, limits = e.setup.specification, e.scenario, e.loop.filter, e.setup.limits
+    assert runs is not None
+    extras = f", with {', '.join(s.extras)}" if s.extras else ", no extras"
+    bounds, sources = (limits.saturation, limits.speed), (limits.saturation_source, limits.speed_source)
+    inputs, speeds = (limit_text(bound) if np.isfinite(bound).any() else "none" for bound in bounds)
+    stated = [source if source == ROBOT else f"option {source}" for source in sources]
+    quanta = [0.0] if e.setup.quantisation is None else np.atleast_1d(e.setup.quantisation).tolist()
+    steps, seed = "Runge–Kutta steps per period", f"uniform within the tolerances, seed ({s.seed}, 7)"
+    position, units = _position_unit(e), units_of(e)
+    command = "the goal, from the first sample on" if e.setup.command is None else e.setup.command.name
+    rows: Rows = [
+        ("start pose", e.setup.start, position, _source(s, "start", "ours: 0.1 rad (10 mm) from the goal")),
+        ("command", command, "", _source(s, "shaping")),
+        ("move", runs.plan.name, "", _source(s, "move", "ours: the way of the step")),
+        ("true plant", f"nominal numbers{extras}", "", _source(s, "extras")),
+        ("extras that the linear loop leaves out", list(e.setup.left_out) or "none", "",
+         "ours: their slope at standstill holds only for the smallest velocities"),
+        ("sampling period", s.period, "s", _source(s, "period")),
+        ("delay of the inputs", s.delay, "s", _source(s, "delay")),
+        ("quantisation of the measurements", quanta[0] if len(set(quanta)) == 1 else quanta, "",
+         _source(s, "quantisation")),
+        ("dead zone of the integrals", "none" if e.setup.dead_zone is None else e.setup.dead_zone, position,
+         _source(s, "integral_dead_zone", "ours: against hunting")),
+        ("limits of the inputs", inputs, units.effort if limits.saturated is not None else "", stated[0]),
+        ("limits of the speeds", speeds, units.speed if limits.limits_speed else "", stated[1]),
+        ("length of the step", runs.step_duration, "s", _source(s, "duration", "by the slowest mode, 0.5 to 20 s")),
+        ("load", runs.load, e.setup.model.unit(e.setup.model.disturbances[0]),
+         _source(s, "load", "a tenth of what the motors give at the peak of the step")),
+        ("sampled robots", len(runs.robots), "", seed),
+        (steps, runs.sub_steps, "", "true plant: step × fastest mode ≤ 0.01"),
+    ]  # fmt: skip
+    if filter is not None:
+        most = f"{filter.stages} stages, step × fastest mode ≤ {MODEL_STEP[filter.stages]}"
+        rows.append((steps, filter.sub_steps, "", f"estimator's model: {most}"))
+    return rows
+
+
+def files_section(files: Sequence[str]) -> Section:
+    """One row for each file; those of one folder that mean the same share a row."""
+    grouped: dict[tuple[str, str], list[str]] = {}
+    for name in sorted(files):
+        path = PurePath(name)
+        meanings = (text for key, text in MEANING if key in (name, path.suffix, path.stem))
+        folder, _, file = name.rpartition("/")
+        grouped.setdefault((folder, next(meanings, "")), []).append(file)
+    rows = [
+        (f"`{folder}{'/' if folder else ''}{'`, `'.join(names)}`", meaning)
+        for (folder, meaning), names in grouped.items()
+    ]
+    return Section("Files beside this page", (Table(("file", "content"), rows, stacks=True),), "files")

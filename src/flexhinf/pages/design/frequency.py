@@ -89,10 +89,9 @@ def margins(design: Design) -> Blocks:
 def _margin_notes(e: LawEvaluation) -> Blocks:
     m, period = e.margins, e.setup.specification.period
     if e.setup.left_out:
-        names = " and ".join(e.setup.left_out).replace("_", " ")
         yield note(
-            f"The linear loop leaves out {names}: the slope at standstill holds only for the smallest velocities and "
-            "would count as damping. The simulated runs have it."
+            f"The linear loop leaves out {' and '.join(e.setup.left_out).replace('_', ' ')}: the slope at standstill "
+            "holds only for the smallest velocities and would count as damping. The simulated runs have it."
         )
     if not m.stable:
         yield note(
@@ -109,11 +108,11 @@ def _margin_notes(e: LawEvaluation) -> Blocks:
         )
     noise, peak = e.input_noises, e.step.peak_input
     if noise is not None and float(noise.max()) > NOISE_FRACTION * peak:
-        k = int(np.argmax(noise))
-        share = f", {number(100.0 * float(noise[k]) / peak, 2)} % of the step's peak input" if peak else ""
+        k, largest = int(np.argmax(noise)), float(noise.max())
+        share = f", {number(100.0 * largest / peak, 2)} % of the step's peak input" if peak else ""
         yield note(
             f"In equilibrium the sensor noise moves an input{in_joint(e.setup.joints[k], e.setup.joints)} by "
-            f"{number(float(noise[k]), 2)} {units_of(e).effort} rms{share}. Try a slower estimator (smaller "
+            f"{number(largest, 2)} {units_of(e).effort} rms{share}. Try a slower estimator (smaller "
             "--torque-noise), better sensors, or less --bandwidth."
         )
 
@@ -126,22 +125,18 @@ def margin_table(e: LawEvaluation) -> Table:
     """Margins of the running loop, and with the true state fed back where there is an estimator."""
     alone, period = e.setup.specification.estimator == "none", e.setup.specification.period
     loops, joints = [e.margins] if alone else [e.margins, e.state_margins], e.setup.joints
+    damped = in_joint(e.least_damped_joint, joints)
     tracked = [name.removeprefix("link_position_") for name in e.margins.positions]
     of = f" ({', '.join(tracked)})" if 1 < len(tracked) <= FEW_JOINTS else ""
 
     def gains(m: Margins) -> str:
-        """Factors of the gain of the input with the smallest margin."""
         low, high = (number(float(value), 3) for value in m.gain_margins[m.weakest_input])
         return f"× {low}, × {high}{f' ({joints[m.weakest_input]})' if len(m.gain_margins) > 1 else ''}"
 
     def bandwidths(m: Margins) -> str:
-        """Of every joint; where there are many their range, and the slowest."""
         if len(m.bandwidth) > FEW_JOINTS and np.isfinite(m.bandwidth).all():
             return f"{range_text(m.bandwidth)} (slowest: {tracked[int(np.argmin(m.bandwidth))]})"
         return ", ".join(number(float(w), 3) for w in m.bandwidth)
-
-    def damping(m: Margins) -> str:
-        return f"{number(m.damping, 3)}{in_joint(e.least_damped_joint, joints) if m is e.margins else ''}"
 
     values: dict[str, Callable[[Margins], str]] = {
         "delay margin, ms": lambda m: number(1e3 * m.delay_margin_s, 3),
@@ -153,7 +148,7 @@ def margin_table(e: LawEvaluation) -> Table:
         "peak sensitivity": lambda m: number(m.peak_sensitivity, 3),
         "peak sensitivity at, Hz": lambda m: _hertz(m.sensitivity_frequency),
         "peak complementary": lambda m: number(m.peak_complementary, 3),
-        "smallest damping ratio": damping,
+        "smallest damping ratio": lambda m: number(m.damping, 3) + (damped if m is e.margins else ""),
         "smallest damping at, Hz": lambda m: _hertz(m.damping_frequency),
         f"bandwidth{of}, rad/s": bandwidths,
     }
@@ -212,9 +207,9 @@ class Loop(NamedTuple):
 def frequency_figures(loops: Sequence[Loop], joints: Sequence[str], load: str, position: str) -> list[Figure]:
     """Bode, sensitivity and Nyquist diagram of one loop, a line for each joint; or of several, a line for each, of the
     joint that a torque on its link moves most. `load` and `position` are the units of these."""
-    if not loops:
-        return []
-    return [_bode(loops, joints, load, position), _sensitivity(loops), _nyquist(loops, joints)]
+    return (
+        [_bode(loops, joints, load, position), _sensitivity(loops), _nyquist(loops, joints)] if loops else []
+    )
 
 
 def _bode(loops: Sequence[Loop], joints: Sequence[str], load: str, position: str) -> Figure:
@@ -251,9 +246,8 @@ def _sensitivity(loops: Sequence[Loop]) -> Figure:
         f"largest singular value{'' if alone else ' of S'}",
         "; T: an error of the model" if alone else "",
     )
-    panel = Panel(what, "dB", lines, (0.0,), depth=SHOWN_DB, **FREQUENCY)
     return draw_figure(
-        "sensitivity", [panel],
+        "sensitivity", [Panel(what, "dB", lines, (0.0,), depth=SHOWN_DB, **FREQUENCY)],
         f"{RUNNING} S: how much the loop amplifies a disturbance at the motors{second}. Dotted: 0 dB.",
         "Sensitivity", 3.6,
     )  # fmt: skip
@@ -266,19 +260,18 @@ def _nyquist(loops: Sequence[Loop], joints: Sequence[str]) -> Figure:
         distance = min(distance, float(np.nanmin(np.abs(1.0 + opened))))
         lines.append(Line(np.real(opened), np.imag(opened), name, {**style, "zorder": 3.0 - 0.01 * place}))
     turn = np.linspace(0.0, 2.0 * np.pi, 200)
-    circle = np.array([np.cos(turn), np.sin(turn)])
     mark = {"color": INK, "marker": "+", "markersize": 9.0, "linestyle": "none"}
-    lines.append(Line(*circle, "unit circle", {"color": MUTED, "linewidth": 0.8}))
+    lines.append(Line(np.cos(turn), np.sin(turn), "unit circle", {"color": MUTED, "linewidth": 0.8}))
     lines.append(Line(np.array([-1.0]), np.array([0.0]), "−1", mark))
     if len(loops) == 1:
         dashed = {"color": INK, "linewidth": 1.0, "dashes": DASHED, "zorder": 1.0}
-        lines.append(Line(distance * circle[0] - 1.0, distance * circle[1], None, dashed))
+        lines.append(Line(distance * np.cos(turn) - 1.0, distance * np.sin(turn), None, dashed))
         closest = f" The dashed circle about −1 has the smallest distance, {distance:.2f}."
+    others = " The loops at the other inputs are closed." if len(joints) > 1 else ""
     panel = Panel(
         "imaginary part", "", lines, across="real part", x=(-NYQUIST, 0.6 * NYQUIST),
         y=(-0.5 * NYQUIST, 0.5 * NYQUIST), also=lambda axes: axes.set_aspect("equal"),
     )  # fmt: skip
-    others = " The loops at the other inputs are closed." if len(joints) > 1 else ""
     return draw_figure(
         "nyquist", [panel],
         f"{RUNNING} Opened at one input, positive frequencies, negative feedback.{others}{closest}",
@@ -292,8 +285,8 @@ def _lines(
     """Name, style, response and joint of each line; of several loops the joint that a torque moves most in the 1st."""
     first = loops[0].response
     if len(loops) == 1:
-        names = joints if len(joints) > 1 else [loops[0].name]
-        return [(name, line_style(k), first, k) for k, name in enumerate(names)]
+        names = enumerate(joints if len(joints) > 1 else [loops[0].name])
+        return [(name, line_style(k), first, k) for k, name in names]
     joint = int(np.argmax([np.abs(_moved(first, joint)).max() for joint in range(len(first.positions))]))
     return [(loop.name, line_style(loop.style), loop.response, joint) for loop in loops]
 
@@ -315,12 +308,13 @@ def corners(design: Design) -> Blocks:
     if cases is None:
         return
     if cases.unstable:
-        preset = "" if design.design_problem.preset == "robust" else ", or --preset robust"
-        advice = f"the estimator causes it: try another --torque-noise or --estimator{preset}"
+        advice = "the estimator causes it: try another --torque-noise or --estimator"
         if state is not None and state.unstable > 0:
-            advice = f"the law itself does not stand them: try a shorter --period or --delay, less --bandwidth{preset}"
+            advice = "the law itself does not stand them: try a shorter --period or --delay, less --bandwidth"
+        preset = "" if design.design_problem.preset == "robust" else ", or --preset robust"
         yield note(
-            f"{cases.unstable} of {cases.count} corners of the tolerances are unstable with this estimator; {advice}."
+            f"{cases.unstable} of {cases.count} corners of the tolerances are unstable with this estimator; "
+            f"{advice}{preset}."
         )
     yield Paragraph(corners_text(e))
     yield Paragraph(
@@ -328,19 +322,20 @@ def corners(design: Design) -> Blocks:
         "together. For each the loop is linearised at the goal; robots between the corners are not covered."
     )
     if cases.swept:
-        free = [f"“{form}”" for form in cases.retunable]
+        free = " or ".join(f"“{form}”" for form in cases.retunable)
         parts = ", ".join(
             f"with “{form}” at {len(cases.stable_ratios(form))} of {count_text(len(cases.of_form(form)), 'ratio')} only"
             for form in cases.forms
             if form not in cases.retunable
         )
-        may = f"With Rᵛ of the form {' or '.join(free)} none is unstable at any ratio tried." if free else ""
-        some = f" Otherwise that holds {parts}." if parts and free else ""
-        if parts and not free:
-            some = f"No form keeps every corner stable at all ratios tried: that holds {parts}."
+        may = f"With Rᵛ of the form {free} none is unstable at any ratio tried." if free else ""
+        otherwise = (
+            " Otherwise that" if free else "No form keeps every corner stable at all ratios tried: that"
+        )
         yield Paragraph(
             "No paper gives Rᵛ, the process noise that the estimator assumes, and the gain of a filter depends only on "
-            f"its ratio q/Rⁿ and on where q stands. {may}{some} Forms that are not listed were not tried."
+            f"its ratio q/Rⁿ and on where q stands. {may}{f'{otherwise} holds {parts}.' if parts else ''} Forms that "
+            "are not listed were not tried."
         )
     yield corner_table(e)
 
@@ -349,11 +344,8 @@ def corners_text(e: LawEvaluation) -> str:
     """How many corners are unstable as designed, and the worst of them."""
     corners, state, s = e.corners, e.state_corners, e.setup.specification
     assert corners is not None
-    which = "" if corners.complete else "sampled "
-    unstable = f"None of the {corners.count} {which}corners is unstable"
-    if corners.unstable:
-        verb = "is" if corners.unstable == 1 else "are"
-        unstable = f"{corners.unstable} of {corners.count} {which}corners {verb} unstable"
+    of = f"of {'the ' if not corners.unstable else ''}{corners.count} {'' if corners.complete else 'sampled '}corners"
+    unstable = f"{corners.unstable or 'None'} {of} {'is' if corners.unstable < 2 else 'are'} unstable"
     other, sensors = "", "true state"
     if s.estimator != "none":
         sensors = ", ".join(s.measured).replace("_", " ")
@@ -362,8 +354,10 @@ def corners_text(e: LawEvaluation) -> str:
     grows = "has no equilibrium at the goal"
     if np.isfinite(rate):
         grows = f"{'grows' if rate >= 0.0 else 'decays'} with {number(abs(rate), 3)} 1/s"
-    changes = changes_text(worst, e.setup.robot, s.extras)
-    return f"Measured: {sensors}. {unstable}{other}. The worst corner ({changes}) {grows}."
+    return (
+        f"Measured: {sensors}. {unstable}{other}. The worst corner ({changes_text(worst, e.setup.robot, s.extras)}) "
+        f"{grows}."
+    )
 
 
 def corner_rows(e: LawEvaluation) -> list[dict[str, Any]]:
@@ -371,14 +365,15 @@ def corner_rows(e: LawEvaluation) -> list[dict[str, Any]]:
     state, then for every form and ratio q/Rⁿ of Rᵛ."""
     corners, alone = e.corners, e.setup.specification.estimator == "none"
     assert corners is not None
-    own = "true state" if alone else "as designed"
-    loops: dict[tuple[str, float | None], GrowthRates] = {(own, None): corners.designed}
+    loops: list[tuple[str, float | None, GrowthRates]] = [
+        ("true state" if alone else "as designed", None, corners.designed)
+    ]
     if not alone and e.state_corners is not None:
-        loops["true state", None] = e.state_corners
+        loops.append(("true state", None, e.state_corners))
     for form in corners.forms:
-        loops |= {(form, ratio): rates for ratio, rates in corners.of_form(form).items()}
+        loops += [(form, ratio, rates) for ratio, rates in corners.of_form(form).items()]
     rows = []
-    for (form, ratio), rates in loops.items():
+    for form, ratio, rates in loops:
         growth = rates.rates[rates.kinds == "corner"]
         counts = {"unstable": int((growth >= 0.0).sum()), "percent": 100.0 * rates.share("corner")}
         rows.append({"form": form, "ratio": ratio, **counts, "rate": float(growth.max())})
@@ -401,18 +396,18 @@ def corner_table(e: LawEvaluation) -> Table:
             rows, "Unstable corners, and the growth rate of the worst; a negative rate decays", "table-corners",
             title=title,
         )  # fmt: skip
+
+    def texts(row: dict[str, Any] | None) -> tuple[str, str]:
+        if row is None:
+            return "–", "–"
+        share = f"{row['unstable']} ({number(row['percent'], 2)} %)" if row["unstable"] else "0"
+        return share, number(row["rate"], 3) if np.isfinite(row["rate"]) else "no equilibrium"
+
     by, cells = {(row["form"], row["ratio"]): row for row in rows}, []
     for ratio in sorted({row["ratio"] for row in rows if row["ratio"] is not None}):
-        texts = []
-        for row in (by.get((form, ratio)) for form in forms):
-            if row is None:
-                texts += ["–", "–"]
-                continue
-            share = f"{row['unstable']} ({number(row['percent'], 2)} %)" if row["unstable"] else "0"
-            texts += [share, number(row["rate"], 3) if np.isfinite(row["rate"]) else "no equilibrium"]
         exponent = round(float(np.log10(ratio)))
         power = number(10.0**exponent, 1).removeprefix("1·") if abs(exponent) > 3 else number(ratio)
-        cells.append((power, *texts))
+        cells.append((power, *(text for form in forms for text in texts(by.get((form, ratio))))))
     heads = [
         column
         for form in forms
@@ -420,6 +415,8 @@ def corner_table(e: LawEvaluation) -> Table:
             Column(f"{form}: unstable", brief=FORMS[form]), Column("fastest growth, 1/s", brief=None)
         )
     ]  # fmt: skip
-    caption = "Unstable corners over Rᵛ, by the states on which q stands; a negative growth rate decays"
-    title += "\nUnstable corners over Rᵛ = q on:"
-    return Table(("q/Rⁿ", *heads), cells, caption, "table-corners", title=title)
+    return Table(
+        ("q/Rⁿ", *heads), cells,
+        "Unstable corners over Rᵛ, by the states on which q stands; a negative growth rate decays", "table-corners",
+        title=f"{title}\nUnstable corners over Rᵛ = q on:",
+    )  # fmt: skip

@@ -72,7 +72,7 @@ def poles_figure(groups: Sequence[PoleGroup]) -> Figure:
     size = ROOM * float(oscillating.max() if len(oscillating) else np.abs(poles).max(initial=1.0))
     dotted = {"color": MUTED, "linewidth": 0.8, "linestyle": DOTTED, "zorder": 0.5}
     rays = [2.0 * size * np.array([[0.0, -ray], [0.0, np.sqrt(1.0 - ray**2)]]) for ray in RAYS]
-    plane, damping, low = [Line(*ray, None, dotted) for ray in rays], [], -0.05
+    plane, damping, low = [Line(ray[0], ray[1], None, dotted) for ray in rays], [], -0.05
     for name, each, marks in groups:
         style: dict[str, Any] = {"markersize": 6.0, "linestyle": "none", **marks}
         upper = each[np.imag(each) >= 0.0]
@@ -81,21 +81,23 @@ def poles_figure(groups: Sequence[PoleGroup]) -> Figure:
         ratio = damping_ratio(upper)
         low = min([low, *(value - 0.05 for value in ratio.tolist() if value > -1.0 + 1e-9)])
         damping.append(Line(np.abs(upper) / (2.0 * np.pi), ratio, name, style))
-    right = min(size, float(np.real(poles).max(initial=0.0)))
 
     def grows(axes: Axes) -> None:
         axes.margins(x=0.06)
         axes.axhspan(-2.0, 0.0, color=SERIES[1], alpha=0.08, linewidth=0)
-        axes.set_ylim(max(low, -1.05), 1.08)
 
     return draw_figure(
         "poles",
         (
             Panel(
-                "Im λ", "rad/s", plane, vertical=0.0, across="Re λ (1/s)", x=(-size, max(0.12 * size, 1.15 * right)),
+                "Im λ", "rad/s", plane, vertical=0.0, across="Re λ (1/s)",
+                x=(-size, max(0.12 * size, 1.15 * min(size, float(np.real(poles).max(initial=0.0))))),
                 y=(-0.03 * size, size),
             ),
-            Panel("damping ratio", "", damping, (0.0,), across="frequency |λ|/2π (Hz)", log=True, also=grows),
+            Panel(
+                "damping ratio", "", damping, (0.0,), across="frequency |λ|/2π (Hz)", log=True,
+                y=(max(low, -1.05), 1.08), also=grows,
+            ),
         ),
         "Left: poles λ in the s-plane, upper half, near the imaginary axis; dotted rays have damping ratio "
         f"{', '.join(f'{ray:g}' for ray in RAYS)}. Right: damping ratio −Re λ/|λ| over frequency of all poles but "
@@ -115,8 +117,10 @@ def poles(design: Design) -> Blocks:
     error = [mode for mode in design.evaluation.estimator_modes if mode.vibration]
     if error:
         worst, target = min(error, key=lambda mode: mode.damping), design.design_problem.target
-        where = in_joint(worst.joint, design.robot.joint_names)
-        what = f"The estimator's error at {worst.frequency:.3g} Hz{where} has a damping ratio"
+        what = (
+            f"The estimator's error at {worst.frequency:.3g} Hz{in_joint(worst.joint, design.robot.joint_names)} has a "
+            "damping ratio"
+        )
         if worst.damping < HARDLY_SEEN:
             yield note(
                 f"{what} of {worst.damping:.1g} only, and noise keeps it ringing, in the robot too. Measure link "
@@ -133,8 +137,8 @@ def poles(design: Design) -> Blocks:
     for name, modes in list(_modes(design).items())[:2]:
         times = [1.0 / -mode.eigenvalue.real for mode in modes if not _listed(mode)]
         constants = f", time constant{'s' if len(times) > 1 else ''} {range_text(times)} s" if times else ""
-        many = f"{len(times)} modes decay" if len(times) != 1 else "1 mode decays"
-        sentences.append(f"{name.capitalize()}: {many} without oscillating{constants}.")
+        decay = f"{count_text(len(times), 'mode')} decay{'s' if len(times) == 1 else ''}"
+        sentences.append(f"{name.capitalize()}: {decay} without oscillating{constants}.")
     yield Paragraph(f"{' '.join(sentences)} The law adds one mode for the integral of each joint's error.")
 
 
@@ -143,19 +147,20 @@ def _pole_groups(design: Design) -> list[PoleGroup]:
         {"marker": "o", "color": MUTED, "markerfacecolor": "none"}, {"marker": "o", "color": SERIES[0]},
         {"marker": "^", "color": SERIES[2]},
     )  # fmt: skip
-    loops = [(*each, look) for each, look in zip(_modes(design).items(), looks)]
-    loops += [
-        (f"rigid law, {loop.side} side", loop.modes, {"marker": marker, "color": SERIES[3]})
-        for loop, marker in zip(design.rigid.loops if design.rigid else (), ("1", "2"))
-    ]
-    groups = [
-        (name, np.array([mode.eigenvalue for mode in modes], dtype=complex), look)
-        for name, modes, look in loops
+
+    def poles(modes: Sequence[Mode]) -> np.ndarray:
+        return np.array([mode.eigenvalue for mode in modes], dtype=complex)
+
+    groups: list[PoleGroup] = [
+        (name, poles(modes), look) for (name, modes), look in zip(_modes(design).items(), looks)
     ]
     if design.specification.estimator != "none":
         running, look = design.evaluation.frequency_response.poles, {"marker": "x", "color": SERIES[1]}
-        groups.insert(len(_modes(design)), ("running loop (sampled, estimator, delay)", running, look))
-    return groups
+        groups.append(("running loop (sampled, estimator, delay)", running, look))
+    return groups + [
+        (f"rigid law, {loop.side} side", poles(loop.modes), {"marker": marker, "color": SERIES[3]})
+        for loop, marker in zip(design.rigid.loops if design.rigid else (), ("1", "2"))
+    ]
 
 
 def _modes(design: Design) -> Mapping[str, Sequence[Mode]]:
@@ -205,19 +210,17 @@ def law(design: Design) -> Blocks:
         if design.robot.rigid:
             why = "of a robot with rigid joints of its own it says nothing new"
         yield note(f"No rigid design was made: {why}.")
-    text = (
+    poses = f" The same was done at {count_text(len(via), 'pose')} on the way."
+    channels = (
+        " The channels of the tolerances enter in proportion to γ; the listing below keeps them as they are at this "
+        f"γ, so its gamma* is not the γ* = {number(design.gamma_star)} of the whole problem."
+    )
+    yield Paragraph(
         f"V of degree {solution.degree} solves the Hamilton–Jacobi–Isaacs equation at γ = {number(solution.gamma, 5)} "
         f"about the goal, as a power series. The law has degree {solution.degree - 1} in {len(solution.P)} states, "
         f"{count_text(len(solution.input_names), 'input')} and {np.size(solution.law_data)} coefficients."
+        f"{poses if via else ''}{'' if design.design_problem.robustness is None else channels}"
     )
-    if via:
-        text += f" The same was done at {count_text(len(via), 'pose')} on the way."
-    if design.design_problem.robustness is not None:
-        text += (
-            " The channels of the tolerances enter in proportion to γ; the listing below keeps them as they are at "
-            f"this γ, so its gamma* is not the γ* = {number(design.gamma_star)} of the whole problem."
-        )
-    yield Paragraph(text)
     n, units, x = len(design.goal), units_of(design.evaluation), problem.operating_point
     motors = design.robot.layout.whole(x)[2 * n : 3 * n]
     torques = finite(stiffness_of(problem.plant, design.robot, np.nan) * (motors - x[:n]))
@@ -262,9 +265,14 @@ def rigid(design: Design) -> Blocks:
         f"would have. Its γ is {number(design.rigid.gamma)}, of the rigid problem."
     )
     ours = "stable" if all(mode.stable for mode in design.law_modes) else "unstable"
-    fed = "estimator" if estimator else "true state"
     laws: list[tuple[str, str, str, Sequence[Mode], Response]] = [
-        ("this law", fed, ours, design.law_modes, design.evaluation.step)
+        (
+            "this law",
+            "estimator" if estimator else "true state",
+            ours,
+            design.law_modes,
+            design.evaluation.step,
+        )
     ]
     laws += [
         ("rigid", f"{loop.side} side, true values", loop_text(loop), loop.modes, loop.response)
@@ -272,9 +280,10 @@ def rigid(design: Design) -> Blocks:
     ]
     rows = []
     for *texts, modes, response in laws:
-        stable, end = all(mode.stable for mode in modes), response.diverged_at
-        worst = (response.overshoot, response.settling)
-        metrics = (rounded(one.value, 6) if stable else None for one in worst)
+        metrics: list[float | None] = [None, None]
+        if all(mode.stable for mode in modes):
+            metrics = [rounded(response.overshoot.value, 6), rounded(response.settling.value, 6)]
+        end = response.diverged_at
         run = "to its end" if end is None else f"diverges at {number(end, 3)} s"
         rows.append((*texts, min(vibration_damping(modes), default=None), *metrics, run))
     yield Table(
@@ -294,8 +303,9 @@ def loop_text(loop: RigidLoop) -> str:
     damping = vibration_damping(loop.modes)
     if not loop.stable:
         worst = max(loop.modes, key=lambda mode: mode.eigenvalue.real)
-        time = worst.time_constant
-        grows = "does not decay" if time is None else f"grows with a time constant of {time:.2g} s"
+        grows = "does not decay"
+        if worst.time_constant is not None:
+            grows = f"grows with a time constant of {worst.time_constant:.2g} s"
         return f"unstable (a mode at {worst.frequency:.3g} Hz {grows})"
     if damping and min(damping) < RINGS:
         return f"stable, but rings (damping ratio {min(damping):.2g})"
@@ -305,8 +315,8 @@ def loop_text(loop: RigidLoop) -> str:
 def _rigid_figure(e: LawEvaluation, runs: Sequence[tuple[str, Response]]) -> Figure:
     units, goal, late = units_of(e), e.setup.goal, np.zeros(len(e.setup.goal))
     for _, response in runs[1:]:
-        error = np.abs(response.positions[len(response.positions) // 2 :] - goal)
-        late += np.nan_to_num(error, nan=1e9, posinf=1e9).max(axis=0)
+        errors = np.abs(response.positions[len(response.positions) // 2 :] - goal)
+        late += np.nan_to_num(errors, nan=1e9, posinf=1e9).max(axis=0)
     joint = int(np.argmax(late))
     step = units.scale * abs(e.setup.start[joint] - goal[joint]) or 1.0
     signals: tuple[tuple[str, str, Callable[[Response], np.ndarray]], ...] = (
@@ -322,9 +332,9 @@ def _rigid_figure(e: LawEvaluation, runs: Sequence[tuple[str, Response]]) -> Fig
     for k, (quantity, unit, signal) in enumerate(signals):
         lines = []
         for order, (name, response) in enumerate(runs):
-            few, style = thin(response.run.time), {"color": SERIES[order], "linewidth": 1.4}
-            style["zorder"] = 3.0 - 0.1 * order
-            lines.append(Line(response.run.time[few], signal(response)[few], name, style))
+            few, time = thin(response.run.time), response.run.time
+            style = {"color": SERIES[order], "linewidth": 1.4, "zorder": 3.0 - 0.1 * order}
+            lines.append(Line(time[few], signal(response)[few], name, style))
         # where our law stays: a rigid law that diverges would hide it
         y = framed(lines[0].y, 0.75) if k else (-SHOWN_STEPS * step, SHOWN_STEPS * step)
         panels.append(

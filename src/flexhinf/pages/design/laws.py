@@ -99,7 +99,6 @@ GROUPS = {
 
 
 def _titles(comparison: Comparison) -> dict[str, str]:
-    """Titles of the groups, with what was run."""
     s, synthesis, runs = comparison.specification, comparison.synthesis, comparison.scenario
     loads = ", ".join(number(float(value), 3) for value in runs.load)
     slides = comparison.robot.links.slides
@@ -170,29 +169,25 @@ def metric_table(
     ]
     judged = [{(line.what, line.where): line for line in law.requirements} for law in laws]
     for key, first in {key: line for law in judged for key, line in law.items()}.items():
-        lines = [law.get(key) for law in judged]
         sampled = ", sampled" if "robots sampled" in first.where else ""
         name = f"{first.what} {limit_text(first.shown(units_of(own).degrees))}{sampled}"
-        rows.append((name, *("–" if line is None else line.judgement for line in lines)))
+        rows.append((name, *(law[key].judgement if key in law else "–" for law in judged)))
     for group, heading in (GROUPS if short else _titles(comparison)).items():
         entries = []
         for figure in (figure for figure in FIGURES if figure.group == group and (figure.brief or not short)):
             values = {law.name: law.metrics.get(figure.key) for law in comparison.compared}
             if set(values.values()) == {None}:
                 continue
-            best = dict(zip(values, best_of(figure, list(values.values()))))
-            cells = (
-                Cell(cell(figure, values[law.name], comparison), "best" if best[law.name] else "")
-                for law in laws
-            )
+            marks = zip(values, best_of(figure, list(values.values())))
+            best = {name: "best" if there else "" for name, there in marks}
+            cells = (Cell(cell(figure, values[law.name], comparison), best[law.name]) for law in laws)
             entries.append((", ".join(filter(None, (figure.label, unit_of(figure, comparison)))), *cells))
         rows += [heading, *entries] if entries else []
-    names = (law.name.replace("-", "\u2011") for law in laws)  # no line breaks at such a hyphen
-    heads = [Column(name, brief=law.name, right=True) for name, law in zip(names, laws)]
+    hyphen = "\u2011"  # at which no line breaks
     return Table(
-        ("", *heads), rows,
-        "The same commands, load, move, robots and seeds for all. “best”: of its row, or as good",
-        "figures-of-merit", title=title,
+        ("", *(Column(law.name.replace("-", hyphen), brief=law.name, right=True) for law in laws)), rows,
+        "The same commands, load, move, robots and seeds for all. “best”: of its row, or as good", "figures-of-merit",
+        title=title,
     )  # fmt: skip
 
 
@@ -249,11 +244,8 @@ def responses_figure(comparison: Comparison) -> Figure:
         steps[name] = e.step.run.time, angles.scale * (e.step.positions - e.step.goal)
         loaded[name] = load.run.time - at, 1e3 * (load.positions - load.goal)
         moves[name] = e.move.response.run.time, 1e3 * e.move.error
-    groups: dict[str, list[str]] = {}
-    for row in comparison.compared:
-        if row is not thick:
-            groups.setdefault(row.kind.group, []).append(row.name)
-    groups = groups or {comparison.own.kind.group: []}
+    others = [row for row in comparison.compared if row is not thick]
+    groups = list(dict.fromkeys(row.kind.group for row in others)) or [comparison.own.kind.group]
     styles = {row.name: line_style(k) for k, row in enumerate(comparison.rows)}
     figure, grid = panels(len(groups), 3, 0.6 + 2.25 * len(groups), 9.6, sharex="col", sharey="col")
     columns = (
@@ -265,9 +257,9 @@ def responses_figure(comparison: Comparison) -> Figure:
     for k, (run, quantity, unit, errors, span, across) in enumerate(columns):
         joint, limits = _joint_and_limits(errors, span)
         where.append(f"{run}: {joints[joint]}")
-        for axes, (group, names) in zip(grid, groups.items()):
+        for axes, group in zip(grid, groups):
             lines = []
-            for name in (thick.name, *names):
+            for name in (thick.name, *(row.name for row in others if row.kind.group == group)):
                 time, error = errors[name]
                 width, order = (2.2, 2.5) if name == thick.name else (1.2, 3.0)
                 style, few = {**styles[name], "linewidth": width, "zorder": order}, thin(time, POINTS)
@@ -295,33 +287,30 @@ def trade_off_figure(comparison: Comparison, laws: Sequence[TunedLaw]) -> Figure
 
     None where fewer than two laws have finite figures.
     """
-    finite = [one for one in laws if np.isfinite([one.metrics.peak_input, one.metrics.load_deviation]).all()]
+    finite = [law for law in laws if np.isfinite([law.metrics.peak_input, law.metrics.load_deviation]).all()]
     if len(finite) < 2:
         return None
     from matplotlib.ticker import FuncFormatter
 
+    points = np.array([(law.metrics.peak_input, 1e3 * law.metrics.load_deviation) for law in finite])
     figure, ((axis,),) = panels(1, 1, 5.0)
     place, units = {row.name: k for k, row in enumerate(comparison.rows)}, comparison.units()
-    for one in finite:
-        k, own = place[one.name], one.name == NL_HINF
+    for law, point in zip(finite, points):
+        k, own = place[law.name], law.name == NL_HINF
         style, marker = line_style(k), "*" if own else "os^Dv<>"[k % 7]
-        front = pareto_front((*one.tried, one.metrics), comparison.criterion)
-        curve = np.array([[f.peak_input, 1e3 * f.load_deviation] for f in front]).reshape(-1, 2)
+        front = pareto_front((*law.tried, law.metrics), comparison.criterion)
+        curve = np.array([[one.peak_input, 1e3 * one.load_deviation] for one in front]).reshape(-1, 2)
         axis.plot(*curve.T, **{**style, "linewidth": 1.0, "alpha": 0.7})
         axis.plot(
-            [one.metrics.peak_input], [1e3 * one.metrics.load_deviation], marker, label=one.name, color=style["color"],
-            markersize=13.0 if own else 6.5, linestyle="none", zorder=4.0,
+            *point[:, None], marker, label=law.name, color=style["color"], markersize=13.0 if own else 6.5,
+            linestyle="none", zorder=4.0,
         )  # fmt: skip
     axis.set(xscale="log", yscale="log", xlabel=f"peak input of the step ({units['input']})")
     legend_above(figure, axis, 5, columnspacing=1.2)
-    peaks = [one.metrics.peak_input for one in finite]
-    deviations = [1e3 * one.metrics.load_deviation for one in finite]
-    for ruler, limit, values in (
-        (axis.xaxis, axis.set_xlim, peaks), (axis.yaxis, axis.set_ylim, deviations)
-    ):  # fmt: skip
+    for ruler, limit, values in zip((axis.xaxis, axis.yaxis), (axis.set_xlim, axis.set_ylim), points.T):
         ruler.set_minor_formatter(FuncFormatter(lambda x, _: f"{x:g}" if f"{x:.0e}"[0] in "2357" else ""))
         ruler.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
-        limit(max(0.7 * min(values), max(values) / RANGE), 1.4 * max(values))
+        limit(max(0.7 * values.min(), values.max() / RANGE), 1.4 * values.max())
     label(axis, "largest deviation under the load", units["error"])
     return figure_block(
         "trade-off", figure,

@@ -76,7 +76,7 @@ def proof_text(design: Design) -> str:
         f"Proved, for {whom} with the true state fed back: {reach} γ = {at_most(certificate.gamma)}."
     )
     if proof.inside and proof.budget:
-        parts = (_spent(design), certificate.level - proof.start)
+        parts = (proof.budget[-1].budget.total, certificate.level - proof.start)
         spent, left = (f"{100.0 * value / certificate.level:.2g}" for value in parts)
         texts.append(
             f"The step leaves {left} % of the level, which {'covers' if proof.lasts else 'does not cover'} the "
@@ -87,19 +87,10 @@ def proof_text(design: Design) -> str:
     return " ".join(filter(None, texts))
 
 
-def _spent(design: Design) -> float:
-    return design.proof.budget[-1].budget.total if design.proof.budget else math.nan
-
-
 def penalty_text(design: Design) -> str:
     """The z whose gain is proved for all tolerances."""
-    if design.specification.checked_penalty is not None:
-        return "the z of the checked penalty"
-    return (
-        "the z of the robot's own penalty"
-        if design.robot.penalty
-        else "the z of Eq. (11), scaled to the robot"
-    )
+    own = "the robot's own penalty" if design.robot.penalty else "Eq. (11), scaled to the robot"
+    return f"the z of {own if design.specification.checked_penalty is None else 'the checked penalty'}"
 
 
 def covers_tolerances(design: Design) -> bool:
@@ -135,7 +126,8 @@ def proof_numbers(design: Design) -> dict[str, Any]:
         "gamma": certificate.gamma, "level": certificate.level, "sampled_level": certificate.sampled_level,
         "steps": {RULES.get(start.rule, start.rule): start.amplitude for start in certificate.starts},
         "step_proved": design.step_proof.proved,
-        "start": proof.start, "starts_inside": proof.inside, "spent": _spent(design), "lasts": proof.lasts,
+        "start": proof.start, "starts_inside": proof.inside,
+        "spent": proof.budget[-1].budget.total if proof.budget else math.nan, "lasts": proof.lasts,
         "attained_gain": certificate.attained_gain, "cpu_s": proof.cpu_seconds, "file": "certificate.json",
         "for_all_tolerances": tolerances,
     }  # fmt: skip
@@ -207,8 +199,9 @@ def _proof(design: Design) -> Blocks:
     if certificate is not None:
         covers, share = covers_tolerances(design), "was"
         if certificate.sampled_level is not None:
-            percent = number(100.0 * certificate.level / certificate.sampled_level, 3)
-            share = f"is {percent} % of the sampled one,"
+            share = (
+                f"is {number(100.0 * certificate.level / certificate.sampled_level, 3)} % of the sampled one,"
+            )
         yield Paragraph(
             f"The level V ≤ {at_least(certificate.level, 5)} {share} proved in {number(design.proof.cpu_seconds, 2)} s "
             "of CPU with exact (outward rounded) arithmetic; the theorem stands in `certificate.json`, which another "
@@ -231,21 +224,22 @@ def _proof(design: Design) -> Blocks:
 
 
 def _degree_text(design: Design) -> str:
-    """Which degree is used, and why."""
     chosen, (lowest, *higher), proved = design.chosen, design.choices, design.synthesis.proved
     used = f"V of degree {chosen.degree} is used, a {law_name(chosen.degree)} law"
     if proved is not None:
-        count = count_text(proved.candidates, "candidate")
-        return f"{used}: of {count} within the largest input the one with the smallest gain that is proved."
+        return (
+            f"{used}: of {count_text(proved.candidates, 'candidate')} within the largest input the one with the "
+            "smallest gain that is proved."
+        )
     if not higher:
         return f"{used}: the only one that was tried."
     if design.specification.via:
         return f"{used}: with laws at several poses the robot is never far from the nearest one."
     if all(math.isnan(choice.cost) for choice in higher):
-        most = max(choice.acting for choice in higher)
         return (
-            f"{used}: along its step the laws of higher degree would change the input by {100.0 * most:.2g} % of its "
-            f"largest deviation from the goal's (below {100.0 * ACTING:.2g} % nothing is gained)."
+            f"{used}: along its step the laws of higher degree would change the input by "
+            f"{100.0 * max(choice.acting for choice in higher):.2g} % of its largest deviation from the goal's (below "
+            f"{100.0 * ACTING:.2g} % nothing is gained)."
         )
     steps = "; ".join(
         f"degree {choice.degree} {_cost(choice, lowest)}"
@@ -269,9 +263,9 @@ def _cost(choice: DegreeChoice, lowest: DegreeChoice) -> str:
 
 def _strength(design: Design) -> str:
     """Of the regions of all degrees; of the law that is used, more may be proved."""
-    if (certificate := design.proof.certificate) is None:
-        return "sampled, not proved"
-    return f"sampled; of the law that is used V ≤ {at_least(certificate.level)} is proved"
+    certificate = design.proof.certificate
+    own = "" if certificate is None else f"; of the law that is used V ≤ {at_least(certificate.level)} is"
+    return f"sampled{own or ', not'} proved"
 
 
 def _region_table(design: Design) -> Table:
@@ -333,7 +327,6 @@ def budget_of(design: Design) -> Sequence[BudgetTerm]:
 
 
 def _budget(design: Design) -> Blocks:
-    """What the parts of the controller use of the level; the lower bound of the gain in the title."""
     terms, which = budget_of(design), "sampled" if design.proof.certificate is None else "proved"
     budget, attained = terms[-1].budget, design.attenuation.attained
     bounded, outcome = np.isfinite(budget.level), "the loop with all its parts diverges."
@@ -354,20 +347,19 @@ def _budget(design: Design) -> Blocks:
         left = term.budget.left if np.isfinite(term.budget.left) else None
         within = ("yes" if term.budget.kept else "NO") if np.isfinite(term.budget.level) else None
         rows.append((BUDGET_PARTS[term.name], term.added, term.budget.total, left, within))
-    columns = (
-        Column("part of the loop", brief="part"),
-        Column("uses ½∫vᵀR2v", digits=3, brief="uses"),
-        Column("with all above", digits=3),
-        Column("remaining level", digits=4, brief="remaining"),
-        Column("within the budget"),
-    )
-    title = "Dissipation budget of the step"
+    found = ""
     if attained is not None:
         gain = f"{number(attained.gain)} found (lower bound), γ = {number(design.gamma)} designed"
-        title = f"√(∫|z|²/∫|d|²): {gain}\n{title}"
+        found = f"√(∫|z|²/∫|d|²): {gain}\n"
     yield Table(
-        columns, rows, "Parts are added one after the other", "table-budget", stacks=True, title=title
-    )
+        (
+            Column("part of the loop", brief="part"), Column("uses ½∫vᵀR2v", digits=3, brief="uses"),
+            Column("with all above", digits=3), Column("remaining level", digits=4, brief="remaining"),
+            "within the budget",
+        ),
+        rows, "Parts are added one after the other", "table-budget", stacks=True,
+        title=f"{found}Dissipation budget of the step",
+    )  # fmt: skip
     if budget.complete:
         yield lambda: _budget_figure(terms[-1])
 

@@ -33,15 +33,15 @@ def requirements(design: Design) -> Blocks:
         known = np.isfinite(row["value"])
         text = f"{number(row['value'], 3)} {row['unit']}" if known else "diverges"
         percent = 100.0 * row["value"] / limit if known and np.isfinite(limit) else None
-        joint = [row["joint"] or "–"] if several else []
-        rows.append((row["what"], text, *joint, *([percent] if limited else [])))
-    differ = len(set(limits.effort.tolist())) > 1
+        more = ([row["joint"] or "–"] if several else []) + ([percent] if limited else [])
+        rows.append((row["what"], text, *more))
     bound = (
         f"; the limit is {effort_text(limits.effort)} {units_of(design.evaluation).effort}" if limited else ""
     )
     yield Table(
         (
-            "in", "input nearest its limit" if differ else "largest input", *(["joint"] if several else []),
+            "in", "input nearest its limit" if len(set(limits.effort.tolist())) > 1 else "largest input",
+            *(["joint"] if several else []),
             *([Column("of its limit", "%", 1, brief=None)] if limited else []),
         ),
         rows, f"Inputs of the motors{bound}", "table-cost", title="Inputs of the motors",

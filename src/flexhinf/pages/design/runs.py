@@ -9,19 +9,17 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.analysis import Margins
 from flexhinf.design.checks import (
     AFTER,
     MOST_LAWS,
     WIDEST,
     ImpulseRuns,
     LimitCycleCheck,
-    PayloadEvaluation,
     payload_requirements,
 )
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.problem.presets import preset_of
-from flexhinf.design.responses import LoadResponse, Response
+from flexhinf.design.responses import LoadResponse
 from flexhinf.design.result import Design
 from flexhinf.design.specification import RINGS
 from flexhinf.loop.simulation.metrics import REST_TAIL, VISIBLE, tail_of
@@ -69,10 +67,15 @@ def load(design: Design) -> Blocks:
     if run.response.diverged_at is not None:
         yield note("With torques on the links the loop diverges. Try a smaller `--load`.")
     elif slow:
-        still = f"{' and '.join(slow)} {'is' if len(slow) == 1 else 'are'} still more than 2 % of the step"
-        yield note(f"With constant torques on the links, {still} away from the goal at the end of the run.")
-    caption = f"From {run.at:g} s on (dotted) constant torques, unknown to law and estimator, act on all links at once."
-    yield lambda: _load_figure(e, run, "load", caption, "Torques on the links")
+        yield note(
+            f"With constant torques on the links, {' and '.join(slow)} {'is' if len(slow) == 1 else 'are'} still more "
+            "than 2 % of the step away from the goal at the end of the run."
+        )
+    yield lambda: _load_figure(
+        e, run, "load",
+        f"From {run.at:g} s on (dotted) constant torques, unknown to law and estimator, act on all links at once.",
+        "Torques on the links",
+    )  # fmt: skip
     unit, scale = units.small
     yield joint_table(
         (
@@ -129,23 +132,22 @@ def payload(design: Design) -> Blocks:
         )
     yield Paragraph(text)
     if grip is not None:
-        caption = (
+        yield lambda: _load_figure(
+            e, grip, "payload",
             f"At the goal the robot grips {number(heaviest.mass, 3)} kg at {grip.at:g} s (dotted): the weight beyond "
-            "the model's, unknown to law and estimator, acts on all links at once."
-        )
-        yield lambda: _load_figure(e, grip, "payload", caption, "Gripping the heaviest payload")
+            "the model's, unknown to law and estimator, acts on all links at once.",
+            "Gripping the heaviest payload",
+        )  # fmt: skip
     (unit, scale), limits = units_of(e).small, design.setup.limits
-
-    def row(name: str, step: Response, m: Margins, one: PayloadEvaluation | None = None) -> tuple[Any, ...]:
+    rows, modelled = [], f"{number(sum(p.value for p in masses), 3)} kg, as in the model"
+    carried = ((f"{number(one.mass, 3)} kg", one.step, one.margins, one) for one in design.payloads)
+    for name, step, m, one in ((modelled, e.step, e.margins, None), *carried):
         used = limits.input_use(step).value if limits.limits_peak else step.peak_input
         gripped: list[float | None] = [None, None, None]
         if one is not None and one.load_step is not None:
             gripped = [scale * one.deflection.value, one.recovery.value, scale * one.remaining.value]
         metrics = [step.overshoot.value, step.settling.value, used, *gripped, m.damping, m.peak_sensitivity]
-        return (name, *finite([*metrics, m.gain_margin]))
-
-    rows = [row(f"{number(sum(p.value for p in masses), 3)} kg, as in the model", e.step, e.margins)]
-    rows += [row(f"{number(one.mass, 3)} kg", one.step, one.margins, one) for one in design.payloads]
+        rows.append((name, *finite([*metrics, m.gain_margin])))
     yield Table(
         (
             "payload", Column("overshoot", "%", 2), Column("settling", "s", 3),
@@ -192,8 +194,8 @@ def payload_text(design: Design) -> str:
     back = "and is not back within 2 % of its step in the run"
     if np.isfinite(one.recovery.value):
         back = f"and is back within 2 % of its step after {number(one.recovery.value, 2)} s"
-    where = in_joint(one.deflection.joint, design.robot.joint_names)
-    return f"{text}; gripping it the robot sags by {units.small_text(one.deflection.value, 2)}{where} {back}."
+    sags = f"{units.small_text(one.deflection.value, 2)}{in_joint(one.deflection.joint, design.robot.joint_names)}"
+    return f"{text}; gripping it the robot sags by {sags} {back}."
 
 
 # The planned move ---------------------------------------------------------------------------------------
@@ -202,8 +204,10 @@ def move(design: Design) -> Blocks:
     e, planned, units = design.evaluation, design.evaluation.move, units_of(design.evaluation)
     response, (unit, scale), s = planned.response, units.small, design.evaluation.setup.specification
     if response.diverged_at is not None:
-        advice = "Ask for a slower move, a smaller step or a lower `--bandwidth`."
-        yield note(f"The loop diverges while it follows the planned move. {advice}")
+        yield note(
+            "The loop diverges while it follows the planned move. Ask for a slower move, a smaller step or a lower "
+            "`--bandwidth`."
+        )
     duration = f"{planned.plan.duration:.3g} s"
     about = f"The stated move takes {duration} ({planned.plan.name})."
     origin, quantity = 0.0, "link position"
@@ -216,20 +220,16 @@ def move(design: Design) -> Blocks:
         f"The move needs at most {peak_text(response, units)}, the step {peak_text(e.step, units)}."
     )
 
-    def figure() -> Figure:
-        over = response.run.time, e.setup.joints
-        position, plan = (units.scale * (values - origin) for values in (response.positions, planned.planned))
-        return draw_figure(
-            "move",
-            (
-                joint_panel(quantity, units.angle, *over, position, plan=plan),
-                joint_panel("link position − plan", unit, *over, scale * planned.error, zero=True),
-                input_panel(e, response)[0],
-            ),
-            "Link positions and the plan (dotted), their difference, and the inputs.", "The move", 6.6,
-        )  # fmt: skip
-
-    yield figure
+    time, away, plan = response.run.time, response.positions - origin, planned.planned - origin
+    yield lambda: draw_figure(
+        "move",
+        (
+            joint_panel(quantity, units.angle, time, e.setup.joints, units.scale * away, plan=units.scale * plan),
+            joint_panel("link position − plan", unit, time, e.setup.joints, scale * planned.error, zero=True),
+            input_panel(e, response)[0],
+        ),
+        "Link positions and the plan (dotted), their difference, and the inputs.", "The move", 6.6,
+    )  # fmt: skip
     yield joint_table(
         (
             Column("way", units.angle, key="way", scale=units.scale),
@@ -256,8 +256,8 @@ def margins_along(design: Design) -> Blocks:
     if along is None:
         return
     if along.share > 1.0:
-        verb = "is" if along.count == 1 else "are"
-        tried = f"with up to {MOST_LAWS} laws scheduled along it, of which {along.count} {verb} used: more did not help"
+        used = f"{along.count} {'is' if along.count == 1 else 'are'} used: more did not help"
+        tried = f"with up to {MOST_LAWS} laws scheduled along it, of which {used}"
         yield note(
             f"At {number(float(along.times[along.worst_pose]), 3)} s of the move the margins of the running loop are "
             f"not as required, {'with the poses of `--via`' if design.specification.via else tried}. Try a lower "
@@ -272,23 +272,33 @@ def margins_along(design: Design) -> Blocks:
         f"The running loop, linearised about the robot at rest at {len(along.times)} poses that are evenly apart on "
         f"the way of the move: {laws}. Velocities along the move are not in it."
     )
+    slides, degrees = design.robot.links.slides, units_of(design.evaluation).degrees
     panels, rows, acting = [], [], np.array(along.laws)
     for name, quantity in MARGINS.items():
         values = np.array([getattr(one, name) for one in along.margins], dtype=float)
-        k = int(np.argmax(values) if name == "peak_sensitivity" else np.argmin(values))
-        pose = pose_text(along.poses[k], design.robot.links.slides, units_of(design.evaluation).degrees)
-        rows.append((quantity, float(values[k]), float(along.times[k]), pose))
-        lines = []
-        for law in sorted(set(along.laws)):
-            at, color = acting == law, SERIES[law % len(SERIES)]
-            dots = {"color": color, "marker": "o", "markersize": 4.5, "linestyle": "none"}
-            lines.append(Line(along.times[at], values[at], None, dots))
-        joined = {"color": SERIES[0], "linewidth": 1.0, "zorder": 1}
-        lines.append(Line(along.times, values, None, joined))
-        limit = getattr(along.least, name)
+        k, limit = (
+            int((np.argmax if name == "peak_sensitivity" else np.argmin)(values)),
+            getattr(along.least, name),
+        )
+        rows.append(
+            (quantity, float(values[k]), float(along.times[k]), pose_text(along.poses[k], slides, degrees))
+        )
+        dots = {"marker": "o", "markersize": 4.5, "linestyle": "none"}
+        lines = [
+            Line(
+                along.times[acting == law],
+                values[acting == law],
+                None,
+                {"color": SERIES[law % len(SERIES)], **dots},
+            )
+            for law in sorted(set(along.laws))
+        ]
+        lines.append(Line(along.times, values, None, {"color": SERIES[0], "linewidth": 1.0, "zorder": 1}))
         panels.append(Panel(quantity, "", lines, (limit,) if limit else ()))
-    caption = f"At poses along the move. Dotted: what is required, with its tolerance.{colours}"
-    yield lambda: draw_figure("along", panels, caption, "Margins along the move", 5.4)
+    yield lambda: draw_figure(
+        "along", panels, f"At poses along the move. Dotted: what is required, with its tolerance.{colours}",
+        "Margins along the move", 5.4,
+    )  # fmt: skip
     yield Table(
         ("figure", Column("worst", "", 3), Column("at", "s", 3), "pose"), rows, "The worst pose of each figure",
         "table-along",
@@ -300,14 +310,13 @@ def ring_down(design: Design) -> Blocks:
     """How the loop comes to rest after an impulse on each link: figure and table; none where a run diverged."""
     runs, units = design.evaluation.ring_down, units_of(design.evaluation)
     if runs.ring_down is None:
-        joint = runs.responses[runs.worst].joints[runs.worst]
-        yield note(f"After a blow on {joint} at the goal the loop diverges.")
+        yield note(f"After a blow on {runs.responses[0].joints[runs.worst]} at the goal the loop diverges.")
         return
     if not runs.exponential:
-        left = "comes to rest" if runs.ring_down.rests else "does not come to rest"
         yield note(
             "After a blow the loop does not decay as a linear one does (dry friction, backlash or limits), and "
-            f"{left}; the damping ratios are those of the nearest decaying oscillations."
+            f"{'comes' if runs.ring_down.rests else 'does not come'} to rest; the damping ratios are those of the "
+            "nearest decaying oscillations."
         )
     yield lambda: _ring_down_figure(runs)
     unit, scale = units.small
@@ -333,17 +342,14 @@ def ring_down_rows(runs: ImpulseRuns) -> list[dict[str, Any]]:
     rows, fit = [], runs.ring_down
     for k, response in enumerate(runs.responses):
         least = runs.least_damped(k)
-        deviation = float(np.abs(response.positions[:, k] - response.goal[k]).max())
-        rows.append(
-            {
-                "joint": response.joints[k],
-                "impulse": float(runs.impulses[k]),
-                "peak_deviation": None if fit is None else deviation,
-                "damping": None if fit is None else fit.damping_of(k),
-                "frequency_Hz": None if least is None else least.frequency,
-                "left": None if fit is None else runs.left(k),
-            }
-        )
+        row = {
+            "joint": response.joints[k], "impulse": float(runs.impulses[k]), "peak_deviation": None, "damping": None,
+            "frequency_Hz": None if least is None else least.frequency, "left": None,
+        }  # fmt: skip
+        if fit is not None:
+            deviation = float(np.abs(response.positions[:, k] - response.goal[k]).max())
+            row |= {"peak_deviation": deviation, "damping": fit.damping_of(k), "left": runs.left(k)}
+        rows.append(row)
     return rows
 
 
@@ -375,17 +381,19 @@ def long_run(design: Design) -> Blocks:
         return
 
     def motion(run: LimitCycleCheck, joints: Sequence[int]) -> str:
-        texts = []
-        for k in joints:
-            size = units.small_text(run.cycles[k].amplitude, 3)
-            texts.append(f"{run.response.joints[k]} by ±{size} ({_frequency(run.cycles[k].frequency)})")
-        return listed(texts)
+        return listed([
+            f"{run.response.joints[k]} by ±{units.small_text(run.cycles[k].amplitude, 3)} "
+            f"({_frequency(run.cycles[k].frequency)})"
+            for k in joints
+        ])  # fmt: skip
 
     def zone(run: LimitCycleCheck) -> str:
-        """The dead zone of the integrals, of the joints that have one."""
         joints, sizes = run.response.joints, [] if run.dead_zone is None else run.dead_zone.tolist()
-        where = [f" in {joint}" if len(joints) > 1 else "" for joint in joints]
-        return listed([f"{units.small_text(size, 2)}{at}" for at, size in zip(where, sizes) if size > 0.0])
+        return listed([
+            f"{units.small_text(size, 2)}{f' in {joint}' if len(joints) > 1 else ''}"
+            for joint, size in zip(joints, sizes)
+            if size > 0.0
+        ])  # fmt: skip
 
     if run.without is not None:
         yield note(
@@ -397,17 +405,19 @@ def long_run(design: Design) -> Blocks:
         if run.oscillates:
             yield note("The long run at rest with the robot's dry friction diverges.")
         return
+    dry, hunting = [name for name in run.extras if name in DRY], ""
     if run.oscillates:
-        extras = ",".join(dict.fromkeys((*s.extras, *(name for name in run.extras if name in DRY))))
-        kinds, preset = ("link_position", "motor_position"), preset_of(design.evaluation.setup.robot, s)
-        sides = [any(name.startswith(kind) for name in s.measured) for kind in kinds]
+        hunting, narrow = f"{run.response.run.time[-1]:.3g} s at rest with dry friction: hunting", ""
+        both = all(
+            any(name.startswith(side) for name in s.measured) for side in ("link_position", "motor_position")
+        )
         advice = {
-            f"`--extras {extras} --friction-model`": not s.friction_model,
+            f"`--extras {','.join(dict.fromkeys((*s.extras, *dry)))} --friction-model`": not s.friction_model,
             "another `--integral-dead-zone`": True,
-            "sensors on both sides of the springs": not all(sides),
-            "weights that damp the vibration (`--preset damped`)": preset == "paper",
-        }
-        narrow = ""
+            "sensors on both sides of the springs": not both,
+            "weights that damp the vibration (`--preset damped`)":
+                preset_of(design.evaluation.setup.robot, s) == "paper",
+        }  # fmt: skip
         if run.tried is not None and run.tried.cycles:
             narrow = (
                 f" Errors up to {zone(run.tried)} left unintegrated do not end it: "
@@ -420,7 +430,6 @@ def long_run(design: Design) -> Blocks:
         )
     yield lambda: _long_run_figure(design, run)
     unit, scale = units.small
-    dead = "" if run.dead_zone is None else ", and a dead zone of the integrals"
     yield joint_table(
         (
             Column("amplitude", unit, key="amplitude", scale=scale),
@@ -436,18 +445,17 @@ def long_run(design: Design) -> Blocks:
             }
             for row in long_run_rows(run)
         ],
-        f"With {listed([name.replace('_', ' ') for name in run.extras if name in DRY])}{dead}. Amplitude: half of the "
-        "distance between the extremes in the last half. Remaining error: largest in the last tenth",
-        "table-hunting",
-        f"{run.response.run.time[-1]:.3g} s at rest with dry friction: hunting" if run.oscillates else "",
+        f"With {listed(dry).replace('_', ' ')}{'' if run.dead_zone is None else ', and a dead zone of the integrals'}. "
+        "Amplitude: half of the distance between the extremes in the last half. Remaining error: largest in the last "
+        "tenth",
+        "table-hunting", hunting,
     )  # fmt: skip
 
 
 def _frequency(frequency: float | None) -> str:
     if frequency is None:
         return "less than one period in the last half"
-    slow = f", every {number(1.0 / frequency, 3)} s" if frequency < 1.0 else ""
-    return f"{number(frequency, 3)} Hz{slow}"
+    return f"{number(frequency, 3)} Hz{f', every {number(1.0 / frequency, 3)} s' if frequency < 1.0 else ''}"
 
 
 def long_run_rows(run: LimitCycleCheck) -> list[dict[str, Any]]:
@@ -466,20 +474,18 @@ def long_run_rows(run: LimitCycleCheck) -> list[dict[str, Any]]:
 
 def _long_run_figure(design: Design, run: LimitCycleCheck) -> Figure:
     response, units = run.response, units_of(design.evaluation)
-    unit, scale = units.small
-    runs = (response.run.time, response.positions, response.inputs)
-    time, positions, inputs = (tail_of(each, REST_TAIL) for each in runs)
+    (unit, scale), joints = units.small, response.joints
+    time, positions, inputs = (
+        tail_of(each, REST_TAIL) for each in (response.run.time, response.positions, response.inputs)
+    )
     few, deviation = _extremes(time, scale * (positions - response.goal))
-    limit = np.full(len(response.joints), scale * run.limit)
+    limit = {"limits": np.full(len(joints), scale * run.limit), "limit_name": "limit"}
     friction = "sharp: it holds a motor until the torque exceeds it" if run.sharp else "smoothed"
     return draw_figure(
         "rest",
         (
-            joint_panel(
-                "link position − goal", unit, few, response.joints, deviation, zero=True, limits=limit,
-                limit_name="limit",
-            ),
-            joint_panel("input", units.effort, few, response.joints, _extremes(time, inputs)[1]),
+            joint_panel("link position − goal", unit, few, joints, deviation, zero=True, **limit),
+            joint_panel("input", units.effort, few, joints, _extremes(time, inputs)[1]),
         ),
         f"The last half of {response.run.time[-1]:.3g} s at the goal, without measurement noise. Dry friction is "
         f"{friction}. An amplitude beyond {units.small_text(run.limit, 3)} is hunting.",

@@ -84,15 +84,15 @@ def step(design: Design) -> Blocks:
             f"out. `--extras {','.join(left)}` includes them."
         )
     if e.step.diverged_at is not None:
-        when = number(e.step.diverged_at, 3)
-        yield note(f"The step diverges at {when} s. Start nearer to the goal, or change the weights.")
-    each = np.abs(e.step.inputs)
-    sizes = each.max(axis=1)
+        yield note(
+            f"The step diverges at {number(e.step.diverged_at, 3)} s. Start nearer to the goal, or change the weights."
+        )
+    sizes = np.abs(e.step.inputs).max(axis=1)
     at, later = int(np.argmax(sizes)), float(sizes[STARTING:].max(initial=0.0))
     if s.estimator != "none" and 0 < at < STARTING < len(sizes) and sizes[at] >= MUCH * later:
         yield note(
             f"The peak input of {number(float(sizes[at]), 3)} {units.effort}"
-            f"{in_joint(e.setup.joints[int(np.argmax(each[at]))], e.setup.joints)} occurs "
+            f"{in_joint(e.setup.joints[int(np.argmax(np.abs(e.step.inputs[at])))], e.setup.joints)} occurs "
             f"{number(1e3 * at * s.period, 2)} ms after the start, while the gain of the estimator is still "
             f"settling. From {number(1e3 * STARTING * s.period, 3)} ms on the peak is {number(later, 3)} "
             f"{units.effort}. Let the estimator run before the law takes over."
@@ -220,8 +220,10 @@ def difference_text(design: Design) -> str:
     if theirs.diverged_at is not None or ours.diverged_at is not None:
         return "it diverges" if theirs.diverged_at is not None else "it does not diverge"
     apart = units.scale * np.abs(theirs.positions - ours.positions).max(axis=0)
-    where = in_joint(ours.joints[int(np.argmax(apart))], ours.joints)
-    return f"link positions differ by at most {number(float(apart.max()), 2)} {units.angle}{where}"
+    return (
+        f"link positions differ by at most {number(float(apart.max()), 2)} {units.angle}"
+        f"{in_joint(ours.joints[int(np.argmax(apart))], ours.joints)}"
+    )
 
 
 # The arm ------------------------------------------------------------------------------------------------
@@ -231,8 +233,10 @@ def arm_of(e: LawEvaluation) -> Figure | None:
     if response.diverged_at is not None:
         return None
     motors = e.setup.robot.layout.whole(response.run.signals["state"].T)[2 * n : 3 * n].T
-    at = instants(response.positions, response.start, response.goal)
-    return arm_figure(e.setup.robot, response.run.time, response.positions, motors, at)
+    return arm_figure(
+        e.setup.robot, response.run.time, response.positions, motors,
+        instants(response.positions, response.start, response.goal),
+    )  # fmt: skip
 
 
 def instants(positions: np.ndarray, start: np.ndarray, goal: np.ndarray) -> list[int]:
@@ -345,8 +349,8 @@ def _bands(e: LawEvaluation, samples: MonteCarlo) -> Figure:
     steps = units.scale * np.abs(e.setup.goal - e.setup.start)
     spread = np.ptp(away, axis=0)  # of all robots, at each time and joint
     widest = sorted(np.argsort(-spread.max(axis=0))[:PANELS].tolist())
-    late = spread[away.shape[1] // 2 :].max(axis=0)
-    close = int(np.argmax(np.where(steps > 0.0, late / np.where(steps > 0.0, steps, 1.0), -1.0)))
+    late = spread[away.shape[1] // 2 :].max(axis=0) / np.where(steps > 0.0, steps, 1.0)
+    close = int(np.argmax(np.where(steps > 0.0, late, -1.0)))
     worst = {samples.worst: "largest overshoot"}
     worst[samples.slowest] = f"{worst.get(samples.slowest, '')}, slowest settling".removeprefix(", ")
     styles = ({"color": INK, "dashes": (5.0, 1.5)}, {"color": SERIES[1], "dashes": (2.0, 1.2)})
@@ -358,8 +362,7 @@ def _bands(e: LawEvaluation, samples: MonteCarlo) -> Figure:
             for (robot, name), style in zip(worst.items(), styles)
             for line in away[ended == robot, :, joint]
         ]
-        what = f"{names[joint]} − goal" if len(names) > 1 else "link − goal"
-        Panel(what, units.angle, lines, (0.0,)).draw(axis)
+        Panel(f"{names[joint] if len(names) > 1 else 'link'} − goal", units.angle, lines, (0.0,)).draw(axis)
     settling_band(axes[-1], 0.0, float(steps[close]))
     axes[-1].set_ylim(-CLOSE * steps[close] or -1e-3, CLOSE * steps[close] or 1e-3)
     legend(axes[0])

@@ -9,6 +9,7 @@ import numpy as np
 
 from flexhinf.design.problem.modes import JointScales
 from flexhinf.design.problem.presets import Robustness, required_damping
+from flexhinf.design.problem.weights import SearchResult, TargetBehaviour
 from flexhinf.design.result import Design
 from flexhinf.design.synthesis.noise import MOST_NOISE, NoiseCandidate, NoiseSearch
 from flexhinf.design.synthesis.whole_loop import NOISE, WholeLoopSearch
@@ -61,8 +62,8 @@ def weights(design: Design) -> Blocks:
         f"from its linear part; the law is solved for γ = {problem.gamma / problem.gamma_star:g} γ* = "
         f"{number(problem.gamma)}."
     )
-    if problem.search is not None:
-        yield from _search(design)
+    if problem.search is not None and problem.target is not None:
+        yield from _search(design, problem.search, problem.target)
     yield from whole_loop(design)
     if problem.robustness is not None:
         yield robust_table(problem.robustness)
@@ -71,10 +72,7 @@ def weights(design: Design) -> Blocks:
 
 
 # The search for bandwidth and damping -------------------------------------------------------------------
-def _search(design: Design) -> Blocks:
-    target, search = design.design_problem.target, design.design_problem.search
-    assert target is not None
-    assert search is not None
+def _search(design: Design, search: SearchResult, target: TargetBehaviour) -> Blocks:
     yield Paragraph(
         "R2 is fixed. For each damping weight ζ of all vibrations the target frequency ω of every joint is moved until "
         f"it has its bandwidth of {range_text(target.bandwidth)} rad/s; ζ is the smallest with which every oscillation "
@@ -180,16 +178,16 @@ def whole_loop_rows(search: WholeLoopSearch) -> list[tuple[str, str, float, floa
 
 def robust_table(r: Robustness) -> Table:
     """Levels without the channels of the tolerances, and with them."""
-    levels = {
-        "γ* of the problem": (r.nominal_gamma_star, r.gamma_star),
-        "level that the nominal robot attains": (r.nominal_gain, r.robust_gain),
-    }
+    levels = (
+        ("γ* of the problem", r.nominal_gamma_star, r.gamma_star),
+        ("level that the nominal robot attains", r.nominal_gain, r.robust_gain),
+    )
     return Table(
         (
             "", Column("without tolerances", brief="without"), Column("with tolerances", brief="with"),
             Column("cost", "%", 1),
         ),
-        [(what, plain, robust, 100.0 * (robust / plain - 1.0)) for what, (plain, robust) in levels.items()],
+        [(what, plain, robust, 100.0 * (robust / plain - 1.0)) for what, plain, robust in levels],
         "What covering the tolerances costs (linear part)", "table-robust",
         title=f"Cost of the tolerances: {r.channels} channels, {100.0 * r.fraction:.3g} % of them covered",
     )  # fmt: skip
@@ -197,16 +195,15 @@ def robust_table(r: Robustness) -> Table:
 
 def _robust_text(r: Robustness) -> str:
     which = f"{'all' if r.all_corners else 'the sampled'} {r.corners} corners"
+    larger = f" with the tolerances of the channels enlarged by {number(100.0 * (r.enlarged - 1.0), 2)} %"
+    products = (
+        f"{larger if r.enlarged > 1.0 else ''} the inequality of the linear part holds at {which} of the "
+        "tolerances that act at the goal."
+    )
     if r.failing_corners:
         products = (
             f" the inequality of the linear part fails at {r.failing_corners} of {which} of the tolerances that act at "
             "the goal, so it holds for each tolerance alone, and not for all of them together."
-        )
-    else:
-        larger = f" with the tolerances of the channels enlarged by {number(100.0 * (r.enlarged - 1.0), 2)} %"
-        products = (
-            f"{larger if r.enlarged > 1.0 else ''} the inequality of the linear part holds at {which} of the "
-            "tolerances that act at the goal."
         )
     covered, beyond = "the whole of the stated tolerances", ""
     if r.fraction < 1.0:
@@ -239,33 +236,38 @@ def state_weights(problem: GeneralisedPlant, joints: Sequence[str]) -> list[Weig
 
 def effort_unit(problem: GeneralisedPlant) -> str:
     """Of R2, with a dimensionless z."""
-    units = dict.fromkeys(problem.plant.unit(name) for name in problem.input_names)
-    return " or ".join(f"({unit})⁻²" if "·" in unit else f"{unit}⁻²" for unit in units)
+    units = (problem.plant.unit(name) for name in problem.input_names)
+    return " or ".join(dict.fromkeys(f"({unit})⁻²" if "·" in unit else f"{unit}⁻²" for unit in units))
 
 
 def _weight_table(design: Design) -> Blocks:
-    joints, rows = design.robot.joint_names, dict[str, dict[str, Weight]]()
-    effort = np.asarray(design.problem.r2, dtype=float)
-    diagonal = np.diagonal(effort) if effort.ndim == 2 else np.atleast_1d(effort)
-    source = design.design_problem.effort_source
-    price = f"R2 = {range_text(diagonal)} {effort_unit(design.problem)} ({source})."
+    joints, rows, r2 = (
+        design.robot.joint_names,
+        dict[str, dict[str, Weight]](),
+        np.asarray(design.problem.r2, float),
+    )
     for weight in state_weights(design.problem, joints):
         joint = next((name for name in joints if f"_{name}_" in f"{weight.signal}_"), "")
         alone = not joint or len(joints) == 1
         signal = weight.signal if alone else weight.signal.replace(f"_{joint}", "", 1)
         rows.setdefault(signal.replace("_", " "), {})[joints[0] if alone else joint] = weight
-    if not rows:
-        yield Paragraph(f"The penalty of the states is code. {price}")
-        return
-    cells = []
-    for signal, by in rows.items():
-        values = (number(by[joint].value) if joint in by else "–" for joint in joints)
-        cells.append((signal, *values, " or ".join(dict.fromkeys(weight.unit for weight in by.values()))))
-    yield Table(
-        ("weight of", *(joints if len(joints) > 1 else ["value"]), "unit"), cells,
-        "Weights: h(x) has one entry for each", "table-weights",
-    )  # fmt: skip
-    yield Paragraph(price)
+    if rows:
+        yield Table(
+            ("weight of", *(joints if len(joints) > 1 else ["value"]), "unit"),
+            [
+                (
+                    signal, *(number(by[joint].value) if joint in by else "–" for joint in joints),
+                    " or ".join(dict.fromkeys(weight.unit for weight in by.values())),
+                )
+                for signal, by in rows.items()
+            ],
+            "Weights: h(x) has one entry for each", "table-weights",
+        )  # fmt: skip
+    yield Paragraph(
+        f"{'' if rows else 'The penalty of the states is code. '}R2 = "
+        f"{range_text(np.diagonal(r2) if r2.ndim == 2 else np.atleast_1d(r2))} {effort_unit(design.problem)} "
+        f"({design.design_problem.effort_source})."
+    )
 
 
 # Noise levels of the estimator --------------------------------------------------------------------------
@@ -280,61 +282,58 @@ def noise_levels(design: Design) -> Blocks:
         "motor velocities": noise.motor_velocities,
     }
     used = [f"{range_text(np.ravel(v), 2)} on {where}" for where, v in levels.items() if np.any(v)]
-    text = (
+    robust = design.synthesis.robust is not None and design.synthesis.robust.better
+    yield Paragraph(
         f"Rᵛ, the variance of the process noise per sample that the estimator assumes: {', '.join(used) or '0'} "
         f"({noise.source}). Rⁿ of a measured position: {number(design.specification.measurement_noise, 3)}. A "
         "vibration that the estimator takes for undisturbed rings in its error, so a larger Rᵛ damps the running loop, "
-        "and gives it margins back; it costs noise at the motors."
+        f"and gives it margins back; it costs noise at the motors.{_outcome(search, robust) if search else ''}"
     )
     if search is None:
-        yield Paragraph(text)
         return
-    robust = design.synthesis.robust is not None and design.synthesis.robust.better
-    yield Paragraph(f"{text} {_outcome(search, robust)}")
     yield lambda: _noise_figure(design, search)
-    yield noise_table(design)
+    yield _noise_table(design, search)
     yield from _hardly_seen(design, search)
     if len(joints) > 1:
         by_joint = (search.chosen.levels.link_velocities, search.chosen.levels.motor_velocities)
-        links, motors = (np.broadcast_to(level, len(joints)).tolist() for level in by_joint)
         yield Table(
             (
                 "joint", Column("Rᵛ, link velocity", digits=2), Column("Rᵛ, motor velocity", digits=2),
                 Column("noise at the motor (rms)", design.setup.model.unit(design.setup.model.inputs[0])),
             ),
-            list(zip(joints, links, motors, search.chosen.noises.tolist(), strict=True)),
+            list(zip(joints, *np.broadcast_arrays(*by_joint, search.chosen.noises), strict=True)),
             "The levels that are used, joint by joint", "table-noise-levels",
         )  # fmt: skip
 
 
 def _outcome(search: NoiseSearch, robust: bool) -> str:
     if robust:
-        return "They were found together with the weights, for the tolerances: see there. The curve is of the same law."
-    chosen, beyond, other = search.chosen, "", ""
+        found = "They were found together with the weights, for the tolerances: see there."
+        return f" {found} The curve is of the same law."
+    chosen, beyond = search.chosen, ""
     if search.unreachable:
-        missed = " and the ".join(search.unreachable)
-        beyond = f"No levels reach the limit of the {missed}, which counts only in part. "
-        other = "other "
+        beyond = f" No levels reach the limit of the {' and the '.join(search.unreachable)}, which counts only in part."
     kept = (
-        f"every {other}limit of the running loop (peak sensitivity, gain margin, damping, load compliance, and "
-        f"noise of at most {100.0 * MOST_NOISE:g} % of what a motor gives)"
+        f"every {'other ' if beyond else ''}limit of the running loop (peak sensitivity, gain margin, damping, load "
+        f"compliance, and noise of at most {100.0 * MOST_NOISE:g} % of what a motor gives)"
     )
-    if search.default is not None and chosen.levels is search.default.levels:
-        return f"{beyond}The default levels keep {kept}."
+    if search.default is not None and is_used(search, search.default):
+        return f"{beyond} The default levels keep {kept}."
     if chosen.feasible:
-        return f"{beyond}The search took the levels with the least noise that keep {kept}."
-    excess = chosen.avoidable.items()
-    missed = ", ".join(f"{limit} by {100.0 * np.expm1(value):.0f} %" for limit, value in excess)
-    corners = f"{chosen.unstable} corners of the tolerances are unstable" if chosen.unstable else ""
-    what = "; ".join(text for text in (missed and f"missed: {missed}", corners) if text)
-    return f"{beyond}No levels were found that keep {kept}: used are those that miss them least ({what})."
+        return f"{beyond} The search took the levels with the least noise that keep {kept}."
+    missed = (f"{limit} by {100.0 * np.expm1(value):.0f} %" for limit, value in chosen.avoidable.items())
+    parts = [f"missed: {', '.join(missed)}"] if chosen.avoidable else []
+    parts += [f"{chosen.unstable} corners of the tolerances are unstable"] if chosen.unstable else []
+    return f"{beyond} No levels were found that keep {kept}: used are those that miss them least ({'; '.join(parts)})."
 
 
 def _hardly_seen(design: Design, search: NoiseSearch) -> Blocks:
     """Why more is not possible with the motors' positions alone, where the damping is missed with them."""
     setup = design.setup
-    sees_links = any(not name.startswith("motor") for name in setup.model.outputs)
-    if sees_links or "damping" not in search.chosen.missed:
+    if (
+        any(not name.startswith("motor") for name in setup.model.outputs)
+        or "damping" not in search.chosen.missed
+    ):
         return
     scales = JointScales.of(setup.model, setup.goal_equilibrium)
     part = scales.link_inertia / (scales.link_inertia + scales.motor_inertia)
@@ -355,27 +354,28 @@ def is_used(search: NoiseSearch, candidate: NoiseCandidate) -> bool:
 
 def _noise_figure(design: Design, search: NoiseSearch) -> Figure:
     unit, target = design.setup.model.unit(design.setup.model.inputs[0]), design.design_problem.target
-    marks, used, required = [("s", 7.0, search.chosen)], "squares: used (the default levels)", []
+    marks, used = [("s", 7.0, search.chosen)], "squares: used (the default levels)"
     if search.default is not None and not is_used(search, search.default):
         marks.append(("D", 5.0, search.default))
         used = "squares: used, diamonds: the default levels"
-    if target is not None:
-        required = [(required_damping(design.specification, target), INK, None)]
+    required = [] if target is None else [(required_damping(design.specification, target), INK, None)]
     panels = []
-    for name, text in (("damping", "smallest damping ratio"), ("compliance", "compliance / true state")):
+    for name, text, dashed in (
+        ("damping", "smallest damping ratio", required), ("compliance", "compliance / true state", ())
+    ):  # fmt: skip
         lines = []
         for joint, joint_name in enumerate(design.robot.joint_names):
+            color = line_style(joint)["color"]
             groups = [(joint_name, search.trade_off, {"marker": "o", "markersize": 3.0})]
             groups += [
                 (None, [one], {"marker": m, "markersize": size, "mfc": "none"}) for m, size, one in marks
             ]
             for legend_name, shown, style in groups:
-                noises, values = np.array([(one.noises[joint], getattr(one, name)) for one in shown]).T
-                color = line_style(joint)["color"]
-                style = {"color": color, "mec": color, "linestyle": "none", **style}
-                lines.append(Line(noises, values, legend_name, style))
+                points = np.array([(one.noises[joint], getattr(one, name)) for one in shown]).T
+                lines.append(
+                    Line(points[0], points[1], legend_name, {"color": color, "linestyle": "none", **style})
+                )
         across = f"noise at the motor, rms ({unit})"
-        dashed = required if name == "damping" else ()
         panels.append(Panel(text, "", lines, dashed=dashed, across=across, y=(0.0, None), log=True))
     return draw_figure(
         "noise-trade-off", panels,
@@ -387,30 +387,26 @@ def _noise_figure(design: Design, search: NoiseSearch) -> Figure:
     )  # fmt: skip
 
 
-def noise_table(design: Design) -> Table:
-    """A few choices of the trade-off of Rᵛ, the default and the one that is used, the quietest first."""
-    search = design.noise_search
-    assert search is not None
-    places = np.unique(np.linspace(0, len(search.trade_off) - 1, ROWS).round().astype(int))
-    apart = [(search.chosen, "used")]
-    if search.default is not None and not is_used(search, search.default):
-        apart.append((search.default, "default"))
+def _noise_table(design: Design, search: NoiseSearch) -> Table:
+    unit = design.setup.model.unit(design.setup.model.inputs[0])
 
     def metrics(c: NoiseCandidate) -> tuple[float, ...]:
         return c.input_noise, c.damping, c.compliance, c.peak_sensitivity, c.gain_margin
 
+    apart = [(search.chosen, "used")]
+    if search.default is not None and not is_used(search, search.default):
+        apart.append((search.default, "default"))
     # The edge of the family where a level is at its least may be the default by another name.
     others = [
-        (one, "")
-        for one in (search.trade_off[k] for k in places)
-        if not any(np.allclose(metrics(one), metrics(other), rtol=1e-3) for other, _ in apart)
+        (search.trade_off[k], "")
+        for k in np.unique(np.linspace(0, len(search.trade_off) - 1, ROWS).round().astype(int))
+        if not any(np.allclose(metrics(search.trade_off[k]), metrics(one), rtol=1e-3) for one, _ in apart)
     ]
     rows = []
     for one, note in sorted([*others, *apart], key=lambda each: each[0].input_noise):
         missed = f"{'missed: ' if note and one.missed else ''}{', '.join(one.missed)}"
         *finite_metrics, gain = metrics(one)
         rows.append((*finite_metrics, finite(gain), "; ".join(filter(None, (note, missed)))))
-    unit = design.setup.model.unit(design.setup.model.inputs[0])
     return Table(
         (
             Column("noise at the noisiest motor (rms)", unit, digits=3, brief=f"noise, {unit}"),
