@@ -276,7 +276,6 @@ def criterion_for(
     limits = {"damping": (LEAST_DAMPING, "default"), **limits}
 
     def wider(metric: str, label: str, unit: str, least: bool = False) -> tuple[Limit, ...]:
-        """The wider of the stated limit and the design's own."""
         stated, mine = limits.get(metric), getattr(own, metric)
         usable = math.isfinite(mine) and mine > 0.0
         if stated is not None and (not usable or (mine >= stated[0] if least else mine <= stated[0])):

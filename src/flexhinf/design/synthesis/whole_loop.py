@@ -130,8 +130,7 @@ def search_whole_loop(
         f"searched on the running loop: its corners are stable up to {best.scale:.3g} times the tolerances, "
         f"{search.own.scale:.3g} with the preset damped"
     )
-    problem = channels.checked(best.solved, fraction, search.target, result, source)
-    return problem, best.levels, outcome
+    return channels.checked(best.solved, fraction, search.target, result, source), best.levels, outcome
 
 
 class _Search:
@@ -193,8 +192,7 @@ class _Search:
             np.array([frequency, float(np.clip(np.log(ratio).mean(), -1.0, 1.0)), 0.0, 0.0, 1.0]),
         ]
         free = np.array([True, True, *(2 * [self.levels is not None]), True])
-        costs = [self.cost(x) for x in starts]
-        x = starts[int(np.argmin(costs))].copy()
+        x = starts[int(np.argmin([self.cost(each) for each in starts]))].copy()
         moves = np.array(MOVES) * (1.0, 1.0, 1.0, 1.0, -1.0 if x[4] > 0.5 else 1.0)
 
         def moved(part: np.ndarray) -> float:
@@ -267,7 +265,6 @@ class _Search:
         return float(np.clip(x[4], LEAST_FRACTION, 1.0))
 
     def loop(self, solved: DesignProblem, levels: EstimatorNoise | None) -> EquilibriumLoop:
-        """The linear loop at the goal."""
         setup = self.task.solved(solved.problem, solved.gamma, 2, levels)
         return setup.equilibrium_loop(estimated=self.task.s.estimator != "none")
 
@@ -292,7 +289,6 @@ class _Search:
         return runs.overshoot, float(used)
 
     def noises(self, found: Margins) -> np.ndarray:
-        """RMS of each input (m,)."""
         if self.noise is None:
             return np.zeros(len(found.noise_to_input))
         return np.linalg.norm(found.noise_to_input * self.noise, axis=1)
