@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from flint import fmpq
 
-from flexhinf.certify.cells import Cells, _following
+from flexhinf.certify.cells import _following, cells_of
 from flexhinf.certify.checker import subdivision
 from flexhinf.certify.checker.bounds import UNIT, _interval, concave_bound
 from flexhinf.certify.inequality import MeanForms
@@ -120,7 +120,7 @@ def test_bundles_of_the_search_adjoin_bit_for_bit() -> None:
     rng = np.random.default_rng(3)
     inner = rng.integers(0, 2**10, 50) / 2.0**11
     outer = inner + 2.0 ** -rng.integers(1, 9, 50).astype(float)
-    cells = Cells(np.zeros(50, int), np.zeros((50, 3)), np.ones((50, 3)), inner, np.minimum(outer, 1.0))
+    cells = cells_of(np.zeros(50, int), np.zeros((50, 3)), np.ones((50, 3)), inner, np.minimum(outer, 1.0))
     further = _following(cells)
     assert (further.inner == cells.outer).all()
     assert (further.outer <= 1.0).all()

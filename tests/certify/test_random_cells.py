@@ -19,7 +19,7 @@ from tests.certify.definition import in_balls, in_doubles
 import flexhinf as fh
 from flexhinf.certify import Certificate
 from flexhinf.certify.box import parameter_ranges, tolerance_statement
-from flexhinf.certify.cells import CellBounds, Cells
+from flexhinf.certify.cells import CellBounds, cells_of
 from flexhinf.certify.checker.bounds import Face, Proof
 from flexhinf.certify.inequality import Inequality
 from flexhinf.certify.problem_to_claim import statement_of
@@ -60,7 +60,7 @@ def all_tolerances() -> Certificate:
 
 
 # Cells and points -----------------------------------------------------------------------------------
-def distinct_cells(count: int, dimension: int, faces: int, rng: np.random.Generator) -> Cells:
+def distinct_cells(count: int, dimension: int, faces: int, rng: np.random.Generator) -> np.recarray:
     """Dyadic cells of all sizes, some at the centre, no two alike."""
     rows = np.zeros((0, 2 * dimension + 3))
     while len(rows) < count:
@@ -74,10 +74,12 @@ def distinct_cells(count: int, dimension: int, faces: int, rng: np.random.Genera
         rows = np.unique(np.vstack([rows, made]), axis=0)
     rows = rng.permutation(rows)[:count]
     t, h = rows[:, 1 : 1 + dimension], rows[:, 1 + dimension : -2]
-    return Cells(rows[:, 0].astype(np.int64), t.copy(), h.copy(), rows[:, -2].copy(), rows[:, -1].copy())
+    return cells_of(rows[:, 0].astype(np.int64), t.copy(), h.copy(), rows[:, -2].copy(), rows[:, -1].copy())
 
 
-def random_points(cells: Cells, reach: float, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+def random_points(
+    cells: np.recarray, reach: float, rng: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray]:
     """A point of each cell, often on its boundary: directions ω (N, n) with a face at ±1, and ρ > 0."""
     t = cells.t + rng.uniform(-1.3, 1.3, cells.t.shape).clip(-1, 1) * cells.h
     share = rng.uniform(-0.3, 1.3, len(cells)).clip(0, 1)
@@ -91,7 +93,7 @@ def random_points(cells: Cells, reach: float, rng: np.random.Generator) -> tuple
 
 
 # The two programs -----------------------------------------------------------------------------------
-def bounds_of_the_search(claim: Certificate, cells: Cells) -> Bounded:
+def bounds_of_the_search(claim: Certificate, cells: np.recarray) -> Bounded:
     inequality = Inequality(claim)
     extent = 1.1 * claim.reach * np.abs(inequality.forms(inequality.functions)).sum(axis=1)
     bounds = CellBounds(inequality, claim.reach, extent.tolist())
@@ -99,7 +101,7 @@ def bounds_of_the_search(claim: Certificate, cells: Cells) -> Bounded:
     return Bounded(found.upper, inside.upper_inside, found.growth, found.least_value)
 
 
-def bounds_of_the_checker(claim: Certificate, cells: Cells) -> Bounded:
+def bounds_of_the_checker(claim: Certificate, cells: np.recarray) -> Bounded:
     of = Proof(claim)
     result = np.empty((4, len(cells)))
     for face in np.unique(cells.face):
@@ -116,7 +118,7 @@ FIELDS = {"r": "upper", "r inside": "inside", "growth": "growth", "value": "leas
 
 
 # The test -------------------------------------------------------------------------------------------
-CASES: dict[str, tuple[Callable[[], Certificate], Callable[[Certificate, Cells], Bounded]]] = {
+CASES: dict[str, tuple[Callable[[], Certificate], Callable[[Certificate, np.recarray], Bounded]]] = {
     "search, degree 6": (lambda: nominal(6), bounds_of_the_search),
     "checker, degree 4": (lambda: nominal(4), bounds_of_the_checker),
     "search, all tolerances": (all_tolerances, bounds_of_the_search),
@@ -181,7 +183,7 @@ def check_cells(name: str, count: int, points: int) -> None:
 
 
 def check_point(
-    claim: Certificate, cells: Cells, bounds: Bounded, which: str, place: int,
+    claim: Certificate, cells: np.recarray, bounds: Bounded, which: str, place: int,
     direction: np.ndarray, radius: float, corner: np.ndarray,
 ) -> None:  # fmt: skip
     """One bound at one point of one cell, in balls of 128 bits."""

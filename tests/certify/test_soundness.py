@@ -12,7 +12,7 @@ from flint import fmpq
 
 import flexhinf as fh
 from flexhinf.certify import Certificate, Signal, Term
-from flexhinf.certify.cells import CellBounds, Cells, search
+from flexhinf.certify.cells import CellBounds, cells_of, search
 from flexhinf.certify.inequality import Inequality
 from flexhinf.certify.problem_to_claim import nearest_double, rational, statement_of
 from flexhinf.certify.proof import prove
@@ -28,7 +28,7 @@ def arm_statement(goal: float, degree: int) -> tuple[fh.HJISolution, Certificate
     return solution, statement_of(solution, 1.6 * star, PENALTY)
 
 
-def random_cells(bounds: CellBounds, count: int, rng: np.random.Generator) -> Cells:
+def random_cells(bounds: CellBounds, count: int, rng: np.random.Generator) -> np.recarray:
     """Dyadic cells of all sizes, some at the centre and some at the reach."""
     d = bounds.n - 1
     h = np.exp2(-rng.integers(0, 12, (count, d)).astype(float))
@@ -36,10 +36,12 @@ def random_cells(bounds: CellBounds, count: int, rng: np.random.Generator) -> Ce
     length = np.exp2(-rng.integers(1, 15, count).astype(float))
     inner = np.floor(rng.uniform(0, 1, count) * (1 / length - 1)) * length
     inner[: count // 10] = 0.0
-    return Cells(rng.integers(0, len(bounds.faces), count), t, h, inner, inner + length)
+    return cells_of(rng.integers(0, len(bounds.faces), count), t, h, inner, inner + length)
 
 
-def points_in(bounds: CellBounds, cells: Cells, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+def points_in(
+    bounds: CellBounds, cells: np.recarray, rng: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray]:
     """One point z of each cell, often on its boundary, and its radius."""
     corner = rng.uniform(-1.3, 1.3, cells.t.shape).clip(-1, 1)
     share = rng.uniform(-0.3, 1.3, len(cells)).clip(0, 1)
@@ -90,7 +92,7 @@ def check_bounds(goal: float, degree: int, count: int, points: int) -> None:
 
 
 # Rounding -----------------------------------------------------------------------------------------
-def exact_upper(inequality: Inequality, bounds: CellBounds, cells: Cells, place: int) -> fmpq:
+def exact_upper(inequality: Inequality, bounds: CellBounds, cells: np.recarray, place: int) -> fmpq:
     """What `upper` bounds before the allowance, for two polynomial states, without any rounding."""
     variable, sign = bounds.faces[cells.face[place]]
     t, h = rational(cells.t[place, 0]), rational(cells.h[place, 0])

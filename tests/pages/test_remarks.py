@@ -12,8 +12,8 @@ import pytest
 from flexhinf.design import Design
 from flexhinf.design.certification import DesignProof
 from flexhinf.pages import notes, verdict
+from flexhinf.pages.design.region import proof_text
 from flexhinf.pages.page import remarks
-from flexhinf.pages.proof import proof_text
 
 Make = Callable[[str], Design]
 

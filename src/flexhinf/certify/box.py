@@ -20,8 +20,8 @@ every vertex by its own value and slopes: the middles are exact, so nothing is l
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Callable, Mapping
+from functools import partial
 from math import comb, prod
 from typing import Any
 
@@ -30,16 +30,16 @@ from flint import fmpq, fmpq_mpoly
 
 from flexhinf.certify.certificate import Certificate
 from flexhinf.certify.claim import Term
-from flexhinf.certify.evaluation import linear_part
 from flexhinf.certify.inequality import Algebra, MeanForms, Rational, quotient_table
 from flexhinf.certify.problem_to_claim import (
+    Ranges,
     claim_of,
-    few_bits,
+    coordinates,
     flat_names,
     law_polynomials,
     matrix_rows,
     nearest_double,
-    plant_terms,
+    plant_fields,
     rational,
     terms_of,
     value_polynomial,
@@ -48,8 +48,6 @@ from flexhinf.errors import InvalidInput
 from flexhinf.hinf.value_function import ValueFunction
 from flexhinf.plant.plant import GeneralisedPlant
 from flexhinf.robot import Robot
-
-Ranges = Mapping[str, tuple[float, float]]
 
 _MOVED = 1e-12  # rates at the nominal equilibrium above this, relative to the parameters: it moves
 #: Relative allowance for the rounding of the last sums: a few hundred operations in doubles.
@@ -88,16 +86,7 @@ def tolerance_statement(
     about: str = "",
 ) -> Certificate:
     """The certificate to be proved, at level 1; arguments as `certify_tolerances`."""
-    terms = plant_terms(problem)
-    fixed = [name for name in terms.inside if name in ranges and ranges[name][0] < ranges[name][1]]
-    if fixed:
-        raise InvalidInput(
-            "A parameter stands inside a function of the state.",
-            f"expected parameters that multiply terms, got {', '.join(sorted(fixed))}",
-            "its nominal value, or sampled_region",
-        )
-    box = {q.name: (q.low, q.high) for q in terms.parameters} | dict(ranges)
-    ranged = tuple(replace(q, low=box[q.name][0], high=box[q.name][1]) for q in terms.parameters)
+    fields = plant_fields(problem, ranges=ranges)
     weight, n = scale * solution.P if p is None else p, len(solution.P)
     value = tuple(
         (tuple(int(k == i) + int(k == j) for k in range(n)), float(weight[i, j] / (2.0 if i == j else 1.0)))
@@ -105,25 +94,19 @@ def tolerance_statement(
         for j in range(i, n)
         if weight[i, j]
     )
-    law = law_polynomials(solution, terms)
-    # T makes V_2 = ½|z|² and r_2 of the nominal plant diagonal
-    root = np.linalg.inv(np.linalg.cholesky(weight)).T
-    plant, inverse, gain = problem.expand(1), np.linalg.inv(root @ root.T), linear_part(law, n)
-    a = plant.f_parts[1] + plant.g2_parts[0][:, :, 0] @ gain
-    h, b1 = plant.h_parts[1], plant.g1_parts[0][:, :, 0]
-    quadratic = inverse @ a + a.T @ inverse + h.T @ h + gain.T @ problem.r2 @ gain
-    quadratic = quadratic + inverse @ b1 @ b1.T @ inverse / gamma**2
+    law = law_polynomials(solution, fields)
+    root, plant = np.linalg.inv(np.linalg.cholesky(weight)).T, problem.expand(1)
     statement = claim_of(
         solution,
         problem,
-        terms._replace(parameters=ranged),
+        fields,
         about=about or "a state feedback, for all parameters in the box",
         r2=matrix_rows(problem.r2),
         value=value_polynomial(solution, scale) if p is None else value,
         law=law,
         gamma=float(gamma),
         level=1.0,
-        coordinates=matrix_rows(few_bits(root @ np.linalg.eigh(-root.T @ quadratic @ root)[1])),
+        coordinates=matrix_rows(coordinates(plant, plant.h_parts[1], law, weight, root, gamma)),
         reach=1.0,
     )
     _refuse_moved(statement, problem)
@@ -174,14 +157,13 @@ def _moves(statement: Certificate, problem: GeneralisedPlant) -> bool:
     varying = [p for p in statement.parameters if p.low < p.high]
     corners = [{p.name: end} for p in varying for end in (p.low, p.high)]
     corners += [{p.name: (p.low, p.high)[rng.integers(2)] for p in varying} for _ in range(16)]
-    for corner in corners:
-        there = nominal.copy()
-        for name, value in corner.items():
-            there[flat.index(name)] = value
-        rates = np.asarray(problem.flow(point, u, d, table.named(there)), dtype=float)
-        if np.abs(rates).max() > _MOVED * max(1.0, float(np.abs(nominal).max())):
-            return True
-    return False
+
+    def rates(corner: dict[str, float]) -> np.ndarray:
+        there = np.array([*(dict(zip(flat, nominal)) | corner).values()])
+        return np.abs(np.asarray(problem.flow(point, u, d, table.named(there)), dtype=float))
+
+    limit = _MOVED * max(1.0, float(np.abs(nominal).max()))
+    return any(rates(corner).max() > limit for corner in corners)
 
 
 def parameter_groups(certificate: Certificate) -> list[dict[str, int]]:
@@ -202,6 +184,23 @@ def parameter_groups(certificate: Certificate) -> list[dict[str, int]]:
             key = frozenset(places) if name in positive else name
             groups.setdefault(key, {})[name] = exponents[name]
     return list(groups.values())
+
+
+def power_product(group: Mapping[str, int], values: Mapping[str, Any], one: Any = 1.0) -> Any:
+    """The product of powers of parameters."""
+    return prod((values[name] ** power for name, power in group.items()), start=one)
+
+
+def group_ends(
+    certificate: Certificate, number: Callable[[float], Any] = float
+) -> list[list[dict[str, Any]]]:
+    """For each of `parameter_groups` its values in the box at which its product is least, and largest."""
+    ranges, ends = {p.name: (number(p.low), number(p.high)) for p in certificate.parameters}, []
+    for group in parameter_groups(certificate):
+        corners = [dict(zip(group, part)) for part in itertools.product(*(ranges[name] for name in group))]
+        corners.sort(key=partial(power_product, group, one=number(1.0)))
+        ends.append([corners[0], corners[-1]])
+    return ends
 
 
 class BoxExcess:
@@ -289,7 +288,6 @@ class _Changes(Algebra):
         self.enclosed: list[Rational] = []
         self._known: dict[object, int] = {}
         self._value, self._laws = self.in_x(certificate.value), [*map(self.in_x, certificate.law)]
-        ranges = {p.name: (rational(p.low), rational(p.high)) for p in certificate.parameters}
         groups = parameter_groups(certificate)
         if 2 ** len(groups) > _MOST_VERTICES:
             raise InvalidInput(
@@ -301,12 +299,10 @@ class _Changes(Algebra):
             str, int | None
         ] = {}  # of each parameter that varies: its product counts once, by the first
         self._ends: list[tuple[fmpq, fmpq, fmpq]] = []
-        for group in groups:
+        for group, ends in zip(groups, group_ends(certificate, rational)):
             self._group |= dict.fromkeys(group) | {next(iter(group)): len(self._ends)}
-            ends = [[ranges[name][side] ** power for side in (0, 1)] for name, power in group.items()]
-            every = [prod(chosen, start=fmpq(1)) for chosen in itertools.product(*ends)]
-            middle = prod((self.parameters[name] ** power for name, power in group.items()), start=fmpq(1))
-            self._ends.append((min(every), max(every), middle))
+            low, high, middle = (power_product(group, at, fmpq(1)) for at in (*ends, self.parameters))
+            self._ends.append((low, high, middle))
         self.corners = list(itertools.product((0, 1), repeat=len(groups)))
 
     def _at_ends(self, term: Term) -> list[fmpq]:
@@ -339,24 +335,22 @@ class _Changes(Algebra):
             found[key] = [a + b for a, b in zip(before, changes)]
 
         given = self.certificate
-        for i, row in enumerate(given.drift):
-            for term in row:
-                *ends, middle = self._at_ends(term)
-                if any(end != middle for end in ends):
-                    part, number = self.x.from_dict({term.powers: fmpq(1)}), -1
-                    if term.function is not None:  # x^a ℓ, which S(ℓ) multiplies
-                        number = term.function
-                        part *= self.line(given.functions[number].slope)
-                    key = self._slope(i), self._number((term.powers, term.function), part), number
-                    add(key, [end - middle for end in ends])
-        for i, row in enumerate(given.g2):
-            for j, entry in enumerate(row):
-                for term in entry:
-                    *ends, middle = self._at_ends(term)
-                    if any(end != middle for end in ends):
-                        _refuse_powers(term)
-                        key = self._slope(i), self._number(("law", j), self._laws[j]), -1
-                        add(key, [end - middle for end in ends])
+        rows = [(i, term, None) for i, row in enumerate(given.drift) for term in row]
+        rows += [(i, t, j) for i, row in enumerate(given.g2) for j, entry in enumerate(row) for t in entry]
+        for i, term, driven in rows:
+            *ends, middle = self._at_ends(term)
+            if all(end == middle for end in ends):
+                continue
+            slope, number = self._slope(i), -1 if term.function is None else term.function
+            if driven is not None:
+                _refuse_powers(term)
+                form = self._number(("law", driven), self._laws[driven])
+            else:
+                part = self.x.from_dict({term.powers: fmpq(1)})
+                if term.function is not None:  # x^a ℓ, which S(ℓ) multiplies
+                    part *= self.line(given.functions[term.function].slope)
+                form = self._number((term.powers, term.function), part)
+            add((slope, form, number), [end - middle for end in ends])
         for column in zip(*given.g1):
             entries = [[self._at_ends(term) for term in entry] for entry in column]
             if all(end == ends[-1] for entry in entries for ends in entry for end in ends):

@@ -27,10 +27,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flexhinf.certify.box import parameter_groups
+from flexhinf.certify.box import group_ends
 from flexhinf.certify.certificate import Certificate
-from flexhinf.certify.claim import Function, Polynomial
-from flexhinf.certify.evaluation import bracket, linear_part, linear_system, quadratic_part, term_weight
+from flexhinf.certify.claim import Function, Term
+from flexhinf.certify.evaluation import (
+    bracket,
+    linear_part,
+    linear_system,
+    polynomial_at,
+    quadratic_part,
+    term_weight,
+)
 
 _RAYS, _SHARES = 1500, (1e-3, 0.15, 0.3, 0.45, 0.6, 0.75, 0.9, 1.0)
 _ROUNDS, _KEPT, _TRIES = 8, 40, 12  # of the local search: each round halves its steps
@@ -50,7 +57,7 @@ def sampled_gain(statement: Certificate, level: float, about: float, seed: int =
     root = np.linalg.inv(np.linalg.cholesky(quadratic_part(statement.value, len(statement.states)))).T
 
     def value(x: np.ndarray) -> np.ndarray:
-        return _polynomial(statement.value, x)
+        return polynomial_at(statement.value, x)
 
     points = _points(value, root, level, rng)
     parts = _parts(statement, vertices, points)
@@ -97,29 +104,28 @@ def _points(
 
 def box_vertices(statement: Certificate) -> list[dict[str, float]]:
     """Values of all parameters at the vertices of the box; parameters that occur as one product only are one axis."""
-    ranges = {p.name: (p.low, p.high) for p in statement.parameters}
-    ends = []
-    for group in parameter_groups(statement):
-        merged = [dict(zip(group, chosen)) for chosen in itertools.product(*(ranges[name] for name in group))]
-        size = [np.prod([part[name] ** power for name, power in group.items()]) for part in merged]
-        ends.append([merged[int(np.argmin(size))], merged[int(np.argmax(size))]])
+    corners = itertools.product(*group_ends(statement))
     return [
         statement.middle | {name: value for part in corner for name, value in part.items()}
-        for corner in itertools.product(*ends)
+        for corner in corners
     ]
 
 
 def _parts(statement: Certificate, vertices: list[dict[str, float]], x: np.ndarray) -> np.ndarray:
     """A, Z and G at points (N, n), (3, N)."""
-    slope = []
-    for i in range(len(statement.states)):
-        lowered = [
+
+    def derivative(i: int) -> list[tuple[tuple[int, ...], float]]:
+        return [
             (tuple(e - (j == i) for j, e in enumerate(powers)), coefficient * powers[i])
             for powers, coefficient in statement.value
             if powers[i]
         ]
-        slope.append(_polynomial(tuple(lowered), x))
-    law = [_polynomial(row, x) for row in statement.law]
+
+    def weights_of(term: Term) -> np.ndarray:
+        return np.array([term_weight(term, vertex) for vertex in vertices])
+
+    slope = [polynomial_at(derivative(i), x) for i in range(len(statement.states))]
+    law = [polynomial_at(row, x) for row in statement.law]
     columns, weights = [], []
     for i, along in enumerate(slope):
         rows = [(term, np.ones(len(x))) for term in statement.drift[i]]
@@ -130,32 +136,21 @@ def _parts(statement: Certificate, vertices: list[dict[str, float]], x: np.ndarr
                 function = statement.functions[term.function]
                 monomial = monomial * bracket(function, x @ np.array(function.slope))
             columns.append(along * factor * monomial)
-            weights.append([term_weight(term, vertex) for vertex in vertices])
+            weights.append(weights_of(term))
     a = (np.array(weights).T @ np.array(columns)).max(axis=0)
-    z = sum((0.5 * _polynomial(row, x) ** 2 for row in statement.penalty), np.zeros(len(x)))
+    z = sum((0.5 * polynomial_at(row, x) ** 2 for row in statement.penalty), np.zeros(len(x)))
     for i, row in enumerate(statement.r2):
         for j, price in enumerate(row):
             z = z + 0.5 * price * law[i] * law[j]
     g = np.zeros((len(vertices), len(x)))
     for column in zip(*statement.g1):
-        pushed = np.zeros((len(vertices), len(x)))
-        for i, entry in enumerate(column):
-            for term in entry:
-                weight = np.array([term_weight(term, vertex) for vertex in vertices])
-                pushed += weight[:, None] * (slope[i] * np.prod(x ** np.array(term.powers), axis=1))
-        g += 0.5 * pushed**2
+        parts = [
+            weights_of(term)[:, None] * (along * np.prod(x ** np.array(term.powers), axis=1))
+            for along, entry in zip(slope, column)
+            for term in entry
+        ]
+        g += 0.5 * sum(parts, np.zeros_like(g)) ** 2
     return np.stack([a, z, g.max(axis=0)])
-
-
-def _polynomial(polynomial: Polynomial, x: np.ndarray) -> np.ndarray:
-    result = np.zeros(len(x))
-    for powers, coefficient in polynomial:
-        term = np.full(len(x), coefficient)
-        for i, power in enumerate(powers):
-            if power:
-                term = term * x[:, i] ** power
-        result += term
-    return result
 
 
 _FAR, _SLOPES = 4.0 * np.pi, 2001  # how far, and in how many points, the slopes of a function are looked at
@@ -217,11 +212,7 @@ def common_value(statement: Certificate) -> CommonValue | None:
     level = np.zeros_like(base)
     level[:, n:, n:] = np.eye(w)
     constraints = base, np.array([*parts, level])
-    cost, weight, most = np.eye(len(y))[-1], 1.0 / y[-1], count * (n + w)
-    y = _centred(*constraints, y, weight * cost)
-    while most / weight >= _ACCURACY * y[-1]:
-        weight *= _GROWTH
-        y = _centred(*constraints, y, weight * cost)
+    y = _lowest(*constraints, y, lambda y, gap: _GROWTH * gap < _ACCURACY * y[-1])
     return CommonValue(float(np.sqrt(y[-1])), y, *constraints, np.linalg.inv(t))
 
 
@@ -263,10 +254,7 @@ def _feasible(a: np.ndarray, b: np.ndarray, q: np.ndarray) -> np.ndarray | None:
     half = 0.5 * np.eye(n)
     slack = 1.0 + float(np.linalg.eigvalsh(np.swapaxes(a, 1, 2) @ half + half @ a).max())
     y = np.append(half[np.triu_indices(n)], slack)
-    cost, weight, most = np.eye(len(y))[-1], 1.0 / slack, len(base) * n
-    while y[-1] >= 0.0 and most / weight > _ACCURACY * slack:
-        y = _centred(base, parts, y, weight * cost)
-        weight *= _GROWTH
+    y = _lowest(base, parts, y, lambda y, gap: y[-1] < 0.0 or gap <= _ACCURACY * slack)
     if y[-1] >= 0.0:
         return None
     p = _matrix(y[:-1], n) * (2.0 * np.linalg.eigvalsh(q).max() / -y[-1])
@@ -274,6 +262,18 @@ def _feasible(a: np.ndarray, b: np.ndarray, q: np.ndarray) -> np.ndarray | None:
     through = p @ b
     square = np.linalg.eigvalsh(np.swapaxes(through, 1, 2) @ np.linalg.solve(inner, through)).max()
     return np.append(p[np.triu_indices(n)], 2.0 * square)
+
+
+def _lowest(
+    base: np.ndarray, parts: np.ndarray, y: np.ndarray, done: Callable[[np.ndarray, float], bool]
+) -> np.ndarray:
+    """The y with the smallest last entry, followed from a feasible one with a positive last entry as the barrier's
+    weight falls, until `done` says so of y and of a bound of what is missing under the next weight."""
+    weight, most = 1.0 / y[-1], base.shape[0] * base.shape[1]
+    while not done(y, most / weight):
+        y = _centred(base, parts, y, weight * np.eye(len(y))[-1])
+        weight *= _GROWTH
+    return y
 
 
 def _centred(base: np.ndarray, parts: np.ndarray, y: np.ndarray, cost: np.ndarray) -> np.ndarray:

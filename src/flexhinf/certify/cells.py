@@ -11,9 +11,9 @@ or not. Because |t_j⁰| + h_j ≤ 1, the absolute values of all these products 
 M(ρ_b) = Σ_k ρ_b^(k−2) Σ|coefficients of degree k|: synthetic division makes (|t⁰| + h)^β of |t|^β, and the shift in ρ
 makes (ρ_m + δ)^p = ρ_b^p of ρ^p. Each product passes at most K roundings, so the error is at most K u/(1 − K u) · M
 with u = 2⁻⁵³. K is counted in `roundings`; the allowance is 2 K u M. Dyadic t, h and ρ make the cells themselves exact.
-Nothing overflows or underflows unnoticed: sizes are checked once, in `_checked`, and 1e-300 times the largest factor is
-added for what underflows (1e6 operations lose at most 5e-324 each). A NaN is no bound that holds: all comparisons are
-ordered, and max(a, 0) of NaN is NaN.
+Nothing overflows or underflows unnoticed: sizes are checked once, with the tables, and 1e-300 times the largest factor
+is added for what underflows (1e6 operations lose at most 5e-324 each). A NaN is no bound that holds: all comparisons
+are ordered, and max(a, 0) of NaN is NaN.
 
 The proof itself: branch and bound over cells that march outwards along rays.
 
@@ -36,12 +36,12 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Self
+from math import prod
 
 import numpy as np
 
 from flexhinf.certify.box import BoxExcess
-from flexhinf.certify.evaluation import polynomial_values
+from flexhinf.certify.evaluation import polynomial_at
 from flexhinf.certify.inequality import (
     Inequality,
     QuotientTable,
@@ -50,7 +50,7 @@ from flexhinf.certify.inequality import (
     parity,
     quotient_table,
 )
-from flexhinf.certify.kernel import LANES, LOW, POINTERS, Layout, Shape, kernel_text, monomials_of
+from flexhinf.certify.kernel import LANES, LOW, OUTPUTS, POINTERS, Layout, Shape, kernel_text, monomials_of
 from flexhinf.certify.problem_to_claim import nearest_double, terms_of
 from flexhinf.codegen import machine
 from flexhinf.codegen.compiler import cached
@@ -66,50 +66,14 @@ _ENTRY = "flexhinf_cells"
 _ASYMMETRY = 1e-9  # largest share of terms of the wrong parity, for opposite faces to be treated together
 
 
-class _PerCell:
-    """A dataclass whose fields are arrays with a row for each of N cells."""
-
-    def __len__(self) -> int:
-        return len(next(iter(vars(self).values())))
-
-    def chosen(self, places: np.ndarray) -> Self:
-        """Some of them, as copies."""
-        return type(self)(*(rows[places] for rows in vars(self).values()))
-
-    @classmethod
-    def joined(cls, parts: Sequence[Self]) -> Self:
-        """All cells of several lists."""
-        return cls(*map(np.concatenate, zip(*(vars(part).values() for part in parts))))
-
-
-@dataclass
-class Cells(_PerCell):
-    """N cells; t and h are middle and half widths (N, n − 1) of the box of directions, radii in units of the reach.
-
-    All but the faces are dyadic.
-    """
-
-    face: np.ndarray
-    t: np.ndarray
-    h: np.ndarray
-    inner: np.ndarray
-    outer: np.ndarray
-
-
-@dataclass
-class Bounds(_PerCell):
-    """Results of the kernel; each of shape (N,) but `score`."""
-
-    least_value: np.ndarray  # V ≥ this on the inner end of the cell
-    growth: np.ndarray  # ∂V/∂ρ /ρ ≥ this on the cell
-    upper: np.ndarray  # r/ρ² ≤ this on the cell
-    upper_inside: np.ndarray  # r/ρ² ≤ this where V ≤ level
-    centre: np.ndarray  # r/ρ² in the middle, up to the allowance
-    allowance: np.ndarray
-    value: np.ndarray  # V in the middle
-    value_range: np.ndarray  # how far it goes from there
-    growth_at_centre: np.ndarray  # ∂V/∂ρ /ρ in the middle
-    score: np.ndarray  # (N, n): how much the radius and each t_j add to `upper`
+def cells_of(
+    face: np.ndarray, t: np.ndarray, h: np.ndarray, inner: np.ndarray, outer: np.ndarray
+) -> np.recarray:
+    """N cells as records; t and h are middle and half widths (N, n − 1) of the box of directions, radii in units of the
+    reach. All but the faces are dyadic."""
+    d = t.shape[1:]
+    kind = [("face", int), ("t", float, d), ("h", float, d), ("inner", float), ("outer", float)]
+    return np.rec.fromarrays([face, t, h, inner, outer], kind)
 
 
 class CellBounds:
@@ -154,31 +118,31 @@ class CellBounds:
         quotients = [self._table(part, layout) for part, layout in zip(factors, shape.quotients)]
         self.quotient_table = np.hstack(quotients) if quotients else np.zeros((len(self.faces), 1))
         parts = [self._table(part, shape.whole) for part in (whole, *powers)]
-        columns = []
-        for group in shape.whole.groups:
-            for b in range(group.count):
-                for i, k in enumerate(group.degrees):
-                    place = group.offset + b * len(group.degrees) + i
-                    columns.append((0, place))
-                    columns += [(1 + q, place) for q, degrees in enumerate(shape.terms) if k in degrees]
-        which, place = np.array(columns).T
+        which, place = np.array(shape.columns).T
         self.table = np.ascontiguousarray(np.stack(parts)[which, :, place].T)
         self._highest = max(every[-1], max(map(sum, inequality.value)), max(map(sum, inequality.polynomial)))
 
         def sums(terms: Rational) -> np.ndarray:
             """Sums of absolute coefficients by degree: on each face the same."""
-            row = np.zeros(self._highest + 1)
-            for key, coefficient in terms.items():
-                row[sum(key)] += abs(nearest_double(coefficient))
-            return row * (1 + 1e-12)
+            degrees = np.array([sum(key) for key in terms], dtype=int)
+            sizes = [abs(nearest_double(value)) for value in terms.values()]
+            return np.bincount(degrees, sizes, self._highest + 1) * (1 + 1e-12)
 
         self._value_sizes, self._odd_value, self._odd_whole, *self._odd_factors = map(sums, (value, *odd))
         self._whole_sizes, self._factor_sizes = [*map(sums, (whole, *powers))], [*map(sums, factors)]
-        self.value_terms = (
-            np.array(list(inequality.value)),
-            np.array([nearest_double(value) for value in inequality.value.values()]),
+        self.value_terms = [(key, nearest_double(number)) for key, number in inequality.value.items()]
+        scale = max(self.reach, 1.0) ** shape.longest.degrees[-1] * max(
+            (np.nanmax(np.abs(table.rows), initial=1.0) for table in self.tables), default=1.0
         )
-        self._check_sizes()
+        tables = self.value_table, self.quotient_table, self.table
+        largest = max(float(np.abs(table).sum()) for table in tables) * scale
+        self._underflow = _SMALLEST * scale
+        if not (largest < _LARGEST and scale < _LARGEST and 1 / self.reach < _LARGEST):
+            raise NumericalFailure(
+                "The numbers of the inequality are too large for a proof in double precision.",
+                f"expected sums below {_LARGEST:g}, got {largest:.3g}",
+                "states in units of about their own size",
+            )
         self._compile()
 
     # Tables -------------------------------------------------------------------------------------
@@ -192,30 +156,13 @@ class CellBounds:
                 row[layout.place[sum(key), beta]] = value if sign > 0 or key[variable] % 2 == 0 else -value
         return table
 
-    def _check_sizes(self) -> None:
-        """Raise where doubles could overflow or underflow unnoticed."""
-        highest = self.shape.longest.degrees[-1]
-        rows = max((np.nanmax(np.abs(table.rows), initial=1.0) for table in self.tables), default=1.0)
-        scale = max(self.reach, 1.0) ** highest * rows
-        tables = self.value_table, self.quotient_table, self.table
-        largest = max(float(np.abs(table).sum()) for table in tables) * scale
-        self._underflow = _SMALLEST * scale
-        if not (largest < _LARGEST and scale < _LARGEST and 1 / self.reach < _LARGEST):
-            raise NumericalFailure(
-                "The numbers of the inequality are too large for a proof in double precision.",
-                f"expected sums below {_LARGEST:g}, got {largest:.3g}",
-                "states in units of about their own size",
-            )
-
     @property
     def roundings(self) -> int:
         """K, an upper bound of the rounded operations through which a term passes on its way into a bound."""
         shape = self.shape
         highest = shape.longest.degrees[-1]
-        monomials = len(monomials_of(shape.directions, highest))
-        low = len(monomials_of(shape.directions, min(LOW, highest)))
-        table = 2 * (len(shape.terms) + 1)
-        shifts = 2 * (shape.directions + 1) * highest
+        monomials, low = (len(monomials_of(shape.directions, k)) for k in (highest, min(LOW, highest)))
+        table, shifts = 2 * (len(shape.terms) + 1), 2 * (shape.directions + 1) * highest
         powers = 14 * highest  # h^β, ρᵏ, sums over k, the shift in ρ, the half width's powers, dyadic radii
         return table + shifts + powers + monomials + low * (highest + 1) + 64
 
@@ -228,38 +175,32 @@ class CellBounds:
             parts, lambda: machine.assemble(text, 3), lambda image: machine.Code(image, _ENTRY, {})
         )
         self._entry = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_void_p)(self._code.address)
-        segments, lines, edges, place = [], [], [0], 0
-        for layout in (shape.value, *shape.quotients, shape.whole):
-            for variable, length, rows in layout.shift_lines():
-                segments += [variable, length, len(rows), place]
-                lines.append(rows.ravel())
-                place += rows.size
-            edges.append(len(segments) // 4)
+        lines = [layout.shift_lines() for layout in (shape.value, *shape.quotients, shape.whole)]
+        edges = np.cumsum([0, *map(len, lines)])
+        every = [line for part in lines for line in part]
+        places = np.cumsum([0, *(rows.size for _, _, rows in every)])
+        segments = [(variable, length, len(rows), at) for (variable, length, rows), at in zip(every, places)]
         # for each monomial another one times one variable that it is; then which variables it has, as doubles
         monomials = shape.longest.monomials
-        number = {beta: b for b, beta in enumerate(monomials)}
         links = np.zeros((len(monomials), 2), dtype=np.int64)
         for b, beta in enumerate(monomials[1:], 1):
             j = next(j for j, e in enumerate(beta) if e)
-            links[b] = number[(*beta[:j], beta[j] - 1, *beta[j + 1 :])], j
+            links[b] = monomials.index((*beta[:j], beta[j] - 1, *beta[j + 1 :])), j
         masks = (np.array(monomials).reshape(len(monomials), shape.directions) > 0).astype(float)
         self._constants = {
             "value_table": self.value_table, "quotient_table": self.quotient_table, "table": self.table,
-            "segments": np.array([*edges, *segments], dtype=np.int64),
-            "lines": np.concatenate([*lines, [0]]).astype(np.int32),
+            "segments": np.array([*edges, *np.ravel(segments)], dtype=np.int64),
+            "lines": np.concatenate([*(rows.ravel() for _, _, rows in every), [0]]).astype(np.int32),
             "signs": np.concatenate([links.ravel(), masks.ravel().view(np.int64)]),
         }  # fmt: skip
 
     # Cells --------------------------------------------------------------------------------------
-    def bound(self, cells: Cells, level: float, pool: ThreadPoolExecutor | None = None) -> Bounds:
-        """Bounds on cells; the same for any number of threads."""
+    def bound(self, cells: np.recarray, level: float, pool: ThreadPoolExecutor | None = None) -> np.recarray:
+        """Records of `OUTPUTS` and `score` for each cell; the same for any number of threads."""
         mine = [np.flatnonzero(cells.face == face) for face in range(len(self.faces))]
         padded = [np.append(cell, np.repeat(cell[:1], -len(cell) % LANES)) for cell in mine]
         filled = np.concatenate(padded)  # empty lanes repeat the first cell of their face
-        faces, total = (
-            np.repeat(np.arange(len(mine)), [len(part) // LANES for part in padded]),
-            len(filled) // LANES,
-        )
+        faces = np.repeat(np.arange(len(mine)), [len(part) // LANES for part in padded])
         slot = np.empty(len(cells), dtype=np.int64)
         slot[filled[::-1]] = np.arange(len(filled))[::-1]  # of each cell the first
         rows, names = self.rows(cells), self.shape.outputs
@@ -269,16 +210,14 @@ class CellBounds:
             numbers = np.array([2 * variable + (sign < 0) for variable, sign in self.faces])
             added, score = self.box(numbers[cells.face], cells.t.T, cells.h.T, *radii)
             rows[:, self.shape.inputs["rounding"]] += added
-        inputs = _aligned(total * rows.shape[1] * LANES).reshape(total, rows.shape[1], LANES)
-        inputs[:] = rows[filled].reshape(total, LANES, -1).transpose(0, 2, 1)
-        size = names["count"]
-        outputs = _aligned(total * size * LANES).reshape(total, size, LANES)
+        inputs, outputs = (_aligned(len(faces), size, LANES) for size in (rows.shape[1], names["count"]))
+        inputs[:] = rows[filled].reshape(len(faces), LANES, -1).transpose(0, 2, 1)
         arrays = self._constants | {
             "faces": faces.astype(np.int64), "inputs": inputs, "outputs": outputs, "level": np.array([level])
         }  # fmt: skip
 
         def run(first: int, last: int) -> None:
-            whole = arrays | {"work": _aligned(self.shape.work["count"] * LANES)}
+            whole = arrays | {"work": _aligned(self.shape.work["count"], LANES)}
             addresses = (whole[name].ctypes.data for name in POINTERS[2:])
             words = np.array([first, last, *addresses], dtype=np.int64)
             self._entry(words.ctypes.data)
@@ -289,21 +228,18 @@ class CellBounds:
             edges = np.linspace(0, len(faces), _PARTS + 1).astype(np.int64).tolist()
             for future in [pool.submit(run, a, b) for a, b in pairwise(edges) if b > a]:
                 future.result()
-        found = outputs.transpose(0, 2, 1).reshape(total * LANES, size)[slot]
-        single = {name: found[:, names[name]] for name in list(names)[:-2]}
-        return Bounds(**single, score=found[:, names["score"] :] + score.T)
+        found = outputs.transpose(0, 2, 1).reshape(len(filled), -1)[slot]
+        found[:, names["score"] :] += score.T
+        kind = [*((name, float) for name in OUTPUTS), ("score", float, (self.n,))]
+        return found.view(kind)[:, 0].view(np.recarray)
 
-    def rows(self, cells: Cells) -> np.ndarray:
+    def rows(self, cells: np.recarray) -> np.ndarray:
         """The kernel's inputs (N, rows) for each cell. Radii are exact: fractions and the reach have few bits."""
         inner, outer = cells.inner * self.reach, cells.outer * self.reach
-        middle = (inner + outer) / 2
-        half = np.maximum(outer - middle, middle - inner)
-        unit = 2 * self.roundings * _UNIT
-        face = cells.face
-        powers = outer[:, None] ** np.arange(self._highest + 1) * (1 + 1e-12)
+        middle, unit, face = (inner + outer) / 2, 2 * self.roundings * _UNIT, cells.face
+        half, degrees = np.maximum(outer - middle, middle - inner), np.arange(self._highest + 1)
+        powers = outer[:, None] ** degrees * (1 + 1e-12)
         lowered = np.hstack([np.zeros((len(face), 2)), powers[:, :-2]])
-
-        degrees = np.arange(self._highest + 1)
 
         def allowed(size: np.ndarray, odd: np.ndarray) -> np.ndarray:
             return unit * size + odd * (1 + 1e-12) + self._underflow
@@ -317,14 +253,10 @@ class CellBounds:
         for j, (form, table) in enumerate(zip(self.lines, self.tables)):
             slope = np.stack([np.delete(form, variable) for variable, _ in self.faces])
             at = np.array([sign * form[variable] for variable, sign in self.faces])[face]
-            at = at + (slope[face] * cells.t).sum(1)
-            wide = (np.abs(slope[face]) * cells.h).sum(1)
-            pad = 1e-13 * np.abs(form).sum() * outer + 1e-300
-            low, high = at - wide, at + wide
-            low, high = (
-                np.minimum(low * inner, low * outer) - pad,
-                np.maximum(high * inner, high * outer) + pad,
-            )
+            at, wide = at + (slope[face] * cells.t).sum(1), (np.abs(slope[face]) * cells.h).sum(1)
+            low, high, pad = at - wide, at + wide, 1e-13 * np.abs(form).sum() * outer + 1e-300
+            low = np.minimum(low * inner, low * outer) - pad
+            high = np.maximum(high * inner, high * outer) + pad
             rows, error = table.enclose(low, high)
             for row in rows.T:
                 size = size + (np.abs(row) + _VALUE) * (lowered @ next(sizes))
@@ -333,8 +265,7 @@ class CellBounds:
             size = size + np.where(np.isfinite(error), error, 0.0) * (lowered @ self._factor_sizes[j])
             errors.append(error)
             coefficients.append(rows)
-        rounding = allowed(size, odd)
-        scalars = [inner, outer, middle, half, value_rounding, growth_rounding, rounding, *errors]
+        scalars = [inner, outer, middle, half, value_rounding, growth_rounding, allowed(size, odd), *errors]
         return np.hstack([cells.t, cells.h, np.stack(scalars, axis=1), *coefficients])
 
 
@@ -343,11 +274,11 @@ def _degrees(terms: Rational) -> tuple[int, ...]:
     return tuple(sorted({sum(key) for key in terms}))
 
 
-def _aligned(count: int) -> np.ndarray:
+def _aligned(*shape: int) -> np.ndarray:
     """Zeros that start at a multiple of 64 bytes."""
+    count = prod(shape)
     raw = np.zeros(count + 8)
-    offset = (-raw.ctypes.data % 64) // 8
-    return raw[offset : offset + count]
+    return raw[(-raw.ctypes.data % 64) // 8 :][:count].reshape(shape)
 
 
 #: Called now and then with the number of cells done and the estimated share of the whole.
@@ -402,10 +333,9 @@ def search(
     """Prove the inequality on the component of {V ≤ level} around 0, or say where that fails."""
     d, faces = bounds.n - 1, len(bounds.faces)
     stack = [
-        Cells(np.arange(faces), np.zeros((faces, d)), np.ones((faces, d)), np.zeros(faces), np.ones(faces))
+        cells_of(np.arange(faces), np.zeros((faces, d)), np.ones((faces, d)), np.zeros(faces), np.ones(faces))
     ]
-    done, share = 0, 0.0
-    whole = faces * 2.0**d
+    done, share, whole = 0, 0.0, faces * 2.0**d
     with ThreadPoolExecutor(threads) if threads > 1 else nullcontext() as pool:
         while stack:
             cells = _next_batch(stack)
@@ -415,49 +345,46 @@ def search(
             done += len(cells)
             outside = found.least_value > level
             accepted = ~outside & (found.growth > 0) & ((found.upper < 0) | (found.upper_inside < 0))
-            failed = ~outside & ~accepted
-            closing = accepted & (cells.inner >= 1)  # at the reach, and V may still be below the level
-            failed |= closing
-            accepted &= ~closing
-            width = np.prod(2 * cells.h, axis=1) / whole
+            accepted &= cells.inner < 1  # at the reach V may still be below the level
+            failed, width = ~(outside | accepted), np.prod(2 * cells.h, axis=1) / whole
             share += float((width * np.where(outside, 1 - cells.inner, 0)).sum())
             share += float((width * np.where(accepted, cells.outer - cells.inner, 0)).sum())
             if failed.any():
-                chosen = np.flatnonzero(failed)
-                part, rest = found.chosen(chosen), cells.chosen(chosen)
+                part, rest = found[failed], cells[failed]
                 end = _disproved(bounds, rest, part, level) or _halves(bounds, rest, part)
                 if isinstance(end, Outcome):
                     return replace(end, cells=done)
                 stack.append(end)
             if accepted.any():
-                stack.append(_following(cells.chosen(np.flatnonzero(accepted))))
+                stack.append(_following(cells[accepted]))
             if progress is not None:
                 progress(done, min(share, 1.0))
     return Outcome(True, "proved", None, level, float("nan"), done)
 
 
-def _next_batch(stack: list[Cells]) -> Cells:
+def _next_batch(stack: list[np.recarray]) -> np.recarray:
     """The cells that were put on the stack last, at most `_TOGETHER`."""
-    parts, count = [], 0
-    while stack and count < _TOGETHER:
+    parts, room = [], _TOGETHER
+    while stack and room:
         part = stack.pop()
-        if count + len(part) > _TOGETHER:
-            split = len(part) - (_TOGETHER - count)
-            stack.append(part.chosen(np.arange(split)))
-            part = part.chosen(np.arange(split, len(part)))
+        if len(part) > room:
+            stack.append(part[:-room])
+            part = part[-room:]
         parts.append(part)
-        count += len(part)
-    return Cells.joined(parts)
+        room -= len(part)
+    return np.concatenate(parts).view(np.recarray)
 
 
-def _following(cells: Cells) -> Cells:
+def _following(cells: np.recarray) -> np.recarray:
     """The intervals of ρ that follow accepted cells outwards."""
     length = cells.outer - cells.inner
-    return replace(cells, inner=cells.outer, outer=np.minimum(cells.outer + _GROWTH * length, 1.0))
+    return cells_of(
+        cells.face, cells.t, cells.h, cells.outer, np.minimum(cells.outer + _GROWTH * length, 1.0)
+    )
 
 
 def _outcome(
-    bounds: CellBounds, cells: Cells, found: Bounds, place: int, reason: str
+    bounds: CellBounds, cells: np.recarray, found: np.recarray, place: int, reason: str
 ) -> tuple[Outcome, np.ndarray]:
     """A search that ended at the middle of a cell, and that point z (n,)."""
     variable, sign = bounds.faces[int(cells.face[place])]
@@ -466,7 +393,7 @@ def _outcome(
     return Outcome(False, reason, point, float(found.value[place]), float(found.centre[place]), 0), point
 
 
-def _disproved(bounds: CellBounds, cells: Cells, found: Bounds, level: float) -> Outcome | None:
+def _disproved(bounds: CellBounds, cells: np.recarray, found: np.recarray, level: float) -> Outcome | None:
     """A point of the region at which r > 0 or V decreases along the ray, if the middle of a cell is one."""
     broken = (found.centre > found.allowance) & np.isfinite(found.allowance)
     stops = found.growth_at_centre < -bounds.rows(cells)[:, bounds.shape.inputs["growth_rounding"]]
@@ -475,41 +402,33 @@ def _disproved(bounds: CellBounds, cells: Cells, found: Bounds, level: float) ->
         reason = "r > 0" if broken[place] else "V stops increasing"
         outcome, point = _outcome(bounds, cells, found, place, reason)
         ray = point[None] * np.linspace(0.0, 1.0, _ALONG + 1)[1:, None]
-        if (polynomial_values(*bounds.value_terms, ray) < level).all():
+        if (polynomial_at(bounds.value_terms, ray) < level).all():
             return outcome
     return None
 
 
-def _halves(bounds: CellBounds, cells: Cells, found: Bounds) -> Outcome | Cells:
+def _halves(bounds: CellBounds, cells: np.recarray, found: np.recarray) -> Outcome | np.recarray:
     """Both halves of every cell. Of a cell cut in ρ only the inner half: the outer one follows when it is accepted."""
     length, d = cells.outer - cells.inner, bounds.n - 1
     score = np.where(found.score >= 0, found.score, 0.0)
     vague = ~np.isfinite(found.allowance) | ~(score.sum(1) > 0)
     chosen = np.argmax(score, axis=1)
     if d:
-        widest = 1 + np.argmax(cells.h, axis=1)
-        width = cells.h.max(axis=1)
-        chosen = np.where(vague, np.where(length < 0.5 * width, widest, 0), chosen)
-        weighted = cells.h * np.where(score[:, 1:] > 0, 1.0, 0.5)
-        across = 1 + np.argmax(weighted, axis=1)
-        chosen = np.where((chosen == 0) & (length < _NARROW * weighted.max(axis=1)), across, chosen)
+        widest, weighted = 1 + np.argmax(cells.h, axis=1), cells.h * np.where(score[:, 1:] > 0, 1.0, 0.5)
+        chosen = np.where(vague, np.where(length < 0.5 * cells.h.max(axis=1), widest, 0), chosen)
+        thin = (chosen == 0) & (length < _NARROW * weighted.max(axis=1))
+        chosen = np.where(thin, 1 + np.argmax(weighted, axis=1), chosen)
         chosen = np.where(length == 0, widest, chosen)
-        size = np.where(chosen > 0, cells.h[np.arange(len(cells)), np.maximum(chosen - 1, 0)], length)
-    else:
-        chosen, size = np.zeros(len(cells), dtype=np.int64), length
+    size = np.column_stack([length, cells.h])[np.arange(len(cells)), chosen]
     small = size < np.where(chosen > 0, _THINNEST, _SHORTEST)
     if small.any():
         place = int(np.flatnonzero(small)[0])
         reason = "not closed" if cells.inner[place] >= 1 else "undecided"
         return _outcome(bounds, cells, found, place, reason)[0]
-    along = cells.chosen(np.flatnonzero(chosen == 0))
+    along, *sides = (cells[side] for side in (chosen == 0, chosen > 0, chosen > 0))
     along.outer = (along.inner + along.outer) / 2
-    places = np.flatnonzero(chosen > 0)
-    parts = [along]
-    for side in (1, -1):
-        part = cells.chosen(places)
-        row, column = np.arange(len(places)), chosen[places] - 1
+    row, column = np.arange(len(sides[0])), chosen[chosen > 0] - 1
+    for part, sign in zip(sides, (1, -1)):
         part.h[row, column] /= 2
-        part.t[row, column] += side * part.h[row, column]
-        parts.append(part)
-    return Cells.joined(parts)
+        part.t[row, column] += sign * part.h[row, column]
+    return np.concatenate([along, *sides]).view(np.recarray)

@@ -133,17 +133,22 @@ def load_certificate(path: str | os.PathLike[str]) -> Certificate:
         content = json.loads(text, object_pairs_hook=_once, parse_constant=_no_constant)
     except (ValueError, RecursionError) as error:
         raise _unreadable(path.name, "JSON", str(error)) from None
-    kind = content.pop("format", None) if isinstance(content, dict) else content
-    if not isinstance(content, dict) or kind != _FORMAT:
-        raise _unreadable(path.name, f"an object with format = {_FORMAT!r}", value_text(kind, 80))
-    version = content.pop("version", None)
-    if type(version) is not int or version != _VERSION:
-        raise _unreadable(path.name, f"version {_VERSION}", value_text(version, 60))
-    unknown = sorted(set(content) - {entry.name for entry in fields(Certificate)})
-    if unknown:
-        raise _unreadable(path.name, "known entries", value_text(unknown, 100))
+    entries = dict(content) if isinstance(content, dict) else {"format": content}
+    kind, version = entries.pop("format", None), entries.pop("version", None)
+    unknown = sorted(set(entries) - {entry.name for entry in fields(Certificate)})
+    for readable, expected, got in (
+        (
+            isinstance(content, dict) and kind == _FORMAT,
+            f"an object with format = {_FORMAT!r}",
+            value_text(kind, 80),
+        ),
+        (type(version) is int and version == _VERSION, f"version {_VERSION}", value_text(version, 60)),
+        (not unknown, "known entries", value_text(unknown, 100)),
+    ):
+        if not readable:
+            raise _unreadable(path.name, expected, got)
     try:
-        return _adapter().validate_python(content)
+        return _adapter().validate_python(entries)
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         cause = first.get("ctx", {}).get("error")

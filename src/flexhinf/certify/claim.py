@@ -32,9 +32,6 @@ MOST_STATES, MOST_CHANNELS, MOST_PARAMETERS, MOST_FUNCTIONS, MOST_TERMS = 5, 5, 
 #: Highest degree of V, and of any other polynomial, that a certificate may have.
 HIGHEST_DEGREE = 10
 
-#: A key that no entry has is refused: what it says would stand in the file, and not in the theorem.
-ONLY_KNOWN = ConfigDict(extra="forbid")
-
 _LONGEST_LINE = 1000
 
 _UNIT = re.compile(r"(?:[^\W_]|[·⋅/^°*().%⁻-]){0,20}")
@@ -70,11 +67,20 @@ Matrix = Annotated[
 ]
 
 
-@dataclass(frozen=True)
-class Signal:
-    """The name and the unit of a state, an input or a disturbance."""
+#: Whether a part of a certificate fits, what was expected, and what was got.
+Check = tuple[bool, str, str]
 
-    __pydantic_config__ = ONLY_KNOWN
+
+class Part:
+    """What a certificate consists of. A key that no entry has is refused: what it says would stand in the file, and not
+    in the theorem."""
+
+    __pydantic_config__ = ConfigDict(extra="forbid")
+
+
+@dataclass(frozen=True)
+class Signal(Part):
+    """The name and the unit of a state, an input or a disturbance."""
 
     name: Name
     unit: Name = ""
@@ -84,10 +90,8 @@ class Signal:
 
 
 @dataclass(frozen=True)
-class Parameter:
+class Parameter(Part):
     """A parameter of the plant, anywhere in [low, high], in `unit`; constant in time."""
-
-    __pydantic_config__ = ONLY_KNOWN
 
     name: Name
     low: Double
@@ -96,9 +100,8 @@ class Parameter:
 
     def __post_init__(self) -> None:
         check_named("parameter", self.name, self.unit)
-        require(
-            self.low <= self.high, f"low ≤ high for the parameter {self.name}", f"{self.low!r}, {self.high!r}"
-        )
+        ends = f"{self.low!r}, {self.high!r}"
+        require((self.low <= self.high, f"low ≤ high for the parameter {self.name}", ends))
 
     @property
     def middle(self) -> float:
@@ -107,13 +110,11 @@ class Parameter:
 
 
 @dataclass(frozen=True)
-class Function:
+class Function(Part):
     """φ(o + s) − φ(o) of s = ℓᵀx, with o = offset + pi_halves · π/2; φ is one of `FUNCTIONS`, `name`.
 
     Multiples of π/2 stand apart because π is no double, and about 180° a sine is odd only in exact numbers.
     """
-
-    __pydantic_config__ = ONLY_KNOWN
 
     name: Name
     slope: Annotated[tuple[Double, ...], Field(max_length=MOST_STATES)]
@@ -121,14 +122,13 @@ class Function:
     pi_halves: Annotated[int, Strict(), Field(ge=-64, le=64)] = 0
 
     def __post_init__(self) -> None:
-        require(self.name in FUNCTIONS, f"a function among {', '.join(FUNCTIONS)}", value_text(self.name, 60))
+        known = self.name in FUNCTIONS
+        require((known, f"a function among {', '.join(FUNCTIONS)}", value_text(self.name, 60)))
 
 
 @dataclass(frozen=True)
-class Term:
+class Term(Part):
     """coefficient · Π p_j^e_j · Π x_k^a_k · (function of this index, if any); parameters are (name, exponent) pairs."""
-
-    __pydantic_config__ = ONLY_KNOWN
 
     coefficient: Double
     powers: Powers
@@ -146,7 +146,7 @@ Entries = Annotated[
 
 
 @dataclass(frozen=True)
-class Start:
+class Start(Part):
     """A continuous path of starts x(a), 0 ≤ a ≤ amplitude, from x(0) = 0: each is proved to lie in the region.
 
     x_i(a) is a sum of terms in the one variable a, with functions of ℓa, plus `table_i` interpolated linearly over
@@ -154,8 +154,6 @@ class Start:
 
     `rule` says how the controller starts its integrators, `amplitude` is in the unit of the moved state.
     """
-
-    __pydantic_config__ = ONLY_KNOWN
 
     rule: Name  # a sentence: what the theorem says about x(0)
     amplitude: Double
@@ -170,31 +168,33 @@ class Start:
 
     def __post_init__(self) -> None:
         check_line("the start rule of the certificate", self.rule)
-        require(self.amplitude > 0, "a positive amplitude of the starts", repr(self.amplitude))
-        grid = self.amplitudes
-        rising = all(a < b for a, b in pairwise(grid))
+        grid, lengths = self.amplitudes, [len(row) for row in self.table]
         spans = not grid or (len(grid) > 1 and grid[0] == 0 and grid[-1] == self.amplitude)
-        require(rising and spans, f"amplitudes that grow from 0 to {self.amplitude!r}", value_text(grid, 100))
-        lengths = [len(row) for row in self.table]
-        require(
-            (not grid or len(lengths) == len(self.path))
-            and all(length in (0, len(grid)) for length in lengths),
-            f"a table of {len(self.path)} rows with {len(grid)} or no values",
-            f"rows of {lengths}",
-        )
-        from_zero = not any(row[0] for row in self.table if row) and not any(
+        fits = not grid or len(lengths) == len(self.path)
+        moved = any(row[0] for row in self.table if row) or any(
             term.coefficient and not any(term.powers) and term.function is None
             for row in self.path
             for term in row
         )
-        require(from_zero, "a path of starts from x(0) = 0", "another first state")
+        require(
+            (self.amplitude > 0, "a positive amplitude of the starts", repr(self.amplitude)),
+            (
+                spans and all(a < b for a, b in pairwise(grid)),
+                f"amplitudes that grow from 0 to {self.amplitude!r}",
+                value_text(grid, 100),
+            ),
+            (
+                fits and all(length in (0, len(grid)) for length in lengths),
+                f"a table of {len(self.path)} rows with {len(grid)} or no values",
+                f"rows of {lengths}",
+            ),
+            (not moved, "a path of starts from x(0) = 0", "another first state"),
+        )
 
 
 @dataclass(frozen=True)
-class Observer:
+class Observer(Part):
     """x̂' = f with its nonlinear part taken from y, + g2 u + L (y − C x̂), of the n_e states that are not `known`."""
-
-    __pydantic_config__ = ONLY_KNOWN
 
     measured: Matrix  # C (p, n): y = C x, in deviations
     known: Annotated[
@@ -208,46 +208,45 @@ class Observer:
 
     def __post_init__(self) -> None:
         distinct("A state that is known to the controller", list(self.known))
-        require(self.gain_error >= 0, "a γ_e that is not negative", repr(self.gain_error))
-        require(self.energy > 0, "a positive energy of the observer's errors", repr(self.energy))
+        require(
+            (self.gain_error >= 0, "a γ_e that is not negative", repr(self.gain_error)),
+            (self.energy > 0, "a positive energy of the observer's errors", repr(self.energy)),
+        )
 
 
 def check_named(what: str, name: str, unit: str) -> None:
     """Raise for a name of several words or a unit that is prose: both are printed among what is proved."""
     checked_name(f"a {what} of the certificate", name, without=",=", longest=2 * LONGEST_NAME)
-    require(
-        _UNIT.fullmatch(unit) is not None,
-        f"a unit of at most 20 letters, digits and marks such as · / ^ ² ° for the {what} {name}",
-        value_text(unit, 60),
-    )
+    expected = f"a unit of at most 20 letters, digits and marks such as · / ^ ² ° for the {what} {name}"
+    require((_UNIT.fullmatch(unit) is not None, expected, value_text(unit, 60)))
 
 
 def check_line(what: str, text: str) -> None:
     """Raise unless a text is one short line. The theorem is printed line by line; none may imitate another part."""
     checked_text(what, text)
-    require(
-        "\n" not in text and len(text) <= _LONGEST_LINE, f"one short line as {what}", value_text(text, 60)
-    )
+    short = "\n" not in text and len(text) <= _LONGEST_LINE
+    require((short, f"one short line as {what}", value_text(text, 60)))
 
 
-def require(holds: bool, expected: str, got: str) -> None:
+def require(*checks: Check) -> None:
     """Raise `InvalidInput` where a certificate does not fit together."""
-    if not holds:
-        raise InvalidInput(
-            "The certificate does not fit together.", f"expected {expected}, got {got}", "all its parts"
-        )
+    for holds, expected, got in checks:
+        if not holds:
+            raise InvalidInput(
+                "The certificate does not fit together.", f"expected {expected}, got {got}", "all its parts"
+            )
 
 
-def check_rows(name: str, matrix: Sequence[Sequence[Any]], rows: int, columns: int) -> None:
-    """Refuse a matrix of another shape."""
+def rows_fit(name: str, matrix: Sequence[Sequence[Any]], rows: int, columns: int) -> Check:
+    """Whether a matrix has this shape."""
     lengths = [len(row) for row in matrix]
-    require(lengths == [columns] * rows, f"{rows} rows of {columns} in {name}", f"rows of {lengths}")
+    return lengths == [columns] * rows, f"{rows} rows of {columns} in {name}", f"rows of {lengths}"
 
 
-def check_powers(name: str, powers: tuple[int, ...], n: int, lowest: int) -> None:
-    """Refuse exponents of another length than n, or of a sum outside `lowest` to `HIGHEST_DEGREE`."""
+def powers_fit(name: str, powers: tuple[int, ...], n: int, lowest: int) -> Check:
+    """Whether there are n exponents with a sum from `lowest` to `HIGHEST_DEGREE`."""
     fits = len(powers) == n and lowest <= sum(powers) <= HIGHEST_DEGREE
-    require(fits, f"{n} exponents of sum {lowest} to {HIGHEST_DEGREE} in {name}", f"{powers}")
+    return fits, f"{n} exponents of sum {lowest} to {HIGHEST_DEGREE} in {name}", f"{powers}"
 
 
 def check_terms(
@@ -256,19 +255,21 @@ def check_terms(
     """Refuse terms with other exponents, with parameters that are not stated or stand twice, and functions that are not
     there; a term without a function has at least degree `lowest`."""
     for term in (term for row in rows for term in row):
-        check_powers(name, term.powers, n, lowest if term.function is None else 0)
         names = [parameter for parameter, _ in term.parameters]
         unknown = [parameter for parameter in names if parameter not in known]
-        require(not unknown, "parameters that are stated", value_text(unknown, 80))
-        distinct("A term's parameter", names)
         there = term.function is None or term.function < len(functions)
-        require(there, f"functions below {len(functions)}", f"{term.function}")
-    for function in functions:
-        require(len(function.slope) == n, f"slopes of length {n}", f"{len(function.slope)}")
+        require(
+            powers_fit(name, term.powers, n, lowest if term.function is None else 0),
+            (not unknown, "parameters that are stated", value_text(unknown, 80)),
+            (there, f"functions below {len(functions)}", f"{term.function}"),
+        )
+        distinct("A term's parameter", names)
+    lengths = [len(function.slope) for function in functions]
+    require(*((length == n, f"slopes of length {n}", f"{length}") for length in lengths))
 
 
 @dataclass(frozen=True, repr=False)
-class Claim:
+class Claim(Part):
     """On the component of {V ≤ level} around 0 the dissipation inequality holds; see docs/certificate.md.
 
     Attributes
@@ -308,8 +309,6 @@ class Claim:
         Version, command, statistics of the search: no part of the theorem.
     """
 
-    __pydantic_config__ = ONLY_KNOWN
-
     about: Name
     states: Annotated[tuple[Signal, ...], Field(max_length=MOST_STATES)]
     inputs: Annotated[tuple[Signal, ...], Field(max_length=MOST_CHANNELS)]
@@ -338,70 +337,71 @@ class Claim:
 
     def __post_init__(self) -> None:
         n, m, w = len(self.states), len(self.inputs), len(self.disturbances)
-        signals = [s.name for s in (*self.states, *self.inputs, *self.disturbances)]
-        require(n > 0 and m > 0 and w > 0, "states, inputs and disturbances", f"{n}, {m}, {w} of them")
-        distinct("The certificate's signal", signals)
-        require(len(self.value) > 0, "a V that is not zero", "no monomial")
-        distinct("The certificate's parameter", [p.name for p in self.parameters])
+        lengths = ("drift", n), ("law", m), ("shift", n if self.shift else 0)
+        shapes = ("g1", n, w), ("g2", n, m), ("coordinates", n, n), ("r2", m, m)
+        positive = {name: getattr(self, name) for name in ("gamma", "level", "reach")}
+        sizes = {name: len(getattr(self, name)) for name, _ in lengths}
         check_line("what the certificate is about", self.about)
         for text in (*self.provenance, *self.provenance.values()):
             check_line("the certificate's provenance", text)
-        for name in ("gamma", "level", "reach"):
-            require(getattr(self, name) > 0, f"a positive {name}", repr(getattr(self, name)))
-        require(self.decay >= 0, "a decay that is not negative", repr(self.decay))
-        for low, high in self.shift:
-            require(low <= high, "shifts with low ≤ high", f"{low!r}, {high!r}")
-        for name, rows in (("drift", n), ("law", m), ("shift", n if self.shift else 0)):
-            length = len(getattr(self, name))
-            require(length == rows, f"{rows} rows of {name}", f"{length}")
-        for name, rows, columns in (("g1", n, w), ("g2", n, m), ("coordinates", n, n), ("r2", m, m)):
-            check_rows(name, getattr(self, name), rows, columns)
+        require(
+            (n > 0 and m > 0 and w > 0, "states, inputs and disturbances", f"{n}, {m}, {w} of them"),
+            (len(self.value) > 0, "a V that is not zero", "no monomial"),
+            *((value > 0, f"a positive {name}", repr(value)) for name, value in positive.items()),
+            (self.decay >= 0, "a decay that is not negative", repr(self.decay)),
+            *((low <= high, "shifts with low ≤ high", f"{low!r}, {high!r}") for low, high in self.shift),
+            *((sizes[name] == k, f"{k} rows of {name}", f"{sizes[name]}") for name, k in lengths),
+            *(rows_fit(name, getattr(self, name), rows, columns) for name, rows, columns in shapes),
+        )
+        signals = *self.states, *self.inputs, *self.disturbances
+        distinct("The certificate's signal", [signal.name for signal in signals])
+        distinct("The certificate's parameter", [p.name for p in self.parameters])
         self._check_feedback()
         self._check_terms(n)
 
     def _check_feedback(self) -> None:
         given = self.observer
         expected = "state" if given is None else "output injection observer"
-        require(self.feedback == expected, f"feedback {expected!r}", value_text(self.feedback, 60))
+        require((self.feedback == expected, f"feedback {expected!r}", value_text(self.feedback, 60)))
         if given is None:
             return
         names = [s.name for s in self.states]
         unknown = [name for name in given.known if name not in names]
-        require(not unknown, "known states among the states", value_text(unknown, 80))
-        n, e, p = len(names), len(names) - len(given.known), len(given.measured)
-        require(e > 0 and p > 0, "an observer that measures and estimates something", f"{p} and {e}")
-        for name, rows, columns in (("measured", p, n), ("gain", e, p), ("weight", e, e), ("storage", e, e)):
-            check_rows(f"the observer's {name}", getattr(given, name), rows, columns)
+        e, p = len(names) - len(given.known), len(given.measured)
+        shapes = ("measured", p, len(names)), ("gain", e, p), ("weight", e, e), ("storage", e, e)
         below = given.energy < self.level
-        require(below, f"errors of an energy below the level {self.level!r}", repr(given.energy))
+        require(
+            (not unknown, "known states among the states", value_text(unknown, 80)),
+            (e > 0 and p > 0, "an observer that measures and estimates something", f"{p} and {e}"),
+            *(rows_fit(f"the observer's {name}", getattr(given, name), *shape) for name, *shape in shapes),
+            (below, f"errors of an energy below the level {self.level!r}", repr(given.energy)),
+        )
 
     def _check_terms(self, n: int) -> None:
         polynomials = [("value", 2, self.value)]
         polynomials += [(name, 1, row) for name in ("law", "penalty") for row in getattr(self, name)]
         for name, lowest, polynomial in polynomials:
-            for powers, _ in polynomial:
-                check_powers(name, powers, n, lowest)
+            require(*(powers_fit(name, powers, n, lowest) for powers, _ in polynomial))
             distinct(f"A monomial of {name}", [str(powers) for powers, _ in polynomial])
-        known, channels = (
-            {p.name for p in self.parameters},
-            [row for rows in (self.g1, self.g2) for row in rows],
-        )
+        known, channels = {p.name for p in self.parameters}, [*self.g1, *self.g2]
         check_terms("the plant", self.drift, n, 1, known, self.functions)
-        for rows in channels:
-            check_terms("the plant", rows, n, 0, known, ())
+        check_terms("the plant", (terms for rows in channels for terms in rows), n, 0, known, ())
         for start in self.starts:
-            require(len(start.path) == n, f"starts with {n} states", f"{len(start.path)}")
+            require((len(start.path) == n, f"starts with {n} states", f"{len(start.path)}"))
             check_terms("a start", start.path, 1, 1, known, start.functions)
-        exponents: dict[str, set[int]] = {p.name: set() for p in self.parameters}
-        for term in (term for rows in (self.drift, *channels) for terms in rows for term in terms):
-            for name, exponent in term.parameters:
-                exponents[name] |= {exponent} - {0}
+        pairs = {
+            pair for rows in (self.drift, *channels) for terms in rows for t in terms for pair in t.parameters
+        }
         for p in self.parameters:
-            found, keeps_sign = exponents[p.name], p.low > 0 or p.high < 0
+            found = {exponent for name, exponent in pairs if name == p.name and exponent}
             require(
-                len(found) <= 1, f"one exponent of {p.name}, so that r is affine in it", f"{sorted(found)}"
+                (len(found) <= 1, f"one exponent of {p.name}, so that r is affine in it", f"{sorted(found)}"),
+                (
+                    found <= {1} or p.low > 0 or p.high < 0,
+                    f"{p.name} ≠ 0 under its exponent",
+                    f"{sorted(found)}",
+                ),
             )
-            require(found <= {1} or keeps_sign, f"{p.name} ≠ 0 under its exponent", f"{sorted(found)}")
 
     @property
     def degree(self) -> int:

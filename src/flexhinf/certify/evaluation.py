@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
@@ -20,9 +20,16 @@ def term_weight(term: Term, parameters: Mapping[str, float]) -> float:
     return float(term.coefficient * np.prod([parameters[name] ** power for name, power in term.parameters]))
 
 
-def polynomial_values(powers: np.ndarray, coefficients: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """A polynomial with exponents (terms, n) at points (N, n)."""
-    return (coefficients * np.prod(x[:, None, :] ** powers, axis=2)).sum(axis=1)
+def polynomial_at(polynomial: Iterable[tuple[tuple[int, ...], float]], x: np.ndarray) -> np.ndarray:
+    """A polynomial at points (N, n), one monomial after the other: nothing is larger than a column of x."""
+    result = np.zeros(len(x))
+    for powers, coefficient in polynomial:
+        term = np.full(len(x), coefficient)
+        for column, power in zip(x.T, powers):
+            if power:
+                term = term * column**power
+        result += term
+    return result
 
 
 def linear_part(rows: Sequence[Polynomial], n: int) -> np.ndarray:

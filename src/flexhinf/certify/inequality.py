@@ -91,10 +91,15 @@ class Inequality(Algebra):
             [[self._terms(entry) for entry in row] for row in rows]
             for rows in (certificate.g2, certificate.g1)
         )
-        total = self.z.constant(rational(certificate.decay)) * value
-        for i, row in enumerate(certificate.drift):
-            total += slope[i] * self._terms(term for term in row if term.function is None)
-            total += slope[i] * sum((a * b for a, b in zip(g2[i], law)), self.zero)
+
+        def pushed(index: int | None) -> fmpq_mpoly:
+            """V_x times the part of the drift with this function, or with none."""
+            parts = (self._terms(t for t in row if t.function == index) for row in certificate.drift)
+            return sum((a * b for a, b in zip(slope, parts)), self.zero)
+
+        total = self.z.constant(rational(certificate.decay)) * value + pushed(None)
+        for along, row in zip(slope, g2):
+            total += along * sum((a * b for a, b in zip(row, law)), self.zero)
         for row in certificate.penalty:
             h = self.moved(self.in_x(row))
             total += h * h / 2
@@ -105,15 +110,9 @@ class Inequality(Algebra):
             along = sum((a * b for a, b in zip(slope, column)), self.zero)
             total += along * along * (1 / (2 * rational(certificate.gamma) ** 2))
         self.value, self.polynomial = terms_of(value), terms_of(total)
-        self.factors: list[Rational] = []
-        self.functions: list[Function] = []
-        for index, function in enumerate(certificate.functions):
-            factor = self.zero
-            for i, row in enumerate(certificate.drift):
-                factor += slope[i] * self._terms(term for term in row if term.function == index)
-            if factor:
-                self.factors.append(terms_of(factor * self.moved(self.line(function.slope))))
-                self.functions.append(function)
+        found = [(function, pushed(index)) for index, function in enumerate(certificate.functions)]
+        self.functions = [function for function, factor in found if factor]
+        self.factors = [terms_of(part * self.moved(self.line(f.slope))) for f, part in found if part]
 
     def _terms(self, row: Iterable[Term]) -> fmpq_mpoly:
         """Terms of a field in z, all with the same function or none, without it."""
@@ -211,14 +210,14 @@ def quotient_table(function: Function, reach: float, order: int) -> QuotientTabl
         flint.ctx.cap, flint.ctx.prec = order + 3, _BITS
         rows = [_row(series, node, order) for node in range(-count, count + 1)]
         flint.ctx.prec = 64
-        sides = []
-        for sign in (1, -1):
-            bounds = [_derivative(series, sign * (i + 0.5) * _PIECE, order + 2) for i in range(pieces)]
-            sides.append(np.maximum.accumulate(bounds))
+        sides = [
+            [_derivative(series, sign * (i + 0.5) * _PIECE, order + 2) for i in range(pieces)]
+            for sign in (1, -1)
+        ]
         ends = [_derivative(series, (i + 0.5) * _PIECE, 1) for i in range(-pieces, pieces)]
     finally:
         flint.ctx.cap, flint.ctx.prec = cap, bits
-    return QuotientTable(-count, np.array(rows), sides[0], sides[1], max(ends))
+    return QuotientTable(-count, np.array(rows), *map(np.maximum.accumulate, sides), largest=max(ends))
 
 
 def _row(function: Series, node: int, order: int) -> list[float]:
@@ -234,9 +233,8 @@ def _row(function: Series, node: int, order: int) -> list[float]:
             taylor.append((taken[m] - taylor[-1]) / a)
     result = []
     for m in range(order + 1):
-        total = arb(0)
-        for k in range(m, order + 1):
-            total += taylor[k] * comb(k, m) * (-a) ** (k - m)
+        parts = (taylor[k] * comb(k, m) * (-a) ** (k - m) for k in range(m, order + 1))
+        total = sum(parts, arb(0))
         middle = float(total.mid())
         narrow = total.is_finite() and total.rad() <= max(abs(middle) * 2.0**-60, NARROW)
         result.append(middle if narrow else float("nan"))
@@ -262,50 +260,37 @@ class MeanForms:
         exponents = product(range(degree), *[range(degree + 1)] * (n - 1))
         rows = sorted((row for row in exponents if sum(row[1:]) <= min(degree, row[0] + 3)), key=sum)
         self.rows, self._index = np.array(rows), {row: i for i, row in enumerate(rows)}
-        self._levels = []  # of each degree the monomials, one a degree less for each, and the variable between them
-        total = self.rows.sum(1)
-        for level in range(1, int(total.max()) + 1):
-            places = np.flatnonzero(total == level)
-            below = []
-            for row in self.rows[places].tolist():
-                less = [
-                    (tuple(e - (i == axis) for i, e in enumerate(row)), axis) for axis in range(n - 1, -1, -1)
-                ]
-                below.append(next((self._index[one], axis) for one, axis in less if one in self._index))
-            parents, axes = np.array(below).T
-            self._levels.append((slice(int(places[0]), int(places[-1]) + 1), parents, axes))
+        self._parents = []  # of each monomial but 1: one that is a degree less, and the variable between them
+        self._derivatives = np.zeros((n, len(rows), len(rows)))
+        for place, row in enumerate(rows):
+            less = [(tuple(e - (i == j) for i, e in enumerate(row)), j) for j in range(n)]
+            below = [(self._index[one], j) for one, j in less if one in self._index]
+            self._parents += below[-1:]
+            for parent, j in below:
+                self._derivatives[j, place, parent] = row[j]
         self._pairs = [(i, j) for i in range(n) for j in range(i, n)]
         self._tables = [self._face(polynomials, f, s) for f in range(n) for s in (1, -1)]
 
     def _face(self, polynomials: Sequence[Rational], face: int, sign: int) -> tuple[np.ndarray, np.ndarray]:
         """Rows for values and gradients, and for magnitudes of values and second derivatives."""
-        values, gradients, seconds = np.zeros((self.count, len(self.rows))), [], []
+        values, size = np.zeros((self.count, len(self.rows))), len(self.rows)
         for column, polynomial in zip(values, polynomials):
             for powers, value in polynomial.items():
                 row = (sum(powers) - 1, *powers[:face], *powers[face + 1 :])
                 column[self._index[row]] += nearest_double(value) * sign ** powers[face]
-            slopes = [self._derivative(column, i) for i in range(self.n)]
-            gradients += slopes
-            for i, j in self._pairs:
-                seconds.append((0.5 if i == j else 1.0) * np.abs(self._derivative(slopes[i], j)))
+        slopes = np.stack([values @ derivative for derivative in self._derivatives], axis=1)
+        seconds = [
+            np.abs(slopes[:, i] @ self._derivatives[j]) * (0.5 if i == j else 1.0) for i, j in self._pairs
+        ]
         return (
-            np.array([*values, *gradients]).reshape(-1, len(self.rows)),
-            np.array([*np.abs(values), *seconds]).reshape(-1, len(self.rows)),
+            np.vstack([values, slopes.reshape(-1, size)]),
+            np.vstack([np.abs(values), np.stack(seconds, axis=1).reshape(-1, size)]),
         )
-
-    def _derivative(self, column: np.ndarray, axis: int) -> np.ndarray:
-        result = np.zeros(len(column))
-        for i in np.flatnonzero(column):
-            row = self.rows[i].copy()
-            if row[axis]:
-                row[axis] -= 1
-                result[self._index[tuple(row.tolist())]] += (row[axis] + 1) * column[i]
-        return result
 
     def _monomials(self, w: np.ndarray) -> np.ndarray:
         values = np.ones((len(self.rows), w.shape[1]))
-        for places, parents, axes in self._levels:
-            np.multiply(values[parents], w[axes], out=values[places])
+        for i, (parent, axis) in enumerate(self._parents, 1):
+            np.multiply(values[parent], w[axis], out=values[i])
         return values
 
     def enclose(

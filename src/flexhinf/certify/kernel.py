@@ -13,7 +13,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from functools import cache
+from functools import cache, partialmethod
+from itertools import groupby, product
 from typing import NamedTuple
 
 import numpy as np
@@ -28,6 +29,19 @@ POINTERS = (
     "first", "last", "faces", "inputs", "outputs", "work", "level", "value_table", "quotient_table", "table",
     "segments", "lines", "signs",
 )  # fmt: skip
+
+#: What is found of each cell, and at last `score`: how much the radius and each t_j add to `upper`.
+OUTPUTS = (
+    "least_value",  # V ≥ this on the inner end of the cell
+    "growth",  # ∂V/∂ρ /ρ ≥ this on the cell
+    "upper",  # r/ρ² ≤ this on the cell
+    "upper_inside",  # r/ρ² ≤ this where V ≤ level
+    "centre",  # r/ρ² in the middle, up to the allowance
+    "allowance",
+    "value",  # V in the middle
+    "value_range",  # how far it goes from there
+    "growth_at_centre",  # ∂V/∂ρ /ρ in the middle
+)
 
 _VECTOR = f"<{LANES} x double>"
 _TRUTHS = f"<{LANES} x i1>"
@@ -62,34 +76,26 @@ class Layout:
 
     def __init__(self, directions: int, degrees: Sequence[int]) -> None:
         self.directions, self.degrees = directions, tuple(degrees)
-        self.monomials = monomials_of(directions, max(self.degrees))
-        sizes = np.array([sum(beta) for beta in self.monomials])
-        even = np.array([not any(e % 2 for e in beta) for beta in self.monomials])
+        self.monomials, first = monomials_of(directions, max(self.degrees)), 0
         self.groups: list[Group] = []
         self.place: dict[tuple[int, tuple[int, ...]], int] = {}
-        for size in np.unique(sizes).tolist():
-            chosen = np.flatnonzero(sizes == size)
-            kept, offset = tuple(k for k in self.degrees if k >= size), len(self.place)
-            self.groups.append(
-                Group(size, int(chosen[0]), len(chosen), int(even[chosen].sum()), kept, offset)
-            )
-            for b in chosen:
-                for k in kept:
-                    self.place[k, self.monomials[b]] = len(self.place)
+        for size, betas in groupby(self.monomials, sum):
+            group, degrees = list(betas), tuple(k for k in self.degrees if k >= size)
+            even = sum(not any(e % 2 for e in beta) for beta in group)
+            self.groups.append(Group(size, first, len(group), even, degrees, len(self.place)))
+            keys, first = [(k, beta) for beta in group for k in degrees], first + len(group)
+            self.place |= zip(keys, range(len(self.place), len(self.place) + len(keys)))
         self.count = len(self.place)
 
     def shift_lines(self) -> list[tuple[int, int, np.ndarray]]:
         """(variable, length, places (lines, length + 1)): lines of coefficients along which t_j is shifted."""
         result = []
-        for k in self.degrees:
-            for j in range(self.directions):
-                by_length: dict[int, list[list[int]]] = {}
-                for others in monomials_of(self.directions - 1, k):
-                    length = k - sum(others)
-                    betas = [(*others[:j], p, *others[j:]) for p in range(length + 1)]
-                    if length > 0:
-                        by_length.setdefault(length, []).append([self.place[k, beta] for beta in betas])
-                result += [(j, length, np.array(lines)) for length, lines in sorted(by_length.items())]
+        for k, j in product(self.degrees, range(self.directions)):
+            for length in range(1, k + 1):
+                others = [beta for beta in monomials_of(self.directions - 1, k) if sum(beta) == k - length]
+                lines = [[self.place[k, (*b[:j], p, *b[j:])] for p in range(length + 1)] for b in others]
+                if lines:
+                    result.append((j, length, np.array(lines)))
         return result
 
 
@@ -113,15 +119,18 @@ class Shape:
         self.directions, self.terms = d, terms
         self.value, self.whole = Layout(d, value), Layout(d, whole)
         self.quotients = [Layout(d, degrees) for degrees in quotients]
+        #: What stands in the table of r on a face, in this order: the polynomial, 0 or 1 and up for `terms`, and the
+        #: place of the coefficient.
+        self.columns = [
+            (part, place)
+            for (k, _), place in self.whole.place.items()
+            for part in (0, *(1 + q for q, degrees in enumerate(terms) if k in degrees))
+        ]
         self.longest = max((self.whole, self.value), key=lambda layout: layout.degrees[-1])
         one = dict.fromkeys(("inner", "outer", "middle", "half"), 1)
         one |= dict.fromkeys(("value_rounding", "growth_rounding", "rounding"), 1)
         self.inputs = _places({"t": d, "h": d} | one | {"error": len(quotients), "s": len(terms)})
-        names = (
-            "least_value", "growth", "upper", "upper_inside", "centre", "allowance", "value", "value_range",
-            "growth_at_centre",
-        )  # fmt: skip
-        self.outputs = _places(dict.fromkeys(names, 1) | {"score": states})
+        self.outputs = _places(dict.fromkeys(OUTPUTS, 1) | {"score": states})
         highest, monomials = self.longest.degrees[-1], len(self.longest.monomials)
         low = sum(group.count for group in self.whole.groups if group.size <= LOW) * (highest + 1)
         self.work = _places({
@@ -148,6 +157,11 @@ class _Code(Writer):
     """Writing helpers: vectors in memory, loops, running sums."""
 
     zero = "zeroinitializer"
+    plus = partialmethod(Writer.real, "fadd")
+    minus = partialmethod(Writer.real, "fsub")
+    times = partialmethod(Writer.real, "fmul")
+    absolute = partialmethod(Writer.intrinsic, "fabs")
+    fused = partialmethod(Writer.intrinsic, "fmuladd")  # a b + c, fused where the processor can
 
     def at(self, base: str, index: str, kind: str = _VECTOR) -> str:
         return self.let(f"getelementptr inbounds {kind}, ptr {base}, i64 {index}")
@@ -164,32 +178,16 @@ class _Code(Writer):
     def word(self, base: str, index: str) -> str:
         return self.let(f"load i64, ptr {self.at(base, index, 'i64')}, align 8")
 
-    def plus(self, a: str, b: str) -> str:
-        return self.real("fadd", a, b)
-
-    def minus(self, a: str, b: str) -> str:
-        return self.real("fsub", a, b)
-
-    def times(self, a: str, b: str) -> str:
-        return self.real("fmul", a, b)
-
-    def fused(self, a: str, b: str, c: str) -> str:
-        """a b + c, fused where the processor can."""
-        return self.intrinsic("fmuladd", a, b, c)
-
-    def absolute(self, a: str) -> str:
-        return self.intrinsic("fabs", a)
-
-    def positive(self, a: str) -> str:
-        """max(a, 0); of NaN, NaN."""
-        return self.select(self.compare("ole", a, self.zero), self.zero, a)
-
     def largest(self, a: str, even: bool) -> str:
-        """The largest a s for 0 ≤ s ≤ 1, or for |s| ≤ 1."""
-        return self.positive(a) if even else self.absolute(a)
+        """The largest a s for 0 ≤ s ≤ 1, or for |s| ≤ 1; of NaN, NaN."""
+        return self.select(self.compare("ole", a, self.zero), self.zero, a) if even else self.absolute(a)
 
-    def constant(self, value: float) -> str:
-        return self.lanes.constant(value)
+    def moved_by(self, a: str, values: list[str], degree: int) -> list[str]:
+        """The coefficients of P(t + a), by synthetic division."""
+        for i in range(degree):
+            for p in range(degree - 1, i - 1, -1):
+                values[p] = self.fused(a, values[p + 1], values[p])
+        return values
 
     def integer(self, operation: str, a: str, b: str) -> str:
         return self.let(f"{operation} i64 {a}, {b}")
@@ -247,12 +245,9 @@ def _write_shift(module: ModuleText, longest: int) -> None:
                     pointer = code.at("%lines", code.integer("add", base, str(p)), "i32")
                     narrow = code.let(f"load i32, ptr {pointer}, align 4")
                     places.append(code.at("%coefficients", code.let(f"zext i32 {narrow} to i64")))
-                values = [code.load(place) for place in places]
-                for i in range(L):
-                    for p in range(L - 1, i - 1, -1):
-                        values[p] = code.fused(a, values[p + 1], values[p])
-                for p in range(L):
-                    code.store(values[p], places[p])
+                moved = code.moved_by(a, [code.load(place) for place in places], L)
+                for value, place in zip(moved[:L], places):
+                    code.store(value, place)
             code.do(f"br label %{done}")
         code.place(done)
     code.do("ret void")
@@ -302,12 +297,13 @@ class _Kernel(_Code):
         arguments = f"ptr {self.work(place)}, ptr {segments}, ptr {self.pointers['lines']}, ptr {self.rows}"
         self.do(f"call void @shift({arguments}, i64 {bounds[0]}, i64 {bounds[1]})")
 
-    def each(self, group: Group) -> Iterator[tuple[str, bool]]:
-        """Loops over the monomials of a group: those with even exponents, then the others."""
-        for start, end, even in ((0, group.even, True), (group.even, group.count, False)):
-            if end > start:
-                with self.loop(str(end), str(start)) as b:
-                    yield b, even
+    def each(self, groups: Sequence[Group]) -> Iterator[tuple[Group, str, bool]]:
+        """Loops over the monomials of groups: of each first those with even exponents, then the others."""
+        for group in groups:
+            for start, end, even in ((0, group.even, True), (group.even, group.count, False)):
+                if end > start:
+                    with self.loop(str(end), str(start)) as b:
+                        yield group, b, even
 
     def coefficients(self, group: Group, b: str, place: str) -> list[str]:
         """The coefficients of one monomial, by degree, in the cell's own variables."""
@@ -326,13 +322,36 @@ class _Kernel(_Code):
     def kept(self, place: str, group: Group, b: str) -> list[str]:
         return [self.load(self.low_place(place, group, b, p)) for p in range(self.top + 1)]
 
-    def about_middle(self, values: list[str], highest: int) -> list[str]:
-        """A polynomial in ρ about the middle of the cell, scaled by its half width."""
-        middle, values = self.power(2, 1), list(values)
-        for i in range(highest):
-            for p in range(highest - 1, i - 1, -1):
-                values[p] = self.fused(middle, values[p + 1], values[p])
-        return [v if p == 0 or p > highest else self.times(v, self.power(3, p)) for p, v in enumerate(values)]
+    def about_middle(self, layout: Layout, place: str, lift: int = 0) -> tuple[str, str]:
+        """V, or with `lift` 2 r/ρ², about the middle of the cell in the cell's own variables.
+
+        The value there is an output, the low coefficients stand in their buffer. Returned are sums of what the others
+        can add to it, at most: of those that are not kept, and of the low ones; for V to both sides, and of all.
+        """
+        low, output = ("low", "centre") if lift else ("low_value", "value")
+        highest, tail = layout.degrees[-1] - lift, self.sum()
+        for group, b, even in self.each(layout.groups[LOW + 1 :]):
+            value, width = self.zero, self.zero
+            for k, c in zip(group.degrees, self.coefficients(group, b, place)):
+                value = self.fused(c, self.power(2, k - lift), value)
+                width = self.fused(self.absolute(c), self.power(4, k - lift), width)
+            self.add(tail, self.plus(self.largest(value, even and lift > 0), width))
+            if lift:
+                weight = self.work("weight", self.integer("add", b, str(group.first)))
+                self.store(self.plus(self.absolute(value), width), weight)
+        total, middle = self.sum(self.zero if lift else self.load(tail)), self.power(2, 1)
+        for group, b, even in self.each(layout.groups[: LOW + 1]):
+            found = dict(zip(group.degrees, self.coefficients(group, b, place)))
+            values = [found.get(p + lift, self.zero) for p in range(self.top + 1)]
+            for p, value in enumerate(self.moved_by(middle, values, highest)):
+                scaled = value if p == 0 or p > highest else self.times(value, self.power(3, p))
+                self.store(scaled, self.low_place(low, group, b, p))
+                if centre := group.size == 0 and p == 0:
+                    self.output(output, scaled)
+                if p <= highest and (lift or not centre):
+                    one_sided = even and p % 2 == 0 and lift > 0
+                    self.add(total, scaled if centre else self.largest(scaled, one_sided))
+        return tail, total
 
     # The entry -----------------------------------------------------------------------------------
     def write(self, entry: str) -> None:
@@ -348,11 +367,8 @@ class _Kernel(_Code):
             self._value()
             outside = self.compare("ogt", self.result("least_value"), self.level)
             for name in ("upper", "upper_inside"):
-                self.output(name, self.constant(float("inf")))
-            full = f"llvm.vector.reduce.and.v{LANES}i1"
-            every = self.let(f"call i1 @{full}({_TRUTHS} {outside})")
-            self.module.declarations[full] = f"declare i1 @{full}({_TRUTHS})"
-            with self.where(self.let(f"xor i1 {every}, true")):
+                self.output(name, self.lanes.constant(float("inf")))
+            with self.where(self.any(self.logical("xor", outside, "splat (i1 true)"))):
                 self._inequality()
         self.do("ret i64 0")
         self.finish(f"define i64 @{entry}(ptr %context)", entry)
@@ -361,14 +377,14 @@ class _Kernel(_Code):
         """Powers of the radii into the work buffer, and h^β for every monomial: each is another one times one h."""
         size = self.top + 3
         for which, name in enumerate(("inner", "outer", "middle", "half")):
-            base, value = self.input(name), self.constant(1.0)
+            base, value = self.input(name), self.lanes.constant(1.0)
             for exponent in range(size):
                 self.store(value, self.work("powers", str(which * size + exponent)))
                 value = self.times(value, base)
         for exponent in range(size):
             difference = self.minus(self.power(1, exponent), self.power(2, exponent))
             self.store(difference, self.work("powers", str(4 * size + exponent)))
-        self.store(self.constant(1.0), self.work("scale"))
+        self.store(self.lanes.constant(1.0), self.work("scale"))
         with self.loop(str(len(self.shape.longest.monomials)), "1") as b:
             parent, variable = (self.word(self.pointers["signs"], self.affine(b, 2, i)) for i in (0, 1))
             h = self.load(self.at(self.rows, self.integer("add", variable, str(self.shape.inputs["h"]))))
@@ -379,72 +395,48 @@ class _Kernel(_Code):
         layout = self.shape.value
         base = self.integer("mul", self.face, str(layout.count))
         self.moved(layout, "value_table", base, "value", 0)
-        least, growth, self.value_tail = self.sum(), self.sum(), self.sum()
-        for group in layout.groups:
-            for b, even in self.each(group):
-                found = self.coefficients(group, b, "value")
-                inner, slope, width, high, high_width = [self.zero] * 5
-                for k, c in zip(group.degrees, found):
-                    size = self.absolute(c)
-                    inner = self.fused(c, self.power(0, k), inner)
-                    times = self.times(self.constant(float(k)), c)
-                    slope = self.fused(times, self.power(2, k - 2), slope)
-                    width = self.fused(self.absolute(times), self.power(4, k - 2), width)
-                    if group.size > LOW:
-                        high = self.fused(c, self.power(2, k), high)
-                        high_width = self.fused(size, self.power(4, k), high_width)
-                if group.size == 0:
-                    self.add(least, inner)
-                    self.output("growth_at_centre", slope)
-                    self.add(growth, self.minus(slope, width))
-                else:
-                    down, falls = (self.let(f"fneg {_VECTOR} {a}") if even else a for a in (inner, slope))
-                    self.add(least, self.largest(down, even), "fsub")
-                    self.add(growth, self.plus(self.largest(falls, even), width), "fsub")
-                if group.size > LOW:
-                    self.add(self.value_tail, self.plus(self.absolute(high), high_width))
-                else:
-                    for p in range(self.top + 1):
-                        value = found[group.degrees.index(p)] if p in group.degrees else self.zero
-                        self.store(value, self.low_place("low_value", group, b, p))
+        least, growth = self.sum(), self.sum()
+        for group, b, even in self.each(layout.groups):
+            inner, slope, width = [self.zero] * 3
+            for k, c in zip(group.degrees, self.coefficients(group, b, "value")):
+                inner = self.fused(c, self.power(0, k), inner)
+                times = self.times(self.lanes.constant(float(k)), c)
+                slope = self.fused(times, self.power(2, k - 2), slope)
+                width = self.fused(self.absolute(times), self.power(4, k - 2), width)
+            if group.size == 0:
+                self.add(least, inner)
+                self.output("growth_at_centre", slope)
+                self.add(growth, self.minus(slope, width))
+            else:
+                down, falls = (self.let(f"fneg {_VECTOR} {a}") if even else a for a in (inner, slope))
+                self.add(least, self.largest(down, even), "fsub")
+                self.add(growth, self.plus(self.largest(falls, even), width), "fsub")
         self.output("least_value", self.minus(self.load(least), self.input("value_rounding")))
         self.output("growth", self.minus(self.load(growth), self.input("growth_rounding")))
-        # about the middle of the cell: V there, and a bound of how far it goes from it
-        highest, total = layout.degrees[-1], self.sum(self.load(self.value_tail))
-        for group in layout.groups[: LOW + 1]:
-            for b, _ in self.each(group):
-                moved = self.about_middle(self.kept("low_value", group, b), highest)
-                for p, value in enumerate(moved):
-                    self.store(value, self.low_place("low_value", group, b, p))
-                    if group.size == 0 and p == 0:
-                        self.output("value", value)
-                    elif p <= highest:
-                        self.add(total, self.absolute(value))
+        self.value_tail, total = self.about_middle(layout, "value")
         self.output("value_range", self.load(total))
 
     # r ------------------------------------------------------------------------------------------
     def _inequality(self) -> None:
         shape = self.shape
-        allowance, total, self.tail = self.sum(self.input("rounding")), self.sum(), self.sum()
+        allowance = self.sum(self.input("rounding"))
         every, start = sum(layout.count for layout in shape.quotients), 0
         for j, layout in enumerate(shape.quotients):  # a bound of |Q_j|/ρ² on the cell
             base = self.affine(self.face, every, start)
             start += layout.count
             self.moved(layout, "quotient_table", base, "quotient", 1 + j)
             bound = self.sum()
-            for group in layout.groups:
-                for b, _ in self.each(group):
-                    value = self.zero
-                    for k, c in zip(group.degrees, self.coefficients(group, b, "quotient")):
-                        value = self.fused(self.absolute(c), self.power(1, k - 2), value)
-                    self.add(bound, value)
-            error = self.times(self.input("error", j), self.constant(1.000001))
+            for group, b, _ in self.each(layout.groups):
+                value = self.zero
+                for k, c in zip(group.degrees, self.coefficients(group, b, "quotient")):
+                    value = self.fused(self.absolute(c), self.power(1, k - 2), value)
+                self.add(bound, value)
+            error = self.times(self.input("error", j), self.lanes.constant(1.000001))
             self.add(allowance, self.times(self.load(bound), error))
         self.output("allowance", self.load(allowance))
         self._load_whole()
         self.shift("whole", 1 + len(shape.quotients))
-        for group in shape.whole.groups:
-            self._whole_group(group, total)
+        self.tail, total = self.about_middle(shape.whole, "whole", 2)
         upper = self.plus(self.plus(self.load(total), self.load(self.tail)), self.load(allowance))
         self.output("upper", upper)
         least, centre, spread = map(self.result, ("least_value", "value", "value_range"))
@@ -459,57 +451,25 @@ class _Kernel(_Code):
 
     def _load_whole(self) -> None:
         """A + Σ s_jm Q_j ℓᵐ on the face."""
-        shape, table, offset = self.shape, self.pointers["table"], 0
+        shape, table, value, before = self.shape, self.pointers["table"], self.zero, 0
         factors = [self.input("s", q) for q in range(len(shape.terms))]
-        chosen = {
-            k: [q for q, degrees in enumerate(shape.terms) if k in degrees] for k in shape.whole.degrees
-        }
-        entries = [sum(1 + len(chosen[k]) for k in group.degrees) for group in shape.whole.groups]
-        size = sum(group.count * each for group, each in zip(shape.whole.groups, entries))
-        base = self.integer("mul", self.face, str(size))
-        for group, each in zip(shape.whole.groups, entries):
+        base = self.integer("mul", self.face, str(len(shape.columns)))
+        for group in shape.whole.groups:
+            size = len(group.degrees)
+            one = [(part, place - group.offset) for part, place in shape.columns]
+            one = [(part, i) for part, i in one if 0 <= i < size]  # of one monomial
             with self.loop(str(group.count)) as b:
-                start, entry = self.affine(b, each, base), offset
-                target = self.affine(b, len(group.degrees), group.offset)
-                for i, k in enumerate(group.degrees):
-                    value = self.number(table, self.integer("add", start, str(entry)))
-                    for q in chosen[k]:
-                        entry += 1
-                        number = self.number(table, self.integer("add", start, str(entry)))
-                        value = self.fused(factors[q], number, value)
-                    entry += 1
+                start, target = self.affine(b, len(one), base), self.affine(b, size, group.offset)
+                for entry, (part, i) in enumerate(one, before):
+                    number = self.number(table, self.integer("add", start, str(entry)))
+                    value = self.fused(factors[part - 1], number, value) if part else number
                     self.store(value, self.work("whole", self.integer("add", target, str(i))))
-            offset += each * group.count
-
-    def _whole_group(self, group: Group, total: str) -> None:
-        highest = self.shape.whole.degrees[-1] - 2
-        for b, even in self.each(group):
-            found = self.coefficients(group, b, "whole")
-            if group.size > LOW:
-                value, width = self.zero, self.zero
-                for k, c in zip(group.degrees, found):
-                    value = self.fused(c, self.power(2, k - 2), value)
-                    width = self.fused(self.absolute(c), self.power(4, k - 2), width)
-                self.add(self.tail, self.plus(self.largest(value, even), width))
-                weight = self.work("weight", self.integer("add", b, str(group.first)))
-                self.store(self.plus(self.absolute(value), width), weight)
-                continue
-            values = [
-                found[group.degrees.index(p + 2)] if p + 2 in group.degrees else self.zero
-                for p in range(self.top + 1)
-            ]
-            for p, value in enumerate(self.about_middle(values, highest)):
-                self.store(value, self.low_place("low", group, b, p))
-                if group.size == 0 and p == 0:
-                    self.output("centre", value)
-                    self.add(total, value)
-                elif p <= highest:
-                    self.add(total, self.largest(value, even and p % 2 == 0))
+            before += len(one) * group.count
 
     def _multipliers(self, allowance: str) -> None:
         """The least bound of F + λ(c − V) with λ a ratio of linear coefficients, one for each variable."""
         shape = self.shape
-        best = self.sum(self.constant(float("inf")))
+        best = self.sum(self.lanes.constant(float("inf")))
         with self.loop(str(shape.states)) as candidate:
             place = self.integer("mul", candidate, str(self.top + 1))
             first = self.let(f"icmp eq i64 {candidate}, 0")
@@ -517,18 +477,17 @@ class _Kernel(_Code):
             slope, growth = (self.load(self.work(name, place)) for name in ("low", "low_value"))
             ratio = self.real("fdiv", slope, growth)
             positive = self.compare("ogt", ratio, self.zero)
-            good = self.logical("and", positive, self.compare("olt", ratio, self.constant(1e200)))
+            good = self.logical("and", positive, self.compare("olt", ratio, self.lanes.constant(1e200)))
             factor = self.select(good, ratio, self.zero)
             total = self.sum()
-            for group in shape.whole.groups[: min(LOW, shape.value.degrees[-1]) + 1]:
-                for b, even in self.each(group):
-                    pairs = zip(self.kept("low", group, b), self.kept("low_value", group, b))
-                    for p, (f, v) in enumerate(pairs):
-                        value = self.minus(f, self.times(factor, v))
-                        if group.size == 0 and p == 0:
-                            self.add(total, self.fused(factor, self.level, value))
-                        else:
-                            self.add(total, self.largest(value, even and p % 2 == 0))
+            for group, b, even in self.each(shape.whole.groups[: min(LOW, shape.value.degrees[-1]) + 1]):
+                pairs = zip(self.kept("low", group, b), self.kept("low_value", group, b))
+                for p, (f, v) in enumerate(pairs):
+                    value = self.minus(f, self.times(factor, v))
+                    if group.size == 0 and p == 0:
+                        self.add(total, self.fused(factor, self.level, value))
+                    else:
+                        self.add(total, self.largest(value, even and p % 2 == 0))
             self.add(total, self.plus(self.load(self.tail), self.load(allowance)))
             rounding = self.plus(self.load(self.value_tail), self.input("value_rounding"))
             self.add(total, self.times(factor, rounding))
@@ -541,20 +500,15 @@ class _Kernel(_Code):
         shape, d = self.shape, self.shape.directions
         scores = [self.sum() for _ in range(shape.states)]
         centre, *others = shape.whole.groups[: LOW + 1]
-        for group in others:
-            for b, _ in self.each(group):
-                total = self.zero
-                for p, value in enumerate(self.kept("low", group, b)):
-                    size = self.absolute(value)
-                    if p:
-                        self.add(scores[0], size)
-                    linear = group.size + p == 1
-                    total = self.plus(total, self.times(size, self.constant(0.25)) if linear else size)
-                self.store(total, self.work("weight", self.integer("add", b, str(group.first))))
-        for p, value in enumerate(self.kept("low", centre, "0")):
-            if p:
-                weight = self.constant(0.25 if p == 1 else 1.0)
-                self.add(scores[0], self.times(self.absolute(value), weight))
+        for group, b, _ in self.each((*others, centre)):
+            total = self.zero
+            for p, value in enumerate(self.kept("low", group, b)):
+                linear, size = group.size + p == 1, self.absolute(value)
+                size = self.times(size, self.lanes.constant(0.25)) if linear else size
+                if p:
+                    self.add(scores[0], size)
+                total = self.plus(total, size)
+            self.store(total, self.work("weight", self.integer("add", b, str(group.first))))
         if d:
             masks = self.at(self.pointers["signs"], str(2 * len(shape.longest.monomials)), "i64")
             with self.loop(str(len(shape.whole.monomials)), "1") as b:

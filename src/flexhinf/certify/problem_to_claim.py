@@ -10,10 +10,9 @@ A claim is about the nominal plant (`statement_of`) or about a box of its parame
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import replace
-from math import pi
-from typing import Any, NamedTuple
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from math import pi, prod
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -25,12 +24,13 @@ from flexhinf.certify.evaluation import linear_part
 from flexhinf.errors import InvalidInput
 from flexhinf.hinf.margin import CheckedPenalty, checked_pair
 from flexhinf.hinf.value_function import ValueFunction
-from flexhinf.plant.parameters import ParameterTable
+from flexhinf.plant.model import ParameterTable
 from flexhinf.plant.plant import GeneralisedPlant
 from flexhinf.plant.polynomial_plant import PolynomialPlant, Problem
 from flexhinf.polynomial import basis
 from flexhinf.polynomial.algebra import product
 from flexhinf.scalars import trace
+from flexhinf.scalars.trace import NAMES, instructions
 from flexhinf.validation import HUGE
 
 #: Operations of CasADi that are functions of a certificate.
@@ -53,19 +53,8 @@ _MOST_HALVES = 64  # an offset that is the double nearest to k π/2 means k π/2
 _AT_ZERO = {"sin": (0, 1, 0, -1), "cos": (1, 0, -1, 0), "exp": (1,), "tanh": (0,), "arctan": (0,)}
 
 
-class PlantTerms(NamedTuple):
-    """f, g1, g2 and h of a problem as a certificate has them; see `flexhinf.certify.Certificate`.
-
-    `inside` are the parameters that stand in functions of the state, with their nominal values.
-    """
-
-    drift: tuple[Terms, ...]
-    g1: tuple[tuple[Terms, ...], ...]
-    g2: tuple[tuple[Terms, ...], ...]
-    penalty: tuple[Polynomial, ...]
-    functions: tuple[Function, ...]
-    parameters: tuple[Parameter, ...]
-    inside: tuple[str, ...] = ()
+#: The least and the largest value of parameters, by name.
+Ranges = Mapping[str, tuple[float, float]]
 
 
 def rational(value: float) -> fmpq:
@@ -83,10 +72,18 @@ def terms_of(polynomial: fmpq_mpoly) -> dict[tuple[int, ...], fmpq]:
     return {tuple(map(int, key)): value for key, value in polynomial.to_dict().items()}
 
 
-def plant_terms(problem: Problem | None, penalty: Any = None) -> PlantTerms:
-    """The fields of a problem in exact terms; an `InvalidInput` by name for a model that has no such form.
+def plant_fields(
+    problem: Problem | None, penalty: Any = None, ranges: Ranges | None = None
+) -> dict[str, Any]:
+    """The fields of a claim that say what f, g1, g2 and h of a problem are, in exact terms.
 
     `penalty` is the checked h: from deviations (1, n) and the designed h (1, s) to (1, s). Default: the designed one.
+    Parameters that are not among the `ranges` have their nominal values.
+
+    Raises
+    ------
+    InvalidInput
+        By name for a model that has no such form, or with a range for a parameter inside a function of the state.
     """
     if isinstance(problem, PolynomialPlant):
         return _of_polynomials(problem, penalty)
@@ -110,13 +107,23 @@ def plant_terms(problem: Problem | None, penalty: Any = None) -> PlantTerms:
     driven = [a + rational(b) for a, b in zip(inputs[:m], problem.operating_input)]
     rates = reader.run(flow, [moved, driven, inputs[m:], reader.parameters])
     h = reader.run(output, [x, [reader.constant(value) for value in table.vector()]])
-    drift, g2, g1 = zip(
-        *((row[0], tuple(row[1 : 1 + m]), tuple(row[1 + m :])) for row in map(reader.rows, rates))
+    split = [(row[0], tuple(row[1 : 1 + m]), tuple(row[1 + m :])) for row in map(reader.rows, rates)]
+    fields = dict(zip(("drift", "g2", "g1"), zip(*split), strict=True))
+    box = {name: (value, value) for name, value in zip(reader.names, reader.values.tolist())} | dict(
+        ranges or {}
     )
-    outputs, values = tuple(map(reader.polynomial, h)), reader.values
-    used = [(reader.names[i], float(values[i])) for i in sorted(reader.seen)]
-    parameters = tuple(Parameter(name, value, value) for name, value in used)
-    return PlantTerms(drift, g1, g2, outputs, tuple(reader.functions), parameters, reader.inside)
+    if fixed := sorted(name for name in reader.inside if box[name][0] < box[name][1]):
+        raise InvalidInput(
+            "A parameter stands inside a function of the state.",
+            f"expected parameters that multiply terms, got {', '.join(fixed)}",
+            "its nominal value, or sampled_region",
+        )
+    used = [reader.names[i] for i in sorted(reader.seen)]
+    return fields | {
+        "penalty": tuple(map(reader.polynomial, h)),
+        "functions": tuple(reader.functions),
+        "parameters": tuple(Parameter(name, *box[name], _unit(problem, name)) for name in used),
+    }
 
 
 def flat_names(table: ParameterTable) -> list[str]:
@@ -131,7 +138,7 @@ def _checked(penalty: Any, x: Any, h: Any) -> Any:
     return np.asarray(penalty(np.asarray(x)[None], np.asarray(h)[None]))[0]
 
 
-def _of_polynomials(plant: PolynomialPlant, penalty: Any) -> PlantTerms:
+def _of_polynomials(plant: PolynomialPlant, penalty: Any) -> dict[str, Any]:
     n, disturbances, inputs, outputs = plant.size
 
     def row(parts: dict[int, np.ndarray], *place: int) -> Terms:
@@ -151,14 +158,12 @@ def _of_polynomials(plant: PolynomialPlant, penalty: Any) -> PlantTerms:
         )
         for i in range(outputs)
     ]
-    return PlantTerms(
-        tuple(row({k: part for k, part in plant.f_parts.items() if k}, i) for i in range(n)),
-        tuple(tuple(row(plant.g1_parts, i, j) for j in range(disturbances)) for i in range(n)),
-        tuple(tuple(row(plant.g2_parts, i, j) for j in range(inputs)) for i in range(n)),
-        tuple(map(reader.polynomial, reader.run(output, [reader.states, designed]))),
-        (),
-        (),
-    )
+    return {
+        "drift": tuple(row({k: part for k, part in plant.f_parts.items() if k}, i) for i in range(n)),
+        "g1": tuple(tuple(row(plant.g1_parts, i, j) for j in range(disturbances)) for i in range(n)),
+        "g2": tuple(tuple(row(plant.g2_parts, i, j) for j in range(inputs)) for i in range(n)),
+        "penalty": tuple(map(reader.polynomial, reader.run(output, [reader.states, designed]))),
+    }
 
 
 class _Reader:
@@ -180,7 +185,7 @@ class _Reader:
         self.edges = np.cumsum([0, *sizes]).tolist()
         self.functions: list[Function] = []
         self.seen: set[int] = set()
-        self.inside: tuple[str, ...] = ()
+        self.inside: set[str] = set()  # functions of the state
 
     def constant(self, value: float) -> fmpq_mpoly:
         """A number as a polynomial."""
@@ -191,11 +196,9 @@ class _Reader:
         """The single result of a traced function."""
         work: dict[int, fmpq_mpoly] = {}
         result = [self.context.constant(0)] * function.size1_out(0)
-        for k in range(function.n_instructions()):
-            code = function.instruction_id(k)
-            read, written = function.instruction_input(k), function.instruction_output(k)
+        for code, read, written, constant in instructions(function):
             if code == ca.OP_CONST:
-                work[written[0]] = self.constant(function.instruction_constant(k))
+                work[written[0]] = self.constant(constant)
             elif code == ca.OP_INPUT:
                 work[written[0]] = arguments[read[0]][read[1]]
             elif code == ca.OP_OUTPUT:
@@ -212,8 +215,8 @@ class _Reader:
             return self._applied(ELEMENTARY[code], first)
         if code in (ca.OP_INV, ca.OP_DIV):
             terms, (start, middle, end) = list(terms_of(second).items()), self.edges[2:5]
-            if len(terms) != 1 or any(terms[0][0][:start]) or any(terms[0][0][end:]):
-                raise refused("a quotient by something else than a product of parameters")
+            product_only = len(terms) == 1 and not any(terms[0][0][:start] + terms[0][0][end:])
+            require(product_only, "a quotient by something else than a product of parameters")
             ((e, value),) = terms
             inverse = {(*e[:start], *e[middle:end], *e[start:middle], *e[end:]): 1 / value}
             return (first if code == ca.OP_DIV else 1) * self.context.from_dict(inverse)
@@ -221,32 +224,29 @@ class _Reader:
             value = second.leading_coefficient() if second else fmpq(0)
             if value.q == 1 and 0 <= value <= _HIGHEST_POWER:
                 return first ** int(value.p)
-        name = next((name for name in dir(ca) if name.startswith("OP_") and getattr(ca, name) == code), "?")
-        raise refused(f"the operation {name.removeprefix('OP_').lower()}")
+        require(False, f"the operation {NAMES.get(code, '?').removeprefix('OP_').lower()}")
+        return first
 
     def _applied(self, name: str, argument: fmpq_mpoly) -> fmpq_mpoly:
         """The variable that stands for a function of a linear form of the state; parameters inside are nominal."""
         slope, sums = [0.0] * len(self.states), dict[int | None, fmpq]()
         for exponents, value in terms_of(argument).items():
             states, others = exponents[: self.edges[1]], exponents[self.edges[1] : self.edges[2]]
-            if sum(states) > 1 or any(others) or any(exponents[self.edges[4] :]):
-                raise refused(f"{name} of something else than a linear form of the state")
+            linear = sum(states) <= 1 and not any(others + exponents[self.edges[4] :])
+            require(linear, f"{name} of something else than a linear form of the state")
             for i, power in self._powers(exponents):
-                self.inside = tuple({*self.inside, self.names[i]})
+                self.inside.add(self.names[i])
                 value *= rational(self.values[i]) ** power
             place = states.index(1) if any(states) else None
             sums[place] = sums.get(place, fmpq(0)) + value
         offset = sums.pop(None, fmpq(0))
-        if not sums:
-            raise refused(f"{name} of a constant: make that a parameter of the plant")
+        require(bool(sums), f"{name} of a constant: make that a parameter of the plant")
         for place, value in sums.items():
             slope[place or 0] = _exact_double(value, name)
         value = _exact_double(offset, name)
         halves = round(value / (pi / 2))
-        if 0 < abs(halves) <= _MOST_HALVES and value == halves * pi / 2 and name in ("sin", "cos"):
-            function = Function(name, tuple(slope), 0.0, halves)
-        else:
-            function = Function(name, tuple(slope), value)
+        quarter = name in ("sin", "cos") and 0 < abs(halves) <= _MOST_HALVES and value == halves * pi / 2
+        function = Function(name, tuple(slope), 0.0 if quarter else value, halves if quarter else 0)
         if function not in self.functions:
             self.functions.append(function)
         return self._room[self.functions.index(function)]
@@ -259,10 +259,9 @@ class _Reader:
         found: list[dict[Any, fmpq]] = [{} for _ in range(end - n + 1)]
         for exponents, value in terms_of(rate).items():
             states, inputs, functions = exponents[:n], exponents[n:end], exponents[self.edges[4] :]
-            if sum(inputs) > 1:
-                raise refused("an input or a disturbance that does not enter affinely")
-            if sum(functions) > 1 or (any(functions) and any(inputs)):
-                raise refused("a product of functions, or a function in g1 or g2")
+            single = sum(functions) <= 1 and not (any(functions) and any(inputs))
+            require(sum(inputs) <= 1, "an input or a disturbance that does not enter affinely")
+            require(single, "a product of functions, or a function in g1 or g2")
             row = found[1 + inputs.index(1) if any(inputs) else 0]
             powers = self._powers(exponents)
             self.seen |= {i for i, _ in powers}
@@ -270,10 +269,8 @@ class _Reader:
             index = functions.index(1) if any(functions) else None
             if index is not None and any(states):
                 function = self.functions[index]
-                if function.offset != 0.0 or function.name not in _AT_ZERO:
-                    raise refused(
-                        f"a state times {function.name} of a state, away from where that is rational"
-                    )
+                known = function.offset == 0.0 and function.name in _AT_ZERO
+                require(known, f"a state times {function.name} of a state, away from where that is rational")
                 quarters = _AT_ZERO[function.name]
                 at_zero = fmpq(quarters[function.pi_halves % len(quarters)])
                 row[states, pairs, None] = row.get((states, pairs, None), fmpq(0)) + value * at_zero
@@ -293,8 +290,8 @@ class _Reader:
     def polynomial(self, part: fmpq_mpoly) -> Polynomial:
         """A penalised output. Its coefficients are rounded to doubles, and what is checked has these."""
         terms = terms_of(part)
-        if any(any(exponents[self.edges[1] :]) for exponents in terms):
-            raise refused("a penalty that is no polynomial of the state")
+        plain = not any(any(exponents[self.edges[1] :]) for exponents in terms)
+        require(plain, "a penalty that is no polynomial of the state")
         n = self.edges[1]
         return tuple((key[:n], nearest_double(value)) for key, value in terms.items() if any(key))
 
@@ -302,18 +299,19 @@ class _Reader:
 def _exact_double(value: fmpq, where: str) -> float:
     """A rational number that is a double."""
     found = nearest_double(value)
-    if rational(found) != value:
-        raise refused(f"a number of {where} that is no double: make it a parameter of the plant")
+    exact = rational(found) == value
+    require(exact, f"a number of {where} that is no double: make it a parameter of the plant")
     return found
 
 
-def refused(what: str) -> InvalidInput:
-    """The error for a plant that the method cannot take."""
-    return InvalidInput(
-        "The method cannot prove anything about this plant.",
-        f"expected polynomials of the state, and functions ({', '.join(FUNCTIONS)}) of linear forms, got {what}",
-        "sampled_region, or the Taylor expansion as the plant: solve_hji(problem.expand(degree), …)",
-    )
+def require(holds: bool, what: str) -> None:
+    """Refuse a plant that the method cannot take."""
+    if not holds:
+        raise InvalidInput(
+            "The method cannot prove anything about this plant.",
+            f"expected polynomials of the state, and functions ({', '.join(FUNCTIONS)}) of linear forms, got {what}",
+            "sampled_region, or the Taylor expansion as the plant: solve_hji(problem.expand(degree), …)",
+        )
 
 
 _BITS = 20  # of the entries of T
@@ -332,40 +330,37 @@ def statement_of(
 ) -> Certificate:
     """The certificate to be proved of the nominal plant; arguments as `HJISolution.certify`."""
     pair = checked_pair(solution, gamma, penalty)
-    terms = plant_terms(solution.problem, pair.output)
+    fields = plant_fields(solution.problem, pair.output)
+    law, h = law_polynomials(solution, fields), linear_part(fields["penalty"], len(solution.P))
+    root = np.linalg.cholesky(np.linalg.inv(solution.P))
     return claim_of(
         solution,
         solution.problem,
-        terms._replace(penalty=tuple(map(_without_rounding, terms.penalty))),
+        fields | {"penalty": tuple(map(_without_rounding, fields["penalty"]))},
         about=about or "a state feedback",
         r2=matrix_rows(solution.expansion.r2),
         value=value_polynomial(solution),
-        law=law_polynomials(solution, terms),
+        law=law,
         gamma=min(pair.gamma, HUGE),  # of the Hamilton–Jacobi–Bellman equation no gain is claimed
         decay=decay,
         level=level,
-        coordinates=matrix_rows(coordinates(solution, terms, pair.gamma, decay)),
+        coordinates=matrix_rows(coordinates(solution.expansion, h, law, solution.P, root, pair.gamma, decay)),
         reach=reach,
     )
 
 
 def claim_of(
-    solution: ValueFunction, problem: Problem | None, terms: PlantTerms, **others: Any
+    solution: ValueFunction, problem: Problem | None, fields: dict[str, Any], **others: Any
 ) -> Certificate:
-    """The certificate of a solution, with these terms of the plant and the fields that are `others`."""
+    """The certificate of a solution, with `plant_fields` and the `others`."""
     disturbances: Iterable[str] = [f"d{j + 1}" for j in range(solution.expansion.size[1])]
     if isinstance(problem, GeneralisedPlant):
         disturbances = problem.disturbance_names
-    fields = terms._asdict() | {
-        "penalty": tuple(row for row in terms.penalty if row),
-        "parameters": tuple(replace(p, unit=_unit(problem, p.name)) for p in terms.parameters),
-    }
-    del fields["inside"]
     return Certificate(
         states=_signals(problem, solution.state_names),
         inputs=_signals(problem, solution.input_names),
         disturbances=_signals(problem, disturbances),
-        **fields,
+        **fields | {"penalty": tuple(row for row in fields["penalty"] if row)},
         **others,
     )
 
@@ -402,11 +397,11 @@ def _unit(problem: Problem | None, name: str) -> str:
     return problem.plant.unit(name).replace(" ", "·") if isinstance(problem, GeneralisedPlant) else ""
 
 
-def law_polynomials(solution: ValueFunction, terms: PlantTerms) -> tuple[Polynomial, ...]:
+def law_polynomials(solution: ValueFunction, fields: Mapping[str, Any]) -> tuple[Polynomial, ...]:
     """The law −R2⁻¹ g2ᵀ V_xᵀ in doubles: the controller's own numbers if g2 is constant, else the product, rounded."""
     n, _, m, _ = solution.expansion.size
     rows: list[dict[tuple[int, ...], float]] = [{} for _ in range(m)]
-    if all(not any(term.powers) for entries in terms.g2 for row in entries for term in row):
+    if all(not any(term.powers) for entries in fields["g2"] for row in entries for term in row):
         matrix = solution.expansion.g2_parts[0]
         for i, slope in solution.slope_parts.items():
             columns = np.array([product(slope, matrix[:, j], n, i - 1, 0) for j in range(m)])
@@ -414,30 +409,37 @@ def law_polynomials(solution: ValueFunction, terms: PlantTerms) -> tuple[Polynom
                 powers = map(tuple, basis.exponents(n, i - 1).tolist())
                 row |= {key: value for key, value in zip(powers, part.tolist()) if value}
         return tuple(tuple(row.items()) for row in rows)
-    numbers = {parameter.name: (parameter.low + parameter.high) / 2 for parameter in terms.parameters}
+    numbers = {
+        parameter.name: (parameter.low + parameter.high) / 2 for parameter in fields.get("parameters", ())
+    }
     price = solution.input_price
     for k, slope in solution.slope_parts.items():
         for powers, along in zip(basis.exponents(n, k - 1).tolist(), slope.tolist()):
-            for i, value in enumerate(along):
-                for j, row in enumerate(terms.g2[i] if value else ()):
-                    for term in row:
-                        key = tuple(a + b for a, b in zip(powers, term.powers))
-                        factor = value * term.coefficient
-                        for name, power in term.parameters:
-                            factor *= numbers[name] ** power
-                        for target, weight in zip(rows, price[:, j].tolist()):
-                            target[key] = target.get(key, 0.0) - weight * factor
+            for value, entries in zip(along, fields["g2"]):
+                for weights, term in ((price[:, j], term) for j, row in enumerate(entries) for term in row):
+                    key = tuple(a + b for a, b in zip(powers, term.powers))
+                    factors = [numbers[name] ** power for name, power in term.parameters]
+                    factor = prod(factors, start=value * term.coefficient)
+                    for target, weight in zip(rows, weights.tolist() if value else ()):
+                        target[key] = target.get(key, 0.0) - weight * factor
     return tuple(tuple((key, value) for key, value in row.items() if value) for row in rows)
 
 
-def coordinates(solution: ValueFunction, terms: PlantTerms, gamma: float, decay: float) -> np.ndarray:
-    """T with V_2 = ½|z|² and r_2 diagonal, both up to the 20 bits that T is rounded to."""
-    plant, p = solution.expansion, solution.P
-    a, c = plant.f_parts[1], linear_part(terms.penalty, len(p))
-    b1, b2 = plant.g1_parts[0][:, :, 0], plant.g2_parts[0][:, :, 0]
-    s = b1 @ b1.T / gamma**2 - b2 @ np.linalg.solve(plant.r2, b2.T)
-    quadratic = p @ a + a.T @ p + c.T @ c + p @ s @ p + decay * p
-    root = np.linalg.cholesky(np.linalg.inv(p))
+def coordinates(
+    plant: PolynomialPlant,
+    h: np.ndarray,
+    law: Sequence[Polynomial],
+    p: np.ndarray,
+    root: np.ndarray,
+    gamma: float,
+    decay: float = 0.0,
+) -> np.ndarray:
+    """T with V_2 = ½|z|² and r_2 diagonal, both up to the 20 bits that T is rounded to; root rootᵀ = P⁻¹."""
+    gain, b1 = linear_part(law, len(p)), plant.g1_parts[0][:, :, 0]
+    a = plant.f_parts[1] + plant.g2_parts[0][:, :, 0] @ gain
+    quadratic = (
+        p @ a + a.T @ p + h.T @ h + gain.T @ plant.r2 @ gain + p @ b1 @ b1.T @ p / gamma**2 + decay * p
+    )
     return few_bits(root @ np.linalg.eigh(-root.T @ quadratic @ root)[1])
 
 

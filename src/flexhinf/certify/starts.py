@@ -14,7 +14,9 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections import Counter
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -22,7 +24,7 @@ import numpy as np
 
 from flexhinf.certify.certificate import Certificate
 from flexhinf.certify.claim import Claim, Function, Start, Term, Terms
-from flexhinf.certify.evaluation import path_start, path_states, polynomial_values
+from flexhinf.certify.evaluation import path_start, path_states
 from flexhinf.errors import FlexhinfError, NumericalFailure
 from flexhinf.hinf.sampled import settled, step_roles
 from flexhinf.hinf.value_function import ValueFunction
@@ -55,18 +57,14 @@ def starts_of(solution: ValueFunction, statement: Certificate) -> tuple[Start, .
     level, probe, found = statement.start_level, 1e-3, []
     for rule, place in ((SMALLEST_VALUE, settled), (UNCHANGED_INPUT, unchanged_input)):
         first = place(solution, path_start(statement, path, probe), free)
-        if first is None:
-            continue
-        step = probe * float(np.sqrt(level / solution.value(first))) / _STEPS
+        step = 0.0 if first is None else probe * float(np.sqrt(level / solution.value(first))) / _STEPS
         amplitudes, starts = [0.0], [np.zeros(len(free))]
-        for _ in range(_LONGEST * _STEPS):
+        for _ in range(_LONGEST * _STEPS if step else 0):
             amplitude, before = amplitudes[-1], starts[-1]
-            guess = path_start(statement, path, amplitude + step)
+            middle, guess = (path_start(statement, path, amplitude + part) for part in (step / 2, step))
             guess[free] = before[free] * ((amplitude + step) / amplitude if amplitude else 0.0)
             start: np.ndarray | None = place(solution, guess, free)
-            middle = path_start(statement, path, amplitude + step / 2)
-            if start is not None:
-                middle[free] = (before[free] + start[free]) / 2
+            middle[free] = (before[free] + (before if start is None else start)[free]) / 2
             if start is not None and (solution.value(np.stack([middle, start])) < _BELOW * level).all():
                 amplitudes.append(amplitude + step)
                 starts.append(start)
@@ -95,18 +93,15 @@ def rest_path(statement: Certificate, side: float = -1.0) -> tuple[Start, np.nda
     rates = [i for i in range(len(shares)) if not free[i] and not any(statement.g2[i])]
     while rates:
         for i in rates:
-            try:
+            with suppress(_NoForm):
                 path |= _solved(statement, i, path, functions)
-            except _NoForm:
-                continue
-            rates.remove(i)
-            break
+                rates.remove(i)
+                break
         else:
             return None
     if len(path) < len(shares):
         return None
-    rows = tuple(path[i] for i in range(len(shares)))
-    return Start(UNCHANGED_INPUT, 1.0, rows, tuple(functions)), free
+    return Start(UNCHANGED_INPUT, 1.0, tuple(path[i] for i in range(len(shares))), tuple(functions)), free
 
 
 def _solved(
@@ -139,45 +134,36 @@ def term_along(
     term: Term, path: Mapping[int, Terms], statement: Certificate, functions: list[Function]
 ) -> list[Term]:
     """A term of the drift on the path, in which only multiples of a may be multiplied or stand in functions."""
-    factor, power = term.coefficient, 0
+    if term.function is None and sum(term.powers) == 1:
+        return [multiplied(part, term.coefficient, term.parameters) for part in path[term.powers.index(1)]]
+    factor, power, index = term.coefficient, sum(term.powers), None
     for i, times in enumerate(term.powers):
-        if times:
-            multiple = _multiple(path[i])
-            if multiple is None:
-                if term.function is None and sum(term.powers) == 1:
-                    return [multiplied(part, term.coefficient, term.parameters) for part in path[i]]
-                raise _NoForm
-            factor *= multiple**times
-            power += times
+        factor *= _multiple(path[i]) ** times if times else 1.0
     if factor == 0.0:
         return []
-    if term.function is None:
-        return [Term(factor, (power,), term.parameters)]
-    given, slope = statement.functions[term.function], 0.0
-    for i, s in enumerate(given.slope):
-        multiple = _multiple(path[i]) if s else 0.0
-        if multiple is None:
-            raise _NoForm
-        slope += s * multiple
-    along = replace(given, slope=(slope,))
-    if along not in functions:
-        functions.append(along)
-    return [Term(factor, (power,), term.parameters, functions.index(along))]
+    if term.function is not None:
+        given = statement.functions[term.function]
+        slope = sum((s * _multiple(path[i]) for i, s in enumerate(given.slope) if s), 0.0)
+        along = replace(given, slope=(slope,))
+        if along not in functions:
+            functions.append(along)
+        index = functions.index(along)
+    return [Term(factor, (power,), term.parameters, index)]
 
 
-def _multiple(terms: Terms) -> float | None:
-    """m of a state that is m a, else None."""
-    if not terms:
-        return 0.0
-    plain = len(terms) == 1 and terms[0].powers == (1,) and not terms[0].parameters
-    return terms[0].coefficient if plain and terms[0].function is None else None
+def _multiple(terms: Terms) -> float:
+    """m of a state that is m a."""
+    if terms and (
+        len(terms) > 1 or (terms[0].powers, terms[0].parameters, terms[0].function) != ((1,), (), None)
+    ):
+        raise _NoForm
+    return terms[0].coefficient if terms else 0.0
 
 
 def multiplied(term: Term, coefficient: float, parameters: Iterable[tuple[str, int]]) -> Term:
     """A term times a number and powers of parameters."""
-    powers = dict(term.parameters)
-    for name, power in parameters:
-        powers[name] = powers.get(name, 0) + power
+    powers = Counter(dict(term.parameters))
+    powers.update(dict(parameters))
     pairs = tuple(sorted((name, power) for name, power in powers.items() if power))
     return Term(term.coefficient * coefficient, term.powers, pairs, term.function)
 
@@ -223,27 +209,26 @@ def robot_start(statement: Certificate, side: float = -1.0) -> Start | None:
     Steps of an amplitude a start at −a, seen from the goal, or with `side` 1 at +a.
     """
     linear = all(sum(powers) == 1 for law in statement.law for powers, _ in law)
+    driven = [(i, row[0]) for i, row in enumerate(statement.g2) if row[0]]
     rest = rest_path(statement, side)
-    if rest is None or rest[1].sum() != 1 or len(statement.law) != 1 or not linear:
+    single = rest is not None and rest[1].sum() == len(statement.law) == len(driven) == len(driven[0][1]) == 1
+    if rest is None or not (single and linear):
         return None
     path, functions, place = rest[0].path, list(rest[0].functions), int(np.flatnonzero(rest[1])[0])
-    driven = [i for i, row in enumerate(statement.g2) if row[0]]
-    if len(driven) != 1 or len(statement.g2[driven[0]][0]) != 1:
-        return None
-    (divisor,) = statement.g2[driven[0]][0]
-    try:
-        known = dict(enumerate(path))
-        moved = [term_along(term, known, statement, functions) for term in statement.drift[driven[0]]]
+    ((rate, (divisor,)),), known = driven, dict(enumerate(path))
+    try:  # the input at −a: −f_i/g2_i
+        parts = [p for t in statement.drift[rate] for p in term_along(t, known, statement, functions)]
     except _NoForm:
         return None
-    held = _gathered(
-        divided(part, divisor) for parts in moved for part in parts
-    )  # the input at −a: −f_i/g2_i
     gains = {powers.index(1): value for powers, value in statement.law[0]}
+    held = _gathered(divided(part, divisor) for part in parts)
     terms = [replace(term, coefficient=term.coefficient / gains[place]) for term in held]
-    for i, gain in gains.items():
-        if i != place:
-            terms += [replace(term, coefficient=-gain / gains[place] * term.coefficient) for term in path[i]]
+    terms += [
+        replace(term, coefficient=-gain / gains[place] * term.coefficient)
+        for i, gain in gains.items()
+        if i != place
+        for term in path[i]
+    ]
     whole = tuple(_gathered(terms) if i == place else row for i, row in enumerate(path))
     return Start(UNCHANGED_INPUT, 1.0, whole, tuple(functions))
 
@@ -260,10 +245,9 @@ def tabled_start(
     states = path_states(path, statement.middle, amplitudes)
     for k in range(1, len(states)):
         states[k, free] = 2 * states[k - 1, free] - states[max(k - 2, 0), free] if k > 1 else 0.0
-        found = unchanged_input(solution, states[k], free)
-        if found is None:
+        if (start := unchanged_input(solution, states[k], free)) is None:
             return None
-        states[k] = found
+        states[k] = start
     table = tuple(tuple(column.tolist()) if moves else () for column, moves in zip(states.T, free))
     grid = tuple(amplitudes.tolist())
     return replace(path, rule=NOMINAL_INPUT, amplitude=float(step), amplitudes=grid, table=table)
@@ -287,12 +271,11 @@ def largest_values(statement: Certificate, start: Start, amplitudes: np.ndarray)
     """The largest V over the corners of the box at starts of some amplitudes, in doubles."""
     used = {name for row in start.path for term in row for name, _ in term.parameters}
     ends = {p.name: (p.low, p.high) for p in statement.parameters if p.name in used and p.low < p.high}
-    powers = np.array([powers for powers, _ in statement.value])
-    coefficients = np.array([value for _, value in statement.value])
+    powers, coefficients = (np.array(column) for column in zip(*statement.value))
     largest = np.full(len(amplitudes), -np.inf)
     for corner in itertools.product(*ends.values()):
         x = path_states(start, statement.middle | dict(zip(ends, corner)), amplitudes)
-        largest = np.maximum(largest, polynomial_values(powers, coefficients, x))
+        largest = np.maximum(largest, (coefficients * np.prod(x[:, None, :] ** powers, axis=2)).sum(axis=1))
     return largest
 
 
@@ -306,7 +289,7 @@ def start_inside(statement: Certificate, start: Start, step: float | None) -> tu
     amplitude *= float(np.sqrt(statement.level / largest_values(statement, start, np.array([amplitude]))[0]))
     grid = np.linspace(0.0, _FURTHEST * amplitude, _FURTHEST * _POINTS + 1)
     beyond = np.flatnonzero(largest_values(statement, start, grid) >= _INSIDE * statement.level)
-    last = float(grid[max(beyond[0] - 1, 0)]) if len(beyond) else float(grid[-1])
+    last = float(grid[max(beyond[0] - 1, 0) if len(beyond) else -1])
     return (replace(start, amplitude=last),) if last > 0.0 else ()
 
 

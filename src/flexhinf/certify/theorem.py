@@ -70,13 +70,10 @@ def _hypotheses(claim: Claim, fed: str, whole: bool) -> list[str]:
             entries = zip(signals, columns[i], strict=True) if columns else ()
             rate += [_sum(terms, names, (), signal.name) for signal, terms in entries if terms]
         lines.append(f"    d/dt {name} = {_joined(rate)}")
-    if not claim.parameters:
-        lines.append("  Parameters: the numbers of the plant as stored, no tolerance.")
-    if uncertain:
-        box = ", ".join(f"{p.name} in [{p.low:.10g}, {p.high:.10g}] {p.unit}".rstrip() for p in uncertain)
-        lines.append(f"  Parameters, the whole box and not only its corners: {box}.")
-    if fixed:
-        lines.append(f"  Parameters, nominal: {', '.join(fixed)}.")
+    box = ", ".join(f"{p.name} in [{p.low:.10g}, {p.high:.10g}] {p.unit}".rstrip() for p in uncertain)
+    lines += ["  Parameters: the numbers of the plant as stored, no tolerance."] * (not claim.parameters)
+    lines += [f"  Parameters, the whole box and not only its corners: {box}."] * bool(uncertain)
+    lines += [f"  Parameters, nominal: {', '.join(fixed)}."] * bool(fixed)
     degree = max(max((sum(powers) for powers, _ in law), default=0) for law in claim.law)
     price = "; ".join(" ".join(f"{value!r}" for value in row) for row in claim.r2)
     lines += [
@@ -85,12 +82,13 @@ def _hypotheses(claim: Claim, fed: str, whole: bool) -> list[str]:
         f"true state{fed}, in continuous time.",
         f"    R2 = [{price}]",
     ]
-    for name, polynomial in [*zip((s.name for s in claim.inputs), claim.law), ("V", claim.value)]:
-        if whole or len(polynomial) <= _MOST_MONOMIALS:
-            lines.append(f"    {name} = {_row(polynomial, claim.states, len(polynomial))}")
-        else:
-            lines.append(f"    {name}: {len(polynomial)} monomials, in the file and on the page")
-    return lines
+    polynomials = [*zip((s.name for s in claim.inputs), claim.law), ("V", claim.value)]
+    return lines + [
+        f"    {name} = {_row(polynomial, claim.states, len(polynomial))}"
+        if whole or len(polynomial) <= _MOST_MONOMIALS
+        else f"    {name}: {len(polynomial)} monomials, in the file and on the page"
+        for name, polynomial in polynomials
+    ]
 
 
 def _statements(claim: Claim, verification: Verification) -> list[tuple[str, str]]:
@@ -149,7 +147,8 @@ def theorem_parts(claim: Claim, verification: Verification) -> list[tuple[str, l
 
 
 def _not_proved(claim: Claim, verification: Verification) -> list[str]:
-    texts = [
+    uncertain = any(p.low < p.high for p in claim.parameters)
+    return [
         (
             "Other estimators than the stated one, noise of the measurement,"
             if claim.observer
@@ -163,14 +162,11 @@ def _not_proved(claim: Claim, verification: Verification) -> list[str]:
         if claim.starts
         else "Which steps start in S: the certificate states no starts.",
         "Dynamics that the plant does not have: friction of another form, coil current, flexible modes, backlash.",
+        "Parameters outside the stated box, or varying in time."
+        if uncertain
+        else "Other values of the parameters than the stated ones.",
+        *["Disturbances that last for ever: no decay rate is claimed."] * (not claim.decay),
     ]
-    if any(p.low < p.high for p in claim.parameters):
-        texts.append("Parameters outside the stated box, or varying in time.")
-    else:
-        texts.append("Other values of the parameters than the stated ones.")
-    if not claim.decay:
-        texts.append("Disturbances that last for ever: no decay rate is claimed.")
-    return texts
 
 
 def _observer(claim: Claim) -> list[str]:

@@ -30,7 +30,7 @@ from pydantic import (
 
 from flexhinf.errors import InvalidInput
 from flexhinf.plant import Penalty
-from flexhinf.robot.units import SECONDS, SLIDING, TURNING, Stated, lettered, respelled, split
+from flexhinf.robot.parameters import SECONDS, SLIDING, TURNING, Stated, lettered, respelled, split
 from flexhinf.validation import checked_path, real_number, value_text
 
 #: Units of each kind of number, and what one is in the SI unit that stands first.

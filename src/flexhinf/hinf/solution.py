@@ -144,7 +144,7 @@ class HJISolution(ValueFunction, Law):
             What is certified, for readers of the certificate.
         observer : float, optional
             Bandwidth of an output-injection observer, 1/s: the certificate covers output feedback too, for initial
-            errors that take up to a tenth of the level (`flexhinf.certify.observer.with_observer`).
+            errors that take up to a tenth of the level (`flexhinf.certify.proof.with_observer`).
         threads : int
             The certificate does not depend on it.
         progress : callable, optional

@@ -39,7 +39,7 @@ from flexhinf.certify.checker.bounds import BITS, Face, Proof
 from flexhinf.certify.checker.guidance import refute_at_corners
 from flexhinf.certify.checker.observer import check_observer
 from flexhinf.certify.checker.quadratic import check_reach, corner_text, look_at_corners
-from flexhinf.certify.checker.residual import Refusal, matrix_of, positive_definite, residual
+from flexhinf.certify.checker.residual import Refusal, matrix_of, positive_definite, require, residual
 from flexhinf.certify.checker.second_route import Cell, EveryCell, Sample, confirm
 from flexhinf.certify.checker.starts import check_start, proved_peaks
 from flexhinf.certify.checker.subdivision import FaceResult, subdivide_face
@@ -138,11 +138,9 @@ def verify(
         def watch(cells: int) -> None:
             nonlocal looked
             looked += cells
-            if stopped.is_set():
-                raise Refusal("interrupted")
-            if looked > most:
-                why = f"{corner}, and cells do not decide: " * bool(corner)
-                raise Refusal(f"{why}undecided after {most:,} cells")
+            require(not stopped.is_set(), "interrupted")
+            why = f"{corner}, and cells do not decide: " * bool(corner)
+            require(looked <= most, f"{why}undecided after {most:,} cells")
             tick(cells)
 
         with ThreadPoolExecutor(threads) as pool:
@@ -180,32 +178,31 @@ def _check_sizes(claim: Claim) -> None:
     """Refuse claims whose exact algebra would not end, and numbers whose products come near the ends of the doubles."""
     rows = (claim.drift, *claim.g1, *claim.g2)
     kinds = {(term.parameters, term.function) for row in rows for terms in row for term in terms}
-    if len(kinds) > _MOST_KINDS:
-        raise Refusal(
-            f"the plant has {len(kinds)} different products of parameters and functions, more than {_MOST_KINDS}"
-        )
     uncertain = sum(p.low < p.high for p in claim.parameters)
-    if uncertain > _MOST_UNCERTAIN:
-        raise Refusal(f"{uncertain} parameters are uncertain, more than {_MOST_UNCERTAIN}")
-    if not (claim.level >= _LEAST_LEVEL and _LEAST_REACH <= claim.reach <= _LARGEST_REACH):
-        raise Refusal(
-            f"the level {claim.level:g} or the reach {claim.reach:g} is too near the ends of the doubles: another unit"
-        )
     widest = [claim.reach * sum(abs(v) for v in row) for row in claim.coordinates]
+    require(
+        len(kinds) <= _MOST_KINDS,
+        f"the plant has {len(kinds)} different products of parameters and functions, more than {_MOST_KINDS}",
+    )
+    require(
+        uncertain <= _MOST_UNCERTAIN, f"{uncertain} parameters are uncertain, more than {_MOST_UNCERTAIN}"
+    )
+    require(
+        claim.level >= _LEAST_LEVEL and _LEAST_REACH <= claim.reach <= _LARGEST_REACH,
+        f"the level {claim.level:g} or the reach {claim.reach:g} is too near the ends of the doubles: another unit",
+    )
     for function in claim.functions:
-        if sum(abs(s) * w for s, w in zip(function.slope, widest)) > _FARTHEST:
-            raise Refusal(f"{function.name} is asked for farther than {_FARTHEST:g} from 0")
+        farthest = sum(abs(s) * w for s, w in zip(function.slope, widest))
+        require(not farthest > _FARTHEST, f"{function.name} is asked for farther than {_FARTHEST:g} from 0")
 
 
 def _check_matrices(claim: Claim) -> None:
     """T is invertible and R2 is symmetric and positive definite, in rationals."""
-    if matrix_of(claim.coordinates).det() == 0:
-        raise Refusal("the coordinates T are singular")
+    require(matrix_of(claim.coordinates).det() != 0, "the coordinates T are singular")
     r2 = matrix_of(claim.r2)
-    if r2 != r2.transpose() or not positive_definite(r2):
-        raise Refusal("R2 is not symmetric and positive definite")
-    if claim.shift:
-        raise Refusal("a moved equilibrium is not yet covered by this checker")
+    definite = r2 == r2.transpose() and positive_definite(r2)
+    require(definite, "R2 is not symmetric and positive definite")
+    require(not claim.shift, "a moved equilibrium is not yet covered by this checker")
 
 
 def _face(

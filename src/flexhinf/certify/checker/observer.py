@@ -9,17 +9,17 @@ or known, ė = (A − L C) e + G d exactly. Then ½ eᵀXe pays for v = k̂(x̂)
 from __future__ import annotations
 
 import itertools
-from math import sqrt
+from math import prod, sqrt
 from typing import Any
 
 from flint import Ordering, fmpq, fmpq_mat, fmpq_mpoly_ctx
 
 from flexhinf.certify.checker.residual import (
-    Refusal,
     as_rational,
     matrix_of,
     polynomial_of,
     positive_definite,
+    require,
     rounded,
 )
 from flexhinf.certify.claim import Claim, Observer, Term, Terms
@@ -29,13 +29,12 @@ _MOST_CORNERS = 12  # binary logarithm of the corners of a box of slopes
 
 def check_observer(claim: Claim, observer: Observer, gradient_law: bool) -> None:
     """The two matrix inequalities, and the form of the plant that they are about; a `Refusal` where one fails."""
-    if not gradient_law:
-        raise Refusal("the budget for estimates needs the law -R2^-1 g2'V_x' and a known input matrix")
+    require(gradient_law, "the budget for estimates needs the law -R2^-1 g2'V_x' and a known input matrix")
     used = {
         name for row in (claim.drift, *claim.g1) for terms in row for t in terms for name, _ in t.parameters
     }
-    if any(p.low < p.high and p.name in used for p in claim.parameters):
-        raise Refusal("an observer with exact error dynamics needs parameters that are known")
+    uncertain = any(p.low < p.high and p.name in used for p in claim.parameters)
+    require(not uncertain, "an observer with exact error dynamics needs parameters that are known")
     names = [s.name for s in claim.states]
     estimated = [i for i, name in enumerate(names) if name not in observer.known]
     sensors = matrix_of(observer.measured)
@@ -43,21 +42,18 @@ def check_observer(claim: Claim, observer: Observer, gradient_law: bool) -> None
     noise = _disturbance(claim, estimated)
     measured = fmpq_mat([[sensors[p, j] for j in estimated] for p in range(sensors.nrows())])
     gain, weight, storage = map(matrix_of, (observer.gain, observer.weight, observer.storage))
-    if weight != weight.transpose() or storage != storage.transpose():
-        raise Refusal("the observer's matrices M and X are not symmetric")
-    if not positive_definite(storage):
-        raise Refusal("the observer's X is not positive definite")
+    symmetric = weight == weight.transpose() and storage == storage.transpose()
+    require(symmetric, "the observer's matrices M and X are not symmetric")
+    require(positive_definite(storage), "the observer's X is not positive definite")
     closed = drift - gain * measured
     rate = closed.transpose() * storage + storage * closed + weight
     if any(entry != 0 for entry in noise.entries()):
-        if observer.gain_error == 0:
-            raise Refusal(
-                "disturbances reach the estimates' errors, and the observer states no gain for them"
-            )
+        why = "disturbances reach the estimates' errors, and the observer states no gain for them"
+        require(observer.gain_error != 0, why)
         pushed = storage * noise
         rate += pushed * pushed.transpose() * (1 / as_rational(observer.gain_error) ** 2)
-    if not positive_definite(rate * fmpq(-1)):
-        raise Refusal("(A - LC)'X + X(A - LC) + M + XGG'X/gamma_e^2 is not negative definite")
+    negative = positive_definite(rate * fmpq(-1))
+    require(negative, "(A - LC)'X + X(A - LC) + M + XGG'X/gamma_e^2 is not negative definite")
     _check_slopes(claim, observer, estimated, weight, storage)
 
 
@@ -82,10 +78,10 @@ def _error_drift(claim: Claim, estimated: list[int], sensors: Any) -> Any:
             inside = [[fmpq(int(j == k)) for j in range(n)] for k, power in enumerate(term.powers) if power]
             if term.function is not None:
                 inside.append([as_rational(v) for v in claim.functions[term.function].slope])
-            if not all(map(spans, inside)):
-                raise Refusal(f"the rate of {claim.states[i].name} is nonlinear in what is not measured")
-        if i in known and not spans(linear[i]):
-            raise Refusal(f"{claim.states[i].name} is not computed from what is measured")
+            name = claim.states[i].name
+            require(all(map(spans, inside)), f"the rate of {name} is nonlinear in what is not measured")
+        computed = i not in known or spans(linear[i])
+        require(computed, f"{claim.states[i].name} is not computed from what is measured")
     return fmpq_mat([[linear[i][j] for j in estimated] for i in estimated])
 
 
@@ -95,17 +91,15 @@ def _disturbance(claim: Claim, estimated: list[int]) -> Any:
 
 
 def _constant(claim: Claim, terms: Terms, what: str) -> fmpq:
-    if any(any(term.powers) for term in terms):
-        raise Refusal(f"the {what} matrix depends on the state, which an observer is not proved for")
+    constant = not any(any(term.powers) for term in terms)
+    require(constant, f"the {what} matrix depends on the state, which an observer is not proved for")
     return sum((_number(claim, term) for term in terms), fmpq(0))
 
 
 def _number(claim: Claim, term: Term) -> fmpq:
     values = {p.name: as_rational(p.low) for p in claim.parameters}
-    result = as_rational(term.coefficient)
-    for name, exponent in term.parameters:
-        result *= values[name] ** exponent
-    return result
+    powers = (values[name] ** exponent for name, exponent in term.parameters)
+    return prod(powers, start=as_rational(term.coefficient))
 
 
 # The slopes of the law --------------------------------------------------------------------------------
@@ -116,30 +110,21 @@ def _check_slopes(claim: Claim, observer: Observer, estimated: list[int], weight
     """
     slopes = _law_slopes(claim, estimated)
     widest = _hull(claim, observer, estimated, storage)
-    middle, radius = [], []
-    for polynomial in itertools.chain(*slopes):
-        total, about = fmpq(0), fmpq(0)
-        for powers, value in polynomial.to_dict().items():
-            if not any(powers):
-                about = value
-                continue
-            size = abs(value)
-            for z, power in zip(widest, powers, strict=True):
-                size *= z ** int(power)
-            total += size
-        middle.append(about)
-        radius.append(total)
+    polynomials = [{tuple(map(int, e)): v for e, v in one.to_dict().items()} for row in slopes for one in row]
+    middle = [one.pop((0,) * len(widest), fmpq(0)) for one in polynomials]
+    radius = [
+        sum((abs(v) * prod(map(pow, widest, e)) for e, v in one.items()), fmpq(0)) for one in polynomials
+    ]
     uncertain = [i for i, r in enumerate(radius) if r != 0]
-    if len(uncertain) > _MOST_CORNERS:
-        raise Refusal("the law has too many slopes for an observer's proof")
+    require(len(uncertain) <= _MOST_CORNERS, "the law has too many slopes for an observer's proof")
     r2, count = matrix_of(claim.r2), len(estimated)
     for signs in itertools.product((-1, 1), repeat=len(uncertain)):
         at = list(middle)
         for i, sign in zip(uncertain, signs, strict=True):
             at[i] += sign * radius[i]
         j = fmpq_mat([at[k : k + count] for k in range(0, len(at), count)])
-        if not positive_definite(weight - j.transpose() * r2 * j):
-            raise Refusal("M does not bound the slopes of the law where the states and their estimates are")
+        bounded = positive_definite(weight - j.transpose() * r2 * j)
+        require(bounded, "M does not bound the slopes of the law where the states and their estimates are")
 
 
 def _law_slopes(claim: Claim, estimated: list[int]) -> list[list[Any]]:
@@ -169,7 +154,6 @@ def _hull(claim: Claim, observer: Observer, estimated: list[int], storage: Any) 
         a = fmpq_mat([[backwards[i, j] for j in estimated]])
         square = 2 * as_rational(observer.energy) * (a * within * a.transpose())[0, 0]
         size = as_rational(sqrt(rounded(square)) * (1 + 1e-9))
-        if size * size < square:
-            raise Refusal("the errors of the estimates have no bound in doubles")
+        require(not size * size < square, "the errors of the estimates have no bound in doubles")
         result.append(as_rational(claim.reach) + size)
     return result

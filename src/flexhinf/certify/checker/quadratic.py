@@ -65,16 +65,12 @@ def look_at_corners(claim: Claim, exact: Residual) -> tuple[int, list[Corner]]:
     if not positive_definite(value):
         return 0, []
     widest = value.inv() * as_rational(claim.level)  # wᵀ(widest)w is the largest |wᵀz|² where V ≤ c
-    ranges: list[tuple[fmpq, fmpq]] = []
-    for function, row in zip(claim.functions, map(row_of, exact.arguments), strict=True):
-        found = quotient_range(function, (row * widest * row.transpose())[0, 0])
-        if found is None:
-            return 0, []
-        ranges.append(found)
-    weights, count = parameter_corners(claim, exact.products), 0
-    failed: list[tuple[fmpq, Corner]] = []
-    if len(weights) * 2 ** len(ranges) > _MOST_CORNERS:
+    rows = zip(claim.functions, map(row_of, exact.arguments), strict=True)
+    known = [quotient_range(function, (row * widest * row.transpose())[0, 0]) for function, row in rows]
+    ranges, weights = [found for found in known if found], parameter_corners(claim, exact.products)
+    if len(ranges) < len(known) or len(weights) * 2 ** len(ranges) > _MOST_CORNERS:
         return 0, []
+    count, failed = 0, list[tuple[fmpq, Corner]]()
     forms = [list(map(form_of, row)) for row in parts]
     named = zip(box_corners(claim, exact.products), weights)
     for (parameters, products), ends in itertools.product(named, itertools.product(*ranges)):

@@ -25,6 +25,12 @@ class Refusal(Exception):
         self.z, self.value = z, value
 
 
+def require(holds: bool, why: str) -> None:
+    """Refuse a claim for which this does not hold."""
+    if not holds:
+        raise Refusal(why)
+
+
 def as_rational(value: float) -> fmpq:
     """A double as the rational that it is."""
     return fmpq(*float(value).as_integer_ratio())

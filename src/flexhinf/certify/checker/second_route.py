@@ -15,7 +15,7 @@ import numpy as np
 from flint import arb, arb_series, fmpq
 
 from flexhinf.certify.checker.bounds import Bounds, Proof
-from flexhinf.certify.checker.residual import Refusal, as_rational, offset_of, series_of
+from flexhinf.certify.checker.residual import as_rational, offset_of, require, series_of
 from flexhinf.certify.claim import Function
 
 _ORDER = 5  # of the Taylor polynomials of S: not that of the first route
@@ -150,8 +150,8 @@ def _upper(polynomial: Any, n: int) -> arb:
 # Cells that are accepted or finished ------------------------------------------------------------------
 def confirm(proof: Proof, cell: Cell, corners: Iterable[int], ended: bool = False) -> None:
     """Raise a `Refusal` unless a cell is proved at these corners of the parameters, or V > c at its inner end."""
-    if not (cell_ended(proof, cell) if ended else all(cell_holds(proof, cell, i) for i in corners)):
-        raise Refusal(f"rationals and balls do not confirm {cell}")
+    holds = cell_ended(proof, cell) if ended else all(cell_holds(proof, cell, i) for i in corners)
+    require(holds, f"rationals and balls do not confirm {cell}")
 
 
 class Sample:

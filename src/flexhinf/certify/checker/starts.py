@@ -12,19 +12,21 @@ V does not grow along a run without disturbances: from a start with V ≤ c₀ i
 
 from __future__ import annotations
 
+import functools
 import itertools
+from collections.abc import Callable
 from itertools import pairwise
 from typing import Any
 
 from flint import Ordering, arb, arb_series, ctx, fmpq, fmpq_mpoly_ctx
 
 from flexhinf.certify.checker.residual import (
-    Refusal,
     as_rational,
     form_of,
     offset_of,
     polynomial_of,
     positive_definite,
+    require,
     row_of,
     series_of,
 )
@@ -37,11 +39,32 @@ _FIRST = 16  # pieces
 
 def check_start(claim: Claim, start: Start) -> int:
     """Number of intervals of a on which V ≤ c was proved; a `Refusal` where that fails."""
+    number = claim.starts.index(start) + 1 if start in claim.starts else 1
+
+    def inside(center: arb, whole: arb, middle: fmpq, depth: int) -> bool:
+        why = f"the start of amplitude {float(middle.p) / float(middle.q):.6g} on path {number} is not inside"
+        require(bool(whole <= level) or not (center > level or depth >= _HALVINGS), why)
+        return bool(whole <= level)
+
     with ctx.workprec(BITS):
         level = arb(claim.level) - (arb(claim.observer.energy) if claim.observer else 0)
-        return sum(
-            _intervals_inside(claim, start, level, values) for values in parameter_values(claim, start)
-        )
+        return _pieces_done(claim, start, inside)
+
+
+def _pieces_done(claim: Claim, start: Start, done: Callable[[arb, arb, fmpq, int], bool]) -> int:
+    """The number of intervals, halved until `done` says so of V in their middle and on them, their middle and how often
+    they were halved, for all parameters in the box."""
+    count = 0
+    for values in parameter_values(claim, start):
+        todo = _first_pieces(start)
+        while todo:
+            left, right, piece, depth = todo.pop()
+            middle = (left + right) / 2
+            if done(*enclosed_value(claim, start, piece, left, right, values), middle, depth):
+                count += 1
+            else:
+                todo += [(left, middle, piece, depth + 1), (middle, right, piece, depth + 1)]
+    return count
 
 
 def _first_pieces(start: Start) -> list[tuple[fmpq, fmpq, int, int]]:
@@ -63,24 +86,6 @@ def parameter_values(claim: Claim, start: Start) -> list[dict[str, arb]]:
         return [{p.name: arb(p.low).union(arb(p.high)) for p in used}]
     corners = itertools.product(*(sorted({p.low, p.high}) for p in used))
     return [{p.name: arb(v) for p, v in zip(used, corner, strict=True)} for corner in corners]
-
-
-def _intervals_inside(claim: Claim, start: Start, level: arb, values: dict[str, arb]) -> int:
-    """Number of intervals on which V ≤ c for these parameters, or a `Refusal`."""
-    count, todo = 0, _first_pieces(start)
-    while todo:
-        left, right, piece, depth = todo.pop()
-        middle = (left + right) / 2
-        center, whole = enclosed_value(claim, start, piece, left, right, values)
-        if whole <= level:
-            count += 1
-        elif center > level or depth >= _HALVINGS:
-            amplitude = float(middle.p) / float(middle.q)
-            number = claim.starts.index(start) + 1 if start in claim.starts else 1
-            raise Refusal(f"the start of amplitude {amplitude:.6g} on path {number} is not inside")
-        else:
-            todo += [(left, middle, piece, depth + 1), (middle, right, piece, depth + 1)]
-    return count
 
 
 def enclosed_value(
@@ -157,9 +162,7 @@ def proved_peaks(claim: Claim) -> tuple[float, ...]:
     if not positive_definite(w):
         return ()
     with ctx.workprec(BITS):
-        level = arb(0)
-        for start in claim.starts:
-            level = level.max(_largest_value(claim, start))
+        level = functools.reduce(arb.max, (_largest_value(claim, start) for start in claim.starts), arb(0))
         found = []
         for law in claim.law:
             k = row_of(polynomial_of(law, ring))
@@ -171,15 +174,13 @@ def proved_peaks(claim: Claim) -> tuple[float, ...]:
 def _largest_value(claim: Claim, start: Start) -> arb:
     """An upper bound of V on a path of starts, for all parameters in the box."""
     seen, bound = arb(0), arb(0)
-    for values in parameter_values(claim, start):
-        todo = _first_pieces(start)
-        while todo:
-            left, right, piece, depth = todo.pop()
-            center, whole = enclosed_value(claim, start, piece, left, right, values)
-            seen = seen.max(center.lower())
-            if depth >= _PEAK_HALVINGS or whole <= seen * _CLOSE:
-                bound = bound.max(whole.upper())
-                continue
-            middle = (left + right) / 2
-            todo += [(left, middle, piece, depth + 1), (middle, right, piece, depth + 1)]
+
+    def close(center: arb, whole: arb, middle: fmpq, depth: int) -> bool:
+        nonlocal seen, bound
+        seen = seen.max(center.lower())
+        found = depth >= _PEAK_HALVINGS or bool(whole <= seen * _CLOSE)
+        bound = bound.max(whole.upper()) if found else bound
+        return found
+
+    _pieces_done(claim, start, close)
     return bound

@@ -13,7 +13,7 @@ import numpy as np
 
 from flexhinf.certify.checker.bounds import Face
 from flexhinf.certify.checker.guidance import axis_to_cut, refuse
-from flexhinf.certify.checker.residual import Refusal
+from flexhinf.certify.checker.residual import require
 from flexhinf.certify.checker.second_route import Cell, EveryCell, Sample
 
 BATCH = 64
@@ -74,8 +74,8 @@ def _cut(cells: np.ndarray, axis: np.ndarray) -> list[np.ndarray]:
     """What covers cells that were not accepted, whichever axes are chosen: the inner half of ρ, which its outer part
     follows, or both halves of a t_i; a `Refusal` where halves are not exact any more."""
     short = (cells[-1] - cells[-2] < _SHORT) & (cells[-2] < 1.0)
-    if (cells[len(cells) // 2 - 1 : -2] < _NARROW).any() or short.any():
-        raise Refusal("cells are too small to be cut")
+    narrow = (cells[len(cells) // 2 - 1 : -2] < _NARROW).any()
+    require(not (narrow or short.any()), "cells are too small to be cut")
     axis = np.clip(axis, 0, len(cells) // 2 - 1)
     inner, first, second = cells[:, axis == 0], *(cells[:, axis > 0] for _ in range(2))
     inner[-1] = (inner[-2] + inner[-1]) / 2

@@ -40,7 +40,7 @@ from flexhinf.design.loop_setup import EstimatorNoise, LoopSetup
 from flexhinf.design.problem.modes import JointScales
 from flexhinf.design.specification import RINGS, TOLERANCE
 from flexhinf.errors import FlexhinfError, NumericalFailure
-from flexhinf.robot.payload import payload_ends
+from flexhinf.robot.arm import payload_ends
 
 #: What may limit the choice, beside unstable corners.
 LIMITS = ("peak sensitivity", "gain margin", "damping", "compliance", "noise")
