@@ -475,7 +475,7 @@ class Tuner:
     @property
     def _budget(self) -> tuple[int, int, int, int | None]:
         """Samples of the first round; samples and simplex of the second; degree of V in the search, None: its own."""
-        states = len(self.factory.problem.state_names)
+        states = len(self.factory.synthesis.problem.state_names)
         first, samples, simplex = next(counts for most, *counts in BUDGET if states <= most)
         return first, samples, simplex, 2 if states > MANY_STATES else None
 

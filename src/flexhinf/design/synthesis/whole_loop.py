@@ -116,14 +116,14 @@ def search_whole_loop(
     task.progress(f"weights and noise levels for the tolerances: {search.count} loops tried")
     factors = dict(zip(("frequency", "damping", "links", "motors"), np.exp(best.x[:4]).tolist()))
     outcome = WholeLoopSearch(
-        search.own, best, **factors, fraction=search.fraction(best.x), count=search.count,
+        search.own, best, **factors, fraction=search.settings(best.x)[2], count=search.count,
         corner="" if best.corner < 0 else search.box.population.describe(best.corner),
     )  # fmt: skip
     if best is search.own:
         return replace(damped, preset="robust"), levels, outcome
-    channels, weights, fraction = search.channels, search.weights(best.x), search.fraction(best.x)
-    design = channels.design(best.solved, *weights, fraction)
-    chosen = Candidate(*weights, design, behaviour_of(channels.family, design.gain))
+    channels, (frequency, damping, fraction) = search.channels, search.settings(best.x)
+    design = channels.design(best.solved, frequency, damping, fraction)
+    chosen = Candidate(frequency, damping, design, behaviour_of(channels.family, design.gain))
     assert damped.search
     result = SearchResult(chosen, (*damped.search.candidates, chosen))
     source = (
@@ -221,7 +221,7 @@ class _Search:
         """ln of the factor of `damped` over the candidate's, and what it misses of the conditions."""
         self.count += 1
         try:
-            problem = self.channels.problem(*self.weights(x), self.fraction(x), 1e-4)
+            problem = self.channels.problem(*self.settings(x), 1e-4)
             levels = self.levels
             if levels is not None:
                 links, motors = np.exp(x[2:4]).tolist()
@@ -256,13 +256,13 @@ class _Search:
             return NOTHING
         return float(gained + MISSED * missed)
 
-    def weights(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """ω and ζ (n,) of x (5,)."""
-        return self.first.target_frequency * np.exp(x[0]), self.first.damping_weights * np.exp(x[1])
-
-    def fraction(self, x: np.ndarray) -> float:
-        """Of what the channels can cover, of x (5,)."""
-        return float(np.clip(x[4], LEAST_FRACTION, 1.0))
+    def settings(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+        """ω and ζ (n,), and the fraction of what the channels can cover, of x (5,)."""
+        frequency, damping = (
+            self.first.target_frequency * np.exp(x[0]),
+            self.first.damping_weights * np.exp(x[1]),
+        )
+        return frequency, damping, float(np.clip(x[4], LEAST_FRACTION, 1.0))
 
     def loop(self, solved: DesignProblem, levels: EstimatorNoise | None) -> EquilibriumLoop:
         setup = self.task.solved(solved.problem, solved.gamma, 2, levels)
