@@ -199,7 +199,7 @@ class LawEvaluation:
         the nominal plant the linearised loop has these modes beside those of the law.
         """
         filter = self.loop.filter
-        if filter is None or not np.any(filter.process_noise):
+        if filter is None or not self.setup.process_noise.largest:
             return ()
         from scipy.linalg import expm
 

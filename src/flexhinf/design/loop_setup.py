@@ -77,6 +77,11 @@ class EstimatorNoise:
         torques = torques or 0.0
         return EstimatorNoise(everywhere or 0.0, torques, torques, f"option {named}")
 
+    @property
+    def largest(self) -> float:
+        """The largest of the levels; 0 for an estimator that trusts its model entirely."""
+        return float(max(map(np.max, (self.all_states, self.link_velocities, self.motor_velocities))))
+
     def scaled(self, factor: float, motors: float, source: str) -> EstimatorNoise:
         """All levels times a factor, a faster estimator above 1; those on the motors' velocities times `motors` too."""
         links, own = (_times(factor, levels) for levels in (self.link_velocities, self.motor_velocities))
