@@ -105,9 +105,7 @@ class ParameterTable:
 
     def vector(self) -> np.ndarray:
         """Nominal values, flat (size,)."""
-        if not self.values:
-            return np.zeros(0)
-        return np.concatenate([value.ravel() for value in self.values.values()])
+        return np.concatenate([np.zeros(0), *(value.ravel() for value in self.values.values())])
 
     def named(self, vector: Any) -> Parameters:
         """A vector (size,) of numbers or elements, by name."""

@@ -386,7 +386,8 @@ def motion_of(signals: Any, times: np.ndarray, order: int, names: Sequence[str] 
         signals = [signals[name] for name in names]
     several = isinstance(signals, (Sequence, np.ndarray)) and not isinstance(signals, str)
     columns = [np.zeros((order + 1, len(times), 0))]
-    for signal in list[Any](signals) if several else [signals]:
+    parts: list[Any] = list(signals) if several else [signals]
+    for signal in parts:
         if hasattr(signal, "derivatives"):
             rows = np.asarray(signal.derivatives(times, order), dtype=float)
             columns.append(rows.reshape(order + 1, len(times), -1))

@@ -120,7 +120,8 @@ def checked_parts(
         raise InvalidInput("The plant has no states.", "expected n >= 1, got 0", "one row of f per state")
     fits = len(lead) == len(shape) and all(want in (None, got) for want, got in zip(shape, lead, strict=True))
     checked: dict[int, np.ndarray] = {}
-    for degree, given in sorted(parts.items()):
+    zero = np.zeros((*lead, basis.count(n, lowest)))
+    for degree, given in sorted({lowest: zero, **parts}.items()):
         part = np.ascontiguousarray(real_array(given))
         sizes = ("any" if size is None else size for size in (lead if fits else shape))
         expected = (*sizes, basis.count(n, degree))
@@ -136,9 +137,7 @@ def checked_parts(
             )
         if degree == lowest or part.any():
             checked[degree] = part
-    if lowest not in checked:
-        checked[lowest] = np.zeros((*lead, basis.count(n, lowest)))
-    return dict(sorted(checked.items()))
+    return checked
 
 
 def check_rest(name: str, parts: dict[int, np.ndarray], rows: tuple[str, ...]) -> None:
@@ -174,20 +173,25 @@ class Problem(Protocol):
     @property
     def state_names(self) -> tuple[str, ...]:
         """One name per state."""
+        ...
 
     @property
     def operating_point(self) -> np.ndarray:
         """The point deviations are measured from, shape (n,)."""
+        ...
 
     @property
     def r2(self) -> np.ndarray:
         """Weight of the input, shape (m, m)."""
+        ...
 
     def expand(self, degree: int) -> PolynomialPlant:
         """Taylor expansion: f and h through `degree`, g1 and g2 through `degree` − 1."""
+        ...
 
     def fields(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Exact f (N, n), g1 (N, n, md), g2 (N, n, m) and h (N, s) at deviations `x` (N, n)."""
+        ...
 
 
 @dataclass(frozen=True, init=False, eq=False, repr=False)

@@ -132,14 +132,16 @@ class Support:
 
     def compositions(self) -> list[_Product]:
         """The products of Horner's rule for a series in a polynomial of this support (without constant)."""
-        if self.steps is None:
-            self.steps, inner, degree = [], self.space.constant, self.space.degree
-            lowest = next(k for k in range(degree + 1) if self.edges[k + 1] > 0)
-            for k in reversed(range(degree // lowest)):
-                self.steps.append(_Product(self, inner, degree - k * lowest, constant=True))
-                inner = self.steps[-1].support
-            self.space.remember(sum(step.pairs for step in self.steps))
-        return self.steps
+        if self.steps is not None:
+            return self.steps
+        inner, steps, degree = self.space.constant, list[_Product](), self.space.degree
+        lowest = next(k for k in range(degree + 1) if self.edges[k + 1] > 0)
+        for k in reversed(range(degree // lowest)):
+            steps.append(_Product(self, inner, degree - k * lowest, constant=True))
+            inner = steps[-1].support
+        self.steps = steps
+        self.space.remember(sum(step.pairs for step in steps))  # which may forget them
+        return steps
 
 
 class _Product:

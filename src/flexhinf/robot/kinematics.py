@@ -199,7 +199,7 @@ def pose_at(
     n = len(low)
 
     def at(q: np.ndarray) -> np.ndarray:
-        return position_of(robot, q, link, shift) - wanted
+        return position_of(robot, q, link, shift.tolist()) - wanted
 
     begin = np.clip(np.asarray(robot.home if near is None else near, dtype=float), low, high)
     rng, best = np.random.default_rng(0), None

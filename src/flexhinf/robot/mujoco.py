@@ -212,7 +212,7 @@ class MuJoCoPlant(BlackBox):
         x = self._robot.operating_point()[0] if initial_state is None else initial_state
         what, expected = (
             "The initial state does not fit MuJoCo's plant.",
-            f"finite numbers for {list(self.states)}",
+            f"{len(self.states)} finite numbers for {list(self.states)}",
         )
         x = checked_array(what, x, (len(self.states),), expected, "one number per state")
         q, dq, theta, dtheta = self._robot.layout.split(x)

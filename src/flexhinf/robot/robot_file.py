@@ -18,10 +18,8 @@ from flexhinf.robot.parts import ElasticJoint, Link, SingleLink, assembled, sing
 from flexhinf.robot.plausibility import check_angles, check_plausible
 from flexhinf.robot.robot import Robot
 from flexhinf.robot.schema import NESTING, RobotFile
-from flexhinf.robot.urdf import MOST_JOINTS, check_selection, read_urdf
+from flexhinf.robot.urdf import GRAVITY, MOST_JOINTS, check_selection, read_urdf
 from flexhinf.validation import checked_path, distinct, nearest, read_toml, read_xml, unknown_name, value_text
-
-GRAVITY = 9.81
 
 #: How names of MJCF files end; a URDF may end so too, its root element decides.
 MJCF = (".xml", ".mjcf")
@@ -255,8 +253,7 @@ class PartsReader:
             links.append(Link(numbers[0], numbers[1:4], numbers[4:]))
         # <limit effort> is a torque: it says nothing about a motor whose input is a voltage or a current.
         efforts = arm.efforts if springs[0].drive == "torque" else None
-        fall = GRAVITY if arm.gravity is None else arm.gravity
-        settings = self._settings(kept, fall, arm.down, efforts, arm.speeds)
+        settings = self._settings(kept, arm.gravity, arm.down, efforts, arm.speeds)
         robot = assembled(self.name, placed, links, springs, **settings)
         return self._finished(robot, arm.frames, arm.tips, payload)
 
@@ -405,7 +402,8 @@ class PartsReader:
                 Parameter("inertia", six[axes], six.get("tolerance", 0.0), source=six["source"])
                 for axes in INERTIA
             ]
-            return Link(*(self._number(stated[key], key, name) for key in whole[:2]), moments)
+            mass, centre = (self._number(stated[key], key, name) for key in whole[:2])
+            return Link(mass, centre, moments)
 
     # Payload --------------------------------------------------------------------------------------
     def _payload(self, table: Mapping[str, Any]) -> Payload:

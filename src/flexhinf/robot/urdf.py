@@ -47,6 +47,9 @@ ATTRIBUTES = {
 #: A number as XML writes it. Python's own takes 2_5 for 25, and digits of other scripts.
 NUMBER = re.compile(r"[+-]?(?:[0-9]++\.?[0-9]*+|\.[0-9]++)(?:[eE][+-]?[0-9]++)?")
 
+#: Free fall where a file states none, m/s².
+GRAVITY = 9.81
+
 #: Most joints that move, and most links of a file: a humanoid with its hands has 70 joints and 150 links.
 MOST_JOINTS, MOST_LINKS = 100, 1000
 
@@ -84,7 +87,7 @@ class RigidArm:
     efforts: list[float] = field(default_factory=list)
     speeds: list[float] = field(default_factory=list)
     motors: dict[str, dict[str, float]] = field(default_factory=dict)
-    gravity: float | None = None
+    gravity: float = GRAVITY
     down: tuple[float, float, float] | None = None
     _bodies: list[list[Any]] = field(default_factory=list)
 
