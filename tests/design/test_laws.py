@@ -83,7 +83,7 @@ def test_every_law_is_made_at_its_start_and_changes_with_each_parameter(
     kind = law_kind(name)
     start, bounds = factory.start(kind), factory.bounds(kind)
     plain = factory.make(kind, start)
-    assert plain.input_names == tuple(factory.problem.plant.inputs)
+    assert plain.input_names == tuple(factory.synthesis.problem.plant.inputs)
     assert any(n.endswith("_integral") for n in plain.state_names) == kind.integral
     for parameter in start:
         low, high = bounds[parameter]
@@ -109,7 +109,7 @@ def test_the_design_s_own_weights_and_level_give_the_design_s_own_law(factory: L
 
 def test_a_pd_is_made_from_its_bandwidth_and_damping(factory: LawFactory) -> None:
     made = factory.make(law_kind("pd"), {"bandwidth": 7.0, "damping": 0.6, ESTIMATOR_NOISE: 1.0})
-    expected = MotorPD.tuned(factory.problem, 7.0, 0.6)
+    expected = MotorPD.tuned(factory.synthesis.problem, 7.0, 0.6)
     np.testing.assert_allclose(made.law_data, expected.law_data)
 
 

@@ -128,12 +128,6 @@ class LawEvaluation:
         runs, setup = self._runs, self.setup
         return sampled_runs(setup, runs.robots, runs.step_duration, runs.sub_steps) if runs.robots else None
 
-    @cached_property
-    def move_sample_errors(self) -> np.ndarray | None:
-        """Largest error (N,) along the move, on the same robots, rad or m."""
-        runs, setup = self._runs, self.setup
-        return move_errors(setup, runs.robots, runs.plan, runs.sub_steps, runs.rest) if runs.robots else None
-
     # The linear loop ----------------------------------------------------------------------------------------
     @cached_property
     def loop(self) -> EquilibriumLoop:
@@ -269,8 +263,9 @@ class LawEvaluation:
         move_{error, remaining, peak_input}, drawn_* (step and move on sampled robots), and those of `linear_metrics`.
         """
         metrics: dict[str, float | None] = {key: worst.value for key, worst in self.worst.items()}
-        step, errors = self.step_samples, self.move_sample_errors
-        if step is not None and errors is not None:
+        runs, step = self._runs, self.step_samples
+        if step is not None:
+            errors = move_errors(self.setup, runs.robots, runs.plan, runs.sub_steps, runs.rest)
             metrics |= {
                 "drawn_unsettled": float(step.unsettled),
                 "drawn_overshoot_percent": _median(step.overshoot),

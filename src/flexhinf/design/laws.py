@@ -227,11 +227,6 @@ class LawFactory:
     synthesis: Synthesis  # of the design: problem, weights, γ and degree
     bandwidth: float  # where searches over bandwidths begin, rad/s
 
-    @property
-    def problem(self) -> GeneralisedPlant:
-        """The nominal problem about the goal."""
-        return self.synthesis.problem
-
     @cached_property
     def gamma_ratio(self) -> float:
         """γ of the design over the smallest γ of the problem as it is solved (with channels of the tolerances)."""
@@ -285,7 +280,7 @@ class LawFactory:
             own is not None and all(values.get(n, x) == x for n, x in own.items() if n not in _ESTIMATOR)
         ):
             return self.synthesis.law
-        family, problem = kind.name.removesuffix("-i"), self.problem
+        family, problem = kind.name.removesuffix("-i"), self.synthesis.problem
         if "bandwidth" in values:
             bandwidth, rate = values["bandwidth"], values.get("integral_rate", INTEGRAL_RATE)
             tracked = "link_position" if kind.integral else None

@@ -211,8 +211,7 @@ class Unreadable(ValueError):
 
 
 def _is_sequence(value: Any) -> bool:
-    array = isinstance(value, np.ndarray) and value.ndim > 0
-    return array or (
+    return (isinstance(value, np.ndarray) and value.ndim > 0) or (
         isinstance(value, Sequence) and not isinstance(value, (str, bytes, bytearray, memoryview))
     )
 
@@ -390,15 +389,13 @@ class FieldInfo:
 
 def option(value: Any, group: str, help: str, /, *others: str, **named: str) -> Any:
     """A field of a dataclass: its default, a `list` for an empty one, and what people read about it, as for `About`."""
-    about = About(group, help, *others, **named)
     made: dict[str, Any] = {"default_factory": list} if value is list else {"default": value}
-    return dataclasses.field(**made, metadata={"about": about})
+    return dataclasses.field(**made, metadata={"about": About(group, help, *others, **named)})
 
 
 def argument(help: str, metavar: str = "", *, default: Any = dataclasses.MISSING) -> Any:
     """A field that has no name at the command line, only a place."""
-    about = About("", help, unit=metavar)
-    return dataclasses.field(default=default, metadata={"about": about})
+    return dataclasses.field(default=default, metadata={"about": About("", help, unit=metavar)})
 
 
 def spaced(name: str) -> str:

@@ -252,7 +252,6 @@ class Specification:
         self._check_length("duration", RUN_SAMPLES)
 
     def _check_length(self, name: str, most: int, rounding: float = 1.0) -> None:
-        """Refuse a time of more samples than these."""
         time = getattr(self, name) or 0.0
         if time / self.period > most * rounding:
             found = (

@@ -276,7 +276,6 @@ def criterion_for(
     limits = {"damping": (LEAST_DAMPING, "default"), **limits}
 
     def wider(metric: str, label: str, unit: str, least: bool = False) -> tuple[Limit, ...]:
-        """The wider of the stated limit and the design's own."""
         stated, mine = limits.get(metric), getattr(own, metric)
         usable = math.isfinite(mine) and mine > 0.0
         if stated is not None and (not usable or (mine >= stated[0] if least else mine <= stated[0])):
@@ -476,7 +475,7 @@ class Tuner:
     @property
     def _budget(self) -> tuple[int, int, int, int | None]:
         """Samples of the first round; samples and simplex of the second; degree of V in the search, None: its own."""
-        states = len(self.factory.problem.state_names)
+        states = len(self.factory.synthesis.problem.state_names)
         first, samples, simplex = next(counts for most, *counts in BUDGET if states <= most)
         return first, samples, simplex, 2 if states > MANY_STATES else None
 

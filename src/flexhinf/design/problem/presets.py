@@ -320,7 +320,6 @@ def _searched(
     corners = acting_corners(robot, goal, base())
 
     def covered(factor: float) -> DesignProblem:
-        """With all tolerances enlarged by a factor."""
         larger = ToleranceChannels(s, scales, family, torques, tolerances, scalings, corners, factor)
 
         def robust_synthesis(target_frequency: np.ndarray, damping: np.ndarray) -> LinearDesign:

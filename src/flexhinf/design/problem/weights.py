@@ -179,12 +179,11 @@ def _crossing(frequencies: np.ndarray, response: np.ndarray) -> np.ndarray:
 # The H∞ gain of the nominal robot -----------------------------------------------------------------------
 @dataclass(frozen=True, eq=False)
 class LinearDesign:
-    """A gain and its levels."""
+    """A gain at a level above the smallest one."""
 
     gain: np.ndarray  # (m, n), u − u* = K x
     p: np.ndarray  # (n, n), V = ½ xᵀ P x
-    gamma: float  # level of the design
-    gamma_star: float  # the smallest feasible one, to `ROUGH`
+    gamma_star: float  # the smallest feasible level, to `ROUGH`
 
 
 @dataclass(frozen=True, eq=False)
@@ -222,7 +221,7 @@ class LinearProblem:
         g1, g2 = ({0: b[:, :, None]} for b in (self.b1, self.b2))
         plant = PolynomialPlant.from_parts(len(self.a), {1: self.a}, g1, g2, {1: self.c}, self.r2)
         p = linear_law(plant, gamma).P
-        return LinearDesign(-np.linalg.solve(self.r2, self.b2.T @ p), p, gamma, gamma_star)
+        return LinearDesign(-np.linalg.solve(self.r2, self.b2.T @ p), p, gamma_star)
 
     def design_at(self, ratio: float) -> LinearDesign:
         """The same at `ratio` times the smallest level."""

@@ -133,14 +133,13 @@ def solve_degrees(
 
 
 def with_region(
-    choice: DegreeChoice, gamma: float, penalty: object = None, rays: int = 500, seed: int = 0
+    choice: DegreeChoice, gamma: float, penalty: Any = None, rays: int = 500, seed: int = 0
 ) -> DegreeChoice:
     """The same with the region of this inequality sampled, see `HJISolution.sampled_region`."""
     start, solution = time.perf_counter(), choice.solution
-    check = solution.sampled_region(gamma=gamma, penalty=penalty, rays=rays, seed=seed)  # type: ignore[arg-type]
+    check = solution.sampled_region(gamma=gamma, penalty=penalty, rays=rays, seed=seed)
     if check is None:
-        limit = f"no region: {solution.checked_margin(gamma, penalty).reason()}"  # type: ignore[arg-type]
-        choice = replace(choice, limit=limit)
+        choice = replace(choice, limit=f"no region: {solution.checked_margin(gamma, penalty).reason()}")
     else:
         choice = replace(choice, level=check.level, step_amplitude=check.step_amplitude(), limit=check.limit)
     return replace(choice, check_seconds=time.perf_counter() - start, looked=True)

@@ -198,8 +198,7 @@ class _Search:
         # What each motor gives (m,), V or N·m: its limit of effort; at most what holding the robot and the step, taken
         # within the law's bandwidth, ask of the strongest motor.
         held = np.max([np.abs(robot.operating_point(at)[1]) for at in (setup.start, setup.goal)], axis=0)
-        per_distance = scales.input_per_position(bandwidth)
-        moved = per_distance * np.abs(setup.goal - setup.start)
+        moved = scales.input_per_position(bandwidth) * np.abs(setup.goal - setup.start)
         self.authority = np.minimum(float((held + moved).max()), setup.limits.effort)
         self.tried: list[NoiseCandidate] = []
         self.equilibria: np.ndarray | None = None
@@ -259,7 +258,6 @@ class _Search:
         return replace(candidate, avoidable={name: excess for name, excess in left.items() if excess > least})
 
     def families(self) -> Iterator[np.ndarray]:
-        """x of both families, see the head of this file."""
         slowest, vibration = self.scales.vibration.min(), self.scales.vibration
         every = [np.full(len(vibration), speed) for speed in SPEEDS]
         every += [np.maximum((rate * slowest / vibration) ** 2, floor) for rate in RATES for floor in FLOORS]
@@ -283,7 +281,6 @@ class _Search:
         return self.candidate(EstimatorNoise(0.0, link, motor, "searched on the running loop"))
 
     def candidate(self, levels: EstimatorNoise) -> NoiseCandidate | None:
-        """The running loop with these levels; None for an unstable one."""
         process = levels.covariance(self.setup.model.states)
         try:
             loop = self.filtered.margins(process)
@@ -358,7 +355,6 @@ class _Search:
         return min(checked, key=lambda each: each[:2])[2:]
 
     def with_corners(self, candidate: NoiseCandidate) -> NoiseCandidate:
-        """The candidate with its unstable corners of the tolerances."""
         if not self.setup.robot.uncertain:
             return candidate
         process = candidate.levels.covariance(self.setup.model.states)

@@ -188,9 +188,8 @@ class _Steps(Task):
         assert damped.target is not None
         self.progress("channels of the tolerances")
         covered = self.choose(bandwidth=damped.target.bandwidth.tolist(), damping=damped.target.damping)
-        degree = plain.degrees(damped, noise)[0].degree
         problem, levels, whole = search_whole_loop(
-            self, damped, covered, noise and noise.chosen.levels, degree
+            self, damped, covered, noise and noise.chosen.levels, plain.degrees(damped, noise)[0].degree
         )
         if noise is None or levels is None or not whole.better:
             return problem, noise, whole
@@ -239,7 +238,6 @@ class _Steps(Task):
     def noise_search(
         self, problem: DesignProblem, levels: EstimatorNoise | None = None
     ) -> NoiseSearch | None:
-        """Noise levels of the estimator for the problem's linear law, see `search_noise`."""
         damping = None if problem.target is None else required_damping(self.s, problem.target)
         return search_noise(self.solved(problem.problem, problem.gamma, 2), damping, self.progress, levels)
 

@@ -116,22 +116,21 @@ def search_whole_loop(
     task.progress(f"weights and noise levels for the tolerances: {search.count} loops tried")
     factors = dict(zip(("frequency", "damping", "links", "motors"), np.exp(best.x[:4]).tolist()))
     outcome = WholeLoopSearch(
-        search.own, best, **factors, fraction=search.fraction(best.x), count=search.count,
+        search.own, best, **factors, fraction=search.settings(best.x)[2], count=search.count,
         corner="" if best.corner < 0 else search.box.population.describe(best.corner),
     )  # fmt: skip
     if best is search.own:
         return replace(damped, preset="robust"), levels, outcome
-    channels, weights, fraction = search.channels, search.weights(best.x), search.fraction(best.x)
-    design = channels.design(best.solved, *weights, fraction)
-    chosen = Candidate(*weights, design, behaviour_of(channels.family, design.gain))
+    channels, (frequency, damping, fraction) = search.channels, search.settings(best.x)
+    design = channels.design(best.solved, frequency, damping, fraction)
+    chosen = Candidate(frequency, damping, design, behaviour_of(channels.family, design.gain))
     assert damped.search
     result = SearchResult(chosen, (*damped.search.candidates, chosen))
     source = (
         f"searched on the running loop: its corners are stable up to {best.scale:.3g} times the tolerances, "
         f"{search.own.scale:.3g} with the preset damped"
     )
-    problem = channels.checked(best.solved, fraction, search.target, result, source)
-    return problem, best.levels, outcome
+    return channels.checked(best.solved, fraction, search.target, result, source), best.levels, outcome
 
 
 class _Search:
@@ -193,8 +192,7 @@ class _Search:
             np.array([frequency, float(np.clip(np.log(ratio).mean(), -1.0, 1.0)), 0.0, 0.0, 1.0]),
         ]
         free = np.array([True, True, *(2 * [self.levels is not None]), True])
-        costs = [self.cost(x) for x in starts]
-        x = starts[int(np.argmin(costs))].copy()
+        x = starts[int(np.argmin([self.cost(each) for each in starts]))].copy()
         moves = np.array(MOVES) * (1.0, 1.0, 1.0, 1.0, -1.0 if x[4] > 0.5 else 1.0)
 
         def moved(part: np.ndarray) -> float:
@@ -223,7 +221,7 @@ class _Search:
         """ln of the factor of `damped` over the candidate's, and what it misses of the conditions."""
         self.count += 1
         try:
-            problem = self.channels.problem(*self.weights(x), self.fraction(x), 1e-4)
+            problem = self.channels.problem(*self.settings(x), 1e-4)
             levels = self.levels
             if levels is not None:
                 links, motors = np.exp(x[2:4]).tolist()
@@ -258,16 +256,15 @@ class _Search:
             return NOTHING
         return float(gained + MISSED * missed)
 
-    def weights(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """ω and ζ (n,) of x (5,)."""
-        return self.first.target_frequency * np.exp(x[0]), self.first.damping_weights * np.exp(x[1])
-
-    def fraction(self, x: np.ndarray) -> float:
-        """Of what the channels can cover, of x (5,)."""
-        return float(np.clip(x[4], LEAST_FRACTION, 1.0))
+    def settings(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+        """ω and ζ (n,), and the fraction of what the channels can cover, of x (5,)."""
+        frequency, damping = (
+            self.first.target_frequency * np.exp(x[0]),
+            self.first.damping_weights * np.exp(x[1]),
+        )
+        return frequency, damping, float(np.clip(x[4], LEAST_FRACTION, 1.0))
 
     def loop(self, solved: DesignProblem, levels: EstimatorNoise | None) -> EquilibriumLoop:
-        """The linear loop at the goal."""
         setup = self.task.solved(solved.problem, solved.gamma, 2, levels)
         return setup.equilibrium_loop(estimated=self.task.s.estimator != "none")
 
@@ -292,7 +289,6 @@ class _Search:
         return runs.overshoot, float(used)
 
     def noises(self, found: Margins) -> np.ndarray:
-        """RMS of each input (m,)."""
         if self.noise is None:
             return np.zeros(len(found.noise_to_input))
         return np.linalg.norm(found.noise_to_input * self.noise, axis=1)
