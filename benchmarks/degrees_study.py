@@ -19,8 +19,7 @@ from rich.progress import track
 
 import flexhinf as fh
 from flexhinf.design import Specification
-from flexhinf.design.estimators import EstimatorNoise
-from flexhinf.design.loop_setup import LoopSetup
+from flexhinf.design.loop_setup import EstimatorNoise, LoopSetup
 from flexhinf.design.monte_carlo import sampled_runs
 from flexhinf.design.problem.modes import JointScales
 from flexhinf.design.problem.presets import DesignProblem, choose, required_damping
@@ -32,7 +31,7 @@ from flexhinf.design.responses import (
     sample_robots,
     worst_of,
 )
-from flexhinf.design.synthesis.degrees import choose_degree, solve_degrees, step_cost, tried_degrees
+from flexhinf.design.synthesis.by_step import choose_degree, solve_degrees, step_cost, tried_degrees
 from flexhinf.design.synthesis.noise import search_noise
 from flexhinf.plant import GeneralisedPlant, Law, Plant
 from flexhinf.robot import Parameter, Robot

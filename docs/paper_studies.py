@@ -22,7 +22,6 @@ from flexhinf.estimation import ExtendedKalmanFilter
 from flexhinf.hinf import HJISolution, smallest_gamma, solve_hji
 from flexhinf.loop import Sine, Step, Trajectory
 from flexhinf.paper import PaperSettings
-from flexhinf.paper.disturbances import GainRuns, stated_disturbances
 from flexhinf.paper.loop_setup import (
     CHANNELS,
     EFFORT,
@@ -40,8 +39,8 @@ from flexhinf.paper.loop_setup import (
     name_goal,
     tracking_numbers,
 )
+from flexhinf.paper.responses import TRACKING_LIMIT, GainRuns, stated_disturbances
 from flexhinf.paper.tolerances import ToleranceStudy, growth_with, swept_noises, unstable_of
-from flexhinf.paper.tracking import TRACKING_LIMIT
 from flexhinf.plant import GeneralisedPlant, Law
 
 #: Weights by state that s multiplies. A motion at 3.3 rad/s, about the bandwidth of the loop, counts alike as position

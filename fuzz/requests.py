@@ -18,8 +18,8 @@ import numpy as np
 from flexhinf.design import Specification
 from flexhinf.design.cartesian import tool_of, with_joints
 from flexhinf.design.design_file import DesignRequest, read_request
-from flexhinf.design.estimators import sensor_steps
 from flexhinf.design.joint_limits import integral_dead_zone, joint_limits
+from flexhinf.design.loop_setup import sensor_steps
 from flexhinf.design.plans import stated_move
 from flexhinf.design.waypoint_table import waypoints
 from flexhinf.errors import FlexhinfError

@@ -291,8 +291,8 @@ def recorded() -> Iterator[Callable[[], list[Path]]]:
 
 
 def _identity(path: str | os.PathLike[str]) -> tuple[int, int]:
-    found = os.stat(path)
-    return found.st_dev, found.st_ino
+    status = os.stat(path)
+    return status.st_dev, status.st_ino
 
 
 @contextmanager

@@ -50,5 +50,5 @@ def number_text(value: float, unit: str = "") -> str:
 
 def names_text(names: Sequence[str], most: int = 6) -> str:
     """How many names there are and which; beyond `most`, the first ones and dots."""
-    shown = ", ".join(names[:most]) + (", …" if len(names) > most else "")
-    return f"{len(names)} ({shown})" if names else "none"
+    text = ", ".join(names[:most]) + (", …" if len(names) > most else "")
+    return f"{len(names)} ({text})" if names else "none"

@@ -211,8 +211,8 @@ def checked_name(
 def _is_name(name: Any, spaces: bool, without: str) -> bool:
     if not isinstance(name, str) or not name.strip() or unicodedata.combining(name[0]):
         return False
-    words = name.split(" ") if spaces else [name]
-    return all(word and word.isprintable() and not set(word) & set(without + " ") for word in words)
+    parts = name.split(" ") if spaces else [name]
+    return all(word and word.isprintable() and not set(word) & set(without + " ") for word in parts)
 
 
 def nearest(name: Any, known: Iterable[Any], otherwise: str = "one of these") -> str:
@@ -233,9 +233,9 @@ def checked_names(what: str, names: Any) -> tuple[str, ...]:
 
     Raises InvalidInput: for what is neither text nor a sequence of texts.
     """
-    given = (names,) if isinstance(names, str) else names
-    scalar = isinstance(given, np.ndarray) and given.ndim == 0
-    several = tuple(given) if isinstance(given, Iterable) and not scalar else None
+    sequence = (names,) if isinstance(names, str) else names
+    scalar = isinstance(sequence, np.ndarray) and sequence.ndim == 0
+    several = tuple(sequence) if isinstance(sequence, Iterable) and not scalar else None
     if several is None or not all(isinstance(name, str) for name in several):
         found = f"expected a name or a sequence of distinct names, got {value_text(names)}"
         raise InvalidInput(f"{what} are not named.", found, "('one', 'another')")

@@ -18,8 +18,7 @@ from tests.campaign.conftest import made_campaign, tolerances
 
 from flexhinf.campaign import Campaign, Journal, drive, merged
 from flexhinf.campaign.draws import campaign_digest
-from flexhinf.campaign.journal import MANIFEST, SHARDS, TABLE
-from flexhinf.campaign.manifest import read_sealed, sealed
+from flexhinf.campaign.journal import MANIFEST, SHARDS, TABLE, read_sealed, sealed
 from flexhinf.campaign.results import replayed
 from flexhinf.errors import InvalidInput
 

@@ -28,7 +28,8 @@ from flexhinf.campaign import (
 )
 from flexhinf.campaign.batches import Rows
 from flexhinf.campaign.driver import in_processes, in_this_process
-from flexhinf.campaign.journal import HELD, MANIFEST, SHARDS, TABLE, read_columns
+from flexhinf.campaign.journal import MANIFEST, SHARDS, TABLE, read_columns
+from flexhinf.campaign.results import HELD
 from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.files import recorded
 from flexhinf.loop import shared

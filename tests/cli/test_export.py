@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import math
 import subprocess
 import sys
@@ -51,6 +52,29 @@ def test_the_report_of_a_design(controller: Path, tmp_path: Path) -> None:
     assert not report.unchanged(folder, ("design.toml", "controller"))
     assert not report.unchanged(folder, ("design.toml", "missing"))
     assert not report.unchanged(tmp_path, ("controller",))
+
+
+@pytest.mark.parametrize("changed", ["design.toml", "controller"])
+def test_what_was_changed_since_the_report_is_named(
+    changed: str,
+    controller: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """A damaged controller is not told as a design file that was changed."""
+
+    def stop(*given: object) -> None:
+        raise fh.InvalidInput("A design begins.")
+
+    monkeypatch.setattr(importlib.import_module("flexhinf.design"), "design", stop)
+    files = {"design.toml": b'[design]\nrobot = "paper"\n', "controller": controller.read_bytes()}
+    folder = report.write(tmp_path / "arm", files)
+    (folder / changed).write_bytes(files[changed] + b"\n")
+    assert main(["export", "c", str(folder), "--out", str(tmp_path / "c")]) == 2
+    told = capsys.readouterr().err
+    assert "A design begins." in told
+    assert [name for name in files if f"{name} was changed" in told] == [changed]
 
 
 @pytest.mark.parametrize("source", ["paper", "arm.toml"])

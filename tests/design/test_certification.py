@@ -17,8 +17,8 @@ from flexhinf.design import certification
 from flexhinf.design.certification import DesignProof, certify_design, prove_design, with_tolerances
 from flexhinf.design.specification import Specification
 from flexhinf.errors import InvalidInput, NumericalFailure
-from flexhinf.pages import proof
-from flexhinf.pages.proof import proof_text
+from flexhinf.pages.design import region
+from flexhinf.pages.design.region import proof_text
 
 ARM, page = fh.paper_arm(), import_module("flexhinf.pages.certificate")
 PENALTY = fh.Penalty((75.0, 27.0, 90.0, 27.0, 330.0), effort=10.0)
@@ -174,7 +174,7 @@ def test_what_is_shown_of_a_bound_holds() -> None:
     assert " 0.0623 N²·s" in str(page._budget(shown))  # type: ignore[arg-type]
     turned = replace(given, states=(Signal("position", "rad"),))
     assert page._steps_text(turned).startswith("28.6°")
-    assert proof._amplitude_text(SimpleNamespace(  # type: ignore[arg-type]
+    assert region._amplitude_text(SimpleNamespace(  # type: ignore[arg-type]
         robot=SimpleNamespace(links=SimpleNamespace(slides=[False])), specification=SimpleNamespace(in_degrees=True)
     ), 1.1169999) == "63.9°"  # fmt: skip
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from flexhinf.design.criterion import Criterion, LawMetrics, criterion_for, pareto_front
+from flexhinf.design.tuning import Criterion, LawMetrics, criterion_for, pareto_front
 from flexhinf.errors import InvalidInput
 
 OWN = LawMetrics(1.8, 2.6, 0.2, 0.03, 3.0, 264.0, 1.5, 0.04, 0.009, 0.001)

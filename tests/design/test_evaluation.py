@@ -93,7 +93,7 @@ def test_other_sensors_and_noise_levels_make_another_loop(setup_of: Setups) -> N
     motor = replace(setup, specification=replace(setup.specification, measured=("motor_position",)))
     assert motor.model.outputs == ("motor_position",)
     assert motor.estimator(motor.goal).plant.outputs == ("motor_position",)
-    faster = replace(setup, estimator_noise=setup.process_noise.scaled(100.0))
+    faster = replace(setup, estimator_noise=setup.process_noise.scaled(100.0, 1.0, "test"))
     assert np.diag(faster.estimator(setup.goal).process_noise) == pytest.approx([0.0, 1e-5, 0.0, 1e-5])
     linear = replace(setup, linear_model=True)
     x = np.array([0.3, 1.0, 0.2, -1.0])

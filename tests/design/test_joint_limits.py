@@ -16,12 +16,11 @@ from flexhinf.cli.arguments import _value
 from flexhinf.cli.messages import error_text
 from flexhinf.design import Specification, design
 from flexhinf.design.design_file import read_request
-from flexhinf.design.estimators import other_quantisation, sensor_steps
 from flexhinf.design.joint_limits import ROBOT, joint_limits
-from flexhinf.design.loop_setup import LoopSetup
+from flexhinf.design.loop_setup import LoopSetup, other_quantisation, sensor_steps
 from flexhinf.design.plans import plan_move
 from flexhinf.design.specification import FIELDS, SpecificationError
-from flexhinf.design.synthesis.effort_limit import COARSE, LEAST, WIDTH, _Peaks, _Search
+from flexhinf.design.synthesis.by_step import COARSE, LEAST, WIDTH, _BandwidthSearch
 from flexhinf.design.synthesis.steps import _refuse_early
 from flexhinf.errors import InvalidInput
 
@@ -132,19 +131,17 @@ def test_a_move_is_slowed_until_every_joint_keeps_its_speed(robot_of: Named) -> 
         planned(robot, Specification(peak_speed=(1.0, 1e-3)))
 
 
-class _Model(_Search):
+class _Model(_BandwidthSearch):
     """Peaks that grow with the square of the joints' own bandwidths, and a little with the first one's."""
 
     def __init__(self, limits: Any, size: np.ndarray, coupling: float = 0.0) -> None:
-        self.limits, self.size, self.coupling = limits, size, coupling
-
-    def needs_too_much(self) -> bool:
-        return False
+        self.limits, self.size, self.coupling = np.array([limits.peak, limits.speed]), size, coupling
+        self.held = np.zeros((1, 2))
 
     def tried(self, bandwidth: np.ndarray, before: Any = None) -> Any:
         inputs = self.size * bandwidth**2 + self.coupling * bandwidth[0] ** 2
-        peaks = _Peaks(inputs, np.zeros(2), self.limits)
-        return (None if peaks.exceeds(1.0).any() else bandwidth), peaks
+        peaks = np.array([inputs, np.zeros(2)])
+        return (None if (self.shares(peaks) > 1.0).any() else bandwidth), peaks
 
 
 def test_only_the_joints_beyond_a_limit_become_slower(robot_of: Named) -> None:
@@ -169,9 +166,9 @@ def test_a_bandwidth_that_sampled_robots_do_not_confirm_is_lowered(
     search = _Model(limits, np.array([5.0, 1.0]))
     asked: list[np.ndarray] = []
 
-    def peaks(best: Any) -> _Peaks:
+    def peaks(best: Any) -> np.ndarray:
         asked.append(best)
-        return _Peaks(1.1 * search.size * best**2, np.zeros(2), limits)
+        return np.array([1.1 * search.size * best**2, np.zeros(2)])
 
     monkeypatch.setattr(search, "peaks", peaks)
     best, fractions = search.confirmed(np.ones(2), np.ones(2), np.ones(2))  # type: ignore[arg-type]

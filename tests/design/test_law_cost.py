@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -10,12 +11,17 @@ import pytest
 import flexhinf as fh
 from flexhinf.baselines import FeedbackLinearisation, GravityCompensatedLQR, MotorPD, TorqueFeedback, lqr
 from flexhinf.design import evaluation
-from flexhinf.design.evaluation import needed_states, operations
+from flexhinf.design.evaluation import LawEvaluation, operations
 
 
 @pytest.fixture(scope="module")
 def problem() -> Any:
     return fh.load_robot("vertical-rig").problem(pose=(0.8,))
+
+
+def needed_states(law: Any) -> tuple[str, ...]:
+    setup: Any = SimpleNamespace(linear_law=law)
+    return LawEvaluation("law", setup).needed_states
 
 
 def test_a_linear_law_costs_its_products_and_sums(problem: Any) -> None:

@@ -56,7 +56,7 @@ def test_help_of_a_specification_names_every_field_without_the_types_that_read_i
     assert "pydantic" not in text.lower()
     for name, field in FIELDS.items():
         assert f" {name} : {field.allowed}; default: " in text
-    assert "pose: 'units.Pose | None' = None" in str(inspect.signature(Specification))
+    assert "pose: 'options.Pose | None' = None" in str(inspect.signature(Specification))
 
 
 def test_words_have_any_case() -> None:

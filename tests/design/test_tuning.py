@@ -13,15 +13,24 @@ import pytest
 
 import flexhinf as fh
 from flexhinf.analysis import margins
-from flexhinf.design import criterion as measured, tuning
-from flexhinf.design.criterion import RUNS, criterion_for, metrics_of, own_metrics, reference_metrics
+from flexhinf.design import tuning
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.laws import DESIGN, ESTIMATOR_NOISE, MOTOR_NOISE, NL_HINF, LawFactory, law_kind
 from flexhinf.design.plans import plan_move
 from flexhinf.design.responses import Scenario
 from flexhinf.design.specification import Specification
 from flexhinf.design.synthesis.steps import synthesise
-from flexhinf.design.tuning import Tuner, best_rival, ranked, trade_offs
+from flexhinf.design.tuning import (
+    RUNS,
+    Tuner,
+    best_rival,
+    criterion_for,
+    metrics_of,
+    own_metrics,
+    pareto_front,
+    ranked,
+    reference_metrics,
+)
 from flexhinf.errors import FlexhinfError, InvalidInput, NumericalFailure
 from flexhinf.loop import Controller, Loop
 
@@ -190,7 +199,7 @@ def test_a_loop_that_cannot_be_linearised_is_not_feasible(
     rig: Tuner, short: None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Old code read a sensitivity of zero there, and so tuned `flatness` to 0.0094 rad/s."""
-    plain = tuning.LawEvaluation.margins.fget  # type: ignore[attr-defined]
+    plain = tuning.LawEvaluation.margins.func  # type: ignore[attr-defined]
 
     def failing(self: LawEvaluation) -> Any:
         if (self.parameters or {}).get("bandwidth", 9.0) < 4.0:
@@ -224,7 +233,7 @@ def test_a_design_with_a_run_that_diverges_measures_no_law(
     """Old code divided the others' deviations by 1 rad and ranked them."""
     figures = own_metrics(rig.own)
     assert reference_metrics(rig.own) == figures
-    monkeypatch.setattr(measured, "own_metrics", lambda evaluation: replace(figures, **{figure: np.inf}))
+    monkeypatch.setattr(tuning, "own_metrics", lambda evaluation: replace(figures, **{figure: np.inf}))
     with pytest.raises(InvalidInput, match=f"got: {RUNS[figure]} diverges"):
         reference_metrics(rig.own)
 
@@ -336,10 +345,10 @@ def test_the_best_rival_is_the_cheapest_that_keeps_all_limits_and_is_as_robust()
 
 
 def test_trade_offs_have_the_law_as_tuned_and_a_curve_of_what_was_tried(rig: Tuner, pd: Any) -> None:
-    own, other = trade_offs([rig.tune(law_kind(DESIGN)), pd], rig.criterion)
-    assert own.curve == (own.point,) == (rig.criterion.own,)
-    assert other.point == pd.metrics
-    volts, sag = (np.array([getattr(f, n) for f in other.curve]) for n in ("peak_input", "load_deviation"))
+    laws = rig.tune(law_kind(DESIGN)), pd
+    own, curve = (pareto_front((*law.tried, law.metrics), rig.criterion) for law in laws)
+    assert own == (laws[0].metrics,) == (rig.criterion.own,)
+    volts, sag = (np.array([getattr(f, n) for f in curve]) for n in ("peak_input", "load_deviation"))
     assert len(volts) > 3
     assert np.all(np.diff(volts) > 0.0)
     assert np.all(np.diff(sag) < 0.0)

@@ -12,9 +12,9 @@ import pytest
 
 from flexhinf.errors import InvalidInput
 from flexhinf.hinf import hji as cost, smallest_gamma, solve_hji
-from flexhinf.plant import expansion
+from flexhinf.plant import polynomial_plant as expansion
 from flexhinf.plant.polynomial_plant import PolynomialPlant
-from flexhinf.polynomial import basis, transform, truncated
+from flexhinf.polynomial import basis, homological as transform, truncated
 from flexhinf.robot import paper_arm
 from flexhinf.scalars import jet
 

@@ -13,7 +13,7 @@ from flexhinf.certify.pictures import limit_slice, start_surface, worst_step
 from flexhinf.certify.starts import proved_steps
 from flexhinf.design.certification import CertifiedDegree, Evidence
 from flexhinf.design.specification import Specification
-from flexhinf.design.synthesis.degrees import DegreeChoice
+from flexhinf.design.synthesis.by_step import DegreeChoice
 from flexhinf.pages.certificate import certificate_page
 
 ASKED = Specification(pose=(np.pi,))

@@ -13,7 +13,7 @@ from flexhinf.design import Design
 from flexhinf.pages.design.frequency import Loop, frequency_figures
 from flexhinf.pages.design.law import poles_figure
 from flexhinf.pages.design.step import arm_figure, instants
-from flexhinf.pages.drawing import Panel, framed, thin
+from flexhinf.pages.drawing import framed, joint_panel, thin
 from flexhinf.report import new_figure
 
 Make = Callable[[str], Design]
@@ -81,6 +81,6 @@ def test_axes_show_every_finite_value() -> None:
     low, high = framed(np.array([1.0, 3.0, np.nan, np.inf]))
     assert (low, high) == pytest.approx((0.88, 3.12))
     _, (axes,) = new_figure()
-    Panel("", "", np.array([[0.0], [0.1]]), least=1.0).draw(axes, np.arange(2.0), ["a"])
+    joint_panel("", "", np.arange(2.0), ["a"], np.array([[0.0], [0.1]]), least=1.0).draw(axes)
     assert axes.get_ylim() == pytest.approx((-0.45, 0.55))
     assert len(np.arange(10_000)[thin(np.arange(10_000))]) <= 1500

@@ -231,7 +231,7 @@ def test_margins_stand_beside_those_of_the_true_state(report_design: Make) -> No
         f"{e.margins.peak_sensitivity:.3g}", f"{e.state_margins.peak_sensitivity:.3g}",
     )  # fmt: skip
     assert rows["delay margin, ms"][0] == f"{1e3 * e.margins.delay_margin_s:.3g}"
-    unstable = with_evaluation(design, _margins=Margins(e.margins.linear))
+    unstable = with_evaluation(design, margins=Margins(e.margins.linear))
     vars(unstable.evaluation.margins)["stable"] = False
     assert {ours for _, ours, _ in margin_table(unstable.evaluation).rows} == {"unstable"}
     alone = margin_table(report_design("true state").evaluation).rows

@@ -12,8 +12,8 @@ import pytest
 from flexhinf.design import Design
 from flexhinf.design.certification import DesignProof
 from flexhinf.pages import notes, verdict
+from flexhinf.pages.design.region import proof_text
 from flexhinf.pages.page import remarks
-from flexhinf.pages.proof import proof_text
 
 Make = Callable[[str], Design]
 
@@ -50,7 +50,7 @@ def test_margins_are_judged(report_design: Make, changes: dict[str, Any], what: 
     vars(found).update({**vars(design.evaluation.margins), **changes})
     if delay is not None:
         vars(found)["_delay"] = (delay, 1.0)
-    assert (what in about(with_evaluation(design, _margins=found))) is there
+    assert (what in about(with_evaluation(design, margins=found))) is there
 
 
 @pytest.mark.slow

@@ -6,10 +6,9 @@ from typing import Any
 
 import pytest
 
-from flexhinf.paper.claim import PaperClaim
-from flexhinf.paper.disturbances import GAIN, attained_gain
 from flexhinf.paper.estimators import UKF
-from flexhinf.paper.loop_setup import PaperSettings, PaperSetup
+from flexhinf.paper.loop_setup import PaperClaim, PaperSettings, PaperSetup
+from flexhinf.paper.responses import GAIN, attained_gain
 from flexhinf.paper.tolerances import COIL, TOLERANCES
 from flexhinf.report import to_json
 
@@ -29,15 +28,16 @@ pytestmark = pytest.mark.paper
 )
 def test_any_settings_are_judged(claim: PaperClaim, options: dict) -> None:
     judged = claim.judged(PaperSetup(PaperSettings(period=0.02, **options)))
-    assert judged.claim.verdict in ("holds", "fails", "ties", "not judged")
-    assert judged.claim.criterion
-    assert all(table.html() for table in judged.finding.tables)
+    assert judged.verdict in ("holds", "fails", "ties", "not judged")
+    assert judged.criterion
+    assert all(table.html() for table in judged.blocks)
     assert to_json(judged.as_dict())
 
 
 @pytest.mark.slow
 def test_the_gain_stays_below_gamma_near_rest_only(setup: PaperSetup) -> None:
-    rows: list[Any] = list(attained_gain(setup).tables[0].rows)
+    table: Any = attained_gain(setup).table
+    rows: list[Any] = list(table.rows)
     inside = [row for row in rows if row[2] is not None and row[2] <= 180.0]
     assert max(row[5] for row in inside) == pytest.approx(1.43, abs=0.02)
     assert all(row[3] <= setup.gamma for row in inside)

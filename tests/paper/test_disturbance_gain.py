@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from flexhinf.paper.disturbances import GainRuns
 from flexhinf.paper.loop_setup import PaperSettings, PaperSetup
+from flexhinf.paper.responses import GainRuns
 
 
 @pytest.fixture(scope="module")

@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
 from flexhinf.paper.loop_setup import PaperSetup
-from flexhinf.paper.tracking import INTEGRAL_WEIGHTS, judge_weight
+from flexhinf.paper.responses import INTEGRAL_WEIGHTS, judge_weight
 
 pytestmark = pytest.mark.paper
 
 
 @pytest.mark.oracle
 def test_the_time_of_rise_falls_with_the_weight_of_x5(setup: PaperSetup) -> None:
-    found = judge_weight(setup, "x5")
+    found: Any = judge_weight(setup, "x5")
     assert found.verdict is True
     plant = setup.arm.plant()
     values = plant.parameters.named(plant.parameters.vector())
@@ -40,6 +41,6 @@ def test_the_time_of_rise_falls_with_the_weight_of_x5(setup: PaperSetup) -> None
             crossings = [run.t[np.argmax(run.y[0] >= level * goal)] for level in (0.1, 0.9)]
             rises.append(crossings[1] - crossings[0])
         assert rises[0] > rises[1] > rises[2]
-        shown = list(found.tables[0].rows)[::2]
+        shown = list(found.table.rows)[::2]
         column = 3 if goal < 2.0 else 6
         assert rises == pytest.approx([row[column] for row in shown], abs=0.03)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from flexhinf.polynomial import algebra, basis, transform as coordinates
+from flexhinf.polynomial import algebra, basis, homological as coordinates
 
 
 @pytest.mark.parametrize("apart", [True, False])

@@ -6,7 +6,7 @@ import os
 
 import numpy as np
 
-from flexhinf.polynomial import algebra as threads, basis, transform
+from flexhinf.polynomial import algebra as threads, basis, homological as transform
 
 
 def test_two_threads_compute_the_same(monkeypatch):

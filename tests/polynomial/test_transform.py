@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from flexhinf.polynomial import algebra, algebra as threads, basis, transform
+from flexhinf.polynomial import algebra, algebra as threads, basis, homological as transform
 
 
 @pytest.mark.parametrize("small", [True, False])

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from flexhinf.errors import InvalidInput
-from flexhinf.polynomial import univariate
+from flexhinf.polynomial import truncated as univariate
 
 DEGREE = 9
 REFERENCE = {

@@ -84,7 +84,7 @@ def sample_page(title: str = "The paper, end to end") -> report.Page:
                     "Each claim of the paper is judged from the runs of this report, not by hand."
                 ),
                 claims,
-                *(report.ClaimEvidence(claim) for claim in report.by_verdict(claims.claims)),
+                *report.by_verdict(claims.claims),
                 report.Note("An 8 s run hides the slow growth that 30 s show."),
                 report.Bullets(("first", "second: `x < 1 & y > 2`")),
             ),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 
 import pytest
 
@@ -28,7 +29,7 @@ def test_what_fails_comes_first_and_the_criterion_before_the_verdict() -> None:
     html = report.Claims(claims).html()
     assert html.index("B.") < html.index("A.")
     table = report.Table(("x",), [(1,)], "numbers", "table-b")
-    evidence = report.ClaimEvidence(claims[1], (table,))
+    evidence = replace(claims[1], blocks=(table,))
     parts = [
         evidence.html().index(text) for text in ("B.", "at most 2", "</span> fails", "3 &gt; 2", "numbers")
     ]

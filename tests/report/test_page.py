@@ -50,7 +50,7 @@ def read(html: str) -> Reader:
     return reader
 
 
-def page_of(*blocks: report.Paragraph, **changes: object) -> report.Page:
+def page_of(*blocks: report.Block, **changes: object) -> report.Page:
     content = {
         "title": "t",
         "asked": "a",
@@ -115,7 +115,7 @@ def test_the_top_says_what_was_asked_the_verdict_and_the_numbers(page_html: str)
         page_of(report.Bullets((HOSTILE,))),
         page_of(report.Listing(HOSTILE)),
         page_of(report.Table([report.Column(HOSTILE, HOSTILE)], [[HOSTILE]], HOSTILE)),
-        page_of(report.ClaimEvidence(report.Claim("c", HOSTILE, "fails", HOSTILE, (), HOSTILE))),
+        page_of(report.Claim("c", HOSTILE, "fails", HOSTILE, (), HOSTILE)),
         page_of(settings=report.Settings({HOSTILE: [report.Setting(HOSTILE, HOSTILE, HOSTILE, HOSTILE)]})),
         page_of(provenance=report.Provenance([HOSTILE], 0, {HOSTILE: HOSTILE})),
     ],
@@ -136,7 +136,7 @@ def test_an_anchor_used_twice_is_refused() -> None:
 def test_a_claim_that_points_nowhere_is_refused() -> None:
     claim = report.Claim("c", "t", "holds", "e", figures=("figure-03",))
     with pytest.raises(InvalidInput, match=": figure-03"):
-        page_of(report.ClaimEvidence(claim))
+        page_of(claim)
     with pytest.raises(InvalidInput, match=": claim-c"):
         page_of(report.Claims([claim]))  # its evidence is not on the page
 

@@ -9,7 +9,7 @@ import pytest
 
 from flexhinf.errors import InvalidInput
 from flexhinf.robot import ElasticJoint, load_robot
-from flexhinf.robot.payload import weigh_payload
+from flexhinf.robot.arm import weigh_payload
 
 FILE = """
 [[joint]]

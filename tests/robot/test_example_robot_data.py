@@ -10,6 +10,7 @@ import pytest
 
 from flexhinf.robot.dynamics import Tree, bodies_of, forward_dynamics, inverse_dynamics, mass_matrix
 from flexhinf.robot.urdf import read_urdf
+from flexhinf.validation import read_xml
 
 ARMS = (
     "panda_description/urdf/panda.urdf",
@@ -35,7 +36,7 @@ def test_arms_of_others_equal_pinocchio(name):
     pin = pytest.importorskip("pinocchio")
     path = folder() / name
     model = pin.buildModelFromUrdf(str(path))
-    arm = read_urdf(path, locked={joint: 0.0 for joint in model.names if "finger" in joint})
+    arm = read_urdf(read_xml(path), locked={joint: 0.0 for joint in model.names if "finger" in joint})
     names = [joint.name for joint in arm.joints]
     held = [model.getJointId(joint) for joint in list(model.names)[1:] if joint not in names]
     model = pin.buildReducedModel(model, held, pin.neutral(model)) if held else model

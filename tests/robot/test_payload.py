@@ -8,9 +8,9 @@ import pytest
 from flexhinf.errors import InvalidInput
 from flexhinf.plant import Parameters
 from flexhinf.robot import Parameter, load_robot
+from flexhinf.robot.arm import Payload, inertia_of_shape, payload_from_text
 from flexhinf.robot.dynamics import lumped, matrix_of
 from flexhinf.robot.parameters import check_parameters
-from flexhinf.robot.payload import Payload, inertia_of_shape, payload_from_text
 
 ARM = """
 [[joint]]

@@ -10,9 +10,8 @@ from hypothesis import given, strategies as st
 
 from flexhinf.errors import InvalidInput
 from flexhinf.robot import load_robot
-from flexhinf.robot.parameters import QUANTITIES
+from flexhinf.robot.parameters import QUANTITIES, measured, respelled
 from flexhinf.robot.signals import UNITS
-from flexhinf.robot.units import measured, respelled
 
 PLAIN = """
 gravity = 9.81
@@ -180,7 +179,7 @@ def test_a_robot_file_with_a_unit_in_other_letters_is_told_the_right_ones(load, 
 def test_text_where_a_list_belongs_is_shown_as_it_was_written(load, old, new, found, advice):
     with pytest.raises(InvalidInput) as caught:
         load(PLAIN.replace(old, new))
-    assert "list" in caught.value.what
+    assert "list" in caught.value.found
     assert found in caught.value.found
     assert advice in caught.value.advice
 
@@ -219,4 +218,4 @@ def test_a_table_that_is_not_where_a_joint_has_it_is_told_how_to_write(load, old
         load(PLAIN.replace(old, new))
     assert "[[joint]]" in caught.value.advice
     assert "[joint.spring]" in caught.value.advice
-    assert name in caught.value.advice
+    assert name in str(caught.value)

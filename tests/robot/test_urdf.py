@@ -9,6 +9,7 @@ from flexhinf.errors import InvalidInput
 from flexhinf.robot import load_robot
 from flexhinf.robot.dynamics import Tree, bodies_of, forward_dynamics
 from flexhinf.robot.urdf import read_urdf
+from flexhinf.validation import read_xml
 
 ARM = """<?xml version="1.0"?>
 <robot name="arm">
@@ -69,7 +70,7 @@ def elastic(tmp_path):
 @pytest.mark.oracle
 def test_the_same_arm_as_pinocchio_reads(urdf):
     pin = pytest.importorskip("pinocchio")
-    arm = read_urdf(urdf, locked={"grip": 0.03, "follow": 0.03})
+    arm = read_urdf(read_xml(urdf), locked={"grip": 0.03, "follow": 0.03})
     full = pin.buildModelFromUrdf(str(urdf))
     rest = pin.neutral(full)
     locked = [full.getJointId(name) for name in ("grip", "follow") if full.existJointName(name)]
@@ -124,7 +125,7 @@ def test_what_cannot_be_used_is_refused_by_name(urdf, change, options, words):
         assert change[0] in ARM
         urdf.write_text(ARM.replace(*change, 1), encoding="utf-8")
     with pytest.raises(InvalidInput) as caught:
-        read_urdf(urdf, **options)
+        read_urdf(read_xml(urdf), **options)
     error = caught.value
     assert all((error.what, error.found, error.advice))
     assert [word for word in words if word not in str(error)] == []
@@ -145,10 +146,10 @@ def test_a_urdf_without_inertials_or_without_elastic_data(urdf, elastic):
     urdf.write_text("<robot name='a'><link name='b'/><link name='c'/><joint name='j' type='revolute'>"
                     "<parent link='b'/><child link='c'/></joint></robot>", encoding="utf-8")  # fmt: skip
     with pytest.raises(InvalidInput, match=r"'j'.*mass[\s\S]* 0 kg"):
-        read_urdf(urdf)
+        read_urdf(read_xml(urdf))
     urdf.write_text("<mujoco/>", encoding="utf-8")
     with pytest.raises(InvalidInput, match="<robot>"):
-        read_urdf(urdf)
+        read_urdf(read_xml(urdf))
 
 
 BODY = """<robot name="two">
@@ -179,7 +180,7 @@ def test_impossible_bodies_behind_a_fixed_joint_are_refused(tmp_path, changes, w
         text = text.replace(key, value)
     (tmp_path / "arm.urdf").write_text(text, encoding="utf-8")
     with pytest.raises(InvalidInput, match=what):
-        read_urdf(tmp_path / "arm.urdf", joints=["q"])
+        read_urdf(read_xml(tmp_path / "arm.urdf"), joints=["q"])
 
 
 def test_a_massless_body_keeps_its_inertia(tmp_path):
@@ -188,7 +189,7 @@ def test_a_massless_body_keeps_its_inertia(tmp_path):
     for size in ("0.001", "0.0012"):
         path = tmp_path / f"{size}.urdf"
         path.write_text(text.replace("IXX", size).replace("IZZ", size), encoding="utf-8")
-        inertias.append(read_urdf(path, joints=["q"]).links[0].inertia)
+        inertias.append(read_urdf(read_xml(path), joints=["q"]).links[0].inertia)
     assert inertias[1][0] - inertias[0][0] == pytest.approx(0.0002)
 
 
@@ -200,7 +201,7 @@ def refused(path, text, match):
     """The message of a refusal, a few lines long."""
     path.write_text(text, encoding="utf-8")
     with pytest.raises(InvalidInput, match=match) as caught:
-        read_urdf(path)
+        read_urdf(read_xml(path))
     assert len(str(caught.value)) < 2000
 
 
@@ -245,7 +246,7 @@ def test_too_many_links_and_joints_are_refused_in_a_second(tmp_path):
 def test_a_long_chain_of_fixed_links_is_one_link(tmp_path):
     text = chain(900).replace('name="j0" type="fixed"', 'name="j0" type="continuous"')
     (tmp_path / "arm.urdf").write_text(text, encoding="utf-8")
-    arm = read_urdf(tmp_path / "arm.urdf")
+    arm = read_urdf(read_xml(tmp_path / "arm.urdf"))
     assert [joint.name for joint in arm.joints] == ["j0"]
     assert arm.links[0].mass == 900.0
 
@@ -262,7 +263,7 @@ def test_masses_out_of_proportion_are_refused(tmp_path, mass):
 @pytest.mark.parametrize("value", [np.ma.masked, "far", 1e300, np.nan, 10**400])
 def test_a_joint_is_locked_at_a_number(urdf, value):
     with pytest.raises(InvalidInput, match=r"'elbow'.*locked[\s\S]*finite"):
-        read_urdf(urdf, locked={"elbow": value, "follow": 0.0})
+        read_urdf(read_xml(urdf), locked={"elbow": value, "follow": 0.0})
 
 
 @pytest.mark.parametrize(
@@ -311,7 +312,7 @@ def test_joints_that_are_not_named_are_refused(urdf, elastic, options):
 
 def test_limits_of_zero_are_none(tmp_path):
     (tmp_path / "arm.urdf").write_text(ARM.replace('lower="-2" upper="1.5"', 'lower="0" upper="0"'))
-    assert read_urdf(tmp_path / "arm.urdf", locked={"follow": 0.0}).joints[0].limits is None
+    assert read_urdf(read_xml(tmp_path / "arm.urdf"), locked={"follow": 0.0}).joints[0].limits is None
 
 
 def test_efforts_and_speeds_come_from_the_urdf_and_the_file_wins(urdf, elastic):

@@ -12,7 +12,7 @@ from hypothesis import given, strategies as st
 
 from flexhinf import scalars
 from flexhinf.errors import InvalidInput
-from flexhinf.polynomial import basis, univariate
+from flexhinf.polynomial import basis, truncated as univariate
 from flexhinf.polynomial.truncated import degree_slice, size
 from flexhinf.scalars import Jet, coefficients, jets, symbols, trace
 

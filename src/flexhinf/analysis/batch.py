@@ -254,11 +254,10 @@ def equilibrium_integrals(law: LawRows, x: np.ndarray, u: np.ndarray) -> np.ndar
             return point[n:] + integrals[crossings[[np.argmin(np.abs(INTEGRALS[crossings]))]]]
     elif (followed := _followed(law, away, wanted, k)) is not None:
         return point[n:] + followed
-    text = (
-        f"no integrals give the input {np.array2string(u, precision=6)} at {np.array2string(x, precision=6)}"
-    )
     raise NumericalFailure(
-        "The law does not hold the robot at the goal.", text, "another degree, or a law made for this goal"
+        "The law does not hold the robot at the goal.",
+        f"no integrals give the input {np.array2string(u, precision=6)} at {np.array2string(x, precision=6)}",
+        "another degree, or a law made for this goal",
     )
 
 

@@ -131,8 +131,11 @@ def corners(uncertain: int, count: int, seed: int = 0) -> np.ndarray:
     """Signs (N, p) of corners: all 2^p of them if they are at most `count`, else `count` random ones."""
     for name, number in (("uncertain", uncertain), ("count", count), ("seed", seed)):
         if isinstance(number, bool) or not isinstance(number, (int, np.integer)) or number < 0:
-            found = f"expected integers >= 0, got {name}={number!r}"
-            raise InvalidInput("The corners cannot be counted.", found, "count=400")
+            raise InvalidInput(
+                "The corners cannot be counted.",
+                f"expected integers >= 0, got {name}={number!r}",
+                "count=400",
+            )
     if uncertain < 63 and 2**uncertain <= count:
         every = list(itertools.product((-1.0, 1.0), repeat=uncertain))
         return np.array(every).reshape(2**uncertain, uncertain)

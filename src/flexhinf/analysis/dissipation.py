@@ -91,16 +91,17 @@ def dissipation_budget(
         )  # fmt: skip
     states = tuple(run.names["state"])
     if not set(controller.states) <= set(states):
-        found = f"expected {list(controller.states)}, got {list(states)}"
-        raise InvalidInput("The true state of the run is not known.", found, "a loop round a Plant")
+        raise InvalidInput(
+            "The true state of the run is not known.",
+            f"expected {list(controller.states)}, got {list(states)}",
+            "a loop round a Plant",
+        )
     x = run.signals["state"][:, [states.index(name) for name in controller.states]]
     before = controller.input_before(initial_input)
-    integral = _integrals(run, controller, x, before)
-    moved = np.hstack([x, integral]) - law.operating_point
+    moved = np.hstack([x, _integrals(run, controller, x, before)]) - law.operating_point
     with np.errstate(all="ignore"):  # a run that diverges is not complete
         value, wanted = law.value_and_gradient(moved)[0], law.operating_input + law.inputs(moved)
-    late = loop.channel.delay
-    applied = np.vstack([np.tile(before, (late, 1)), run.signals["input"]])[: len(x) - 1]
+    applied = np.vstack([np.tile(before, (loop.channel.delay, 1)), run.signals["input"]])[: len(x) - 1]
     first, last = applied - wanted[:-1], applied - wanted[1:]
     r2, period = law.expansion.r2, controller.period
     square = lambda a, b: np.einsum("ki,ij,kj->k", a, r2, b)  # noqa: E731
@@ -134,7 +135,6 @@ def _integrals(run: Trajectory, controller: Controller, x: np.ndarray, before: n
 
 
 def _disturbances(run: Trajectory, controller: Controller, problem: Any) -> np.ndarray:
-    """d of the problem at each sample (N, md), as the run was given it."""
     names = problem.disturbance_names if isinstance(problem, GeneralisedPlant) else ()
     columns = {name: run.signals["disturbance"][:, i] for i, name in enumerate(run.names["disturbance"])}
     if not controller.mode.moving:

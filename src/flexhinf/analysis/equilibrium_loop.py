@@ -72,11 +72,15 @@ class EquilibriumLoop:
         positions: str | Sequence[str] | None = None,
     ) -> None:
         if goal is not None and equilibrium is not None:
-            found = f"got goal={goal!r} and equilibrium={equilibrium!r}"
-            raise InvalidInput("The equilibrium is given twice.", found, "one of them")
+            raise InvalidInput(
+                "The equilibrium is given twice.",
+                f"got goal={goal!r} and equilibrium={equilibrium!r}",
+                "one of them",
+            )
         if isinstance(delay, bool) or not isinstance(delay, int) or delay < 0:
-            found = f"expected an integer >= 0, got {delay!r}"
-            raise InvalidInput("The delay is not a number of samples.", found, "delay=1")
+            raise InvalidInput(
+                "The delay is not a number of samples.", f"expected an integer >= 0, got {delay!r}", "delay=1"
+            )
         check_delay(delay, period, LONGEST_LINEAR)
         self.law, self.filter, self.plant, self.period = law, filter, true_plant, period
         self.moving, self.delay = moving, delay

@@ -158,7 +158,6 @@ class DiscreteSystem:
 
     @cached_property
     def _schur(self) -> tuple[np.ndarray, np.ndarray]:
-        """(t, q) with a = q t qᴴ, t triangular."""
         from scipy.linalg import schur
 
         t, q = schur(self.a, output="complex")[:2]
@@ -217,8 +216,11 @@ class DiscreteSystem:
             if sizes.max() <= best * (1.0 + ACCURACY):
                 return best, at
             best, at = float(sizes.max()), float(middle[sizes.argmax()])
-        found = f"after {TURNS} turns at {best:.6g}, {at:.6g} rad/s"
-        raise NumericalFailure("The H∞ norm was not found.", found, "a damped loop")
+        raise NumericalFailure(
+            "The H∞ norm was not found.",
+            f"after {TURNS} turns at {best:.6g}, {at:.6g} rad/s",
+            "a damped loop",
+        )
 
 
 def _crossings(a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray, level: float) -> np.ndarray:
@@ -228,8 +230,7 @@ def _crossings(a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray, level
     """
     root = np.sqrt(level)
     b, c, d = b / root, c / root, d / level
-    r = np.eye(d.shape[1]) - d.T @ d
-    through = np.linalg.solve(r, np.hstack([d.T @ c, b.T]))
+    through = np.linalg.solve(np.eye(d.shape[1]) - d.T @ d, np.hstack([d.T @ c, b.T]))
     n = len(a)
     closed = a + b @ through[:, :n]
     outer = c.T @ c + c.T @ d @ through[:, :n]
@@ -293,8 +294,7 @@ class LinearLoop:
         b[:n, m + p + q :], b[n + m :] = exponential(self.a, self.g, self.period)[1], after
         total, by_state = u + np.eye(m, u.shape[1]), parts[2]
         c = np.vstack([by_state, by_state, np.pad(self.positions, ((0, 0), (0, size - n)))])
-        d = np.vstack([total, u, np.zeros((q, u.shape[1]))])
-        return self._closed(parts, (b, c, d), by_state, total)
+        return self._closed(parts, (b, c, np.vstack([total, u, np.zeros((q, u.shape[1]))])), by_state, total)
 
     def part(self, into: str, out_of: str, delay: float | None = None) -> DiscreteSystem:
         """One block of `system`: into "w", "v", "r" or "d", out of "u+w", "u" or "q"."""

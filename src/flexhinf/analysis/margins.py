@@ -101,7 +101,6 @@ def _guesses(loop: LinearLoop) -> list[tuple[float, float]]:
 
 
 def _nearest(loop: LinearLoop, frequency: float, delay: float) -> complex:
-    """log of the eigenvalue of the opened loop nearest to one."""
     samples = delay / loop.period
     j = np.floor(samples)
     response = loop.opened((samples - j) * loop.period).response(frequency)[0]
@@ -180,7 +179,6 @@ class Margins:
 
     @cached_property
     def _sweep(self) -> np.ndarray:
-        """(F, 2 m + q, m + l): (u + w, u, q) by w and the torques at the links, at these frequencies."""
         return self.linear.running.response(self._frequencies, self._inputs)
 
     @cached_property
@@ -498,5 +496,4 @@ class FilteredLoop:
         linear = self.linear(self.loop.gain(process_noise))
         poles = linear.running.poles
         near = np.abs(poles[np.imag(poles) >= 0.0])
-        inside = near[(near > self.grid[0]) & (near < self.grid[-1])]
-        return Margins(linear, np.union1d(self.grid, inside))
+        return Margins(linear, np.union1d(self.grid, near[(near > self.grid[0]) & (near < self.grid[-1])]))

@@ -219,7 +219,6 @@ class SampledController:
         return slice(0, 0)
 
     def _belief(self, moving: Any, still: Any) -> Any:
-        """The whole belief from what moves of it, and what does not."""
         parts, rest = [], {True: moving, False: still}
         for k, part in enumerate(self.estimator.initial):
             size, moves = int(np.size(part)), k in self.parts
@@ -231,7 +230,6 @@ class SampledController:
         return np.concatenate([np.ravel(np.asarray(belief[k])) for k in self.parts])
 
     def _updated(self, moving: Any, held: Any, measured: bool) -> Any:
-        """The belief after a measurement (of what moves, y, u), or after a period (of what moves, u)."""
         e, size, n = self.estimator, self.estimator.plant.parameters.size, self.places["belief"].stop
         p, belief, u = (
             e.plant.parameters.named(held[:size]),

@@ -139,7 +139,6 @@ def climb(
 
 
 def _joined(searches: list[_Search]) -> list[_Search]:
-    """One search for all that are near a better one."""
     kept: list[_Search] = []
     for one in sorted(searches, key=lambda one: -one.value):  # stable: the first start wins a tie
         near = [
@@ -250,8 +249,7 @@ def worst_gain(
         """The search of a plant, and the best disturbance (N, k) at its times."""
         problem = problem_at(point)
         search = DisturbanceSearch(problem, MovedLaw(law, problem), None, period, horizon)
-        times = search.search_runs.times + 1e-9
-        place = np.searchsorted(best.attained.times, times, side="right") - 1
+        place = np.searchsorted(best.attained.times, search.search_runs.times + 1e-9, side="right") - 1
         return search, best.attained.disturbance[place]
 
     def gains(points: np.ndarray) -> np.ndarray:

@@ -67,8 +67,11 @@ class DisturbanceRuns:
         self, problem: GeneralisedPlant, law: Law, estimator: Any, period: float, horizon: float
     ) -> None:
         if tuple(law.state_names) != tuple(problem.state_names):
-            found = f"expected {list(problem.state_names)}, got {list(law.state_names)}"
-            raise InvalidInput("The law was not made for the problem's states.", found, "the same integrals")
+            raise InvalidInput(
+                "The law was not made for the problem's states.",
+                f"expected {list(problem.state_names)}, got {list(law.state_names)}",
+                "the same integrals",
+            )
         self.problem, self.law, self.period, self.horizon = problem, law, period, horizon
         self.loop = Loop(problem.plant, Controller(law, estimator, period))
         self.times = np.arange(round(horizon / period) + 1) * period
@@ -100,8 +103,7 @@ class DisturbanceRuns:
         """x − x* with the integrals as the controller has them (N, n + k), and u − u* (N, m)."""
         controller, x = self.loop.controller, run.signals["state"]
         position = self.tracked(run)
-        wanted = self.wanted(d)[: len(position)]
-        growth = self.period * (0.5 * (position[1:] + position[:-1]) - wanted[:-1])
+        growth = self.period * (0.5 * (position[1:] + position[:-1]) - self.wanted(d)[: len(position) - 1])
         integral = np.vstack([np.zeros(position.shape[1]), np.cumsum(growth, axis=0)])
         states = [tuple(self.problem.plant.states).index(name) for name in controller.states]
         moved = np.hstack([x[:, states] - self.law.operating_point[: len(states)], integral])
@@ -109,8 +111,7 @@ class DisturbanceRuns:
 
     def wanted(self, d: np.ndarray) -> np.ndarray:
         """Commanded positions (N, k) of the interval that begins at each sample."""
-        controller = self.loop.controller
-        wanted = np.tile(controller.operating_reference, (len(d), 1))
+        wanted = np.tile(self.loop.controller.operating_reference, (len(d), 1))
         wanted[:, : self.commands] += d[:, : self.commands]
         return wanted
 
@@ -125,7 +126,6 @@ class DisturbanceRuns:
 
     @cached_property
     def _penalty(self) -> Rows:
-        """|h|² of a deviation (n,)."""
         problem = self.problem
         p, n = problem.plant.parameters, len(problem.state_names)
 
@@ -197,8 +197,7 @@ def _slopes(
     chosen = [tuple(plant.disturbances).index(name) for name in runs.problem.disturbances or ()]
     torques[:, chosen] = d[:, c:]
     u_by, after = split(stepped.u.by), split(stepped.memory.by)
-    sub_steps = runs.loop.sub_steps
-    moved = one_period(plant, runs.period, sub_steps, x, stepped.u.value, vectors, torques)[1]
+    moved = one_period(plant, runs.period, runs.loop.sub_steps, x, stepped.u.value, vectors, torques)[1]
     by_input = moved[:, :, n : n + m]
     state = np.concatenate([by_input @ u_by[0], after[0]], axis=1)
     state[:, :n, :n] += moved[:, :, :n]
@@ -302,8 +301,11 @@ class DisturbanceSearch:
         search_period: float | None = None,
     ) -> None:
         if estimator is not None and search_period not in (None, period):
-            found = f"expected search_period={period:g} s or none, got {search_period!r}"
-            raise InvalidInput("An estimator has one period.", found, "search_period only for state feedback")
+            raise InvalidInput(
+                "An estimator has one period.",
+                f"expected search_period={period:g} s or none, got {search_period!r}",
+                "search_period only for state feedback",
+            )
         if search_period is None:
             search_period = max(period, SEARCH_PERIOD) if estimator is None else period
         steady = estimator
@@ -319,8 +321,7 @@ class DisturbanceSearch:
 
     def on(self, times: np.ndarray, d: np.ndarray) -> np.ndarray:
         """Samples of the search, held, at other times."""
-        place = (times / self.search_runs.period + 1e-6).astype(int)
-        return d[np.minimum(place, len(d) - 1)]
+        return d[np.minimum((times / self.search_runs.period + 1e-6).astype(int), len(d) - 1)]
 
     def scaled(self, d: np.ndarray, energy: float) -> np.ndarray:
         """d with ∫|d|² = energy."""
@@ -335,8 +336,7 @@ class DisturbanceSearch:
         direction = np.linalg.svd(system.response(frequency)[0])[2][0].conj()
         t = self.search_runs.times
         window = np.sin(np.pi * (t + self.search_runs.period) / (t[-1] + 2.0 * self.search_runs.period)) ** 2
-        wave = np.real(np.exp(1j * frequency * t)[:, None] * direction)
-        return gain, wave * window[:, None]
+        return gain, np.real(np.exp(1j * frequency * t)[:, None] * direction) * window[:, None]
 
     def random(self, seed: int) -> np.ndarray:
         """Noise that fades: a start without a preference."""

@@ -101,7 +101,6 @@ def elastic_joints(plant: Plant, x: np.ndarray, u: np.ndarray) -> ElasticJoints:
 
 
 def _places(plant: Plant, torque: str) -> list[int]:
-    """Columns of a group of torques among the disturbances."""
     return [plant.disturbances.index(name) for name in plant.expanded(torque)]  # type: ignore[union-attr]
 
 
@@ -175,9 +174,10 @@ class EquilibriumLaw(Law):
         x, u = (real_array(part) for part in self.equilibrium)
         shapes = (self.plant.n,), (len(self.plant.inputs),)
         if (x.shape, u.shape) != shapes or not (np.all(np.isfinite(x)) and np.all(np.isfinite(u))):
-            text = f"expected a finite state and input of shapes {shapes}, got {x.shape} and {u.shape}"
             raise InvalidInput(
-                "The equilibrium of the law does not fit its plant.", text, "robot.operating_point(pose)"
+                "The equilibrium of the law does not fit its plant.",
+                f"expected a finite state and input of shapes {shapes}, got {x.shape} and {u.shape}",
+                "robot.operating_point(pose)",
             )
         object.__setattr__(self, "equilibrium", read_only((x, u)))
         object.__setattr__(self, "integrate", self.plant.expanded(self.integrate))
@@ -284,8 +284,7 @@ def lqr_gain(problem: GeneralisedPlant, effort: float = 1.0) -> np.ndarray:
     a, b, h = linear.f_parts[1], linear.g2_parts[0][:, :, 0], linear.h_parts[1]
     r2 = checked_positive("The factor of the effort", effort, "a number", "effort=1.0") * problem.r2
     try:
-        p = solve_continuous_are(a, b, h.T @ h, r2)
-        gain = -np.linalg.solve(r2, b.T @ p)
+        gain = -np.linalg.solve(r2, b.T @ solve_continuous_are(a, b, h.T @ h, r2))
         slowest = float(np.linalg.eigvals(a + b @ gain).real.max())
         if slowest < 0.0:
             return read_only(gain)

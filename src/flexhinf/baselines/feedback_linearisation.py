@@ -52,9 +52,11 @@ class NormalForm:
         names = tuple(self.outputs)
         object.__setattr__(self, "outputs", names)
         if len(set(names)) != len(names) or len(names) != len(self.plant.inputs):
-            found = f"expected {len(self.plant.inputs)} distinct states, got {list(names)}"
-            advice = "one state per input, the link positions of a robot"
-            raise InvalidInput("A normal form needs as many outputs as inputs.", found, advice)
+            raise InvalidInput(
+                "A normal form needs as many outputs as inputs.",
+                f"expected {len(self.plant.inputs)} distinct states, got {list(names)}",
+                "one state per input, the link positions of a robot",
+            )
         for name in names:
             self.plant.index(name)
         _ = self._derivatives
@@ -119,8 +121,7 @@ class NormalForm:
         x, u, p, _, top = self._derivatives
         highest, v = ca.vertcat(*top), ca.SX.sym("v", u.numel())
         decoupling = ca.jacobian(highest, u)
-        free = ca.substitute(highest, u, ca.SX.zeros(u.numel()))
-        solved = ca.densify(ca.solve(decoupling, v - free))
+        solved = ca.densify(ca.solve(decoupling, v - ca.substitute(highest, u, ca.SX.zeros(u.numel()))))
         return ca.Function("linearising", [x, v, p], [solved], {"cse": True})
 
     def coordinates(self, x: Any, u: Any, p: Any) -> tuple[Any, Any]:
@@ -174,17 +175,21 @@ class FeedbackLinearisation(PlacedLaw):
         object.__setattr__(self, "coefficients", chains)
         extra = bool(self.integrate)
         if extra and self.integrate != self.outputs:
-            what = "Feedback linearisation integrates the errors of its outputs, all or none."
-            found = f"expected {list(self.outputs)} or nothing, got {list(self.integrate)}"
-            raise InvalidInput(what, found, "integrate=outputs, or integrate=()")
+            raise InvalidInput(
+                "Feedback linearisation integrates the errors of its outputs, all or none.",
+                f"expected {list(self.outputs)} or nothing, got {list(self.integrate)}",
+                "integrate=outputs, or integrate=()",
+            )
         wanted, shapes = (
             [(degree + extra,) for degree in self.form.degrees],
             [chain.shape for chain in chains],
         )
         if shapes != wanted or not all(np.all(np.isfinite(chain)) for chain in chains):
-            found = f"expected finite numbers of shapes {wanted}, got {shapes}"
-            advice = "FeedbackLinearisation.tuned(problem, bandwidth)"
-            raise InvalidInput("The coefficients do not fit the relative degrees.", found, advice)
+            raise InvalidInput(
+                "The coefficients do not fit the relative degrees.",
+                f"expected finite numbers of shapes {wanted}, got {shapes}",
+                "FeedbackLinearisation.tuned(problem, bandwidth)",
+            )
         values = np.linalg.svd(self.form.decoupling_matrix(self.equilibrium[0]), compute_uv=False)
         if not np.all(np.isfinite(values)) or values[-1] <= SINGULAR * values[0]:
             raise InvalidInput(

@@ -61,9 +61,11 @@ def rigid_gains(
     checked_positive("The bandwidth", bandwidth, "rad/s", "bandwidth=6.0")
     checked_positive("The damping ratio", damping, "a number", "damping=0.7")
     if not (np.isfinite(integral_rate) and integral_rate >= 0.0):
-        found = f"expected a share of the bandwidth, got {integral_rate!r}"
-        what = "The rate of the integral is negative or not a number."
-        raise InvalidInput(what, found, f"integral_rate={INTEGRAL_RATE}")
+        raise InvalidInput(
+            "The rate of the integral is negative or not a number.",
+            f"expected a share of the bandwidth, got {integral_rate!r}",
+            f"integral_rate={INTEGRAL_RATE}",
+        )
     slow = integral_rate * bandwidth
     proportional = inertia * (bandwidth**2 + 2.0 * damping * bandwidth * slow)
     derivative = np.maximum(0.0, inertia * (2.0 * damping * bandwidth + slow) - friction)
@@ -119,8 +121,11 @@ class TorqueFeedback(PlacedLaw):
         for name, value in given.items():  # one finite number ≥ 0 per joint
             numbers = real_array(value)
             if numbers.shape not in ((), (1,), (n,)) or not np.all(np.isfinite(numbers) & (numbers >= 0.0)):
-                found = f"expected a number >= 0, or {n} of them, got {value!r}"
-                raise InvalidInput(f"The {name} gain does not fit the joints.", found, "one gain per joint")
+                raise InvalidInput(
+                    f"The {name} gain does not fit the joints.",
+                    f"expected a number >= 0, or {n} of them, got {value!r}",
+                    "one gain per joint",
+                )
             object.__setattr__(self, name, np.broadcast_to(numbers, (n,)).copy())
         if len(self.integrate) not in (0, n) or bool(len(self.integrate)) != bool(np.any(self.integral)):
             raise InvalidInput(

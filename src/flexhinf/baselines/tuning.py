@@ -179,7 +179,6 @@ def tune(
 
 
 def _spread(begin: np.ndarray, low: np.ndarray, high: np.ndarray, samples: int, seed: int) -> np.ndarray:
-    """A Latin hypercube (samples, parameters) about the start, half of the way to the bounds."""
     from scipy.stats import qmc
 
     if not len(begin) or not samples:

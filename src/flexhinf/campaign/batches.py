@@ -35,7 +35,7 @@ from flexhinf.campaign.metrics import (
 )
 from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.loop import Ensemble, EnsembleResult, Loop, Trajectory
-from flexhinf.loop.simulation.compiled_runs import sample_count, starting_state
+from flexhinf.loop.simulation.inputs import sample_count, starting_state
 from flexhinf.plant import Plant
 from flexhinf.validation import unknown_name, value_text
 
@@ -122,10 +122,7 @@ class Campaign:
         object.__setattr__(self, "metrics", chosen_metrics(self.metrics, bool(tracked)))
         object.__setattr__(self, "signals", tuple(tracked if self.signals is None else self.signals))
         sample_count(self.options["duration"], self.loop.controller.period)
-        self._check_first()
-
-    def _check_first(self) -> None:
-        (first,) = self.draw.samples([0], self.samples, self.seed)
+        first = self._first
         names = [*OWN, *first.row(), *(name for metrics in self.metrics for name in metrics.units)]
         clash = sorted({name for name in names if names.count(name) > 1})
         if clash:
@@ -142,6 +139,10 @@ class Campaign:
         if not first.failure and isinstance(self.loop.true_plant, Plant):
             self.loop_of(first).prepared(**self._arguments(0, first))
 
+    @cached_property
+    def _first(self) -> Sample:
+        return self.draw.samples([0], self.samples, self.seed)[0]
+
     @property
     def batches(self) -> int:
         """How many batches there are."""
@@ -154,12 +155,10 @@ class Campaign:
     @cached_property
     def columns(self) -> tuple[Column, ...]:
         """Of the table, in their order."""
-        (first,) = self.draw.samples([0], self.samples, self.seed)
-        units = self.draw.units
-        plant = self.loop.true_plant.units
+        units, plant = self.draw.units, self.loop.true_plant.units
         return (
             *(Column(name, "own", "s" if name.endswith("_s") else "") for name in OWN),
-            *(Column(name, "parameter", units.get(name, "")) for name in first.row()),
+            *(Column(name, "parameter", units.get(name, "")) for name in self._first.row()),
             *(
                 Column(name, PART if name in one.parts else "metric", unit)
                 for one in self.metrics
@@ -259,11 +258,11 @@ class Campaign:
 
     def modes(self, samples: Sequence[Sample]) -> dict[str, list[int]]:
         """Places of the samples by their execution mode; `ALONE` are those of which signals are needed."""
-        found: dict[str, list[int]] = {}
+        places: dict[str, list[int]] = {}
         for place, sample in enumerate(samples):
             if not sample.failure:
-                found.setdefault(ALONE if self.ensemble is None else self._mode(sample), []).append(place)
-        return found
+                places.setdefault(ALONE if self.ensemble is None else self._mode(sample), []).append(place)
+        return places
 
     @cached_property
     def ensemble(self) -> Ensemble | None:
@@ -271,38 +270,52 @@ class Campaign:
         if not isinstance(self.loop.true_plant, Plant) or any(one.reduced is None for one in self.metrics):
             return None
         reductions = [reduction for one in self.metrics for reduction in one.reductions]
-        made = self._ensemble(reductions=reductions, kept=self.signals or (), instants=self.instants)
-        return replace(made, common=(*made.common, rest_reduction(made)))
+        ensemble = self._ensemble(reductions=reductions, kept=self.signals or (), instants=self.instants)
+        return replace(ensemble, common=(*ensemble.common, rest_reduction(ensemble)))
 
     @cached_property
     def _recorder(self) -> Ensemble:
-        """The same runs, of which trajectories are asked for."""
         return self._ensemble()
 
-    def _ensemble(self, **wanted: Any) -> Ensemble:
+    def _ensemble(self, **reduced: Any) -> Ensemble:
         loop = Loop(self.loop.true_plant, self.loop.controller, self.loop.sub_steps)
         loop.channel = self.loop.channel
-        return loop.ensemble(**self.options, **wanted)
+        return loop.ensemble(**self.options, **reduced)
 
     def __getstate__(self) -> dict[str, Any]:
         """For other processes: without compiled code."""
-        return {name: value for name, value in vars(self).items() if name not in ("ensemble", "_recorder")}
+        return {
+            name: value
+            for name, value in vars(self).items()
+            if name not in ("ensemble", "_recorder", "_first")
+        }
 
     @cached_property
     def settings(self) -> dict[str, str]:
         """Everything that the rows depend on, as text by name; two campaigns with the same settings are the same."""
         options = {name: option_text(value) for name, value in sorted(self.options.items())}
-        (first,) = self.draw.samples(
-            [0], self.samples, self.seed
-        )  # tells draws of the same code from each other
-        numbers = ", ".join(f"{name} {value:.{DIGITS}g}" for name, value in first.row().items())
+        # the first sample tells draws of the same code from each other
+        numbers = ", ".join(f"{name} {value:.{DIGITS}g}" for name, value in self._first.row().items())
         own = [one for one in self.metrics if one.function is not None and not is_ours(one.function)]
+        # controller, plant and the end of a short run distinguish two loops of the same description
+        loop, controller = self.loop, self.loop.controller
+        plant = loop.true_plant
+        numbers_of = {"plant": number_hash(plant.parameters.vector())} if isinstance(plant, Plant) else {}
+        duration = min(PROBE * controller.period, float(self.options["duration"]))
+        run = self.loop_of(Sample()).run(
+            **{**self.options, "duration": duration, "seed": sample_seed(self.seed, 0)}
+        )
+        last = np.concatenate([run.signals[kind][-1] for kind in ("state", "estimate", "input")])
         return {
             "version": __version__, "samples": str(self.samples), "seed": str(self.seed), "batch": str(self.batch),
             **dict(self.about), **dict(self.draw.settings), **options, "first sample": numbers,
             "metrics": ", ".join(name for one in self.metrics for name in one.units),
             **{f"metric {', '.join(one.units)}": fingerprint(one.function) for one in own},
-            "signals": ", ".join(self.signals or ()), **self._probe,
+            "signals": ", ".join(self.signals or ()),
+            "period": repr(controller.period), "measured": ", ".join(controller.measured),
+            "controller": number_hash(controller.data_vector), "sub-steps": str(loop.sub_steps),
+            **numbers_of,
+            "short run": " ".join(f"{value:.{DIGITS}g}" for value in last),
         }  # fmt: skip
 
     @cached_property
@@ -310,23 +323,6 @@ class Campaign:
         """Of what the rows depend on, and of what they hold."""
         columns = [[column.name, column.kind, column.unit] for column in self.columns]
         return campaign_digest(self.settings, columns, self.time.tolist())
-
-    @cached_property
-    def _probe(self) -> dict[str, str]:
-        """Controller, plant and the end of a short run: they distinguish two loops of the same description."""
-        loop, controller = self.loop, self.loop.controller
-        found = {
-            "period": repr(controller.period), "measured": ", ".join(controller.measured),
-            "controller": number_hash(controller.data_vector), "sub-steps": str(loop.sub_steps),
-        }  # fmt: skip
-        if isinstance(loop.true_plant, Plant):
-            found["plant"] = number_hash(loop.true_plant.parameters.vector())
-        duration = min(PROBE * controller.period, float(self.options["duration"]))
-        options = {**self.options, "duration": duration, "seed": sample_seed(self.seed, 0)}
-        run = self.loop_of(Sample()).run(**options)
-        last = np.concatenate([run.signals[kind][-1] for kind in ("state", "estimate", "input")])
-        found["short run"] = " ".join(f"{value:.{DIGITS}g}" for value in last)
-        return found
 
 
 def check_counts(samples: Any, seed: Any, batch: Any) -> None:
@@ -376,8 +372,16 @@ def run_samples(campaign: Campaign, indices: range) -> Rows:
 
 def rows_of(campaign: Campaign, indices: Sequence[int], drawn: Sequence[Sample]) -> Rows:
     """The rows of samples that need not be drawn, each with the noise of the sample of its index in the campaign."""
-    table = _Table(campaign, indices)
-    names = set(campaign.named("parameter"))
+    columns, count, names = dict[str, np.ndarray](), len(indices), set(campaign.named("parameter"))
+    for column in campaign.columns:
+        trace = column.kind == "trace"
+        shape = (count, len(campaign.instants)) if trace else count
+        columns[column.name] = np.full(shape, math.nan, np.float32 if trace else float)
+    columns["sample"], columns["seed"] = (
+        np.array(indices, dtype=np.int64),
+        sample_seeds(campaign.seed, indices),
+    )
+    columns |= {name: np.full(count, "", dtype=object) for name in ("status", "failure")}
     for place, (index, one) in enumerate(zip(indices, drawn)):
         row = one.row()
         if set(row) != names:
@@ -387,66 +391,57 @@ def rows_of(campaign: Campaign, indices: Sequence[int], drawn: Sequence[Sample])
                 "a draw that names the same parameters every time",
             )
         for name, value in row.items():
-            table.columns[name][place] = value
+            columns[name][place] = value
         if one.failure:
-            table.columns["status"][place], table.columns["failure"][place] = NOT_RUN, one.failure
+            columns["status"][place], columns["failure"][place] = NOT_RUN, one.failure
     modes = campaign.modes(drawn)
     alone, place = modes.pop(ALONE, []), 0
     try:
         for some in modes.values():
             assert campaign.ensemble is not None
             plants = campaign.plants([indices[k] for k in some], [drawn[k] for k in some])
-            table.fill(np.array(some), campaign.ensemble.run(**plants))
+            _fill_reduced(campaign, columns, np.array(some), campaign.ensemble.run(**plants))
         runs = campaign.trajectories([indices[k] for k in alone], [drawn[k] for k in alone])
         for place in alone:
-            table.judge(place, next(runs))
+            _fill_run(campaign, columns, place, next(runs))
     except FlexhinfError as error:
         raise InvalidInput(
             f"Sample {indices[place]} of the campaign, or one up to {indices[-1]}, is refused.",
             " ".join(str(error).split()),
             "a draw and metrics that fit every sample",
         ) from error
-    return Rows(table.columns)
+    return Rows(columns)
 
 
-class _Table:
-    def __init__(self, campaign: Campaign, indices: Sequence[int]) -> None:
-        self.campaign, count = campaign, len(indices)
-        self.columns: dict[str, np.ndarray] = {}
-        for column in campaign.columns:
-            trace = column.kind == "trace"
-            shape = (count, len(campaign.instants)) if trace else count
-            self.columns[column.name] = np.full(shape, math.nan, np.float32 if trace else float)
-        self.columns["sample"] = np.array(indices, dtype=np.int64)
-        self.columns["seed"] = sample_seeds(campaign.seed, indices)
-        self.columns |= {name: np.full(count, "", dtype=object) for name in ("status", "failure")}
+def _fill_reduced(
+    campaign: Campaign, columns: dict[str, np.ndarray], places: np.ndarray, result: EnsembleResult
+) -> None:
+    """Status, metrics and kept signals of runs in lanes."""
+    ended = np.where(result.common["unstable"] > 0.5, UNSTABLE, COMPLETED)
+    columns["status"][places] = np.where(result.completed, ended, DIVERGED)
+    columns["diverged_at_s"][places] = result.diverged_at
+    for metrics in campaign.metrics:
+        assert metrics.reduced is not None
+        values = metrics.reduced(result)
+        for name in metrics.units:
+            columns[name][places] = np.where(result.completed, values[name], math.nan)
+    kept = columns["sample"][places] < TRACED
+    with np.errstate(over="ignore"):  # of a run that diverges: 32 bits call it infinite
+        for k, name in enumerate(campaign.signals or ()):
+            columns[TRACE + name][places[kept]] = result.kept[kept, :, k]
 
-    def fill(self, places: np.ndarray, found: EnsembleResult) -> None:
-        """Status, metrics and kept signals of runs in lanes."""
-        ended = np.where(found.common["unstable"] > 0.5, UNSTABLE, COMPLETED)
-        status = np.where(found.completed, ended, DIVERGED)
-        self.columns["status"][places], self.columns["diverged_at_s"][places] = status, found.diverged_at
-        for metrics in self.campaign.metrics:
-            assert metrics.reduced is not None
-            values = metrics.reduced(found)
-            for name in metrics.units:
-                self.columns[name][places] = np.where(found.completed, values[name], math.nan)
-        kept = self.columns["sample"][places] < TRACED
-        with np.errstate(over="ignore"):  # of a run that diverges: 32 bits call it infinite
-            for k, name in enumerate(self.campaign.signals or ()):
-                self.columns[TRACE + name][places[kept]] = found.kept[kept, :, k]
 
-    def judge(self, place: int, run: Trajectory) -> None:
-        """Status and metrics, and the signals that are kept."""
-        if run.diverged_at is None:
-            self.columns["status"][place] = UNSTABLE if is_unstable(run) else COMPLETED
-            for metrics in self.campaign.metrics:
-                for name, value in metrics(run).items():
-                    self.columns[name][place] = value
-        else:
-            self.columns["status"][place], self.columns["diverged_at_s"][place] = DIVERGED, run.diverged_at
-        if self.columns["sample"][place] < TRACED:
-            at = self.campaign.instants[: np.searchsorted(self.campaign.instants, len(run.time))]
-            with np.errstate(over="ignore"):  # of a run that diverges: 32 bits call it infinite
-                for name in self.campaign.signals or ():
-                    self.columns[TRACE + name][place, : len(at)] = run.tracked(name)[at]
+def _fill_run(campaign: Campaign, columns: dict[str, np.ndarray], place: int, run: Trajectory) -> None:
+    """Status, metrics and kept signals of one run."""
+    if run.diverged_at is None:
+        columns["status"][place] = UNSTABLE if is_unstable(run) else COMPLETED
+        for metrics in campaign.metrics:
+            for name, value in metrics(run).items():
+                columns[name][place] = value
+    else:
+        columns["status"][place], columns["diverged_at_s"][place] = DIVERGED, run.diverged_at
+    if columns["sample"][place] < TRACED:
+        at = campaign.instants[: np.searchsorted(campaign.instants, len(run.time))]
+        with np.errstate(over="ignore"):
+            for name in campaign.signals or ():
+                columns[TRACE + name][place, : len(at)] = run.tracked(name)[at]

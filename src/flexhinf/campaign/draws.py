@@ -66,12 +66,13 @@ def campaign_digest(
 
 def option_text(value: Any) -> str:
     """An option of a run; of a signal its name, of a user's function its fingerprint."""
-    if isinstance(value, Mapping):
-        return ", ".join(f"{name}: {option_text(part)}" for name, part in value.items())
-    if isinstance(value, np.ndarray):
-        return ", ".join(repr(one) for one in value.ravel().tolist())
-    if isinstance(value, types.FunctionType | types.MethodType | functools.partial) and not is_ours(value):
-        return fingerprint(value)
+    match value:
+        case Mapping():
+            return ", ".join(f"{name}: {option_text(part)}" for name, part in value.items())
+        case np.ndarray():
+            return ", ".join(repr(one) for one in value.ravel().tolist())
+        case types.FunctionType() | types.MethodType() | functools.partial() if not is_ours(value):
+            return fingerprint(value)
     text = str(getattr(value, "name", "") or getattr(value, "__qualname__", None) or repr(value))
     return str(type(value).__qualname__) if " at 0x" in text else text
 
@@ -99,42 +100,47 @@ class _Reader:
         self.kept: list[Any] = []  # so that no other value gets the identity of one that is known
 
     def text(self, value: Any) -> str:
-        """Of any value."""
-        if value is None or value is Ellipsis or isinstance(value, (bool, int, str, bytes)):
-            return repr(value)
-        if isinstance(value, (float, complex)):
-            return f"{value:.{READ_DIGITS}g}"
-        if isinstance(value, np.generic):
-            return self.text(value.item())
+        match value:
+            case None | bool() | int() | str() | bytes() | types.EllipsisType():
+                return repr(value)
+            case float() | complex():
+                return f"{value:.{READ_DIGITS}g}"
+            case np.generic():
+                return self.text(value.item())
         if id(value) not in self.known:
             self.kept.append(value)
             self.known[id(value)] = f"inside {_name(type(value))}"  # where it holds itself
-            found = self._code(value) or self._container(value) or self._instance(value)
-            self.known[id(value)] = hashlib.sha256(found.encode()).hexdigest()
+            text = self._part(value) or self._instance(value)
+            self.known[id(value)] = hashlib.sha256(text.encode()).hexdigest()
         return self.known[id(value)]
 
-    def _container(self, value: Any) -> str:
-        if isinstance(value, (set, frozenset)):
-            return f"set {sorted(map(self.text, value))}"
-        if isinstance(value, np.ndarray):
-            return f"array {value.shape} {[self.text(one) for one in value.ravel().tolist()]}"
-        if isinstance(value, (list, tuple)):
-            return f"{type(value).__name__} {[self.text(one) for one in value]}"
-        if isinstance(value, Mapping):
-            return f"map {[(self.text(key), self.text(one)) for key, one in value.items()]}"
+    def _part(self, value: Any) -> str:
+        """Of a container or of code; empty for another object."""
+        match value:
+            case set() | frozenset():
+                return f"set {sorted(map(self.text, value))}"
+            case np.ndarray():
+                return f"array {value.shape} {[self.text(one) for one in value.ravel().tolist()]}"
+            case list() | tuple():
+                return f"{type(value).__name__} {[self.text(one) for one in value]}"
+            case Mapping():
+                return f"map {[(self.text(key), self.text(one)) for key, one in value.items()]}"
+            case types.ModuleType():
+                return f"module {value.__name__}"
+            case types.MethodType():
+                return f"method {self.text(value.__func__)} of {self.text(value.__self__)}"
+            case functools.partial():
+                return f"partial {[self.text(one) for one in (value.func, value.args, value.keywords)]}"
+            case types.CodeType():
+                return self._compiled(value)
+            case types.BuiltinFunctionType():
+                return f"built in {_name(value)}"
+            case types.FunctionType() | type():
+                return self._function(value)
         return ""
 
-    def _code(self, value: Any) -> str:
-        if isinstance(value, types.ModuleType):
-            return f"module {value.__name__}"
-        if isinstance(value, types.MethodType):
-            return f"method {self.text(value.__func__)} of {self.text(value.__self__)}"
-        if isinstance(value, functools.partial):
-            return f"partial {[self.text(one) for one in (value.func, value.args, value.keywords)]}"
-        if isinstance(value, types.CodeType):
-            return self._compiled(value)
-        if not isinstance(value, (types.FunctionType, type)):
-            return f"built in {_name(value)}" if isinstance(value, types.BuiltinFunctionType) else ""
+    def _function(self, value: types.FunctionType | type) -> str:
+        """Of a function or a class, of another package by its name alone."""
         if _package(value) != self.package or self.package == "flexhinf":
             return f"code {_name(value)}"
         if isinstance(value, type):
@@ -174,11 +180,11 @@ class _Reader:
 
 
 def _globals(code: types.CodeType) -> list[str]:
-    found = {one.argval for one in dis.get_instructions(code) if one.opname in ("LOAD_GLOBAL", "LOAD_NAME")}
+    names = {one.argval for one in dis.get_instructions(code) if one.opname in ("LOAD_GLOBAL", "LOAD_NAME")}
     for one in code.co_consts:
         if isinstance(one, types.CodeType):
-            found |= set(_globals(one))
-    return sorted(found)
+            names |= set(_globals(one))
+    return sorted(names)
 
 
 #: How a number is distributed in its interval.
@@ -337,7 +343,7 @@ class FunctionDraw(Draw):
 
     def samples(self, indices: Sequence[int], count: int, seed: int) -> list[Sample]:
         """Each from a generator of its own (Philox 4×64, the number of the sample in its counter)."""
-        found = []
+        drawn = []
         for k in indices:
             bits = np.random.Philox(key=[seed, _FUNCTIONS], counter=[0, 0, 0, k])
             value = self.function(np.random.Generator(bits))
@@ -347,8 +353,8 @@ class FunctionDraw(Draw):
                     f"expected a mapping by name or a Sample, got {value_text(value)}",
                     "{'stiffness': rng.uniform(0.9, 1.1)}",
                 )
-            found.append(value if isinstance(value, Sample) else Sample(value))
-        return found
+            drawn.append(value if isinstance(value, Sample) else Sample(value))
+        return drawn
 
     @property
     def settings(self) -> Mapping[str, str]:
@@ -472,12 +478,12 @@ def _sobol(indices: np.ndarray, dimensions: int, seed: int) -> np.ndarray:
     """Points (N, dimensions) of the scrambled sequence: each run of successive numbers at once."""
     from scipy.stats import qmc
 
-    found = np.empty((len(indices), dimensions))
+    points = np.empty((len(indices), dimensions))
     for run in np.split(np.arange(len(indices)), np.flatnonzero(np.diff(indices) != 1) + 1):
         if len(run):
             sequence = qmc.Sobol(dimensions, rng=seed, bits=_SOBOL_BITS)
             if indices[run[0]]:
                 sequence.fast_forward(int(indices[run[0]]))
             even = 1 << (len(run) - 1).bit_length()  # SciPy warns of other numbers at the beginning
-            found[run] = sequence.random(even)[: len(run)]
-    return found
+            points[run] = sequence.random(even)[: len(run)]
+    return points

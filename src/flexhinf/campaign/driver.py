@@ -21,8 +21,8 @@ import numpy as np
 
 from flexhinf import __version__
 from flexhinf.campaign.batches import BATCH, TRACED, Campaign, Rows, checked_integer, run_batch
-from flexhinf.campaign.journal import Journal, disk_refusals, labelled
-from flexhinf.campaign.results import MergedTable, merged
+from flexhinf.campaign.journal import Journal, disk_refusals
+from flexhinf.campaign.results import MergedTable, labelled, merged
 from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.validation import extra_package, unknown_name, value_text
 
@@ -66,54 +66,42 @@ def in_cluster(address: str) -> Executor:
     )
 
     def run(campaign: Campaign, batches: Sequence[int]) -> Iterator[tuple[int, Rows]]:
-        from distributed import Client  # type: ignore[import-not-found]
+        import cloudpickle  # type: ignore[import-not-found]
+        from distributed import CancelledError, Client, KilledWorker, as_completed  # type: ignore[import-not-found]
 
         try:
-            client = Client(address, timeout=PATIENCE, set_as_default=False)
+            client: Any = Client(address, timeout=PATIENCE, set_as_default=False)
         except (OSError, ValueError) as error:
             raise InvalidInput(
                 "The cluster does not answer.",
                 f"expected a scheduler at {address}, got {value_text(str(error))}",
                 "`dask scheduler` there, and `dask worker` with its address",
             ) from error
+        pending: dict[Any, int] = {}
+
+        def submit(batch: int) -> Any:
+            future = client.submit(remote_batch, content, batch, __version__, pure=False)
+            done.add(future)
+            return future
+
+        def room() -> int:
+            return AHEAD * max(1, sum(client.nthreads().values()))
+
         try:
-            yield from _run_on_worker(client, address, campaign, batches)
+            content, done = cloudpickle.dumps(campaign), as_completed(loop=client.loop)
+            yield from _as_done(submit, lambda: [next(done)], batches, room, pending)
+        except (CancelledError, KilledWorker, OSError) as error:
+            raise FlexhinfError(
+                "The cluster was lost, or its workers die; what is written stays.",
+                f"{address}: {type(error).__name__}: {str(error)[:200]}",
+                "the same command, once the cluster runs again; smaller batches where memory is what workers lack",
+            ) from error
         finally:
+            for future in pending:
+                future.release()
             client.close(timeout=PATIENCE)
 
     return run
-
-
-def _run_on_worker(
-    client: Any, address: str, campaign: Campaign, batches: Sequence[int]
-) -> Iterator[tuple[int, Rows]]:
-    import cloudpickle  # type: ignore[import-not-found]
-    from distributed import CancelledError, KilledWorker, as_completed  # type: ignore[import-not-found]
-
-    content, pending, done = cloudpickle.dumps(campaign), {}, as_completed(loop=client.loop)
-
-    def submit(batch: int) -> Any:
-        future = client.submit(remote_batch, content, batch, __version__, pure=False)
-        done.add(future)
-        return future
-
-    try:
-        yield from _as_done(
-            submit,
-            lambda: [next(done)],
-            batches,
-            lambda: AHEAD * max(1, sum(client.nthreads().values())),
-            pending,
-        )
-    except (CancelledError, KilledWorker, OSError) as error:
-        raise FlexhinfError(
-            "The cluster was lost, or its workers die; what is written stays.",
-            f"{address}: {type(error).__name__}: {str(error)[:200]}",
-            "the same command, once the cluster runs again; smaller batches where memory is what workers lack",
-        ) from error
-    finally:
-        for future in pending:
-            future.release()
 
 
 def _as_done(
@@ -131,7 +119,7 @@ def _as_done(
         if not pending:
             return
         for future in first_done():
-            rows = future.result()
+            rows = future.result()  # which stays pending where this raises
             yield pending.pop(future), rows
 
 
@@ -287,10 +275,10 @@ def _pooled(campaign: Campaign, batches: Sequence[int], workers: int) -> Iterato
 def _run(
     executor: Executor, campaign: Campaign, batches: Sequence[int]
 ) -> Generator[tuple[int, Rows], None, None]:
-    def lost(found: str) -> FlexhinfError:
+    def lost(reason: str) -> FlexhinfError:
         return FlexhinfError(
             "Batches of the campaign were not run; what is written stays.",
-            found,
+            reason,
             "the same command, which runs what is missing; without --cluster and --workers if it happens again",
         )
 

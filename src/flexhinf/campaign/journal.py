@@ -4,49 +4,40 @@ The files are the truth; there is no other record of what was run. Each is writt
 disk, and renamed to one that holds the batch and the SHA-256 of its bytes: a file is whole, or it is found out and run
 again. A batch that is written twice gets the same name twice.
 
-Rows as Parquet and as xarray, the same bytes for the same rows; files that are whole, or not there.
+Files of a campaign's folder come from anywhere: whoever reads one refuses what no campaign writes, before any number
+in it is believed. The manifest has what the rows depend on, their columns, and information for reports, under one
+digest. The columns of the manifest say how rows are written, checked, read and merged.
 """
 
 from __future__ import annotations
 
 import errno
 import hashlib
+import json
 import math
 import os
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from dataclasses import dataclass, field
+from functools import cached_property
 from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
-from flexhinf.campaign.batches import Campaign, Column, Rows
-from flexhinf.campaign.draws import Tolerances
-from flexhinf.campaign.manifest import (
-    MOST_BYTES,
-    made_manifest,
-    numpy_column,
-    read_manifest,
-    read_sealed,
-    sealed,
-    wrong_rows,
-)
+from flexhinf.campaign.batches import INSTANTS, OWN, PART, Campaign, Column, Rows, check_counts
+from flexhinf.campaign.draws import Tolerances, campaign_digest, sample_seeds
+from flexhinf.campaign.metrics import COMPLETED, DIVERGED, NOT_RUN, UNSTABLE
 from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.files import locked, make_durable, note_written, part_file
-from flexhinf.validation import checked_path, extra_package, file_digest
+from flexhinf.validation import checked_path, extra_package, file_digest, read_bytes, value_text
 
 if TYPE_CHECKING:
     import pyarrow as pa
-    import xarray as xr
 
 Stored = TypeVar("Stored")
-
-#: Columns of a file that are held in memory at once: what one figure or table compares.
-HELD = 6
 
 FORMAT: dict[str, Any] = {
     "compression": "zstd",
@@ -81,49 +72,21 @@ def _arrow(values: np.ndarray) -> pa.Array:
         return pa.FixedSizeListArray.from_arrays(flat, values.shape[1])
     if values.dtype == object:
         return pa.array(values.tolist(), pa.string())
-    if values.dtype == float:
-        return pa.array(values, mask=np.isnan(values))
-    return pa.array(values)
+    return pa.array(values, mask=np.isnan(values) if values.dtype == float else None)
 
 
-class StoredColumns(Mapping[str, np.ndarray]):
-    """Columns (N,) of a file by name, each read when it is used; the last `HELD` ones stay in memory."""
+def numpy_column(column: Any) -> np.ndarray:
+    """A column (N,), or (N, T) of lists; NaN for what is missing."""
+    import pyarrow as pa
 
-    def __init__(self, path: Any) -> None:
-        import pyarrow.parquet as pq
-
-        self.names = tuple(pq.read_schema(path).names)
-        self._read = lru_cache(HELD)(lambda name: numpy_column(read_columns(path, [name]).column(name)))
-
-    def __getitem__(self, name: str) -> np.ndarray:
-        """A column; do not write into it."""
-        if name not in self.names:
-            raise KeyError(name)
-        return self._read(name)
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self.names)
-
-    def __len__(self) -> int:
-        return len(self.names)
-
-
-def labelled(
-    rows: Mapping[str, np.ndarray], columns: Sequence[Column], time: np.ndarray, settings: Mapping[str, str]
-) -> xr.Dataset:
-    """Rows as an xarray Dataset of dimension ``sample``, kept signals with ``kept`` runs and ``time`` (s) instead."""
-    import xarray as xr
-
-    variables, coordinates = {}, {"sample": rows["sample"]}
-    for column in columns:
-        values = rows[column.name]
-        attributes = {"units": column.unit, "kind": column.kind}
-        if column.kind == "trace":
-            variables[column.name] = (("kept", "time"), values, attributes)
-            coordinates |= {"time": ("time", time, {"units": "s"}), "kept": np.arange(len(values))}
-        elif column.name != "sample":
-            variables[column.name] = ("sample", values, attributes)
-    return xr.Dataset(variables, coordinates, dict(settings))
+    whole = column.combine_chunks()
+    if pa.types.is_fixed_size_list(whole.type):
+        return whole.values.to_numpy(zero_copy_only=False).reshape(-1, whole.type.list_size)
+    if pa.types.is_string(whole.type):
+        coded = whole.dictionary_encode()  # a table has few texts: one object for each
+        texts = np.array([*coded.dictionary.to_pylist(), None], dtype=object)
+        return texts[coded.indices.fill_null(len(texts) - 1).to_numpy(zero_copy_only=False)]
+    return np.array(whole.to_numpy(zero_copy_only=False))
 
 
 def write_whole(path: Path, content: bytes, prefix: str | None = None) -> None:
@@ -159,13 +122,78 @@ def disk_refusals(folder: Path) -> Iterator[None]:
         ) from error
 
 
+#: What reading a file raises that is not what was written; FlexhinfError where a number is out of range.
+UNREADABLE = (
+    OSError, ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError, FlexhinfError,
+)  # fmt: skip
+
+#: What a manifest is, and its version: 2 binds columns, instants and everything else that a manifest says, and the
+#: batch of each part; and the entry with the digest of all others.
+_KIND, _SEAL = {"what": "flexhinf campaign", "version": 2}, "sha256"
+
+#: Bytes of the largest text file and of the largest shard that are read; of a shard beyond its rows, and of one text.
+MOST_BYTES, _MOST_SHARD, _SPARE, _LONGEST_TEXT = 10_000_000, 4 << 30, 1_000_000, 16_384
+
+
+def sealed(content: Mapping[str, Any]) -> bytes:
+    """A JSON file of an object, with the SHA-256 of all its entries beside them."""
+    plain = json.loads(json.dumps(content))
+    return (json.dumps({**plain, _SEAL: _digest(plain)}, indent=1) + "\n").encode()
+
+
+def read_sealed(path: Path, most: int = MOST_BYTES, kind: Mapping[str, Any] | None = None) -> dict[str, Any]:
+    """The entries of a file of at most so many bytes that `sealed` made; those of another `kind` are told first."""
+    stated = json.loads(read_bytes(path, most))
+    if not isinstance(stated, dict):
+        raise ValueError("it is no object of JSON")
+    for name, value in (kind or {}).items():
+        if type(stated.get(name)) is not type(value) or stated[name] != value:
+            raise ValueError(f"expected {name} {value}, got {value_text(stated.get(name), 60)}")
+    if stated.pop(_SEAL, None) != _digest(stated):
+        raise ValueError("its entries are not those of its digest")
+    return stated
+
+
+def _digest(content: Mapping[str, Any]) -> str:
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
+
+def _check_manifest(stated: Mapping[str, Any]) -> None:
+    """Refuse, with one of `UNREADABLE`, entries that no campaign has."""
+    settings, columns, time, about = (stated[name] for name in ("settings", "columns", "time_s", "about"))
+
+    def texts(values: Any, kind: type = list) -> bool:
+        several = values.values() if isinstance(values, dict) else values
+        return isinstance(values, kind) and all(isinstance(one, str) for one in several)
+
+    def numbers(values: Iterable[Any]) -> bool:
+        return all(type(one) in (int, float) and math.isfinite(one) for one in values)
+
+    names, kinds, _ = zip(*columns, strict=True)
+    nominal = about.get("nominal", {})
+    fine = {
+        "settings": texts(settings, dict) and math.isfinite(float(settings["duration"])),
+        "columns": isinstance(columns, list) and all(map(texts, columns)) and set(OWN) <= set(names)
+        and len(set(names)) == len(names) and set(kinds) <= {"own", "parameter", "metric", PART, "trace"},
+        "time_s": isinstance(time, list) and 0 < len(time) <= INSTANTS and numbers(time),
+        "command": texts(stated["command"]),
+        "title": isinstance(about.get("title", ""), str), "requirements": texts(about.get("requirements", [])),
+        "nominal numbers": isinstance(nominal, dict) and numbers(nominal.values()),
+        "options": isinstance(about.get("options", {}), dict),
+        "digest": stated["digest"] == campaign_digest(settings, columns, time),
+    }  # fmt: skip
+    if wrong := [name for name, good in fine.items() if not good]:
+        raise ValueError(f"its {', '.join(wrong)} are none that a campaign has")
+    check_counts(*(int(settings[name]) for name in ("samples", "seed", "batch")))
+
+
 MANIFEST, SHARDS, TABLE, LOCK = "campaign.json", "shards", "samples.parquet", ".campaign-lock"
 
 _SHARD = re.compile(r"batch-(\d{8})-([0-9a-f]{16})\.parquet\Z")
 _PREFIX = ".batch-{:08d}."
 
-#: Bytes of the largest shard that is read.
-_MOST_SHARD = 4 << 30
+#: Relative distance of numbers that are drawn twice: kinds of processors differ in the last bits of a normal one.
+_SAME = 1e-9
 
 #: Rows of a group in the table, at least.
 _GROUP = 65_536
@@ -193,7 +221,12 @@ class Journal:
     """The folder of one campaign, and what its manifest says."""
 
     folder: Path
-    manifest: Mapping[str, Any]
+    settings: Mapping[str, str]  # Everything that the rows depend on, as text by name
+    digest: str  # Of what the rows depend on, and of what they hold
+    columns: tuple[Column, ...]  # Of the shards
+    time: np.ndarray  # (T,). Instants at which signals are kept, s
+    command: Sequence[str] = ()  # That made it, for the reports
+    about: Mapping[str, Any] = field(default_factory=dict)  # What else was stated when it was made
 
     @staticmethod
     def read(folder: str | os.PathLike[str], beside: Sequence[str] = ()) -> Journal | None:
@@ -203,16 +236,22 @@ class Journal:
         """
         place = checked_path("The campaign's folder", folder).expanduser().absolute()
         try:
-            return Journal(place, read_manifest(place / MANIFEST))
+            stated = read_sealed(place / MANIFEST, kind=_KIND)
+            _check_manifest(stated)
         except (FileNotFoundError, NotADirectoryError):
             check_own_folder(place, "campaign", (MANIFEST, SHARDS, *beside))
             return None
-        except (OSError, ValueError, RecursionError) as error:
+        except UNREADABLE as error:
             raise InvalidInput(
                 "The manifest of the campaign cannot be read.",
-                f"{place / MANIFEST}: {str(error)[:400]}",
+                f"{place / MANIFEST}: {type(error).__name__}: {str(error)[:400]}",
                 "a copy of it, or another folder",
             ) from error
+        columns, time = (stated[name] for name in ("columns", "time_s"))
+        return Journal(
+            place, stated["settings"], stated["digest"], tuple(Column(*column) for column in columns),
+            np.array(time, dtype=float), stated["command"], stated["about"],
+        )  # fmt: skip
 
     @staticmethod
     def opened(
@@ -233,13 +272,20 @@ class Journal:
         beside = [] if about is None or not place.is_dir() else [path.name for path in place.iterdir()]
         journal = Journal.read(folder, [name for name in beside if name != MANIFEST])
         if journal is None:
-            journal = Journal(place, made_manifest(campaign, command, about or {}))
+            manifest = {
+                **_KIND, "digest": campaign.digest, "command": list(command), "settings": campaign.settings,
+                "about": dict(about or {}), "columns": [[one.name, one.kind, one.unit] for one in campaign.columns],
+                "time_s": campaign.time.tolist(),
+            }  # fmt: skip
             extra_package(
                 "pyarrow.parquet", "campaign", "Campaigns on disk need pyarrow, which is not installed."
             )
             with disk_refusals(place):
                 (place / SHARDS).mkdir(parents=True, exist_ok=True)
-                write_whole(place / MANIFEST, sealed(journal.manifest))
+                write_whole(place / MANIFEST, sealed(manifest))
+            return Journal(
+                place, campaign.settings, campaign.digest, campaign.columns, campaign.time, command, about or {},
+            )  # fmt: skip
         journal.refuse_campaign(campaign)
         return journal
 
@@ -257,30 +303,13 @@ class Journal:
 
     def refuse_other(self, settings: Mapping[str, str], partly: bool = False) -> None:
         """Refuse a campaign with other settings, and say which they are; `partly`: these alone are compared."""
-        here = self.settings
-        pairs = differing(here, settings, settings if partly else (*settings, *here))
-        differences = [f"{name}: {one} → {other}" for name, one, other in pairs]
-        if differences:
+        pairs = differing(self.settings, settings, settings if partly else (*settings, *self.settings))
+        if differences := [f"{name}: {one} → {other}" for name, one, other in pairs]:
             raise InvalidInput(
                 "The folder is that of another campaign; it cannot be taken up again with other settings.",
                 f"{self.folder}; there → now: {listed(differences, _LISTED)}",
                 "another folder for these settings, or the settings of this folder again",
             )
-
-    @property
-    def settings(self) -> dict[str, str]:
-        """Everything that the rows depend on, as text by name."""
-        return dict(self.manifest["settings"])
-
-    @property
-    def digest(self) -> str:
-        """Of what the rows depend on, and of what they hold."""
-        return str(self.manifest["digest"])
-
-    @property
-    def about(self) -> dict[str, Any]:
-        """What else was stated when it was made."""
-        return dict(self.manifest.get("about", {}))
 
     @property
     def samples(self) -> int:
@@ -291,16 +320,6 @@ class Journal:
     def batches(self) -> int:
         """How many there are."""
         return -(-self.samples // int(self.settings["batch"]))
-
-    @cached_property
-    def columns(self) -> tuple[Column, ...]:
-        """Of the shards."""
-        return tuple(Column(*column) for column in self.manifest["columns"])
-
-    @property
-    def time(self) -> np.ndarray:
-        """Instants (T,) at which signals are kept, s."""
-        return np.array(self.manifest["time_s"], dtype=float)
 
     def size(self, batch: int) -> int:
         """Samples of a batch."""
@@ -377,26 +396,87 @@ class Journal:
                 good[batch] = path
         return good, bad
 
+    @cached_property
+    def _draw(self) -> Tolerances | None:
+        """What draws the samples; None for a user's function, whose code no manifest holds."""
+        names = [column.name for column in self.columns if column.kind == "parameter"]
+        return Tolerances.stated(self.settings, names)
+
     def _wrong(self, path: Path, batch: int, digest: str) -> str:
+        """What is wrong with the file of a batch whose name has this digest; empty where nothing is.
+
+        Its columns, its metadata, the numbers of its samples and their seeds are those of the campaign, and it unpacks
+        to no more than such rows take. Every run ended in a way that there is, what else its row holds fits that, and
+        the numbers that are drawn for these samples, where that is known, are those of the rows.
+        """
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+
         if not 0 <= batch < self.batches:
             return f"of no batch: there are {self.batches}"
+        first = batch * int(self.settings["batch"])
+        samples, seed = range(first, first + self.size(batch)), int(self.settings["seed"])
+        span = f"not the samples {samples[0]} to {samples[-1]}"
+        schema, judged = self._schema(batch=str(batch)), [one.name for one in self.columns if one.judged]
         try:
             if path.stat().st_size > _MOST_SHARD or file_digest(path)[:16] != digest:
                 return "damaged: its bytes are not those of its digest"
         except OSError as error:
             return error.strerror or str(error)
-        first = batch * int(self.settings["batch"])
-        samples = range(first, first + self.size(batch))
-        seed = int(self.settings["seed"])
-
-        def drawn() -> Mapping[str, np.ndarray]:
-            names = [column.name for column in self.columns if column.kind == "parameter"]
-            draw = Tolerances.stated(
-                self.settings, names
-            )  # None for a function, whose code no manifest holds
-            return {} if draw is None else draw.numbers(samples, self.samples, seed)
-
-        return wrong_rows(path, self._schema(batch=str(batch)), samples, seed, drawn)
+        try:
+            with pq.ParquetFile(path) as file:
+                stored, about, rows = (
+                    file.schema_arrow,
+                    file.schema_arrow.metadata or {},
+                    file.metadata.num_rows,
+                )
+                groups = range(file.metadata.num_row_groups)
+                unpacked = sum(file.metadata.row_group(k).total_byte_size for k in groups)
+                lists = [one.type.list_size for one in schema if pa.types.is_fixed_size_list(one.type)]
+                texts = sum(pa.types.is_string(one.type) for one in schema)
+                # most bytes of one row, twice what it takes; texts are sentences of an error
+                size = 12 * sum(lists) + _LONGEST_TEXT * texts + 24 * (len(schema) - len(lists) - texts)
+                if wrong := _first({
+                    "of another campaign, or another part of it":
+                        any(about.get(key) != value for key, value in schema.metadata.items()),
+                    "of other columns": not stored.equals(schema),
+                    f"{rows} rows instead of {len(samples)}": rows != len(samples),
+                    f"a file that unpacks to {unpacked} bytes": unpacked > _SPARE + rows * size,
+                }):  # fmt: skip
+                    return wrong
+                drawn = {} if self._draw is None else self._draw.numbers(samples, self.samples, seed)
+                kept = list(dict.fromkeys((*OWN, *drawn)))
+                own = file.read(columns=kept)
+                values = {name: numpy_column(own.column(name)) for name in kept}
+                lost = ~np.isin(values["status"].astype(str), (COMPLETED, UNSTABLE))
+                unread = file.read(columns=judged if lost.any() else [])
+        except (OSError, ValueError, KeyError, pa.ArrowException) as error:
+            if isinstance(error, MemoryError):
+                raise
+            return f"no file of rows ({' '.join(str(error).split())[:100]})"
+        status, failure = values["status"], values["failure"]
+        strange = [one for one in set(status) if one not in (COMPLETED, UNSTABLE, DIVERGED, NOT_RUN)]
+        misfit = "that does not fit their status"
+        if wrong := _first({
+            span: not np.array_equal(values["sample"], np.array(samples)),
+            f"{span} of the seed {seed}": not np.array_equal(values["seed"], sample_seeds(seed, samples)),
+            f"of a status that no run has: {value_text(strange[0] if strange else '')}": bool(strange),
+            "without the column failure in each row": None in set(failure),
+            # only what was not run has a reason
+            f"of runs with a failure, or without one, {misfit}":
+                not np.array_equal(failure != "", status == NOT_RUN),
+            f"of runs with an instant of divergence, or without one, {misfit}":
+                not np.array_equal(~np.isnan(values["diverged_at_s"]), status == DIVERGED),
+            **{f"of runs without an end that have the metric {name}":
+                not np.isnan(numpy_column(unread.column(name))[lost]).all() for name in unread.column_names},
+        }):  # fmt: skip
+            return wrong
+        for name, numbers in drawn.items():
+            near = np.abs(values[name] - numbers) <= _SAME * np.abs(numbers)
+            if not near.all():
+                k = int(np.argmin(near))
+                return f"not what is drawn: {name} of sample {samples[k]} is {values[name][k]:g}, not {numbers[k]:g}"
+        return ""
 
     def _schema(self, **about: str) -> pa.Schema:
         """Of a part, or of the table without kept signals, which is about no part; kept signals are lists."""
@@ -493,6 +573,11 @@ class Journal:
                         group = []
             publish_whole(name, path)
         return path
+
+
+def _first(problems: Mapping[str, bool]) -> str:
+    """The first text whose problem is there; empty without one."""
+    return next((text for text, there in problems.items() if there), "")
 
 
 def plain_number(value: Any) -> Any:

@@ -20,6 +20,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -28,8 +29,8 @@ import numpy as np
 
 from flexhinf.errors import InvalidInput
 from flexhinf.loop import Ensemble, EnsembleResult, Instant, Reduction, Trajectory
-from flexhinf.loop.signals.sampling import sample_disturbance
 from flexhinf.loop.simulation.ensemble import tracked_place
+from flexhinf.loop.simulation.inputs import sample_disturbance
 from flexhinf.loop.simulation.metrics import ROUNDING, SETTLING_BAND, TAIL, Command, Place
 from flexhinf.scalars import maximum, minimum, where
 from flexhinf.validation import unknown_name, value_text
@@ -48,13 +49,13 @@ def rest_reduction(ensemble: Ensemble) -> Reduction:
     """``unstable`` of N runs in lanes, (N,) of 0 and 1: what `is_unstable` says of each of them, bit by bit."""
     command, plant, controller = ensemble.command, ensemble.plant, ensemble.controller
     places = tuple(tracked_place(plant, controller, name) for name in controller.judged)
-    given = [ensemble.commands]
+    signals = [ensemble.commands]
     if ensemble.disturbance is not None:
         stages = sample_disturbance(
             ensemble.disturbance, command.period, command.samples, 1, plant.disturbances
         )
-        given.append(stages[:, 0, 0])
-    start = (*_windows(given, command.samples), *_EMPTY * len(places))
+        signals.append(stages[:, 0, 0])
+    start = (*_windows(signals, command.samples), *_EMPTY * len(places))
     return Reduction(start, partial(_update, places), partial(_result, places), ("rest", places))
 
 
@@ -78,7 +79,7 @@ def _windows(signals: Sequence[np.ndarray], samples: int) -> tuple[int, int]:
     """First samples of the last two thirds of the time in which these signals (N, …) stand still; both `samples` where
     that is less than the last tenth."""
     moving = [np.flatnonzero(np.any(values != values[-1], axis=1)) for values in signals]
-    still = max((int(found[-1]) + 1 for found in moving if len(found)), default=0)
+    still = max((int(places[-1]) + 1 for places in moving if len(places)), default=0)
     rest = samples - still
     if rest < max(TAIL * samples, 3):
         return samples, samples
@@ -88,7 +89,7 @@ def _windows(signals: Sequence[np.ndarray], samples: int) -> tuple[int, int]:
 def _update(places: Sequence[Place], kept: Any, now: Instant) -> Any:
     """Both windows, then five numbers of each state."""
     first, second = kept[0], kept[1]
-    found = [first, second]
+    updated = [first, second]
     for k, place in enumerate(places):
         begun, low, high, last_low, last_high = kept[2 + 5 * k : 7 + 5 * k]
         position, channel = place.position(now), place.command
@@ -96,12 +97,12 @@ def _update(places: Sequence[Place], kept: Any, now: Instant) -> Any:
         beyond = position - now.last[channel]
         late = now.step >= second
         early = where(late, 0.0, where(now.step >= first, 1.0, 0.0)) > 0.5
-        found += [
+        updated += [
             where(now.step > 0.5, begun, initial),
             where(early, minimum(low, beyond), low), where(early, maximum(high, beyond), high),
             where(late, minimum(last_low, beyond), last_low), where(late, maximum(last_high, beyond), last_high),
         ]  # fmt: skip
-    return np.array(found)
+    return np.array(updated)
 
 
 def _result(places: Sequence[Place], kept: np.ndarray, command: Command) -> dict[str, np.ndarray]:
@@ -150,16 +151,16 @@ class Metrics:
                 "expected samples without a plant, command or disturbance of their own",
                 "a draw of parameters, initial states and loads",
             )
-        found = self.function(run)
-        if not isinstance(found, Mapping):
-            found = dict.fromkeys(self.units, found) if len(self.units) == 1 else {}
+        result = self.function(run)
+        if not isinstance(result, Mapping):
+            result = dict.fromkeys(self.units, result) if len(self.units) == 1 else {}
         try:
-            values = {name: found[name] for name in self.units}
+            values = {name: result[name] for name in self.units}
             return {name: math.nan if value is None else float(value) for name, value in values.items()}
         except (KeyError, TypeError, ValueError) as error:
             raise InvalidInput(
                 "A metric does not give numbers.",
-                f"expected a number for each of {list(self.units)}, got {value_text(found)}",
+                f"expected a number for each of {list(self.units)}, got {value_text(result)}",
                 "a function of a Trajectory that returns a float",
             ) from error
 
@@ -167,24 +168,24 @@ class Metrics:
 def _tracking(run: Trajectory) -> dict[str, float | None]:
     """The worst of all tracked states; infinite where one never settles or rises."""
     rows = [run.metrics(name) for name in run.judged]
-    found: dict[str, float | None] = {}
-    for name in STANDARD_UNITS:
-        if name == "estimation_rmse":
-            found[name] = max(rows[0][name], default=math.nan)
-        elif name in ("settling_time_s", "rise_time_s"):
-            steps = [row for row in rows if row["overshoot_percent"] is not None]
-            found[name] = max((math.inf if row[name] is None else row[name] for row in steps), default=None)
-        else:
-            found[name] = max((row[name] for row in rows if row[name] is not None), default=None)
-    return found
+    stepped = [row for row in rows if row["overshoot_percent"] is not None]
+    times = {
+        name: max((math.inf if row[name] is None else row[name] for row in stepped), default=None)
+        for name in ("settling_time_s", "rise_time_s")
+    }
+    others = {
+        name: max((row[name] for row in rows if row[name] is not None), default=None)
+        for name in STANDARD_UNITS.keys() - times.keys() - {"estimation_rmse"}
+    }
+    return {**others, **times, "estimation_rmse": max(rows[0]["estimation_rmse"], default=math.nan)}
 
 
-def _tracking_in_lanes(found: EnsembleResult) -> dict[str, np.ndarray]:
-    rows = list(found.by_state.values())
+def _tracking_in_lanes(result: EnsembleResult) -> dict[str, np.ndarray]:
+    rows = list(result.by_state.values())
     worst = {name: np.fmax.reduce([row[name] for row in rows]) for name in rows[0]}
-    errors = found.common["estimation_rmse"]
-    largest = np.fmax.reduce(errors, axis=1) if errors.size else np.full(len(found.codes), math.nan)
-    return {**worst, "peak_input": found.common["peak_input"], "estimation_rmse": largest}
+    errors = result.common["estimation_rmse"]
+    largest = np.fmax.reduce(errors, axis=1) if errors.size else np.full(len(result.codes), math.nan)
+    return {**worst, "peak_input": result.common["peak_input"], "estimation_rmse": largest}
 
 
 STANDARD_UNITS = {
@@ -204,17 +205,17 @@ def known_metric(name: str, known: Sequence[str]) -> str:
     return name
 
 
-def chosen_metrics(given: Any, tracked: bool) -> tuple[Metrics, ...]:
+def chosen_metrics(metrics: Any, tracked: bool) -> tuple[Metrics, ...]:
     """A campaign's metrics, of names, `Metrics`, functions by name, or a sequence of these; None: the standard ones."""
-    if given is None:
+    if metrics is None:
         return (STANDARD,) if tracked else ()
-    parts = [given] if isinstance(given, (Metrics, Mapping, str)) else list(given)
+    parts = [metrics] if isinstance(metrics, (Metrics, Mapping, str)) else list(metrics)
     names = [part for part in parts if isinstance(part, str)]
     for name in names:
         known_metric(name, list(STANDARD_UNITS) if tracked else [])
-    found = [part for part in parts if isinstance(part, Metrics)]
+    chosen = [part for part in parts if isinstance(part, Metrics)]
     if names:
-        found.insert(0, replace(STANDARD, units={name: STANDARD_UNITS[name] for name in names}))
+        chosen.insert(0, replace(STANDARD, units={name: STANDARD_UNITS[name] for name in names}))
     for part in parts:
         if isinstance(part, (str, Metrics)):
             continue
@@ -226,8 +227,8 @@ def chosen_metrics(given: Any, tracked: bool) -> tuple[Metrics, ...]:
                     f"expected a name that is a Python identifier and a function of a run, got {value_text(name)}",
                     "metrics={'largest_torque': lambda run: abs(run.signals['input']).max()}",
                 )
-            found.append(Metrics({name: ""}, function))
-    return tuple(found)
+            chosen.append(Metrics({name: ""}, function))
+    return tuple(chosen)
 
 
 _REQUIREMENT = re.compile(r"\s*(\w+)\s*(<=|>=|≤|≥)\s*(\S+)\s*\Z")
@@ -244,11 +245,9 @@ class Requirement:
     @staticmethod
     def of(text: str, metrics: Sequence[str]) -> Requirement:
         """Read ``overshoot_percent<=5``; InvalidInput for another form, metric, or no number."""
-        match = _REQUIREMENT.match(text)
-        try:
+        match, limit = _REQUIREMENT.match(text), math.nan
+        with suppress(ValueError):
             limit = float(match[3]) if match else math.nan
-        except ValueError:
-            limit = math.nan
         if match is None or math.isnan(limit):
             raise InvalidInput(
                 "The requirement cannot be read.",

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -101,8 +101,8 @@ class PairedMetric:
 
         if not len(self.pairs):
             return math.nan, math.nan
-        found = quantile_test(self.differences, q=0, p=0.5).confidence_interval(CONFIDENCE)
-        return float(found.low), float(found.high)
+        interval = quantile_test(self.differences, q=0, p=0.5).confidence_interval(CONFIDENCE)
+        return float(interval.low), float(interval.high)
 
     @property
     def _gains(self) -> tuple[np.ndarray, np.ndarray]:
@@ -237,26 +237,25 @@ def compare(
     names = [*sides[0].settings, *sides[1].settings]
     bound = [name for name in names if name not in _FREE and not name.startswith(_FREE_PREFIX)]
     pairs = differing(sides[0].settings, sides[1].settings, bound)
-    found = [f"{name}: {one} ↔ {other}" for name, one, other in pairs]
+    differences = [f"{name}: {one} ↔ {other}" for name, one, other in pairs]
     columns = [("sample", "seed", *side.names("parameter")) for side in sides]
     if columns[0] != columns[1]:
-        found.append(f"numbers: {list(columns[0][2:])} ↔ {list(columns[1][2:])}")
-    elif not found:
+        differences.append(f"numbers: {list(columns[0][2:])} ↔ {list(columns[1][2:])}")
+    elif not differences:
         one, other = sides[0].columns, sides[1].columns
         same = {
             k: np.array_equal(one[k], other[k], equal_nan=k not in ("sample", "seed")) for k in columns[0]
         }
-        found = [f"{name}: not the same values" for name, equal in same.items() if not equal]
-    if found:
+        differences = [f"{name}: not the same values" for name, equal in same.items() if not equal]
+    if differences:
         raise InvalidInput(
             "The campaigns are not on the same samples; their differences would not be those of the controllers.",
-            listed(found, _LISTED),
+            listed(differences, _LISTED),
             "the same draw, samples, seed, plant, noise and duration for both, and another controller",
         )
     paired = PairedCampaigns(*sides)
     known = (*paired.metrics, *paired.parts)
-    checked = tuple(Requirement.of(text, known) for text in requirements)
-    return PairedCampaigns(*sides, checked)
+    return replace(paired, requirements=tuple(Requirement.of(text, known) for text in requirements))
 
 
 def _table(source: xr.Dataset | MergedTable) -> CampaignTable:
@@ -268,8 +267,10 @@ def _table(source: xr.Dataset | MergedTable) -> CampaignTable:
             f"expected an xarray Dataset of `run_campaign`, got {value_text(source)}",
             "flexhinf.campaign.compare(fh.run_campaign(…), fh.run_campaign(…))",
         )
-    described = [Column("sample", "own")]
-    for name, one in source.data_vars.items():
-        described.append(Column(str(name), one.attrs.get("kind", ""), one.attrs.get("units", "")))
+    stated = source.data_vars.items()
+    described = [
+        Column(str(name), one.attrs.get("kind", ""), one.attrs.get("units", "")) for name, one in stated
+    ]
+    described.insert(0, Column("sample", "own"))
     columns = {column.name: source[column.name].values for column in described}
     return CampaignTable(described, columns, {str(k): str(v) for k, v in source.attrs.items()})

@@ -3,23 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache, partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from flexhinf.campaign.batches import TRACED, Campaign, Column, run_samples
-from flexhinf.campaign.journal import (
-    Journal,
-    StoredColumns,
-    labelled,
-    numpy_column,
-    plain_number,
-    read_columns,
-)
+from flexhinf.campaign.journal import Journal, numpy_column, plain_number, read_columns
 from flexhinf.campaign.metrics import COMPLETED, Requirement
 from flexhinf.errors import InvalidInput
 from flexhinf.loop import Trajectory
@@ -138,29 +132,69 @@ def _terms(z: np.ndarray, kind: int) -> np.ndarray:
     return np.hstack(parts)
 
 
-class _Empirical:
-    """The distribution of samples, as `scipy.stats.sobol_indices` takes one."""
-
-    def __init__(self, values: np.ndarray) -> None:
-        self.sorted = np.sort(values)
-
-    def ppf(self, u: np.ndarray) -> np.ndarray:
-        """Quantiles."""
-        return self.sorted[np.minimum((np.asarray(u) * len(self.sorted)).astype(int), len(self.sorted) - 1)]
-
-
 def _indices(function, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """First and total Sobol indices (p,) of a function of points (N, p), its arguments distributed as the samples."""
     from scipy.stats import sobol_indices
 
     if z.shape[1] == 1:
         return np.ones(1), np.ones(1)
-    found = sobol_indices(
+    ordered, count = np.sort(z, axis=0), len(z)
+
+    def quantiles(k: int, u: np.ndarray) -> np.ndarray:
+        return ordered[np.minimum((np.asarray(u) * count).astype(int), count - 1), k]
+
+    indices = sobol_indices(
         func=lambda points: function(points.T)[None, :], n=BASE, rng=0,
-        dists=[_Empirical(column) for column in z.T],
+        dists=[SimpleNamespace(ppf=partial(quantiles, k)) for k in range(z.shape[1])],
     )  # fmt: skip
-    first, total = (np.clip(np.ravel(values), 0.0, 1.0) for values in (found.first_order, found.total_order))
+    first, total = (
+        np.clip(np.ravel(values), 0.0, 1.0) for values in (indices.first_order, indices.total_order)
+    )
     return first, np.where(np.isfinite(total), total, math.nan)
+
+
+#: Columns of a file that are held in memory at once: what one figure or table compares.
+HELD = 6
+
+
+class StoredColumns(Mapping[str, np.ndarray]):
+    """Columns (N,) of a file by name, each read when it is used; the last `HELD` ones stay in memory."""
+
+    def __init__(self, path: Any) -> None:
+        import pyarrow.parquet as pq
+
+        self.names = tuple(pq.read_schema(path).names)
+        self._read = lru_cache(HELD)(lambda name: numpy_column(read_columns(path, [name]).column(name)))
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        """A column; do not write into it."""
+        if name not in self.names:
+            raise KeyError(name)
+        return self._read(name)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.names)
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+
+def labelled(
+    rows: Mapping[str, np.ndarray], columns: Sequence[Column], time: np.ndarray, settings: Mapping[str, str]
+) -> xr.Dataset:
+    """Rows as an xarray Dataset of dimension ``sample``, kept signals with ``kept`` runs and ``time`` (s) instead."""
+    import xarray as xr
+
+    variables, coordinates = {}, {"sample": rows["sample"]}
+    for column in columns:
+        values = rows[column.name]
+        attributes = {"units": column.unit, "kind": column.kind}
+        if column.kind == "trace":
+            variables[column.name] = (("kept", "time"), values, attributes)
+            coordinates |= {"time": ("time", time, {"units": "s"}), "kept": np.arange(len(values))}
+        elif column.name != "sample":
+            variables[column.name] = ("sample", values, attributes)
+    return xr.Dataset(variables, coordinates, dict(settings))
 
 
 #: Quantiles that are stated of every metric.
@@ -313,9 +347,7 @@ class CampaignJudgement:
         """Which number matters for a metric; see `flexhinf.campaign.sensitivity`."""
         names, values = self.table.names("parameter"), self.column(metric)
         rows = np.flatnonzero(np.isfinite(values))[:MOST_ROWS]
-        numbers = np.empty((len(rows), len(names)))
-        for k, name in enumerate(names):
-            numbers[:, k] = self.column(name)[rows]
+        numbers = np.column_stack([np.empty((len(rows), 0)), *(self.column(name)[rows] for name in names)])
         return sensitivity(names, numbers, values[rows])
 
     def numbers(self, sample: int) -> dict[str, float]:
@@ -345,10 +377,7 @@ class Replayed:
     def same(self) -> bool:
         """Whether both are the same, bit by bit."""
         pairs = [(self.recorded.get(name), value) for name, value in self.again.items()]
-        missing = [
-            isinstance(a, float) and isinstance(b, float) and np.isnan(a) and np.isnan(b) for a, b in pairs
-        ]
-        return not self.recorded or all(a == b or nan for (a, b), nan in zip(pairs, missing))
+        return not self.recorded or all(a == b or (a != a and b != b) for a, b in pairs)  # NaN is not itself
 
 
 def replayed(campaign: Campaign, journal: Journal, sample: int) -> Replayed:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -19,8 +20,7 @@ import numpy as np
 from flexhinf.analysis.search import box_corners, climb
 from flexhinf.campaign.batches import Campaign, checked_integer, rows_of, run_batch
 from flexhinf.campaign.draws import Tolerances
-from flexhinf.campaign.journal import Journal
-from flexhinf.campaign.manifest import UNREADABLE
+from flexhinf.campaign.journal import UNREADABLE, Journal
 from flexhinf.campaign.metrics import COMPLETED, known_metric
 from flexhinf.errors import InvalidInput
 from flexhinf.loop import Trajectory
@@ -151,37 +151,36 @@ def worst_case(
 
     def values(unit: np.ndarray) -> np.ndarray:
         nonlocal runs
-        found = _runs(campaign, [numbers(t) for t in unit], first, metric)
-        runs += len(found)
-        return np.array([one.size(least) for one in found])
+        plants = _runs(campaign, [numbers(t) for t in unit], first, metric)
+        runs += len(plants)
+        return np.array([one.size(least) for one in plants])
 
     all_corners = 1 << len(names) <= MOST_CORNERS
     sampled = FoundPlant(
         dict(zip(names, points[first].tolist())), float(table[metric][first]), str(table["status"][first])
     )
-    found, together = sampled, 1
+    worst_plant, together = sampled, 1
     if math.isfinite(size[first]):
         width = np.where(high > low, high - low, 1.0)
         some = [(points[k] - low) / width for k in order[: max(1, starts // 2)] if size[k] > -math.inf]
         if all_corners:
             every = box_corners(len(names))
-            worst = np.argsort(-values(every), kind="stable")[: -(-(starts - len(some)) // 2)]
-            some += list(every[worst])
+            some += list(every[np.argsort(-values(every), kind="stable")[: -(-(starts - len(some)) // 2)]])
         generator = np.random.Generator(np.random.Philox(key=[seed, _STREAM]))
         some += list(generator.random((max(0, starts - len(some)), len(names))))
         climbed = climb(values, np.array(some), lambda _, best: progress(runs, -best if least else best))
         (best,) = _runs(campaign, [numbers(climbed.point)], first, metric)
         if best.size(least) > sampled.size(least):
-            found, together = best, climbed.together
+            worst_plant, together = best, climbed.together
     middle = {**numbers(np.full(len(names), 0.5)), **{k: v for k, v in (nominal or {}).items() if k in names}}
-    others = [middle, *({**found.numbers, name: middle[name]} for name in names)]
+    others = [middle, *({**worst_plant.numbers, name: middle[name]} for name in names)]
     centre, *one_back = _runs(campaign, others, first, metric)
     return WorstCase(
-        metric, next(c.unit for c in campaign.columns if c.name == metric), least, first, sampled, found, centre,
+        metric, next(c.unit for c in campaign.columns if c.name == metric), least, first, sampled, worst_plant, centre,
         {name: one.value for name, one in zip(names, one_back)}, dict(zip(names, zip(low.tolist(), high.tolist()))),
         {name: box.units[name] for name in names},
         starts, together, all_corners, runs + len(others), int((~inside).sum()),
-        _given(campaign.digest, metric, least, starts, seed),
+        _settings(campaign.digest, metric, least, starts, seed),
     )  # fmt: skip
 
 
@@ -205,30 +204,34 @@ def _columns(campaign: Campaign, rows: Mapping[str, Any] | None, names: list[str
         parts = [run_batch(campaign, batch).columns for batch in range(campaign.batches)]
         return {name: np.concatenate([part[name] for part in parts]) for name in names}
     missing = [name for name in names if name not in rows]
-    found = {} if missing else {name: np.asarray(rows[name]) for name in names}
-    if missing or any(column.shape != (campaign.samples,) for column in found.values()):
+    columns = {} if missing else {name: np.asarray(rows[name]) for name in names}
+    if missing or any(column.shape != (campaign.samples,) for column in columns.values()):
         raise InvalidInput(
             "The rows are not those of the campaign.",
             f"expected {campaign.samples} numbers of each of {names}, got "
-            + (f"none of {missing}" if missing else f"{[len(np.atleast_1d(one)) for one in found.values()]}"),
+            + (
+                f"none of {missing}"
+                if missing
+                else f"{[len(np.atleast_1d(one)) for one in columns.values()]}"
+            ),
             "what run_campaign returned for the same loop, draw and samples",
         )
-    return found
+    return columns
 
 
 def _runs(
     campaign: Campaign, numbers: list[dict[str, float]] | list[Mapping[str, float]], noise: int, metric: str
 ) -> list[FoundPlant]:
     """Plants of these numbers, all with the noise of one sample."""
-    box, found = _box(campaign), []
+    box, plants = _box(campaign), []
     for begin in range(0, len(numbers), CHUNK):
         some = numbers[begin : begin + CHUNK]
         rows = rows_of(campaign, [noise] * len(some), [box.built(one) for one in some]).columns
-        found += [
+        plants += [
             FoundPlant(dict(one), float(value), str(status))
             for one, value, status in zip(some, rows[metric], rows["status"])
         ]
-    return found
+    return plants
 
 
 def _sizes(values: np.ndarray, status: np.ndarray, least: bool) -> np.ndarray:
@@ -237,8 +240,7 @@ def _sizes(values: np.ndarray, status: np.ndarray, least: bool) -> np.ndarray:
     return np.where(status == COMPLETED, sizes, math.inf)
 
 
-def _given(*values: object) -> dict[str, str]:
-    """What a search depends on."""
+def _settings(*values: object) -> dict[str, str]:
     return dict(zip(("campaign", "metric", "least", "starts", "seed"), map(str, values)))
 
 
@@ -258,15 +260,13 @@ def search_worst(
     InvalidInput as `worst_case`, or if another driver is at work; FlexhinfError if the disk is full.
     """
     seed = campaign.seed if seed is None else seed
-    try:
+    with suppress(InvalidInput):  # none, or damaged: it is searched
         stored = stored_worst(journal, metric)
-        if stored.settings == _given(campaign.digest, metric, least, starts, seed):
+        if stored.settings == _settings(campaign.digest, metric, least, starts, seed):
             return stored
-    except InvalidInput:
-        pass  # none, or damaged: it is searched
-    found = worst_case(campaign, metric, rows, least=least, starts=starts, seed=seed, **options)
-    journal.store(_path(journal, metric), asdict(found))
-    return found
+    case = worst_case(campaign, metric, rows, least=least, starts=starts, seed=seed, **options)
+    journal.store(_path(journal, metric), asdict(case))
+    return case
 
 
 def stored_worst(journal: Journal, metric: str) -> WorstCase:
@@ -276,12 +276,14 @@ def stored_worst(journal: Journal, metric: str) -> WorstCase:
     """
     path = _path(journal, metric)
     try:
-        found = journal.stored(path, WorstCase)
-        if found.settings["campaign"] != journal.digest or found.metric != metric:
+        case = journal.stored(path, WorstCase)
+        if case.settings["campaign"] != journal.digest or case.metric != metric:
             raise ValueError("it is of another campaign")
-        return found
+        return case
     except FileNotFoundError:
-        known = [case.metric for case in stored_worsts(journal)]
+        known = [
+            one.name for one in journal.columns if (journal.folder / FOLDER / f"{one.name}.json").exists()
+        ]
         raise InvalidInput(
             f"The worst case of {metric!r} was not searched in this campaign.",
             f"expected one of {', '.join(known) or 'none'}",
@@ -297,14 +299,12 @@ def stored_worst(journal: Journal, metric: str) -> WorstCase:
 
 def stored_worsts(journal: Journal) -> list[WorstCase]:
     """Every stored worst case that can be read, in the order of the metrics."""
-    found = []
+    cases = []
     for column in journal.columns:
-        if column.judged and (journal.folder / _path(journal, column.name)).exists():
-            try:
-                found.append(stored_worst(journal, column.name))
-            except InvalidInput:
-                continue  # the command that searches says so and repairs it
-    return found
+        if column.judged:
+            with suppress(InvalidInput):  # the command that searches says so and repairs it
+                cases.append(stored_worst(journal, column.name))
+    return cases
 
 
 def _path(journal: Journal, metric: str) -> Path:

@@ -25,7 +25,7 @@ from flexhinf.certify.evaluation import linear_part
 from flexhinf.errors import InvalidInput
 from flexhinf.hinf.margin import CheckedPenalty, checked_pair
 from flexhinf.hinf.value_function import ValueFunction
-from flexhinf.plant.parameters import ParameterTable
+from flexhinf.plant.model import ParameterTable
 from flexhinf.plant.plant import GeneralisedPlant
 from flexhinf.plant.polynomial_plant import PolynomialPlant, Problem
 from flexhinf.polynomial import basis

@@ -56,21 +56,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 sys.stderr.write("error: Interrupted.\n")  # as a library passed the interruption on
                 code = 128 + signal.SIGINT
             elif isinstance(error, (OSError, MemoryError, ImportError)):
-                code = _refused(error)
+                # what the system did not give before the command began, or to its own output
+                code = 2
+                with suppress(OSError):
+                    sys.stderr.write(
+                        "error: The system refuses what this command needs.\n"
+                        "  found: expected memory, libraries and output, got "
+                        f"{type(error).__name__}: {str(error)[:400]}\n"
+                        "  try:   more memory (ulimit -v), the installation again, another place for the output\n"
+                    )
             else:
                 raise
     return 128 + received[0] if received and code == 128 + signal.SIGINT else code
-
-
-def _refused(error: Exception) -> int:
-    """Say what the system did not give before the command began, or to its own output; returns the exit code."""
-    with suppress(OSError):
-        sys.stderr.write(
-            "error: The system refuses what this command needs.\n"
-            f"  found: expected memory, libraries and output, got {type(error).__name__}: {str(error)[:400]}\n"
-            "  try:   more memory (ulimit -v), the installation again, another place for the output\n"
-        )
-    return 2
 
 
 def _streams() -> list[Any]:

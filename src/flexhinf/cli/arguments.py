@@ -14,7 +14,7 @@ import typer
 
 from flexhinf.cli.messages import note
 from flexhinf.cli.options import PEAKS, PointOptions
-from flexhinf.design.options import GROUPS, LIMITS, NO_LIMIT, FieldInfo, declared, option_name, refused
+from flexhinf.design.options import GROUPS, LIMITS, NO_LIMIT, About, FieldInfo, declared, option_name, refused
 from flexhinf.design.specification import FIELDS
 from flexhinf.errors import InvalidInput
 
@@ -35,21 +35,17 @@ def with_options(options: type, fields: Collection[str] = ()) -> Callable[[Any],
     own = declared(options)
     known = {name: FIELDS[name] for name in fields} | own
     order = {group: k for k, group in enumerate(("", *GROUPS))}
-    shown = sorted(known.values(), key=lambda field: order[field.about.group])
     parameters = [inspect.Parameter("context", inspect.Parameter.KEYWORD_ONLY, annotation=typer.Context)]
-    for field in shown:
+    for field in sorted(known.values(), key=lambda field: order[field.about.group]):
         parameters.append(_parameter(field, both=field.name not in own or field.default is True))
         for name, (drive, unit) in PEAKS.items() if field.name == "peak_effort" else ():
-            about = f"--peak-effort of {drive}-driven motors."
-            made = typer.Option(
-                option_name(name), help=about, rich_help_panel=LIMITS, metavar=f"<{unit}>", show_default=False
-            )
-            parameters.append(_keyword(name, str, made, ""))
+            about = About(LIMITS, f"--peak-effort of {drive}-driven motors.", unit=unit)
+            parameters.append(_parameter(FieldInfo(name, about, str, "", "", option_name(name)), both=True))
 
     def decorated(command: Callable[..., None]) -> Any:
         def run(context: typer.Context, **values: Any) -> None:
-            stated = _stated(context)
-            read = {name: _value(own[name], value) for name, value in stated.items() if name in own}
+            stated = _stated(context).items()
+            read = {name: _value(own[name], value) for name, value in stated if name in own}
             command(context, options(**{name: value for name, value in read.items() if value is not None}))
 
         run.__name__, run.__doc__, run.__module__ = command.__name__, command.__doc__, command.__module__
@@ -59,11 +55,6 @@ def with_options(options: type, fields: Collection[str] = ()) -> Callable[[Any],
         return run
 
     return decorated
-
-
-def _keyword(name: str, kind: Any, made: Any, default: Any) -> inspect.Parameter:
-    keyword = inspect.Parameter.KEYWORD_ONLY
-    return inspect.Parameter(name, keyword, default=default, annotation=Annotated[kind, made])
 
 
 def _parameter(field: FieldInfo, both: bool) -> inspect.Parameter:
@@ -77,13 +68,15 @@ def _parameter(field: FieldInfo, both: bool) -> inspect.Parameter:
         value = ",".join(default) if isinstance(default, tuple) else "" if default is None else str(default)
     help = about.text.replace("[", r"\[")
     if not about.group:
-        made = typer.Argument(help=help, metavar=about.unit or None, show_default=False)
+        shape = typer.Argument(help=help, metavar=about.unit or None, show_default=False)
     else:
-        made = typer.Option(
+        shape = typer.Option(
             field.option if both else field.option.partition("/")[0], help=help, rich_help_panel=about.group,
             metavar=None if kind is bool else f"<{about.unit or 'value'}>", show_default=bool(value) or default == 0,
         )  # fmt: skip
-    return _keyword(field.name, kind, made, inspect.Parameter.empty if value is MISSING else value)
+    value = inspect.Parameter.empty if value is MISSING else value
+    keyword = inspect.Parameter.KEYWORD_ONLY
+    return inspect.Parameter(field.name, keyword, default=value, annotation=Annotated[kind, shape])
 
 
 def request_of(context: typer.Context, o: PointOptions, source: str, elastic: str = "") -> DesignRequest:
@@ -173,8 +166,7 @@ def _value(field: FieldInfo, value: Any) -> Any:
 
 def reproduce_command(context: typer.Context, without: Collection[str] = ()) -> list[str]:
     """The words of the command that makes the same report again; without some parameters, by name."""
-    found, options = context.command_path.split(), _command(context).options
-    stated = _stated(context)
+    words, options, stated = context.command_path.split(), _command(context).options, _stated(context)
     for parameter in context.command.params:
         name = str(parameter.name)
         value = stated.get(name)
@@ -184,12 +176,12 @@ def reproduce_command(context: typer.Context, without: Collection[str] = ()) -> 
         if name in options and options[name].is_path and options[name].about.group:
             values = [Path(one).name for one in values]
         if isinstance(value, bool):
-            found.append((parameter.opts if value else parameter.secondary_opts)[0])
+            words.append((parameter.opts if value else parameter.secondary_opts)[0])
         elif parameter.param_type_name == "argument":
-            found += map(str, values)
+            words += map(str, values)
         else:
-            found += [word for one in values for word in (parameter.opts[0], str(one))]
-    return found
+            words += [text for one in values for text in (parameter.opts[0], str(one))]
+    return words
 
 
 def _command(context: typer.Context) -> Any:

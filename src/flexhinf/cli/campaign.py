@@ -7,17 +7,19 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import fields
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import typer
 from typer.core import TyperGroup
 
+from flexhinf import campaign as campaigns, pages
 from flexhinf.cli.arguments import design_file_of, read_source, reproduce_command, with_options
-from flexhinf.cli.messages import NOT_MET, note, progress_bar
+from flexhinf.cli.messages import NOT_MET, note, progress_bar, show, step_progress
 from flexhinf.cli.options import (
     BatchOptions,
     CompareCampaignsOptions,
@@ -28,7 +30,7 @@ from flexhinf.cli.options import (
 from flexhinf.errors import InvalidInput
 
 if TYPE_CHECKING:
-    from flexhinf.campaign import Campaign, FoundPlant, MergedTable, Requirement, Shard, WorstCase
+    from flexhinf.campaign import Journal, MergedTable, Requirement
     from flexhinf.campaign.driver import Executor, Report
     from flexhinf.design import DesignCampaign
 
@@ -67,20 +69,18 @@ def run(context: typer.Context, o: RunCampaignOptions) -> None:
     Exit code: 0 if every sample is a success, and the worst robot found; 1 if not; 2 for a mistake; 130 if
     interrupted.
     """
-    from flexhinf.campaign import Requirement, drive
     from flexhinf.design import open_campaign
     from flexhinf.design.campaign_gain import search_gain, searches_gain
 
-    asked, shard, executor = _request(o, o.design), _shard(o), _executor(o)
-    checked = [Requirement.of(text, list(asked.metrics.units)) for text in o.require or asked.requirements]
-    metrics = _searched(o, checked, list(asked.metrics.units), o.worst_case and searches_gain(asked))
-    words = reproduce_command(context)
-    with design_stages() as stage:
-        command = [word for k, word in enumerate(words) if (k, word) != (2, "run")]
-        campaign, journal = open_campaign(asked, o.out, command, stage)
+    design, shard, executor = _request(o, o.design), campaigns.Shard.read(o.shard or "1/1"), _executor(o)
+    checked = _requirements(o.require or design.requirements, design.metrics.units)
+    metrics = _searched(o, checked, list(design.metrics.units), o.worst_case and searches_gain(design))
+    with step_progress() as stage:
+        command = [word for k, word in enumerate(reproduce_command(context)) if (k, word) != (2, "run")]
+        campaign, journal = open_campaign(design, o.out, command, stage)
     try:
         with sample_progress(shard.name) as progress:
-            table = drive(campaign, journal, shard=shard, executor=executor, progress=progress)
+            table = campaigns.drive(campaign, journal, shard=shard, executor=executor, progress=progress)
     except KeyboardInterrupt:
         done = sum(map(journal.size, journal.shards()[0]))
         note(f"{done} of {journal.samples} samples are in {o.out}; the same command goes on from there.")
@@ -95,93 +95,71 @@ def run(context: typer.Context, o: RunCampaignOptions) -> None:
             note("the worst case is searched when all shards are there, by the same command without --shard")
         return
     for metric, least in metrics.items():
-        with design_stages() as stage:
+        with step_progress() as stage:
             if metric == GAIN:
-                search_gain(asked, journal, stage)
+                search_gain(design, journal, stage)
             else:
-                _search(campaign, table, metric, least, o.starts, stage)
+                text, nominal = f"worst {pages.metric_text(metric)}", table.journal.about.get("nominal", {})
+                progress = partial(_search_progress, stage, text)
+                campaigns.search_worst(
+                    campaign, journal, metric, table.columns, least=least, starts=o.starts, nominal=nominal,
+                    progress=progress,
+                )  # fmt: skip
     _finish(table, checked)
 
 
 def _request(o: BatchOptions, source: str) -> DesignCampaign:
-    """The campaign of a design, with the options of a campaign without those of the command."""
     from flexhinf.design import CampaignOptions, DesignCampaign
 
     values: dict[str, Any] = {field.name: getattr(o, field.name) for field in fields(CampaignOptions)}
-    tolerances = []
-    for text in o.tolerance:
-        name, equals, value = text.partition("=")
-        if not equals:
-            raise InvalidInput(
-                "The tolerance names no parameter.",
-                f"expected NAME=x, got {text!r}",
-                "--tolerance stiffness=15%",
-            )
-        tolerances.append((name.strip(), value.strip()))
-    values["tolerances"] = tuple(tolerances)
+    if nameless := [text for text in o.tolerance if "=" not in text]:
+        raise InvalidInput(
+            "The tolerance names no parameter.",
+            f"expected NAME=x, got {nameless[0]!r}",
+            "--tolerance stiffness=15%",
+        )
+    pairs = (text.split("=", 1) for text in o.tolerance)
+    values["tolerances"] = tuple((name.strip(), value.strip()) for name, value in pairs)
     request = read_source(source, o.elastic, {})
     return DesignCampaign(request, CampaignOptions(**values), design_file_of(source))
 
 
-def _shard(o: BatchOptions) -> Shard:
-    from flexhinf.campaign import Shard
-
-    return Shard.read(o.shard) if o.shard else Shard()
-
-
 def _executor(o: BatchOptions) -> Executor | None:
     """What runs the batches; None: this process."""
-    from flexhinf.campaign import in_cluster, in_processes
-
     if o.workers and o.cluster:
         raise InvalidInput(
             "Batches run in processes here or on a cluster.", "got --workers and --cluster", "one of both"
         )
     if o.cluster:
-        return in_cluster(o.cluster)
-    return in_processes(o.workers, note) if o.workers else None
+        return campaigns.in_cluster(o.cluster)
+    return campaigns.in_processes(o.workers, note) if o.workers else None
 
 
 def _searched(
     o: RunCampaignOptions, requirements: Sequence[Requirement], known: Sequence[str], gain: bool
 ) -> dict[str, bool]:
     """Metrics whose worst case is searched, and whether small values are the bad ones; `GAIN` comes last."""
-    from flexhinf.campaign import check_starts, known_metric
-
+    if o.metric and not o.worst_case:
+        raise InvalidInput(
+            "A metric is searched only where the worst case is searched.",
+            f"got --metric {o.metric[0]} without --worst-case",
+            "--worst-case beside it",
+        )
     if not o.worst_case:
-        if o.metric:
-            raise InvalidInput(
-                "A metric is searched only where the worst case is asked for.",
-                f"got --metric {o.metric[0]} without --worst-case",
-                "--worst-case beside it",
-            )
         return {}
-    check_starts(o.starts)
-    chosen = [known_metric(one, [*known, GAIN]) for one in o.metric]
+    campaigns.check_starts(o.starts)
+    chosen = [campaigns.known_metric(one, [*known, GAIN]) for one in o.metric]
     chosen = chosen or [*(one.metric for one in requirements), *([GAIN] if gain else [])]
     least = {one.metric for one in requirements if not one.at_most}
     return {name: name in least for name in sorted(dict.fromkeys(chosen), key=lambda name: name == GAIN)}
 
 
-def _search(
-    campaign: Campaign,
-    table: MergedTable,
-    metric: str,
-    least: bool,
-    starts: int,
-    stage: Callable[[str], None],
-) -> None:
-    """The worst plant for a metric; what is in the folder is not searched again."""
-    from flexhinf.campaign import search_worst
-    from flexhinf.pages import metric_text
+def _search_progress(stage: Callable[[str], None], text: str, runs: int, best: float) -> None:
+    stage(f"{text}: {best:.4g} after {runs} runs")
 
-    def progress(runs: int, best: float) -> None:
-        stage(f"worst {metric_text(metric)}: {best:.4g} after {runs} runs")
 
-    nominal = table.journal.about.get("nominal", {})
-    search_worst(
-        campaign, table.journal, metric, table.columns, least=least, starts=starts, nominal=nominal, progress=progress
-    )  # fmt: skip
+def _requirements(texts: Iterable[str], metrics: Iterable[str]) -> list[Requirement]:
+    return [campaigns.Requirement.of(text, list(metrics)) for text in texts]
 
 
 @app.command("merge")
@@ -192,10 +170,9 @@ def merge(context: typer.Context, o: MergeOptions) -> None:
     Shards of other folders are copied into the first one. Every file is
     checked, byte for byte; what is missing or damaged is named.
     """
-    from flexhinf.campaign import Journal, Requirement, merged
 
     def read(folder: Path) -> Journal:
-        journal = Journal.read(folder)
+        journal = campaigns.Journal.read(folder)
         if journal is None:
             raise InvalidInput(
                 "There is no campaign.", f"expected its folder, got {folder}", "the --out of its command"
@@ -204,15 +181,14 @@ def merge(context: typer.Context, o: MergeOptions) -> None:
 
     journal = read(o.folder)
     metrics = [column.name for column in journal.columns if column.judged]
-    stated = o.require or journal.about.get("requirements", [])
-    checked = [Requirement.of(text, metrics) for text in stated]
+    checked = _requirements(o.require or journal.about.get("requirements", []), metrics)
     with journal.driven():
         for other in o.others:
             typer.echo(f"{journal.take(read(other))} batches from {other}")
         good, bad = journal.shards()
         for path, wrong in bad:
             note(f"{path.name} is {wrong}; the campaign's command runs it again")
-        table = merged(journal, good)
+        table = campaigns.merged(journal, good)
     _finish(table, checked)
 
 
@@ -220,10 +196,6 @@ def merge(context: typer.Context, o: MergeOptions) -> None:
 @with_options(ReplayOptions)
 def replay(context: typer.Context, o: ReplayOptions) -> None:
     """Run one sample of a campaign again, or the worst robot, alone, and say whether the metrics are the same bits."""
-    from rich.console import Console
-
-    from flexhinf import pages
-    from flexhinf.campaign import replayed, stored_worst
     from flexhinf.design import stored_campaign
     from flexhinf.design.campaign_folder import stored_request
     from flexhinf.design.campaign_gain import GainSearch, stored_gains
@@ -250,54 +222,48 @@ def replay(context: typer.Context, o: ReplayOptions) -> None:
                 f"the campaign's command with --worst-case --metric {GAIN}",
             )
         search = GainSearch(stored_request(journal), float(journal.settings["duration"]))
-        Console().print(pages.gain_replay_table(rows, [search.again(row) for row in rows]))
+        show([pages.gain_replay_table(rows, [search.again(row) for row in rows])])
         return
     if o.sample is not None:
-        found = replayed(campaign, journal, o.sample)
-        run, table, same, made = found.run, pages.replay_table(found), found.same, "made the table"
+        replayed = campaigns.replayed(campaign, journal, o.sample)
+        run, table, same, origin = replayed.run, pages.replay_table(replayed), replayed.same, "made the table"
     else:
-        case = stored_worst(journal, o.worst_case)
+        case = campaigns.stored_worst(journal, o.worst_case)
         again = case.again(campaign)
         run = None if o.out is None else case.run(campaign)
-        table, same, made = pages.worst_table(case, again), again == case.found, "searched"
+        table, same, origin = pages.worst_table(case, again), again == case.found, "searched"
     if o.out is not None and run is not None:
         run.save(o.out)
-    Console().print(table)
+    show([table])
     if not same:
-        note(f"the numbers differ in their last bits: another kind of processor, or other versions, {made}")
+        note(f"the numbers differ in their last bits: another kind of processor, or other versions, {origin}")
 
 
 def _finish(table: MergedTable, requirements: list[Any]) -> None:
-    """Report, verdict, worst cases with the commands that run them again; exit code."""
-    from flexhinf import pages
-    from flexhinf.campaign import stored_worsts
     from flexhinf.design import stored_campaign
     from flexhinf.design.campaign_gain import stored_gains
 
     journal, folder = table.journal, table.journal.folder
 
-    def run(sample: int) -> Any:
-        return stored_campaign(folder)[0].replay(sample)
-
-    def plant_run(case: WorstCase, plant: FoundPlant) -> Any:
-        return case.run(stored_campaign(folder)[0], plant)
-
     def say_replay(what: str) -> None:
         typer.echo(f"replay: {pages.replay_command(folder, what)}")
 
-    judged = pages.write_campaign(table, requirements, run, plant_run)
+    judged = pages.write_campaign(
+        table, requirements, lambda sample: stored_campaign(folder)[0].replay(sample),
+        lambda case, plant: case.run(stored_campaign(folder)[0], plant),
+    )  # fmt: skip
     typer.echo(pages.campaign_verdict(judged))
     missed = False
-    for case in stored_worsts(journal):
+    for case in campaigns.stored_worsts(journal):
         typer.echo(pages.worst_text(case))
         say_replay(f"--worst-case {case.metric}")
         missed |= bool(pages.missed_by(case, requirements))
-    found = stored_gains(journal)
-    for row in found.rows:
+    gains = stored_gains(journal)
+    for row in gains.rows:
         typer.echo(pages.gain_text(row, journal.about.get("nominal", {})))
-    if found.unproved:
-        note(f"no γ is proved of this law: {found.unproved}")
-    if found.rows:
+    if gains.unproved:
+        note(f"no γ is proved of this law: {gains.unproved}")
+    if gains.rows:
         say_replay(f"--worst-case {GAIN}")
     typer.echo(f"table:  {folder / 'samples.parquet'}")
     typer.echo(f"report: {folder / 'index.html'}")
@@ -321,22 +287,18 @@ def compare(context: typer.Context, o: CompareCampaignsOptions) -> None:
     Exit code: 0 when the report is written, whichever is better; 2 for a
     mistake; 130 if interrupted.
     """
-    from rich.console import Console
-
-    from flexhinf.campaign import Requirement, compare as compare_tables, drive
     from flexhinf.design import DesignPair, PairResult, open_pair, stored_campaign
-    from flexhinf.pages import pair_table, pair_verdict, write_campaign, write_pair
 
-    shard, executor = _shard(o), _executor(o)
+    shard, executor = campaigns.Shard.read(o.shard or "1/1"), _executor(o)
     pair = DesignPair(_request(o, o.first), _request(o, o.second))
-    checked = [Requirement.of(text, list(pair.a.metrics.units)) for text in o.require or pair.a.requirements]
+    checked = _requirements(o.require or pair.a.requirements, pair.a.metrics.units)
     words = reproduce_command(context)
-    with design_stages() as stage:
+    with step_progress() as stage:
         opened = open_pair(pair, o.out, (words, words), stage)
     tables = []
     for name, (campaign, journal) in zip("AB", opened):
         with sample_progress(f"{name} {shard.name}".strip()) as progress:
-            table = drive(campaign, journal, shard=shard, executor=executor, progress=progress)
+            table = campaigns.drive(campaign, journal, shard=shard, executor=executor, progress=progress)
         tables += [] if table is None else [table]
     if len(tables) < 2:
         typer.echo(f"shard {o.shard} is done; others are still to be run.")
@@ -345,58 +307,42 @@ def compare(context: typer.Context, o: CompareCampaignsOptions) -> None:
 
     def judged(table: MergedTable) -> Any:
         folder = table.journal.folder
-        return write_campaign(table, checked, lambda sample: stored_campaign(folder)[0].replay(sample))
+        return pages.write_campaign(table, checked, lambda sample: stored_campaign(folder)[0].replay(sample))
 
     names = o.first, o.second
     both = judged(tables[0]), judged(tables[1])
-    paired = compare_tables(tables[0], tables[1], [one.text() for one in checked])
+    paired = campaigns.compare(tables[0], tables[1], [one.text() for one in checked])
     result = PairResult(pair, o.out.expanduser().absolute(), names, both, paired, tuple(words))
-    path = write_pair(result)
-    Console().print(pair_table(result))
+    path = pages.write_pair(result)
+    show([pages.pair_table(result)])
     for name, source in zip("AB", names):
         typer.echo(f"{name}: {source}")
     if not pair.differences:
         note("the specifications do not differ")
-    typer.echo(pair_verdict(result))
+    typer.echo(pages.pair_verdict(result))
     typer.echo(f"report: {path}")
-
-
-@contextmanager
-def design_stages() -> Iterator[Callable[[str], None]]:
-    """A line for what comes next while the controller is designed; silent where it is no terminal."""
-    from rich.console import Console
-
-    console = Console(stderr=True)
-    if not console.is_terminal:
-        yield lambda text: None
-        return
-    with console.status("design") as status:
-        yield lambda text: status.update(text.replace("[", r"\["))
 
 
 @contextmanager
 def sample_progress(part: str) -> Iterator[Callable[[Report], None]]:
     """Samples, rate and time left: a bar, or a line every `EVERY` seconds where standard error is no terminal."""
-    from rich.console import Console
-
-    terminal = Console(stderr=True).is_terminal
-    bar = progress_bar("Bar", "MofNComplete", disable=not terminal)
+    bar = progress_bar("Bar", "MofNComplete")
     task = bar.add_task("")
-    begun, told = time.monotonic(), time.monotonic()
+    begun, printed = time.monotonic(), time.monotonic()
 
     def progress(report: Report) -> None:
-        nonlocal told
+        nonlocal printed
         if report.note:
             note(report.note)
         text, seconds = "", time.monotonic() - begun
         if report.fresh and seconds > 0.0:
             rate = report.fresh / seconds  # of this driver
             left = (report.total - report.done) / rate
-            shown = f"{left:.0f} s" if left < 120.0 else f"{left / 60.0:.0f} min"
-            text = f"{rate:.3g} samples/s, {shown if left < 7200.0 else f'{left / 3600.0:.1f} h'} left"
+            remaining = f"{left:.0f} s" if left < 120.0 else f"{left / 60.0:.0f} min"
+            text = f"{rate:.3g} samples/s, {remaining if left < 7200.0 else f'{left / 3600.0:.1f} h'} left"
         bar.update(task, total=report.total, completed=report.done, description=text)
-        if not terminal and report.fresh and time.monotonic() - told >= EVERY:
-            told = time.monotonic()
+        if bar.disable and report.fresh and time.monotonic() - printed >= EVERY:
+            printed = time.monotonic()
             sys.stderr.write(
                 f"{part + ': ' if part else ''}{report.done} of {report.total} samples, {text}\n"
             )

@@ -15,12 +15,12 @@ import typer
 from typer.exceptions import TyperException
 from typer.main import get_command
 
-from flexhinf import __version__
+from flexhinf import __version__, pages
 from flexhinf.cli.campaign import app as campaign
 from flexhinf.cli.certify import certify
 from flexhinf.cli.design import compare, design, paper
 from flexhinf.cli.export import app as export, compile_design, run_design
-from flexhinf.cli.messages import INTERRUPTED, error_text, interrupted, mistake, parser_error, refused
+from flexhinf.cli.messages import INTERRUPTED, error_text, interrupted, mistake, parser_error, refused, show
 from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.files import recorded
 from flexhinf.validation import value_text
@@ -28,11 +28,7 @@ from flexhinf.validation import value_text
 
 def robots() -> None:
     """List the robots that ship with flexhinf, and where their numbers come from."""
-    from rich.console import Console
-
-    from flexhinf.pages import robots_table
-
-    Console().print(robots_table())
+    show([pages.robots_table()])
 
 
 def schema() -> None:
@@ -46,38 +42,48 @@ def schema() -> None:
     typer.echo(json.dumps(design_schema(), indent=2, ensure_ascii=escaped))
 
 
-#: Each with its examples, in the order of the help.
+#: Each with its function and its examples, in the order of the help.
 COMMANDS = {
-    paper: ("flexhinf paper", "flexhinf paper --gamma-ratio 1.5 --seed 1 --out second"),
-    robots: ("flexhinf robots",),
-    design: (
+    "paper": (paper, "flexhinf paper", "flexhinf paper --gamma-ratio 1.5 --seed 1 --out second"),
+    "robots": (
+        robots,
+        "flexhinf robots",
+    ),
+    "design": (
+        design,
         "flexhinf design paper --pose 90deg",
         "flexhinf design planar-two-link --pose 35deg,20deg --measured motor_position --bandwidth 3 --damping 0.3",
         "flexhinf design paper --preset robust --peak-voltage 24 --delay 2ms --out robust",
         "flexhinf design flexhinf-design/design.toml --seed 1",
     ),
-    compare: (
+    "compare": (
+        compare,
         "flexhinf compare paper --pose 90deg",
         "flexhinf compare planar-two-link --pose 35deg,20deg --laws pd,pid,flatness-i --measured motor_position",
         "flexhinf compare flexhinf-design/design.toml --tune bandwidth",
     ),
-    certify: (
+    "certify": (
+        certify,
         "flexhinf certify design.toml --out proof",
         "flexhinf certify paper --pose 180deg --preset robust --degree 6",
         "flexhinf certify paper --pose 180deg --start 0 --preset damped --degrees 2 --tolerances",
         "flexhinf certify --check flexhinf-certificate/certificate.json",
     ),
-    compile_design: ("flexhinf compile flexhinf-design --out arm.so",),
-    run_design: (
+    "compile": (
+        compile_design,
+        "flexhinf compile flexhinf-design --out arm.so",
+    ),
+    "run": (
+        run_design,
         "flexhinf run flexhinf-design --mujoco --log run.csv --record arm.gif",
         "flexhinf run flexhinf-design --mujoco --library arm.so --priority 80 --core 1",
         "flexhinf run flexhinf-design --mujoco --payload 2kg --perturb stiffness=-20% --duration 3s",
     ),
-    schema: ("flexhinf schema > design.schema.json",),
+    "schema": (
+        schema,
+        "flexhinf schema > design.schema.json",
+    ),
 }
-
-#: Commands that are called otherwise than their functions.
-NAMES = {compile_design: "compile", run_design: "run"}
 
 
 class App(typer.Typer):
@@ -130,8 +136,7 @@ def root(
     """
 
 
-for command, examples in COMMANDS.items():
-    name = NAMES.get(command)
+for name, (command, *examples) in COMMANDS.items():
     app.command(name, epilog="\n\n".join(["Examples:", *(f"  {line}" for line in examples)]))(command)
 
 

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import asdict
-from typing import Any
 
 import typer
 
+from flexhinf import pages, report
 from flexhinf.cli.arguments import reproduce_command, request_of, with_options
-from flexhinf.cli.messages import NOT_MET, note, step_progress
+from flexhinf.cli.messages import NOT_MET, note, show, step_progress
 from flexhinf.cli.options import ALL, COMPARE_FIELDS, CompareOptions, DesignOptions, PaperOptions
 from flexhinf.design.options import option_name
+
+#: Of verdicts.
+COLOURS = {"holds": "green", "fails": "red", "ties": "yellow", "not judged": "bright_black"}
 
 
 @with_options(DesignOptions, ALL)
@@ -26,24 +28,17 @@ def design(context: typer.Context, o: DesignOptions) -> None:
     (the report is written, and says so); 2 for a mistake, or for what cannot
     be met (nothing is written); 130 if interrupted.
     """
-    from rich.console import Console
-
-    from flexhinf import pages
     from flexhinf.design import design as make_design, design_text, stages
-    from flexhinf.report import check, write
 
     request = request_of(context, o, o.robot, o.elastic)
-    folder = check(o.out)
+    folder = report.check(o.out)
     with step_progress(stages(request.robot, request.specification) + 1) as progress:
         result = make_design(request.robot, request.specification, progress)
         progress("report")
         files = pages.design_files(result, reproduce_command(context), request.warnings, ("design.toml",))
         files["design.toml"] = design_text(result, request, folder)
-    write(folder, files)
-    for table in pages.design_tables(result):
-        Console().print(table)
-    for text in pages.notes(result):
-        note(text)
+    report.write(folder, files)
+    show(pages.design_tables(result), pages.notes(result))
     typer.echo(pages.verdict(result))
     typer.echo(f"report: {folder / 'index.html'}")
     if not result.met:
@@ -64,13 +59,11 @@ def compare(context: typer.Context, o: CompareOptions) -> None:
     """
     from rich.console import Console
 
-    from flexhinf import pages
     from flexhinf.design import compare as make_comparison, comparison_stages, law_names
-    from flexhinf.report import check, write
 
     request = request_of(context, o, o.robot, o.elastic)
     chosen = tuple(name.strip() for name in o.laws.split(",") if name.strip()) or None
-    folder = check(o.out)
+    folder = report.check(o.out)
     count = comparison_stages(request.robot, request.specification, law_names(chosen))
     with step_progress(count + 1) as progress:
         result = make_comparison(
@@ -78,13 +71,9 @@ def compare(context: typer.Context, o: CompareOptions) -> None:
         )
         progress("report")
         files = pages.comparison_files(result, reproduce_command(context), request.warnings)
-    write(folder, files)
-    console = Console()
+    report.write(folder, files)
     typer.echo(f"Criterion: {result.criterion.text}")
-    for table in pages.comparison_tables(result, console.width):
-        console.print(table)
-    for text in pages.comparison_notes(result):
-        note(text)
+    show(pages.comparison_tables(result, Console().width), pages.comparison_notes(result))
     typer.echo(pages.comparison_verdict(result))
     typer.echo(f"report: {folder / 'index.html'}")
 
@@ -92,11 +81,14 @@ def compare(context: typer.Context, o: CompareOptions) -> None:
 @with_options(PaperOptions)
 def paper(context: typer.Context, o: PaperOptions) -> None:
     """Reproduce every figure and judge every claim of Elsa & Akbari (2014)."""
+    from rich.console import Console
+    from rich.markup import escape
+    from rich.table import Table
+
     from flexhinf.paper import STAGES, PaperSettings, reproduce
-    from flexhinf.report import check, write
 
     settings = PaperSettings(**{name: value for name, value in asdict(o).items() if name != "out"})
-    check(o.out)
+    report.check(o.out)
     if o.degree % 2:
         note(
             f"the paper's arm is odd, so V has no terms of degree {o.degree}: it is degree {o.degree - 1} again."
@@ -107,31 +99,20 @@ def paper(context: typer.Context, o: PaperOptions) -> None:
     words += [] if o.out == PaperOptions().out else ["--out", o.out.name]
     with step_progress(STAGES) as progress:
         result = reproduce(settings, words, progress)
-    folder = write(o.out, result.files)
-    _print_claims(result.judged, result.metrics)
-    typer.echo(f"report: {folder / 'index.html'}")
-
-
-def _print_claims(judged: Sequence[Any], metrics: dict[str, Any]) -> None:
-    from rich.console import Console
-    from rich.markup import escape
-    from rich.table import Table
-
-    from flexhinf.report import by_verdict, summary
-
-    colours = {"holds": "green", "fails": "red", "ties": "yellow", "not judged": "bright_black"}
+    folder = report.write(o.out, result.files)
     title = (
-        f"γ* of the paper's problem = {metrics['gamma_star']:.4f}, γ of its law here = {metrics['gamma']:.4f}"
+        f"γ* of the paper's problem = {result.metrics['gamma_star']:.4f}, "
+        f"γ of its law here = {result.metrics['gamma']:.4f}"
     )
     console = Console()
-    for ours in (False, True):
-        claims = by_verdict([one.claim for one in judged if one.ours == ours])
-        table = Table(title="Our own question" if ours else title, title_justify="left", show_lines=True)
+    for heading, claims in ((title, result.claims), ("Our own question", result.questions)):
+        table = Table(title=heading, title_justify="left", show_lines=True)
         table.add_column("claim, and by what it is judged")
         table.add_column("verdict", no_wrap=True)
-        for claim in claims:
+        for claim in report.by_verdict(claims):
             text = f"{escape(claim.text)}\n[dim]{escape(claim.criterion)}[/]"
-            table.add_row(text, f"[{colours[claim.verdict]}]{claim.verdict}[/]")
+            table.add_row(text, f"[{COLOURS[claim.verdict]}]{claim.verdict}[/]")
         console.print(table)
-        if not ours:
-            console.print(f"{summary(claims)} No printed curve was compared with a computed one.")
+        if claims is result.claims:
+            console.print(f"{report.summary(claims)} No printed curve was compared with a computed one.")
+    typer.echo(f"report: {folder / 'index.html'}")

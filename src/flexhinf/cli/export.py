@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from flexhinf import export, pages
 from flexhinf.cli.arguments import request_of, with_options
-from flexhinf.cli.messages import NOT_MET, note, step_progress
+from flexhinf.cli.messages import NOT_MET, note, show, step_progress
 from flexhinf.cli.options import RUN_FIELDS, CompileOptions, ExportCOptions, ExportFmuOptions, RunOptions
 from flexhinf.errors import InvalidInput
 from flexhinf.validation import checked_path, value_text
@@ -19,7 +20,6 @@ from flexhinf.validation import checked_path, value_text
 if TYPE_CHECKING:
     from flexhinf.design.deployed_run import DeployedRun
     from flexhinf.loop import Controller
-    from flexhinf.plant import Plant
 
 
 app = typer.Typer(help="Write the controller of a design as what runs on a robot.")
@@ -34,8 +34,6 @@ def export_c(context: typer.Context, o: ExportCOptions) -> None:
     numbers are those of the simulation. README.md there has signals, units,
     memory and cost.
     """
-    from flexhinf import export
-
     if o.name:
         export.checked_identifier(o.name)
     folder = export.checked_folder(o.out, o.force)
@@ -56,11 +54,16 @@ def export_fmu(context: typer.Context, o: ExportFmuOptions) -> None:
     the robot: motor inputs and disturbances in, measurements and states out,
     its parameters to be set. Needs a C compiler.
     """
-    from flexhinf import export
+    from flexhinf.design import load_design
 
     if o.plant:
-        model, title, period, rest = plant_of(o.source)
-        written = export.export_plant_fmu(model, o.out, o.name or export.identifier_of(title), period, *rest)
+        path = file_of(o.source, "A plant is that of a design file.", "flexhinf export fmu DIR --plant")
+        robot, s = load_design(path)
+        rest = robot.operating_point(s.pose if s.start is None else s.start, s.extras)
+        name = o.name or export.identifier_of(robot.name)
+        written = export.export_plant_fmu(
+            robot.plant(s.measured, extras=s.extras), o.out, name, s.period, *rest
+        )
     else:
         controller, title = controller_of(o.source)
         written = export.export_fmu(controller, o.out, o.name or export.identifier_of(title))
@@ -74,28 +77,8 @@ def compile_design(context: typer.Context, o: CompileOptions) -> None:
     fh.load_compiled(FILE) steps it from Python, without LLVM and CasADi; every
     output is the simulation's. For this platform; needs a C compiler.
     """
-    from flexhinf import export
-
     written = export.compile_controller(controller_of(o.source)[0], o.out, o.processor)
     typer.echo(f"library: {written}")
-
-
-def plant_of(source: str) -> tuple[Plant, str, float, tuple[Any, Any]]:
-    """The true plant of a design file, a name for it, the period, and the equilibrium from which its step starts."""
-    from flexhinf.design import load_design
-    from flexhinf.design.design_file import is_design_file
-
-    path = file_of(source)
-    if not is_design_file(path):
-        raise InvalidInput(
-            "A plant is that of a design file.",
-            f"expected design.toml or a report's folder, got {source!r}",
-            "flexhinf design ROBOT --out DIR, then flexhinf export fmu DIR --plant",
-        )
-    robot, s = load_design(path)
-    pose = s.start if s.start is not None else s.pose
-    plant = robot.plant(s.measured, extras=s.extras)
-    return plant, robot.name, s.period, robot.operating_point(pose, s.extras)
 
 
 def controller_of(source: str) -> tuple[Controller, str]:
@@ -121,32 +104,42 @@ def controller_of(source: str) -> tuple[Controller, str]:
     if unchanged(path.parent, ("design.toml", "controller")):
         return load_controller(beside), robot.name
     if beside.exists():
-        note("design.toml was changed since the report: it is designed anew.")
+        other = "the controller" if unchanged(path.parent, ("design.toml",)) else "design.toml"
+        note(f"{other} was changed since the report: it is designed anew.")
     from flexhinf.design import design, stages
-    from flexhinf.pages import verdict
 
     with step_progress(stages(robot, specification)) as progress:
         result: Any = design(robot, specification, progress)
-    note(verdict(result))
+    note(pages.verdict(result))
     return result.controller(), robot.name
 
 
-def file_of(source: str) -> Path:
-    """The file that is meant: of a report's folder its design file; refused where nothing is."""
+def file_of(source: str, only_design: str = "", then: str = "") -> Path:
+    """The file that is meant: of a report's folder its design file; refused where nothing is.
+
+    With `only_design`, the first sentence of the refusal, and the command `then`: also where it is no design file.
+    """
+    from flexhinf.design.design_file import is_design_file
     from flexhinf.robot import catalogue
 
     path = checked_path("The design", source)
-    found = path / "design.toml" if os.path.isdir(path) else path
-    if not os.path.exists(found) and source not in catalogue():
+    file = path / "design.toml" if os.path.isdir(path) else path
+    if not os.path.exists(file) and source not in catalogue():
         what = (
-            f"folder {value_text(source, 120)} holds no" if found != path else "path leads to no file and no"
+            f"folder {value_text(source, 120)} holds no" if file != path else "path leads to no file and no"
         )
         raise InvalidInput(
             f"There is no file or design {value_text(source, 120)}.",
             f"expected design.toml, the folder of a report or the file of a controller; the {what} design.toml",
             "flexhinf design ROBOT --out DIR, then DIR in its place",
         )
-    return found
+    if only_design and not is_design_file(file):
+        raise InvalidInput(
+            only_design,
+            f"expected design.toml or a report's folder, got {source!r}",
+            f"flexhinf design ROBOT --out DIR, then {then}",
+        )
+    return file
 
 
 @with_options(RunOptions, RUN_FIELDS)
@@ -166,16 +159,12 @@ def run_design(context: typer.Context, o: RunOptions) -> None:
         raise InvalidInput(
             "It is not said which robot is driven.", "expected --mujoco, the robot in MuJoCo, got none", "--mujoco"
         )  # fmt: skip
-    from rich.console import Console
-
-    from flexhinf.export import check_log, load_compiled, write_log
-    from flexhinf.pages import check_film, run_met, run_notes, run_tables, run_verdict, write_film
     from flexhinf.robot.mujoco import MuJoCoView, check_display
 
-    logs, films = [check_log(path) for path in o.log], [check_film(path) for path in o.record]
+    logs, films = [export.check_log(path) for path in o.log], [pages.check_film(path) for path in o.record]
     if o.view:
         check_display()
-    compiled = None if o.library is None else load_compiled(o.library)
+    compiled = None if o.library is None else export.load_compiled(o.library)
     prepared = _prepared(context, o)
     with MuJoCoView(prepared.robot, prepared.box) if o.view else nullcontext() as viewer:
         watch = None if viewer is None else viewer.show
@@ -184,41 +173,32 @@ def run_design(context: typer.Context, o: RunOptions) -> None:
         )
     try:
         for path in logs:
-            write_log(run, path)
+            export.write_log(run, path)
     finally:  # a full disk takes the log, and not what the run has shown
-        for table in run_tables(prepared, run):
-            Console().print(table)
-        for text in run_notes(run):
-            note(text)
-        typer.echo(run_verdict(prepared, run))
+        show(pages.run_tables(prepared, run), pages.run_notes(run))
+        typer.echo(pages.run_verdict(prepared, run))
     for path in logs:
         typer.echo(f"log: {path}")
     with step_progress(len(films)) if films else nullcontext() as progress:
         for path in films:
             if progress is not None:
                 progress(f"draw {path.name}")
-            write_film(prepared, run, path)
+            pages.write_film(prepared, run, path)
     for path in films:
         typer.echo(f"film: {path}")
     if run.stopped:
         raise typer.Exit(128 + run.stopped)
-    if run.stopped is None and not run_met(prepared, run):
+    if run.stopped is None and not pages.run_met(prepared, run):
         raise typer.Exit(NOT_MET)
 
 
 def _prepared(context: typer.Context, o: RunOptions) -> DeployedRun:
     from flexhinf.design import load_design
     from flexhinf.design.deployed_run import Conditions, perturbed, prepare_run
-    from flexhinf.design.design_file import is_design_file
     from flexhinf.robot.mujoco import check_expressed
 
-    path = file_of(o.source)
-    if not is_design_file(path):
-        raise InvalidInput(
-            "A run needs a design file, which states robot, start and goal.",
-            f"expected design.toml or a report's folder, got {o.source!r}",
-            "flexhinf design ROBOT --out DIR, then flexhinf run DIR --mujoco",
-        )
+    needs = "A run needs a design file, which states robot, start and goal."
+    path = file_of(o.source, needs, "flexhinf run DIR --mujoco")
     request = request_of(context, o, str(path))
     check_expressed(request.specification.extras)
     robot = perturbed(request.robot, o.perturb)

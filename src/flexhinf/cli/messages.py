@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from itertools import pairwise
 from pathlib import Path
@@ -114,6 +114,16 @@ def note(text: str) -> None:
     typer.secho(f"note: {option_syntax(text)}", fg="yellow", err=True)
 
 
+def show(tables: Iterable[Any], notes: Iterable[str] = ()) -> None:
+    """Print tables, and then notes."""
+    from rich.console import Console
+
+    for table in tables:
+        Console().print(table)
+    for text in notes:
+        note(text)
+
+
 def parser_error(error: TyperException, arguments: Sequence[str]) -> str:
     """What the option parser found wrong, in three parts."""
     context = getattr(error, "ctx", None)
@@ -127,19 +137,23 @@ def parser_error(error: TyperException, arguments: Sequence[str]) -> str:
     if path in commands and option != typed:
         what, advice = f"{typed} is called {option}, as its field is", f"{option} in the place of {typed}"
         return str(FlexhinfError(f"{what}.", f"expected {option}, got: {' '.join(arguments)}", advice))
-    found = f"expected what `{path} --help` lists, got: {' '.join(arguments)}"
+    expected = f"expected what `{path} --help` lists, got: {' '.join(arguments)}"
     if commands and path not in commands:
         what = f"{path} does not take {option}, which would change nothing there"
-        return str(FlexhinfError(f"{what}.", found, f"without it; it is an option of {', '.join(commands)}"))
+        return str(
+            FlexhinfError(f"{what}.", expected, f"without it; it is an option of {', '.join(commands)}")
+        )
     advice = ", ".join(known or ()) or meant.rstrip("?").strip("'") or _joined(arguments) or f"{path} --help"
-    return str(FlexhinfError(f"{what}.", found, advice))
+    return str(FlexhinfError(f"{what}.", expected, advice))
 
 
 def _with_option(command: Any, path: str, option: str) -> list[str]:
     own = [path] if any(option in (*one.opts, *one.secondary_opts) for one in command.params) else []
     inner = getattr(command, "commands", {})
     return own + [
-        found for name, one in inner.items() for found in _with_option(one, f"{path} {name}", option)
+        command_path
+        for name, one in inner.items()
+        for command_path in _with_option(one, f"{path} {name}", option)
     ]
 
 
@@ -151,23 +165,24 @@ def _joined(arguments: Sequence[str]) -> str:
     return ""
 
 
-def progress_bar(*columns: str, disable: bool = False) -> Any:
-    """A bar on standard error that vanishes at its end: its columns of `rich.progress` by name, then what is done."""
+def progress_bar(*columns: str) -> Any:
+    """A bar on standard error that vanishes at its end, silent where that is no terminal: its columns of
+    `rich.progress` by name, then what is done."""
     from rich import progress
     from rich.console import Console
 
-    made = [getattr(progress, f"{name}Column")() for name in columns]
-    text = progress.TextColumn("{task.description}", markup=False)
-    return progress.Progress(*made, text, console=Console(stderr=True), transient=True, disable=disable)
+    own = [getattr(progress, f"{name}Column")() for name in columns]
+    text, console = progress.TextColumn("{task.description}", markup=False), Console(stderr=True)
+    return progress.Progress(*own, text, console=console, transient=True, disable=not console.is_terminal)
 
 
 @contextmanager
-def step_progress(total: int) -> Iterator[Callable[[str], None]]:
-    """A bar of so many steps around some work, silent where standard error is no terminal.
+def step_progress(total: int | None = None) -> Iterator[Callable[[str], None]]:
+    """A bar of so many steps around some work, a mark that turns where nobody knows how many.
 
     It gives a function that is called with the name of each step before the step begins.
     """
-    bar = progress_bar("Bar", "MofNComplete", "TimeElapsed")
+    bar = progress_bar(*(("Spinner",) if total is None else ("Bar", "MofNComplete")), "TimeElapsed")
     task, begun = bar.add_task("", total=total), 0
 
     def begin(text: str) -> None:

@@ -19,11 +19,17 @@ from flexhinf.design.options import (
     TRIED,
     WAY,
     WRITTEN,
+    Duration,
+    Number,
+    Real,
+    Seconds,
+    Text,
+    Threads,
+    Whole,
     argument,
     option,
 )
 from flexhinf.design.specification import FIELDS
-from flexhinf.design.units import Duration, Number, Real, Seconds, Text, Threads, Whole
 from flexhinf.paper.settings import PaperSettings
 
 ALL = tuple(FIELDS)

@@ -220,11 +220,11 @@ class Kernel:
             if buffer.role == "work":
                 arrays[buffer.name] = aligned((buffer.size or 0) * self.lanes)
         addresses = [arrays[buffer.name].ctypes.data for buffer in self.program.buffers]
-        words = [*addresses, *(counts[name] for name in self.program.counts)]
-        context = np.array([*words, *[0] * self.lanes, *[-1] * self.lanes], dtype=np.int64)
+        slots = [*addresses, *(counts[name] for name in self.program.counts)]
+        context = np.array([*slots, *[0] * self.lanes, *[-1] * self.lanes], dtype=np.int64)
         bound = BoundCode(self._short_entry if short else self._entry, ctypes.c_void_p(context.ctypes.data))
         bound.keep = (self, arrays, context)
-        bound.outcome = context[len(words) :]
+        bound.outcome = context[len(slots) :]
         return bound
 
 

@@ -292,8 +292,8 @@ class Composer:
 
         def on_symbols(*symbols: Any) -> Any:
             nonlocal several
-            given = iter(s.T if flip else s for s, flip in zip(symbols, flipped))
-            results = function(*(next(given) if isinstance(array, Block) else array for array in arrays))
+            columns = iter(s.T if flip else s for s, flip in zip(symbols, flipped))
+            results = function(*(next(columns) if isinstance(array, Block) else array for array in arrays))
             several = isinstance(results, tuple)
             results = tuple(map(np.asarray, results if several else (results,)))
             seen.extend(result.shape for result in results)

@@ -129,10 +129,10 @@ def _address(name: str) -> int:
 
 @cache
 def _libraries() -> tuple[ctypes.CDLL, ...]:
-    found = [] if os.name == "nt" else [ctypes.CDLL(None)]
+    libraries = [] if os.name == "nt" else [ctypes.CDLL(None)]
     for name in _NAMES.get(sys.platform, ("libm.so.6", "libm.so")):
         try:
-            found.append(ctypes.CDLL(name))
+            libraries.append(ctypes.CDLL(name))
         except OSError:
             continue
-    return tuple(found)
+    return tuple(libraries)

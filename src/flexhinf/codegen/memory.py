@@ -188,11 +188,11 @@ def whole(piece: Slice | Columns) -> Slice:
     return piece.whole if isinstance(piece, Columns) else piece
 
 
-def overlap(one: Slice, other: Slice) -> bool:
+def overlap(first: Slice, second: Slice) -> bool:
     """Do they share elements, as far as that can be told (the same shift, and the same moves in all loops)?"""
-    if (one.buffer, one.strides, one.shift) != (other.buffer, other.strides, other.shift):
+    if (first.buffer, first.strides, first.shift) != (second.buffer, second.strides, second.shift):
         return False
-    return one.offset < other.offset + other.size and other.offset < one.offset + one.size
+    return first.offset < second.offset + second.size and second.offset < first.offset + first.size
 
 
 def aligned(size: int) -> np.ndarray:

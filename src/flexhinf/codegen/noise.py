@@ -96,26 +96,26 @@ def philox(counter: Sequence[Any], key: Sequence[Any], run: Any = ARRAYS) -> lis
 
     Arguments are integers, or integer arrays that broadcast. In between, what is above 32 bits means nothing.
     """
-    words = list(counter)
+    block = list(counter)
     for turn in range(ROUNDS):
         low, high = (
             run.whole("mul", run.whole("and", word, LOW), factor)
-            for word, factor in zip((words[0], words[2]), MULTIPLIERS)
+            for word, factor in zip((block[0], block[2]), MULTIPLIERS)
         )
         keys = [run.whole("add", k, turn * weyl) for k, weyl in zip(key, WEYL)] if turn else key
-        words = [
-            run.whole("xor", run.whole("xor", run.whole("lshr", high, 32), words[1]), keys[0]),
+        block = [
+            run.whole("xor", run.whole("xor", run.whole("lshr", high, 32), block[1]), keys[0]),
             high,
-            run.whole("xor", run.whole("xor", run.whole("lshr", low, 32), words[3]), keys[1]),
+            run.whole("xor", run.whole("xor", run.whole("lshr", low, 32), block[3]), keys[1]),
             low,
         ]
-    return [run.whole("and", word, LOW) for word in words]
+    return [run.whole("and", word, LOW) for word in block]
 
 
 def normal(run: Any, counter: Sequence[Any], key: Sequence[Any]) -> Any:
     """A number N(0, 1) for each counter, by Box and Muller's transform of 53-bit uniforms. Nothing is fused."""
-    words = philox(counter, key, run)
-    first, second = (_numerator(run, *words[k : k + 2]) for k in (0, 2))
+    block = philox(counter, key, run)
+    first, second = (_numerator(run, *block[k : k + 2]) for k in (0, 2))
     radius = run.root(run.real("fmul", _logarithm(run, first), -2.0))
     return run.real("fmul", radius, _cosine(run, second))
 

@@ -15,10 +15,9 @@ from .design_file import (
     load_design as load_design,
     read_request as read_request,
 )
-from .estimators import EstimatorNoise as EstimatorNoise
 from .evaluation import LawEvaluation as LawEvaluation
 from .laws import DEFAULT_LAWS as DEFAULT_LAWS, law_names as law_names
-from .loop_setup import LoopSetup as LoopSetup
+from .loop_setup import EstimatorNoise as EstimatorNoise, LoopSetup as LoopSetup
 from .pipeline import (
     compare as compare,
     comparison_stages as comparison_stages,
@@ -35,7 +34,7 @@ from .result import (
     design_text as design_text,
 )
 from .specification import Specification as Specification
-from .synthesis.degrees import (
+from .synthesis.by_step import (
     DegreeChoice as DegreeChoice,
     shrinking as shrinking,
     try_degrees as try_degrees,

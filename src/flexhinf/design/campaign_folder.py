@@ -46,7 +46,7 @@ from flexhinf.design.synthesis.steps import synthesise
 from flexhinf.errors import InvalidInput
 from flexhinf.files import locked, write_file
 from flexhinf.loop import Controller, Loop, Step, load_controller
-from flexhinf.loop.simulation.compiled_runs import sample_count
+from flexhinf.loop.simulation.inputs import sample_count
 from flexhinf.report import unchanged
 from flexhinf.robot import Parameter, Robot, load_robot
 from flexhinf.robot.elastic import inactive_parameters

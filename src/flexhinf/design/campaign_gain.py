@@ -21,7 +21,7 @@ from flexhinf.analysis import Attained, worst_disturbance
 from flexhinf.analysis.search import MovedLaw, worst_gain
 from flexhinf.analysis.worst_disturbance import DisturbanceRuns
 from flexhinf.campaign import Journal
-from flexhinf.campaign.manifest import UNREADABLE
+from flexhinf.campaign.journal import UNREADABLE
 from flexhinf.certify.evaluation import linear_part
 from flexhinf.design import certification
 from flexhinf.design.campaign_folder import DesignCampaign

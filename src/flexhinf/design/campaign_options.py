@@ -5,8 +5,18 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from flexhinf.design.options import ADVANCED, HARDWARE, RUN, SAMPLED, option, spaced
-from flexhinf.design.units import Duration, Real, Text, Whole
+from flexhinf.design.options import (
+    ADVANCED,
+    HARDWARE,
+    RUN,
+    SAMPLED,
+    Duration,
+    Real,
+    Text,
+    Whole,
+    option,
+    spaced,
+)
 from flexhinf.errors import InvalidInput
 from flexhinf.validation import value_text
 

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from flexhinf.design.design_file import DesignRequest
-from flexhinf.design.units import SLIDING, lengths
+from flexhinf.design.options import SLIDING, lengths
 from flexhinf.design.waypoint_table import WaypointError, WaypointTable
 from flexhinf.errors import InvalidInput
 from flexhinf.robot import Robot

@@ -37,7 +37,7 @@ from flexhinf.design.proved_step import (
     sampled_box,
 )
 from flexhinf.design.specification import Specification
-from flexhinf.design.synthesis.degrees import DegreeChoice
+from flexhinf.design.synthesis.by_step import DegreeChoice
 from flexhinf.design.synthesis.steps import Synthesis, checked_penalty, synthesise
 from flexhinf.errors import FlexhinfError, InvalidInput, NumericalFailure
 from flexhinf.plant import GeneralisedPlant, Penalty

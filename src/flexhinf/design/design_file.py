@@ -3,7 +3,7 @@
 A file is a design file by its table [design]: ``robot``, for a URDF ``elastic``, ``payload`` instead of that of the
 robot's file, and fields of `Specification` by name. Paths are seen from the file's folder. The table [result] says what
 came of it and is not read ([found] in older files). Fields are read before the robot, so numbers remember their units
-(`flexhinf.design.units.Stated`) until it is known which joints slide.
+(`flexhinf.design.options.Stated`) until it is known which joints slide.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ import numpy as np
 import tomlkit
 
 from flexhinf import __version__
+from flexhinf.design.options import Stated
 from flexhinf.design.specification import FIELDS, Specification, SpecificationError, json_schema
-from flexhinf.design.units import Stated
 from flexhinf.design.waypoint_table import WaypointTable
 from flexhinf.errors import InvalidInput
 from flexhinf.plant import Penalty

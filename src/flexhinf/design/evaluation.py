@@ -29,15 +29,10 @@ from flexhinf.analysis.batch import LawRows
 from flexhinf.design.impulse import ImpulseRuns, impulse_runs, impulse_sizes
 from flexhinf.design.loop_setup import LoopSetup, share_derived
 from flexhinf.design.monte_carlo import MonteCarlo, move_errors, sampled_runs
-from flexhinf.design.problem.modes import (
-    Mode,
-    estimator_modes,
-    modes_of,
-    sampled_modes,
-    stiffness_and_inertia,
-)
+from flexhinf.design.problem.modes import Mode, modes_of, sampled_modes, stiffness_and_inertia
 from flexhinf.design.responses import LoadResponse, Move, Response, Scenario, Worst, worst_of
 from flexhinf.errors import FlexhinfError
+from flexhinf.estimation import stationary_gain
 from flexhinf.plant import Law
 from flexhinf.scalars import trace
 
@@ -146,22 +141,18 @@ class LawEvaluation:
         return self.setup.equilibrium_loop(estimated=False)
 
     @cached_property
-    def _margins(self) -> Margins | FlexhinfError:
-        """Of the running loop, or why there are none."""
-        try:
-            return margins(self.loop)
-        except FlexhinfError as error:
-            return error
-
-    @property
     def margins(self) -> Margins:
-        """Of the running loop.
+        """Of the running loop. Raises `FlexhinfError` if it has no equilibrium."""
+        return margins(self.loop)
 
-        Raises `FlexhinfError` if it has no equilibrium.
-        """
-        if isinstance(self._margins, FlexhinfError):
-            raise self._margins
-        return self._margins
+    @cached_property
+    def linear_failure(self) -> str:
+        """Why the loop has no linear metrics: it has no equilibrium; empty where it has."""
+        try:
+            self.compute("margins")
+        except FlexhinfError as error:
+            return " ".join(str(error).split())
+        return ""
 
     @cached_property
     def state_margins(self) -> Margins:
@@ -194,11 +185,6 @@ class LawEvaluation:
             return None
         return growth_rates(self.state_loop, self.corners.population)[0]
 
-    @property
-    def linear_failure(self) -> str:
-        """Why the loop has no linear metrics: it has no equilibrium; empty where it has."""
-        return " ".join(str(self._margins).split()) if isinstance(self._margins, FlexhinfError) else ""
-
     # Modes --------------------------------------------------------------------------------------------------
     @cached_property
     def energy(self) -> tuple[np.ndarray, np.ndarray]:
@@ -213,11 +199,21 @@ class LawEvaluation:
 
     @cached_property
     def estimator_modes(self) -> tuple[Mode, ...]:
-        """Of the estimation error, with the filter's stationary gain; none without an estimator, or without noise."""
+        """Of the estimation error, with the filter's stationary gain; none without an estimator, or without noise.
+
+        e(k + 1) = A (1 − L C) e(k) for the sampled A, with L from the stationary Riccati equation of R^v and R^n. With
+        the nominal plant the linearised loop has these modes beside those of the law.
+        """
         filter = self.loop.filter
         if filter is None or not self.setup.process_noise.largest:
             return ()
-        return estimator_modes(filter, self.setup.goal_equilibrium, self.setup.joints, *self.energy)
+        from scipy.linalg import expm
+
+        a, _, _, c = filter.plant.linearise(*self.setup.goal_equilibrium)
+        sampled = expm(a * filter.period)
+        gain = stationary_gain((sampled, c), filter.process_noise, filter.measurement_noise)
+        error = sampled @ (np.eye(len(a)) - gain @ c)
+        return sampled_modes(*np.linalg.eig(error), filter.period, self.setup.joints, *self.energy)
 
     @cached_property
     def running_modes(self) -> tuple[Mode, ...]:
@@ -233,16 +229,13 @@ class LawEvaluation:
             return ""
         return min(ringing, key=lambda mode: abs(mode.damping - self.margins.damping)).joint
 
-    # Cost ---------------------------------------------------------------------------------------------------
-    @cached_property
-    def operations(self) -> int:
-        """Additions, multiplications and functions of one evaluation of the law."""
-        return operations(self.setup.linear_law)
-
     @cached_property
     def needed_states(self) -> tuple[str, ...]:
-        """States, and integrals, that the law depends on."""
-        return needed_states(self.setup.linear_law)
+        """States, and integrals, that the law depends on, at random deviations."""
+        law = self.setup.linear_law
+        _, slopes = LawRows(law)(np.random.default_rng(0).uniform(-1.0, 1.0, (POINTS, len(law.state_names))))
+        size = np.abs(slopes).max(axis=(0, 1))
+        return tuple(name for name, value in zip(law.state_names, size) if value > NEGLIGIBLE * size.max())
 
     # All metrics ----------------------------------------------------------------------------------------------
     @cached_property
@@ -283,7 +276,7 @@ class LawEvaluation:
                 "drawn_move_error": _median(errors),
                 "drawn_worst_move_error": float(errors.max()),
             }
-        return metrics | self.linear_metrics | {"operations": float(self.operations)}
+        return metrics | self.linear_metrics | {"operations": float(operations(self.setup.linear_law))}
 
     @cached_property
     def linear_metrics(self) -> dict[str, float | None]:
@@ -319,7 +312,6 @@ def _median(values: np.ndarray) -> float:
     return float(np.sort(values)[len(values) // 2])
 
 
-# What a law costs --------------------------------------------------------------------------------------
 def operations(law: Law) -> int:
     """Additions, multiplications and functions of one evaluation, estimator and integrals left out.
 
@@ -327,27 +319,11 @@ def operations(law: Law) -> int:
     monomial: a product for each of degree two or more, a product and a sum for each coefficient.
     """
     if np.size(law.law_data) > TRACED and (table := law.law_table) is not None:
-        monomials = table.coefficients.shape[1]
-        return int(monomials - table.n + 2 * table.coefficients.size)
-    n, data = len(law.state_names), np.size(law.law_data)
-    if not law.depends_on_reference:
-        return _count(trace(law.evaluate_law, n, data, name="law"))
-    states = len(law.plant_states)
-    return _count(trace(law.evaluate_about, n, states, len(law.input_names), data, name="law"))
-
-
-def _count(function: Any) -> int:
-    """Instructions that compute something."""
+        return int(table.coefficients.shape[1] - table.n + 2 * table.coefficients.size)
     import casadi as ca
 
+    n, data, about = len(law.state_names), np.size(law.law_data), law.depends_on_reference
+    more = (len(law.plant_states), len(law.input_names)) if about else ()
+    function: Any = trace(law.evaluate_about if about else law.evaluate_law, n, *more, data, name="law")
     silent = (ca.OP_INPUT, ca.OP_OUTPUT, ca.OP_CONST, ca.OP_PARAMETER)
     return sum(function.instruction_id(k) not in silent for k in range(function.n_instructions()))
-
-
-def needed_states(law: Law) -> tuple[str, ...]:
-    """States, and integrals, that the law depends on, at random deviations."""
-    n = len(law.state_names)
-    deviations = np.random.default_rng(0).uniform(-1.0, 1.0, (POINTS, n))
-    _, slopes = LawRows(law)(deviations)
-    size = np.abs(slopes).max(axis=(0, 1))
-    return tuple(name for name, value in zip(law.state_names, size) if value > NEGLIGIBLE * size.max())

@@ -65,32 +65,35 @@ class TuningParameter:
     relative: bool = False  # whether the bounds are factors of the start
 
 
-_BANDWIDTH = TuningParameter("bandwidth", "bandwidth", "rad/s", None, 0.1, 20.0, True)
-_DAMPING = TuningParameter("damping", "damping ratio", "", 1.0, 0.3, 5.0)
-_INTEGRAL_RATE = TuningParameter("integral_rate", "integral's pole / bandwidth", "", INTEGRAL_RATE, 0.02, 2.0)
-_ROTOR = TuningParameter("rotor_inertia", "rotor inertia felt / real", "", 0.25, 0.05, 1.0)
-_EFFORT = TuningParameter("effort", "weight of the input, R2 ×", "", 1.0, 1e-4, 1e3)
-_INTEGRAL = TuningParameter("integral_weight", "weight of the integrals ×", "", 1.0, 0.02, 20.0)
-_LABEL = f"weight of velocities / positions ({NO_VELOCITY:g}: none)"
-_VELOCITY = TuningParameter("velocity_weight", _LABEL, "s", 0.01, NO_VELOCITY, 1.0)
-_GAMMA = TuningParameter("gamma_ratio", f"γ/γ* ({INFINITE_GAMMA:g}: ∞)", "", None, 1.02, INFINITE_GAMMA)
-_SIZE = TuningParameter(
-    CHANNELS, f"channels of the tolerances × ({NO_CHANNELS:g}: none)", "", 1.0, NO_CHANNELS, 1.0
-)
-_NOISE = TuningParameter(ESTIMATOR_NOISE, "Rᵛ of the estimator ×", "", 1.0, 1e-4, 1e4)
-_MOTOR_NOISE = TuningParameter(MOTOR_NOISE, "Rᵛ of the motors' velocities, also ×", "", 1.0, 1e-3, 1e3)
-_DEGREE = TuningParameter(DEGREE, "degree of V", "", None, 2.0, 2.0)
-_ESTIMATOR = (_NOISE, _MOTOR_NOISE)
+_PARAMETERS = {
+    parameter.name: parameter
+    for parameter in (
+        TuningParameter("bandwidth", "bandwidth", "rad/s", None, 0.1, 20.0, True),
+        TuningParameter("damping", "damping ratio", "", 1.0, 0.3, 5.0),
+        TuningParameter("integral_rate", "integral's pole / bandwidth", "", INTEGRAL_RATE, 0.02, 2.0),
+        TuningParameter("rotor_inertia", "rotor inertia felt / real", "", 0.25, 0.05, 1.0),
+        TuningParameter("effort", "weight of the input, R2 ×", "", 1.0, 1e-4, 1e3),
+        TuningParameter("integral_weight", "weight of the integrals ×", "", 1.0, 0.02, 20.0),
+        TuningParameter(
+            "velocity_weight", f"weight of velocities / positions ({NO_VELOCITY:g}: none)", "s", 0.01, NO_VELOCITY, 1.0
+        ),
+        TuningParameter("gamma_ratio", f"γ/γ* ({INFINITE_GAMMA:g}: ∞)", "", None, 1.02, INFINITE_GAMMA),
+        TuningParameter(
+            CHANNELS, f"channels of the tolerances × ({NO_CHANNELS:g}: none)", "", 1.0, NO_CHANNELS, 1.0
+        ),
+        TuningParameter(ESTIMATOR_NOISE, "Rᵛ of the estimator ×", "", 1.0, 1e-4, 1e4),
+        TuningParameter(MOTOR_NOISE, "Rᵛ of the motors' velocities, also ×", "", 1.0, 1e-3, 1e3),
+        TuningParameter(DEGREE, "degree of V", "", None, 2.0, 2.0),
+    )
+}  # fmt: skip
 
-_QUADRATIC = (_EFFORT, _INTEGRAL, _VELOCITY, *_ESTIMATOR)
-_H_INFINITY = (_GAMMA, _SIZE, *_QUADRATIC)
+_ESTIMATOR = (ESTIMATOR_NOISE, MOTOR_NOISE)
+_QUADRATIC = ("effort", "integral_weight", "velocity_weight", *_ESTIMATOR)
+_H_INFINITY = ("gamma_ratio", CHANNELS, *_QUADRATIC)
 
 #: Sensors, by those who propose a law: an encoder on each motor; one on each link too; a torque sensor in each joint.
 _MOTOR, _BOTH = ("motor_position",), ("link_position", "motor_position")
-_TORQUE, _TORQUE_BOTH = (
-    ("motor_position", "joint_torque"),
-    ("link_position", "motor_position", "joint_torque"),
-)
+_TORQUE, _TORQUE_BOTH = (*_MOTOR, "joint_torque"), (*_BOTH, "joint_torque")
 
 
 @dataclass(frozen=True)
@@ -102,12 +105,15 @@ class LawKind:
     group: str  # panel of the figure
     source: str  # key into docs/references.bib, or who proposes it
     model: str  # what the law itself has to know of the robot; the estimator knows the whole model
-    parameters: tuple[TuningParameter, ...]  # all that its gains are made from, and R^v of its estimator
-    sensors: tuple[
-        tuple[str, ...], ...
-    ] = ()  # sets that are tried, and the best kept; empty: those of the design
+    tuned: tuple[str, ...]  # names of all numbers that its gains are made from, and of R^v of its estimator
+    sensors: tuple[tuple[str, ...], ...] = ()  # sets, of which the best is kept; empty: those of the design
     integral: bool = True  # whether it integrates the error of the link positions
     degree: int | None = None  # of V by the name; 0 for the design's, or the one that is tuned
+
+    @property
+    def parameters(self) -> tuple[TuningParameter, ...]:
+        """The numbers that are searched for."""
+        return tuple(_PARAMETERS[name] for name in self.tuned)
 
 
 _ROBUST, _LINEAR_QUADRATIC, _USUAL = "H∞ and γ = ∞", "linear-quadratic", "in use today"
@@ -119,14 +125,14 @@ _KINDS = (
     ),
     LawKind(
         NL_HINF, "nonlinear H∞: the design's problem", _ROBUST, "van der Schaft 1992", "whole model",
-        (*_H_INFINITY, _DEGREE), degree=0,
+        (*_H_INFINITY, DEGREE), degree=0,
     ),
     LawKind(
         "hinf", "linear H∞: degree 2 of the same problem", _ROBUST, "van der Schaft 1992", "linear at the goal",
         _H_INFINITY, degree=2,
     ),
     LawKind(
-        "nlqr", "nonlinear LQR: γ = ∞", _ROBUST, "Al'brekht 1961", "whole model", (*_QUADRATIC, _DEGREE), degree=0,
+        "nlqr", "nonlinear LQR: γ = ∞", _ROBUST, "Al'brekht 1961", "whole model", (*_QUADRATIC, DEGREE), degree=0,
     ),
     LawKind(
         "lqr", "LQR", _LINEAR_QUADRATIC, "Anderson & Moore 1990", "linear at the goal", _QUADRATIC,
@@ -141,35 +147,35 @@ _KINDS = (
     ),
     LawKind(
         "pd", "PD on the motor side, weight at the goal compensated", _USUAL, "Tomei 1991",
-        "inertia, gravity at the goal", (_BANDWIDTH, _DAMPING, *_ESTIMATOR), (_MOTOR,), False,
+        "inertia, gravity at the goal", ("bandwidth", "damping", *_ESTIMATOR), (_MOTOR,), False,
     ),
     LawKind(
         "pd-gravity", "PD on the motor side, weight compensated from the motor at every pose", _USUAL,
-        "De Luca, Siciliano & Zollo 2005", "inertia, stiffness, gravity", (_BANDWIDTH, _DAMPING, *_ESTIMATOR),
+        "De Luca, Siciliano & Zollo 2005", "inertia, stiffness, gravity", ("bandwidth", "damping", *_ESTIMATOR),
         (_MOTOR,), False,
     ),
     LawKind(
         "pid", "PD on the motor side with the integral of the link's error", _USUAL, "Tomei 1991, with an integral",
-        "inertia, gravity at the goal", (_BANDWIDTH, _DAMPING, _INTEGRAL_RATE, *_ESTIMATOR), (_BOTH,),
+        "inertia, gravity at the goal", ("bandwidth", "damping", "integral_rate", *_ESTIMATOR), (_BOTH,),
     ),
     LawKind(
         "torque", "PD with feedback of the spring's torque, weight compensated from the motor", _USUAL,
         "Albu-Schäffer, Ott & Hirzinger 2007", "inertia, stiffness, gravity",
-        (_BANDWIDTH, _DAMPING, _ROTOR, *_ESTIMATOR), (_TORQUE,), False,
+        ("bandwidth", "damping", "rotor_inertia", *_ESTIMATOR), (_TORQUE,), False,
     ),
     LawKind(
         "torque-i", "the same with the integral of the link's error", _USUAL,
         "Albu-Schäffer, Ott & Hirzinger 2007, with an integral", "inertia, stiffness, gravity",
-        (_BANDWIDTH, _DAMPING, _ROTOR, _INTEGRAL_RATE, *_ESTIMATOR), (_TORQUE_BOTH,),
+        ("bandwidth", "damping", "rotor_inertia", "integral_rate", *_ESTIMATOR), (_TORQUE_BOTH,),
     ),
     LawKind(
         "flatness", "feedback linearisation with flatness feedforward", _USUAL, "Spong 1987; De Luca & Book 2016",
-        "whole model and its derivatives", (_BANDWIDTH, *_ESTIMATOR), (_BOTH,), False,
+        "whole model and its derivatives", ("bandwidth", *_ESTIMATOR), (_BOTH,), False,
     ),
     LawKind(
         "flatness-i", "the same with the integral of the link's error", _USUAL,
         "Spong 1987; De Luca & Book 2016, with an integral", "whole model and its derivatives",
-        (_BANDWIDTH, _INTEGRAL_RATE, *_ESTIMATOR), (_BOTH,),
+        ("bandwidth", "integral_rate", *_ESTIMATOR), (_BOTH,),
     ),
 )  # fmt: skip
 
@@ -183,12 +189,11 @@ DEFAULT_LAWS = tuple(_BY_NAME)
 def law_kind(name: str) -> LawKind:
     """The law of a name. Raises `InvalidInput` for a name that is not known, with the nearest that is."""
     match = _WITH_DEGREE.match(name)
-    if match and 2 <= int(match[1]) <= LARGEST_DEGREE:
-        degree = int(match[1])
-        text = f"nonlinear H∞ of degree {degree}: the design's problem, V of that degree"
+    if match and 2 <= (degree := int(match[1])) <= LARGEST_DEGREE:
         return LawKind(
-            name, text, _ROBUST, "flexhinf design --degrees", "whole model", _H_INFINITY, degree=degree
-        )
+            name, f"nonlinear H∞ of degree {degree}: the design's problem, V of that degree", _ROBUST,
+            "flexhinf design --degrees", "whole model", _H_INFINITY, degree=degree,
+        )  # fmt: skip
     if name in _BY_NAME:
         return _BY_NAME[name]
     near = get_close_matches(name, [*_BY_NAME, f"{NL_HINF}-4"], 1, 0.4)
@@ -208,6 +213,11 @@ def law_names(names: Sequence[str] | None = None) -> tuple[str, ...]:
     for name in wanted:
         law_kind(name)
     return tuple(dict.fromkeys((DESIGN, NL_HINF, *wanted)))
+
+
+def is_hinf(name: str) -> bool:
+    """Whether a law is the design's own, or nonlinear H∞ tuned; linear H∞ (hinf) is a rival of it."""
+    return name in (DESIGN, NL_HINF) or name.startswith(f"{NL_HINF}-")
 
 
 @dataclass(frozen=True, eq=False)
@@ -230,8 +240,8 @@ class LawFactory:
 
     def start(self, kind: LawKind) -> dict[str, float]:
         """Values of a law's parameters at which a search begins: for H∞ those of the design."""
-        chosen = float(self.synthesis.chosen.degree)
-        ratio = float(np.clip(self.gamma_ratio, _GAMMA.lower, _GAMMA.upper))
+        chosen, limits = float(self.synthesis.chosen.degree), _PARAMETERS["gamma_ratio"]
+        ratio = float(np.clip(self.gamma_ratio, limits.lower, limits.upper))
         own = {"bandwidth": self.bandwidth, "gamma_ratio": ratio, DEGREE: chosen}
         fixed = {DEGREE: self.largest_degree <= 2, CHANNELS: self.synthesis.design_problem.robustness is None}
         free = (p for p in kind.parameters if not fixed.get(p.name, False))
@@ -241,7 +251,7 @@ class LawFactory:
         """Values of a law's parameters that stand for the design's own law; None for a law that is never that one."""
         at_goal = self.synthesis.law is self.synthesis.solution  # not a schedule of several poses
         same = kind.degree == 0 or (kind.degree == self.synthesis.chosen.degree and at_goal)
-        if not same or _GAMMA not in kind.parameters:
+        if not same or "gamma_ratio" not in kind.tuned:
             return None
         return {**self.start(kind), "velocity_weight": NO_VELOCITY}
 
@@ -271,9 +281,8 @@ class LawFactory:
         no such law: a Riccati equation without a solution, a goal that it does not hold.
         """
         own = self.own(kind) if degree in (None, self.synthesis.chosen.degree) else None
-        noises = (ESTIMATOR_NOISE, MOTOR_NOISE)
         if kind.name == DESIGN or (
-            own is not None and all(values.get(n, x) == x for n, x in own.items() if n not in noises)
+            own is not None and all(values.get(n, x) == x for n, x in own.items() if n not in _ESTIMATOR)
         ):
             return self.synthesis.law
         family, problem = kind.name.removesuffix("-i"), self.problem

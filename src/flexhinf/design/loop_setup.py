@@ -1,4 +1,9 @@
-"""The loop that a law runs in: estimator, controller, true plant, and the runs that every evaluation makes."""
+"""The loop that a law runs in: estimator, controller, true plant, and the runs that every evaluation makes.
+
+R^v and R^n are the covariances of process and measurement noise per sample. No paper gives R^v and nobody can measure
+it, so it is a parameter of the design: its ratio to R^n decides how fast the estimator is, and with it the margins of
+the running loop.
+"""
 
 from __future__ import annotations
 
@@ -10,24 +15,166 @@ from typing import Any
 import numpy as np
 
 from flexhinf.analysis import EquilibriumLoop
-from flexhinf.design.estimators import (
-    KINDS,
-    EstimatorNoise,
-    check_detectable,
-    initial_covariance,
-    noise_variances,
-    sensor_steps,
-)
+from flexhinf.design.design_file import per_signal
 from flexhinf.design.joint_limits import JointLimits, integral_dead_zone, joint_limits
 from flexhinf.design.plans import has_integrals, move_reference, step_command
 from flexhinf.design.responses import LOAD_START, LoadResponse, Move, Plan, Response, run_response
-from flexhinf.design.specification import Specification
+from flexhinf.design.specification import TORQUE_NOISE, Specification, SpecificationError
+from flexhinf.estimation import (
+    ExtendedKalmanFilter,
+    OutputInjectionObserver,
+    UnscentedKalmanFilter,
+    stationary_covariance,
+)
+from flexhinf.estimation.constant_gain import check_detectable
 from flexhinf.loop import Controller, EnsembleResult, Loop, Schedule, Step
 from flexhinf.plant import Law, Plant, linear_plant, sub_steps
 from flexhinf.robot import MuJoCoPlant, Robot
-from flexhinf.robot.elastic import DRY
-from flexhinf.robot.signals import signal_names
+from flexhinf.robot.elastic import DRY, Layout
+from flexhinf.robot.signals import SENSORS, UNITS, expanded, signal_names, units_of
 
+#: Initial variance where no process noise is assumed: each state is known to a milliradian (mm), and to 1 mrad/s.
+INITIAL_VARIANCE = 1e-6
+
+#: A measured velocity is as noisy as a position differentiated at this rate, 1/s.
+VELOCITY_RATE = 100.0
+
+#: Estimators by name.
+KINDS: dict[str, Any] = {
+    "ukf": UnscentedKalmanFilter,
+    "ekf": ExtendedKalmanFilter,
+    "observer": OutputInjectionObserver,
+}
+
+#: Largest step of a sensor, by the unit of its signal: one turn, and more than any robot has of the others.
+COARSEST = {"rad": 2.0 * np.pi, "m": 10.0, "rad/s": 1e3, "m/s": 1e3, "N·m": 1e6, "N": 1e6}
+
+
+#: One variance for all joints, or one for each.
+Levels = float | tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class EstimatorNoise:
+    """R^v of the estimator, a diagonal: variances per sample in the states' units squared.
+
+    What a model misses are torques: the levels of the velocities are added to that of all states.
+    """
+
+    all_states: float = 0.0
+    link_velocities: Levels = 0.0
+    motor_velocities: Levels = 0.0
+    source: str = "ours"  # an option, a search, or a default of ours
+
+    @staticmethod
+    def stated(everywhere: float | None, torques: float | None) -> EstimatorNoise:
+        """The levels that a specification states as its `process_noise` and `torque_noise`; `TORQUE_NOISE` on all
+        velocities where it states none."""
+        if everywhere is None and torques is None:
+            return EstimatorNoise(0.0, TORQUE_NOISE, TORQUE_NOISE, "ours")
+        options = {"--process-noise": everywhere, "--torque-noise": torques}
+        named = " and ".join(option for option, value in options.items() if value is not None)
+        torques = torques or 0.0
+        return EstimatorNoise(everywhere or 0.0, torques, torques, f"option {named}")
+
+    @property
+    def largest(self) -> float:
+        """The largest of the levels; 0 for an estimator that trusts its model entirely."""
+        return float(max(map(np.max, (self.all_states, self.link_velocities, self.motor_velocities))))
+
+    def scaled(self, factor: float, motors: float, source: str) -> EstimatorNoise:
+        """All levels times a factor, a faster estimator above 1; those on the motors' velocities times `motors` too."""
+        links, own = (_times(factor, levels) for levels in (self.link_velocities, self.motor_velocities))
+        return EstimatorNoise(factor * self.all_states, links, _times(motors, own), source)
+
+    def covariance(self, states: Sequence[str]) -> np.ndarray:
+        """R^v (n, n) for a plant with these states."""
+        values, layout = np.full(len(states), self.all_states), Layout.of(states)
+        links, motors = self.link_velocities, self.motor_velocities
+        if layout.rigid and layout.elastic:  # an unknown torque of a rigid joint's motor is one on its link
+            every = np.broadcast_to(motors, layout.n)
+            links = layout.motors(every, np.broadcast_to(links, layout.n)[layout.elastic])
+            motors = every[layout.elastic]
+        for kind, levels in (("link_velocity", links), ("motor_velocity", motors)):
+            values[[k for k, name in enumerate(states) if name.startswith(kind)]] += levels
+        return np.diag(values)
+
+
+def _times(factor: float, levels: Levels) -> Levels:
+    return tuple(factor * level for level in levels) if isinstance(levels, tuple) else factor * levels
+
+
+def noise_variances(plant: Plant, position: float) -> np.ndarray:
+    """Diagonal (p,) of R^n for each measured signal.
+
+    `position` (rad² or m²) is the variance of a position; a velocity's is that at `VELOCITY_RATE`, a joint torque's
+    that of the spring's deflection times its stiffness squared.
+    """
+    p, motor, variances = plant.parameters.named(plant.parameters.vector()), "motor_position", []
+    stiffness = np.atleast_1d(p.stiffness).astype(float)
+    joints = [name.removeprefix(motor) for name in plant.states if name.startswith(motor)]
+    for name in plant.outputs:
+        factor = VELOCITY_RATE**2 if "velocity" in name else 1.0
+        if name.startswith("joint_torque"):
+            factor = float(stiffness[joints.index(name.removeprefix("joint_torque"))]) ** 2
+        variances.append(factor * position)
+    return np.array(variances)
+
+
+def sensor_steps(robot: Robot, measured: Sequence[str], quantisation: Any, estimator: str) -> np.ndarray:
+    """Quantisation step (p,) of each measured signal; of the whole state, (), where that is fed back.
+
+    Raises `SpecificationError` unless there is one for all, one for each name of what is measured, or one for each
+    signal; for one that is far beyond what the signal is.
+    """
+    each, signals = per_signal(robot, measured, quantisation)
+    units = units_of(robot.joint_names, robot.links.slides)
+    for name, step in zip(signals, each * len(signals) if len(each) == 1 else each):
+        if step > COARSEST[units[name]]:
+            raise SpecificationError(
+                "quantisation",
+                f"The quantisation of {name!r} leaves nothing to be measured.",
+                f"expected a step of at most {COARSEST[units[name]]:g} {units[name]}, got {step:g}",
+            )
+    steps = np.asarray(quantisation, dtype=float)
+    if steps.shape == () or (estimator == "none" and steps.size == 1):
+        return steps.reshape(())
+    if estimator != "none" and len(each) == len(signals):
+        return np.array(each)
+    signals = () if estimator == "none" else signals
+    allowed = f"one number, or one for each of {list(measured)}" if signals else "one number"
+    raise SpecificationError(
+        "quantisation",
+        "The quantisation does not fit what is measured.",
+        f"expected {allowed}{f' or of {list(signals)}' if signals else ''}, got {len(steps)}",
+        example=",".join(f"{step:g}" for step in np.resize(steps, max(1, len(measured)))),
+    )
+
+
+def other_quantisation(
+    robot: Robot, measured: Sequence[str], quantisation: Any, estimator: str, sensors: Sequence[str]
+) -> Any:
+    """The quantisation of other sensors. One per signal is kept for signals that stay; another signal has the step of
+    one in the same unit, of the same joint if there is one, and no step without any."""
+    if isinstance(quantisation, float) or estimator == "none":
+        # Without units, which the other sensors may not have.
+        return np.asarray(quantisation, dtype=float).tolist()
+
+    def kind(name: str) -> tuple[str, str]:
+        quantity = next(quantity for quantity in SENSORS if name.startswith(quantity))
+        return UNITS[quantity][0], name.removeprefix(quantity)
+
+    names, others = (expanded(each, SENSORS, robot.joint_names, robot.rigid) for each in (measured, sensors))
+    known = dict(zip(names, sensor_steps(robot, measured, quantisation, estimator).tolist()))
+    steps = []
+    for name in others:
+        alike = [value for other, value in known.items() if kind(other)[0] == kind(name)[0]]
+        own = [value for other, value in known.items() if kind(other) == kind(name)]
+        steps.append(known.get(name, (own or alike or [0.0])[0]))
+    return tuple(steps)
+
+
+# The loop ------------------------------------------------------------------------------------------------
 #: Largest step of MuJoCo's Runge–Kutta method times the fastest mode, rad.
 MUJOCO_STEP = 0.1
 
@@ -139,6 +286,8 @@ class LoopPlants:
         s, model = self.specification, self.model
         if s.estimator == "none":
             return None
+        from scipy.linalg import expm
+
         equilibrium = self.robot.operating_point(goal)
         a, _, _, c = model.linearise(*equilibrium)
         process, measurement = noise.covariance(model.states), noise_variances(model, s.measurement_noise)
@@ -146,10 +295,14 @@ class LoopPlants:
         if linear:
             kind, model = "ekf", linear_plant(model, *equilibrium)
         else:
-            check_detectable(model, (a, c))
+            check_detectable(a, c, model.states)
             model = self.estimator_model if running else model
             options = {"about": equilibrium[0]} if kind == "observer" else {}
-        covariance = initial_covariance((a, c), s.period, process, measurement)
+        # Of a filter that has run at the goal for long, so that its gain is constant from the start; without process
+        # noise such a filter would be certain of its state.
+        covariance = INITIAL_VARIANCE * np.eye(len(a))
+        if process.any():
+            covariance = stationary_covariance((expm(a * s.period), c), process, np.diag(measurement))
         mean = self.robot.operating_point(at)[0]
         return KINDS[kind](model, s.period, process, measurement, mean=mean, covariance=covariance, **options)
 
@@ -208,18 +361,17 @@ class LoopSetup(LoopPlants):
         `start` is "zero" for integrals at zero, the default of a moving reference, or "bumpless": the input continues
         from what holds the model there.
         """
-        s = self.specification
-        start = ("zero" if moving else "bumpless") if start is None else start
         return Controller(
-            self.law, self.estimator(at, running=True), s.period, self.limits.saturated, moving=moving, start=start,
+            self.law, self.estimator(at, running=True), self.specification.period, self.limits.saturated,
+            moving=moving, start=start or ("zero" if moving else "bumpless"),
             integral_dead_zone=self.dead_zone if has_integrals(self.law) else None,
             before_first=self.robot.operating_point(at)[1],
         )  # fmt: skip
 
     def position_resolution(self, deviations: float = 1.0) -> float:
         """So many standard deviations of a measured position, or one step of its sensor, rad or m: hardly seen."""
-        names, steps = self.model.outputs, 0.0 if self.quantisation is None else self.quantisation
-        steps = np.broadcast_to(steps, len(names)).tolist()
+        names = self.model.outputs
+        steps = np.broadcast_to(0.0 if self.quantisation is None else self.quantisation, len(names)).tolist()
         positions = [step for name, step in zip(names, steps) if "position" in name]
         return max(deviations * float(np.sqrt(self.specification.measurement_noise)), *positions, 0.0)
 
@@ -416,5 +568,4 @@ class LoopSetup(LoopPlants):
 
 
 def _with_values(plant: Plant, values: Mapping[str, Any] | None) -> Plant:
-    """A plant with these parameters; its own where they are None."""
     return plant if values is None else plant.with_parameters(**plant.parameters.known(values))

@@ -1,22 +1,317 @@
-"""How an option is declared: once, as a field of a frozen dataclass made by `option`.
+"""Options: how one is declared, once, as a field of a frozen dataclass made by `option`; and how values are read.
 
-Command line, design file, JSON schema, ``help()`` and the tables in docs/ are made from these fields.
+Command line, design file, JSON schema, ``help()`` and the tables in docs/ are made from these fields. Values are as
+people write them: numbers, text with a unit (``90deg``, ``5ms``, ``0.6Hz``), lists, weights. Every reader takes what
+Python, a TOML file or the command line gives and returns numbers in SI units; each raises ValueError for what it cannot
+read. A number that was text with a unit remembers that unit (`Stated`): which units fit is known when the robot is, see
+`flexhinf.design.design_file`.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import functools
+import math
 import textwrap
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, get_args, get_origin, get_type_hints
 
-from pydantic import TypeAdapter, ValidationError
+import numpy as np
+from pydantic import (
+    BeforeValidator,
+    Field,
+    TypeAdapter,
+    ValidationError,
+    ValidatorFunctionWrapHandler,
+    WithJsonSchema,
+    WrapValidator,
+)
 
-from flexhinf.design.units import Allowed, Unreadable
 from flexhinf.errors import InvalidInput
-from flexhinf.validation import checked_path, value_text
+from flexhinf.plant import Penalty
+from flexhinf.robot.parameters import SECONDS, SLIDING, TURNING, Stated, lettered, respelled, split
+from flexhinf.validation import checked_path, real_number, value_text
 
+#: Units of each kind of number, and what one is in the SI unit that stands first.
+_TURN_RATES = {"rad/s": 1.0, "deg/s": math.pi / 180.0, "°/s": math.pi / 180.0, "rpm": math.pi / 30.0}
+_SLIDE_RATES = {"m/s": 1.0, "mm/s": 1e-3}
+_FREQUENCIES = {"rad/s": 1.0, "Hz": 2.0 * math.pi}
+_TORQUES = {"N·m": 1.0, "Nm": 1.0, "N*m": 1.0}
+_FORCES = {"N": 1.0}
+_POSITIONS = (TURNING, SLIDING)
+_SPEEDS = (_TURN_RATES, _SLIDE_RATES)
+_READINGS = (*_POSITIONS, *_SPEEDS, _TORQUES, _FORCES)
+
+#: Longest list that is a field's value: rows of weights have a number per state.
+_LONGEST = 10_000
+
+#: What one is in SI units, by each unit of one kind; the SI unit first.
+Units = Sequence[Mapping[str, float]]
+
+
+def quantity(value: Any, units: Units = ()) -> float:
+    """A number, or text of a number without a unit or with one of the units, which it then remembers.
+
+    True and false are no numbers.
+
+    Examples
+    --------
+    >>> quantity("5ms", (SECONDS,))
+    0.005
+    """
+    if isinstance(value, Stated):
+        return value
+    if isinstance(value, str):
+        parts = split(value)
+        unit = lettered(parts[1]) if parts else ""
+        known = next((one for one in units if unit in one), None)
+        if parts is None or (unit and known is None):
+            raise Unreadable(value, units)
+        found = float(parts[0])
+        if math.isinf(found) and "inf" not in parts[0]:
+            raise ValueError(value_text(value))  # beyond all floats, which is not what "none" means
+        if known is None:
+            return found
+        return Stated(found * known[unit], *parts, next(iter(known)))
+    if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, float, np.number)):
+        raise ValueError(value_text(value))
+    found = real_number(value)
+    if np.isnan(found) and not isinstance(value, (float, np.floating)):
+        raise ValueError(value_text(value))  # an integer beyond all floats
+    return found
+
+
+def several(value: Any, units: Units = ()) -> tuple[float, ...]:
+    """Numbers as of `quantity`, one or several; as text between commas.
+
+    Examples
+    --------
+    >>> several("0.5, 180deg", (TURNING, SLIDING))
+    (0.5, 3.141592653589793)
+    """
+    if isinstance(value, str):
+        parts: list[Any] = value.split(",")
+    else:
+        parts = _sequence(value) if _is_sequence(value) else [value]
+    if not parts:
+        raise ValueError(value_text(value))
+    return tuple(quantity(one, units) for one in parts)
+
+
+def one_or_several(value: Any, units: Units = ()) -> float | tuple[float, ...]:
+    """One number for all joints or signals, or one for each.
+
+    Examples
+    --------
+    >>> one_or_several("2.5, 0.5m/s", ({"rad/s": 1.0}, {"m/s": 1.0}))
+    (2.5, 0.5)
+    """
+    read = several(value, units)
+    return read[0] if len(read) == 1 and (isinstance(value, str) or not _is_sequence(value)) else read
+
+
+#: Readers of the fields' values. What stands without a unit is in rad, m, rad/s, m/s, s, N·m or N.
+number, numbers = quantity, one_or_several
+seconds = functools.partial(quantity, units=(SECONDS,))
+angles = functools.partial(several, units=_POSITIONS)
+lengths = functools.partial(several, units=(SLIDING,))
+frequencies = functools.partial(one_or_several, units=(_FREQUENCIES,))
+speeds = functools.partial(one_or_several, units=_SPEEDS)
+distances = functools.partial(one_or_several, units=_POSITIONS)
+quanta = functools.partial(one_or_several, units=_READINGS)
+
+
+def poses(value: Any) -> tuple[tuple[float, ...], ...]:
+    """A list of poses, or one pose as text."""
+    each = [value] if isinstance(value, str) else _sequence(value)
+    return tuple(angles(one if isinstance(one, str) else _sequence(one)) for one in each)
+
+
+def angle_unit_of(*values: Any) -> str | None:
+    """The unit of angles that texts among the values state, "deg" or "rad"; None for numbers alone."""
+    texts = [one for value in values for one in _texts(value)]
+    if any("deg" in text or "°" in text for text in texts):
+        return "deg"
+    return "rad" if any("rad" in text for text in texts) else None
+
+
+def integer(value: Any) -> int:
+    """A whole number."""
+    if isinstance(value, str):
+        return int(value)
+    if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, np.integer)):
+        raise ValueError(value_text(value))
+    return int(value)
+
+
+def integers(value: Any) -> tuple[int, ...]:
+    """Whole numbers, sorted, each once."""
+    several = value.split(",") if isinstance(value, str) else _sequence(value)
+    return tuple(sorted({integer(one) for one in several}))
+
+
+def flag(value: Any) -> bool:
+    """True or false."""
+    if isinstance(value, (bool, np.bool_)):
+        return bool(value)
+    raise ValueError(value_text(value))
+
+
+def names(value: Any) -> tuple[str, ...]:
+    """Names in a list, or between commas."""
+    parts = value.split(",") if isinstance(value, str) else _sequence(value)
+    if not all(isinstance(part, str) for part in parts):
+        raise ValueError(value_text(value))
+    return tuple(part.strip() for part in parts if part.strip())
+
+
+def choice(value: Any) -> Any:
+    """A word in lower case."""
+    return value.strip().lower() if isinstance(value, str) else value
+
+
+def weights(value: Any) -> Any:
+    """Weights by name or one per state or in rows; text is read, and what is code or a `Penalty` stays as it is."""
+    if isinstance(value, Penalty) or callable(value):
+        return value
+    if isinstance(value, str):
+        if "=" not in value:
+            return tuple(quantity(part) for part in value.split(","))
+        pairs = [part.partition("=") for part in value.split(",")]
+        return {name.strip(): quantity(weight) for name, _, weight in pairs}
+    if isinstance(value, Mapping) and value:
+        return {name: _row(one) if _is_sequence(one) else quantity(one) for name, one in value.items()}
+    rows = _sequence(value)
+    if not any(_is_sequence(row) for row in rows):
+        return _row(rows)
+    if len({len(_sequence(row)) for row in rows}) > 1:
+        raise ValueError(value_text(value))
+    return tuple(_row(row) for row in rows)
+
+
+def _row(values: Any) -> tuple[float, ...]:
+    row = tuple(quantity(one) for one in _sequence(values))
+    if not row:
+        raise ValueError(values)
+    return row
+
+
+class Unreadable(ValueError):
+    """Text that is no number with one of some units.
+
+    `meant` is it with its unit in the letters of the SI; empty where that is no unit of these either, or not sure.
+    """
+
+    def __init__(self, value: str, units: Sequence[Mapping[str, float]]) -> None:
+        super().__init__(value_text(value))
+        found = [split(one) for one in respelled(value, *(next(iter(known)) for known in units))]
+        meant = ["".join(one) for one in found if one and any(one[1] in known for known in units)]
+        self.meant = meant[0] if len(meant) == 1 else ""
+
+
+def _is_sequence(value: Any) -> bool:
+    array = isinstance(value, np.ndarray) and value.ndim > 0
+    return array or (
+        isinstance(value, Sequence) and not isinstance(value, (str, bytes, bytearray, memoryview))
+    )
+
+
+def _sequence(value: Any) -> list[Any]:
+    if not _is_sequence(value) or len(value) > _LONGEST:
+        raise ValueError(value_text(value))
+    return np.asarray(value).tolist() if isinstance(value, np.ndarray) else list(value)
+
+
+def _texts(value: Any, depth: int = 2) -> list[str]:
+    """Texts in a value, in a list or in lists of a list; deeper there are none."""
+    if isinstance(value, str):
+        return [value]
+    if depth and _is_sequence(value) and len(value) <= _LONGEST:
+        return [text for one in _sequence(value) for text in _texts(one, depth - 1)]
+    return []
+
+
+# Types of fields: how a value is read, its range, and the range in words ---------------------------
+@dataclasses.dataclass(frozen=True)
+class Allowed:
+    """What a value may be, in words."""
+
+    words: str
+
+
+def _as_stated(value: Any, check: ValidatorFunctionWrapHandler) -> float:
+    """The checked number, with the unit in which it was stated: pydantic makes plain floats."""
+    found = check(value)
+    return value if isinstance(value, Stated) else found
+
+
+_finite = functools.partial(Field, allow_inf_nan=False)
+_POSITIVE, _NOT_NEGATIVE = _finite(gt=0.0), _finite(ge=0.0)
+_KEPT = WrapValidator(_as_stated)
+_Finite = Annotated[float, _finite(), _KEPT]
+_Above = Annotated[float, _POSITIVE, _KEPT]
+_AtLeast = Annotated[float, _NOT_NEGATIVE, _KEPT]
+Number = Annotated[float, _finite(), BeforeValidator(number), Allowed("a number")]
+Positive = Annotated[float, _POSITIVE, BeforeValidator(number), Allowed("a number > 0")]
+NotNegative = Annotated[float, _NOT_NEGATIVE, BeforeValidator(number), Allowed("a number >= 0")]
+AboveOne = Annotated[float, _finite(gt=1.0), BeforeValidator(number), Allowed("a number > 1")]
+Ratio = Annotated[
+    float, _finite(ge=0.0, lt=1.0), BeforeValidator(number), Allowed("a number, a ratio from 0 to 1")
+]
+Seconds = Annotated[float, _NOT_NEGATIVE, BeforeValidator(seconds), Allowed("a time >= 0, s")]
+Duration = Annotated[float, _POSITIVE, BeforeValidator(seconds), Allowed("a time > 0, s")]
+Period = Annotated[
+    float, _finite(ge=1e-5, le=0.1), BeforeValidator(seconds), Allowed("a time from 1e-5 to 0.1 s")
+]
+Count = Annotated[int, Field(ge=0), BeforeValidator(integer), Allowed("an integer >= 0")]
+Seed = Annotated[int, Field(ge=0, lt=2**63), BeforeValidator(integer), Allowed("an integer >= 0, below 2^63")]
+Flag = Annotated[bool, BeforeValidator(flag), Allowed("true or false")]
+Pose = Annotated[
+    tuple[_Finite, ...], BeforeValidator(angles),
+    Allowed("one link position per joint (rad, m; or text with deg, °)"),
+]  # fmt: skip
+Tolerances = Annotated[
+    Annotated[tuple[_Above, ...], Field(min_length=1)], BeforeValidator(angles),
+    Allowed("a number > 0, or one per joint (rad, m; or text with deg, mm)"),
+]  # fmt: skip
+Poses = Annotated[tuple[tuple[_Finite, ...], ...], BeforeValidator(poses), Allowed("a list of poses")]
+Frequencies = Annotated[
+    _Above | tuple[_Above, ...], BeforeValidator(frequencies),
+    Allowed("rad/s > 0: a number, or one per joint (or text with Hz)"),
+]  # fmt: skip
+_Limit = Annotated[float, Field(gt=0.0), _KEPT]
+PerJoint = Annotated[
+    _Limit | tuple[_Limit, ...], BeforeValidator(numbers), Allowed("a number > 0, or one per joint; inf for none"),
+]  # fmt: skip
+PerJointSpeed = Annotated[
+    _Limit | tuple[_Limit, ...], BeforeValidator(speeds),
+    Allowed("a number > 0, or one per joint (or text with deg/s, rpm, m/s); inf for none"),
+]  # fmt: skip
+Quanta = Annotated[
+    _AtLeast | tuple[_AtLeast, ...], BeforeValidator(quanta),
+    Allowed("a number >= 0, or one per measured signal (or text with deg, mm, Nm)"),
+]  # fmt: skip
+Distances = Annotated[
+    _AtLeast | tuple[_AtLeast, ...], BeforeValidator(distances),
+    Allowed("a number >= 0, or one per joint (or text with deg, mm)"),
+]  # fmt: skip
+Degrees = Annotated[
+    tuple[Annotated[int, Field(ge=2, le=12)], ...], Field(min_length=1), BeforeValidator(integers),
+    Allowed("a list of integers from 2 to 12, degrees of V"),
+]  # fmt: skip
+Text = Annotated[str, Allowed("text")]
+Real = Annotated[float, BeforeValidator(number), Allowed("a number")]  # what is used checks its range
+Whole = Annotated[int, BeforeValidator(integer), Allowed("an integer")]
+Threads = Annotated[int, Field(ge=1, le=64), BeforeValidator(integer), Allowed("an integer from 1 to 64")]
+Names = Annotated[tuple[str, ...], BeforeValidator(names), Allowed("a list of names")]
+Weights = Annotated[
+    Any, BeforeValidator(weights), Allowed("weights by name, one per state, or rows of a matrix"),
+    WithJsonSchema({"anyOf": [{"type": "object"}, {"type": "array"}]}),
+]  # fmt: skip
+
+
+# Declarations --------------------------------------------------------------------------------------------
 #: Headings of the help, in the order in which they are shown: a question of the user's each. Seldom used options last.
 WAY, LOOP, LIMITS, HARDWARE = "Where it moves", "What the loop must do", "Limits", "Robot, sensors, estimator"
 TRIED, COMPARED, PROVED, SAMPLED = "What is tried", "What is compared", "What is proved", "What is sampled"

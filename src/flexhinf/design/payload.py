@@ -30,7 +30,7 @@ from flexhinf.errors import InvalidInput
 from flexhinf.loop.simulation.metrics import SETTLING_BAND, tail_of
 from flexhinf.plant import Parameters
 from flexhinf.robot import Robot, Weighing, weigh_payload
-from flexhinf.robot.payload import payload_ends
+from flexhinf.robot.arm import payload_ends
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,7 +10,6 @@ import numpy as np
 from flexhinf.design import requirements as required, responses
 from flexhinf.design.along_move import along_requirements
 from flexhinf.design.certification import attenuation, prove_design, searches_disturbance, with_tolerances
-from flexhinf.design.criterion import check_mode, criterion_for, reference_metrics, stated_limits
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.joint_limits import joint_limits
 from flexhinf.design.laws import DESIGN, LawFactory, LawKind, law_kind, law_names
@@ -22,9 +21,16 @@ from flexhinf.design.problem.presets import preset_of, required_damping
 from flexhinf.design.result import ComparedLaw, Comparison, Design, status_of
 from flexhinf.design.rigid import RigidComparison, compare_rigid
 from flexhinf.design.specification import Specification
-from flexhinf.design.synthesis.degrees import rays_of, synthesis_stages
+from flexhinf.design.synthesis.by_step import rays_of, synthesis_stages
 from flexhinf.design.synthesis.steps import Synthesis, synthesise
-from flexhinf.design.tuning import TunedLaw, Tuner
+from flexhinf.design.tuning import (
+    TunedLaw,
+    Tuner,
+    check_mode,
+    criterion_for,
+    reference_metrics,
+    stated_limits,
+)
 from flexhinf.robot import Robot
 from flexhinf.robot.mujoco import check_expressed
 

@@ -25,7 +25,7 @@ from flexhinf.design.requirements import Requirement, all_met
 from flexhinf.design.responses import Response, Scenario
 from flexhinf.design.rigid import RigidComparison
 from flexhinf.design.specification import RINGS, TOLERANCE, Specification
-from flexhinf.design.synthesis.degrees import DegreeChoice, shrinking
+from flexhinf.design.synthesis.by_step import DegreeChoice, shrinking
 from flexhinf.design.synthesis.noise import NoiseSearch
 from flexhinf.design.synthesis.steps import Synthesis
 from flexhinf.hinf import HJISolution

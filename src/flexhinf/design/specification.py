@@ -14,7 +14,7 @@ from typing import Annotated, Any, Literal, get_args
 
 from pydantic import BeforeValidator, TypeAdapter, ValidationError
 
-from flexhinf.design import units
+from flexhinf.design import options
 from flexhinf.design.options import (
     ADVANCED,
     HARDWARE,
@@ -39,10 +39,10 @@ Shaping = Literal["jump", "quintic", "jerk-limited"]
 PRESETS: tuple[str, ...] = get_args(Preset)
 ESTIMATORS: tuple[str, ...] = get_args(Estimator)
 SHAPINGS: tuple[str, ...] = get_args(Shaping)
-PresetName = Annotated[Preset, BeforeValidator(units.choice), units.Allowed(", ".join(PRESETS))]
-EstimatorName = Annotated[Estimator, BeforeValidator(units.choice), units.Allowed(", ".join(ESTIMATORS))]
-ShapingName = Annotated[Shaping, BeforeValidator(units.choice), units.Allowed(", ".join(SHAPINGS))]
-AngleUnit = Annotated[Literal["rad", "deg"], BeforeValidator(units.choice), units.Allowed("rad, deg")]
+PresetName = Annotated[Preset, BeforeValidator(options.choice), options.Allowed(", ".join(PRESETS))]
+EstimatorName = Annotated[Estimator, BeforeValidator(options.choice), options.Allowed(", ".join(ESTIMATORS))]
+ShapingName = Annotated[Shaping, BeforeValidator(options.choice), options.Allowed(", ".join(SHAPINGS))]
+AngleUnit = Annotated[Literal["rad", "deg"], BeforeValidator(options.choice), options.Allowed("rad, deg")]
 
 #: Default variance of the velocities per sample: with the default R^n the estimator is then so fast that a load on the
 #: link moves it little more than with the true state fed back, see docs/design.md.
@@ -109,12 +109,12 @@ class Specification:
     """
 
     # fmt: off
-    pose: units.Pose | None = option(None, WAY,
+    pose: options.Pose | None = option(None, WAY,
         "Goal, one position per joint: 0.3,-0.5 (rad, m), 30deg,-10deg or 30°,-10°.", "0.3,-0.5", "rad, m",
         default="the robot's home")
-    start: units.Pose | None = option(None, WAY, "Position from which the step to the goal starts.",
+    start: options.Pose | None = option(None, WAY, "Position from which the step to the goal starts.",
         "0.2,-0.4", "rad, m", default="0.1 rad (10 mm) from the goal")
-    via: units.Poses = option((), WAY,
+    via: options.Poses = option((), WAY,
         "A pose between start and goal at which a law is designed too; repeat the option for several. The "
         "controller takes the law whose pose is nearest to the command.", "0.1,0.2", "rad, m")
     shaping: ShapingName = option("jump", WAY,
@@ -125,7 +125,7 @@ class Specification:
         "A move that the loop is judged by: a CSV file with columns time and the joints, 'time [s],elbow [deg]'. "
         "The goal is by default its last waypoint.", "waypoints.csv", "s; rad, m",
         default="the way from start to goal, not judged")
-    tracking_error: units.Tolerances | None = option(None, LOOP,
+    tracking_error: options.Tolerances | None = option(None, LOOP,
         "Largest distance of a link from the move: 1deg (0.01 rad, m), or one per joint 1deg,2mm.", "0.5deg", "rad, m",
         default="5 % of the joint's way along the move")
     angle_unit: AngleUnit | None = option(None, WRITTEN, "Unit in which the report shows angles: rad or deg.", "deg",
@@ -134,126 +134,131 @@ class Specification:
         "Where the weights come from: paper (the robot's own), damped (searched for bandwidth and damping), "
         "robust (searched on the running loop for its tolerances), proved (the step's least gain proved for all).",
         "damped", default="the robot's own weights, or damped where a bandwidth or a damping is required")
-    bandwidth: units.Frequencies | None = option(None, LOOP,
+    bandwidth: options.Frequencies | None = option(None, LOOP,
         "Least bandwidth, where |command → link position| falls below 1/√2: 4 (rad/s), one per joint 4,6, or with a "
         "unit 4rad/s, 0.6Hz. Weights are searched for it at corners of the tolerances, with the true state; it is "
         "judged on the running loop of the nominal robot.", "4", "rad/s",
         default="0.3 of the lowest vibration with held motors, less where margins of the loop ask for it")
-    damping: units.Ratio | None = option(None, LOOP,
+    damping: options.Ratio | None = option(None, LOOP,
         "Least damping ratio of every oscillation; searched for and judged as the bandwidth is.", "0.3",
         default="0.2 where weights are searched, down to 0.1 where noise at the motors asks for it")
-    peak_effort: units.PerJoint | None = option(None, LIMITS,
+    peak_effort: options.PerJoint | None = option(None, LIMITS,
         "Largest input of every motor in the step: 60, or one per joint 87,87,12.", "60",
         "V, N·m or N", zero=NO_LIMIT, default="the robot's effort limits, or none")
-    peak_speed: units.PerJointSpeed | None = option(None, LIMITS,
+    peak_speed: options.PerJointSpeed | None = option(None, LIMITS,
         "Largest speed of every link: 2 (rad/s, m/s), one per joint 2.2,2.6, or with a unit 120deg/s.", "2",
         "rad/s or m/s", zero=NO_LIMIT, default="the robot's speed limits, or none")
-    overshoot: units.Positive = option(5.0, LOOP,
+    overshoot: options.Positive = option(5.0, LOOP,
         "Largest overshoot of every link position, in per cent of the step.", "5", "%")
-    peak_sensitivity: units.AboveOne | None = option(None, LOOP,
+    peak_sensitivity: options.AboveOne | None = option(None, LOOP,
         "Largest peak of |S| of the running loop, with estimator, sampling and delay.", "2",
         default=f"{PEAK_SENSITIVITY:g}")
-    gain_margin: units.AboveOne | None = option(None, LOOP,
+    gain_margin: options.AboveOne | None = option(None, LOOP,
         "Least factor by which the gain of the running loop may grow or shrink.", "2",
         default=f"{GAIN_MARGIN:g}")
-    penalty: units.Weights | None = option(None, ADVANCED,
+    penalty: options.Weights | None = option(None, ADVANCED,
         "Weights of h(x): link_position=60,link_position_integral=300, or one per state (integrals last).",
         "link_position=60,link_position_integral=300", default="by the preset")
-    effort: units.Positive | None = option(None, ADVANCED, "R2, the weight of the input.", "10", zero="the default",
+    effort: options.Positive | None = option(None, ADVANCED, "R2, the weight of the input.", "10", zero="the default",
         default="the robot's own, or 1")
-    gamma_ratio: units.AboveOne = option(1.5, ADVANCED,
+    gamma_ratio: options.AboveOne = option(1.5, ADVANCED,
         "γ/γ* of the design, at most 1e6; preset proved takes the best of 1.3, 1.5 and 2 for 1.5.", "1.5")
-    checked_gamma_ratio: units.Positive = option(1.6, ADVANCED,
+    checked_gamma_ratio: options.Positive = option(1.6, ADVANCED,
         "γ/γ* of the inequality that is checked, at most 1e6.", "1.6")
-    checked_penalty: units.Weights | None = option(None, ADVANCED, "Weights of the inequality that is checked.",
+    checked_penalty: options.Weights | None = option(None, ADVANCED, "Weights of the inequality that is checked.",
         "link_position=54", default="0.9 times the penalty; the robot's own for all tolerances")
-    degrees: units.Degrees | None = option(None, ADVANCED,
+    degrees: options.Degrees | None = option(None, ADVANCED,
         "Degrees of V to compare: 4, or 2,4,6. The cost of the step decides between several.", "2,4",
         default="2, or up to 6 where that saves more than 5 % of the cost of the step")
-    disturbances: units.Names | None = option(None, ADVANCED,
+    disturbances: options.Names | None = option(None, ADVANCED,
         "Torques that are disturbances of the synthesis: link_torque,motor_torque.", "link_torque",
         default="the command instead, as in the paper")
-    command: units.Flag = option(False, ADVANCED, "Whether the command is a disturbance too, beside --disturbances.")
-    friction_model: units.Flag = option(False, ADVANCED,
+    command: options.Flag = option(False, ADVANCED, "Whether the command is a disturbance too, beside --disturbances.")
+    friction_model: options.Flag = option(False, ADVANCED,
         "Whether the estimator's model (ukf, ekf) has the dry friction of --extras, smoothed; the feedforward of the "
         "planned move has it anyway.")
-    measured: units.Names = option(("link_position",), HARDWARE,
+    measured: options.Names = option(("link_position",), HARDWARE,
         "link_position, motor_position, joint_torque, link_velocity, motor_velocity; NAME_JOINT for single ones.",
         "motor_position")
     estimator: EstimatorName = option("ukf", HARDWARE,
         "ukf, ekf, observer (output injection), or none (feeds back the true state).",
         "ukf")
-    period: units.Period = option(1e-3, HARDWARE, "Sampling period of estimator and law: 0.001 (s) or 1ms.", "1ms",
+    period: options.Period = option(1e-3, HARDWARE, "Sampling period of estimator and law: 0.001 (s) or 1ms.", "1ms",
         "s")
-    process_noise: units.NotNegative | None = option(None, ADVANCED,
+    process_noise: options.NotNegative | None = option(None, ADVANCED,
         "q of R^v = q I, the variance added to every state per sample.", "1e-10")
-    torque_noise: units.NotNegative | None = option(None, ADVANCED,
+    torque_noise: options.NotNegative | None = option(None, ADVANCED,
         "Variance added to the velocities alone per sample, where unknown torques act.", "1e-7",
         default=f"searched on the running loop with a Kalman filter; {TORQUE_NOISE:g} with the observer")
-    measurement_noise: units.Positive = option(1e-8, ADVANCED,
+    measurement_noise: options.Positive = option(1e-8, ADVANCED,
         "R^n, the variance of a measured position; the simulated noise has it too.", "1e-8", "rad², m²")
-    saturation: units.PerJoint | None = option(None, LIMITS, "Limit ± of every input, or one per joint 87,87,12.", "24",
-        "V, N·m or N", zero=NO_LIMIT, default="the robot's effort limits, or none")
-    extras: units.Names = option((), HARDWARE,
+    saturation: options.PerJoint | None = option(None, LIMITS,
+        "Limit ± of every input, or one per joint 87,87,12.", "24", "V, N·m or N", zero=NO_LIMIT,
+        default="the robot's effort limits, or none")
+    extras: options.Names = option((), HARDWARE,
         "What the true plant has beside the model: inductance, joint_damping, spring_hardening, backlash, "
         "coulomb_friction, stribeck_friction.", "coulomb_friction")
-    delay: units.Seconds = option(0.0, HARDWARE,
+    delay: options.Seconds = option(0.0, HARDWARE,
         "Delay of the inputs, a multiple of the period, at most 100,000 samples; the estimator "
         "does not know of it.", "5ms", "s")
-    quantisation: units.Quanta = option(0.0, HARDWARE,
+    quantisation: options.Quanta = option(0.0, HARDWARE,
         "Step of every measurement, in its unit: 1e-4, or one per name of --measured, or per measured signal, such as "
         "0.01deg,0.1Nm; the estimator does not know of it.", "1e-4", "rad, m, …")
-    integral_dead_zone: units.Distances | None = option(None, ADVANCED,
+    integral_dead_zone: options.Distances | None = option(None, ADVANCED,
         "Errors up to this size are not integrated, against hunting: 1e-3 (rad, m), 0.05deg, or one per joint; "
         "0: none.", "1e-3", "rad, m",
         default="none, or the amplitude of the hunting that dry friction causes")
-    load: units.Number | None = option(None, TRIED, "Torque on every link in the load response.", "1", "N·m or N",
+    load: options.Number | None = option(None, TRIED, "Torque on every link in the load response.", "1", "N·m or N",
         default="a tenth of what the motors give at the peak input of the step")
-    draws: units.Count | None = option(None, TRIED,
+    draws: options.Count | None = option(None, TRIED,
         "Robots within their tolerances that make the step (Monte Carlo samples), at most 100,000; 0: none.", "200",
         default="by the number of states")
-    rays: units.Count | None = option(None, ADVANCED,
+    rays: options.Count | None = option(None, ADVANCED,
         "Directions along which the region is sampled, at most 100,000; 0: none.", "1000",
         default="by the number of states")
-    proof_seconds: units.NotNegative = option(20.0, ADVANCED,
+    proof_seconds: options.NotNegative = option(20.0, ADVANCED,
         "CPU time that a proof of the region may take, for a robot of one link; what is not proved by then is sampled. "
         "0: no proof.", "60", "s")
-    duration: units.Duration | None = option(None, TRIED, "Length of the step response.", "5", "s",
+    duration: options.Duration | None = option(None, TRIED, "Length of the step response.", "5", "s",
         zero="the default", default="by the slowest mode")
-    seed: units.Seed = option(0, ADVANCED, "Seed of directions, noise and sampled robots.", "0")
-    compare_rigid: units.Flag = option(True, TRIED,
+    seed: options.Seed = option(0, ADVANCED, "Seed of directions, noise and sampled robots.", "0")
+    compare_rigid: options.Flag = option(True, TRIED,
         "Whether the same is designed on the rigid model too, and run on the elastic robot.")
-    mujoco: units.Flag = option(False, TRIED, "Whether the step is run on MuJoCo's plant too (needs flexhinf[mujoco]).")
+    mujoco: options.Flag = option(False, TRIED,
+        "Whether the step is run on MuJoCo's plant too (needs flexhinf[mujoco]).")
     # fmt: on
 
     def __post_init__(self) -> None:
         for name, field in FIELDS.items():
             if (value := getattr(self, name)) is not field.default:
-                object.__setattr__(self, name, _read(name, value))
+                try:
+                    object.__setattr__(self, name, field.read(value))
+                except InvalidInput as error:
+                    if isinstance(error, WaypointError) or not error.what.startswith(refused(name)):
+                        raise
+                    raise SpecificationError(name, error.what, error.found, example=error.advice) from None
         _check_sensor_units(self)
         for name, (most, why) in MOST.items():
             if (value := getattr(self, name)) is not None and value > most:
                 raise _refusal(name, f"expected at most {most:g} ({why}), got {value_text(value)}")
         if self.delay:
-            from flexhinf.loop.simulation.program import (  # a tenth of the time of `--help`
-                LONGEST_LINEAR,
-                WHOLE,
-            )
+            # Imported late: a tenth of the time of `--help`.
+            from flexhinf.loop.simulation.program import LONGEST_LINEAR, WHOLE
 
-            samples, most = (
-                self.delay / self.period,
-                f"{LONGEST_LINEAR * self.period:g} s, {LONGEST_LINEAR} samples",
-            )
-            if samples > LONGEST_LINEAR * (1.0 + WHOLE):
-                found = f"expected at most {most}: {self.delay:g} s are {samples:.0f} samples"
-                raise _refusal("delay", found, f"{self.delay:g}ms")
+            self._check_length("delay", LONGEST_LINEAR, 1.0 + WHOLE)
+            samples = self.delay / self.period
             if abs(samples - round(samples)) > WHOLE:
                 raise _refusal("delay", f"expected a multiple of {self.period:g} s, got {self.delay:g} s")
-        length = 0.0 if self.duration is None else self.duration / self.period
-        if length > RUN_SAMPLES:
-            most = f"{RUN_SAMPLES * self.period:g} s"
-            found = f"expected at most {most}: {self.duration:g} s are {length:.0f} samples"
-            raise _refusal("duration", found, f"{self.duration:g}ms")
+        self._check_length("duration", RUN_SAMPLES)
+
+    def _check_length(self, name: str, most: int, rounding: float = 1.0) -> None:
+        """Refuse a time of more samples than these."""
+        time = getattr(self, name) or 0.0
+        if time / self.period > most * rounding:
+            found = (
+                f"{most * self.period:g} s, {most} samples: {time:g} s are {time / self.period:.0f} samples"
+            )
+            raise _refusal(name, f"expected at most {found}", f"{time:g}ms")
 
     @property
     def peak_sensitivity_limit(self) -> float:
@@ -292,7 +297,7 @@ def _checked(make: Any) -> Any:
                 )
         if fields.get("angle_unit") is None:
             texts = (fields.get(name) for name in ("pose", "start", "via", "tracking_error"))
-            fields["angle_unit"] = units.angle_unit_of(*texts)
+            fields["angle_unit"] = options.angle_unit_of(*texts)
         make(self, **fields)
 
     return init
@@ -301,38 +306,23 @@ def _checked(make: Any) -> Any:
 setattr(Specification, "__init__", _checked(Specification.__init__))  # noqa: B010  pyright
 
 
-def _read(name: str, value: Any) -> Any:
-    try:
-        return FIELDS[name].read(value)
-    except WaypointError:
-        raise
-    except InvalidInput as error:
-        if not error.what.startswith(refused(name)):
-            raise
-        raise SpecificationError(name, error.what, error.found, example=error.advice) from None
-
-
 def _check_sensor_units(s: Specification) -> None:
     """Refuse a step in a unit that its kind of sensor does not have; a number without a unit fits every sensor."""
     parts = s.quantisation if isinstance(s.quantisation, tuple) else (s.quantisation,)
+    kinds = [next((kind for kind in EXAMPLES if kind in name), "") for name in s.measured]
     single = len(parts) == len(s.measured)  # otherwise one for all sensors, or one per signal
+    fitting = all if len(parts) == 1 else any
     for k, part in enumerate(parts):
-        sensors = s.measured[k : k + 1] if single else s.measured
-        kinds = [_kind_of(name) for name in sensors]
-        fitting = all if len(parts) == 1 else any
-        if isinstance(part, units.Stated) and not fitting(
-            part.si in SENSOR_UNITS.get(kind, ()) for kind in kinds
+        which = slice(k, k + 1) if single else slice(None)
+        if isinstance(part, options.Stated) and not fitting(
+            part.si in SENSOR_UNITS.get(kind, ()) for kind in kinds[which]
         ):
             raise _refusal(
                 "quantisation",
                 f"expected a step for each of {list(s.measured)} in its own unit, got '{part.number}{part.unit}' for "
-                f"{' and '.join(map(repr, sensors))}",
-                ",".join(EXAMPLES.get(k, "1e-4") for k in map(_kind_of, s.measured)),
+                f"{' and '.join(map(repr, s.measured[which]))}",
+                ",".join(EXAMPLES.get(kind, "1e-4") for kind in kinds),
             )
-
-
-def _kind_of(name: str) -> str:
-    return next((kind for kind in EXAMPLES if kind in name), "")
 
 
 def _refusal(name: str, found: str, example: str = "") -> SpecificationError:

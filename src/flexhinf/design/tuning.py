@@ -1,14 +1,24 @@
-"""Each law of a comparison tuned over all its parameters, with the sensors that its proponents would choose.
+"""Laws of a comparison: the one criterion that all are tuned for and judged by, the limits that all keep, the search.
 
-All laws are tuned alike, the nonlinear H∞ law among them, in three rounds: each for itself; then once more from the
-best of its own and of the laws that it contains, those with fewer parameters first; and from the values of the best
-other laws in all parameters that both have. So it does not matter in which order they are listed; a law that contains
-another one (nonlinear H∞ the nonlinear LQR, torque feedback a PD) does not end behind it, since what the other one
-ended with is among its candidates, as the design's own law is among those of nonlinear H∞; and weights that one search
-came upon serve every law that has such weights. Without the last round the order of the best laws was that of luck:
-costs settle into several local minima.
+Criterion: the geometric mean of four ratios to the design as it is, each of the same run for all laws: the largest
+deviation of a link under the load, the settling time of the step as the controller is deployed, the largest error in
+following the jerk-limited reference, and the largest error that remains at the end of any of the three. The design has
+1; less is better. A law that keeps 47 mrad for ever, where the design keeps 0.1, loses by it, and what it does
+otherwise still counts. These runs are those of the nominal robot without measurement noise, so that no seed has a part
+in the criterion: noise counts as a limit. A deviation or an error that no sensor shows counts as one that it just
+shows: behind an exact feedforward a robot that is the model leaves errors of microradians, of sampling and rounding.
 
-Which of the tuned laws are ranked, the best rival of nonlinear H∞, and where each law is in its trade-off.
+Limits: peak sensitivity, gain margin and damping of the sampled loop with its estimator, and the measurement noise
+that reaches the motor, each at most the limit of the specification or what the design itself has, whichever is wider;
+and the one that the user chooses to share: the peak input of that step, the bandwidth, or nothing. A candidate whose
+loop cannot be linearised, diverges, or does not settle is not feasible.
+
+All laws are tuned alike over all their parameters, with the sensors that their proponents would choose, in three
+rounds: each for itself; then once more from the best of its own and of the laws that it contains, those with fewer
+parameters first; and from the values of the best other laws in all parameters that both have. So the order in which
+they are listed does not matter; a law that contains another one (nonlinear H∞ the nonlinear LQR, torque feedback a PD)
+does not end behind it, nor nonlinear H∞ behind the design's own law; and weights that one search came upon serve every
+law that has such weights. Costs settle into several local minima: without the last round the order was that of luck.
 """
 
 from __future__ import annotations
@@ -18,9 +28,9 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from flexhinf.baselines import Candidate, Judgement, Tuning, tune
-from flexhinf.design.criterion import Criterion, LawMetrics, metrics_of, pareto_front, unstable_corners
-from flexhinf.design.estimators import other_quantisation
+import numpy as np
+
+from flexhinf.baselines import Candidate, Judgement, Tuning, excess, tune
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.laws import (
     CONTAINED,
@@ -28,14 +38,310 @@ from flexhinf.design.laws import (
     DESIGN,
     ESTIMATOR_NOISE,
     MOTOR_NOISE,
-    NL_HINF,
     LawFactory,
     LawKind,
+    is_hinf,
 )
-from flexhinf.design.loop_setup import LoopSetup
+from flexhinf.design.loop_setup import LoopSetup, other_quantisation
+from flexhinf.design.requirements import peak_option
 from flexhinf.errors import FlexhinfError, InvalidInput, NumericalFailure
 
 Progress = Callable[[str], None]
+
+#: Runs of the criterion, by the metric that is infinite where one diverged.
+RUNS = {
+    "peak_input": "the step",
+    "load_deviation": "the run under the load",
+    "move_error": "the planned move",
+}
+
+#: Of what the criterion takes ratios: attributes of `LawMetrics`, and what they are called.
+RATIOS = {
+    "load_deviation": "load deviation", "settling": "settling time", "move_error": "move error",
+    "remaining_error": "remaining error",
+}  # fmt: skip
+
+#: What all laws share with the design, as `tune` of a comparison.
+MODES = ("peak", "bandwidth", "none")
+
+#: A candidate that exceeds a limit by more than this factor is judged without further runs: it is far off.
+FAR = 1.25
+
+#: Smallest damping ratio of the running loop where the specification states none: an oscillation halves in each period.
+LEAST_DAMPING = 0.1
+
+#: A run that does not settle counts as so many times its length, in the order of candidates that keep no limit.
+UNSETTLED = 2.0
+
+
+@dataclass(frozen=True)
+class LawMetrics:
+    """Metrics by which a law is tuned: the largest of all joints; infinite where a run diverged, or did not settle."""
+
+    peak_sensitivity: float
+    gain_margin: float  # smallest factor by which the gain of one input may not rise or fall
+    damping: float  # smallest ratio of the running loop with its estimator; NaN without oscillation
+    input_noise: float  # RMS of the noisiest input, V or N·m
+    bandwidth: float  # of the slowest joint, rad/s
+    peak_input: float = math.nan  # of the step, V or N·m, see `JointLimits.equivalent_peak`; NaN: not run
+    settling: float = math.nan  # of the step, s; NaN where it was not run
+    load_deviation: float = math.nan  # rad or m
+    move_error: float = math.nan  # largest error behind the jerk-limited reference, rad or m
+    remaining_error: float = math.nan  # largest in the last tenth of step, load response or move, rad or m
+
+
+def unstable_corners(evaluation: LawEvaluation) -> int:
+    """Unstable corners of the tolerances; 0 for a robot that states none."""
+    return 0 if evaluation.corners is None else int(evaluation.corners.unstable)
+
+
+def metrics_of(
+    evaluation: LawEvaluation, criterion: Criterion | None = None, linear: LawMetrics | None = None
+) -> LawMetrics:
+    """Metrics of a law; with the metrics of the loop, `linear`, where it has none of its own.
+
+    With a `criterion`, a loop that is far beyond its limits is not run, nor run further after the step. Raises
+    `FlexhinfError` if the loop cannot be linearised, or is unstable: then nothing is known in its favour.
+    """
+    metrics = linear
+    if metrics is None:
+        margins = evaluation.margins
+        if not margins.stable:
+            raise NumericalFailure(
+                "The linear loop with its estimator is unstable at the goal.",
+                "expected all eigenvalues inside the unit circle",
+                "other parameters",
+            )
+        metrics = LawMetrics(
+            margins.peak_sensitivity, margins.gain_margin, margins.damping, evaluation.input_noise,
+            margins.slowest_bandwidth,
+        )  # fmt: skip
+    if criterion is not None and criterion.is_far(metrics):
+        return metrics
+    quiet, limits = evaluation.quiet, evaluation.setup.limits
+    # Without a saturation that would hide a required peak.
+    peak = limits.equivalent_peak(quiet.unlimited_step if limits.limits_peak else quiet.step)
+    metrics = replace(metrics, peak_input=peak, settling=quiet.step.settling.value)
+    if criterion is not None and criterion.is_far(metrics):
+        return metrics
+    worst = {key: each.value for key, each in quiet.worst.items()}
+    return replace(
+        metrics,
+        load_deviation=worst["load_deviation"],
+        move_error=worst["move_error"],
+        remaining_error=max(worst[f"{run}_remaining"] for run in ("step", "load", "move")),
+    )
+
+
+def own_metrics(evaluation: LawEvaluation) -> LawMetrics:
+    """Metrics of the design's own law; of an unstable loop, or one without an equilibrium, with no margins at all."""
+    try:
+        return metrics_of(evaluation)
+    except FlexhinfError:
+        return metrics_of(evaluation, linear=LawMetrics(math.inf, 1.0, 0.0, math.inf, math.nan))
+
+
+def reference_metrics(evaluation: LawEvaluation) -> LawMetrics:
+    """Metrics of the design's own law, by which those of all laws are divided.
+
+    Raises `InvalidInput` if its linear loop is unstable at the goal, or one of its runs diverges.
+    """
+    own = own_metrics(evaluation)
+    lost = [f"{run} diverges" for name, run in RUNS.items() if math.isinf(getattr(own, name))]
+    if not evaluation.linear_failure and not evaluation.margins.stable:
+        lost.insert(0, "its linear loop is unstable at the goal")
+    if lost:
+        raise InvalidInput(
+            "The design's own law is unstable or diverges, so no law can be measured by it.",
+            f"expected a stable loop whose runs stay finite, got: {'; '.join(lost)}",
+            "`process_noise` and the other options of the estimator as they are by default, a smaller `load`, or a "
+            "start nearer to the goal; `flexhinf design` shows the loop alone",
+        )
+    return own
+
+
+@dataclass(frozen=True)
+class Limit:
+    """One limit that all laws keep."""
+
+    metric: str  # attribute of `LawMetrics`
+    label: str
+    unit: str
+    value: float
+    origin: str  # where the value comes from
+    least: bool = False  # whether the metric is to be at least the value instead of at most
+
+    def excess(self, metrics: LawMetrics) -> float:
+        """ln of the factor by which it is exceeded; 0 where it is kept."""
+        value = getattr(metrics, self.metric)
+        if not self.least:
+            return excess(value, self.value)
+        if value <= 0.0:
+            return math.inf
+        return 0.0 if math.isnan(value) else excess(self.value, value)
+
+    @property
+    def text(self) -> str:
+        """Such as ``peak sensitivity at most 2 (default)``."""
+        bound, unit = "at least" if self.least else "at most", f" {self.unit}" if self.unit else ""
+        return f"{self.label} {bound} {self.value:.3g}{unit} ({self.origin})"
+
+
+@dataclass(frozen=True)
+class Criterion:
+    """What laws are tuned for."""
+
+    mode: str  # one of `MODES`
+    own: LawMetrics  # of the design's own law, by which deviation, settling time and errors are divided
+    linear: tuple[Limit, ...]  # of the linearised loop
+    shared: tuple[Limit, ...]  # the one that the user chose, of the runs or of the loop
+    length: float  # of the step, s
+    resolution: float = 0.0  # deviations and errors below count as this, rad or m
+
+    @property
+    def limits(self) -> tuple[Limit, ...]:
+        """All of them."""
+        return (*self.linear, *self.shared)
+
+    @property
+    def text(self) -> str:
+        """The measure with the limits, before any result."""
+        return f"{self.measure.rstrip('.')}; with {'; '.join(limit.text for limit in self.limits)}."
+
+    @property
+    def measure(self) -> str:
+        """The measure that is made small, in words."""
+        below = f" A deviation or an error below {1e3 * self.resolution:.3g} mrad or mm, which a sensor does not show, "
+        return (
+            "Every law, nl-hinf among them, is tuned over all its parameters for the smallest geometric mean of four "
+            "ratios to the design as it is: largest deviation under the load, settling time of the step as the "
+            "controller is deployed, largest error behind the jerk-limited reference, and largest error that remains "
+            "at the end of these three runs, which are those of the nominal robot without measurement noise."
+        ) + (f"{below}counts as that." if self.resolution else "")
+
+    def ratios(self, metrics: LawMetrics) -> dict[str, float]:
+        """Load deviation, settling time, and the two errors over those of the design, by name."""
+        ratios, unsettled = {}, UNSETTLED * self.length
+        for name in RATIOS:
+            mine, theirs = getattr(self.own, name), getattr(metrics, name)
+            if name == "settling":
+                theirs = unsettled if math.isinf(theirs) else theirs
+                mine = mine if math.isfinite(mine) else unsettled
+            else:
+                mine, theirs = max(mine, self.resolution), max(theirs, self.resolution)
+                mine = mine if math.isfinite(mine) else 1.0
+            ratios[name] = theirs / mine if mine > 0.0 else math.inf
+        return ratios
+
+    def cost(self, metrics: LawMetrics) -> float:
+        """Geometric mean of the ratios; infinite where a run diverged."""
+        cost = math.prod(self.ratios(metrics).values()) ** (1.0 / len(RATIOS))
+        return cost if math.isfinite(cost) else math.inf
+
+    def is_far(self, metrics: LawMetrics) -> bool:
+        """Whether what is known exceeds a limit by more than `FAR`: further runs would change nothing."""
+        known = (x for x in self.limits if x.metric != "peak_input" or not math.isnan(metrics.peak_input))
+        return any(limit.excess(metrics) > math.log(FAR) for limit in known)
+
+    def judge(self, metrics: LawMetrics) -> Judgement:
+        """Cost, and by how much which limits are exceeded."""
+        beyond = {
+            f"{limit.text}, found {value:.3g}": limit.excess(metrics)
+            for limit in self.limits
+            if not math.isnan(value := getattr(metrics, limit.metric))
+        }
+        if math.isinf(metrics.settling):
+            beyond[f"the step settles within {self.length:g} s"] = 1.0
+        if math.isinf(metrics.peak_input) or math.isinf(metrics.load_deviation):
+            beyond["no run diverges"] = math.inf
+        reason = "; ".join(f"not kept: {text}" for text, value in beyond.items() if value > 0.0)
+        return Judgement(self.cost(metrics), sum(beyond.values()), reason, metrics)
+
+
+def criterion_for(
+    mode: str,
+    own: LawMetrics,
+    length: float,
+    limits: Mapping[str, tuple[float, str] | None],
+    unit: str,
+    resolution: float = 0.0,
+) -> Criterion:
+    """The criterion of a comparison, by the metrics of the design and the length of the step, s.
+
+    `limits` are those of the specification, see `stated_limits`; `unit` is that of the inputs. Raises `InvalidInput`
+    for another mode than `MODES`, or where there is nothing to share: no such limit is stated and the design has no
+    such metric.
+    """
+    check_mode(mode, "--tune peak")
+    limits = {"damping": (LEAST_DAMPING, "default"), **limits}
+
+    def wider(metric: str, label: str, unit: str, least: bool = False) -> tuple[Limit, ...]:
+        """The wider of the stated limit and the design's own."""
+        stated, mine = limits.get(metric), getattr(own, metric)
+        usable = math.isfinite(mine) and mine > 0.0
+        if stated is not None and (not usable or (mine >= stated[0] if least else mine <= stated[0])):
+            return (Limit(metric, label, unit, *stated, least),)
+        if not usable:
+            return ()
+        origin = f"the design's own; {stated[1]}: {stated[0]:.3g}" if stated else "the design's own"
+        return (Limit(metric, label, unit, mine, origin, least),)
+
+    shared = {
+        "peak": wider("peak_input", "peak input of the step", unit),
+        "bandwidth": wider("bandwidth", "bandwidth of the slowest joint", "rad/s"),
+        "none": (),
+    }[mode]
+    if mode != "none" and not shared:
+        raise InvalidInput(
+            f"There is no {mode} that the laws could share.",
+            "expected one in the specification, or a design whose step does not diverge and whose loop is stable",
+            "--tune none, a start nearer to the goal (--start), or another design",
+        )
+    linear = (
+        *wider("peak_sensitivity", "peak sensitivity", ""),
+        *wider("gain_margin", "gain margin, up and down, a factor of", "", least=True),
+        *wider("damping", "damping ratio of every oscillation", "", least=True),
+        *wider("input_noise", "noise at the motor, rms,", unit),
+    )
+    return Criterion(mode, own, linear, shared, length, resolution)
+
+
+def check_mode(mode: str, advice: str) -> None:
+    """Refuse what is none of `MODES`."""
+    if mode not in MODES:
+        found = f"expected {', '.join(MODES)}, got {mode!r}"
+        raise InvalidInput("There is no such way to tune.", found, advice)
+
+
+def stated_limits(setup: LoopSetup, unit: str) -> dict[str, tuple[float, str] | None]:
+    """Limits of the specification and of the joints, with where they come from: what `criterion_for` takes."""
+    s, joints = setup.specification, setup.limits
+    sensitivity = "--peak-sensitivity" if s.peak_sensitivity else "default"
+    limits: dict[str, tuple[float, str] | None] = {
+        "peak_sensitivity": (s.peak_sensitivity_limit, sensitivity),
+        "gain_margin": (s.gain_margin_limit, "--gain-margin" if s.gain_margin else "default"),
+    }
+    if joints.limits_effort:
+        peak = peak_option(unit, joints.peak_source)
+        limits["peak_input"] = (joints.strongest, peak if joints.limits_peak else joints.saturation_source)
+    if s.damping:
+        limits["damping"] = (s.damping, "--damping")
+    if s.bandwidth is not None:
+        limits["bandwidth"] = (float(np.min(s.bandwidth)), "--bandwidth")
+    return limits
+
+
+def pareto_front(metrics: Sequence[LawMetrics], criterion: Criterion) -> tuple[LawMetrics, ...]:
+    """Load deviation against peak input, by rising peak input: the candidates of a law that keep the limits of the
+    linear loop, and that no other one betters in both."""
+    open_ended, front = replace(criterion, shared=()), []
+    known = (m for m in metrics if math.isfinite(m.peak_input) and math.isfinite(m.load_deviation))
+    for each in sorted(known, key=lambda m: (m.peak_input, m.load_deviation)):
+        better = not front or each.load_deviation < front[-1].load_deviation
+        if better and open_ended.judge(each).excess == 0.0:
+            front.append(each)
+    return tuple(front)
+
 
 #: Candidates per parameter: (largest number of states, samples of the first round, samples and simplex of the second).
 BUDGET = ((15, 16, 12, 4), (10_000, 3, 1, 1))
@@ -53,7 +359,7 @@ MANY_STATES = 15
 
 @dataclass(frozen=True, eq=False)
 class TunedLaw:
-    """A law, the loop it runs in, and how it was found."""
+    """A law, the loop that it runs in, and how it was tuned."""
 
     kind: LawKind
     evaluation: LawEvaluation  # with the law's own sensors, parameters and noise levels of its estimator
@@ -72,12 +378,10 @@ class TunedLaw:
     @property
     def failure(self) -> str:
         """Why the law is not compared: no candidate keeps every limit; empty for a law that does."""
-        if self.feasible:
-            return ""
-        return (
-            f"none of {self.candidates} tunings keeps every limit, and figures of another would be arbitrary; "
-            f"the nearest: {self.reason}"
+        none = (
+            f"none of {self.candidates} tunings keeps every limit, and figures of another would be arbitrary"
         )
+        return "" if self.feasible else f"{none}; the nearest: {self.reason}"
 
     @property
     def name(self) -> str:
@@ -153,62 +457,28 @@ class Tuner:
             return TunedLaw(kind, self.own, metrics, self.criterion.cost(metrics), True)
         s = self.own.setup.specification
         choices = () if self.same_sensors or s.estimator == "none" else kind.sensors
-        samples = self._budget[0]
-        return min(
-            (
-                self._tuned(kind, sensors, self._search(kind, sensors, None, samples, 0))
-                for sensors in choices or (tuple(s.measured),)
-            ),
-            key=lambda law: (not law.feasible, law.cost),
-        )
+        sensors = choices or (tuple(s.measured),)
+        laws = [self._search(kind, each, None, self._budget[0], 0) for each in sensors]
+        return min(laws, key=lambda law: (not law.feasible, law.cost))
 
     def again(self, law: TunedLaw, others: Sequence[TunedLaw], exchange: bool = False) -> TunedLaw:
-        """A later round: the search continues from its best candidate and from the parameters of other laws.
+        """A later round: the search continues from its best candidate and from the parameters of laws that it contains.
 
-        Others that have a parameter which this law has not do not count. `exchange` is the last round: beside these,
-        the cheapest others with whatever parameters both have, and a simplex from the best.
+        `exchange` is the last round: beside these, from the parameters that it shares with the cheapest others.
         """
         if law.kind.name == DESIGN:
             return law
         kind, sensors = law.kind, tuple(law.setup.specification.measured)
         others = [other for other in others if other.parameters and other is not law]
-        _, samples, simplex = self._budget
-        samples = 0 if exchange else samples
-        return self._tuned(
-            kind, sensors, self._search(kind, sensors, law.search, samples, simplex, others, exchange)
-        )
+        samples, simplex = (0 if exchange else self._budget[1]), self._budget[2]
+        return self._search(kind, sensors, law.search, samples, simplex, others, exchange)
 
     @property
-    def _budget(self) -> tuple[int, int, int]:
+    def _budget(self) -> tuple[int, int, int, int | None]:
+        """Samples of the first round; samples and simplex of the second; degree of V in the search, None: its own."""
         states = len(self.factory.problem.state_names)
-        return next(tuple(counts) for most, *counts in BUDGET if states <= most)  # type: ignore[return-value]
-
-    @property
-    def _searched_degree(self) -> int | None:
-        """Of V in the search; None for a law's own."""
-        return 2 if len(self.factory.problem.state_names) > MANY_STATES else None
-
-    def _tuned(self, kind: LawKind, sensors: tuple[str, ...], found: Tuning) -> TunedLaw:
-        searched, best = self._searched_degree, self._robust_best(kind, sensors, found)
-        if not best.feasible or (searched is not None and self.factory.degree(kind) > searched):
-            with contextlib.suppress(FlexhinfError):  # by the law itself with all its runs
-                metrics = metrics_of(self.evaluation(kind, sensors, best.parameters))
-                best = Candidate(best.parameters, self.criterion.judge(metrics))
-        best = min((best, *self._own_candidate(kind)), key=lambda candidate: candidate.order)
-        judgement = best.judgement
-        if not isinstance(judgement.result, LawMetrics):
-            raise NumericalFailure(
-                f"No law {kind.name!r} could be judged.",
-                f"tried {len(found.candidates)} sets of parameters; the first: "
-                f"{found.candidates[0].judgement.reason}",
-                f"leave {kind.name} out of --laws",
-            )
-        results = (c.judgement.result for c in found.candidates)
-        tried = tuple(m for m in results if isinstance(m, LawMetrics) and not math.isnan(m.load_deviation))
-        evaluation = self.evaluation(kind, sensors, best.parameters)
-        return TunedLaw(
-            kind, evaluation, judgement.result, judgement.cost, best.feasible, judgement.reason, tried, found
-        )
+        first, samples, simplex = next(counts for most, *counts in BUDGET if states <= most)
+        return first, samples, simplex, 2 if states > MANY_STATES else None
 
     def _robust_best(self, kind: LawKind, sensors: tuple[str, ...], found: Tuning) -> Candidate:
         """The cheapest candidate that keeps every limit with no more unstable corners than the design: a law is not
@@ -219,15 +489,14 @@ class Tuner:
         allowed = unstable_corners(self.own)
         feasible = sorted((c for c in found.candidates if c.feasible), key=lambda c: c.order)
         for candidate in feasible[:LOOKED_AT]:
-            evaluation = self.evaluation(kind, sensors, candidate.parameters, self._searched_degree)
+            evaluation = self.evaluation(kind, sensors, candidate.parameters, self._budget[3])
             if unstable_corners(evaluation) <= allowed:
                 return candidate
         return next((own for own in self._own_candidate(kind) if own.feasible), found.best)
 
     def _own_candidate(self, kind: LawKind) -> tuple[Candidate, ...]:
         """The design's own law, as the criterion has judged it, for a law that is of its kind."""
-        values = self.factory.own(kind)
-        if values is None:
+        if (values := self.factory.own(kind)) is None:
             return ()
         values = {name: values[name] for name in self._free(kind)}
         return (Candidate(values, self.criterion.judge(self.criterion.own)),)
@@ -235,8 +504,8 @@ class Tuner:
     def _free(self, kind: LawKind) -> dict[str, float]:
         """The parameters that are searched, with their starts: R^v only where there is an estimator, and the degree
         only where it is searched."""
-        unused = (ESTIMATOR_NOISE, MOTOR_NOISE) if self.own.setup.specification.estimator == "none" else ()
-        unused = (*unused, DEGREE) if self._searched_degree is not None else unused
+        unused = [ESTIMATOR_NOISE, MOTOR_NOISE] if self.own.setup.specification.estimator == "none" else []
+        unused += [] if self._budget[3] is None else [DEGREE]
         return {name: x for name, x in self.factory.start(kind).items() if name not in unused}
 
     def _search(
@@ -248,32 +517,50 @@ class Tuner:
         simplex: int,
         others: Sequence[TunedLaw] = (),
         exchange: bool = False,
-    ) -> Tuning:
-        """Over all free parameters, from the design's or from the best so far."""
-        start, limits, degree = self._free(kind), self.factory.bounds(kind), self._searched_degree
+    ) -> TunedLaw:
+        """The best law over all free parameters, from the design's or from the best so far."""
+        start, limits, degree = self._free(kind), self.factory.bounds(kind), self._budget[3]
         begin = start if before is None else dict(before.best.parameters)
-        tried = []
+        starts = []
         for law in others:  # which law is this one with parameters that make no difference?
             if law.parameters.keys() <= start.keys():
                 neutral = {**CONTAINED, DEGREE: float(self.factory.degree(law.kind)), **law.parameters}
-                tried.append({name: neutral.get(name, value) for name, value in start.items()})
+                starts.append({name: neutral.get(name, value) for name, value in start.items()})
         if exchange:
             # Own parameters with those of the cheapest other laws where both have them, beside R^v.
             cheapest = sorted((law for law in others if law.feasible), key=lambda law: law.cost)
-            shared = [(law, begin.keys() & law.parameters.keys()) for law in cheapest]
-            shared = [(law, both) for law, both in shared if both - {ESTIMATOR_NOISE, MOTOR_NOISE}]
-            for law, both in shared[:EXCHANGED]:
-                tried.append({**begin, **{name: law.parameters[name] for name in both}})
+            shared = [{name: x for name, x in law.parameters.items() if name in begin} for law in cheapest]
+            shared = [both for both in shared if both.keys() - {ESTIMATOR_NOISE, MOTOR_NOISE}]
+            starts += [{**begin, **both} for both in shared[:EXCHANGED]]
 
         def judge(values: Mapping[str, float]) -> Judgement:
             evaluation = self.evaluation(kind, sensors, values, degree)
             return self.criterion.judge(metrics_of(evaluation, self.criterion))
 
         bounds, count = {name: limits[name] for name in start}, len(start)
-        search = tune(judge, begin, bounds, samples * count, simplex * count, self.seed, others=tried)
+        found = tune(judge, begin, bounds, samples * count, simplex * count, self.seed, others=starts)
         known = self._own_candidate(kind) if before is None else before.candidates
-        candidates = (*known, *search.candidates)
-        return Tuning(min(candidates, key=lambda candidate: candidate.order), candidates)
+        candidates = (*known, *found.candidates)
+        found = Tuning(min(candidates, key=lambda candidate: candidate.order), candidates)
+        best = self._robust_best(kind, sensors, found)
+        if not best.feasible or (degree is not None and self.factory.degree(kind) > degree):
+            with contextlib.suppress(FlexhinfError):  # by the law itself with all its runs
+                metrics = metrics_of(self.evaluation(kind, sensors, best.parameters))
+                best = Candidate(best.parameters, self.criterion.judge(metrics))
+        best = min((best, *self._own_candidate(kind)), key=lambda candidate: candidate.order)
+        judged = best.judgement
+        if not isinstance(judged.result, LawMetrics):
+            raise NumericalFailure(
+                f"No law {kind.name!r} could be judged.",
+                f"tried {len(candidates)} sets of parameters; the first: {candidates[0].judgement.reason}",
+                f"leave {kind.name} out of --laws",
+            )
+        results = (c.judgement.result for c in candidates)
+        tried = tuple(m for m in results if isinstance(m, LawMetrics) and not math.isnan(m.load_deviation))
+        evaluation = self.evaluation(kind, sensors, best.parameters)
+        return TunedLaw(
+            kind, evaluation, judged.result, judged.cost, best.feasible, judged.reason, tried, found
+        )
 
     def evaluation(
         self, kind: LawKind, sensors: tuple[str, ...], values: Mapping[str, float], degree: int | None = None
@@ -284,23 +571,17 @@ class Tuner:
         """
         values = {name: float(round(x)) if name == DEGREE else x for name, x in values.items()}
         own = self.own.setup
-        noise = own.process_noise.scaled(values.get(ESTIMATOR_NOISE, 1.0))
-        noise = noise.motors_scaled(values.get(MOTOR_NOISE, 1.0))
+        factors = values.get(ESTIMATOR_NOISE, 1.0), values.get(MOTOR_NOISE, 1.0)
         law, s = self.factory.make(kind, values, degree), own.specification
         steps = other_quantisation(own.robot, s.measured, s.quantisation, s.estimator, sensors)
         setup = replace(
             own,
             law=law,
             specification=replace(s, measured=sensors, quantisation=steps),
-            estimator_noise=replace(noise, source="tuned"),
+            estimator_noise=own.process_noise.scaled(*factors, "tuned"),
             linear_model=kind.name == "lqg",
         )
         return LawEvaluation(kind.name, setup, self.own.scenario, values, other_noise=False)
-
-
-def is_hinf(name: str) -> bool:
-    """Whether a law is the design's own, or nonlinear H∞ tuned; linear H∞ (hinf) is a rival of it."""
-    return name in (DESIGN, NL_HINF) or name.startswith(f"{NL_HINF}-")
 
 
 def ranked(laws: Sequence[TunedLaw]) -> list[TunedLaw]:
@@ -315,19 +596,3 @@ def ranked(laws: Sequence[TunedLaw]) -> list[TunedLaw]:
 def best_rival(laws: Sequence[TunedLaw]) -> TunedLaw | None:
     """The first of `ranked` that is not nonlinear H∞; None if there is none."""
     return next((law for law in ranked(laws) if not is_hinf(law.name)), None)
-
-
-@dataclass(frozen=True)
-class TradeOff:
-    """Where a law is between what it costs and what it holds."""
-
-    name: str
-    point: LawMetrics  # of the law as it was tuned
-    curve: tuple[LawMetrics, ...]  # see `pareto_front`; of the design's own law only its point
-
-
-def trade_offs(laws: Sequence[TunedLaw], criterion: Criterion) -> tuple[TradeOff, ...]:
-    """Peak input against load deviation of every law, as a point and as a curve."""
-    return tuple(
-        TradeOff(law.name, law.metrics, pareto_front((*law.tried, law.metrics), criterion)) for law in laws
-    )

@@ -20,7 +20,7 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import BeforeValidator, WithJsonSchema
 
-from flexhinf.design.units import SECONDS, SLIDING, TURNING, Allowed
+from flexhinf.design.options import SECONDS, SLIDING, TURNING, Allowed
 from flexhinf.errors import InvalidInput
 from flexhinf.validation import HUGE, nearest, read_text, real_array, value_text
 

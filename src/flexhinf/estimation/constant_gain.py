@@ -164,14 +164,14 @@ def placed_gain(
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)  # of slow convergence: the result is judged below
-            found: Any = place_poles(slope.T, (rows @ transition).T, rates)
+            placed: Any = place_poles(slope.T, (rows @ transition).T, rates)
     except ValueError as error:
         raise InvalidInput(
             "The poles of the observer cannot be placed.",
             f"expected each pole at most once per independent measurement, got {wanted.tolist()}: {error}",
             "distinct poles, a few per cent apart",
         ) from error
-    gain = period * found.gain_matrix.T @ mixed.T / size
+    gain = period * placed.gain_matrix.T @ mixed.T / size
     reached = np.linalg.eigvals(slope - gain @ measured @ transition / period)
     distance = max(np.abs(reached - rate).min() for rate in rates)
     if distance > PLACED * np.abs(rates).max():

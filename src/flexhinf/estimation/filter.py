@@ -233,8 +233,8 @@ class RecursiveFilter(Estimator):
         """`innovation_stages` of an output that is linear about the mean: deviations are the columns of L, P = L Lᵀ."""
         expected, c = run.call(self.measured, belief.mean, u, p)
         root, weights = run.cholesky(belief.covariance), np.ones(self.plant.n)
-        shown = run.columns(applied, root, c)
-        return correction(run, (belief.mean, root), (expected, shown), weights, y, measurement_noise)
+        measured = run.columns(applied, root, c)
+        return correction(run, (belief.mean, root), (expected, measured), weights, y, measurement_noise)
 
     # Text and composed form stand apart: a subclass that changes the text is composed of it (`use_default_form`).
     def time_update_on(self, run: Any, belief: Any, u: Any, p: Any, process_noise: Any) -> Any:

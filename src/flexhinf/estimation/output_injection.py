@@ -245,11 +245,11 @@ class OutputInjectionObserver(RecursiveFilter):
         expected, sensors = run.call(self.measured, mean, u, p)
         mean, innovation, moved = run.call(_corrected, mean, y, expected, belief.gain)
         root = run.cholesky(belief.covariance)
-        shown = run.columns(applied, root, sensors)
-        spread = run.gram(shown, np.ones(self.plant.n), measurement_noise)
+        seen = run.columns(applied, root, sensors)
+        spread = run.gram(seen, np.ones(self.plant.n), measurement_noise)
         noise = run.columns(applied, run.cholesky(measurement_noise), belief.gain)
         added = run.gram(noise, np.ones(len(self.plant.outputs)), run.call(np.zeros_like, belief.covariance))
-        left = run.columns(_left, (root, shown), belief.gain)
+        left = run.columns(_left, (root, seen), belief.gain)
         covariance = run.gram(left, np.ones(self.plant.n), added)
         corrected = belief._replace(
             mean=mean, covariance=covariance, measured=measured, injection=injection, moved=moved
@@ -284,9 +284,9 @@ def _corrected(mean: Any, y: Any, expected: Any, gain: Any) -> tuple[Any, Any, A
     return mean + gain @ innovation, innovation, np.zeros(1)
 
 
-def _left(root: Any, shown: Any, gain: Any) -> Any:
+def _left(root: Any, measured: Any, gain: Any) -> Any:
     """(1 − L H) of a column of a root of P⁻."""
-    return root - gain @ shown
+    return root - gain @ measured
 
 
 def _stein(matrix: np.ndarray, added: np.ndarray) -> np.ndarray:
@@ -406,13 +406,13 @@ class _Slopes:
             fewer = [i for i in wanted if i != j]
             if self._holds(np.vstack([measured, unit[fewer]])):
                 wanted = fewer
-        j, one = wanted[0], len(entering) == 1
+        j, alone = wanted[0], len(entering) == 1
         rate = (
             f"∂({states[int(np.argmax(varies[:, j]))]}')/∂({states[j]})" if varies[:, j].any() else "a switch"
         )
         raise InvalidInput(
             f"The output-injection observer does not fit this plant: {self._names(entering)} "
-            f"{'enters' if one else 'enter'} nonlinearly and {'is' if one else 'are'} not measured.",
+            f"{'enters' if alone else 'enter'} nonlinearly and {'is' if alone else 'are'} not measured.",
             f"expected ẋ = A x + φ(y, u) with y = {list(self.plant.outputs)}, got {rate} that depends on the state "
             "or the input",
             f"measure {self._names(wanted)} in addition; or {OTHER}",
@@ -447,8 +447,8 @@ def null_space(matrix: np.ndarray) -> np.ndarray:
 
     n, size = matrix.shape[1], np.linalg.norm(matrix, axis=1, keepdims=True)
     rows = matrix / np.where(size > 0.0, size, 1.0)
-    found: Any = qr(rows, mode="r", pivoting=True)
-    factor, order = found
+    factors: Any = qr(rows, mode="r", pivoting=True)
+    factor, order = factors
     diagonal = np.abs(np.diag(factor))
     rank = int(np.sum(diagonal > RANK * max(1.0, diagonal[0]))) if len(diagonal) else 0
     basis = np.zeros((n, n - rank))

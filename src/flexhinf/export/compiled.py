@@ -12,7 +12,6 @@ import os
 import platform
 import shutil
 import subprocess
-from collections.abc import Iterable
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -49,35 +48,31 @@ def compile_controller(
         As `export_c`; for another choice of processors; or there is no C compiler (``CC``, cc, gcc, clang), or it
         fails.
     """
-    from flexhinf.export.controller_c import code_of
+    from flexhinf.export.controller_c import code_of, fill, template
 
     target, flags = checked_path("The library", path), compiler_flags(processor)
     code = code_of(controller, "controller", "double")
-    sources = {"controller.h": code.header, "controller.c": code.source, "entry.c": _entry(code)}
-    try:
-        image = shared_library(sources, ("-O3", *flags))
-    except InvalidInput:  # some compilers have no such names
-        image = shared_library(sources, ("-O3",))
-    write_file(target, "library", lambda part: Path(part).write_bytes(image))
-    return target
-
-
-def _entry(code: ControllerCode) -> str:
-    from flexhinf.export.controller_c import fill, template
-
     c = code.controller
-    about: dict[str, Any] = {
+    about = {
         "what": "flexhinf controller", "version": __version__, "period": c.period, "measured": c.measured,
         "commanded": c.commanded, "inputs": c.law.input_names, "states": c.states, "units": code.units,
         "reference": c.operating_reference.tolist(), "codes": {str(v): name for name, (v, _) in code.codes.items()},
         "starts_anywhere": code.starts_anywhere, "digest": code.digest,
     }  # fmt: skip
     text = json.dumps(json.dumps(about))  # twice: a string of C is one of JSON in ASCII
-    return fill(
-        template("library.c"), code.name, code.real, MARK=MARK.strip().decode() + r"\n",
-        INSTRUCTIONS=named_instructions(), DESCRIPTION=text.replace("??", '?""?'),
-        REFERENCE=c.memory.places["reference"].start,
+    # strings, each the name of a set that the compiler may use, with a space before it
+    sets = "\n".join(f'#ifdef {macro}\n    " {name}"\n#endif' for macro, name in INSTRUCTIONS.items())
+    entry = fill(
+        template("library.c"), code.name, code.real, MARK=MARK.strip().decode() + r"\n", INSTRUCTIONS=sets,
+        DESCRIPTION=text.replace("??", '?""?'), REFERENCE=c.memory.places["reference"].start,
     )  # fmt: skip
+    sources = {"controller.h": code.header, "controller.c": code.source, "entry.c": entry}
+    try:
+        image = shared_library(sources, ("-O3", *flags))
+    except InvalidInput:  # some compilers have no such names
+        image = shared_library(sources, ("-O3",))
+    write_file(target, "library", lambda part: Path(part).write_bytes(image))
+    return target
 
 
 def shared_library(sources: dict[str, str], flags: tuple[str, ...] = ("-O2",)) -> bytes:
@@ -193,7 +188,31 @@ class CompiledController:
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
         self.path = checked_path("The library", path).absolute()
-        about = self._load()
+        try:
+            image = read_bytes(self.path, -1)
+            _, mark, rest = image.partition(MARK)
+            needed, _, text = rest.partition(b"\0")[0].decode().partition("\n")
+            if not mark:
+                raise ValueError("no library of this version")
+            about = json.loads(text)
+            missing = sorted(set(needed.split()) - instructions()) if needed.split() else []
+            if missing:  # machine code that this processor would end with SIGILL
+                raise InvalidInput(
+                    "The library is for another processor.",
+                    f"expected one that has {', '.join(missing)}, for which {self.path.name} was compiled; this one "
+                    "has not",
+                    "flexhinf compile DESIGN --processor portable, or on this machine",
+                )
+            self._library = loaded(image, self.path.parent)
+            self._library.flexhinf_state_size.restype = ctypes.c_size_t
+        except InvalidInput:
+            raise
+        except (OSError, ValueError, AttributeError) as error:
+            raise InvalidInput(
+                "The library cannot be loaded.",
+                f"expected one of `flexhinf compile` for {platform.machine()}, got {self.path}: {str(error)[:200]}",
+                "flexhinf compile DESIGN on this machine",
+            ) from error
         self.period = float(about["period"])
         self.measured, self.commanded, self.inputs, self.states = (
             tuple(about[kind]) for kind in ("measured", "commanded", "inputs", "states")
@@ -213,32 +232,6 @@ class CompiledController:
         self._run = lambda measured: step(state, y, r, measured, u, estimate)
         self._begin = lambda x, v: self._library.flexhinf_start(state, x, v)
         self.reset()
-
-    def _load(self) -> dict[str, Any]:
-        """What the file says of itself; none of its code is run before the processor is known to have what it needs."""
-        try:
-            image = read_bytes(self.path, -1)
-            _, mark, rest = image.partition(MARK)
-            needed, _, text = rest.partition(b"\0")[0].decode().partition("\n")
-            if not mark:
-                raise ValueError("no library of this version")
-            about = json.loads(text)
-        except (OSError, ValueError) as error:
-            raise self._unusable(error) from error
-        check_instructions(needed.split(), self.path.name)
-        try:
-            self._library = loaded(image, self.path.parent)
-            self._library.flexhinf_state_size.restype = ctypes.c_size_t
-        except (OSError, AttributeError) as error:
-            raise self._unusable(error) from error
-        return about
-
-    def _unusable(self, error: Exception) -> InvalidInput:
-        return InvalidInput(
-            "The library cannot be loaded.",
-            f"expected one of `flexhinf compile` for {platform.machine()}, got {self.path}: {str(error)[:200]}",
-            "flexhinf compile DESIGN on this machine",
-        )
 
     def step(self, y: Any, reference: Any = None) -> np.ndarray:
         """Input u (m,) for the measurement y (p,) and the command (k,); None for y where there is no measurement.
@@ -265,15 +258,15 @@ class CompiledController:
         finally:
             self._busy = False
 
-    def _fill(self, place: np.ndarray, given: Any, what: str, names: tuple[str, ...]) -> None:
+    def _fill(self, place: np.ndarray, numbers: Any, what: str, names: tuple[str, ...]) -> None:
         try:
-            values = real_array(given, strict=True).reshape(-1)
+            values = real_array(numbers, strict=True).reshape(-1)
             fits = values.shape == place.shape
         except (TypeError, ValueError):
             fits = False
         if not fits:
             raise InvalidInput(
-                f"The {what} does not fit.", f"expected a number for each of {list(names)}, got {value_text(given)}",
+                f"The {what} does not fit.", f"expected a number for each of {list(names)}, got {value_text(numbers)}",
                 "an array of this length, or a plain number for one signal",
             )  # fmt: skip
         place[:] = values
@@ -291,11 +284,11 @@ class CompiledController:
                 "The estimate of this controller cannot be set.", "expected state=None", "reset()"
             )
         pointers = []
-        for given, names, what in ((state, self.states, "state"), (input, self.inputs, "input")):
+        for start, names, what in ((state, self.states, "state"), (input, self.inputs, "input")):
             values = np.zeros(len(names))
-            if given is not None:
-                self._fill(values, given, what, names)
-            pointers.append((values, None if given is None else ctypes.c_void_p(values.ctypes.data)))
+            if start is not None:
+                self._fill(values, start, what, names)
+            pointers.append((values, None if start is None else ctypes.c_void_p(values.ctypes.data)))
         if self._begin(pointers[0][1], pointers[1][1]):
             raise InvalidInput(
                 "This process does not compute as the library must.",
@@ -382,11 +375,6 @@ def instructions() -> frozenset[str]:
     return frozenset(OF_LINUX.get(word, word.replace("_", "")) for word in words)
 
 
-def named_instructions() -> str:
-    """C text: strings, each the name of a set that the compiler may use, with a space before it."""
-    return "\n".join(f'#ifdef {macro}\n    " {name}"\n#endif' for macro, name in INSTRUCTIONS.items())
-
-
 def compiler_flags(processor: str) -> tuple[str, ...]:
     """What tells gcc and clang for which processors to compile.
 
@@ -406,14 +394,3 @@ def compiler_flags(processor: str) -> tuple[str, ...]:
         return ("-march=native",)
     fused = processor == "portable" and instructions() >= PORTABLE
     return ("-march=x86-64", *(f"-m{name}" for name in sorted(PORTABLE) if fused))
-
-
-def check_instructions(needed: Iterable[str], name: str) -> None:
-    """Refuse machine code that this processor would end with SIGILL."""
-    needed = set(needed)
-    if needed and (missing := sorted(needed - instructions())):
-        raise InvalidInput(
-            "The library is for another processor.",
-            f"expected one that has {', '.join(missing)}, for which {name} was compiled; this one has not",
-            "flexhinf compile DESIGN --processor portable, or on this machine",
-        )

@@ -24,7 +24,7 @@ from flexhinf.codegen.program import Step
 from flexhinf.errors import InvalidInput
 from flexhinf.loop import Controller
 from flexhinf.loop.controller.memory import SPACING, step_program
-from flexhinf.loop.controller.start import holding_function
+from flexhinf.loop.controller.options import holding_function
 from flexhinf.validation import value_text
 
 #: Words of C99 and of C++, and names of their headers: NAME.h must not be found in the place of one.
@@ -69,12 +69,12 @@ def identifier_of(text: str) -> str:
 
 def constants(prefix: str, names: Sequence[str]) -> list[str]:
     """Names of constants for signals, each once: ``ARM_Y_LINK_POSITION``."""
-    found: list[str] = []
+    chosen: list[str] = []
     for k, name in enumerate(names):
         plain = re.sub(r"[^A-Z0-9]+", "_", name.upper()).strip("_")
         full = f"{prefix}_{plain}" if plain else f"{prefix}_{k}"
-        found.append(full if full not in found else f"{full}_{k}")
-    return found
+        chosen.append(full if full not in chosen else f"{full}_{k}")
+    return chosen
 
 
 #: How characters of units and names are written in ASCII.
@@ -135,8 +135,8 @@ class ControllerCode:
             without = {name: size for name, size in self.sizes.items() if name != "y"}
             self.programs["predicted"] = step_program(without, bool(c.commanded), c.steps)
         buffers = [buffer for program in self.programs.values() for buffer in program.buffers]
-        buffers = [b for b in buffers if b.role == "work" and b.name not in ("after", "estimated")]
-        self.scratch = max((buffer.size or 0 for buffer in buffers), default=0)
+        work = [b.size or 0 for b in buffers if b.role == "work" and b.name not in ("after", "estimated")]
+        self.scratch = max(work, default=0)
         self.initial_memory = c.initial_memory()
         self.safe_input = self.initial_memory[c.memory.places["u"]]
         self.codes = {code: row for code, row in CODES.items() if self.predicts or code != "PREDICTED"}
@@ -157,9 +157,8 @@ class ControllerCode:
     @property
     def state_bytes(self) -> int:
         """Memory that the caller gives, but for a few integers."""
-        sizes = self.sizes
-        numbers = 5 * sizes["memory"] + 2 * sizes["estimate"] + 2 * sizes["u"] + max(1, self.scratch)
-        return numbers * self.real.bytes
+        own = 5 * self.sizes["memory"] + 2 * self.sizes["estimate"] + 2 * self.sizes["u"]
+        return (own + max(1, self.scratch)) * self.real.bytes
 
     @property
     def operations(self) -> int:
@@ -193,9 +192,7 @@ class ControllerCode:
                 texts = [f"{text}; begins at {value:.6g}" for text, value in begins]
             rows = zip(constants(self.upper(kind), names), range(len(names)), texts, strict=True)
             signals += [enumeration(list(rows))] if names else []
-        sets = "the estimate begins where that of @NAME@_init does"
-        if self.starts_anywhere:
-            sets = "about another state"
+        same = "the estimate begins where that of @NAME@_init does"
         summary = [f"{name}: {text}" for name, text in c.summary().items()]
         return fill(
             template("controller.h"), self.name, self.real,
@@ -203,7 +200,8 @@ class ControllerCode:
             SUMMARY="\n * ".join(map(comment, summary)), P=sizes["y"], K=len(c.commanded), M=sizes["u"],
             N=sizes["estimate"], DATA=sizes["data"], MEMORY=sizes["memory"], WORK=max(1, self.scratch), R=sizes["r"],
             SIGNALS="\n".join(signals), OFFSETS=enumeration(places),
-            CODES=enumeration([(self.upper(name), *row) for name, row in self.codes.items()]), SETS=sets,
+            CODES=enumeration([(self.upper(name), *row) for name, row in self.codes.items()]),
+            SETS="about another state" if self.starts_anywhere else same,
             BEGINS=BEGINS if self.predicts else "the state is what is measured",
             FIRST=c.first_input.text, HELD=c.first_input.text if self.starts_anywhere else "that of @NAME@_init",
         )  # fmt: skip
@@ -319,20 +317,19 @@ def code_of(controller: Controller, name: str, real: str) -> ControllerCode:
 
 def _operations(step: Step) -> int:
     """Of one step of a program: instructions of what it calls, multiplications of its sums."""
-    if isinstance(step, Repeat):
-        return int(step.count) * sum(map(_operations, step.body))
-    if isinstance(step, When):
-        return sum(map(_operations, step.body))
-    if isinstance(step, Call):
-        return step.function.n_instructions()
-    if isinstance(step, Map):
-        return step.count * step.function.n_instructions()
-    if isinstance(step, Sweep):
-        return step.count * sum(map(_operations, step.body))
-    if isinstance(step, OuterSum):
-        return step.count * step.target.size
-    if isinstance(step, Polynomial):
-        return step.rows * step.columns
+    match step:
+        case Repeat() | Sweep():
+            return int(step.count) * sum(map(_operations, step.body))
+        case When():
+            return sum(map(_operations, step.body))
+        case Call():
+            return step.function.n_instructions()
+        case Map():
+            return step.count * step.function.n_instructions()
+        case OuterSum():
+            return step.count * step.target.size
+        case Polynomial():
+            return step.rows * step.columns
     return step.order**3 // 3 if isinstance(step, Cholesky) else 0
 
 
@@ -345,15 +342,15 @@ def arithmetic(name: str, real: Real) -> str:
     """C against flags that change results: guards, and ``int NAME_exact(void)`` for those without a macro."""
     about = np.finfo(np.float64 if real.name == "double" else np.float32)
     sizes = {"EPSILON": about.eps, "SMALLEST": about.tiny, "LARGEST": about.max}
-    marks = {name: constant(float(value), real) for name, value in sizes.items()}
-    others = {"BYTES": real.bytes, "F": real.suffix, "SUFFIX": real.suffix.upper()}
-    return fill(template("arithmetic.c"), name, real, **marks, **others)
+    return fill(
+        template("arithmetic.c"), name, real, BYTES=real.bytes, F=real.suffix, SUFFIX=real.suffix.upper(),
+        **{mark: constant(float(value), real) for mark, value in sizes.items()},
+    )  # fmt: skip
 
 
 def fill(text: str, name: str, real: Real, **marks: Any) -> str:
     """A template with ``@NAME@`` for the name, ``@BIG@`` for the same in capitals, ``@REAL@`` and other marks."""
-    everything = {**marks, "NAME": name, "BIG": name.upper(), "REAL": real.name}
-    for mark, value in everything.items():
+    for mark, value in {**marks, "NAME": name, "BIG": name.upper(), "REAL": real.name}.items():
         text = text.replace(f"@{mark}@", str(value))
     return text
 

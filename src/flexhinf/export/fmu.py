@@ -27,7 +27,6 @@ from flexhinf.errors import InvalidInput
 from flexhinf.export.compiled import shared_library
 from flexhinf.export.controller_c import (
     MISSING_LIMIT,
-    ControllerCode,
     arithmetic,
     checked_identifier,
     code_of,
@@ -96,63 +95,7 @@ def export_fmu(controller: Controller, path: str | os.PathLike[str], name: str =
     InvalidInput
         As `export_c`; or there is no C compiler (``CC``, cc, gcc, clang), or it fails.
     """
-    return _write(_controller_model(code_of(controller, name, "double")), path)
-
-
-def export_plant_fmu(
-    plant: Plant,
-    path: str | os.PathLike[str],
-    name: str = "plant",
-    period: float = 1e-3,
-    state: Any = None,
-    input: Any = None,
-) -> Path:
-    """Write a plant as an FMU for co-simulation (FMI 2.0): the elastic robot itself.
-
-    Integrated as in `Loop`, by the classical Runge–Kutta method with as many steps per period as its fastest mode asks
-    for. Inputs are those of the motors and the disturbances, outputs the measured signals and the state; the plant's
-    parameters and the first state can be set.
-
-    Parameters
-    ----------
-    path, name
-        As for `export_fmu`.
-    period : float
-        Smallest communication step, s.
-    state, input : (n,) and (m,) arrays, optional
-        Where it starts, and what acts there before anything is set; zero by default.
-
-    Raises
-    ------
-    InvalidInput
-        As `export_fmu`; or the plant is too fast for the period.
-    """
-    rest = [_start(state, plant.states, "state"), _start(input, plant.inputs, "input")]
-    return _write(_plant_model(plant, checked_identifier(name), checked_period(period), *rest), path)
-
-
-def _start(given: Any, names: Sequence[str], what: str) -> np.ndarray:
-    values = np.zeros(len(names)) if given is None else real_array(given)
-    if values.shape != (len(names),) or not np.isfinite(values).all():
-        raise InvalidInput(
-            f"The first {what} does not fit the plant.",
-            f"expected a finite number for each of {list(names)}, got {value_text(given)}",
-            f"{what}=None for zeros",
-        )
-    return values
-
-
-def _variables(rows: Iterable[tuple[Any, ...]], unit: Callable[[str], str]) -> list[Variable]:
-    """Variables of rows (prefix, causality, names, first values, about)."""
-    return [
-        Variable(f"{prefix}.{name}", causality, float(value), unit(name), about=about)
-        for prefix, causality, names, values, about in rows
-        for name, value in zip(names, values, strict=True)
-    ]
-
-
-# Models -----------------------------------------------------------------------------------------------
-def _controller_model(code: ControllerCode) -> Model:
+    code = code_of(controller, name, "double")
     c, signals, units = code.controller, code.signals, code.units
     if c.estimator is None:
         measured = np.asarray(c.law.operating_point, dtype=float)[: len(c.measured)]
@@ -187,17 +130,45 @@ def _controller_model(code: ControllerCode) -> Model:
         STARTS=0 if belief is None else len(belief),
     )  # fmt: skip
     sources = {f"{code.name}.c": code.source, f"{code.name}.h": code.header, f"{code.name}_model.h": model}
-    return Model(code.name, f"sampled controller of {c.period:g} s", c.period, tuple(variables), sources)
+    about = f"sampled controller of {c.period:g} s"
+    return _write(Model(code.name, about, c.period, tuple(variables), sources), path)
 
 
-def _plant_model(plant: Plant, name: str, period: float, start: np.ndarray, acting: np.ndarray) -> Model:
+def export_plant_fmu(
+    plant: Plant,
+    path: str | os.PathLike[str],
+    name: str = "plant",
+    period: float = 1e-3,
+    state: Any = None,
+    input: Any = None,
+) -> Path:
+    """Write a plant as an FMU for co-simulation (FMI 2.0): the elastic robot itself.
+
+    Integrated as in `Loop`, by the classical Runge–Kutta method with as many steps per period as its fastest mode asks
+    for. Inputs are those of the motors and the disturbances, outputs the measured signals and the state; the plant's
+    parameters and the first state can be set.
+
+    Parameters
+    ----------
+    path, name
+        As for `export_fmu`.
+    period : float
+        Smallest communication step, s.
+    state, input : (n,) and (m,) arrays, optional
+        Where it starts, and what acts there before anything is set; zero by default.
+
+    Raises
+    ------
+    InvalidInput
+        As `export_fmu`; or the plant is too fast for the period.
+    """
+    start, acting = _start(state, plant.states, "state"), _start(input, plant.inputs, "input")
+    name, period = checked_identifier(name), checked_period(period)
     parameters = plant.parameters.vector()
     translator = Translator(name, DOUBLE)
     flow, output = translator.function(plant.traced_flow), translator.function(plant.traced_output)
     sizes = (len(plant.inputs), len(plant.disturbances), len(parameters), plant.n)
-    begin = np.concatenate([[0], np.cumsum(sizes)]).tolist()
-    first = plant.traced_output(start, acting, parameters)
-    measured = np.ravel(np.asarray(first, dtype=float))
+    measured = np.ravel(np.asarray(plant.traced_output(start, acting, parameters), dtype=float))
     labels = []  # a name for each number of the parameters, in the order of their vector
     for label, value in plant.parameters.values.items():
         size = int(np.size(value))
@@ -211,19 +182,38 @@ def _plant_model(plant: Plant, name: str, period: float, start: np.ndarray, acti
         ("state", "output", plant.states, start, ""),
     )
     variables = _variables(rows, plant.unit)
-    settable = [variable.start for variable in variables][: begin[-1]]
     steps = sub_steps(period, plant.fastest_mode(start))
-    given = ["r + FIRST_U", "r + FIRST_D", "r + FIRST_P"]
+    places = ["r + FIRST_U", "r + FIRST_D", "r + FIRST_P"]
     model = fill(
         template("fmu_plant.h"), name, DOUBLE,
         ARITHMETIC=arithmetic(name, DOUBLE), PERIOD=repr(period), PERIOD_TEXT=f"{period:g}", SUB_STEPS=steps,
         N=plant.n, M=sizes[0], D=sizes[1], P=sizes[2], Y=len(plant.outputs), FUNCTIONS=str(translator),
-        FLOW=_called(flow, plant.traced_flow, ["x", *given], "slope"),
-        OUTPUT=_called(output, plant.traced_output, ["r + FIRST_X", given[0], given[2]], "r + FIRST_Y"),
-        START=",\n".join(f"        {v!r}" for v in settable),
+        FLOW=_called(flow, plant.traced_flow, ["x", *places], "slope"),
+        OUTPUT=_called(output, plant.traced_output, ["r + FIRST_X", places[0], places[2]], "r + FIRST_Y"),
+        START=",\n".join(f"        {one.start!r}" for one in variables[: sum(sizes)]),
     )  # fmt: skip
     about = f"plant in {steps} steps per {period:g} s"
-    return Model(name, about, period, tuple(variables), {f"{name}_model.h": model})
+    return _write(Model(name, about, period, tuple(variables), {f"{name}_model.h": model}), path)
+
+
+def _start(start: Any, names: Sequence[str], what: str) -> np.ndarray:
+    values = np.zeros(len(names)) if start is None else real_array(start)
+    if values.shape != (len(names),) or not np.isfinite(values).all():
+        raise InvalidInput(
+            f"The first {what} does not fit the plant.",
+            f"expected a finite number for each of {list(names)}, got {value_text(start)}",
+            f"{what}=None for zeros",
+        )
+    return values
+
+
+def _variables(rows: Iterable[tuple[Any, ...]], unit: Callable[[str], str]) -> list[Variable]:
+    """Variables of rows (prefix, causality, names, first values, about)."""
+    return [
+        Variable(f"{prefix}.{name}", causality, float(value), unit(name), about=about)
+        for prefix, causality, names, values, about in rows
+        for name, value in zip(names, values, strict=True)
+    ]
 
 
 def _called(name: str, function: Any, arguments: Sequence[str], result: str) -> str:
@@ -255,10 +245,8 @@ def _write(model: Model, path: str | os.PathLike[str]) -> Path:
 
 def description(model: Model, guid: str) -> str:
     """The text of modelDescription.xml."""
-    units = sorted({variable.unit for variable in model.variables if variable.unit})
-    own = f"{model.name}.c"
+    own, references, variables = f"{model.name}.c", {"Real": 0, "Integer": 0, "Boolean": 0}, []
     files = [*([own] if own in model.sources else []), f"{model.name}_fmu.c"]
-    variables, references = [], {"Real": 0, "Integer": 0, "Boolean": 0}
     for variable in model.variables:
         kind, start = variable.kind, repr(float(variable.start))
         variability = {"input": "continuous", "output": "discrete", "parameter": "fixed"}[variable.causality]
@@ -274,33 +262,13 @@ def description(model: Model, guid: str) -> str:
             f'<{kind} start="{start}"{unit}/></ScalarVariable>'
         )
         references[kind] += 1
+    units = sorted({variable.unit for variable in model.variables if variable.unit})
+    named = [f"    <Unit name={quoteattr(unit)}/>" for unit in units]
     outputs = [k for k, variable in enumerate(model.variables, 1) if variable.causality == "output"]
-    lines = [
-        '<?xml version="1.0" encoding="UTF-8"?>',
-        f'<fmiModelDescription fmiVersion="2.0" modelName={quoteattr(model.name)} guid="{guid}" '
-        f'description={quoteattr(model.about)} generationTool="flexhinf {__version__}" '
-        'variableNamingConvention="flat" numberOfEventIndicators="0">',
-        f'  <CoSimulation modelIdentifier="{model.name}" canHandleVariableCommunicationStepSize="true" '
-        'canGetAndSetFMUstate="true" canSerializeFMUstate="false" canBeInstantiatedOnlyOncePerProcess="false">',
-        "    <SourceFiles>",
-        *(f'      <File name="{name}"/>' for name in files),
-        "    </SourceFiles>",
-        "  </CoSimulation>",
-    ]
-    if units:
-        named = (f"    <Unit name={quoteattr(unit)}/>" for unit in units)
-        lines += ["  <UnitDefinitions>", *named, "  </UnitDefinitions>"]
-    lines += [
-        '  <LogCategories><Category name="logStatusError"/></LogCategories>',
-        f'  <DefaultExperiment startTime="0" stopTime="1" stepSize="{model.period!r}"/>',
-        "  <ModelVariables>",
-        *variables,
-        "  </ModelVariables>",
-        "  <ModelStructure>",
-        "    <Outputs>",
-        *(f'      <Unknown index="{k}"/>' for k in outputs),
-        "    </Outputs>",
-        "  </ModelStructure>",
-        "</fmiModelDescription>",
-    ]
-    return "\n".join(lines) + "\n"
+    return fill(
+        template("modelDescription.xml"), model.name, DOUBLE, GUID=guid, VERSION=__version__,
+        FILES="\n".join(f'      <File name="{name}"/>' for name in files), PERIOD=repr(model.period),
+        UNITS="\n".join(["  <UnitDefinitions>", *named, "  </UnitDefinitions>", ""]) if units else "",
+        OUTPUTS="\n".join(f'      <Unknown index="{k}"/>' for k in outputs), ABOUT=quoteattr(model.about),
+        VARIABLES="\n".join(variables),
+    )  # fmt: skip

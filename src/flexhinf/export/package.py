@@ -7,6 +7,7 @@ import os
 import re
 import subprocess
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -32,8 +33,12 @@ TOLERANCE = {"double": 1e-9, "float": 5e-2}
 #: What a test vector in float allows: this many times what was measured, as other processors round otherwise.
 SPARE, LEAST_TOLERANCE = 5.0, 1e-5
 
-#: Files around the controller that take its name and sizes alone.
-AROUND = ("main.c", "Makefile", "CMakeLists.txt", "cortex_m4/board.c", "cortex_m4/board.ld")
+#: Files around the controller, of which NAME is its name, and the templates that they are made of.
+AROUND = {
+    "main.c": "main.c", "Makefile": "Makefile", "CMakeLists.txt": "CMakeLists.txt",
+    "cortex_m4/board.c": "cortex_m4/board.c", "cortex_m4/board.ld": "cortex_m4/board.ld",
+    "templates/NAME.ino": "sketch.ino", "templates/NAME_ros2_controller.cpp": "ros2_controller.cpp",
+}  # fmt: skip
 
 
 def export_c(
@@ -72,8 +77,7 @@ def export_c(
         If law or estimator need an operation that has no form in C.
     """
     target = checked_folder(folder, force)
-    files = controller_files(controller, name, real)
-    write_files(target, files)
+    write_files(target, controller_files(controller, name, real))
     return target
 
 
@@ -103,8 +107,8 @@ def write_files(folder: Path, files: Mapping[str, str | bytes]) -> None:
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            found = f"{path.parent}: {error.strerror or error}"
-            raise InvalidInput("The output folder cannot be made.", found, "another folder") from error
+            reason = f"{path.parent}: {error.strerror or error}"
+            raise InvalidInput("The output folder cannot be made.", reason, "another folder") from error
         data = content.encode("utf-8") if isinstance(content, str) else content
         write_file(path, "exported file", lambda part, data=data: Path(part).write_bytes(data))
 
@@ -124,19 +128,19 @@ def check_room(controller: Controller, real: str, period: str = "", flash: str =
             "a design with --period of that length",
         )
     code = code_of(controller, "controller", real)
-    rows = []
-    if flash:
-        whole = cortex_m4_bytes(code)
-        constants = (code.sizes["data"] + code.sizes["memory"]) * code.real.bytes
-        what, needed, where = "code and constants need", whole, ", compiled for a Cortex-M4F"
-        if whole is None:
-            what, needed, where = "constants need", constants, ""
-        rows.append((what, flash, "--flash", needed, where, "--degrees 2 at the design, --real float"))
-    if ram:
-        advice = "--real float, an extended Kalman filter (--estimator ekf), --degrees 2"
-        rows.append(("state needs", ram, "--ram", code.state_bytes, "", advice))
-    for what, stated, option, needed, where, advice in rows:
-        if needed > _quantity(stated, BYTES):
+    whole = cortex_m4_bytes(code) if flash else None
+    constants = (code.sizes["data"] + code.sizes["memory"]) * code.real.bytes
+    kind, where = (
+        ("constants", "") if whole is None else ("code and constants", ", compiled for a Cortex-M4F")
+    )
+    rows = (
+        ("--flash", flash, f"{kind} need", constants if whole is None else whole, where,
+         "--degrees 2 at the design, --real float"),
+        ("--ram", ram, "state needs", code.state_bytes, "",
+         "--real float, an extended Kalman filter (--estimator ekf), --degrees 2"),
+    )  # fmt: skip
+    for option, stated, what, needed, where, advice in rows:
+        if stated and needed > _quantity(stated, BYTES):
             raise InvalidInput(
                 f"The controller does not fit: its {what} more room.",
                 f"expected at most {value_text(stated)} ({option}), got {needed} bytes in the type {real}{where}",
@@ -150,11 +154,10 @@ BYTES = {"": 1.0, "b": 1.0, "kb": 1e3, "kib": 1024.0, "mb": 1e6, "mib": 1024.0**
 
 
 def _quantity(text: str, units: Mapping[str, float]) -> float:
-    found = re.fullmatch(r"\s*([0-9.]+(?:e[-+]?[0-9]+)?)\s*([a-zµ]*)\s*", text.lower())
-    try:
-        value = float(found.group(1)) * units[found.group(2)] if found else -1.0
-    except (ValueError, KeyError):
-        value = -1.0
+    match = re.fullmatch(r"\s*([0-9.]+(?:e[-+]?[0-9]+)?)\s*([a-zµ]*)\s*", text.lower())
+    value = -1.0
+    with suppress(ValueError, KeyError):
+        value = float(match.group(1)) * units[match.group(2)] if match else value
     if not 0.0 < value < 1e30:
         raise InvalidInput(
             "This is no positive quantity.",
@@ -171,14 +174,26 @@ def controller_files(
     code = code_of(controller, name, real)
     run = record(code.controller, exact=np.float32 if real == "float" else np.float64)
     allowed, accuracy = _accuracy(code, run)
+    reference = code.controller.operating_reference
+
+    def strings(names: Sequence[str]) -> str:
+        texts = (comment(name).replace('"', "'") for name in names)
+        return ", ".join(f'"{text}"' for text in texts)
+
+    marks = {
+        "VERSION": __version__, "PERIOD_US": round(1e6 * code.controller.period), "R": code.sizes["r"],
+        "REFERENCE": ", ".join(constant(float(v), code.real) for v in (reference if len(reference) else [0.0])),
+        "COMMAND_INTERFACES": strings(code.signals["U"]), "STATE_INTERFACES": strings(code.signals["Y"]),
+    }  # fmt: skip
     return {
         f"{name}.h": code.header,
         f"{name}.c": code.source,
         f"{name}_test.c": _test(code, run, allowed),
         "README.md": _readme(code, run, accuracy),
-        **{file: _filled(code, file) for file in AROUND},
-        f"templates/{name}.ino": _filled(code, "sketch.ino"),
-        f"templates/{name}_ros2_controller.cpp": _filled(code, "ros2_controller.cpp"),
+        **{
+            path.replace("NAME", name): fill(template(file), name, code.real, **marks)
+            for path, file in AROUND.items()
+        },
     }
 
 
@@ -190,8 +205,9 @@ def _accuracy(code: ControllerCode, run: Recording) -> tuple[float, str]:
     """
     most = TOLERANCE[code.real.name]
     if code.real.name == "double":
-        bits = "the simulation's bits with fused multiply-adds"
-        return most, f"{bits}, {most:.0e} of the largest value without"
+        return (
+            most, f"the simulation's bits with fused multiply-adds, {most:.0e} of the largest value without"
+        )  # fmt: skip
     fused, plain = (_measured_error(code, run, flags) for flags in ((), (f"-D{code.upper('PLAIN')}",)))
     if fused is None or plain is None:
         no = "not measured: no C compiler for this machine was found"
@@ -224,25 +240,9 @@ def _measured_error(code: ControllerCode, run: Recording, flags: Sequence[str]) 
         return None
     if "flags of the compiler" in said:  # it has flags of its own, and the controller refuses them
         return None
-    found = re.search(r"largest relative error (\S+)", said)
-    error = float(found.group(1)) if found else math.inf
+    match = re.search(r"largest relative error (\S+)", said)
+    error = float(match.group(1)) if match else math.inf
     return error if math.isfinite(error) else math.inf
-
-
-def _filled(code: ControllerCode, file: str) -> str:
-    c, signals = code.controller, code.signals
-    reference = c.operating_reference if len(c.operating_reference) else np.zeros(1)
-    return fill(
-        template(file), code.name, code.real,
-        VERSION=__version__, PERIOD_US=round(1e6 * c.period), R=code.sizes["r"],
-        REFERENCE=", ".join(constant(float(v), code.real) for v in reference),
-        COMMAND_INTERFACES=_strings(signals["U"]), STATE_INTERFACES=_strings(signals["Y"]),
-    )  # fmt: skip
-
-
-def _strings(names: Sequence[str]) -> str:
-    texts = (comment(name).replace('"', "'") for name in names)
-    return ", ".join(f'"{text}"' for text in texts)
 
 
 def _test(code: ControllerCode, run: Recording, allowed: float) -> str:
@@ -272,22 +272,22 @@ def _readme(code: ControllerCode, run: Recording, accuracy: str) -> str:
     c = code.controller
     begins = "Without an estimator the state is what is measured, so the robot may be anywhere."
     if code.predicts:
-        other = "this observer cannot be told of it"
-        if code.starts_anywhere:
-            other = f"call `{code.name}_start` with its state instead"
+        start = f"call `{code.name}_start` with its state instead"
+        other = start if code.starts_anywhere else "this observer cannot be told of it"
         begins = (
             f"`{code.name}_init` believes the robot at rest at the estimate of the last column, where the step of the "
             "design starts.\nThe estimator trusts that: from another place the first inputs may be as large as their "
             f"limits. Where the robot is\nelsewhere, {other}; an input that acts already is its other argument."
         )
-    signals = []
-    for kind, array, starts in (
-        ("Y", "input.y", None), ("R", "input.r", None), ("U", "output.u", code.safe_input),
-        ("X", "output.estimate", code.belief),
-    ):  # fmt: skip
-        for k, name in enumerate(code.signals[kind]):
-            start = "" if starts is None else f"{starts[k]:.6g}"
-            signals.append((f"`{array}`", str(k), comment(name), comment(code.units.get(name, "")), start))
+    arrays = {
+        "Y": ("input.y", None), "R": ("input.r", None), "U": ("output.u", code.safe_input),
+        "X": ("output.estimate", code.belief),
+    }  # fmt: skip
+    signals = [
+        (f"`{array}`", str(k), comment(name), comment(code.units.get(name, "")),
+         "" if starts is None else f"{starts[k]:.6g}")
+        for kind, (array, starts) in arrays.items() for k, name in enumerate(code.signals[kind])
+    ]  # fmt: skip
     at_limit = int(((run.u <= c.limits.lower) | (run.u >= c.limits.upper)).any(axis=1).sum())
     none = f"none: set `{code.upper('P_LOWER')}` and `{code.upper('P_UPPER')}` to what the drives take"
     facts = {

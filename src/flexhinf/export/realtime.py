@@ -28,7 +28,7 @@ from flexhinf.export.compiled import CompiledController
 from flexhinf.export.controller_c import code_of
 from flexhinf.loop import Loop, Trajectory
 from flexhinf.loop.simulation.closed_loop import AT_ONCE, Pacing
-from flexhinf.loop.simulation.compiled_runs import sample_count
+from flexhinf.loop.simulation.inputs import sample_count
 from flexhinf.validation import value_text
 
 #: Percentiles by which jitter is told; the last one is the largest value.
@@ -221,16 +221,17 @@ def run_realtime(
         core that there is not.
     """
     low, high = PRIORITIES
+    cores = os.cpu_count() or 1
     if priority is not None and (not isinstance(priority, int) or not low <= priority <= high):
         raise InvalidInput(
             "There is no such real-time priority.",
             f"expected {low} to {high}, got {value_text(priority)}",
             "80: above everything but the kernel's own threads",
         )
-    cores = os.cpu_count() or 1
     if core is not None and (not isinstance(core, int) or not 0 <= core < cores):
-        expected = f"expected 0 to {cores - 1}, got {value_text(core)}"
-        raise InvalidInput("There is no such processor core.", expected, "0")
+        raise InvalidInput(
+            "There is no such processor core.", f"expected 0 to {cores - 1}, got {value_text(core)}", "0"
+        )
     initial_input = loop.controller.input_before(initial_input, initial_estimate)
     settings: dict[str, Any] = {
         "reference": reference, "disturbance": disturbance, "noise": noise, "initial_state": initial_state,
@@ -265,11 +266,11 @@ def _check_library(library: CompiledController, controller: Any) -> None:
         "inputs": tuple(controller.law.input_names), "states": controller.states,
     }  # fmt: skip
     for name, value in own.items():
-        found = getattr(library, name)
-        if found != value:
+        stated = getattr(library, name)
+        if stated != value:
             raise InvalidInput(
                 f"The library is not one of this controller: its {name} {'is' if name == 'period' else 'are'} others.",
-                f"expected {value_text(value)}, got {value_text(found)} in {library.path.name}",
+                f"expected {value_text(value)}, got {value_text(stated)} in {library.path.name}",
                 "flexhinf compile with the same design (a move in error coordinates has a controller of its own)",
             )
     expected = code_of(controller, "controller", "double").digest
@@ -302,8 +303,7 @@ class _Clock:
             self._stepped = copy.copy(library)
             self.code_names |= library.code_numbers
             self.name = f"compiled library {library.path.name}"
-        numbers = {name: number for number, name in self.code_names.items()}
-        self._numbers = None if library is None else numbers
+        self._numbers = {name: number for number, name in self.code_names.items()} if library else None
         self._step, self._k, self._first = self._stepped.step, 0, 0
         # filled, so that no page of memory is missing when it is first written
         self._due, self._woken, self._computed, self._ready, self._over = np.full((5, samples), 0)
@@ -349,9 +349,7 @@ class _Clock:
         self._over[k] = time.perf_counter_ns()
 
     def timing(self, times: np.ndarray) -> Timing:
-        """Of the samples that were made, their times (N,) in the run."""
-        n = len(times)
-        due = self._due[:n]
+        n, due = len(times), self._due[: len(times)]
         ready = np.maximum(self._ready[:n], self._woken[:n])  # a step that failed has no end
         over = np.maximum(self._over[:n], ready)
         since = [1e-9 * (row - due) for row in (self._woken[:n], ready, over)]
@@ -386,9 +384,10 @@ def _stopping() -> Iterator[list[int]]:
             raise KeyboardInterrupt
         request.append(number)
 
-    names = [name for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
-    before = {getattr(signal, name): signal.getsignal(getattr(signal, name)) for name in names}
-    before = {number: handler for number, handler in before.items() if handler not in (signal.SIG_IGN, None)}
+    ending = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
+    before = {
+        one: handler for one in ending if (handler := signal.getsignal(one)) not in (signal.SIG_IGN, None)
+    }
     for number in before:
         signal.signal(number, stop)
     try:
@@ -404,16 +403,16 @@ def undisturbed(priority: int | None, core: int | None) -> Iterator[tuple[str, .
 
     Yields what was permitted and what was not, in sentences.
     """
-    told, undo = [], []
+    texts, undo = [], []
     if priority is not None:
         try:
             policy, parameters = os.sched_getscheduler(0), os.sched_getparam(0)
             os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
             undo.append(lambda: os.sched_setscheduler(0, policy, parameters))
-            told.append(f"The loop ran under SCHED_FIFO with priority {priority}.")
+            texts.append(f"The loop ran under SCHED_FIFO with priority {priority}.")
         except (AttributeError, OSError) as error:
             reason = getattr(error, "strerror", None) or "this system has none"
-            told.append(
+            texts.append(
                 f"Real-time priority {priority} was not permitted ({reason}); the loop ran with the usual scheduling."
             )
     if core is not None:
@@ -421,10 +420,10 @@ def undisturbed(priority: int | None, core: int | None) -> Iterator[tuple[str, .
             before = os.sched_getaffinity(0)
             os.sched_setaffinity(0, {core})
             undo.append(lambda: os.sched_setaffinity(0, before))
-            told.append(f"The loop was kept on core {core}.")
+            texts.append(f"The loop was kept on core {core}.")
         except (AttributeError, OSError) as error:
             reason = getattr(error, "strerror", None) or "this system cannot"
-            told.append(f"The loop could not be kept on core {core} ({reason}).")
+            texts.append(f"The loop could not be kept on core {core} ({reason}).")
     if sys.platform == "linux":  # this thread's sleeps end when they are over, and not up to 50 µs later
         ctypes.CDLL(None).prctl(_SET_TIMER_SLACK, _SLACK_NS, 0, 0, 0)
     collects = gc.isenabled()
@@ -432,7 +431,7 @@ def undisturbed(priority: int | None, core: int | None) -> Iterator[tuple[str, .
     gc.freeze()
     gc.disable()
     try:
-        yield tuple(told)
+        yield tuple(texts)
     finally:
         gc.unfreeze()
         if collects:

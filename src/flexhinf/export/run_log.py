@@ -13,6 +13,7 @@ import importlib.util
 import json
 import os
 import tempfile
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -24,9 +25,6 @@ from flexhinf.export.realtime import RealTimeRun
 from flexhinf.files import write_file
 from flexhinf.loop import Controller, Loop, Samples
 from flexhinf.validation import checked_path
-
-#: Endings of logs, and the packages that each needs.
-ENDINGS: dict[str, tuple[str, ...]] = {".csv": (), ".parquet": ("pyarrow",), ".mcap": ("mcap", "zstandard")}
 
 #: The first part of a column's name, and its topic, where they are not the kind of the trajectory's signal.
 KINDS = {"output": "measured"}
@@ -57,80 +55,37 @@ def log_columns(run: RealTimeRun) -> list[LogColumn]:
     Flags are 0 or 1: ``missed_deadline`` and ``overrun`` as `Timing` has them, ``at_limit`` where an input is as large
     as it may be; ``code`` is how the controller's step ended, 0 for OK.
     """
-    found, trajectory, timing = [], run.trajectory, run.timing
-    for kind, values in trajectory.signals.items():
-        names = zip(trajectory.names[kind], trajectory.units[kind], values.T, strict=True)
-        found += [LogColumn(KINDS.get(kind, kind), name, unit, column) for name, unit, column in names]
+    trajectory, timing = run.trajectory, run.timing
+    signals = [
+        LogColumn(KINDS.get(kind, kind), *column)
+        for kind, values in trajectory.signals.items()
+        for column in zip(trajectory.names[kind], trajectory.units[kind], values.T, strict=True)
+    ]
     u, (low, high) = trajectory.signals["input"], run.input_range
     with np.errstate(invalid="ignore"):  # an infinite limit is reached by nothing: ∞ − ∞ is NaN
         limited = (u <= low + AT_LIMIT * np.abs(low)) | (u >= high - AT_LIMIT * np.abs(high))
     flags = {
         "missed_deadline": timing.missed, "overrun": timing.overrun, "at_limit": limited.any(axis=1), "code": run.codes,
     }  # fmt: skip
-    found += [LogColumn("flags", name, "", np.asarray(values, dtype=float)) for name, values in flags.items()]
-    times = (timing.woken, timing.computed, timing.ready, timing.over)
-    names = ("lateness", "step_time", "input_ready", "over")
-    return found + [LogColumn("timing", name, "s", values) for name, values in zip(names, times, strict=True)]
+    times = {
+        "lateness": timing.woken, "step_time": timing.computed, "input_ready": timing.ready, "over": timing.over,
+    }  # fmt: skip
+    return [
+        *signals,
+        *(LogColumn("flags", name, "", np.asarray(values, dtype=float)) for name, values in flags.items()),
+        *(LogColumn("timing", name, "s", values) for name, values in times.items()),
+    ]
 
 
-def check_log(path: str | os.PathLike[str]) -> Path:
-    """Refuse, before any work, a log that could not be written at its end.
-
-    Raises InvalidInput: for another ending, a package that is missing, or a place that cannot be written.
-    """
-    path = checked_path("The log", path)
-    if path.suffix not in ENDINGS:
-        raise InvalidInput(
-            "The format of the log is not known.",
-            f"expected a name that ends with {', '.join(ENDINGS)}, got {str(path)!r}",
-            f"--log {path.stem or 'run'}.csv",
-        )
-    for package in ENDINGS[path.suffix]:
-        if importlib.util.find_spec(package) is None:
-            raise InvalidInput(
-                f"A log in {path.suffix[1:].upper() if path.suffix == '.mcap' else 'Parquet'} needs another package.",
-                f"expected the package {package!r}, which is not installed, for {path.name}",
-                f"pip install 'flexhinf[log]', or --log {path.stem or 'run'}.csv",
-            )
-    return check_place(path, "log")
-
-
-def check_place(path: Path, what: str) -> Path:
-    """Refuse a file in a folder that is missing or cannot be written, or with the name of a folder."""
-    try:
-        if path.is_dir():
-            raise OSError("there is a folder of this name")
-        with tempfile.TemporaryFile(dir=path.parent):
-            pass
-    except (OSError, ValueError) as error:
-        found = f"{path}: {getattr(error, 'strerror', None) or error}"
-        raise InvalidInput(
-            f"The {what} cannot be written.", found, "a writable folder that exists"
-        ) from error
-    return path
-
-
-def write_log(run: RealTimeRun, path: str | os.PathLike[str]) -> Path:
-    """Write a run to a file, whole or not at all; its ending says the format, see `ENDINGS`.
-
-    Raises InvalidInput: as `check_log`.
-    """
-    path = check_log(path)
-    write = {".csv": _write_csv, ".parquet": _write_parquet, ".mcap": _write_mcap}[path.suffix]
-    write_file(path, "log", lambda name: write(run, name))
-    return path
-
-
-# Tables ---------------------------------------------------------------------------------------------
 def _table(run: RealTimeRun) -> dict[str, np.ndarray]:
     """Values by label, the time first; a label that stands twice gets a number."""
-    found: dict[str, np.ndarray] = {"time[s]": run.trajectory.time}
+    table: dict[str, np.ndarray] = {"time[s]": run.trajectory.time}
     for column in log_columns(run):
         label, count = column.label, 2
-        while label in found:
+        while label in table:
             label, count = f"{column.label}_{count}", count + 1
-        found[label] = column.values
-    return found
+        table[label] = column.values
+    return table
 
 
 def _write_csv(run: RealTimeRun, name: str) -> None:
@@ -144,12 +99,10 @@ def _write_parquet(run: RealTimeRun, name: str) -> None:
     import pyarrow
     from pyarrow import parquet
 
-    settings = {key: str(value) for key, value in _settings(run).items()}
-    table = pyarrow.table(_table(run)).replace_schema_metadata(settings)
+    table = pyarrow.table(_table(run)).replace_schema_metadata(_settings(run))
     parquet.write_table(table, name)  # snappy, which every reader has
 
 
-# MCAP -----------------------------------------------------------------------------------------------
 def _write_mcap(run: RealTimeRun, name: str) -> None:
     """One topic for each kind of signal; times are those of the run after the moment when it began."""
     from mcap.writer import Writer
@@ -160,7 +113,7 @@ def _write_mcap(run: RealTimeRun, name: str) -> None:
     with open(name, "wb") as file:
         writer = Writer(file)
         writer.start(profile="", library="flexhinf")
-        channels = {}
+        channels = dict[str, int]()
         for kind, group in columns.items():
             properties = {c.name: {"type": "number", "description": c.unit or "no unit"} for c in group}
             text = json.dumps({"type": "object", "properties": properties}).encode()
@@ -169,22 +122,74 @@ def _write_mcap(run: RealTimeRun, name: str) -> None:
         for k, at in enumerate(run.trajectory.time.tolist()):
             moment = run.began + round(1e9 * at)
             for kind, group in columns.items():
-                values = {column.name: float(column.values[k]) for column in group}
-                finite = {
-                    name: value for name, value in values.items() if np.isfinite(value)
-                }  # others have no JSON
+                # numbers that are not finite have no JSON
+                finite = {one.name: float(one.values[k]) for one in group if np.isfinite(one.values[k])}
                 writer.add_message(channels[kind], moment, json.dumps(finite).encode(), moment, k)
-        writer.add_metadata("flexhinf run", {key: str(value) for key, value in _settings(run).items()})
+        writer.add_metadata("flexhinf run", _settings(run))
         writer.finish()
 
 
-def _settings(run: RealTimeRun) -> dict[str, object]:
+def _settings(run: RealTimeRun) -> dict[str, str]:
     codes = {str(number): name for number, name in run.code_names.items()}
     ended = "completed" if run.stopped is None else "stopped before its end"
-    return {
+    settings = {
         **run.trajectory.settings, "status": run.trajectory.message or ended, "codes": json.dumps(codes),
         "began_ns_since_1970": run.began,
     }  # fmt: skip
+    return {key: str(value) for key, value in settings.items()}
+
+
+#: How a log is written, by its ending, and the packages that this needs.
+FORMATS: dict[str, tuple[Callable[[RealTimeRun, str], None], tuple[str, ...]]] = {
+    ".csv": (_write_csv, ()), ".parquet": (_write_parquet, ("pyarrow",)), ".mcap": (_write_mcap, ("mcap", "zstandard")),
+}  # fmt: skip
+
+
+def check_log(path: str | os.PathLike[str]) -> Path:
+    """Refuse, before any work, a log that could not be written at its end.
+
+    Raises InvalidInput: for another ending, a package that is missing, or a place that cannot be written.
+    """
+    path = checked_path("The log", path)
+    if path.suffix not in FORMATS:
+        raise InvalidInput(
+            "The format of the log is not known.",
+            f"expected a name that ends with {', '.join(FORMATS)}, got {str(path)!r}",
+            f"--log {path.stem or 'run'}.csv",
+        )
+    missing = [name for name in FORMATS[path.suffix][1] if importlib.util.find_spec(name) is None]
+    if missing:
+        raise InvalidInput(
+            f"A log in {path.suffix[1:]} needs another package.",
+            f"expected the package {missing[0]!r}, which is not installed, for {path.name}",
+            f"pip install 'flexhinf[log]', or --log {path.stem or 'run'}.csv",
+        )
+    return check_place(path, "log")
+
+
+def check_place(path: Path, what: str) -> Path:
+    """Refuse a file in a folder that is missing or cannot be written, or with the name of a folder."""
+    try:
+        if path.is_dir():
+            raise OSError("there is a folder of this name")
+        with tempfile.TemporaryFile(dir=path.parent):
+            pass
+    except (OSError, ValueError) as error:
+        reason = f"{path}: {getattr(error, 'strerror', None) or error}"
+        raise InvalidInput(
+            f"The {what} cannot be written.", reason, "a writable folder that exists"
+        ) from error
+    return path
+
+
+def write_log(run: RealTimeRun, path: str | os.PathLike[str]) -> Path:
+    """Write a run to a file, whole or not at all; its ending says the format, see `FORMATS`.
+
+    Raises InvalidInput: as `check_log`.
+    """
+    path = check_log(path)
+    write_file(path, "log", lambda name: FORMATS[path.suffix][0](run, name))
+    return path
 
 
 #: What a sample is, by the name of the code that a step in C returns for it.

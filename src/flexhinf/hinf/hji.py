@@ -224,7 +224,7 @@ def _free_of_groups() -> Iterator[int]:
     }
     for version, (root, limit, used, cached) in names.items():
         path = PurePosixPath(own[version])
-        for group in {root / str(one).lstrip("/") for one in (path, *path.parents)}:
+        for group in {root / str(folder).lstrip("/") for folder in (path, *path.parents)}:
             with suppress(OSError, ValueError):
                 most = int((group / limit).read_text())  # "max" is no limit
                 stated = dict(line.split() for line in (group / "memory.stat").read_text().splitlines())

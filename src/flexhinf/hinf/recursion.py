@@ -40,8 +40,7 @@ from flexhinf.hinf.linear_part import Parts, RiccatiSolution, ScaledProblem
 from flexhinf.plant.polynomial_plant import PolynomialPlant
 from flexhinf.polynomial import basis
 from flexhinf.polynomial.algebra import add_part, gradient, matrix_product, monomials, product
-from flexhinf.polynomial.homological import HomologicalEquation
-from flexhinf.polynomial.transform import change_variables
+from flexhinf.polynomial.homological import HomologicalEquation, change_variables
 
 
 @dataclass(frozen=True)
@@ -209,7 +208,7 @@ def equation_residuals(problem: ScaledProblem, value: Parts) -> dict[int, float]
             if i - 1 + j < problem.degree:
                 w = np.einsum("ai,ica->ac", slope, fields)
                 rows[i - 1 + j] = rows[i - 1 + j] + w if i - 1 + j in rows else w
-    nothing, found = np.zeros((_POINTS, len(problem.signs))), {}
+    nothing, residuals = np.zeros((_POINTS, len(problem.signs))), {}
     for k in range(2, problem.degree + 1):
         drift = sum(
             ((slopes[i] * f[k + 1 - i]).sum(1) for i in slopes if k + 1 - i in f), start=nothing[:, 0]
@@ -220,8 +219,8 @@ def equation_residuals(problem: ScaledProblem, value: Parts) -> dict[int, float]
         )
         terms = drift, penalty, squares[:, problem.signs > 0].sum(1), squares[:, problem.signs < 0].sum(1)
         largest = max(float(np.linalg.norm(term)) for term in terms)
-        found[k] = float(np.linalg.norm(sum(terms))) / largest if largest > 0 else 0.0
-    return found
+        residuals[k] = float(np.linalg.norm(sum(terms))) / largest if largest > 0 else 0.0
+    return residuals
 
 
 @lru_cache(16)

@@ -105,9 +105,9 @@ def equilibrium_state(
     guess. `guess`: (n,). Raises NumericalFailure: no equilibrium was found there.
     """
     n, _, m, _ = solution.expansion.size
-    given = integral | (moved != 0)
+    fixed = integral | (moved != 0)
     x = np.where(moved != 0, moved, np.zeros(n) if guess is None else guess)
-    unknown = np.flatnonzero(~given)
+    unknown = np.flatnonzero(~fixed)
     u = np.zeros(m)
 
     def rates(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -299,15 +299,15 @@ class _Search:
     def lowest(self, rays: int) -> Stops:
         """The stop (one ray) of lowest level; its level is infinite if none was found."""
         sphere = self.rng.standard_normal((rays, self.states))
-        found = self.follow(self.inequality.directions(sphere), np.inf)
-        best = found.chosen([int(np.argmin(found.level))])
+        stops = self.follow(self.inequality.directions(sphere), np.inf)
+        best = stops.chosen([int(np.argmin(stops.level))])
         if best.radius[0] <= self.first:  # at once: no level set is free of violations
             return best
         quiet = 0
         for _ in range(_ROUNDS):
-            best = self.touched(found, best)
-            found = self.violations(float(best.level[0]))
-            quiet = 0 if len(found.level) else quiet + 1
+            best = self.touched(stops, best)
+            stops = self.violations(float(best.level[0]))
+            quiet = 0 if len(stops.level) else quiet + 1
             if quiet == _QUIET:
                 break
         return self.touched(best, best)
@@ -318,18 +318,18 @@ class _Search:
         radii = np.full(len(directions), self.first if start is None else start)
         return self.inequality.follow(directions, radii, growth, self.largest, cap)
 
-    def touched(self, found: Stops, best: Stops) -> Stops:
+    def touched(self, stops: Stops, best: Stops) -> Stops:
         """The lowest contact of a level set with the violations at which rays stopped."""
-        sphere, chosen = self.inequality.on_sphere(found.direction), []
+        sphere, chosen = self.inequality.on_sphere(stops.direction), []
         for place in np.argsort(
-            found.level
+            stops.level
         ):  # those that stopped lowest, no two in nearly the same direction
-            if not np.isfinite(found.level[place]) or len(chosen) == _TOUCHES:
+            if not np.isfinite(stops.level[place]) or len(chosen) == _TOUCHES:
                 break
             if all(sphere[place] @ sphere[other] < _APART for other in chosen):
                 chosen.append(int(place))
         for place in chosen:
-            stop = found.chosen([place])
+            stop = stops.chosen([place])
             landscape = self.landscape(float(stop.level[0]), not stop.broken[0])
             y = touching_point(landscape, np.linalg.solve(landscape.scale, stop.point[0]))
             x = landscape.scale @ y
@@ -358,8 +358,8 @@ class _Search:
         directions = np.concatenate(rays)
         if not len(directions):
             return Stops(*(np.zeros(shape) for shape in (0, 0, (0, self.states), 0, (0, self.states))))
-        found = self.follow(directions, level, growth=1.04)
-        return found.chosen(np.flatnonzero(found.level < level * (1 - _LOWER)))
+        stops = self.follow(directions, level, growth=1.04)
+        return stops.chosen(np.flatnonzero(stops.level < level * (1 - _LOWER)))
 
     def landscape(self, level: float, growth: bool) -> Landscape:
         """q in coordinates y with V_2 = `level` |y|²; for an infinite level, with |x| ≤ `largest` where |y| ≤ 1."""

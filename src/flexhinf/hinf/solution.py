@@ -425,20 +425,20 @@ def _is_integer(value: object, lowest: int, highest: int) -> bool:
     return type(value) is int and lowest <= value <= highest
 
 
-def _record(given: dict[str, Any], degree: int) -> DegreeRecord:
-    for name in {"residual", "seconds", "error"} & given.keys():
-        given[name] = float(given[name])
-    record = DegreeRecord(**given)
+def _record(entry: dict[str, Any], degree: int) -> DegreeRecord:
+    for name in {"residual", "seconds", "error"} & entry.keys():
+        entry[name] = float(entry[name])
+    record = DegreeRecord(**entry)
     if not _is_integer(record.degree, 2, degree) or not isinstance(record.method, str):
         raise InvalidInput("Wrong header.", "a record of a degree makes no sense")
     return record
 
 
 def _gather(arrays: dict[str, np.ndarray], name: str, lowest: int, highest: int) -> dict[int, np.ndarray]:
-    found = {}
+    parts = {}
     for key in [key for key in arrays if key.startswith(f"{name}_")]:
         k = int(key[len(name) + 1 :])
         if key != f"{name}_{k}" or not lowest <= k <= highest:
             raise InvalidInput("Foreign arrays.", f"{key[:50]!r} does not belong into it")
-        found[k] = arrays.pop(key)
-    return found
+        parts[k] = arrays.pop(key)
+    return parts

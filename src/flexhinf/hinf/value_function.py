@@ -218,15 +218,15 @@ class ValueFunction:
             )
         points, single = np.atleast_2d(points), points.ndim == 1
         with np.errstate(all="ignore"):
-            found = function(points)
-        lost = np.flatnonzero(~np.isfinite(found).all(axis=tuple(range(1, found.ndim))))
+            values = function(points)
+        lost = np.flatnonzero(~np.isfinite(values).all(axis=tuple(range(1, values.ndim))))
         if lost.size:
             raise NumericalFailure(
                 "A state is so far away that V leaves the finite numbers there.",
                 f"expected deviations of about the size that the solution is for, got {points[lost[0]].tolist()}",
                 f"deviations of {', '.join(self.state_names)} in the units of the model",
             )
-        return found[0] if single else found
+        return values[0] if single else values
 
     def _chunks(self, points: np.ndarray) -> list[np.ndarray]:
         step = max(1, _CHUNK // basis.count(len(self.P), self.degree))

@@ -5,7 +5,7 @@
 """
 
 from flexhinf.loop.controller.controller import Controller as Controller, load_controller as load_controller
-from flexhinf.loop.controller.step import Schedule as Schedule
+from flexhinf.loop.controller.laws import Schedule as Schedule
 from flexhinf.loop.signals.motions import JerkLimited as JerkLimited, Spline as Spline, Waypoints as Waypoints
 from flexhinf.loop.signals.references import (
     Constant as Constant,

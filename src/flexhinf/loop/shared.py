@@ -18,8 +18,6 @@ CAPACITY = 128
 
 @dataclass
 class _Entry:
-    """What was built for a key, and the lock of whoever builds it."""
-
     lock: Any = field(default_factory=threading.RLock)
     built: bool = False
     value: Any = None

@@ -5,7 +5,7 @@ What a film of a run shows: the arm with links and motors apart, positions, the 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -23,7 +23,6 @@ from flexhinf.robot.kinematics import skeleton
 from flexhinf.robot.signals import signal_names
 
 if TYPE_CHECKING:
-    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
 
 
@@ -165,180 +164,174 @@ ZERO, BAR = 0.75, 0.13
 #: Colour behind the arm.
 SKY = "#fbfcfd"
 
+#: What moves in a part of the picture, in the order of drawing, and the function that moves it to a sample.
+Moving = tuple[list[Any], Callable[[int], None]]
+
 
 def frames(film: ArmFilm, rate: int, resolution: int) -> Iterator[np.ndarray]:
     """Pictures (height, width, 3) of bytes, `rate` of them a second, with `resolution` pixels to an inch of `PICTURE`;
-    the last one is the end of the run."""
-    length = float(film.time[-1])
+    the last one is the end of the run. What stands still is drawn once."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    length, n = float(film.time[-1]), len(film.slides)
     played = min(max(length, SHORTEST), LONGEST)
-    samples = np.linspace(0, len(film.time) - 1, max(2, round(played * rate))).round().astype(int)
+    slowness, speed = played / length if length else 1.0, "in real time"
+    if abs(slowness - 1.0) >= 1e-6:
+        times = number(max(slowness, 1.0 / slowness), 2)
+        speed = f"{times} times {'slower' if slowness > 1.0 else 'faster'}"
+    drawn = "springs drawn as they are"
+    if film.factor > 1:
+        drawn = f"wind-up of the springs drawn {film.factor} times larger"
+    rows = (0.055 if n <= MANY else 0.042) * max(n, 2) + 0.05
+    low, high = 0.10 + rows, 0.86
+    middle = low + 0.42 * (high - low)
+    positions = (
+        f"{'position' if film.slides.any() else 'angle'} of the links",
+        film.links,
+        film.shown(film.command),
+    )
+    if n > MANY:
+        positions = ("links minus their command", film.links - film.command, None)
     with house_style():
-        picture = ArmPicture(film, resolution, played / length if length else 1.0)
-        for k in samples:
-            yield picture.frame(int(k))
-
-
-class ArmPicture:
-    """The figure of a film: what stands still, drawn once, and what moves."""
-
-    def __init__(self, film: ArmFilm, resolution: int, slowness: float) -> None:
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
-
-        self.film = film
         figure = Figure(figsize=PICTURE, dpi=resolution, facecolor="white")
-        self.canvas = FigureCanvasAgg(figure)
-        n = len(film.slides)
-        rows = (0.055 if n <= MANY else 0.042) * max(n, 2) + 0.05
-        drawn = "springs drawn as they are"
-        if film.factor > 1:
-            drawn = f"wind-up of the springs drawn {film.factor} times larger"
-        speed = "in real time"
-        if abs(slowness - 1.0) >= 1e-6:
-            times = number(max(slowness, 1.0 / slowness), 2)
-            speed = f"{times} times {'slower' if slowness > 1.0 else 'faster'}"
+        canvas = FigureCanvasAgg(figure)
         figure.text(0.035, 0.945, film.title, fontsize=17, weight="bold", va="center")
         figure.text(0.035, 0.905, f"{drawn}; played {speed}", fontsize=10.5, color=MUTED, va="center")
         mono = {"family": "DejaVu Sans Mono", "fontsize": 20}
-        self.clock = figure.text(0.965, 0.935, "", ha="right", va="center", **mono)
-        self.moving: list[Artist] = [self.clock]
-        #: Lines that grow, the dots at their ends, and their values.
-        self.traced: list[tuple[Any, Any, np.ndarray]] = []
-        low, high = 0.10 + rows, 0.86
-        middle = low + 0.42 * (high - low)
-        self._draw_arm(figure.add_axes(PLACE))
+        clock = figure.text(0.965, 0.935, "", ha="right", va="center", **mono)
+        arm = _draw_arm(figure.add_axes(PLACE), film)
         above = figure.add_axes((0.575, middle + 0.045, 0.39, high - middle - 0.045))
-        if n > MANY:
-            self._draw_lines(above, "links minus their command", film.links - film.command, None)
-        else:
-            quantity = f"{'position' if film.slides.any() else 'angle'} of the links"
-            self._draw_lines(above, quantity, film.links, film.shown(film.command))
-        above.set_xticklabels([])
         below = figure.add_axes((0.575, low + 0.035, 0.39, middle - low - 0.04))
-        self._draw_lines(below, "wind-up of the springs", film.windup, None)
+        lines = (
+            _draw_lines(above, film, *positions),
+            _draw_lines(below, film, "wind-up of the springs", film.windup),
+        )
+        above.set_xticklabels([])
         below.set_xlabel("time (s)")
-        self._draw_table(figure.add_axes((0.575, 0.035, 0.39, rows)))
-        for artist in self.moving:
+        parts = (arm, *lines, _draw_table(figure.add_axes((0.575, 0.035, 0.39, rows)), film))
+        moving = [clock, *(artist for artists, _ in parts for artist in artists)]
+        for artist in moving:
             artist.set_animated(True)
-        self.canvas.draw()
-        self.still = self.canvas.copy_from_bbox(figure.bbox)
+        canvas.draw()
+        still, renderer = canvas.copy_from_bbox(figure.bbox), canvas.get_renderer()
+        for k in (
+            np.linspace(0, len(film.time) - 1, max(2, round(played * rate))).round().astype(int).tolist()
+        ):
+            canvas.restore_region(still)
+            clock.set_text(f"{film.time[k]:6.2f} s")
+            for _, move in parts:
+                move(k)
+            for artist in moving:
+                artist.draw(renderer)
+            yield np.asarray(canvas.buffer_rgba())[:, :, :3].copy()
 
-    def frame(self, k: int) -> np.ndarray:
-        """The picture at sample k."""
-        film = self.film
-        self.canvas.restore_region(self.still)
-        self.clock.set_text(f"{film.time[k]:6.2f} s")
-        arm, goal, hands = film.arm(film.links[k]), film.arm(film.command[k]), film.hands(k)
-        for artist, line in zip((*self.links, *self.goal), (*arm, *goal), strict=True):
-            artist.set_data(*line.T)
-        for fan, motor, points in zip(self.fans, self.motors, hands, strict=True):
+
+def _draw_arm(axes: Axes, film: ArmFilm) -> Moving:
+    flat = film.extent @ film.view[0]
+    middle, reach = 0.5 * (flat.max(axis=0) + flat.min(axis=0)), np.ptp(flat, axis=0)
+    box = np.array(PLACE[2:]) * PICTURE
+    half = 0.5 * max((reach + 0.2 * film.size) / box) * box  # as much to the inch in both directions
+    (left, low), (right, high) = middle - half, middle + half
+    axes.set(facecolor=SKY, xlim=(left, right), ylim=(low, high))
+    axes.spines[:].set_visible(False)
+    axes.tick_params(length=0, labelsize=8)
+    axes.set_xlabel(f"{film.view[1][0]} (m)", fontsize=9)
+    axes.set_ylabel(f"{film.view[1][1]} (m)", fontsize=9)
+    first, dashes = film.arm(film.links[0]), (0, (3.0, 1.6))
+    axes.plot(*first[0][0], "s", color=MUTED, markersize=15, zorder=1, alpha=0.5)
+
+    def line(colour: str, width: float, zorder: int, **style: Any) -> Any:
+        return axes.plot([], [], color=colour, linewidth=width, zorder=zorder, **style)[0]
+
+    goal = [line(SERIES[2], 2.2, 2, alpha=0.55, linestyle=dashes) for _ in first]
+    (aim,) = axes.plot([], [], "o", color=SERIES[2], markersize=17, mfc="none", mew=2.2, zorder=2)
+    trail = line(SERIES[0], 1.4, 2, alpha=0.35)
+    fan = {"color": SERIES[1], "alpha": 0.25, "zorder": 3, "lw": 0}
+    fans = [axes.fill([0, 0, 0], [0, 0, 0], **fan)[0] for _ in first]
+    links = [line(SERIES[0], width, 4, alpha=0.9) for width in np.linspace(9.0, 5.0, len(first)).tolist()]
+    motors = [line(SERIES[1], 2.6, 5) for _ in first]
+    (joints,) = axes.plot([], [], "o", color=INK, markersize=7, mfc="white", mew=1.8, zorder=6)
+    for name, colour, width, style in (
+        ("link", SERIES[0], 5.0, "-"), ("motor, behind its spring", SERIES[1], 2.6, "-"),
+        ("command", SERIES[2], 2.2, dashes),
+    ):  # fmt: skip
+        axes.plot([], [], color=colour, linewidth=width, linestyle=style, label=name)
+    axes.legend(loc="lower left", bbox_to_anchor=(-0.01, 0.995), ncols=3, fontsize=9.5, handlelength=1.8)
+
+    def move(k: int) -> None:
+        own, wanted = film.arm(film.links[k]), film.arm(film.command[k])
+        for artist, points in zip((*links, *goal), (*own, *wanted), strict=True):
+            artist.set_data(*points.T)
+        for fan, motor, points in zip(fans, motors, film.hands(k), strict=True):
             fan.set_xy(points)
             motor.set_data(*points[1:].T)
-        self.joints.set_data(*np.array([line[0] for line in arm]).T)
-        self.aim.set_data(*goal[-1][-1:].T)
+        joints.set_data(*np.array([points[0] for points in own]).T)
+        aim.set_data(*wanted[-1][-1:].T)
         begin = int(np.searchsorted(film.time, film.time[k] - TRAIL))
         past = np.linspace(begin, k, 24).astype(int)
-        self.trail.set_data(*np.array([film.arm(film.links[i])[-1][-1] for i in past]).T)
-        part = slice(0, k + 1, max(1, len(film.time) // 800))
-        for line, dot, values in self.traced:
-            line.set_data(film.time[part], values[part])
-            dot.set_data(film.time[k : k + 1], values[k : k + 1])
+        trail.set_data(*np.array([film.arm(film.links[i])[-1][-1] for i in past]).T)
+
+    return [*goal, aim, trail, *fans, *links, *motors, joints], move
+
+
+def _draw_lines(
+    axes: Axes, film: ArmFilm, quantity: str, positions: np.ndarray, command: np.ndarray | None = None
+) -> Moving:
+    """Signals (N, n) over time, faint; what has been is drawn over it."""
+    values, few = film.shown(positions), max(1, len(film.time) // 800)
+    artists, single = [], values.shape[1] == 1
+    for j, column in enumerate(values.T):
+        style = line_style(j)
+        if single:
+            style["color"] = SERIES[0 if command is not None else 1]
+        axes.plot(film.time[::few], column[::few], **{**style, "alpha": 0.22})
+        artists += axes.plot([], [], **{**style, "linewidth": 2.0})
+        artists += axes.plot([], [], "o", color=style["color"], markersize=4.5)
+        if command is not None:
+            colour = SERIES[2] if single else style["color"]
+            axes.plot(film.time[::few], command[::few, j], color=colour, linewidth=1.2, linestyle=DOTTED)
+    axes.set_title(f"{quantity} ({film.position_unit})", fontsize=10.5)
+    axes.set_xlim(0.0, max(float(film.time[-1]), 1e-9))
+    axes.set_ylim(*framed(values if command is None else np.concatenate([values, command]), 0.1))
+    axes.tick_params(labelsize=8.5)
+
+    def move(k: int) -> None:
+        for line, dot, column in zip(artists[::2], artists[1::2], values.T, strict=True):
+            line.set_data(film.time[: k + 1 : few], column[: k + 1 : few])
+            dot.set_data(film.time[k : k + 1], column[k : k + 1])
+
+    return artists, move
+
+
+def _draw_table(axes: Axes, film: ArmFilm) -> Moving:
+    n, peaks = len(film.slides), np.abs(film.inputs).max(axis=0)
+    full = np.where(np.isfinite(film.limits), film.limits, np.where(peaks > 0.0, peaks, 1.0))
+    axes.set_axis_off()
+    axes.set(xlim=(0.0, 1.0), ylim=(n - 0.4, -1.0))
+    most = "limit" if np.isfinite(film.limits).all() else "peak"
+    heads = ("joint", "link", "motor", "wind-up", f"input ({film.unit}), bar up to its {most}")
+    places, sides = (0.0, 0.27, 0.42, 0.57, 0.62), ("left", "right", "right", "right", "left")
+    for head, x, side in zip(heads, places, sides, strict=True):
+        axes.text(x, -0.75, head, ha=side, va="center", fontsize=8.5, color=MUTED)
+    rows: list[tuple[Any, ...]] = []
+    for j, name in enumerate(film.robot.joint_names):
+        colour = SERIES[0] if n == 1 else line_style(j)["color"]
+        short = name if len(name) <= 14 else f"{name[:13]}…"
+        axes.text(0.0, j, short, va="center", fontsize=9.5, weight="bold", color=colour)
+        axes.barh(j, 2.0 * BAR, 0.5, ZERO - BAR, color=GRID, zorder=1)
+        axes.plot([ZERO, ZERO], [j - 0.32, j + 0.32], color=MUTED, linewidth=1.0, zorder=3)
+        (bar,) = axes.barh(j, 0.0, 0.5, ZERO, color=SERIES[3], zorder=2)
+        texts = (axes.text(x, j, "", ha="right", va="center", fontsize=9.5) for x in (*places[1:4], 1.0))
+        rows.append((bar, *texts))
+
+    def move(k: int) -> None:
         columns = [film.shown(values[k]) for values in (film.links, film.motors, film.windup)]
-        for j, (texts, bar) in enumerate(zip(self.cells, self.bars, strict=True)):
-            unit = " mm" if film.slides[j] else "°"
-            for text, values, digits in zip(texts, columns, (2, 2, 3), strict=False):
-                text.set_text(f"{number(float(values[j]), decimals=digits)}{unit}")
-            u = float(film.inputs[k, j])
-            bar.set_width(BAR * float(np.clip(u / self.full[j], -1.0, 1.0)))
-            texts[3].set_text(number(u, decimals=2 if self.full[j] < 100.0 else 1))
-        renderer = self.canvas.get_renderer()
-        for artist in self.moving:
-            artist.draw(renderer)
-        return np.asarray(self.canvas.buffer_rgba())[:, :, :3].copy()
+        for j, (bar, *texts, last) in enumerate(rows):
+            unit, u = " mm" if film.slides[j] else "°", float(film.inputs[k, j])
+            for text, values, decimals in zip(texts, columns, (2, 2, 3), strict=True):
+                text.set_text(f"{number(float(values[j]), decimals=decimals)}{unit}")
+            bar.set_width(BAR * float(np.clip(u / full[j], -1.0, 1.0)))
+            last.set_text(number(u, decimals=2 if full[j] < 100.0 else 1))
 
-    # The arm --------------------------------------------------------------------------------------
-    def _draw_arm(self, axes: Axes) -> None:
-        film = self.film
-        flat = film.extent @ film.view[0]
-        middle, reach = 0.5 * (flat.max(axis=0) + flat.min(axis=0)), np.ptp(flat, axis=0)
-        box = np.array(PLACE[2:]) * PICTURE
-        half = 0.5 * max((reach + 0.2 * film.size) / box) * box  # as much to the inch in both directions
-        (left, low), (right, high) = middle - half, middle + half
-        axes.set(facecolor=SKY, xlim=(left, right), ylim=(low, high))
-        axes.spines[:].set_visible(False)
-        axes.tick_params(length=0, labelsize=8)
-        axes.set_xlabel(f"{film.view[1][0]} (m)", fontsize=9)
-        axes.set_ylabel(f"{film.view[1][1]} (m)", fontsize=9)
-        first = film.arm(film.links[0])
-        (base,) = axes.plot(*first[0][0], "s", color=MUTED, markersize=15, zorder=1)
-        base.set_alpha(0.5)
-        dashes = (0, (3.0, 1.6))
-
-        def line(colour: str, width: float, zorder: int, **style: Any) -> Any:
-            return axes.plot([], [], color=colour, linewidth=width, zorder=zorder, **style)[0]
-
-        self.goal = [line(SERIES[2], 2.2, 2, alpha=0.55, linestyle=dashes) for _ in first]
-        (self.aim,) = axes.plot([], [], "o", color=SERIES[2], markersize=17, mfc="none", mew=2.2, zorder=2)
-        self.trail = line(SERIES[0], 1.4, 2, alpha=0.35)
-        fan = {"color": SERIES[1], "alpha": 0.25, "zorder": 3, "lw": 0}
-        self.fans = [axes.fill([0, 0, 0], [0, 0, 0], **fan)[0] for _ in first]
-        widths = np.linspace(9.0, 5.0, len(first)).tolist()
-        self.links = [line(SERIES[0], width, 4, alpha=0.9) for width in widths]
-        self.motors = [line(SERIES[1], 2.6, 5) for _ in first]
-        (self.joints,) = axes.plot([], [], "o", color=INK, markersize=7, mfc="white", mew=1.8, zorder=6)
-        self.moving += [*self.goal, self.aim, self.trail, *self.fans, *self.links, *self.motors, self.joints]
-        for name, colour, width, style in (
-            ("link", SERIES[0], 5.0, "-"), ("motor, behind its spring", SERIES[1], 2.6, "-"),
-            ("command", SERIES[2], 2.2, dashes),
-        ):  # fmt: skip
-            axes.plot([], [], color=colour, linewidth=width, linestyle=style, label=name)
-        axes.legend(loc="lower left", bbox_to_anchor=(-0.01, 0.995), ncols=3, fontsize=9.5, handlelength=1.8)
-
-    # Beside it ------------------------------------------------------------------------------------
-    def _draw_lines(
-        self, axes: Axes, quantity: str, positions: np.ndarray, command: np.ndarray | None
-    ) -> None:
-        """Signals (N, n) over time, faint; what has been is drawn over it."""
-        film, values = self.film, self.film.shown(positions)
-        few, single = slice(None, None, max(1, len(film.time) // 800)), values.shape[1] == 1
-        for j, column in enumerate(values.T):
-            style = line_style(j)
-            if single:
-                style["color"] = SERIES[0 if command is not None else 1]
-            axes.plot(film.time[few], column[few], **{**style, "alpha": 0.22})
-            (line,) = axes.plot([], [], **{**style, "linewidth": 2.0})
-            (dot,) = axes.plot([], [], "o", color=style["color"], markersize=4.5)
-            self.moving += [line, dot]
-            self.traced.append((line, dot, column))
-            if command is not None:
-                colour = SERIES[2] if single else style["color"]
-                axes.plot(film.time[few], command[few, j], color=colour, linewidth=1.2, linestyle=DOTTED)
-        axes.set_title(f"{quantity} ({film.position_unit})", fontsize=10.5)
-        axes.set_xlim(0.0, max(float(film.time[-1]), 1e-9))
-        axes.set_ylim(*framed(values if command is None else np.concatenate([values, command]), 0.1))
-        axes.tick_params(labelsize=8.5)
-
-    def _draw_table(self, axes: Axes) -> None:
-        film = self.film
-        n = len(film.slides)
-        peaks = np.abs(film.inputs).max(axis=0)
-        self.full = np.where(np.isfinite(film.limits), film.limits, np.where(peaks > 0.0, peaks, 1.0))
-        axes.set_axis_off()
-        axes.set(xlim=(0.0, 1.0), ylim=(n - 0.4, -1.0))
-        full = "limit" if np.isfinite(film.limits).all() else "peak"
-        heads = ("joint", "link", "motor", "wind-up", f"input ({film.unit}), bar up to its {full}")
-        places, sides = (0.0, 0.27, 0.42, 0.57, 0.62), ("left", "right", "right", "right", "left")
-        for head, x, side in zip(heads, places, sides, strict=True):
-            axes.text(x, -0.75, head, ha=side, va="center", fontsize=8.5, color=MUTED)
-        self.cells, self.bars = [], []
-        for j, name in enumerate(self.film.robot.joint_names):
-            colour = SERIES[0] if n == 1 else line_style(j)["color"]
-            short = name if len(name) <= 14 else f"{name[:13]}…"
-            axes.text(0.0, j, short, va="center", fontsize=9.5, weight="bold", color=colour)
-            axes.barh(j, 2.0 * BAR, 0.5, ZERO - BAR, color=GRID, zorder=1)
-            axes.plot([ZERO, ZERO], [j - 0.32, j + 0.32], color=MUTED, linewidth=1.0, zorder=3)
-            (bar,) = axes.barh(j, 0.0, 0.5, ZERO, color=SERIES[3], zorder=2)
-            texts = [axes.text(x, j, "", ha="right", va="center", fontsize=9.5) for x in (*places[1:4], 1.0)]
-            self.cells.append(texts)
-            self.bars.append(bar)
-            self.moving += [bar, *texts]
+    return [artist for row in rows for artist in row], move

@@ -30,6 +30,7 @@ from flexhinf.pages.campaign_text import (
     campaign_verdict,
     found_text,
     gain_changes,
+    interval_text,
     limit_text,
     metric_text,
     missed_by,
@@ -45,7 +46,7 @@ from flexhinf.pages.campaign_text import (
     worst_text,
 )
 from flexhinf.pages.design.step import histogram_bins
-from flexhinf.pages.drawing import DASHED, figure_block, panels
+from flexhinf.pages.drawing import DASHED, figure_block, legend_above, panels
 from flexhinf.report import (
     INK,
     SERIES,
@@ -129,13 +130,13 @@ def write_campaign(
     }
     for name, value in settings.items():
         head = next((head for head in heads if name.startswith(head)), "")
-        shown = name if head == "true robot " else name.removeprefix(head)
-        groups[heads.get(head, "Campaign")].append(Setting(shown, value))
+        label_text = name if head == "true robot " else name.removeprefix(head)
+        groups[heads.get(head, "Campaign")].append(Setting(label_text, value))
     page = Page(
         journal.about.get("title", "Campaign"), request, f"{campaign_verdict(judged)}{search}",
         tuple(section for section in parts if section.blocks),
         Settings({name: group for name, group in groups.items() if group}),
-        Provenance(tuple(journal.manifest.get("command", ())), int(settings["seed"])), _key_numbers(judged),
+        Provenance(tuple(journal.command), int(settings["seed"])), _key_numbers(judged),
         _statuses(judged, cases, gains),
     )  # fmt: skip
     write_page(journal.folder, "report of the campaign", page)
@@ -150,27 +151,25 @@ def write_page(folder: Path, what: str, page: Page) -> Path:
 
 
 def _key_numbers(judged: CampaignJudgement) -> list[KeyNumber]:
-    interval = judged.success
-    sure = f"95 %: {percent_text(interval.low)} to {percent_text(interval.high)}" if interval else (
-        f"no interval: spread {SPREAD[judged.method]}")  # fmt: skip
     unstable = judged.of_status(UNSTABLE) + judged.of_status(DIVERGED)
-    found = [
+    sure = f"95 %: {interval_text(judged.success)}" if judged.success else (
+        f"no interval: spread {SPREAD[judged.method]}")  # fmt: skip
+    numbers = [
         KeyNumber("success", percent_text(judged.rate), note=sure),
         KeyNumber("unstable", unstable, f"of {judged.count}", unstable_text(judged)),
     ]
-    names = [n for n in judged.table.names("metric") if n in METRIC_LABELS or n.startswith("peak")][:4]
-    for name in names:
+    for name in [n for n in judged.table.names("metric") if n in METRIC_LABELS or n.startswith("peak")][:4]:
         worst, unit = judged.worst(name), judged.table.unit(name)
         if worst is not None:
             *_, median, _, largest = judged.quantiles(name)
+            value = ("never", "") if np.isinf(largest) else (largest, unit)
             note = f"median {value_text(float(median), unit)}; sample {worst}"
-            shown = ("never", "") if np.isinf(largest) else (largest, unit)
-            found.append(KeyNumber(f"worst {metric_text(name)}", *shown, note))
-    return found
+            numbers.append(KeyNumber(f"worst {metric_text(name)}", *value, note))
+    return numbers
 
 
 def _statuses(judged: CampaignJudgement, cases: Sequence[WorstCase], gains: GainResults) -> list[Status]:
-    """How many samples fail, which requirements a robot that was found misses, and gains that no theorem allows."""
+    """How many samples fail, which requirements the worst robot misses, and gains that no theorem allows."""
     missed = [f"{judged.failures} of {judged.count} samples fail."] if judged.failures else []
     missed += [
         f"A search found a robot within the tolerances that misses {metric_text(one.metric)} "
@@ -189,13 +188,13 @@ def _statuses(judged: CampaignJudgement, cases: Sequence[WorstCase], gains: Gain
 
 # Success and failures ----------------------------------------------------------------------------------------
 def _success(judged: CampaignJudgement) -> list[Any]:
-    ends = judged.of_status(DIVERGED) + judged.of_status(NOT_RUN)
-    kept = [("reaches the end of the run", "", ends)]
-    kept.append(("is stable there", "", ends + judged.of_status(UNSTABLE)))
-    for k, one in enumerate(judged.requirements):
-        limit = limit_text(one, judged.table.unit(one.metric))
-        kept.append((metric_text(one.metric), limit, int(judged.violations[:, k].sum())))
-    rows = [(name, limit, bad, percent_text(1.0 - bad / judged.count)) for name, limit, bad in kept]
+    ends, limits = judged.of_status(DIVERGED) + judged.of_status(NOT_RUN), judged.requirements
+    kept = [
+        ("reaches the end of the run", "", ends),
+        ("is stable there", "", ends + judged.of_status(UNSTABLE)),
+        *((metric_text(one.metric), limit_text(one, judged.table.unit(one.metric)), int(judged.violations[:, k].sum()))
+          for k, one in enumerate(limits)),
+    ]  # fmt: skip
     interval = (
         "The interval of the rate is that of Clopper and Pearson, exact for independent samples."
         if judged.success else
@@ -210,6 +209,7 @@ def _success(judged: CampaignJudgement) -> list[Any]:
         f"{100 * UNDAMPED:.0f} % of its swing in the second third, and either to and fro over the same positions or "
         "further from the command than before."
     )
+    rows = [(*row, percent_text(1.0 - row[-1] / judged.count)) for row in kept]
     columns = ("requirement", "limit", "failures", "keep it")
     return [Paragraph(text), Table(columns, rows, "Requirements", "table-success")]
 
@@ -224,17 +224,20 @@ def _failures(judged: CampaignJudgement) -> list[Any]:
     for k in map(int, judged.failed[:FAILURES]):
         status = str(judged.column("status")[k])
         reasons = ["unstable to the end of the run"] if status == UNSTABLE else []
-        for one in judged.missed(k):
-            value = float(judged.column(one.metric)[k])
-            reasons.append(f"{metric_text(one.metric)} {value_text(value, judged.table.unit(one.metric))}")
+        reasons += [
+            f"{metric_text(one.metric)} "
+            f"{value_text(float(judged.column(one.metric)[k]), judged.table.unit(one.metric))}"
+            for one in judged.missed(k)
+        ]
         if status == NOT_RUN:
             reasons = [f"not run: {judged.column('failure')[k]}"]
         if status == DIVERGED:
             reasons = [f"diverged at {judged.column('diverged_at_s')[k]:g} s"]
         rows.append((k, ", ".join(reasons), unbroken(sample_changes(judged, k)), f"`{replay} {k}`"))
-    text = f"{judged.failures} samples fail. The last column runs one again, in the folder above."
-    if judged.failures > FAILURES:
-        text += f" The {FAILURES} worst are listed; all are in samples.parquet."
+    few = (
+        f" The {FAILURES} worst are listed; all are in samples.parquet." if judged.failures > FAILURES else ""
+    )
+    text = f"{judged.failures} samples fail. The last column runs one again, in the folder above.{few}"
     columns = ("sample", "why", "its numbers", "replay")
     return [Paragraph(text), Table(columns, rows, "Failures", "table-failures", stacks=True)]
 
@@ -256,9 +259,6 @@ def _worst_case(judged: CampaignJudgement, cases: Sequence[WorstCase], runs: Pla
             "; ".join(limit_text(one, case.unit) for one in own) or "–",
             f"{case.together} of {case.starts}" if case.worse else "none",
         ))  # fmt: skip
-    columns = (
-        "metric", "nominal", "worst sample", "worst found", "times", "limit", "searches that end there",
-    )  # fmt: skip
     case, first = cases[used.index(max(used))], cases[0]
     every = f", the worst of all {1 << len(first.intervals)} corners" if first.all_corners else ""
     outside = (
@@ -279,16 +279,20 @@ def _worst_case(judged: CampaignJudgement, cases: Sequence[WorstCase], runs: Pla
         alone = value_text(case.alone[name], case.unit)
         numbers.append((name.replace("_", " "), number(value, 6), case.units[name], change, place, alone))
     metric, text = metric_text(case.metric), worst_text(case)
-    heads = ("number", "value", "unit", "change", "in its interval", f"{metric} with it alone nominal")
-    title = f"The robot with the worst {metric} found"
     return [
         Paragraph(about),
-        Table(columns, rows, "The worst robot inside the box of tolerances", "table-worst-case", stacks=True),
+        Table(
+            ("metric", "nominal", "worst sample", "worst found", "times", "limit", "searches that end there"), rows,
+            "The worst robot inside the box of tolerances", "table-worst-case", stacks=True,
+        ),
         *([] if runs is None else _worst_figure(judged, case, runs)),
         Paragraph(f"{text[0].upper()}{text[1:]} This command, in the folder above, runs it again:"),
         Listing(replay_command(judged.table.journal.folder.name, f"--worst-case {case.metric}")),
-        Table(heads, numbers, title, "table-worst-numbers"),
-    ]
+        Table(
+            ("number", "value", "unit", "change", "in its interval", f"{metric} with it alone nominal"), numbers,
+            f"The robot with the worst {metric} found", "table-worst-numbers",
+        ),
+    ]  # fmt: skip
 
 
 def _worst_figure(judged: CampaignJudgement, case: WorstCase, runs: PlantRun) -> list[Any]:
@@ -306,8 +310,7 @@ def _worst_figure(judged: CampaignJudgement, case: WorstCase, runs: PlantRun) ->
     for (name, run), style in zip(drawn.items(), (_COLOURED[1], _BLACK, _COLOURED[0])):
         for axis, values in zip(axes, (run.tracked(signal), run.tracked(signal), run.signal("input", u))):
             axis.plot(run.time, values, label=name, **style)
-    reached, half = nominal.tracked(signal)[-1], CLOSE * float(np.ptp(nominal.tracked(signal))) or 1e-3
-    axes[1].set_ylim(reached - half, reached + half)
+    _zoom(axes[1], nominal.tracked(signal)[-1], nominal.tracked(signal))
     for axis, name, kind in zip(axes, (signal, signal, u), ("state", "state", "input")):
         label(axis, name.replace("_", " "), dict(zip(worst.names[kind], worst.units[kind])).get(name, ""))
     legend(axes[0])
@@ -318,20 +321,24 @@ def _worst_figure(judged: CampaignJudgement, case: WorstCase, runs: PlantRun) ->
     return [figure_block("worst-case", figure, caption, "The worst run")]
 
 
+def _zoom(axis: Any, middle: float, values: np.ndarray) -> None:
+    """Show a signal close to where it ends."""
+    half = CLOSE * float(np.ptp(values)) or 1e-3
+    axis.set_ylim(middle - half, middle + half)
+
+
 def _worst_disturbance(judged: CampaignJudgement, found: GainResults) -> list[Any]:
     """What each search attained, against the level that belongs to it."""
-    rows = found.rows
-    if not rows:
+    if not found.rows:
         return []
     cells = [
         (
             "nominal" if row.robot == "nominal" else "worst found", row.loop, f"of the {row.pair}",
             square_text(row.gain), square_text(row.gamma), share_text(row), CLAIMS[row.claim],
         )
-        for row in rows
+        for row in found.rows
     ]  # fmt: skip
-    columns = ("robot", "loop", "z and d", "attained ∫|z|²/∫|d|²", "γ²", "share", "γ is")
-    worst = next((row for row in rows if row.robot == "worst"), None)
+    worst = next((row for row in found.rows if row.robot == "worst"), None)
     numbers = "" if worst is None else f" The worst robot found: {gain_changes(worst, judged.nominal)}."
     text = (
         "Finite-energy disturbances from rest at the goal, found by power iteration on the gradient of ∫|z|², under "
@@ -341,16 +348,16 @@ def _worst_disturbance(judged: CampaignJudgement, found: GainResults) -> list[An
         f"{f' No γ is proved of this law: {found.unproved}.' if found.unproved else ''}"
     )
     figure, (axis,) = new_figure(1)
-    for row, style in zip(rows, (*_COLOURED[:2], _BLACK, _COLOURED[2])):
-        name, values = f"{row.robot}, {row.loop}, {row.pair}", np.array(row.disturbance)[:, 0]
-        axis.plot(row.times, values, label=name, **style)
-    label(axis, rows[0].names[0].replace("_", " "), "")
+    for row, style in zip(found.rows, (*_COLOURED[:2], _BLACK, _COLOURED[2])):
+        values = np.array(row.disturbance)[:, 0]
+        axis.plot(row.times, values, label=f"{row.robot}, {row.loop}, {row.pair}", **style)
+    label(axis, found.rows[0].names[0].replace("_", " "), "")
     axis.set_xlabel("time (s)")
     legend(axis)
-    title = "The worst disturbances found"
+    columns = ("robot", "loop", "z and d", "attained ∫|z|²/∫|d|²", "γ²", "share", "γ is")
     return [
         Paragraph(text), Table(columns, cells, "Attained gains", "table-worst-disturbance", stacks=True),
-        figure_block("worst-disturbance", figure, "The first component of d.", title),
+        figure_block("worst-disturbance", figure, "The first component of d.", "The worst disturbances found"),
         Paragraph("This command, in the folder above, runs the disturbances again:"),
         Listing(replay_command(judged.table.journal.folder.name, "--worst-case gain")),
     ]  # fmt: skip
@@ -375,8 +382,7 @@ def _signals(judged: CampaignJudgement, run: Run | None) -> list[Any]:
     spreads = [0.0] * len(names)  # how far apart runs are in the second half, relative to the range of all
     for k, trace in enumerate(trace[ended] for trace in traces):
         if np.ptp(trace) > 0.0:
-            late = trace[:, trace.shape[1] // 2 :]
-            spreads[k] = float(np.ptp(late, axis=0).max()) / float(np.ptp(trace))
+            spreads[k] = float(np.ptp(trace[:, trace.shape[1] // 2 :], axis=0).max()) / float(np.ptp(trace))
     close = int(np.argmax(spreads))
     figure, axes = new_figure(len(names) + 1)
     for axis, k in zip(axes, (*range(len(names)), close)):
@@ -384,9 +390,7 @@ def _signals(judged: CampaignJudgement, run: Run | None) -> list[Any]:
         if lines:
             axis.plot(time, lines[k], label=f"sample {worst}", **_BLACK)
         label(axis, names[k].removeprefix(TRACE).replace("_", " "), judged.table.unit(names[k]))
-    last = float(np.median(traces[close][ended, -1]))
-    half = CLOSE * float(np.ptp(traces[close][ended])) or 1e-3
-    axes[-1].set_ylim(last - half, last + half)
+    _zoom(axes[-1], float(np.median(traces[close][ended, -1])), traces[close][ended])
     legend(axes[0])
     missing, kept = int((~ended).sum()), len(ended)
     some = f"the first {kept} samples." if judged.count > kept else f"{int(ended.sum())} samples."
@@ -429,25 +433,24 @@ def small_panels(count: int, height: float, columns: int = 3, **options: Any) ->
     return figure, axes[:count]
 
 
-def plain_axis(axis: Any, *which: Any) -> None:
-    """Few ticks with short numbers."""
-    for one in which:
+def few_ticks(axis: Any, largest: float, which: str = "both") -> None:
+    """Few ticks with short numbers, of size up to `largest`."""
+    axis.locator_params(axis=which, nbins=3 if largest > 5e-3 else 2)
+    for one in (axis.xaxis,) if which == "x" else (axis.xaxis, axis.yaxis):
         one.set_major_formatter(lambda value, _: number(value, 3))
-    axis.tick_params(axis="both" if len(which) > 1 else "x", labelsize=8)
+    axis.tick_params(axis=which, labelsize=8)
 
 
 def histogram(
     axis: Any, judged: CampaignJudgement, name: str, unit: str, values: np.ndarray, counted: str
 ) -> None:
-    """How often a metric has which value, with few ticks; the kept period is the grain of times."""
+    """How often a metric has which value; the kept period is the grain of times."""
     time, spread = judged.table.journal.time, float(np.ptp(values))
-    period = float(np.diff(time[:2])[0]) if time.size > 1 else 0.0
+    period = float(np.diff(time[:2])[0]) if time.size > 1 and unit == "s" else 0.0
     half = 0.5 * abs(float(values[0])) or 0.5
     bins = [float(values[0]) - half, float(values[0]) + half]
     if spread:
-        bins = histogram_bins(
-            values, period if unit == "s" and 0.0 < 10.0 * period < spread else 0.0
-        ).tolist()
+        bins = histogram_bins(values, period if 10.0 * period < spread else 0.0).tolist()
     axis.hist(values, bins=bins, color=SERIES[0], alpha=0.55)
     axis.grid(axis="x", visible=False)
     axis.set_xlabel(metric_text(name, unit), fontsize=8)
@@ -463,8 +466,7 @@ def _histograms(judged: CampaignJudgement, names: Sequence[str]) -> list[Any]:
     for k, (axis, (name, values)) in enumerate(zip(axes, varied.items())):
         most = np.abs(values).max()
         histogram(axis, judged, name, judged.table.unit(name), values, "samples" if k % 3 == 0 else "")
-        axis.locator_params(axis="x", nbins=3 if most > 5e-3 else 2)
-        plain_axis(axis, axis.xaxis)
+        few_ticks(axis, most, "x")
         for one in judged.requirements:
             if one.metric == name and one.limit < NO_LIMIT and most > 0.5 * abs(one.limit):
                 axis.axvline(one.limit, color=INK, linewidth=1.0, dashes=DASHED)
@@ -482,8 +484,7 @@ def _sensitivities(judged: CampaignJudgement) -> list[Any]:
     found = {}
     for name in judged.table.names("metric"):
         one = judged.sensitivity(name) if len(found) < RANKED else None
-        if one is not None:
-            found[name] = one
+        found |= {} if one is None else {name: one}
     if not found:
         few = "The samples are too few to say which number matters: ten for each number, at least."
         return [Paragraph(few)] if judged.table.names("parameter") else []
@@ -497,9 +498,11 @@ def _sensitivities(judged: CampaignJudgement) -> list[Any]:
         axis.set_xlim(0.0, 1.0)
         axis.grid(axis="y", visible=False)
         axis.set_title(f"{metric_text(name)}, R² {number(one.r_squared, 2)}", fontsize=9)
-    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper left", ncols=2, frameon=False)
-    first = next(iter(found.values()))
-    low = [metric_text(name) for name, one in found.items() if one.r_squared < 0.5]
+    legend_above(figure, axes[0], 2)
+    first, low = (
+        next(iter(found.values())),
+        [metric_text(n) for n, one in found.items() if one.r_squared < 0.5],
+    )
     notes = [Note(f"The ranking says little for {', '.join(low)}: R² is less than half.")] if low else []
     caption = (
         f"Sobol indices by SciPy of {first.terms} in the numbers, fitted to {first.count} samples: of this surrogate, "

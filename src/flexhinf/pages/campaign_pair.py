@@ -11,9 +11,10 @@ import numpy as np
 
 from flexhinf.campaign import PairedMetric
 from flexhinf.design.campaign_folder import SIDES, PairResult
-from flexhinf.pages.campaign import histogram, plain_axis, small_panels, write_page
+from flexhinf.pages.campaign import few_ticks, histogram, small_panels, write_page
 from flexhinf.pages.campaign_text import (
     SPREAD,
+    interval_text,
     limit_text,
     metric_text,
     percent_text,
@@ -56,16 +57,25 @@ def write_pair(result: PairResult) -> Path:
         f"{result.paired.count} robots, each with its own measurement noise, run twice for {settings['duration']} s: "
         f"with the controller A of {result.names[0]} and with the controller B of {result.names[1]}."
     )
+    varied = [one for one in map(result.paired.metric, result.paired.metrics) if np.any(_finite(one) != 0.0)]
     numbers = [
-        KeyNumber(f"fail with {side}", failures, f"of {found.count}", f"{only} with {side} alone")
-        for side, failures, only in zip("AB", found.failures, (found.only_a, found.only_b))
+        *(
+            KeyNumber(f"fail with {side}", failures, f"of {found.count}", f"{only} with {side} alone")
+            for side, failures, only in zip("AB", found.failures, (found.only_a, found.only_b))
+        ),
+        *(
+            KeyNumber(
+                metric_text(one.name),
+                _signed(one.median),
+                one.unit,
+                f"median of B − A; {_interval_text(result, one)}",
+            )
+            for one in varied[:2]
+        ),
     ]
-    for one in _varied(result)[:2]:
-        note = f"median of B − A; {_interval_text(result, one)}"
-        numbers.append(KeyNumber(metric_text(one.name), _signed(one.median), one.unit, note))
     stated = [Setting(name, value) for name, value in settings.items() if not name.startswith("design ")]
     with house_style():  # once for all figures
-        blocks = [*_success(result), *_differences(result), *_extremes(result)]
+        blocks = [*_success(result), *_differences(result, varied[:DRAWN]), *_extremes(result, varied)]
     title = f"Two designs on the same robots “{result.pair.a.request.robot.name}”"
     page = Page(
         title, request, pair_verdict(result), (Section("A against B", blocks, "pair"),),
@@ -86,12 +96,14 @@ def pair_verdict(result: PairResult) -> str:
     if not paired.main:
         return f"{text}."
     one = paired.metric(paired.main)
-    (first, second), (better_a, better_b) = one.medians, one.better
+    medians, better = (
+        [value_text(x, one.unit) for x in one.medians],
+        [percent_text(x.rate) for x in one.better],
+    )
     return (
-        f"{text}; median {metric_text(one.name)} {value_text(first, one.unit)} with A, "
-        f"{value_text(second, one.unit)} with B; the difference B − A is {_signed(one.median, one.unit)} at the "
-        f"median ({_interval_text(result, one)}); A is better in {percent_text(better_a.rate)} of the pairs, B in "
-        f"{percent_text(better_b.rate)}."
+        f"{text}; median {metric_text(one.name)} {medians[0]} with A, {medians[1]} with B; the difference B − A is "
+        f"{_signed(one.median, one.unit)} at the median ({_interval_text(result, one)}); A is better in {better[0]} of "
+        f"the pairs, B in {better[1]}."
     )
 
 
@@ -100,12 +112,10 @@ def _p_text(p: float) -> str:
 
 
 def _signed(value: float, unit: str = "") -> str:
-    """A difference with its sign."""
     if math.isnan(value):
         return "none"
     text = "∞" if math.isinf(value) else number(abs(value), 3)
-    sign = "+" if value > 0.0 else "−" if value < 0.0 else ""
-    return f"{sign}{text} {unit}".strip()
+    return f"{'+' if value > 0.0 else '−' if value < 0.0 else ''}{text} {unit}".strip()
 
 
 def _independent(result: PairResult) -> bool:
@@ -121,14 +131,7 @@ def _interval_text(result: PairResult, one: PairedMetric) -> str:
 
 def _span(one: PairedMetric) -> str:
     """The interval of the median; empty where the pairs are too few."""
-    low, high = one.interval
-    return "" if math.isnan(low) or math.isnan(high) else f"{_signed(low)} to {_signed(high)}"
-
-
-def _varied(result: PairResult) -> list[PairedMetric]:
-    """Metrics that differ between both in some sample."""
-    found = [result.paired.metric(name) for name in result.paired.metrics]
-    return [one for one in found if np.any(_finite(one) != 0.0)]
+    return "" if np.isnan(one.interval).any() else " to ".join(map(_signed, one.interval))
 
 
 def _finite(one: PairedMetric) -> np.ndarray:
@@ -142,36 +145,40 @@ def _success(result: PairResult) -> list[Any]:
     designs: Any = Note("The specifications do not differ: the controllers are two of the same design.")
     if differing:
         designs = Table(("", "A", "B"), differing, "What differs in the specifications", "table-designs")
-    found, (a, b) = result.paired.success, result.judged
+    found, first, own = result.paired.success, result.judged[0], result.pair.b.requirements
     limits = [
-        f"{metric_text(one.metric)} {limit_text(one, a.table.unit(one.metric))}"
+        f"{metric_text(one.metric)} {limit_text(one, first.table.unit(one.metric))}"
         for one in result.paired.requirements
     ]
     test = (
         f"McNemar's test, by the binomial distribution over pairs in which one of them fails: {_p_text(found.p_value)}."
         if _independent(result) else
-        f"The samples are spread {SPREAD[a.method]} and not independent: no test and no confidence interval holds for "
-        "them, and none is stated (`--method random` has them)."
+        f"The samples are spread {SPREAD[first.method]} and not independent: no test and no confidence interval holds "
+        "for them, and none is stated (`--method random` has them)."
     )  # fmt: skip
     text = (
         "Robots, noise, sensors, motors and step are the same for both; the folders "
         f"{SIDES[0]} and {SIDES[1]} have the report of each. A sample is a success if its run reaches its end, is "
         f"stable there, and keeps the requirements: {'; '.join(limits) or 'there are none'}. {test}"
     )
+    rates = [
+        (f"{name}: {source}", percent_text(one.rate),
+         *(("–", "–") if one.success is None else map(percent_text, (one.success.low, one.success.high))))
+        for name, source, one in zip("AB", result.names, result.judged)
+    ]  # fmt: skip
     pairs = [("A keeps them", found.neither, found.only_b), ("A fails", found.only_a, found.both_fail)]
-    rates = []
-    for name, source, one in zip("AB", result.names, (a, b)):
-        ends = ("–", "–") if one.success is None else map(percent_text, (one.success.low, one.success.high))
-        rates.append((f"{name}: {source}", percent_text(one.rate), *ends))
-    own = result.pair.b.requirements
     other = f"B by itself requires {', '.join(own)}; here both are judged by the same requirements."
-    by_itself = "Each by itself, by Clopper and Pearson"
     return [
         designs,
         Paragraph(text),
         *([Note(other)] if own != result.pair.a.requirements else []),
         Table(("", "B keeps them", "B fails"), pairs, "Pairs", "table-pairs"),
-        Table(("", "success", "95 %: from", "to"), rates, by_itself, "table-rates"),
+        Table(
+            ("", "success", "95 %: from", "to"),
+            rates,
+            "Each by itself, by Clopper and Pearson",
+            "table-rates",
+        ),
     ]
 
 
@@ -180,13 +187,15 @@ def _difference_table(result: PairResult, names: Sequence[str]) -> Table:
     rows, independent = [], _independent(result)
     for one in map(result.paired.metric, names):
         if len(one.pairs):
-            span = (_span(one) or "too few") if independent else "–"
             medians = (value_text(median, "") for median in one.medians)
-            shares = [percent_text(share.rate) for share in one.better]
-            ends = [f"{percent_text(x.low)} to {percent_text(x.high)}" for x in one.better]
-            a, b = (unbroken(text) if independent else "–" for text in ends)
-            cells = (*medians, _signed(one.median), span, shares[0], a, shares[1], b, len(one.pairs))
-            rows.append((metric_text(one.name), one.unit, *cells))
+            span = (_span(one) or "too few") if independent else "–"
+            better = [
+                text
+                for share in one.better
+                for text in (percent_text(share.rate), unbroken(interval_text(share)) if independent else "–")
+            ]
+            row = (*medians, _signed(one.median), span, *better, len(one.pairs))
+            rows.append((metric_text(one.name), one.unit, *row))
     columns = (
         "", "unit", Column("median of A", brief="A"), Column("of B", brief="B"), Column("of B − A", brief="B − A"),
         "95 %", Column("A is better", brief="A better"), Column("95 %", brief=None), Column("B is better", brief=None),
@@ -201,7 +210,7 @@ def pair_table(result: PairResult) -> Any:
     return _difference_table(result, result.paired.metrics).terminal()
 
 
-def _differences(result: PairResult) -> list[Any]:
+def _differences(result: PairResult, drawn: Sequence[PairedMetric]) -> list[Any]:
     """Paired differences in a table, as histograms, and sample by sample."""
     intervals = (
         " The interval of the median is exact, by order statistics; those of the fractions are Clopper's and "
@@ -215,28 +224,26 @@ def _differences(result: PairResult) -> list[Any]:
     )
     table = _difference_table(result, (*result.paired.metrics, *result.paired.parts))
     blocks = [Paragraph(text), *([table] if table.rows else [])]
-    metrics = _varied(result)[:DRAWN]
-    if not metrics:
+    if not drawn:
         return [*blocks, Paragraph("No metric differs in any sample.")]
-    histograms, bars = small_panels(len(metrics), 1.9)
-    samples, clouds = small_panels(len(metrics), 2.2)
-    for k, one in enumerate(metrics):
-        axis, values = bars[k], _finite(one)
-        histogram(axis, result.judged[0], one.name, one.unit, values, "pairs" if k % 3 == 0 else "")
+    histograms, bars = small_panels(len(drawn), 1.9)
+    samples, clouds = small_panels(len(drawn), 2.2)
+    for k, (one, axis, cloud) in enumerate(zip(drawn, bars, clouds)):
+        histogram(axis, result.judged[0], one.name, one.unit, _finite(one), "pairs" if k % 3 == 0 else "")
         axis.axvline(0.0, color=INK, linewidth=1.0)
         if math.isfinite(one.median):
             axis.axvline(one.median, color=SERIES[1], linewidth=1.4, dashes=DASHED)
-        _few_ticks(axis)
-        axis, both = clouds[k], np.isfinite(one.a) & np.isfinite(one.b)
+        both = np.isfinite(one.a) & np.isfinite(one.b)
         a, b = one.a[both][:POINTS], one.b[both][:POINTS]
         ends = framed(np.array([*a, *b]))
-        axis.plot(ends, ends, color=INK, linewidth=1.0, dashes=DASHED)
-        axis.plot(a, b, ".", color=SERIES[0], markersize=3.0, alpha=0.5, markeredgewidth=0.0)
-        axis.set(xlim=ends, ylim=ends)
-        _few_ticks(axis)
-        axis.set_title(metric_text(one.name, one.unit), fontsize=9, wrap=True)
-        axis.set_xlabel("A", fontsize=8)
-        label(axis, "B" if k % 3 == 0 else "", "")
+        cloud.plot(ends, ends, color=INK, linewidth=1.0, dashes=DASHED)
+        cloud.plot(a, b, ".", color=SERIES[0], markersize=3.0, alpha=0.5, markeredgewidth=0.0)
+        cloud.set(xlim=ends, ylim=ends)
+        cloud.set_title(metric_text(one.name, one.unit), fontsize=9, wrap=True)
+        cloud.set_xlabel("A", fontsize=8)
+        label(cloud, "B" if k % 3 == 0 else "", "")
+        for each in (axis, cloud):
+            few_ticks(each, max(map(abs, each.get_xlim())))
     caption = (
         "How many pairs have which difference B − A: right of zero B has the larger value. Dashed: the median. "
         "Differences that are not finite are left out."
@@ -250,32 +257,29 @@ def _differences(result: PairResult) -> list[Any]:
     ]
 
 
-def _few_ticks(axis: Any) -> None:
-    axis.locator_params(nbins=3 if max(map(abs, axis.get_xlim())) > 5e-3 else 2)
-    plain_axis(axis, axis.xaxis, axis.yaxis)
-
-
-def _extremes(result: PairResult) -> list[Any]:
+def _extremes(result: PairResult, varied: Sequence[PairedMetric]) -> list[Any]:
     """For each metric the sample in which either is better by most, with what runs it again."""
-    rows, shown, varied = [], list[int](), _varied(result)
-    for one in varied:
-        for who, sample in zip("AB", one.extremes):
-            if sample is None:
-                continue
-            if one.name in (result.paired.main, varied[0].name):
-                shown.append(sample)
-            values = (value_text(float(x[sample]), one.unit) for x in (one.a, one.b))
-            numbers = unbroken(sample_changes(result.judged[0], sample))
-            rows.append((f"{metric_text(one.name)}: {who} is better by most", sample, *values, numbers))
-    if not rows:
-        return []
-    folder = result.folder.name
-    lines = [
-        replay_command(f"{folder}/{side}", f"--sample {sample}")
-        for sample in dict.fromkeys(shown)
-        for side in SIDES
+    cases = [
+        (one, who, sample) for one in varied for who, sample in zip("AB", one.extremes) if sample is not None
     ]
-    text = f"These commands, beside the folder {folder}, run the first of them again, with A and with B:"
+    if not cases:
+        return []
+    rows = [
+        (
+            f"{metric_text(one.name)}: {who} is better by most", sample,
+            *(value_text(float(x[sample]), one.unit) for x in (one.a, one.b)),
+            unbroken(sample_changes(result.judged[0], sample)),
+        )
+        for one, who, sample in cases
+    ]  # fmt: skip
+    folder, first = result.folder.name, (result.paired.main, varied[0].name)
+    again = dict.fromkeys(sample for one, _, sample in cases if one.name in first)
+    lines = [replay_command(f"{folder}/{side}", f"--sample {sample}") for sample in again for side in SIDES]
     columns = ("", "sample", "A", "B", "its numbers")
-    table = Table(columns, rows, "Largest differences each way", "table-extremes", stacks=True)
-    return [table, Paragraph(text), Listing("\n".join(lines))]
+    return [
+        Table(columns, rows, "Largest differences each way", "table-extremes", stacks=True),
+        Paragraph(
+            f"These commands, beside the folder {folder}, run the first of them again, with A and with B:"
+        ),
+        Listing("\n".join(lines)),
+    ]

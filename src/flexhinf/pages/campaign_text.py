@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.campaign import CampaignJudgement, FoundPlant, Replayed, Requirement, WorstCase
+from flexhinf.campaign import CampaignJudgement, FoundPlant, Interval, Replayed, Requirement, WorstCase
 from flexhinf.campaign.metrics import COMPLETED, DIVERGED, UNSTABLE
 from flexhinf.design.campaign_gain import GainRow
 from flexhinf.report import Table, number
@@ -39,10 +39,9 @@ NO_LIMIT = 1e8
 
 def metric_text(metric: str, unit: str = "") -> str:
     """A metric in a sentence, its unit in parentheses; of a joint with the joint's name behind it."""
-    whole = next((name for name in METRIC_LABELS if metric.startswith(f"{name}_")), "")
-    text = METRIC_LABELS.get(metric, metric.replace("_", " "))
-    if whole and metric not in METRIC_LABELS:
-        text = f"{METRIC_LABELS[whole]} {metric.removeprefix(f'{whole}_').replace('_', ' ')}"
+    whole = next((name for name in METRIC_LABELS if f"{metric}_".startswith(f"{name}_")), "")
+    joint = metric.removeprefix(whole).replace("_", " ")
+    text = f"{METRIC_LABELS.get(whole, '')}{joint}"
     return f"{text} ({unit})" if unit else text
 
 
@@ -56,6 +55,11 @@ def percent_text(fraction: float) -> str:
     return f"{100 * fraction:.{digits}f} %"
 
 
+def interval_text(interval: Interval) -> str:
+    """An interval of a fraction."""
+    return f"{percent_text(interval.low)} to {percent_text(interval.high)}"
+
+
 def value_text(value: float, unit: str) -> str:
     """A number with its unit; infinity is a time that is never reached."""
     return "never" if np.isinf(value) else f"{number(value, 3)} {unit}".strip()
@@ -63,9 +67,8 @@ def value_text(value: float, unit: str) -> str:
 
 def limit_text(one: Requirement, unit: str) -> str:
     """The limit of a requirement."""
-    if one.at_most and one.limit >= NO_LIMIT:
-        return "within the run"
-    return f"at {'most' if one.at_most else 'least'} {value_text(one.limit, unit)}"
+    limit = f"at {'most' if one.at_most else 'least'} {value_text(one.limit, unit)}"
+    return "within the run" if one.at_most and one.limit >= NO_LIMIT else limit
 
 
 def percent_change(name: str, value: float, nominal: float | None) -> str:
@@ -121,7 +124,7 @@ def campaign_verdict(judged: CampaignJudgement) -> str:
     if found is None:
         text += f"; no confidence interval holds for samples spread {SPREAD[judged.method]}"
     else:
-        text += f"; {percent_text(found.low)} to {percent_text(found.high)} succeed with 95 % confidence"
+        text += f"; {interval_text(found)} succeed with 95 % confidence"
     worst = judged.worst_of_all
     if worst is None:
         return f"{text}."

@@ -15,8 +15,8 @@ from flexhinf.certify.pictures import Slice
 from flexhinf.certify.theorem import AUTHOR, common_unit, persistent_bound, theorem_parts
 from flexhinf.design.certification import CertifiedDegree, Evidence
 from flexhinf.design.specification import Specification
+from flexhinf.pages.design.region import RULES
 from flexhinf.pages.drawing import DASHED, figure_block, law_name, reference_line, thin
-from flexhinf.pages.proof import RULES
 from flexhinf.report import (
     INK,
     MUTED,
@@ -82,20 +82,35 @@ def certificate_page(
             Section("Steps inside the region", _steps(one, shown), "steps"),
             Section("What disturbances may cost", _budget(shown), "budget"),
             Section("The gain from both sides", _gain(shown), "gain"),
-            Section("The law of each degree", _degrees(found), "degrees"),
+            Section("The law of each degree", [*_degree_notes(found), _degree_table(found)], "degrees"),
             Section("How to check it", CHECK, "check"),
         ]
-    steps = f", and steps of up to {_steps_text(given)} stay in the region."
     who = "all robots of the stated box of parameters" if _is_box(given) else "the nominal robot"
     channels = ", ".join(d.name.replace("_", " ") for d in given.disturbances)
     fed = "the true state or the observer's estimates" if given.observer else "the true state"
+    reach = (
+        f", and steps of up to {_steps_text(given)} stay in the region."
+        if given.starts
+        else " in the region."
+    )
+    settings = [
+        Setting("degree of V", given.degree), Setting("feedback", given.feedback),
+        Setting("decay α", given.decay, "1/s"), Setting("reach in z", given.reach),
+        *(
+            Setting(
+                p.name.replace("_", " "),
+                p.low if p.low == p.high else f"{number(p.low, 6)} to {number(p.high, 6)}", p.unit,
+            )
+            for p in given.parameters
+        ),
+        *(Setting(name, value) for name, value in given.provenance.items()),
+    ]  # fmt: skip
     beyond = ", beyond the budget" if given.is_gradient_law else ""
-    reach = steps if given.starts else " in the region."
     return Page(
         f"Certificate: {given.about.split(',')[0]}",
         f"{given.about}. For {who}, fed {fed} in continuous time; disturbances: {channels}.",
         f"Proved: the gain is at most γ = {at_most(given.gamma)}{reach}", sections,
-        Settings({"Certificate": _settings(given)}), Provenance(tuple(command), s.seed), _numbers(one, given),
+        Settings({"Certificate": settings}), Provenance(tuple(command), s.seed), _numbers(one, given),
         [Status("proved", "By arithmetic that cannot round the wrong way."),
          Status("not proved", f"Estimator, sampling, hold, delay, limits and noise{beyond}.")],
     )  # fmt: skip
@@ -114,21 +129,29 @@ def _position(given: Certificate) -> tuple[float, str]:
 
 def _angle(given: Certificate, value: float) -> str:
     unit = given.states[0].unit
-    if unit == "rad":
-        return f"{at_least(float(np.degrees(value)), decimals=1)}°"
-    return f"{at_least(value, 3)} {unit}"
+    return (
+        f"{at_least(float(np.degrees(value)), decimals=1)}°"
+        if unit == "rad"
+        else f"{at_least(value, 3)} {unit}"
+    )
+
+
+def _rule(rule: str) -> str:
+    return RULES.get(rule, rule)
 
 
 def _steps_text(given: Certificate) -> str:
     return " or ".join(f"{_angle(given, s.amplitude)} ({_rule(s.rule)})" for s in given.starts)
 
 
+def _peak(unit: str) -> str:
+    return "peak voltage" if unit == "V" else "peak input"
+
+
 def _numbers(one: CertifiedDegree, given: Certificate) -> list[KeyNumber]:
-    effort, attained, share = given.inputs[0].unit, "", ""
-    if given.attained_gain is not None:
-        attained = f"attained by a disturbance: {at_least(given.attained_gain)}"
-    if given.sampled_level is not None:
-        share = f"{100 * given.level / given.sampled_level:.1f} % of the sampled one"
+    effort, gain, sampled = given.inputs[0].unit, given.attained_gain, given.sampled_level
+    attained = "" if gain is None else f"attained by a disturbance: {at_least(gain)}"
+    share = "" if sampled is None else f"{100 * given.level / sampled:.1f} % of the sampled one"
     return [
         *(KeyNumber("largest proved step", _angle(given, s.amplitude), "", _rule(s.rule)) for s in given.starts),
         KeyNumber("gain, proved", f"≤ {at_most(given.gamma)}", "", attained),
@@ -143,29 +166,11 @@ def _numbers(one: CertifiedDegree, given: Certificate) -> list[KeyNumber]:
     ]  # fmt: skip
 
 
-def _rule(rule: str) -> str:
-    return RULES.get(rule, rule)
-
-
-def _peak(unit: str) -> str:
-    return "peak voltage" if unit == "V" else "peak input"
-
-
-def _settings(given: Certificate) -> list[Setting]:
-    found = [Setting("degree of V", given.degree), Setting("feedback", given.feedback)]
-    found += [Setting("decay α", given.decay, "1/s"), Setting("reach in z", given.reach)]
-    for p in given.parameters:
-        value = p.low if p.low == p.high else f"{number(p.low, 6)} to {number(p.high, 6)}"
-        found.append(Setting(p.name.replace("_", " "), value, p.unit))
-    return found + [Setting(name, value) for name, value in given.provenance.items()]
-
-
 # Theorem --------------------------------------------------------------------------------------------------
 def _theorem(given: Certificate) -> list[Section]:
     """Its parts, but for what it is about, which stands at the top."""
     parts = dict(theorem_parts(given, given.stated))
-    region = [f"S is {text}" for text in parts.pop("Region S")]
-    parts["Proved"] = region + parts["Proved"]
+    parts["Proved"] = [f"S is {text}" for text in parts.pop("Region S")] + parts["Proved"]
     sections = []
     for title, lines in parts.items():
         blocks: list[Any] = [Bullets(tuple(map(_set, lines)))]
@@ -174,19 +179,19 @@ def _theorem(given: Certificate) -> list[Section]:
         if (
             title == "Hypotheses"
         ):  # equations in a table, R2, the law and V as they can be copied, then the rest
-            rows, formulas, others = [], [], []
-            for line in lines:
-                if line.startswith("d/dt "):
-                    name, _, rate = line.removeprefix("d/dt ").partition(" = ")
-                    rows.append((_set(name), _set(f"−{rate[1:]}" if rate[0] == "-" else rate)))
-                elif _FORMULA.match(line):
-                    formulas.append(Listing("\n".join(wrap(line, 110, subsequent_indent="  "))))
-                else:
-                    others.append(_set(line))
-            plant = Table(("state", "its rate"), rows, "", "table-plant", stacks=True)
-            blocks = [Paragraph(others[0]), plant, Bullets(tuple(others[1:])), *formulas]
-        anchor = "author" if title == AUTHOR else title.lower().replace(" ", "-")
-        sections.append(Section(title, blocks, anchor))
+            rates = [line.removeprefix("d/dt ").split(" = ", 1) for line in lines if line.startswith("d/dt ")]
+            rest = [line for line in lines if not line.startswith("d/dt ")]
+            formulas = [line for line in rest if _FORMULA.match(line)]
+            others = [_set(line) for line in rest if not _FORMULA.match(line)]
+            rows = [(_set(name), _set(f"−{rate[1:]}" if rate[0] == "-" else rate)) for name, rate in rates]
+            blocks = [
+                Paragraph(others[0]), Table(("state", "its rate"), rows, "", "table-plant", stacks=True),
+                Bullets(tuple(others[1:])),
+                *(Listing("\n".join(wrap(line, 110, subsequent_indent="  "))) for line in formulas),
+            ]  # fmt: skip
+        sections.append(
+            Section(title, blocks, "author" if title == AUTHOR else title.lower().replace(" ", "-"))
+        )
     return sections
 
 
@@ -200,14 +205,15 @@ def _set(text: str) -> str:
 # Slices of the region -------------------------------------------------------------------------------------
 def _starts(one: CertifiedDegree, shown: Evidence) -> list[Any]:
     """The largest proved steps, and the slice of the region where they start."""
-    given, surface = shown.certificate, shown.surface
+    given, surface, (scale, unit) = shown.certificate, shown.surface, _position(shown.certificate)
     if not one.steps:
         return [Paragraph("No steps from rest to rest are stated.")]
-    table = _steps_table(one, given)
+    text = "A step from rest starts at another equilibrium, "
     if surface is None:
-        text = "A step from rest starts at another equilibrium, of each robot its own, without a jump of the input."
-        return [Paragraph(text), table]
-    scale, unit = _position(given)
+        return [
+            Paragraph(f"{text}of each robot its own, without a jump of the input."),
+            _steps_table(one, given),
+        ]
     figure, axis = _slice(given, surface, scale)
     for path, start, colour in zip(surface.paths, given.starts, SERIES[2:]):
         axis.plot(scale * path[:, 0], path[:, 1], color=colour, label=f"starts: {_rule(start.rule)}")
@@ -215,26 +221,22 @@ def _starts(one: CertifiedDegree, shown: Evidence) -> list[Any]:
     axis.set_xlabel(f"step to the goal ({unit})")
     label(axis, "integral of the error", next(x.unit for x in given.states if x.name.endswith("_integral")))
     legend(axis)
-    text = (
-        "A step from rest starts at another equilibrium, with an integrator that the controller chooses. Where V is "
-        "smallest the region reaches furthest, and the input jumps."
-    )
     caption = "Equilibria at a distance from the goal (+), with each value of the integrator."
-    picture = figure_block("starts", figure, [caption, *_slice_text(given, surface)], "Starts of steps")
-    return [Paragraph(text), picture, table]
+    return [
+        Paragraph(
+            f"{text}with an integrator that the controller chooses. Where V is smallest the region reaches furthest, "
+            "and the input jumps."
+        ),
+        figure_block("starts", figure, [caption, *_slice_text(given, surface)], "Starts of steps"),
+        _steps_table(one, given),
+    ]
 
 
 def _limit(shown: Evidence) -> list[Any]:
     """The plane in which the sampled level ends."""
-    given, plane = shown.certificate, shown.limit
+    given, plane, sampled = shown.certificate, shown.limit, shown.certificate.sampled_level
     if plane is None:
         return [Paragraph("Sampling finds no point that limits the level.")]
-    sampled = given.sampled_level
-    share = "" if sampled is None else f", {number(100.0 * given.level / sampled, 4)} % of the sampled level"
-    text = (
-        f"The proof covers all points of V ≤ c = {at_least(given.level, 5)}{share}; sampling looks for points at which "
-        "the inequality fails, and so says how large a level can be at most."
-    )
     figure, axis = _slice(given, plane, 1.0)
     axis.plot(0.0, 1.0, "D", color=INK, markersize=5, label=f"limits the level: {_LIMITS[plane.limit]}")
     if plane.moved is None:
@@ -247,13 +249,19 @@ def _limit(shown: Evidence) -> list[Any]:
         axis.set_xlabel(f"{state.name.replace('_', ' ')} ({state.unit})")
     label(axis, "share of the limiting point", "")
     legend(axis)
+    share = "" if sampled is None else f", {number(100.0 * given.level / sampled, 4)} % of the sampled level"
     where = ", ".join(
         f"{s.name.replace('_', ' ')} {number(float(v), 3)} {s.unit}".rstrip()
         for s, v in zip(given.states, plane.point, strict=True)
     )
     caption = f"The plane through the goal (+), {other}, and the point where the sampled level ends: deviation {where}."
-    picture = figure_block("limit", figure, [caption, *_slice_text(given, plane)], "Where the level ends")
-    return [Paragraph(text), picture]
+    return [
+        Paragraph(
+            f"The proof covers all points of V ≤ c = {at_least(given.level, 5)}{share}; sampling looks for points at "
+            "which the inequality fails, and so says how large a level can be at most."
+        ),
+        figure_block("limit", figure, [caption, *_slice_text(given, plane)], "Where the level ends"),
+    ]
 
 
 def _slice(given: Certificate, one: Slice, scale: float) -> tuple[Canvas, Axes]:
@@ -266,20 +274,22 @@ def _slice(given: Certificate, one: Slice, scale: float) -> tuple[Canvas, Axes]:
     ]  # round, from the fastest to the slowest
     across = scale * one.across
     rate = np.where(one.value < 0.0, np.inf, np.nan_to_num(one.rate, nan=edges[-1]))  # V = 0: the goal
-    bands = list(pairwise([-np.inf, *edges, 0.0]))
-    for (low, high), depth in zip(bands, np.linspace(0.62, 0.12, len(bands))):
-        axis.contourf(across, one.up, rate, levels=[low, high], colors=[SERIES[0]], alpha=depth)
-        name = f"r/V < {number(high, 2)}/s" if high else "r < 0"
-        axis.fill_between([], [], [], color=SERIES[0], alpha=depth, linewidth=0, label=name)
+    areas = [  # values, limits, colour, depth and name of what is filled
+        (rate, [low, high], SERIES[0], depth, f"r/V < {number(high, 2)}/s" if high else "r < 0")
+        for (low, high), depth in zip(
+            pairwise([-np.inf, *edges, 0.0]), np.linspace(0.62, 0.12, len(edges) + 1)
+        )
+    ]
     if (rate > 0.0).any():
-        style = {"levels": [0.0, np.inf], "colors": [SERIES[1]], "alpha": 0.4}
-        axis.contourf(across, one.up, np.minimum(rate, 1e300), **style)
-        axis.fill_between([], [], [], color=SERIES[1], alpha=0.4, linewidth=0, label="r ≥ 0")
+        areas.append((np.minimum(rate, 1e300), [0.0, np.inf], SERIES[1], 0.4, "r ≥ 0"))
+    for values, levels, colour, depth, name in areas:
+        axis.contourf(across, one.up, values, levels=levels, colors=[colour], alpha=depth)
+        axis.fill_between([], [], [], color=colour, alpha=depth, linewidth=0, label=name)
     axis.contour(across, one.up, one.value, levels=[given.level], colors=[INK], linewidths=1.8)
     axis.plot([], [], color=INK, linewidth=1.8, label="proved: V ≤ c")
     if given.sampled_level is not None:
-        style = {"colors": [SERIES[1]], "linewidths": 1.2, "linestyles": [(0, (3.0, 3.0))]}
-        axis.contour(across, one.up, one.value, levels=[given.sampled_level], **style)
+        dashed = {"colors": [SERIES[1]], "linewidths": 1.2, "linestyles": [(0, (3.0, 3.0))]}
+        axis.contour(across, one.up, one.value, levels=[given.sampled_level], **dashed)
         axis.plot([], [], color=SERIES[1], linewidth=1.2, dashes=(3.0, 3.0), label="sampled level")
     a, b, _ = one.worst(given.level)
     axis.plot(scale * a, b, "x", color=INK, markersize=8, markeredgewidth=1.8, label="worst point here")
@@ -290,31 +300,29 @@ def _slice(given: Certificate, one: Slice, scale: float) -> tuple[Canvas, Axes]:
 
 def _slice_text(given: Certificate, one: Slice) -> list[str]:
     """What a slice shows of r."""
-    worst, inside = one.worst(given.level)[2], "r is negative wherever V ≤ c"
-    decays = " with the proved decay in r" if given.decay else ""
+    worst, decays = one.worst(given.level)[2], " with the proved decay in r" if given.decay else ""
     text = f"Colours: r/V{decays}, the rate at which V falls beyond what the gain asks for; "
-    text += f"{inside}, least so at the cross, {number(worst, 2)}/s." if worst < 0.0 else "see the cross."
-    return [text, "" if (one.residual <= 0.0).all() else "Where r ≥ 0 nothing is proved."]
+    inside = f"r is negative wherever V ≤ c, least so at the cross, {number(worst, 2)}/s."
+    uncovered = "" if (one.residual <= 0.0).all() else "Where r ≥ 0 nothing is proved."
+    return [text + (inside if worst < 0.0 else "see the cross."), uncovered]
 
 
 # Steps ----------------------------------------------------------------------------------------------------
 def _steps(one: CertifiedDegree, shown: Evidence) -> list[Any]:
     """The largest proved steps without disturbance, and smaller ones with the worst; none where none is stated."""
-    if not one.steps:
-        return []
     given, solution, blocks = shown.certificate, one.choice.solution, list[Any]()
     value = solution.value if one.box is None else one.box.value
     scale, unit = _position(given)
     kinds: tuple[Any, ...] = (one.steps, shown.worst)
-    for runs in kinds:
+    for runs in kinds if one.steps else ():
         if not runs:
             continue
         figure, axes = new_figure(3, height=6.4)
         ends = []  # how long the runs are drawn
         for run, colour in zip(runs, SERIES[2:]):
             few = thin(run.time)
-            time, state, name = run.time[few], run.state[few], f"starts: {_rule(run.rule)}"
-            axes[0].plot(time, scale * state[:, 0], color=colour, label=name)
+            time, state = run.time[few], run.state[few]
+            axes[0].plot(time, scale * state[:, 0], color=colour, label=f"starts: {_rule(run.rule)}")
             if runs is one.steps:
                 axes[1].plot(time, (solution.operating_input + solution.inputs(state))[:, 0], color=colour)
                 axes[2].plot(time, value(state) / given.level, color=colour)
@@ -324,60 +332,54 @@ def _steps(one: CertifiedDegree, shown: Evidence) -> list[Any]:
                 axes[2].plot(time, run.value[few] / given.level, color=colour)
                 axes[2].plot(time, bound, color=MUTED, linewidth=1.0, dashes=(2.0, 1.5))
             moving = np.flatnonzero(np.abs(run.state[:, 0]) > SETTLED * np.abs(run.state[0, 0]))
-            last = LONGER * run.time[moving[-1]] if moving.size else np.inf
-            ends.append(float(min(run.time[-1], last)))
+            ends.append(float(min(run.time[-1], LONGER * run.time[moving[-1]] if moving.size else np.inf)))
         axes[0].set_xlim(0.0, max(ends))
         axes[2].axhline(1.0, color=SERIES[0], dashes=DASHED, linewidth=1.2)
         reference_line(axes[0])
         label(axes[0], "position − goal", unit)
         label(axes[2], "V / c", "")
         legend(axes[0])
-        if runs is one.steps:
-            label(axes[1], "input", given.inputs[0].unit)
-            caption = "The largest proved step for each start of the integrator, without disturbance."
-            blocks.append(figure_block("largest", figure, caption, "Largest steps"))
-        else:
-            label(axes[1], "|d|", common_unit(given.disturbances))
-            caption = (
-                "Steps of 0.8 of the largest ones with the disturbance that V says is worst, d = g1ᵀV_xᵀ/γ², as long "
-                "as the budget lasts. Thin lines: V(x0) + ½γ²∫|d|², which V stays below."
-            )
-            blocks.append(figure_block("worst", figure, caption, "Worst disturbance"))
+        name, title, quantity, caption = (
+            ("largest", "Largest steps", ("input", given.inputs[0].unit),
+             "The largest proved step for each start of the integrator, without disturbance.")
+            if runs is one.steps else
+            ("worst", "Worst disturbance", ("|d|", common_unit(given.disturbances)),
+             "Steps of 0.8 of the largest ones with the disturbance that V says is worst, d = g1ᵀV_xᵀ/γ², as long as "
+             "the budget lasts. Thin lines: V(x0) + ½γ²∫|d|², which V stays below.")
+        )  # fmt: skip
+        label(axes[1], *quantity)
+        blocks.append(figure_block(name, figure, caption, title))
     return blocks
 
 
 # Budget and gain ------------------------------------------------------------------------------------------
 def _budget(shown: Evidence) -> list[Any]:
-    given = shown.certificate
-    text = (
-        "From a start x0 inside, the region holds as long as V(x0) + ½γ²∫|d|² ≤ c. What is left of the level is the "
-        "energy ∫|d|² that disturbances may have"
-    )
+    given, square = shown.certificate, _energy_unit(shown.certificate).strip()
     also = "; an input that differs by v from the law takes ½∫vᵀR2v from the same budget."
     rows = []
     for run in shown.worst:
         start, left = float(run.value[0]), given.level - float(run.value[0])
-        spent, room = at_most(100.0 * start / given.level, 3), at_least(100.0 * left / given.level, 3)
-        energy = at_least(2.0 * left / given.gamma**2, 3)
-        rows.append((_rule(run.rule), _angle(given, run.amplitude), spent, room, energy))
-    square = _energy_unit(given).strip()
+        rows.append((
+            _rule(run.rule), _angle(given, run.amplitude), at_most(100.0 * start / given.level, 3),
+            at_least(100.0 * left / given.level, 3), at_least(2.0 * left / given.gamma**2, 3),
+        ))  # fmt: skip
     columns = (
         "start of the integrator", "step", Column("V(x0)", "% of c"), Column("left for disturbances", "% of c"),
         Column("energy ∫|d|² allowed", square),
     )  # fmt: skip
-    table = Table(columns, rows, "Steps of 0.8 of the largest ones", "table-budget", stacks=True)
     energy = f"{at_least(2.0 * given.level / given.gamma**2, 3)} {square}".rstrip()
     last = (
         "Nothing is proved for disturbances that last for ever: no decay rate was asked for (`--decay 0.2`)."
-    )
-    if given.decay:
-        bound = f"{at_least(persistent_bound(given), 3)} {common_unit(given.disturbances)}"
-        last = (
-            f"Disturbances that last: with the proved rate α = {number(given.decay, 3)}/s the region is invariant for "
-            f"|d(t)| ≤ √(2αc)/γ = {bound} at all times."
-        )
+        if not given.decay else
+        f"Disturbances that last: with the proved rate α = {number(given.decay, 3)}/s the region is invariant for "
+        f"|d(t)| ≤ √(2αc)/γ = {at_least(persistent_bound(given), 3)} {common_unit(given.disturbances)} at all times."
+    )  # fmt: skip
+    table = Table(columns, rows, "Steps of 0.8 of the largest ones", "table-budget", stacks=True)
     return [
-        Paragraph(text + (also if given.is_gradient_law else ".")),
+        Paragraph(
+            "From a start x0 inside, the region holds as long as V(x0) + ½γ²∫|d|² ≤ c. What is left of the level is "
+            f"the energy ∫|d|² that disturbances may have{also if given.is_gradient_law else '.'}"
+        ),
         *([table] if rows else []),
         Paragraph(f"From rest at the goal, disturbances may have an energy of {energy} in all. {last}"),
     ]
@@ -393,23 +395,17 @@ def _gain(shown: Evidence) -> list[Any]:
     given, attained = shown.certificate, shown.attained
     if attained is None:
         return [Paragraph("No disturbance was searched for, so the gain is bounded from above only.")]
-    share = 100.0 * attained.gain / given.gamma
-    where = f" and V up to {number(100.0 * attained.largest_value / given.level, 3)} % of the level"
-    text = (
-        f"√(∫|z|²/∫|d|²) is proved to be at most γ = {at_most(given.gamma, 5)}. A disturbance found by search attains "
-        f"{number(attained.gain, 5)}{' on the nominal robot' if _is_box(given) else ''}, {number(share, 3)} % of it, "
-        f"with an energy of {number(attained.energy, 3)}{_energy_unit(given)}{'' if _is_box(given) else where}. The "
-        "largest gain of motions in the region lies between."
-    )
+    nominal, where = " on the nominal robot", ""
+    if not _is_box(given):
+        share = number(100.0 * attained.largest_value / given.level, 3)
+        nominal, where = "", f" and V up to {share} % of the level"
     line, (axis,) = new_figure(1, height=1.5)
-    low, high = f"attained: {at_least(attained.gain)}", f"proved: γ = {at_most(given.gamma)}"
-    axis.barh(0.0, attained.gain, height=0.5, color=SERIES[2], alpha=0.55, label=low)
+    name = f"attained: {at_least(attained.gain)}"
+    axis.barh(0.0, attained.gain, height=0.5, color=SERIES[2], alpha=0.55, label=name)
     between = {"left": attained.gain, "height": 0.5, "color": MUTED, "alpha": 0.35}
     axis.barh(0.0, given.gamma - attained.gain, **between, label="the largest lies here")
-    axis.axvline(given.gamma, color=SERIES[0], linewidth=2.4, label=high)
-    axis.set_yticks([])
-    axis.set_xlim(0.0, 1.08 * given.gamma)
-    axis.set_xlabel("√(∫|z|²/∫|d|²)")
+    axis.axvline(given.gamma, color=SERIES[0], linewidth=2.4, label=f"proved: γ = {at_most(given.gamma)}")
+    axis.set(yticks=[], xlim=(0.0, 1.08 * given.gamma), xlabel="√(∫|z|²/∫|d|²)")
     legend(axis)
     figure, axes = new_figure(2, height=4.6)
     few = thin(attained.times)
@@ -421,12 +417,25 @@ def _gain(shown: Evidence) -> list[Any]:
     label(axes[0], "d", common_unit(given.disturbances))
     label(axes[1], "position − goal", unit)
     legend(axes[0])
-    ends = "A disturbance was found that attains the lower end; none exceeds the upper one."
-    found = "The disturbance found, from rest at the goal, and the position."
     return [
-        Paragraph(text),
-        figure_block("gain", line, ends, "Gain"),
-        figure_block("attained", figure, found, "Attained gain"),
+        Paragraph(
+            f"√(∫|z|²/∫|d|²) is proved to be at most γ = {at_most(given.gamma, 5)}. A disturbance found by search "
+            f"attains {number(attained.gain, 5)}{nominal}, {number(100.0 * attained.gain / given.gamma, 3)} % of it, "
+            f"with an energy of {number(attained.energy, 3)}{_energy_unit(given)}{where}. The largest gain of motions "
+            "in the region lies between."
+        ),
+        figure_block(
+            "gain",
+            line,
+            "A disturbance was found that attains the lower end; none exceeds the upper one.",
+            "Gain",
+        ),
+        figure_block(
+            "attained",
+            figure,
+            "The disturbance found, from rest at the goal, and the position.",
+            "Attained gain",
+        ),
     ]
 
 
@@ -436,15 +445,15 @@ def _degree_table(found: Sequence[CertifiedDegree]) -> Table:
     rows = []
     for one in found:
         given, name = one.certificate, law_name(one.choice.degree) + (" *" if one.used else "")
-        if given is None:
-            rows.append((name, None, None, None, None, one.cpu_seconds, one.reason))
-            continue
-        share = None if given.sampled_level is None else f"{100.0 * given.level / given.sampled_level:.1f}"
-        steps = _steps_text(given) if given.starts else None
-        cells = given.provenance.get("cells")
-        rows.append(
-            (name, at_least(given.level), share, steps, cells, one.cpu_seconds, "used" if one.used else "")
-        )
+        proved: tuple[Any, ...] = (None, None, None, None)
+        if given is not None:
+            sampled = given.sampled_level
+            proved = (
+                at_least(given.level), None if sampled is None else f"{100.0 * given.level / sampled:.1f}",
+                _steps_text(given) if given.starts else None, given.provenance.get("cells"),
+            )  # fmt: skip
+        remark = one.reason if given is None else "used" if one.used else ""
+        rows.append((name, *proved, one.cpu_seconds, remark))
     columns = (
         "law", Column("proved level of V", brief="level of V", right=True), Column("of the sampled", "%", right=True),
         "largest steps", Column("cells", right=True), Column("CPU", "s", 1), Column("remark", brief=None),
@@ -456,12 +465,15 @@ def _degree_table(found: Sequence[CertifiedDegree]) -> Table:
 
 def _steps_table(one: CertifiedDegree, given: Certificate) -> Table:
     """Runs from the largest proved starts."""
-    effort, rows = given.inputs[0].unit, []
-    for run in one.steps:
-        inputs = (
-            ", ".join(number(float(v), 3) for v in values) for values in (run.first_input, run.peak_input)
-        )
-        rows.append((_rule(run.rule), _angle(given, run.amplitude), run.overshoot_percent, *inputs))
+    effort = given.inputs[0].unit
+    inputs = [
+        [", ".join(number(float(v), 3) for v in u) for u in (run.first_input, run.peak_input)]
+        for run in one.steps
+    ]
+    rows = [
+        (_rule(run.rule), _angle(given, run.amplitude), run.overshoot_percent, *texts)
+        for run, texts in zip(one.steps, inputs)
+    ]
     columns = (
         Column("start of the integrator", brief="integrators start"),
         Column("largest proved step", brief="step", right=True), Column("overshoot", "%", 1),
@@ -483,14 +495,14 @@ def certification_notes(found: Sequence[CertifiedDegree]) -> list[str]:
     return [f"{law_name(one.choice.degree)}: nothing is proved: {one.reason}" for one in found if one.reason]
 
 
-def _degrees(found: Sequence[CertifiedDegree]) -> list[Any]:
-    notes = []
-    for low, high in pairwise(found):
-        amplitudes = [one.certificate.step_amplitude for one in (low, high) if one.certificate is not None]
-        if len(amplitudes) == 2 and amplitudes[1] < amplitudes[0]:
-            text = f"Degree {high.choice.degree} proves a smaller step than degree {low.choice.degree}."
-            notes.append(Note(text))
-    return [*notes, _degree_table(found)]
+def _degree_notes(found: Sequence[CertifiedDegree]) -> list[Note]:
+    return [
+        Note(f"Degree {high.choice.degree} proves a smaller step than degree {low.choice.degree}.")
+        for low, high in pairwise(found)
+        if low.certificate is not None
+        and high.certificate is not None
+        and high.certificate.step_amplitude < low.certificate.step_amplitude
+    ]
 
 
 CHECK = (

@@ -7,10 +7,15 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.design.criterion import RATIOS, unstable_corners
-from flexhinf.design.laws import DEFAULT_LAWS, DESIGN, NL_HINF
+from flexhinf.design.laws import DEFAULT_LAWS, DESIGN, NL_HINF, is_hinf
 from flexhinf.design.result import Comparison
-from flexhinf.design.tuning import TunedLaw, best_rival, is_hinf, ranked, trade_offs
+from flexhinf.design.tuning import (
+    RATIOS,
+    TunedLaw,
+    best_rival,
+    ranked,
+    unstable_corners,
+)
 from flexhinf.pages.design.frequency import Loop, frequency_figures
 from flexhinf.pages.design.laws import (
     FIGURES,
@@ -107,20 +112,22 @@ def comparison_verdict(comparison: Comparison) -> str:
             f"against {name}."
         )
         others, own = [law for law in laws if not is_hinf(law.name)], comparison.own.evaluation
-        if not others or own is None:
-            return text
-        law = min(others, key=lambda law: law.cost)
-        return (
-            f"{text} The smallest criterion has {law.name} ({number(law.cost, 3)}), with "
-            f"{unstable_corners(law.evaluation)} unstable corners against {unstable_corners(own)}."
-        )
+        if others and own is not None:
+            law = min(others, key=lambda law: law.cost)
+            text += (
+                f" The smallest criterion has {law.name} ({number(law.cost, 3)}), with "
+                f"{unstable_corners(law.evaluation)} unstable corners against {unstable_corners(own)}."
+            )
+        return text
     costs = f"{number(rival.cost, 3)} against {number(ours.cost, 3)}; less is better"
     nothing = "so by this criterion nonlinear H∞ buys nothing on this robot."
     if rival.cost < ours.cost * (1.0 - EQUAL):
         text = f"The best rival, {rival.name}, beats {name} by the criterion ({costs}), {nothing}"
     elif rival.cost <= ours.cost * (1.0 + EQUAL):
-        text = f"Between the best rival, {rival.name}, and {name} there is no difference that the search can tell "
-        text += f"({costs}), {nothing}"
+        text = (
+            f"Between the best rival, {rival.name}, and {name} there is no difference that the search can tell "
+            f"({costs}), {nothing}"
+        )
     else:
         text = f"The best rival, {rival.name}, loses to {name} by the criterion ({costs})."
     better = [
@@ -160,7 +167,7 @@ def comparison_page(
         (x.label.rstrip(","), f"{'≥' if x.least else '≤'} {number(x.value, 3)} {x.unit}".strip(), x.origin)
         for x in comparison.criterion.limits
     ]
-    trade_off = trade_off_figure(comparison, trade_offs(tuned_laws(comparison), comparison.criterion))
+    trade_off = trade_off_figure(comparison, tuned_laws(comparison))
     blocks: dict[tuple[str, str], Sequence[Any]] = {
         ("criterion", "Laws by the criterion"): (
             Table(("limit for every law", "value", "stated by"), limits, id="table-limits"), Paragraph(RANKING),
@@ -174,14 +181,15 @@ def comparison_page(
     }  # fmt: skip
     sections = [Section(title, tuple(found), anchor) for (anchor, title), found in blocks.items() if found]
     missed = [line.shown(units_of(own).degrees) for line in comparison.own.requirements if not line.met]
-    status = Status("met", f"The design meets {len(comparison.own.requirements)} requirements.")
-    if missed:
-        status = Status("not met", f"The design as it is: {'; '.join(map(requirement_text, missed))}.")
-    sampled = "All figures are of simulated runs, of sampled robots and of the linear loop."
+    kept = ("met", f"The design meets {len(comparison.own.requirements)} requirements.")
+    sampled = Status(
+        "not proved", "All figures are of simulated runs, of sampled robots and of the linear loop."
+    )
+    unmet = ("not met", f"The design as it is: {'; '.join(map(requirement_text, missed))}.")
     return Page(
         f"Control laws compared on {robot.name}", intro, _whole(comparison_verdict(comparison)),
         (*sections, *([files_section(files)] if files else [])), Settings(comparison_settings(comparison)),
-        Provenance(tuple(command), s.seed), _key_numbers(comparison), [status, Status("not proved", sampled)],
+        Provenance(tuple(command), s.seed), _key_numbers(comparison), [Status(*(unmet if missed else kept)), sampled],
     )  # fmt: skip
 
 
@@ -192,8 +200,9 @@ def comparison_notes(comparison: Comparison) -> list[str]:
         if row.failure:
             found.append(f"{row.name} was not compared: {row.failure.rstrip('.')}.")
         if row.evaluation is not None and row.evaluation.linear_failure:
-            why = row.evaluation.linear_failure.rstrip(".")
-            found.append(f"The loop of {row.name} could not be linearised: {why}.")
+            found.append(
+                f"The loop of {row.name} could not be linearised: {row.evaluation.linear_failure.rstrip('.')}."
+            )
     if own is not None and own.setup.left_out:
         names = " and ".join(own.setup.left_out).replace("_", " ")
         found.append(f"The linear loops leave out {names}, as in flexhinf design; the runs have it.")
@@ -222,8 +231,10 @@ def _ranking(comparison: Comparison) -> Table:
             ", ".join(law.sensors).replace("_", " ") or "true state",
             "yes" if law.name in first else "no: more unstable corners than the design",
         ))  # fmt: skip
-    ratios = (Column(name, "", 2) for name in ("criterion", *RATIOS.values()))
-    columns = ("law", *ratios, "unstable corners", "measured", "ranked")
+    columns = (
+        "law", *(Column(name, "", 2) for name in ("criterion", *RATIOS.values())), "unstable corners", "measured",
+        "ranked",
+    )  # fmt: skip
     return Table(columns, rows, "", "table-criterion", stacks=True)
 
 
@@ -243,17 +254,14 @@ def _frequency(comparison: Comparison) -> list[Any]:
 
 def _key_numbers(comparison: Comparison) -> list[KeyNumber]:
     """Metrics of nonlinear H∞ beside those of the best rival."""
-    rival, ours, found = best_rival(tuned_laws(comparison)), ours_of(comparison), []
+    rival, ours, numbers = best_rival(tuned_laws(comparison)), ours_of(comparison), []
     for metric in (one for key in KEYS for one in FIGURES if one.key == key):
-        mine = ours.evaluation.metrics.get(metric.key)
-        if mine is not None:
-            note = ""
-            if rival is not None:
-                theirs = cell(metric, rival.evaluation.metrics.get(metric.key), comparison)
-                note = f"{_whole(rival.name)}: {theirs}"
-            unit, name = unit_of(metric, comparison), f"{_whole(called(ours))}: {metric.label}"
-            found.append(KeyNumber(name, cell(metric, mine, comparison), unit, note))
-    return found
+        values = [None if law is None else law.evaluation.metrics.get(metric.key) for law in (ours, rival)]
+        mine, theirs = (cell(metric, value, comparison) for value in values)
+        note = "" if rival is None else f"{_whole(rival.name)}: {theirs}"
+        name = f"{_whole(called(ours))}: {metric.label}"
+        numbers += [] if values[0] is None else [KeyNumber(name, mine, unit_of(metric, comparison), note)]
+    return numbers
 
 
 def _laws(comparison: Comparison) -> list[Any]:

@@ -7,8 +7,7 @@ import math
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -28,7 +27,6 @@ from flexhinf.report import (
     house_style,
     label,
     legend,
-    new_figure,
     number,
 )
 from flexhinf.robot import Robot
@@ -79,80 +77,111 @@ def reference_line(axes: Axes, value: float = 0.0) -> None:
     axes.axhline(value, color=MUTED, linewidth=1.0, linestyle=DOTTED, zorder=0.5)
 
 
-@house_style()
-def vertical_line(axes: Axes, value: float) -> None:
-    """A dotted vertical line behind the others."""
-    axes.axvline(value, color=MUTED, linewidth=1.0, linestyle=DOTTED, zorder=0.5)
+class Line(NamedTuple):
+    """A line of a panel: its points, its name in the legend, and how Matplotlib draws it."""
+
+    x: np.ndarray
+    y: np.ndarray
+    name: str | None
+    style: Mapping[str, Any]
 
 
 @dataclass(frozen=True, eq=False)
 class Panel:
-    """Signals (N, n) of all joints, for `time_block`: with a dotted line at zero, a dotted plan (N, n), and limits ±
-    (n,), dashed where a signal comes near its own (one that is far away would leave the values flat). The vertical
-    axis shows `least` at least."""
+    """What a panel of a figure shows: lines over `across`, dotted and dashed (value, colour, name) horizontal lines and
+    a dotted vertical one, within limits `x` and `y`, or at most `depth` below the largest value; what `also` draws."""
 
     quantity: str
     unit: str
-    values: np.ndarray
-    zero: bool = False
-    plan: np.ndarray | None = None
-    plan_name: str = "plan"
-    limits: np.ndarray | None = None
-    limit_name: str = ""
-    least: float | None = None
+    lines: Sequence[Line]
+    dotted: Sequence[float] = ()
+    dashed: Sequence[tuple[float, str, str | None]] = ()
+    vertical: float | None = None
+    across: str = "time (s)"
+    x: tuple[float | None, float | None] | None = None
+    y: tuple[float | None, float | None] | None = None
+    depth: float = math.inf
+    log: bool = False
+    also: Callable[[Axes], object] | None = None
 
-    @cached_property
-    def limit_sides(self) -> dict[float, str]:
-        """Limits that are drawn, with their colours."""
-        if self.limits is None:
-            return {}
-        same, sides = len(set(self.limits.tolist())) == 1, {}
-        for joint in np.flatnonzero(np.isfinite(self.limits)).tolist():
-            limit, (low, high) = float(self.limits[joint]), framed(self.values[:, joint])
-            for side, size in ((limit, high), (-limit, -low)):
-                if size > NEAR * limit:
-                    sides.setdefault(side, INK if same else line_style(joint)["color"])
-        return sides
-
-    def draw(self, axes: Axes, time: np.ndarray, joints: Sequence[str], **style: Any) -> None:
-        """Draw the panel."""
-        few = thin(time)
-        for joint, name in enumerate(joints):
-            axes.plot(time[few], self.values[few, joint], label=name, **{**line_style(joint), **style})
-        for joint, column in enumerate([] if self.plan is None else self.plan[few].T):
-            name = None if joint else self.plan_name
-            axes.plot(time[few], column, label=name, color=MUTED, linewidth=1.2, linestyle=DOTTED)
-        if self.zero:
-            reference_line(axes)
-        for k, (side, color) in enumerate(self.limit_sides.items()):
-            name = None if k else self.limit_name
-            axes.axhline(side, color=color, linewidth=1.0, dashes=DASHED, label=name)
-        if self.limits is not None:
-            axes.set_ylim(*framed(np.array([*framed(self.values), *self.limit_sides])))
-        if self.least is not None:
-            low, high = framed(self.values[few])
-            middle, half = 0.5 * (low + high), 0.5 * max(high - low, self.least)
-            axes.set_ylim(middle - half, middle + half)
+    def draw(self, axes: Axes) -> None:
+        """Draw the panel, without the name of its horizontal axis."""
+        for x, y, name, style in self.lines:
+            axes.plot(x, y, label=name, **style)
+        for value in self.dotted:
+            reference_line(axes, value)
+        for value, color, name in self.dashed:
+            axes.axhline(value, color=color, linewidth=1.0, dashes=DASHED, label=name)
+        if self.vertical is not None:
+            axes.axvline(self.vertical, color=MUTED, linewidth=1.0, linestyle=DOTTED, zorder=0.5)
+        axes.set(**{key: ends for key, ends in (("xlim", self.x), ("ylim", self.y)) if ends is not None})
+        if math.isfinite(self.depth):
+            low, high = axes.get_ylim()
+            axes.set_ylim(max(low, high - self.depth), high)
+        if self.also is not None:
+            self.also(axes)
         label(axes, self.quantity, self.unit)
 
 
 @house_style()
-def time_block(
-    name: str, time: np.ndarray, joints: Sequence[str], panels: Sequence[Panel], caption: str, title: str,
-    height: float | None = None, also: Callable[[Axes], None] | None = None, **style: Any,
-) -> Figure:  # fmt: skip
-    """Panels over one axis of time as a figure of a page, with a legend where there is more than one line; `also` draws
-    on each panel."""
-    figure, axes = new_figure(len(panels), height=height)
-    planned = any(panel.plan is not None for panel in panels)
-    names = joints if len(joints) > 1 or not planned else ["link"]
-    for axis, panel in zip(axes, panels):
-        panel.draw(axis, time, names, **style)
-        if also is not None:
-            also(axis)
-    if len(joints) > 1 or planned:
-        legend(axes[0])
+def draw_figure(
+    name: str, parts: Sequence[Panel], caption: str, title: str, height: float | None = None, columns: int = 0
+) -> Figure:
+    """Panels as a figure of a page, with a legend of the first that has more than one name: one above the other over
+    one horizontal axis, or with a number of `columns` for the legend above them, beside each other."""
+    height = height or 0.7 + (2.6 if len(parts) == 1 else 2.1 * len(parts))
+    shape = (1, len(parts)) if columns else (len(parts), 1)
+    figure, grid = panels(*shape, height, sharex=not columns)
+    axes = [axis for row in grid for axis in row]
+    for axis, panel in zip(axes, parts):
+        panel.draw(axis)
+    for axis, panel in zip(axes, parts) if columns else [(axes[-1], parts[-1])]:
+        axis.set_xlabel(panel.across)
+        if panel.log:
+            frequency_axis(axis)
+    if not columns:
+        figure.align_ylabels(axes)
+    named = (
+        axis for axis, panel in zip(axes, parts) if sum(line.name is not None for line in panel.lines) > 1
+    )
+    if (first := next(named, None)) is not None:
+        if columns:
+            legend_above(figure, first, columns)
+        else:
+            legend(first)
     return figure_block(name, figure, caption, title)
+
+
+def joint_panel(
+    quantity: str, unit: str, time: np.ndarray, joints: Sequence[str], values: np.ndarray, *, zero: bool = False,
+    plan: np.ndarray | None = None, plan_name: str = "plan", limits: np.ndarray | None = None, limit_name: str = "",
+    least: float | None = None, linewidth: float = 1.5, vertical: float | None = None,
+) -> Panel:  # fmt: skip
+    """Signals (N, n) of all joints over time (N,), with a dotted plan (N, n), and limits ± (n,), dashed where a signal
+    comes near its own (one that is far away would leave the values flat). The vertical axis shows `least` at least."""
+    few, sides, y = thin(time), dict[float, str](), None
+    names = joints if len(joints) > 1 or plan is None else ["link"]
+    lines = [
+        Line(time[few], values[few, k], name, {**line_style(k), "linewidth": linewidth})
+        for k, name in enumerate(names)
+    ]
+    for k, column in enumerate([] if plan is None else plan[few].T):
+        style = {"color": MUTED, "linewidth": 1.2, "linestyle": DOTTED}
+        lines.append(Line(time[few], column, None if k else plan_name, style))
+    if limits is not None:
+        same = len(set(limits.tolist())) == 1
+        for joint in np.flatnonzero(np.isfinite(limits)).tolist():
+            limit, (low, high) = float(limits[joint]), framed(values[:, joint])
+            for side, size in ((limit, high), (-limit, -low)):
+                if size > NEAR * limit:
+                    sides.setdefault(side, INK if same else line_style(joint)["color"])
+        y = framed(np.array([*framed(values), *sides]))
+    if least is not None:
+        low, high = framed(values[few])
+        middle, half = 0.5 * (low + high), 0.5 * max(high - low, least)
+        y = middle - half, middle + half
+    dashed = [(side, color, None if k else limit_name) for k, (side, color) in enumerate(sides.items())]
+    return Panel(quantity, unit, lines, (0.0,) if zero else (), dashed, vertical, y=y)
 
 
 @house_style()
@@ -189,14 +218,13 @@ def legend_above(figure: Canvas, axes: Axes, columns: int, **options: Any) -> No
 
 def figure_block(name: str, figure: Canvas, sentences: str | Iterable[str], title: str) -> Figure:
     """The figure as a block of a page: anchor ``figure-<name>``, caption in sentences, title before it."""
-    caption = sentences if isinstance(sentences, str) else " ".join(text for text in sentences if text)
+    caption = sentences if isinstance(sentences, str) else " ".join(filter(None, sentences))
     return Figure(f"figure-{name}", figure_to_svg(figure), caption, title)
 
 
 def with_figures(blocks: Blocks) -> list[Block]:
     """The blocks of a section with its figures drawn."""
-    evaluated = (block() if callable(block) else block for block in blocks)
-    return [block for block in evaluated if block is not None]
+    return list(filter(None, (block() if callable(block) else block for block in blocks)))
 
 
 LAW_NAMES = {2: "linear", 3: "quadratic", 4: "cubic", 5: "quartic", 6: "quintic"}

@@ -11,23 +11,22 @@ from typing import Any
 import numpy as np
 
 from flexhinf.analysis import Margins
-from flexhinf.design.estimators import noise_variances
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.joint_limits import ROBOT
+from flexhinf.design.loop_setup import noise_variances
 from flexhinf.design.requirements import Requirement
 from flexhinf.design.responses import Response
 from flexhinf.design.result import ComparedLaw, Comparison, Design
-from flexhinf.design.tuning import best_rival, trade_offs
+from flexhinf.design.tuning import best_rival, pareto_front
 from flexhinf.errors import InvalidInput
 from flexhinf.pages.comparison import comparison_page
 from flexhinf.pages.design.frequency import corner_rows
-from flexhinf.pages.design.region import budget_rows
+from flexhinf.pages.design.region import BOX_FILE, budget_of, proof_numbers
 from flexhinf.pages.design.requirements import input_rows
-from flexhinf.pages.design.runs import along_rows, long_run_rows, ring_down_rows
+from flexhinf.pages.design.runs import MARGINS as ALONG, long_run_rows, ring_down_rows
 from flexhinf.pages.design.weights import is_used, state_weights, whole_loop_rows
 from flexhinf.pages.drawing import finite
 from flexhinf.pages.page import design_page, notes, verdict
-from flexhinf.pages.proof import BOX_FILE, proof_numbers
 from flexhinf.report import to_json, write
 
 #: Runs are NetCDF files: a fifth of the size of text, with units.
@@ -128,6 +127,8 @@ TRY = """damping_weights target_frequency bandwidth=behaviour.bandwidth damping=
 SAMPLES = (
     "diverged unsettled worst slowest overshoot_percent=overshoot settling_time_s=settling peak_input=peak"
 )
+BUDGET = """part=name added spent=budget.total start=budget.start level=budget.level left=budget.left
+    kept=budget.kept"""
 LIMIT = "figure=metric value at_least=least from=origin"
 RUN = "diverged_at_s=diverged_at joints=metrics"
 DISTURBED_RUN = "diverged_at_s=response.diverged_at joints=metrics"
@@ -167,7 +168,7 @@ def design_numbers(design: Design) -> dict[str, Any]:
         "noise_at_the_inputs": e.input_noises,
         "corners": None if e.corners is None else corner_rows(e),
         "attained": attained and _picked(attained, "gain energy largest_value"),
-        "budget": budget_rows(design),
+        "budget": [_picked(term, BUDGET) for term in budget_of(design)],
         "degrees": [
             _picked(choice, "degree level limit acting cost missed step=step_amplitude")
             for choice in design.choices
@@ -210,7 +211,11 @@ def design_numbers(design: Design) -> dict[str, Any]:
             "diverged_at_s": rest.response.diverged_at,
             "joints": long_run_rows(rest),
         },
-        "along_move": None if along is None else along_rows(along),
+        "along_move": along
+        and [
+            {"time_s": float(time), "pose": pose, "law": law, **_picked(margins, f"stable {' '.join(ALONG)}")}
+            for time, pose, law, margins in zip(along.times, along.poses, along.laws, along.margins)
+        ],
         "rigid": [
             {
                 **_picked(loop, "side stable"),
@@ -292,10 +297,13 @@ def comparison_numbers(comparison: Comparison) -> dict[str, Any]:
         "laws": [_law(row) for row in comparison.rows],
         "trade_off": [
             {
-                **_picked(one, "name peak_input=point.peak_input load_deviation=point.load_deviation"),
-                "curve": [[point.peak_input, point.load_deviation] for point in one.curve],
+                **_picked(one, "name peak_input=metrics.peak_input load_deviation=metrics.load_deviation"),
+                "curve": [
+                    [point.peak_input, point.load_deviation]
+                    for point in pareto_front((*one.tried, one.metrics), criterion)
+                ],
             }
-            for one in trade_offs(tuned, criterion)
+            for one in tuned
         ],
     }
     return finite(numbers)

@@ -25,7 +25,6 @@ from flexhinf.pages.drawing import (
     units_of,
     with_figures,
 )
-from flexhinf.pages.proof import proof_text
 from flexhinf.pages.settings import design_settings, files_section
 from flexhinf.report import (
     KeyNumber,
@@ -119,11 +118,14 @@ def design_page(
 
 def remarks(design: Design) -> dict[str, list[str]]:
     """What the reader must not miss, by the anchor of its section, in the order of the page."""
-    texts = {}
-    for part in PARTS:
-        blocks = takewhile(lambda block: isinstance(block, Note), part.blocks(design))
-        texts[part.anchor] = [block.text for block in blocks if isinstance(block, Note)]
-    return texts
+    return {
+        part.anchor: [
+            note.text
+            for note in takewhile(lambda block: isinstance(block, Note), part.blocks(design))
+            if isinstance(note, Note)
+        ]
+        for part in PARTS
+    }
 
 
 def notes(design: Design) -> list[str]:
@@ -138,9 +140,8 @@ def status_lines(status: Judged, lines: Sequence[Requirement]) -> list[Status]:
         met[0] += ", all of them our defaults"
     if not any(line.what.startswith("damping") for line in lines):
         met.append("neither bandwidth nor damping is required")
-    met += [status.scope] if status.scope else []
     kinds = {
-        "met": [] if status.not_met else met,
+        "met": [] if status.not_met else [*met, *filter(None, [status.scope])],
         "not met": status.not_met,
         "risky": status.risky,
         "not proved": status.not_proved,
@@ -174,7 +175,7 @@ def title_of(design: Design) -> str:
 
 
 def _headline(design: Design) -> str:
-    e, units = design.evaluation, units_of(design.evaluation)
+    e, samples, units = design.evaluation, design.evaluation.step_samples, units_of(design.evaluation)
     parts = [step.step_text(e.step, units)]
     if not e.margins.stable:
         parts.append("The sampled loop is unstable at the goal.")
@@ -185,7 +186,6 @@ def _headline(design: Design) -> str:
             f"the law; smallest of the running loop, estimator included: {number(e.margins.damping, 2)}"
             f"{in_joint(e.least_damped_joint, e.setup.joints)}."
         )
-    samples = e.step_samples
     if samples is not None and samples.unsettled:
         gone = f", {samples.diverged} of them diverge" if samples.diverged else ""
         within = f"Of {len(samples)} robots sampled within their tolerances"
@@ -198,7 +198,7 @@ def _headline(design: Design) -> str:
         )
     if design.payloads:
         parts.append(runs.payload_text(design))
-    return " ".join([*parts, proof_text(design)])
+    return " ".join([*parts, region.proof_text(design)])
 
 
 def _worst(design: Design, metric: str, unit: str, digits: int = 3) -> str:
@@ -211,27 +211,25 @@ def _worst(design: Design, metric: str, unit: str, digits: int = 3) -> str:
 
 def _key_numbers(design: Design) -> list[KeyNumber]:
     e, period, joints = design.evaluation, design.specification.period, design.evaluation.setup.joints
-    response, m, samples, effort = e.step, e.margins, e.step_samples, units_of(e).effort
-
-    def where(metric: str, unit: str, joint: str) -> str:
-        nominal = f"nominal robot{in_joint(joint, joints)}"
-        if samples is None or not len(samples):
-            return nominal
-        values = getattr(samples, metric)
-        text = f"worst of {len(values)} sampled robots: {_worst(design, metric, unit)}"
-        if not np.isfinite(values).all():
-            bad = "do not settle" if metric == "settling" else "diverge"
-            text = f"{int(np.isinf(values).sum())} of {len(values)} sampled robots {bad}"
-        return f"{nominal}; {text}" if len(joints) > 1 else text
-
-    settling, overshoot, peak = response.settling, response.overshoot, response.peak
-    time = rounded(settling.value)
+    response, m, samples, numbers = e.step, e.margins, e.step_samples, []
+    time = rounded(response.settling.value)
     settles = ("not settled", "") if time is None else (time, "s")
-    numbers = [
-        KeyNumber("settling time", *settles, where("settling", "s", settling.joint)),
-        KeyNumber("overshoot", rounded(overshoot.value, 2), "%", where("overshoot", "%", overshoot.joint)),
-        KeyNumber("peak input", rounded(response.peak_input), effort, where("peak", effort, peak.joint)),
-    ]
+    overshoot = (rounded(response.overshoot.value, 2), "%")
+    peak = (rounded(response.peak_input), units_of(e).effort)
+    for name, metric, (value, unit), joint in (
+        ("settling time", "settling", settles, response.settling.joint),
+        ("overshoot", "overshoot", overshoot, response.overshoot.joint),
+        ("peak input", "peak", peak, response.peak.joint),
+    ):
+        text = nominal = f"nominal robot{in_joint(joint, joints)}"
+        if samples is not None and len(samples):
+            values = getattr(samples, metric)
+            text = f"worst of {len(values)} sampled robots: {_worst(design, metric, unit or 's')}"
+            if not np.isfinite(values).all():
+                bad = "do not settle" if metric == "settling" else "diverge"
+                text = f"{int(np.isinf(values).sum())} of {len(values)} sampled robots {bad}"
+            text = f"{nominal}; {text}" if len(joints) > 1 else text
+        numbers.append(KeyNumber(name, value, unit, text))
     if not m.stable:
         return [*numbers, KeyNumber("margins", "none", note="the sampled loop at the goal is unstable")]
     low, high = m.disk_gain_margins
@@ -252,9 +250,10 @@ def _key_numbers(design: Design) -> list[KeyNumber]:
 # For a terminal of 80 columns --------------------------------------------------------------------------
 def design_tables(design: Design) -> list[Terminal]:
     """The tables of the page that have a title for a terminal, in its order; of the modes fewer rows."""
-    blocks = (block for part in PARTS for block in part.blocks(design))
-    tables = [block for block in blocks if isinstance(block, Table) and block.title]
-    short = [law.mode_table(design, brief=True) if table.id == "table-modes" else table for table in tables]
+    tables = (
+        block for part in PARTS for block in part.blocks(design) if isinstance(block, Table) and block.title
+    )
+    short = (law.mode_table(design, brief=True) if table.id == "table-modes" else table for table in tables)
     return [table.terminal() for table in short]
 
 

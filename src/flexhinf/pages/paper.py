@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import fields, replace
 from itertools import count
 from typing import Any
@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 
 from flexhinf.analysis import FORMS
+from flexhinf.design.options import option_name
 from flexhinf.loop import Trajectory
-from flexhinf.paper.disturbances import ENERGIES, RunGain
+from flexhinf.pages.drawing import panels
 from flexhinf.paper.loop_setup import (
     FREQUENCY,
     GOALS,
@@ -26,14 +27,14 @@ from flexhinf.paper.loop_setup import (
     name_goal,
 )
 from flexhinf.paper.reproduction import Reproduction
+from flexhinf.paper.responses import ENERGIES, LAWS, RunGain
 from flexhinf.paper.settings import PaperSettings
 from flexhinf.paper.tolerances import SWEPT, ToleranceStudy, unstable_of
-from flexhinf.paper.tracking import LAWS
 from flexhinf.report import (
     INK,
     MUTED,
     SERIES,
-    ClaimEvidence,
+    Claim,
     Claims,
     Column,
     Figure,
@@ -126,7 +127,7 @@ def draw_loads(runs: Mapping[str, Trajectory]) -> str:
     longest = max(runs.values(), key=lambda run: len(run.time))
     command = np.degrees(longest.signal("reference", "link_position"))
     reference_line(position, longest.time, command)
-    goal, largest = float(command[-1]), 0.0
+    goal, largest, load = float(command[-1]), 0.0, longest.signals["disturbance"].sum(axis=1)
     settling_band(error, 0.0, goal)
     for colour, (channel, run) in zip(SERIES, runs.items(), strict=False):
         name, (link, estimate) = f"torque at the {channel.removesuffix('_torque')}", positions(run)
@@ -135,14 +136,12 @@ def draw_loads(runs: Mapping[str, Trajectory]) -> str:
         off = None if estimate is None else estimate[late] - goal
         time_response(error, run.time[late], link[late] - goal, off, colour=colour)
         largest = max(largest, float(np.abs(link[late] - goal).max(initial=0.0)))
-    torque.plot(
-        longest.time, longest.signals["disturbance"].sum(axis=1), color=SERIES[3]
-    )  # alike at both places
+    torque.plot(longest.time, load, color=SERIES[3])  # alike at both places
     reach = 1.1 * min(max(largest, 1.0), 180.0)
     error.set_ylim(-reach, reach)
-    label(position, "link position", "°")
-    label(error, "link − command", "°")
-    label(torque, "disturbance torque", "N·m")
+    names = (("link position", "°"), ("link − command", "°"), ("disturbance torque", "N·m"))
+    for axes, quantity in zip((position, error, torque), names):
+        label(axes, *quantity)
     figure.align_ylabels([position, error, torque])
     legend(position)
     return figure_to_svg(figure)
@@ -151,14 +150,13 @@ def draw_loads(runs: Mapping[str, Trajectory]) -> str:
 # Many plants -------------------------------------------------------------------------------------------
 def worst_runs(runs: Sequence[ToleranceRun]) -> dict[str, int]:
     """Which run overshoots most and which settles last, or ends farthest; one that diverged comes before all others."""
-    found = {
+    ranked = {
         "largest overshoot": ("overshoot_percent",),
         "settles last": ("settling_time_s", "steady_state_error"),
     }
     worst = {}
-    for name, metrics in found.items():
-        values = [[run.metrics[metric] for metric in metrics] for run in runs]
-        ranks = [[math.inf if value is None else value for value in row] for row in values]
+    for name, metrics in ranked.items():
+        ranks = [[math.inf if run.metrics[m] is None else run.metrics[m] for m in metrics] for run in runs]
         worst[name] = max(range(len(runs)), key=ranks.__getitem__)
     return worst
 
@@ -167,9 +165,7 @@ def worst_runs(runs: Sequence[ToleranceRun]) -> dict[str, int]:
 def draw_sampled(runs: Sequence[ToleranceRun], kind: str) -> str:
     """All runs on sampled plants, the two worst drawn apart; the first seconds above, the rest enlarged below."""
     whole = [run for run in runs if run.diverged_at is None]
-    figure, _ = new_figure(2, height=5.6)
-    figure.clear()
-    above, below = figure.subplots(2, 1)
+    figure, ((above,), (below,)) = panels(2, 1, 5.6)
     if not whole:
         above.text(0.5, 0.5, "every run diverged", ha="center", transform=above.transAxes)
         return figure_to_svg(figure)
@@ -192,10 +188,11 @@ def draw_sampled(runs: Sequence[ToleranceRun], kind: str) -> str:
 def _worst_table(runs: Sequence[ToleranceRun]) -> Table:
     rows = []
     for name, k in worst_runs(runs).items():
-        m, error = runs[k].metrics, runs[k].metrics["steady_state_error"]
-        error = None if error is None else math.degrees(error)
+        overshoot, settling, error = (
+            runs[k].metrics[key] for key in ("overshoot_percent", "settling_time_s", "steady_state_error")
+        )
         changes = runs[k].changes.replace("-", "−")
-        rows.append((name, m["overshoot_percent"], m["settling_time_s"], error, changes))
+        rows.append((name, overshoot, settling, error and math.degrees(error), changes))
     columns = (
         "run", Column("overshoot", "%", 2), Column("settling", "s", 2),
         Column("largest error in the last 3 s", "°", 3), "changes of the plant",
@@ -272,18 +269,14 @@ def _gain_figure(setup: PaperSetup, worst: Sequence[RunGain]) -> Figure:
     figure, (axes,) = new_figure(height=3.0)
     known = [run for run in worst if math.isfinite(run.gain)]
     axes.plot([run.energy for run in known], [run.gain for run in known], color=SERIES[0], linewidth=1.2)
-    for inside, fill, name in (
-        (True, SERIES[0], "worst found, |x1| ≤ 180°"),
-        (False, "none", "worst found, |x1| beyond 180°"),
-    ):
+    for inside, fill in ((True, SERIES[0]), (False, "none")):
         points = np.array([[run.energy, run.gain] for run in known if run.inside == inside]).reshape(-1, 2)
+        name = f"worst found, |x1| {'≤' if inside else 'beyond'} 180°"
         axes.plot(*points.T, "o", color=SERIES[0], markerfacecolor=fill, markersize=5, label=name)
     axes.axhline(setup.gamma, color=SERIES[1], linewidth=1.4, label="γ of the design")
     axes.axhline(setup.gamma_star, color=MUTED, linewidth=1.2, linestyle=(0, (4.0, 2.2)), label="γ*")
     axes.set_xlim(0.7 * ENERGIES[0], 1.4 * ENERGIES[-1])  # first: one known energy alone has no range
-    axes.set_xscale("log")
-    axes.set_ylim(0.0, None)
-    axes.set_xlabel("energy of the disturbance, ∫|d|² (rad² s)")
+    axes.set(xscale="log", ylim=(0.0, None), xlabel="energy of the disturbance, ∫|d|² (rad² s)")
     label(axes, "attained gain", "")
     legend(axes)
     caption = (
@@ -299,8 +292,8 @@ def _unstable_figure(setup: PaperSetup, study: ToleranceStudy) -> Figure | None:
     if not study.estimated:
         return None
     corners, q = study.count("corner"), setup.settings.process_noise
-    figure, panels = new_figure(len(GOALS), height=5.2)
-    for axes, goal in zip(panels, GOALS, strict=True):
+    figure, goals = new_figure(len(GOALS), height=5.2)
+    for axes, goal in zip(goals, GOALS, strict=True):
         for form, colour, marker in zip(FORMS, SERIES, "os^D", strict=False):
             counts = [unstable_of(rates, "corner") for rates in study.of_form(form, goal)]
             axes.plot(SWEPT, counts, color=colour, marker=marker, markersize=4.5, label=f"Rᵛ = q on {form}")
@@ -310,8 +303,8 @@ def _unstable_figure(setup: PaperSetup, study: ToleranceStudy) -> Figure | None:
         axes.set_xscale("log")
         axes.set_ylim(-0.03 * corners, 1.03 * corners)
         label(axes, f"unstable corners at {name_goal(goal)}", "")
-    panels[-1].set_xlabel("q, variance added at each sample (rad² or rad²/s²)")
-    legend(panels[0])
+    goals[-1].set_xlabel("q, variance added at each sample (rad² or rad²/s²)")
+    legend(goals[0])
     caption = (
         f"How many of the {corners} corners of the tolerances make the loop unstable at 90° (above) "
         "and at 180° (below), over the R^v that the paper does not give; the paper's penalty, coil in the true plant."
@@ -342,42 +335,48 @@ READING = (
 def paper_files(reproduction: Reproduction) -> dict[str, str]:
     """index.html, metrics.json, and every figure of the paper."""
     drawn = {number: draw(reproduction.setup) for number, (_, _, draw) in FIGURES.items()}
-    page, numbers = _page(reproduction, drawn).html(), to_json(reproduction.metrics)
-    figures = {f"figure_{number}.svg": svg for number, svg in drawn.items()}
-    return {"index.html": page, "metrics.json": numbers, **figures}
+    return {
+        "index.html": _page(reproduction, drawn).html(),
+        "metrics.json": to_json(reproduction.metrics),
+        **{f"figure_{number}.svg": svg for number, svg in drawn.items()},
+    }
 
 
 def _page(reproduction: Reproduction, drawn: Mapping[str, str]) -> Page:
     """Everything on one page, with the SVG of the paper's figures by number."""
-    setup, claims = reproduction.setup, [one.claim for one in reproduction.judged if not one.ours]
+    setup, claims = reproduction.setup, reproduction.claims
     counters = {"table": count(1), "figure": count(13)}  # in the order of the page; the paper has 12 figures
     figures: list[Figure | Table] = []
     for number, (title, caption, _) in FIGURES.items():
         text = caption if isinstance(caption, str) else caption(setup)
         figures.append(Figure(f"figure-{number}", drawn[number], f"{title} {text}", f"Figure {int(number)}"))
         if number == "09":
-            figures += _numbered([_worst_table(setup.sampled_plants)], counters)
+            figures.append(_numbered(_worst_table(setup.sampled_plants), counters))
 
-    def evidence(ours: bool) -> list[ClaimEvidence]:
-        """Tables and figures of every claim, what fails first."""
-        by_claim, found = {one.claim.id: one for one in reproduction.judged if one.ours == ours}, []
-        for claim in by_verdict([one.claim for one in by_claim.values()]):
-            finding, draw = by_claim[claim.id].finding, EVIDENCE_FIGURES.get(claim.id)
-            figure = draw(setup, finding.data) if draw else None
-            blocks = [*finding.tables, *([figure] if figure else [])]
-            found.append(ClaimEvidence(claim, _numbered(blocks, counters)))
+    def evidence(claims: Sequence[Claim]) -> list[Claim]:
+        """What fails first; the claims with their tables and figures."""
+        found = []
+        for claim in by_verdict(claims):
+            figure = EVIDENCE_FIGURES.get(claim.id, lambda *_: None)(setup, claim.data)
+            blocks: Any = (*claim.blocks, *([] if figure is None else [figure]))
+            found.append(replace(claim, blocks=[_numbered(block, counters) for block in blocks]))
         return found
 
-    paper, ours = evidence(False), evidence(True)
+    paper, ours = evidence(claims), evidence(reproduction.questions)
     gain = ", ".join(f"{k:.4g}" for k in setup.linear.law_data)
     law = (
         f"V of degree {setup.settings.degree} solves Eq. (8) at γ = {setup.gamma:.4f}; "
         f"its linear part is u = ({gain}) · (x1, x2, x3, x4, x5)."
     )
-    places, missing = ("where", "printed", "taken"), ("not given", "chosen")
     instead = (
-        Table(places, MISPRINTS, "Misprints of the paper.", "table-misprints", stacks=True),
-        Table(missing, OPEN, "What the paper does not give.", "table-open", stacks=True),
+        Table(
+            ("where", "printed", "taken"),
+            MISPRINTS,
+            "Misprints of the paper.",
+            "table-misprints",
+            stacks=True,
+        ),
+        Table(("not given", "chosen"), OPEN, "What the paper does not give.", "table-open", stacks=True),
     )
     kind = setup.settings.estimator
     return Page(
@@ -400,18 +399,12 @@ def _page(reproduction: Reproduction, drawn: Mapping[str, str]) -> Page:
     )
 
 
-def _numbered(
-    blocks: Iterable[Figure | Table], counters: Mapping[str, Iterator[int]]
-) -> list[Figure | Table]:
-    named: list[Figure | Table] = []
-    for block in blocks:
-        kind = "table" if isinstance(block, Table) else "figure"
-        k = next(counters[kind])
-        if isinstance(block, Table):
-            named.append(replace(block, id=f"table-{k}", caption=f"Table {k}. {block.caption}"))
-        else:
-            named.append(replace(block, id=f"figure-{k}", label=f"Figure {k}"))
-    return named
+def _numbered(block: Figure | Table, counters: Mapping[str, Iterator[int]]) -> Figure | Table:
+    if isinstance(block, Table):
+        k = next(counters["table"])
+        return replace(block, id=f"table-{k}", caption=f"Table {k}. {block.caption}")
+    k = next(counters["figure"])
+    return replace(block, id=f"figure-{k}", label=f"Figure {k}")
 
 
 def _key_numbers(setup: PaperSetup) -> list[KeyNumber]:
@@ -422,20 +415,22 @@ def _key_numbers(setup: PaperSetup) -> list[KeyNumber]:
     ]
     for goal, runs in (("180°", setup.runs("03")), ("90°", setup.runs("05"))):
         ours, linear = (runs[name].metrics()["overshoot_percent"] for name in ("nonlinear", "linear"))
-        shown = ("diverged", "") if ours is None else (round(ours, 2), "%")
+        overshoot = ("diverged", "") if ours is None else (round(ours, 2), "%")
         note = "L-H∞ diverged" if linear is None else f"L-H∞: {linear:.1f} %"
-        numbers.append(KeyNumber(f"overshoot, {goal} step", *shown, note))
+        numbers.append(KeyNumber(f"overshoot, {goal} step", *overshoot, note))
     return numbers
 
 
 def _settings(setup: PaperSetup) -> dict[str, list[Setting]]:
     s, steps = setup.settings, [setup.loop(setup.nonlinear, coil, None).sub_steps for coil in (False, True)]
     units = {"period": "s", "process_noise": "q of Rᵛ = q I", "measurement_noise": "rad²"}
-    options = []
-    for field in fields(PaperSettings):
-        value, flag = getattr(s, field.name), f"--{field.name.replace('_', '-')}"
-        source = f"{'default' if value == field.default else 'option'} {flag}"
-        options.append((field.name.replace("_", " "), value, units.get(field.name, ""), source))
+    options = [
+        (
+            field.name.replace("_", " "), getattr(s, field.name), units.get(field.name, ""),
+            f"{'default' if getattr(s, field.name) == field.default else 'option'} {option_name(field.name)}",
+        )
+        for field in fields(PaperSettings)
+    ]  # fmt: skip
     noise = f"{math.sqrt(s.measurement_noise):.3g}"
     rows = {
         "Options": options,

@@ -6,9 +6,10 @@ import os
 import shutil
 import subprocess
 from collections.abc import Iterator
+from contextlib import suppress
 from itertools import chain
 from pathlib import Path
-from typing import Any
+from typing import IO, Any, cast
 
 import numpy as np
 
@@ -56,33 +57,33 @@ def run_tables(prepared: DeployedRun, run: RealTimeRun) -> list[Any]:
             tables.append(requirement_table(prepared.requirements(run), units.degrees, title))
         tables.append(_joints(prepared, run, units))
     if tables or len(timing.time):
-        title = f"Times in µs; the period has {number(1e6 * timing.period)} µs"
         fields = ROWS if timing.real_time else {"step of the controller": "computed", "whole sample": "over"}
         rows = [
             (name, *(1e6 * value for value in percentiles(getattr(timing, field)).values()))
             for name, field in fields.items()
         ]
-        tables.append(Table(("", *(Column(name, decimals=1) for name in PERCENTILES)), rows, title))
+        columns = ("", *(Column(name, decimals=1) for name in PERCENTILES))
+        tables.append(Table(columns, rows, f"Times in µs; the period has {number(1e6 * timing.period)} µs"))
     return [table.terminal() for table in tables]
 
 
 def _joints(prepared: DeployedRun, run: RealTimeRun, units: Units) -> Table:
-    small, factor = units.small
-    response = prepared.response(run)
-    joint, peak = Column("joint", key="joint"), Column("peak", units.effort, digits=3, key="peak_input")
-    if prepared.plan is None:
-        rows = [
-            {**row, "settled": settling_text(row["settling_time_s"]) if "settling_time_s" in row else None}
-            for row in response.metrics
-        ]
-        settled = Column("settled after", key="settled", right=True)
-        overshoot = Column("overshoot", "%", digits=3, key="overshoot_percent")
-        error = Column("end error", small, digits=3, key="steady_state_error", scale=factor)
-        return Table.of((joint, settled, overshoot, error, peak), rows, "Joints")
-    errors = {"largest": "largest_error", "rms": "rms_error", "at the end": "final_error"}
-    columns = (Column(name, digits=3, key=key, scale=factor) for name, key in errors.items())
-    metrics = Move.along(prepared.plan, response).metrics
-    return Table.of((joint, *columns, peak), metrics, f"Joints: distance from the move, {small}")
+    (small, factor), response = units.small, prepared.response(run)
+    rows, title = response.metrics, "Joints"
+    columns = (
+        Column("settled after", key="settled", right=True), Column("overshoot", "%", digits=3, key="overshoot_percent"),
+        Column("end error", small, digits=3, key="steady_state_error", scale=factor),
+    )  # fmt: skip
+    if prepared.plan is not None:
+        rows, title = Move.along(prepared.plan, response).metrics, f"Joints: distance from the move, {small}"
+        errors = {"largest": "largest_error", "rms": "rms_error", "at the end": "final_error"}
+        columns = tuple(Column(name, digits=3, key=key, scale=factor) for name, key in errors.items())
+    rows = [
+        {**row, "settled": settling_text(row["settling_time_s"]) if "settling_time_s" in row else None}
+        for row in rows
+    ]
+    peak = Column("peak", units.effort, digits=3, key="peak_input")
+    return Table.of((Column("joint", key="joint"), *columns, peak), rows, title)
 
 
 # Sentences ------------------------------------------------------------------------------------------
@@ -92,8 +93,7 @@ def run_verdict(prepared: DeployedRun, run: RealTimeRun) -> str:
     if run.trajectory.message:
         return f"{text} {run.trajectory.message}"
     if run.stopped is not None:
-        end = run.trajectory.time[-1] if len(run.trajectory.time) else 0.0
-        return f"{text} Stopped at {number(end)} s."
+        return f"{text} Stopped at {number(run.trajectory.time[-1] if len(run.trajectory.time) else 0.0)} s."
     response, several = prepared.response(run), len(prepared.joints) > 1
     units = Units.of(prepared.plants.model, prepared.joints, prepared.specification.in_degrees)
 
@@ -118,18 +118,17 @@ def _real_time(timing: Timing) -> str:
     if not count:
         return "The run was stopped before its first sample."
     length = number(timing.period * (count - 1))
+    elapsed, missed = number(timing.elapsed, 3), int(timing.missed.sum())
     if not timing.real_time:
-        took = number(timing.elapsed, 3)
-        return f"Not in real time: {count} samples of a loop at {rate} Hz, {length} s, in {took} s."
+        return f"Not in real time: {count} samples of a loop at {rate} Hz, {length} s, in {elapsed} s."
     if timing.slowness > SLOW:
-        parts = (timing.computed, timing.over - timing.ready)
-        step, robot = (number(1e3 * float(np.median(part)), 2) for part in parts)
-        return (
-            f"Real time was not kept: {length} s took {number(timing.elapsed, 3)} s. Of a period of "
-            f"{number(1e3 * timing.period)} ms the controller's step takes {step} ms and the simulated robot "
-            f"{robot} ms (medians)."
+        step, robot = (
+            number(1e3 * float(np.median(part)), 2) for part in (timing.computed, timing.over - timing.ready)
         )
-    missed = int(timing.missed.sum())
+        return (
+            f"Real time was not kept: {length} s took {elapsed} s. Of a period of {number(1e3 * timing.period)} ms the "
+            f"controller's step takes {step} ms and the simulated robot {robot} ms (medians)."
+        )
     if not missed:
         return f"Every deadline was met: {count} samples at {rate} Hz in {number(timing.elapsed)} s."
     return (
@@ -154,11 +153,11 @@ def run_notes(run: RealTimeRun) -> list[str]:
         notes.append(
             "A real-time priority and a core of its own keep other programs off: --priority 80 --core 1."
         )
-    for code in np.unique(run.codes):
-        if code:
-            count = int(np.sum(run.codes == code))
-            notes.append(f"The controller's step ended with {run.code_names[int(code)]} in {count} samples.")
-    return notes
+    return notes + [
+        f"The controller's step ended with {run.code_names[int(code)]} in {int(np.sum(run.codes == code))} samples."
+        for code in np.unique(run.codes)
+        if code
+    ]
 
 
 # Film ------------------------------------------------------------------------------------------------
@@ -213,15 +212,12 @@ def _write_mp4(name: str, pictures: Iterator[np.ndarray], rate: int) -> None:
         "-f", "mp4", name,
     ]  # fmt: skip
     with subprocess.Popen(words, stdin=subprocess.PIPE, stderr=subprocess.PIPE) as encoder:
-        assert encoder.stdin is not None
-        assert encoder.stderr is not None
-        try:
+        pipe, messages = cast(IO[bytes], encoder.stdin), cast(IO[bytes], encoder.stderr)
+        with suppress(BrokenPipeError):
             for frame in chain((first,), pictures):
-                encoder.stdin.write(frame.tobytes())
-            encoder.stdin.close()
-        except BrokenPipeError:
-            pass
-        errors = encoder.stderr.read().decode(errors="replace")
+                pipe.write(frame.tobytes())
+            pipe.close()
+        errors = messages.read().decode(errors="replace")
     if encoder.returncode:
         raise OSError(f"ffmpeg: {errors.strip()[:200]}")
 

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.design.estimators import INITIAL_VARIANCE, noise_variances
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.joint_limits import ROBOT
+from flexhinf.design.loop_setup import INITIAL_VARIANCE, noise_variances
 from flexhinf.design.result import Comparison, Design
 from flexhinf.design.specification import Specification
 from flexhinf.design.synthesis.steps import Synthesis

@@ -24,13 +24,14 @@ from flexhinf.codegen import Buffer, Call, Program, Repeat, Slice, compile_progr
 from flexhinf.estimation import ExtendedKalmanFilter, RecursiveFilter, UnscentedKalmanFilter
 from flexhinf.loop import Step
 from flexhinf.loop.shared import share
-from flexhinf.loop.signals.sampling import standard_normal
-from flexhinf.paper.claim import Finding, PaperClaim
+from flexhinf.loop.simulation.inputs import standard_normal
 from flexhinf.paper.loop_setup import (
     INITIAL_VARIANCE,
     LONG,
     SINE,
     STEP_DURATION,
+    Finding,
+    PaperClaim,
     PaperSetup,
     affordable,
     in_two_threads,
@@ -79,20 +80,20 @@ def _is_bounded(setup: PaperSetup) -> Finding:
         ratios = [float(np.max(late / np.maximum(early, 1e-300))) for early, late in errors]
         grown += sum(ratio > GROWS for ratio in ratios)
         worst = np.max([late for _, late in errors], axis=0) if errors else None
-        shown = [None] * setup.model.n if worst is None else worst.tolist()
-        rows.append((name, count, *shown, max(ratios, default=None)))
+        states = [None] * setup.model.n if worst is None else worst.tolist()
+        rows.append((name, count, *states, max(ratios, default=None)))
         largest = largest if worst is None else np.maximum(largest, worst)
-    states = (Column(name.replace("_", " "), setup.model.unit(name)) for name in setup.model.states)
-    columns = ("command", "runs", *states, Column("last over middle third", "", 2))
-    caption = "Largest |estimation error| of the UKF in the last ten seconds, nominal arm."
     evidence = (
         f"{count} seeds of {len(COMMANDS)} commands, {LONG:g} s each: {diverged} diverged, in {grown} an error grew by "
         f"more than a factor of {GROWS:g}."
     )
     numbers = {"runs": count * len(COMMANDS), "diverged": diverged, "grown": grown}
-    numbers |= {"largest_error": largest.tolist()}
-    table = Table(columns, rows, caption, "table-bounded")
-    return Finding(not (grown or diverged), evidence, (table,), numbers)
+    names = (Column(name.replace("_", " "), setup.model.unit(name)) for name in setup.model.states)
+    table = Table(
+        ("command", "runs", *names, Column("last over middle third", "", 2)), rows,
+        "Largest |estimation error| of the UKF in the last ten seconds, nominal arm.", "table-bounded",
+    )  # fmt: skip
+    return Finding(not (grown or diverged), evidence, table, {**numbers, "largest_error": largest.tolist()})
 
 
 # Reconstruction ------------------------------------------------------------------------------------------
@@ -108,14 +109,15 @@ def _reconstructs(setup: PaperSetup) -> Finding:
         span = float(np.ptp(true))
         rmse = float(np.sqrt(np.mean((guess - true)[run.time >= RECONSTRUCTED_FROM] ** 2)))
         rows.append((name.replace("_", " "), rmse, span, 100.0 * rmse / span))
-    errors = [Column(name, "rad or rad/s") for name in ("RMS error", "range in the run")]
-    columns = ("state", *errors, Column("error / range", "%", 3))
-    variance = number(setup.settings.measurement_noise)
-    caption = f"UKF on the nominal 180° step, link position measured with Rⁿ = {variance} rad²."
     largest = max(rmse / span for _, rmse, span, _ in rows)
+    errors = (Column(name, "rad or rad/s") for name in ("RMS error", "range in the run"))
+    variance = number(setup.settings.measurement_noise)
+    table = Table(
+        ("state", *errors, Column("error / range", "%", 3)), rows,
+        f"UKF on the nominal 180° step, link position measured with Rⁿ = {variance} rad².", "table-reconstruction",
+    )  # fmt: skip
     text = f"The largest RMS error is {100 * largest:.2g} % of its state's range."
-    table = Table(columns, rows, caption, "table-reconstruction")
-    return Finding(largest <= RECONSTRUCTED_FRACTION, text, (table,))
+    return Finding(largest <= RECONSTRUCTED_FRACTION, text, table)
 
 
 # Trials of two filters -----------------------------------------------------------------------------------
@@ -146,34 +148,35 @@ class Scores:
 
 def run_trial(trial: Trial, inputs: np.ndarray, runs: int, seed: int) -> tuple[Scores, Scores]:
     """(UKF's, EKF's) scores on the same data; inputs (steps, m), held between samples."""
-    parameters, both = trial.model.parameters, (UnscentedKalmanFilter, ExtendedKalmanFilter)
-    noises = (trial.process_noise, np.array(trial.measurement_noise))
-    start, p0 = np.zeros(trial.model.n), np.array(trial.initial) ** 2
-    filters = [kind(trial.model, trial.period, *noises, start, p0) for kind in both]
+    parameters, n, p, steps = trial.model.parameters, trial.model.n, len(trial.model.outputs), len(inputs)
+    q, r, initial = trial.process_noise, np.array(trial.measurement_noise), np.array(trial.initial)
+    filters = [
+        kind(trial.model, trial.period, q, r, np.zeros(n), initial**2)
+        for kind in (UnscentedKalmanFilter, ExtendedKalmanFilter)
+    ]
     kernels = [
         share(("filter trial", f.estimator_key, f.plant.code_key), lambda f=f: compile_program(_program(f)))
         for f in filters
     ]
     plants = {"truth": parameters.replaced(dict(trial.changes)).vector(), "model": parameters.vector()}
-    n, p = trial.model.n, len(trial.model.outputs)
-    steps = len(inputs)
 
     def one(k: int) -> list[np.ndarray]:
         normal = standard_normal(seed, steps + 1, n + p, sample=k)
         data = {
             **plants,
             "inputs": inputs.ravel(),
-            "moves": (np.sqrt(trial.process_noise) * normal[1:, :n]).ravel(),
-            "noise": (np.sqrt(np.array(trial.measurement_noise)) * normal[1:, n:]).ravel(),
+            "moves": (np.sqrt(q) * normal[1:, :n]).ravel(),
+            "noise": (np.sqrt(r) * normal[1:, n:]).ravel(),
         }
         summaries = []
         for filter, kernel in zip(filters, kernels, strict=True):
             recorded = np.zeros((steps, n + 1))
-            variances = (filter.process_noise, filter.measurement_noise)
             arrays = {
                 **data,
-                "noises": np.concatenate([variance.ravel() for variance in variances]),
-                "x": np.array(trial.initial) * normal[0, :n],
+                "noises": np.concatenate(
+                    [v.ravel() for v in (filter.process_noise, filter.measurement_noise)]
+                ),
+                "x": initial * normal[0, :n],
                 "belief": np.concatenate([np.ravel(part) for part in filter.initial]),
                 "recorded": recorded.ravel(),
             }
@@ -318,17 +321,16 @@ def _beats_ekf(setup: PaperSetup) -> Finding:
         trials[trial.name] = [known(v) for v in (p.difference, p.half, *p.nees)]
         values = (100.0 * p.difference, 100.0 * p.half, *p.bias, *p.nees)
         rows.append((trial.name, p.pairs, *map(known, values), p.verdict))
-    columns = (
-        "trial", "pairs", Column("UKF − EKF", "% of RMS error"), Column("± (95 %)", "%"),
-        Column("bias UKF", "of RMS", 3), Column("bias EKF", "of RMS", 3), Column("NEES UKF", "", 2),
-        Column("NEES EKF", "", 2), "UKF is",
-    )  # fmt: skip
-    caption = (
+    table = Table(
+        ("trial", "pairs", Column("UKF − EKF", "% of RMS error"), Column("± (95 %)", "%"),
+         Column("bias UKF", "of RMS", 3), Column("bias EKF", "of RMS", 3), Column("NEES UKF", "", 2),
+         Column("NEES EKF", "", 2), "UKF is"),
+        rows,
         "UKF against an EKF with exact Jacobians on the same data, matched noises, open loop on the voltage of the "
-        "180° step; the link position measured unless another sensor is named. NEES of a right covariance is 4."
-    )
-    numbers = {"largest_difference": known(largest), "trials": trials}
-    return Finding(verdict, evidence, (Table(columns, rows, caption, "table-ukf-ekf"),), numbers)
+        "180° step; the link position measured unless another sensor is named. NEES of a right covariance is 4.",
+        "table-ukf-ekf",
+    )  # fmt: skip
+    return Finding(verdict, evidence, table, {"largest_difference": known(largest), "trials": trials})
 
 
 def _closed_loops(setup: PaperSetup) -> str:

@@ -1,4 +1,5 @@
-"""The paper's arm, problem, laws, estimators and runs, each made once, and the numbers read off the runs.
+"""The paper's arm, problem, laws, estimators and runs, each made once, the numbers read off the runs, and what a claim
+is: its criterion is fixed first, its verdict is computed from it.
 
 What the paper leaves open or misprints, and what was taken instead; the report states all of it.
 """
@@ -10,7 +11,8 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from types import MappingProxyType
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -21,6 +23,8 @@ from flexhinf.hinf import HJISolution, smallest_gamma, solve_hji
 from flexhinf.loop import Controller, Loop, Sine, Step, Trajectory, load_metrics
 from flexhinf.paper.settings import PaperSettings
 from flexhinf.plant import GeneralisedPlant, Law, Penalty, Plant
+from flexhinf.report import Claim, Table
+from flexhinf.report.page import Verdict
 from flexhinf.robot import Robot, paper_arm
 
 #: R2 of Eq. (11).
@@ -180,12 +184,13 @@ class PaperSetup:
 
     def runs(self, figure: str) -> dict[str, Trajectory]:
         """The runs behind Figs. 3, 5, 7 ("03" …) by the name of the law, and 11 and 12 by where the torque acts."""
-        if figure not in self._runs and figure in COMMANDS:
+        if figure not in self._runs:
             laws = {"nonlinear": self.nonlinear, "linear": self.linear}
-            self._runs[figure] = {name: self.run(law, *COMMANDS[figure]) for name, law in laws.items()}
-        elif figure not in self._runs:
-            loads = {c: self.load_response(self.nonlinear, LOADS[figure], c) for c in CHANNELS}
-            self._runs[figure] = loads
+            self._runs[figure] = (
+                {name: self.run(law, *COMMANDS[figure]) for name, law in laws.items()}
+                if figure in COMMANDS
+                else {c: self.load_response(self.nonlinear, LOADS[figure], c) for c in CHANNELS}
+            )
         return self._runs[figure]
 
     @cached_property
@@ -257,43 +262,40 @@ def _spread(values: Iterable[float | None]) -> list[float | None]:
     return [min(numbers), float(np.median(numbers)), max(numbers)] if numbers else [None, None, None]
 
 
-def _tolerance_numbers(runs: Sequence[ToleranceRun], estimated: bool = False) -> dict[str, Any]:
-    """[smallest, median, largest] over the plants; how many did not settle; the RMS error of each estimated state."""
-    metrics = [run.metrics for run in runs]
+#: By the figure's number in the paper: whose runs, and what is read off each; of Figs. 9 and 10 off all plants.
+_READ: dict[str, tuple[str, Callable[[Trajectory], dict[str, Any]]]] = {
+    "03": ("03", _step_numbers), "04": ("03", _peak_numbers), "05": ("05", _step_numbers),
+    "06": ("05", _peak_numbers), "07": ("07", tracking_numbers), "08": ("07", _peak_numbers),
+    "11": ("11", load_numbers), "12": ("12", load_numbers),
+}  # fmt: skip
+
+#: The paper's figures of runs.
+FIGURE_NUMBERS = tuple(f"{number:02d}" for number in range(3, 13))
+
+
+def figure_numbers(setup: PaperSetup, figure: str) -> dict[str, dict[str, Any]]:
+    """Numbers of a figure, by law and by where a torque acts.
+
+    Of Figs. 9 and 10 [smallest, median, largest] over the plants; how many did not settle; in Fig. 10 the RMS error of
+    each estimated state too.
+    """
+    if figure in _READ:
+        names = {"link_torque": "nonlinear", "motor_torque": "nonlinear, torque at the motor"}
+        runs, numbers = _READ[figure]
+        return {names.get(name, name): numbers(run) for name, run in setup.runs(runs).items()}
+    plants = setup.sampled_plants
+    metrics, whole = [run.metrics for run in plants], [run for run in plants if run.diverged_at is None]
+    errors = zip(*(run.metrics["estimation_rmse"] for run in whole), strict=True)
+    estimated = {"estimation_rmse": [_spread(state) for state in errors]} if figure == "10" else {}
     numbers = {
-        "plants": len(runs),
+        "plants": len(plants),
         "overshoot_percent": _spread(m["overshoot_percent"] for m in metrics),
         "settling_time_s": _spread(m["settling_time_s"] for m in metrics),
         "steady_state_error_rad": _spread(m["steady_state_error"] for m in metrics),
         "unsettled": sum(m["settling_time_s"] is None for m in metrics),
-        "diverged": sum(run.diverged_at is not None for run in runs),
+        "diverged": len(plants) - len(whole),
     }
-    if estimated:
-        errors = [run.metrics["estimation_rmse"] for run in runs if run.diverged_at is None]
-        numbers["estimation_rmse"] = [_spread(state) for state in zip(*errors, strict=True)]
-    return {"nonlinear": numbers}
-
-
-def _each(
-    numbers: Callable[[Trajectory], dict[str, Any]], runs: Mapping[str, Trajectory]
-) -> dict[str, dict[str, Any]]:
-    names = {"link_torque": "nonlinear", "motor_torque": "nonlinear, torque at the motor"}
-    return {names.get(name, name): numbers(run) for name, run in runs.items()}
-
-
-#: By the figure's number in the paper, from the runs.
-FIGURE_NUMBERS: dict[str, Callable[[PaperSetup], dict[str, Any]]] = {
-    "03": lambda e: _each(_step_numbers, e.runs("03")),
-    "04": lambda e: _each(_peak_numbers, e.runs("03")),
-    "05": lambda e: _each(_step_numbers, e.runs("05")),
-    "06": lambda e: _each(_peak_numbers, e.runs("05")),
-    "07": lambda e: _each(tracking_numbers, e.runs("07")),
-    "08": lambda e: _each(_peak_numbers, e.runs("07")),
-    "09": lambda e: _tolerance_numbers(e.sampled_plants),
-    "10": lambda e: _tolerance_numbers(e.sampled_plants, estimated=True),
-    "11": lambda e: _each(load_numbers, e.runs("11")),
-    "12": lambda e: _each(load_numbers, e.runs("12")),
-}
+    return {"nonlinear": {**numbers, **estimated}}
 
 
 def known(value: float) -> float | None:
@@ -319,3 +321,37 @@ def in_two_threads(function: Callable[[Any], Any], items: Sequence[Any]) -> list
     first = function(items[0])
     with ThreadPoolExecutor(2) as pool:
         return [first, *pool.map(function, items[1:])]
+
+
+# Claims --------------------------------------------------------------------------------------------------
+class Finding(NamedTuple):
+    """Result of computing one claim's criterion: whether it is met ("ties" or "not judged" where it cannot be said),
+    the numbers behind that in a sentence, a table, numbers for ``metrics.json``, and what the page draws."""
+
+    verdict: bool | Verdict
+    evidence: str
+    table: Table | None = None
+    numbers: Mapping[str, Any] = MappingProxyType({})
+    data: Any = None
+
+
+@dataclass(frozen=True)
+class PaperClaim:
+    """One claim of the paper, or one question of ours, in a sentence (``{feedback}`` stands for what is fed back to the
+    law), with its criterion, what computes it, and anchors of the paper's figures that show it."""
+
+    id: str
+    text: str
+    criterion: str
+    judge: Callable[[PaperSetup], Finding]
+    figures: tuple[str, ...] = ()
+    ours: bool = False
+
+    def judged(self, setup: PaperSetup) -> Claim:
+        """Compute the verdict."""
+        verdict, evidence, table, *more = self.judge(setup)
+        if not isinstance(verdict, str):
+            verdict = "holds" if verdict else "fails"
+        kind, tables = setup.settings.estimator, () if table is None else (table,)
+        text = self.text.format(feedback="the true state" if kind == "none" else f"the {kind.upper()}")
+        return Claim(self.id, text, verdict, evidence, self.figures, self.criterion, tables, *more)

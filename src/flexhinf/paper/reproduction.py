@@ -8,13 +8,12 @@ from functools import cached_property
 from importlib import import_module
 from typing import Any
 
-from flexhinf.paper.claim import Judged
-from flexhinf.paper.disturbances import GAIN, TORQUES
 from flexhinf.paper.estimators import UKF
-from flexhinf.paper.loop_setup import FIGURE_NUMBERS, PaperSetup
+from flexhinf.paper.loop_setup import FIGURE_NUMBERS, PaperSetup, figure_numbers
+from flexhinf.paper.responses import ABOUT_THE_GOAL, GAIN, STEPS_AND_TRACKING, TORQUES
 from flexhinf.paper.settings import PaperSettings
 from flexhinf.paper.tolerances import COIL, TOLERANCES
-from flexhinf.paper.tracking import ABOUT_THE_GOAL, STEPS_AND_TRACKING
+from flexhinf.report import Claim
 
 #: Every claim, in the order of the report.
 CLAIMS = (*STEPS_AND_TRACKING, COIL, GAIN, TOLERANCES, *TORQUES, *UKF, ABOUT_THE_GOAL)
@@ -28,11 +27,13 @@ PAGES = "flexhinf.pages.paper"
 
 @dataclass(frozen=True, eq=False)
 class Reproduction:
-    """Results of the reproduction: numbers of the paper's figures "03" … "12", its claims, and what makes it again."""
+    """Results of the reproduction: numbers of the paper's figures "03" … "12", its claims, questions of ours, and what
+    makes it again."""
 
     setup: PaperSetup
     figures: dict[str, dict[str, Any]]
-    judged: tuple[Judged, ...]
+    claims: tuple[Claim, ...]
+    questions: tuple[Claim, ...]
     command: tuple[str, ...]
 
     @cached_property
@@ -50,8 +51,8 @@ class Reproduction:
             "gamma": self.setup.gamma,
             **{"period_s" if name == "period" else name: value for name, value in settings},
             "figures": self.figures,
-            "claims": [judged.as_dict() for judged in self.judged if not judged.ours],
-            "our_questions": [judged.as_dict() for judged in self.judged if judged.ours],
+            "claims": [claim.as_dict() for claim in self.claims],
+            "our_questions": [claim.as_dict() for claim in self.questions],
         }
 
 
@@ -76,11 +77,14 @@ def reproduce(
     """
     begin = progress or (lambda text: None)
     begin("synthesis")
-    setup, figures, judged = PaperSetup(settings), dict[str, dict[str, Any]](), list[Judged]()
-    for figure, numbers in FIGURE_NUMBERS.items():
+    setup, figures, judged = PaperSetup(settings), dict[str, dict[str, Any]](), list[Claim]()
+    for figure in FIGURE_NUMBERS:
         begin(f"figure {int(figure)}")
-        figures[figure] = numbers(setup)
+        figures[figure] = figure_numbers(setup, figure)
     for claim in CLAIMS:
         begin(f"claim: {claim.id.replace('-', ' ')}")
         judged.append(claim.judged(setup))
-    return Reproduction(setup, figures, tuple(judged), tuple(command))
+    claims, questions = (
+        tuple(one for one, claim in zip(judged, CLAIMS) if claim.ours == ours) for ours in (False, True)
+    )
+    return Reproduction(setup, figures, claims, questions, tuple(command))

@@ -5,8 +5,16 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from flexhinf.design.options import ADVANCED, HARDWARE, option, option_name, with_parameters
-from flexhinf.design.units import Real, Text, Whole
+from flexhinf.design.options import (
+    ADVANCED,
+    HARDWARE,
+    Real,
+    Text,
+    Whole,
+    option,
+    option_name,
+    with_parameters,
+)
 from flexhinf.errors import InvalidInput
 
 ESTIMATORS = ("ukf", "ekf", "none")

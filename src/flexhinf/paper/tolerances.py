@@ -22,8 +22,17 @@ import numpy as np
 
 from flexhinf.analysis import FORMS, EquilibriumLoop, GrowthRates, ProcessNoise, growth_rates
 from flexhinf.loop import Step
-from flexhinf.paper.claim import Finding, PaperClaim
-from flexhinf.paper.loop_setup import GOALS, LONG, STEP_DURATION, PaperSetup, affordable, known, name_goal
+from flexhinf.paper.loop_setup import (
+    GOALS,
+    LONG,
+    STEP_DURATION,
+    Finding,
+    PaperClaim,
+    PaperSetup,
+    affordable,
+    known,
+    name_goal,
+)
 from flexhinf.plant import Law
 from flexhinf.report import Column, Table, number
 
@@ -189,22 +198,23 @@ def _withstands_tolerances(setup: PaperSetup) -> Finding:
             f"{unstable_of(rates, 'draw')} of {study.count('draw')} sampled plants "
             f"({'some plant has no equilibrium' if math.isinf(rates.fastest) else pace})"
         )
-    q = setup.settings.process_noise
-    which = f"R^v = {number(q)} I" if study.estimated else "the true state fed back"
+    which = (
+        f"R^v = {number(setup.settings.process_noise)} I" if study.estimated else "the true state fed back"
+    )
     text = f"Unstable with {which}: {'; '.join(parts)}."
     growth = max(rates.fastest for rates in chosen.values())
     if 0.0 <= growth < math.inf:
-        factors = [math.exp(min(growth * seconds, 50.0)) for seconds in (STEP_DURATION, LONG)]
+        short, long = (math.exp(min(growth * seconds, 50.0)) for seconds in (STEP_DURATION, LONG))
         text += (
-            f" The fastest growth makes a factor of {factors[0]:.2g} in {STEP_DURATION:g} s and of {factors[1]:.2g} in "
-            f"{LONG:g} s."
+            f" The fastest growth makes a factor of {short:.2g} in {STEP_DURATION:g} s and of {long:.2g} in "
         )
+        text += f"{LONG:g} s."
     text += (
         f" {agree} of {runs} runs of {LONG:g} s agree with the growth rates of the linear loop (within "
         f"{number(error, 2)}/s)."
     )
     holds = all(rates.unstable == 0 for rates in chosen.values())
-    return Finding(holds, text, (_tolerance_table(study),), numbers, study)
+    return Finding(holds, text, _tolerance_table(study), numbers, study)
 
 
 def _tolerance_table(study: ToleranceStudy) -> Table:
@@ -218,9 +228,10 @@ def _tolerance_table(study: ToleranceStudy) -> Table:
             corners, alone = [unstable_of(rates, "corner") for rates in group], study.sufficient_alone(group)
             sampled = max(unstable_of(rates, "draw") for rates in group)
             fastest = known(max(rates.fastest for rates in group))
-            more = f" and {len(alone) - 3} more" if len(alone) > 3 else ""
-            single = "; ".join(alone[:3]) + more or "none"
-            rows.append((name_goal(goal), which, min(corners), max(corners), sampled, fastest, single))
+            single = "; ".join(alone[:3]) + (f" and {len(alone) - 3} more" if len(alone) > 3 else "")
+            rows.append(
+                (name_goal(goal), which, min(corners), max(corners), sampled, fastest, single or "none")
+            )
     columns = (
         "goal", "R^v", Column("corners unstable, fewest over q"), Column("corners unstable, most over q"),
         Column("sampled plants unstable, most over q"), Column("fastest growth", "1/s", 3),
@@ -236,36 +247,31 @@ def _tolerance_table(study: ToleranceStudy) -> Table:
 
 # Coil ----------------------------------------------------------------------------------------------------
 def _coil_is_negligible(setup: PaperSetup) -> Finding:
-    law, rows, growth = setup.nonlinear, [], -math.inf
-    overshoots: list[float | None] = []
-    settlings: list[float | None] = []
+    law, rows, growth, changes = setup.nonlinear, [], -math.inf, []
     for kind in dict.fromkeys(("none", setup.settings.estimator)):
         for goal in GOALS:
             metrics = []
             for coil, plant in setup.true_plants.items():
-                estimator = setup.estimator(kind)
+                filter = setup.estimator(kind)
                 run = setup.run(
-                    law, Step(goal), STEP_DURATION, estimator=estimator, noise=False, inductance=coil
+                    law, Step(goal), STEP_DURATION, estimator=filter, noise=False, inductance=coil
                 )
-                loop = EquilibriumLoop(law, estimator, plant, setup.settings.period, goal)
+                loop = EquilibriumLoop(law, filter, plant, setup.settings.period, goal)
                 slowest = loop.modes([setup.arm.nominal]).slowest(5)[0]
                 values = [
                     run.metrics()[key] for key in ("overshoot_percent", "settling_time_s", "peak_input")
                 ]
                 modes = [complex(m) for m in slowest if math.isfinite(m.real) and m.imag >= 0.0]
-                texts = [f"{m.real:.3f}" + (f" ± {m.imag:.2f}i" if m.imag > 1e-9 else "") for m in modes]
+                parts = [f"{m.real:.3f}" + (f" ± {m.imag:.2f}i" if m.imag > 1e-9 else "") for m in modes]
                 feedback = "true state" if kind == "none" else kind.upper()
-                shown = ", ".join(texts) or "no equilibrium"
-                rows.append((feedback, name_goal(goal), "yes" if coil else "no", *values, shown))
-                metrics.append(values)
+                texts = ", ".join(parts) or "no equilibrium"
+                rows.append((feedback, name_goal(goal), "yes" if coil else "no", *values, texts))
+                metrics.append(np.array(values, dtype=float))
             growth = max(growth, float(slowest[0].real))  # with the coil
-            (over, settling, _), (over_coil, settling_coil, _) = metrics
-            overshoots.append(None if over is None or over_coil is None else abs(over_coil - over))
-            settlings.append(
-                None if None in (settling, settling_coil) else abs(settling_coil / settling - 1.0)
-            )
-    worst, slower = (max(change or 0.0 for change in changes) for changes in (overshoots, settlings))
-    lost = sum(None in pair for pair in zip(overshoots, settlings, strict=True))
+            without, with_coil = metrics  # NaN where a run diverges or does not settle
+            changes.append((abs(with_coil[0] - without[0]), abs(with_coil[1] / without[1] - 1.0)))
+    worst, slower = np.nan_to_num(changes).max(axis=0).tolist()
+    lost = int(np.isnan(changes).any(axis=1).sum())
     pace = f"the slowest mode of any loop has a rate of {number(growth, decimals=3)}/s"
     text = (
         f"The coil changes the overshoot by at most {worst:.2f} % of the step and the settling time by at most "
@@ -273,16 +279,16 @@ def _coil_is_negligible(setup: PaperSetup) -> Finding:
     )
     if lost:
         text += (
-            f" In {lost} of {len(overshoots)} cases a run diverges or does not settle, so no change is known."
+            f" In {lost} of {len(changes)} cases a run diverges or does not settle, so no change is known."
         )
-    columns = (
-        "feedback", "step", "coil", Column("overshoot", "%", 3), Column("settling", "s", 3), Column("peak", "V", 2),
-        Column("slowest modes", "1/s"),
+    table = Table(
+        ("feedback", "step", "coil", Column("overshoot", "%", 3), Column("settling", "s", 3), Column("peak", "V", 2),
+         Column("slowest modes", "1/s")),
+        rows, "Steps and slowest modes in equilibrium, without and with the coil; nominal arm, no noise.",
+        "table-electrical-pole", stacks=True,
     )  # fmt: skip
-    caption = "Steps and slowest modes in equilibrium, without and with the coil; nominal arm, no noise."
-    table = Table(columns, rows, caption, "table-electrical-pole", stacks=True)
     holds = not lost and worst <= OVERSHOOT and slower <= SETTLING and growth < 0.0
-    return Finding(holds, text, (table,), {"largest_overshoot_change_percent": worst})
+    return Finding(holds, text, table, {"largest_overshoot_change_percent": worst})
 
 
 COIL = PaperClaim(

@@ -27,8 +27,7 @@ def rk4_step(flow: Callable[[Any, Any], Any], x: Any, inputs: Any, step: Any) ->
     k1 = flow(x, start)
     k2 = flow(_Ahead((step / 2,))(x, k1), middle)
     k3 = flow(_Ahead((step / 2,))(x, k2), middle)
-    k4 = flow(_Ahead((step,))(x, k3), end)
-    return _Whole(step)(x, k1, k2, k3, k4)
+    return _Whole(step)(x, k1, k2, k3, flow(_Ahead((step,))(x, k3), end))
 
 
 def rk4_stages(run: Any, flow: Callable[..., Any], x: Any, step: float, *held: Any) -> Any:
@@ -36,8 +35,7 @@ def rk4_stages(run: Any, flow: Callable[..., Any], x: Any, step: float, *held: A
     k1 = run.call(flow, x, *held)
     k2 = run.call(flow, run.call(_Ahead((step / 2,)), x, k1), *held)
     k3 = run.call(flow, run.call(_Ahead((step / 2,)), x, k2), *held)
-    k4 = run.call(flow, run.call(_Ahead((step,)), x, k3), *held)
-    return run.call(_Whole(step), x, k1, k2, k3, k4)
+    return run.call(_Whole(step), x, k1, k2, k3, run.call(flow, run.call(_Ahead((step,)), x, k3), *held))
 
 
 #: Nodes c₁ … c₈ of `eight_stages`, and weights of its stages 1, 6 and 8.
@@ -69,9 +67,7 @@ def eight_stages(run: Any, flow: Callable[..., Any], x: Any, step: float, *held:
 
 
 @dataclass(frozen=True)
-class _Ahead:
-    """x + Σ hᵢ kᵢ; equal ones are one function."""
-
+class _Ahead:  # x + Σ hᵢ kᵢ; equal ones are one function
     steps: tuple[float, ...]
 
     def __call__(self, x: Any, *rates: Any) -> Any:
@@ -82,8 +78,6 @@ class _Ahead:
 
 @dataclass(frozen=True)
 class _Whole:
-    """x + h (k1 + 2 (k2 + k3) + k4) / 6."""
-
     step: float
 
     def __call__(self, x: Any, k1: Any, k2: Any, k3: Any, k4: Any) -> Any:

@@ -1,21 +1,24 @@
-"""Models with names: ẋ = flow(x, u, d, p), y = output(x, u, p), evaluated, linearised and traced."""
+"""Models with names: ẋ = flow(x, u, d, p), y = output(x, u, p), evaluated, linearised and traced.
+
+Parameters, an argument of every model: a vector for kernels, attributes for the reader.
+"""
 
 from __future__ import annotations
 
 import copy
+import keyword
 import pickle
 import threading
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from functools import cached_property
-from typing import Any, Self
+from typing import Any, Self, cast
 
 import numpy as np
 
 from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.notebook import Summarised, names_text
 from flexhinf.plant.integration import fastest_modes
-from flexhinf.plant.parameters import ParameterTable
 from flexhinf.scalars import (
     Symbol,
     apply,
@@ -35,10 +38,133 @@ from flexhinf.validation import (
     checked_text,
     distinct,
     extra_package,
+    read_only,
     real_array,
     unknown_name,
     value_text,
 )
+
+AS_STATED = "the name as it stands in the parameters"
+
+
+class Parameters:
+    """The parameters of a model as attributes: ``p.stiffness``."""
+
+    def __init__(self, values: Mapping[str, Any]) -> None:
+        self.__dict__.update(values)
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("_"):  # copy, pickle and notebooks ask for such names
+            raise AttributeError(name)
+        what = f"The model reads a parameter that it does not have: {name!r}."
+        raise unknown_name(what, name, sorted(self.__dict__), AS_STATED)
+
+
+@dataclass(frozen=True)
+class ParameterTable:
+    """Nominal values (finite numbers or arrays, SI units), and their order in a kernel's parameter vector."""
+
+    values: Mapping[str, Any]
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.values, Mapping):
+            raise InvalidInput(
+                "The parameters are not named.", f"expected a mapping, got {self.values!r}", "{'mass': 1.0}"
+            )
+        checked = {}
+        for name, value in self.values.items():
+            if not str(name).isidentifier() or keyword.iskeyword(str(name)) or str(name).startswith("_"):
+                raise InvalidInput(
+                    f"The parameter name {name!r} cannot be an attribute.",
+                    "expected a Python identifier without a leading underscore that is no keyword",
+                    "letters, digits and underscores, for example lambda_ for lambda",
+                )
+            array = real_array(value)
+            if not np.all(np.isfinite(array)):
+                raise InvalidInput(
+                    f"The parameter {name!r} is not a finite number.",
+                    f"expected finite numbers, got {value_text(value)}",
+                    "correct the value; a limit that does not exist is left out rather than infinite",
+                )
+            array.setflags(write=False)
+            checked[str(name)] = array
+        object.__setattr__(self, "values", checked)
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(read_only(state))  # copies share their arrays
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """Names in the order of the vector."""
+        return tuple(self.values)
+
+    @cached_property
+    def size(self) -> int:
+        """Length of the vector."""
+        return sum(value.size for value in self.values.values())
+
+    def vector(self) -> np.ndarray:
+        """Nominal values, flat (size,)."""
+        if not self.values:
+            return np.zeros(0)
+        return np.concatenate([value.ravel() for value in self.values.values()])
+
+    def named(self, vector: Any) -> Parameters:
+        """A vector (size,) of numbers or elements, by name."""
+        vector = np.asarray(vector)
+        if vector.shape != (self.size,):
+            raise InvalidInput(
+                "The parameter vector does not fit the parameters.",
+                f"expected shape ({self.size},) for {list(self.names)}, got {vector.shape}",
+                "vector(), changed",
+            )
+        named, start = {}, 0
+        for name, value in self.values.items():
+            part = vector[start : start + value.size]
+            named[name] = part.reshape(value.shape) if value.ndim else part[0]
+            start += value.size
+        return Parameters(named)
+
+    def flat(self, parameters: Parameters) -> np.ndarray:
+        """Named parameters back as a vector (size,): the inverse of `named`."""
+        parts = [np.ravel(np.asarray(getattr(parameters, name))) for name in self.values]
+        return np.concatenate(parts) if parts else np.zeros(0)
+
+    def known(self, values: Mapping[str, Any]) -> dict[str, Any]:
+        """Those of the values that are in this table: a robot states more than each of its plants has."""
+        return {name: value for name, value in values.items() if name in self.values}
+
+    def replaced(self, changes: Mapping[str, Any]) -> ParameterTable:
+        """A copy with some values changed: known names, the same shapes, finite numbers."""
+        for name, value in changes.items():
+            if name not in self.values:
+                raise unknown_name(f"There is no parameter {name!r}.", name, self.names, AS_STATED)
+            if np.shape(value) != self.values[name].shape:
+                raise InvalidInput(
+                    f"The parameter {name!r} has the wrong shape.",
+                    f"expected {self.values[name].shape}, got {np.shape(value)}",
+                    "one number for each nominal number",
+                )
+        return ParameterTable({**self.values, **changes})
+
+    def vectors(self, rows: Sequence[Mapping[str, Any]]) -> np.ndarray:
+        """Vectors (N, size) of many plants, each with some values changed: `replaced` for all of them at once."""
+        found, start = np.tile(self.vector(), (len(rows), 1)), 0
+        fits = all(name in self.values for row in rows for name in row)
+        try:
+            for name, value in self.values.items():
+                given = [k for k, row in enumerate(rows) if name in row]
+                if given:
+                    columns = real_array([rows[k][name] for k in given])
+                    fits &= columns.shape == (len(given), *value.shape)
+                    found[given, start : start + value.size] = columns.reshape(len(given), -1)
+                start += value.size
+        except (TypeError, ValueError, OverflowError):  # another size, or no number
+            fits = False
+        if not (fits and np.all(np.isfinite(found))):  # `replaced` raises, and says which value it is
+            return np.array([self.replaced(row).vector() for row in rows])
+        return found
+
 
 #: Largest rate at an operating point, relative to the plant's own rates, that still counts as an equilibrium.
 EQUILIBRIUM_TOLERANCE = 1e-9
@@ -82,9 +208,11 @@ class TracedCode:
         vectors = [np.asarray(array) for array in arrays]
         sizes = [vector.size for vector in vectors]
         if sizes != self._sizes:
-            what = f"The arguments of {self.function.name()} do not fit the model."
-            found = f"expected vectors of {self._sizes} elements, got {sizes}"
-            raise InvalidInput(what, found, "one element for each name")
+            raise InvalidInput(
+                f"The arguments of {self.function.name()} do not fit the model.",
+                f"expected vectors of {self._sizes} elements, got {sizes}",
+                "one element for each name",
+            )
         if any(vector.dtype == object for vector in vectors):
             elements = [element for vector in vectors for element in vector.flat]
             if any(isinstance(element, Symbol) for element in elements):
@@ -125,8 +253,11 @@ def signals(what: str, model: Callable[[], Any]) -> np.ndarray:
             "the names in states, inputs and disturbances, and NumPy functions on the elements",
         ) from error
     if signals.ndim != 1:
-        found = f"expected one axis, got shape {signals.shape}"
-        raise InvalidInput(f"{what} does not return a vector.", found, "np.array([...]) of the elements")
+        raise InvalidInput(
+            f"{what} does not return a vector.",
+            f"expected one axis, got shape {signals.shape}",
+            "np.array([...]) of the elements",
+        )
     return signals
 
 
@@ -191,8 +322,7 @@ class Model(Summarised):
         if not isinstance(self.parameters, ParameterTable):
             object.__setattr__(self, "parameters", ParameterTable(self.parameters))
         for kind in ("states", "inputs", "disturbances", "outputs"):
-            names = getattr(self, kind)
-            names = checked_names(f"The {kind} of the plant", names)
+            names = checked_names(f"The {kind} of the plant", getattr(self, kind))
             distinct(f"Of the {kind} of the plant, the name", names)
             for name in names:
                 checked_name(f"one of the {kind}", name, spaces=True, longest=2 * LONGEST_NAME)
@@ -200,25 +330,27 @@ class Model(Summarised):
         for name, unit in self.units.items():
             checked_text(f"the unit of {value_text(name)}", unit)
         if not self.states or not self.inputs:
-            found = f"got {len(self.states)} states and {len(self.inputs)} inputs"
             raise InvalidInput(
-                "A plant needs at least one state and one input.", found, "states=(...), inputs=(...)"
+                "A plant needs at least one state and one input.",
+                f"got {len(self.states)} states and {len(self.inputs)} inputs",
+                "states=(...), inputs=(...)",
             )
         distinct("Of states and inputs, the name", (*self.states, *self.inputs))
-        rows = self.traced_flow.size1_out(0)
-        if rows != len(self.states):
+        if self.traced_flow.size1_out(0) != len(self.states):
             raise InvalidInput(
                 "flow(x, u, d, p) returns the wrong number of derivatives.",
-                f"expected {len(self.states)}, one for each of {list(self.states)}, got {rows}",
+                f"expected {self.n}, one for each of {list(self.states)}, got {self.traced_flow.size1_out(0)}",
                 "one derivative per state, in the order of states",
             )
         measured = self.traced_output.size1_out(0)
         if not self.outputs:
             object.__setattr__(self, "outputs", tuple(f"output_{i + 1}" for i in range(measured)))
         if len(self.outputs) != measured:
-            what = "output(x, u, p) and the names of the outputs disagree."
-            found = f"expected {len(self.outputs)} signals {list(self.outputs)}, got {measured}"
-            raise InvalidInput(what, found, "one name per signal")
+            raise InvalidInput(
+                "output(x, u, p) and the names of the outputs disagree.",
+                f"expected {len(self.outputs)} signals {list(self.outputs)}, got {measured}",
+                "one name per signal",
+            )
 
     @property
     def n(self) -> int:
@@ -254,7 +386,6 @@ class Model(Summarised):
 
     @cached_property
     def _content(self) -> tuple[str, str]:
-        """Digests of the traced flow and output."""
         return digest(self.traced_flow), digest(self.traced_output)
 
     def check_unchanged(self) -> None:
@@ -265,8 +396,8 @@ class Model(Summarised):
         """
         if isinstance(self.flow, StoredCode):
             return
-        arguments, columns = self._flow_symbols
-        text = serial(columns, self._flow_text(*arguments))
+        arguments = [symbols(name, size) for name, size in zip("xudp", self._sizes)]
+        text = serial([pack(array) for array in arguments], self._flow_text(*arguments))
         if text == vars(self).get("_checked"):  # as it was when it was traced: half the work of a trace
             return
         if digest(self._trace_flow()) != self._content[0]:
@@ -276,12 +407,6 @@ class Model(Summarised):
                 "build the plant anew, or make what changes a parameter: plant.with_parameters(name=value)",
             )
         vars(self)["_checked"] = text
-
-    @cached_property
-    def _flow_symbols(self) -> tuple[list[np.ndarray], list[Any]]:
-        """Symbols for x, u, d and the parameter vector, as arrays and as columns."""
-        arrays = [symbols(name, size) for name, size in zip("xudp", self._sizes)]
-        return arrays, [pack(array) for array in arrays]
 
     def with_parameters(self, **changes: Any) -> Self:
         """The same plant with other parameter values; nothing is traced or compiled again."""
@@ -310,8 +435,7 @@ class Model(Summarised):
         for name, traced in (("flow", self.traced_flow), ("output", self.traced_output)):
             if not has_a_name(state[name]):
                 state[name] = StoredCode(function_arrays(traced), self.parameters)
-        kept = ("traced_flow", "traced_output", "_content")
-        return state | {name: getattr(self, name) for name in kept}
+        return state | {name: getattr(self, name) for name in ("traced_flow", "traced_output", "_content")}
 
     def to_control(self, x: Any = None, u: Any = None) -> Any:
         """As a system of python-control: inputs and disturbances in, measured signals out. Needs the extra ``control``.
@@ -343,9 +467,10 @@ class Model(Summarised):
 
     def output_at(self, x: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Y at (x, u), and ∂y/∂u there, exactly."""
-        sizes = (len(self.inputs), self.n, self.parameters.size)
-        output = jacobian(lambda u, x, p: self.evaluate_output(x, u, p), *sizes, name="output")
-        return output(u, x, self.parameters.vector())
+        p = self.parameters.vector()
+        return jacobian(
+            lambda u, x, p: self.evaluate_output(x, u, p), len(self.inputs), self.n, len(p), name="output"
+        )(u, x, p)
 
     def check_equilibrium(self, x: np.ndarray, u: np.ndarray, what: str, advice: str) -> None:
         """Refuse a point at which a rate is not zero, relative to the plant's own rates."""
@@ -354,15 +479,15 @@ class Model(Summarised):
         finite = np.isfinite(rate).all()
         largest = EQUILIBRIUM_TOLERANCE * max(1.0, self.fastest_mode(x, u)) if finite else -1.0
         if not abs(rate[worst]) <= largest:
-            found = f"expected flow = 0, got d/dt {self.states[worst]} = {rate[worst]:.6g}"
-            raise InvalidInput(what, found, advice)
+            raise InvalidInput(
+                what, f"expected flow = 0, got d/dt {self.states[worst]} = {rate[worst]:.6g}", advice
+            )
 
     def summary(self) -> dict[str, str]:
         """States, inputs, disturbances, measured signals and parameters, for ``repr``."""
-        kinds = ("states", "inputs", "disturbances", "outputs")
-        facts = {kind: names_text(getattr(self, kind)) for kind in kinds}
-        facts["measured"] = facts.pop("outputs")
-        return facts | {"parameters": names_text(tuple(self.parameters.values))}
+        facts = {kind: names_text(getattr(self, kind)) for kind in ("states", "inputs", "disturbances")}
+        named = {"measured": self.outputs, "parameters": tuple(self.parameters.values)}
+        return facts | {name: names_text(names) for name, names in named.items()}
 
     # Numbers --------------------------------------------------------------------------------------
     @cached_property
@@ -383,21 +508,22 @@ class Model(Summarised):
     @cached_property
     def traced_output(self) -> Any:
         """output as a CasADi function of (x, u, parameter vector)."""
-
-        def output(x: Any, u: Any, p: Any) -> Any:
-            return np.atleast_1d(self.output(x, u, self.parameters.named(p)))
-
         return trace(
-            lambda x, u, p: signals("output(x, u, p)", lambda: output(x, u, p)),
+            lambda x, u, p: signals("output(x, u, p)", lambda: self._output_text(x, u, p)),
             len(self.states), len(self.inputs), self.parameters.size, name="output", names=("x", "u", "p"),
         )  # fmt: skip
+
+    def _output_text(self, x: Any, u: Any, p: Any) -> Any:
+        return np.atleast_1d(self.output(x, u, self.parameters.named(p)))
 
     @cached_property
     def traced_arrest(self) -> Any:
         """arrest as a CasADi function of (x, (h,), parameter vector)."""
-        arrest: Any = self.arrest
-        named, sizes = self.parameters.named, (len(self.states), 1, self.parameters.size)
-        return trace(lambda x, h, p: arrest(x, h[0], named(p)), *sizes, name="arrest", names=("x", "h", "p"))
+        arrest, named = cast(Any, self.arrest), self.parameters.named
+        return trace(
+            lambda x, h, p: arrest(x, h[0], named(p)), len(self.states), 1, self.parameters.size,
+            name="arrest", names=("x", "h", "p"),
+        )  # fmt: skip
 
     @cached_property
     def _codes(self) -> tuple[TracedCode, TracedCode]:
@@ -414,7 +540,7 @@ class Model(Summarised):
     def evaluate_output(self, x: Any, u: Any, p: Any) -> Any:
         """y (p,) on any element, likewise."""
         y = self._codes[1].evaluate(x, u, p)
-        return np.atleast_1d(self.output(x, u, self.parameters.named(p))) if y is None else y
+        return self._output_text(x, u, p) if y is None else y
 
     @cached_property
     def traced_jacobians(self) -> Any:
@@ -432,8 +558,11 @@ class Model(Summarised):
         given = self._points(x, u, d)
         count = max(map(len, given)) if all(map(len, given)) else 0
         if any(len(rows) not in (1, count) for rows in given):
-            found = f"got {[len(rows) for rows in given]} rows of x, u and d"
-            raise InvalidInput("The numbers of points differ.", found, "a row for each point, or one for all")
+            raise InvalidInput(
+                "The numbers of points differ.",
+                f"got {[len(rows) for rows in given]} rows of x, u and d",
+                "a row for each point, or one for all",
+            )
         if not count:  # to CasADi, a matrix without columns is a zero
             return np.zeros((0, self.n))
         vector = np.broadcast_to(self.parameters.vector(), (count, self.parameters.size))
@@ -452,14 +581,13 @@ class Model(Summarised):
 
     def fastest_mode(self, x: Any = None, u: Any = None) -> float:
         """Largest |eigenvalue| of ∂flow/∂x at a point (the origin by default) and where it is engaged, rad/s."""
-        point = [rows[0] for rows in self._points(x, u, one=True)]
-        return float(fastest_modes(self, self.parameters.vector()[None], *point[:2])[0])
+        x, u, _ = (rows[0] for rows in self._points(x, u, one=True))
+        return float(fastest_modes(self, self.parameters.vector()[None], x, u)[0])
 
     def _points(self, x: Any, u: Any, d: Any = None, one: bool = False) -> list[np.ndarray]:
         """Rows of numbers for x, u and d, (N, n), (N, m) and (N, k); zeros for None."""
         found = []
-        kinds = (("x", x, self.states), ("u", u, self.inputs), ("d", d, self.disturbances))
-        for letter, value, names in kinds:
+        for letter, value, names in zip("xud", (x, u, d), (self.states, self.inputs, self.disturbances)):
             rows = np.atleast_2d(np.zeros(len(names)) if value is None else real_array(value))
             fits = rows.ndim == 2 and rows.shape[1] == len(names) and (not one or len(rows) == 1)
             if not fits or not np.isfinite(rows).all():

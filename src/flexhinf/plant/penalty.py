@@ -40,22 +40,22 @@ class Penalty:
     effort: Any = 1.0
 
     def __post_init__(self) -> None:
+        named: Mapping[Any, Any] = {}
         if isinstance(self.states, Mapping):
-            object.__setattr__(self, "states", dict(self.states))
-            checked_names("The weighted states", self.states)
+            named = dict(self.states)
+            object.__setattr__(self, "states", named)
+            checked_names("The weighted states", named)
         elif not callable(self.states):
             rows = real_array(self.states)
             if rows.ndim not in (1, 2):
-                found = "expected weights by name, one number per state, a matrix or a function, got "
-                found += value_text(self.states)
-                raise InvalidInput("The penalty is not made of weights.", found, "{'link_position': 60.0}")
+                raise InvalidInput(
+                    "The penalty is not made of weights.",
+                    f"expected weights by name, one per state, a matrix or a function, got {value_text(self.states)}",
+                    "{'link_position': 60.0}",
+                )
+            named = {k + 1: weight for k, weight in enumerate(self.states)} if rows.ndim == 1 else {}
             if not isinstance(self.states, (list, tuple, np.ndarray)):
                 object.__setattr__(self, "states", rows)
-        named: Mapping[Any, Any] = {}
-        if isinstance(self.states, Mapping):
-            named = self.states
-        elif not callable(self.states) and np.ndim(self.states) == 1:
-            named = {k + 1: weight for k, weight in enumerate(self.states)}
         for name, weight in named.items():
             values = np.atleast_1d(real_array(weight))
             if np.any(values < 0.0):  # what is no number is refused where the names are known
@@ -101,8 +101,7 @@ class Penalty:
         """
         if not isinstance(self.states, Mapping):
             return self
-        weights: dict[str, Any] = {}
-        singles: dict[str, Any] = {}
+        weights, singles = dict[str, Any](), dict[str, Any]()
         weight: Any
         for name, weight in self.states.items():
             stem = name.removesuffix("_integral")
@@ -113,8 +112,7 @@ class Penalty:
                     f"expected one number, or one for each of {list(members)}, got {value_text(weight)}",
                     "a number for all of them",
                 )
-            each = weight if members and np.ndim(weight) else [weight] * len(members)
-            weights.update(zip(members, each))
+            weights.update(zip(members, weight if np.ndim(weight) else [weight] * len(members)))
             if not members and stem not in groups:
                 singles[name] = weight
         return replace(self, states={**weights, **singles})
@@ -126,9 +124,11 @@ class Penalty:
             np.diag(np.full(inputs, effort) if effort.ndim == 0 else effort) if effort.ndim < 2 else effort
         )
         if matrix.shape != (inputs, inputs):
-            found = f"expected ({inputs}, {inputs}) for {inputs} inputs, got {matrix.shape}"
-            advice = "a number, one number per input, or a matrix"
-            raise InvalidInput("The effort penalty R2 has the wrong shape.", found, advice)
+            raise InvalidInput(
+                "The effort penalty R2 has the wrong shape.",
+                f"expected ({inputs}, {inputs}) for {inputs} inputs, got {matrix.shape}",
+                "a number, one number per input, or a matrix",
+            )
         return checked_r2(matrix, 1e-9, 1e-12)
 
     def evaluate(self, x: Any, names: Sequence[str], p: Any) -> Any:
@@ -156,13 +156,11 @@ class Penalty:
 
     def weights(self, names: Sequence[str]) -> np.ndarray:
         """One weight per state, (n,); for a penalty given by one number for each."""
+        listed: Any = self.states
         if isinstance(self.states, Mapping):
-            unknown = [name for name in self.states if name not in names]
-            if unknown:
-                raise unknown_weight(unknown[0], names)
-            listed: Any = [self.states.get(name, 0.0) for name in names]
-        else:
-            listed = self.states
+            for name in [name for name in self.states if name not in names]:
+                raise unknown_weight(name, names)
+            listed = [self.states.get(name, 0.0) for name in names]
         return checked_array(
             "The penalty does not fit the states.",
             listed,

@@ -14,10 +14,9 @@ import numpy as np
 
 from flexhinf.errors import InvalidInput, NumericalFailure
 from flexhinf.notebook import Summarised, names_text
-from flexhinf.plant.expansion import expand_problem
 from flexhinf.plant.model import EQUILIBRIUM_TOLERANCE, Model, StoredCode, TracedCode, python_control, signals
 from flexhinf.plant.penalty import Penalty
-from flexhinf.plant.polynomial_plant import PolynomialPlant
+from flexhinf.plant.polynomial_plant import PolynomialPlant, expand_problem
 from flexhinf.scalars import apply, digest, pack, symbols, trace
 from flexhinf.validation import checked_array, distinct, read_only, real_array, unknown_name, value_text
 
@@ -113,16 +112,20 @@ class GeneralisedPlant(Summarised):
             )
         object.__setattr__(self, "disturbances", channels)
         self.penalty.r2(len(self.plant.inputs))
-        what = "The operating point is not an equilibrium: f(x*) is not zero."
-        advice = "pose=(...): the equilibrium at that pose is computed"
-        self.plant.check_equilibrium(*self._equilibrium, what, advice)
+        self.plant.check_equilibrium(
+            *self._equilibrium,
+            "The operating point is not an equilibrium: f(x*) is not zero.",
+            "pose=(...): the equilibrium at that pose is computed",
+        )
         table = self.plant.parameters
         origin = np.zeros(len(self.state_names))
         offset = np.asarray(self.penalty_output(origin, table.named(table.vector())), dtype=float)
         if offset.ndim != 1 or not np.all(np.abs(offset) <= EQUILIBRIUM_TOLERANCE):
-            found = f"expected a vector with h(0) = 0, got {offset.tolist()}"
-            advice = "a penalty on deviations from the operating point"
-            raise InvalidInput("The penalty h(x) is not zero at the operating point.", found, advice)
+            raise InvalidInput(
+                "The penalty h(x) is not zero at the operating point.",
+                f"expected a vector with h(0) = 0, got {offset.tolist()}",
+                "a penalty on deviations from the operating point",
+            )
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         vars(self).update(read_only(state))  # copies share their arrays
@@ -175,8 +178,9 @@ class GeneralisedPlant(Summarised):
 
     def summary(self) -> dict[str, str]:
         """States, inputs, disturbances, R2 and operating point, for ``repr``."""
-        places = zip(self.plant.states, self._equilibrium[0], strict=True)
-        point = [f"{name} = {value:.4g}" for name, value in places if value]
+        point = [
+            f"{name} = {value:.4g}" for name, value in zip(self.plant.states, self._equilibrium[0]) if value
+        ]
         return {
             "states": names_text(self.state_names),
             "inputs": names_text(self.input_names),
@@ -186,26 +190,21 @@ class GeneralisedPlant(Summarised):
         }
 
     # The problem ----------------------------------------------------------------------------------
-    @property
+    @cached_property
     def r2(self) -> np.ndarray:
         """R2 of Eq. (4), (m, m), read-only."""
-        return self._r2
-
-    @cached_property
-    def _r2(self) -> np.ndarray:
         return read_only(self.penalty.r2(len(self.plant.inputs)))
 
     def flow(self, x: Any, u: Any, d: Any, p: Any) -> Any:
         """ẋ of the plant with its integrals, on any element; x, u are absolute, d as `disturbance_names`."""
         n, commands = self.plant.n, len(self.integrate) if self.command else 0
-        torques: list[Any] = [0.0] * len(self.plant.disturbances)
-        for place, name in enumerate(self.disturbances or ()):
-            torques[tuple(self.plant.disturbances).index(name)] = d[commands + place]
-        rates = self.plant.evaluate_flow(x[:n], u, np.array(torques), self.plant.parameters.flat(p))
-        errors = []
-        for place, name in enumerate(self.integrate):
-            i = self.plant.index(name)
-            errors.append(x[i] - self._equilibrium[0][i] - (d[place] if self.command else 0.0))
+        channels = {name: d[commands + place] for place, name in enumerate(self.disturbances or ())}
+        torques = np.array([channels.get(name, 0.0) for name in self.plant.disturbances])
+        rates = self.plant.evaluate_flow(x[:n], u, torques, self.plant.parameters.flat(p))
+        errors = [
+            x[i] - self._equilibrium[0][i] - (d[place] if self.command else 0.0)
+            for place, i in enumerate(map(self.plant.index, self.integrate))
+        ]
         return np.array([*rates, *errors])
 
     def penalty_output(self, x: Any, p: Any) -> Any:
@@ -213,24 +212,21 @@ class GeneralisedPlant(Summarised):
 
         A function h goes the way of the plant's code: numbers and symbols through what was traced.
         """
+        h = None
         if callable(self.penalty.states):
             h = self._penalty_code.evaluate(x, self.plant.parameters.flat(p))
-            if h is not None:
-                return h
-        return self.penalty.evaluate(x, self.state_names, p)
+        return self.penalty.evaluate(x, self.state_names, p) if h is None else h
 
     @cached_property
     def _penalty_code(self) -> TracedCode:
-        """h as it is when the problem is built."""
         return TracedCode(self._trace_penalty())
 
     def _trace_penalty(self) -> Any:
-        names, named = self.state_names, self.plant.parameters.named
-
-        def traced(x: Any, p: Any) -> np.ndarray:
-            return signals("The penalty h(x, p)", lambda: self.penalty.evaluate(x, names, named(p)))
-
-        return trace(traced, len(names), self.plant.parameters.size, name="penalty", names=("x", "p"))
+        names, table = self.state_names, self.plant.parameters
+        return trace(
+            lambda x, p: signals("The penalty h(x, p)", lambda: self.penalty.evaluate(x, names, table.named(p))),
+            len(names), table.size, name="penalty", names=("x", "p"),
+        )  # fmt: skip
 
     def check_unchanged(self) -> None:
         """Refuse a flow or a penalty that no longer computes what it did when it was built; see `Model`."""
@@ -267,13 +263,9 @@ class GeneralisedPlant(Summarised):
         import casadi as ca
 
         n, m, k = len(self.state_names), len(self.input_names), len(self.disturbance_names)
-        named = self.plant.parameters.named
-        flow = trace(
-            lambda x, u, d, p: self.flow(x, u, d, named(p)), n, m, k, self.plant.parameters.size, name="flow"
-        )
-        x = symbols("x", n)
-        u, d = ca.SX.sym("u", m), ca.SX.sym("d", k)
-        p = self.plant.parameters.vector()
+        named, p = self.plant.parameters.named, self.plant.parameters.vector()
+        flow = trace(lambda x, u, d, p: self.flow(x, u, d, named(p)), n, m, k, len(p), name="flow")
+        x, u, d = symbols("x", n), ca.SX.sym("u", m), ca.SX.sym("d", k)
         rate = flow(pack(x + self.operating_point), u, d, ca.DM(p))
         nominal = [ca.DM(self.operating_input), ca.DM.zeros(k)]
         f, g1, g2 = (
@@ -338,13 +330,12 @@ ITERATIONS = 50
 def pose_values(pose: Any, names: Sequence[str], owner: str = "plant") -> np.ndarray:
     """One finite value per name, from a mapping (zero for names left out) or a sequence."""
     if isinstance(pose, Mapping):
-        unknown = [name for name in pose if name not in names]
-        if unknown:
-            raise unknown_name(f"The pose names {unknown[0]!r}.", unknown[0], names)
+        for name in [name for name in pose if name not in names]:
+            raise unknown_name(f"The pose names {name!r}.", name, names)
         pose = [pose.get(name, 0.0) for name in names]
     expected = f"{len(names)} finite values for {list(names)}"
-    shape, advice = (len(names),), "one value per name, rad (m where it slides)"
-    return checked_array(f"The pose does not fit the {owner}.", pose, shape, expected, advice)
+    what, advice = f"The pose does not fit the {owner}.", "one value per name, rad (m where it slides)"
+    return checked_array(what, pose, (len(names),), expected, advice)
 
 
 def equilibrium_at(plant: Plant, names: Sequence[str], values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -395,26 +386,28 @@ def motion_of(signals: Any, times: np.ndarray, order: int, names: Sequence[str] 
         signals = [signals[name] for name in names]
     several = isinstance(signals, (Sequence, np.ndarray)) and not isinstance(signals, str)
     columns = [np.zeros((order + 1, len(times), 0))]
-    parts: list[Any] = list(signals) if several else [signals]
-    for signal in parts:
+    for signal in list[Any](signals) if several else [signals]:
         if hasattr(signal, "derivatives"):
             rows = np.asarray(signal.derivatives(times, order), dtype=float)
             columns.append(rows.reshape(order + 1, len(times), -1))
             continue
-        constant = np.zeros((order + 1, len(times), 1))
+        columns.append(np.zeros((order + 1, len(times), 1)))
         try:
-            constant[0] = float(signal)
+            columns[-1][0] = float(signal)
         except (TypeError, ValueError) as error:
             raise InvalidInput(
                 "A signal of a moving reference has no derivatives.",
                 f"expected a signal with derivatives(t, order), or a number, got {value_text(signal)}",
                 "fh.Sine, fh.JerkLimited(..., smoothing=...), fh.Quintic; fh.Spline(times, values) for samples",
             ) from error
-        columns.append(constant)
     motion = np.concatenate(columns, axis=2)
-    if motion.shape[2] != (len(names) or max(1, motion.shape[2])):
-        found = f"expected one for each of {list(names) or 'the joints'}, got {motion.shape[2]}"
-        raise InvalidInput("The number of signals is not that of the joints.", found, "one signal per joint")
+    count = motion.shape[2]
+    if count == 0 or (names and count != len(names)):
+        raise InvalidInput(
+            "The number of signals is not that of the joints.",
+            f"expected one for each of {list(names) or 'the joints'}, got {count}",
+            "one signal per joint",
+        )
     return motion
 
 
@@ -440,15 +433,19 @@ def linear_plant(plant: Plant, x: Any, u: Any) -> Plant:
     x, u = real_array(x), real_array(u)
     advice = "robot.operating_point(pose), or operating_point and operating_input of a problem"
     plant.check_equilibrium(x, u, "A plant is linearised at an equilibrium.", advice)
-    value, slope = plant.output_at(x, u)
-    parameters = {
-        "state_matrix": a, "input_matrix": b, "disturbance_matrix": g, "output_matrix": c, "feedthrough": slope,
-        "state": x, "input": u, "output": value,
-    }  # fmt: skip
-    return Plant(
-        linear_flow, linear_output, plant.states, plant.inputs, plant.disturbances, parameters,
-        plant.outputs, plant.units, plant.groups,
+    output, slope = plant.output_at(x, u)
+    kept = {name: getattr(plant, name) for name in ("disturbances", "outputs", "units", "groups")}
+    return _linear_plant((a, b, g, c, slope, x, u, output), plant.states, plant.inputs, **kept)
+
+
+def _linear_plant(
+    values: tuple[np.ndarray, ...], states: Sequence[str], inputs: Sequence[str], **names: Any
+) -> Plant:
+    kinds = (
+        "state_matrix", "input_matrix", "disturbance_matrix", "output_matrix", "feedthrough", "state", "input",
+        "output",
     )  # fmt: skip
+    return Plant(linear_flow, linear_output, states, inputs, parameters=dict(zip(kinds, values)), **names)
 
 
 def plant_from_control(system: Any, inputs: Sequence[str] | None = None) -> Plant:
@@ -477,21 +474,21 @@ def plant_from_control(system: Any, inputs: Sequence[str] | None = None) -> Plan
     labels = list(linear.input_labels)
     chosen = labels if inputs is None else list(inputs)
     if not set(chosen) <= set(labels) or not chosen:
-        found = f"expected some of {labels}, got {chosen}"
-        raise InvalidInput("The system has no such inputs.", found, str(labels[:1]))
+        raise InvalidInput(
+            "The system has no such inputs.", f"expected some of {labels}, got {chosen}", str(labels[:1])
+        )
     places = [labels.index(name) for name in chosen]
     others = [k for k, name in enumerate(labels) if name not in chosen]
     a, b, c, d = (np.asarray(m, dtype=float) for m in (linear.A, linear.B, linear.C, linear.D))
+    disturbances = tuple(labels[k] for k in others)
     if d[:, others].any():
-        found = f"expected D = 0 for {[labels[k] for k in others]}"
-        advice = "measurement noise is the loop's; other disturbances act through a state"
-        raise InvalidInput("A disturbance acts on a measurement directly.", found, advice)
-    n, m = len(a), len(chosen)
-    parameters = {
-        "state_matrix": a, "input_matrix": b[:, places], "disturbance_matrix": b[:, others], "output_matrix": c,
-        "feedthrough": d[:, places], "state": np.zeros(n), "input": np.zeros(m), "output": np.zeros(len(c)),
-    }  # fmt: skip
-    return Plant(
-        linear_flow, linear_output, tuple(linear.state_labels), tuple(chosen), tuple(labels[k] for k in others),
-        parameters, tuple(linear.output_labels),
+        raise InvalidInput(
+            "A disturbance acts on a measurement directly.",
+            f"expected D = 0 for {list(disturbances)}",
+            "measurement noise is the loop's; other disturbances act through a state",
+        )
+    point = (np.zeros(size) for size in (len(a), len(chosen), len(c)))
+    return _linear_plant(
+        (a, b[:, places], b[:, others], c, d[:, places], *point), tuple(linear.state_labels), tuple(chosen),
+        disturbances=disturbances, outputs=tuple(linear.output_labels),
     )  # fmt: skip

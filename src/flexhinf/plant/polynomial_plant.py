@@ -1,10 +1,16 @@
-"""A plant whose fields are polynomials: what every expansion ends in, and what can be given by hand."""
+"""A plant whose fields are polynomials: what every expansion ends in, and what can be given by hand.
+
+Taylor expansion of model code about a point: the code is run once on truncated polynomials.
+
+Nothing is differenced and nothing is differentiated: the coefficients are those of the code, to rounding.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol, runtime_checkable
+from functools import lru_cache
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -12,11 +18,17 @@ from flexhinf.errors import InvalidInput
 from flexhinf.notebook import Summarised, names_text
 from flexhinf.polynomial import basis
 from flexhinf.polynomial.algebra import evaluate, monomials
-from flexhinf.polynomial.basis import from_kronecker
+from flexhinf.polynomial.basis import from_kronecker, indices
+from flexhinf.polynomial.truncated import degree_slice, size
+from flexhinf.scalars.jet import jets, terms
+from flexhinf.scalars.trace import linear, nonzero, sizes_of_rows, switches
 from flexhinf.validation import checked_array, checked_names, distinct, read_only, real_array, value_text
 
 _HIGHEST = 200  # degree of a monomial, as for the synthesis
 _MOST = 200_000_000  # coefficients of one part, zeros included: 1.6 GB
+#: What a problem and its expansion have in common.
+OWN = ("r2", "state_names", "operating_point", "input_names", "operating_input")
+
 _REST = 1e-9  # |f(x*)| up to this, relative to its row of the Jacobian or to one, is rounding
 
 
@@ -27,8 +39,11 @@ def checked_r2(r2: Any, rounding: float = 1e-12, least: float = 0.0) -> np.ndarr
     """
     given, r2 = r2, np.atleast_2d(real_array(r2))
     if r2.ndim != 2 or r2.shape[0] != r2.shape[1] or not r2.size or not np.isfinite(r2).all():
-        found = f"expected real numbers of shape (m, m), m >= 1, got {value_text(given)}"
-        raise InvalidInput("R2 is not a finite square matrix.", found, "R2 = lᵀl > 0")
+        raise InvalidInput(
+            "R2 is not a finite square matrix.",
+            f"expected real numbers of shape (m, m), m >= 1, got {value_text(given)}",
+            "R2 = lᵀl > 0",
+        )
     half = (r2 + r2.T) / 2
     eigenvalues, asymmetry = np.linalg.eigvalsh(half), np.abs(r2 - r2.T).max()
     if not np.allclose(r2, r2.T, rtol=rounding, atol=least * np.abs(r2).max()) or eigenvalues[0] <= 0:
@@ -40,24 +55,15 @@ def checked_r2(r2: Any, rounding: float = 1e-12, least: float = 0.0) -> np.ndarr
     return half
 
 
-def _numbers(name: str, given: Any) -> np.ndarray:
-    try:
-        return real_array(given, strict=True)
-    except ValueError:
-        found = f"expected an array of real numbers, got {value_text(given)}"
-        what = f"A coefficient of {name} is not made of numbers."
-        raise InvalidInput(what, found, "rows of equal length") from None
-
-
 def parts_from_input(name: str, given: Any, n: int) -> dict[int, np.ndarray]:
     """Parts of g1 or g2: a constant matrix (n, inputs), or a mapping {exponents: (n, inputs)}."""
     if isinstance(given, Mapping):
         return parts_from_mapping(name, given, n, 2)
-    matrix = _numbers(name, given)
+    matrix = real_array(given)
     if matrix.ndim != 2:
         raise InvalidInput(
             f"{name} is not a matrix.",
-            f"expected shape ({n}, inputs), got {matrix.shape}",
+            f"expected numbers of shape ({n}, inputs), got shape {matrix.shape}: {value_text(given)}",
             f"a column per input: np.reshape({name}, ({n}, 1)) for one input",
         )
     return {0: matrix[:, :, None]}
@@ -71,9 +77,9 @@ def parts_from_mapping(name: str, given: Any, n: int, axes: int) -> dict[int, np
             f"expected {{exponents: coefficients}} with at least one entry, got {type(given).__name__}",
             "keys are tuples of exponents, one per state",
         )
-    values = [_numbers(name, value) for value in given.values()]
+    values = [real_array(value) for value in given.values()]
     shape = values[0].shape
-    by_degree: dict[int, tuple[list[list[int]], list[np.ndarray]]] = {}
+    parts: dict[int, np.ndarray] = {}
     for key, value in zip(given, values, strict=True):
         whole = isinstance(key, tuple) and not any(isinstance(entry, bool) for entry in key)
         if not whole or len(key) != n or not all(isinstance(e, (int, np.integer)) and e >= 0 for e in key):
@@ -85,7 +91,8 @@ def parts_from_mapping(name: str, given: Any, n: int, axes: int) -> dict[int, np
         if value.shape != shape or value.ndim != axes:
             raise InvalidInput(
                 f"The coefficients of {name} have different or wrong shapes.",
-                f"expected {axes} axes, shape {shape} as in the first entry, got {value.shape} at {key}",
+                f"expected numbers on {axes} axes, shape {shape} as in the first entry, got "
+                f"shape {value.shape}: {value_text(given[key], 60)} at {key}",
                 f"one array per monomial, as many rows as {name} has",
             )
         degree = int(sum(key))
@@ -96,15 +103,9 @@ def parts_from_mapping(name: str, given: Any, n: int, axes: int) -> dict[int, np
                 f"{value_text(degree, 40)} in {n} {'state' if n == 1 else 'states'}",
                 "a lower degree: V of degree d takes f through degree d − 1",
             )
-        tuples, coefficients = by_degree.setdefault(degree, ([], []))
-        tuples.append([i for i, e in enumerate(key) for _ in range(int(e))])
-        coefficients.append(value)
-    parts = {}
-    for degree, (tuples, coefficients) in by_degree.items():
-        part = np.zeros((*shape, basis.count(n, degree)))
-        ranks = basis.rank(n, np.array(tuples, dtype=np.int64).reshape(len(tuples), degree))
-        part[..., ranks] = np.moveaxis(np.array(coefficients), 0, -1)
-        parts[degree] = part
+        part = parts.setdefault(degree, np.zeros((*shape, basis.count(n, degree))))
+        variables = np.repeat(np.arange(n), [int(exponent) for exponent in key])
+        part[..., basis.rank(n, variables[None])[0]] = value
     return parts
 
 
@@ -130,8 +131,9 @@ def checked_parts(
                 "f has n rows; g1 and g2 have n rows and one column per input; R2 is (inputs, inputs)",
             )
         if not np.isfinite(part).all():
-            what = f"{name} has a coefficient that is not finite."
-            raise InvalidInput(what, f"at degree {degree}", "check the parameters")
+            raise InvalidInput(
+                f"{name} has a coefficient that is not finite.", f"at degree {degree}", "check the parameters"
+            )
         if degree == lowest or part.any():
             checked[degree] = part
     if lowest not in checked:
@@ -144,8 +146,7 @@ def check_rest(name: str, parts: dict[int, np.ndarray], rows: tuple[str, ...]) -
     constant = parts.pop(0, None)
     if constant is None:
         return
-    offset = np.abs(constant[:, 0])
-    excess = offset - _REST * np.maximum(1.0, np.abs(parts[1]).max(axis=1))
+    excess = np.abs(constant[:, 0]) - _REST * np.maximum(1.0, np.abs(parts[1]).max(axis=1))
     worst = int(np.argmax(excess))
     if excess[worst] > 0:
         what = "The plant is not in equilibrium" if name == "f" else "The penalty does not vanish"
@@ -173,25 +174,20 @@ class Problem(Protocol):
     @property
     def state_names(self) -> tuple[str, ...]:
         """One name per state."""
-        ...
 
     @property
     def operating_point(self) -> np.ndarray:
         """The point deviations are measured from, shape (n,)."""
-        ...
 
     @property
     def r2(self) -> np.ndarray:
         """Weight of the input, shape (m, m)."""
-        ...
 
     def expand(self, degree: int) -> PolynomialPlant:
         """Taylor expansion: f and h through `degree`, g1 and g2 through `degree` − 1."""
-        ...
 
     def fields(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Exact f (N, n), g1 (N, n, md), g2 (N, n, m) and h (N, s) at deviations `x` (N, n)."""
-        ...
 
 
 @dataclass(frozen=True, init=False, eq=False, repr=False)
@@ -281,12 +277,11 @@ class PolynomialPlant(Summarised):
         of degree 0 of f and h is the value at the operating point; it must vanish up to rounding.
         """
         r2 = checked_r2(r2)
-        signals = (
+        names, points = [], []
+        for kind, letter, stated, point, count in (
             ("state", "x", state_names, operating_point, n),
             ("input", "u", input_names, operating_input, len(r2)),
-        )
-        names, points = [], []
-        for kind, letter, stated, point, count in signals:
+        ):
             own = [f"{letter}{i + 1}" for i in range(count)]
             names.append(checked_names(f"The {kind}s", own if stated is None else stated))
             if len(names[-1]) != count:
@@ -296,12 +291,12 @@ class PolynomialPlant(Summarised):
                     f"one name per {kind}, in the order of {letter}",
                 )
             distinct(f"The {kind}", names[-1])
-            what, expected = (
+            what, advice = (
                 f"The operating point does not fit the plant's {kind}s.",
-                f"{count} finite numbers",
+                "leave it out for the origin",
             )
             point = np.zeros(count) if point is None else point
-            points.append(checked_array(what, point, (count,), expected, "leave it out for the origin"))
+            points.append(checked_array(what, point, (count,), f"{count} finite numbers", advice))
         distinct("Of states and inputs, the name", (*names[0], *names[1]))
         parts = {
             "f_parts": checked_parts("f", dict(f), n, (n,), 1),
@@ -311,10 +306,9 @@ class PolynomialPlant(Summarised):
         }
         check_rest("f", parts["f_parts"], names[0])
         check_rest("h", parts["h_parts"], tuple(f"z{i + 1}" for i in range(parts["h_parts"][1].shape[0])))
-        own_names = {"state_names": names[0], "input_names": names[1]}
-        own_points = {"operating_point": points[0], "operating_input": points[1]}
+        own = ("state_names", "input_names", "operating_point", "operating_input")
         plant = cls.__new__(cls)
-        plant.__setstate__({**parts, "r2": r2, **own_names, **own_points})
+        plant.__setstate__({**parts, "r2": r2, **dict(zip(own, (*names, *points)))})
         return plant
 
     @classmethod
@@ -354,8 +348,9 @@ class PolynomialPlant(Summarised):
             parts = {}
             for k, matrix in enumerate(matrices):
                 full = matrix.toarray() if hasattr(matrix, "toarray") else np.atleast_2d(real_array(matrix))
-                each = [from_kronecker(full[:, j::columns], n, k) for j in range(columns)]
-                parts[k] = np.stack(each, axis=1)
+                parts[k] = np.stack(
+                    [from_kronecker(full[:, j::columns], n, k) for j in range(columns)], axis=1
+                )
             return parts
 
         flow, output = (
@@ -375,15 +370,13 @@ class PolynomialPlant(Summarised):
 
     def summary(self) -> dict[str, str]:
         """Sizes and highest degrees of the fields, for ``repr``."""
-        _, disturbances, _, outputs = self.size
-        names = ("f", "g1", "g2", "h")
-        degrees = ", ".join(f"{name} {max(getattr(self, f'{name}_parts'))}" for name in names)
+        degrees = (f"{name} {max(getattr(self, f'{name}_parts'))}" for name in ("f", "g1", "g2", "h"))
         return {
             "states": names_text(self.state_names),
             "inputs": names_text(self.input_names),
-            "disturbances": str(disturbances),
-            "penalised outputs": str(outputs),
-            "degrees": degrees,
+            "disturbances": str(self.size[1]),
+            "penalised outputs": str(self.size[3]),
+            "degrees": ", ".join(degrees),
         }
 
     def expand(self, degree: int) -> PolynomialPlant:
@@ -396,9 +389,9 @@ class PolynomialPlant(Summarised):
             name: {k: part for k, part in parts[name].items() if k <= highest}
             for name, highest in last.items()
         }
-        own = ("r2", "state_names", "operating_point", "input_names", "operating_input")
-        named = {name: getattr(self, name) for name in own}
-        return PolynomialPlant.from_parts(len(self.state_names), **kept, **named)
+        return PolynomialPlant.from_parts(
+            len(self.state_names), **kept, **{name: getattr(self, name) for name in OWN}
+        )
 
     @property
     def input_matrix_is_constant(self) -> bool:
@@ -415,3 +408,178 @@ class PolynomialPlant(Summarised):
         x = np.asarray(x, dtype=float)
         f, g1, g2, h = (evaluate(p, x) for p in (self.f_parts, self.g1_parts, self.g2_parts, self.h_parts))
         return f, g1, g2, h
+
+
+STATES, REST = -1, -2  # whose a monomial is; an input's or disturbance's number otherwise
+
+#: A coefficient of order two in the inputs, relative to the largest one of its row, that is rounding.
+AFFINE_TOLERANCE = 1e-12
+
+
+class ControlAffineExpansion(NamedTuple):
+    """ẋ = f(x) + g1(x) δd + g2(x) δu in the deviations x, δu, δd from the point, as monomial coefficients.
+
+    The last axis runs over the monomials in the n states, degree after degree (`polynomial.truncated.degree_slice`):
+    f (n, C(n+D, D)) through degree D, its first column the flow at the point; g1 (n, md, C(n+D−1, D−1)) and
+    g2 (n, m, C(n+D−1, D−1)), the columns of the disturbances and of the inputs, through degree D − 1.
+    """
+
+    f: np.ndarray
+    g1: np.ndarray
+    g2: np.ndarray
+
+
+@lru_cache(8)
+def _sorted_out(n: int, others: int, degree: int) -> tuple[np.ndarray, np.ndarray]:
+    """Which field each monomial in n states and some other variables belongs to, through `degree`, and its place there.
+
+    The owner is STATES for a monomial in the states alone, j for other variable j times one of those, else REST; the
+    place is its number in the basis of the n states (0 for REST).
+    """
+    owner, place = [np.full(1, STATES)], [np.zeros(1, np.intp)]
+    for k in range(1, degree + 1):
+        tuples = indices(n + others, k)
+        last = tuples[:, -1].astype(np.intp)
+        once = tuples[:, -2] < n if k > 1 else np.ones(len(tuples), bool)
+        owner.append(np.where(last < n, STATES, np.where(once, last - n, REST)))
+        place.append(np.zeros(len(tuples), np.intp))
+        for field, lowest in [(STATES, size(n, k - 1)), *((j, size(n, k - 2)) for j in range(others))]:
+            found = np.flatnonzero(owner[-1] == field)  # in the order of the basis, which is lexicographic
+            place[-1][found] = lowest + np.arange(len(found))
+    return np.concatenate(owner), np.concatenate(place)
+
+
+def _check_finite(rows: np.ndarray, values: np.ndarray, shape: tuple[int, ...], what: str) -> None:
+    bad = ~np.isfinite(values)
+    if bad.any():
+        component = [int(i) for i in np.unravel_index(rows[bad][0], shape)]
+        raise InvalidInput(
+            f"The Taylor expansion of the {what} is not finite.",
+            f"expected finite coefficients, got NaN or infinity in component {component}",
+            "finite parameters, and a point where no term overflows",
+        )
+
+
+def expand_problem(problem: Any, degree: int) -> PolynomialPlant:
+    """A `GeneralisedPlant` about its operating point, at the nominal parameters; see its `expand`."""
+    n, table = len(problem.state_names), problem.plant.parameters
+    parameters = table.named(table.vector())
+    f, g1, g2 = expand_control_affine(
+        problem.flow, problem.operating_point, problem.operating_input, np.zeros(len(problem.disturbance_names)),
+        parameters, degree, input_names=problem.input_names, disturbance_names=problem.disturbance_names,
+    )  # fmt: skip
+    _check_everywhere(problem.plant)
+    h = expand(problem.penalty_output, np.zeros(n), parameters, degree)
+    fields = {
+        name: {k: coefficients[..., degree_slice(n, k)] for k in range(highest + 1)}
+        for name, coefficients, highest in (
+            ("f", f, degree),
+            ("g1", g1, degree - 1),
+            ("g2", g2, degree - 1),
+            ("h", h, degree),
+        )
+    }
+    return PolynomialPlant.from_parts(n, **fields, **{name: getattr(problem, name) for name in OWN})
+
+
+def _check_everywhere(plant: Any) -> None:
+    """Refuse a flow that is affine in its inputs near a point only: its slope jumps, or bends beyond the expansion."""
+    import casadi as ca
+
+    names, m = (*plant.inputs, *plant.disturbances), len(plant.inputs)
+    x, inputs = ca.SX.sym("x", plant.n), ca.SX.sym("w", len(names))
+    flow = plant.traced_flow(x, inputs[:m], inputs[m:], plant.parameters.vector())
+    if linear(ca.Function("flow", [inputs, x], [flow])):
+        return
+    z, slope = ca.vertcat(inputs, x), ca.jacobian(flow, inputs)
+    decides = switches(flow, z)
+    terms_of = ca.vertcat(ca.vec(sizes_of_rows(slope)), ca.SX.ones(decides.numel(), 1))
+    bent = ca.vertcat(ca.vec(ca.densify(slope)), decides)
+    bad = [name for j, name in enumerate(names) if nonzero(ca.jacobian(bent, inputs[j]), z, terms_of).any()]
+    if bad:
+        raise InvalidInput(
+            "The flow is not affine in its inputs, so it has no form f(x) + g1(x) d + g2(x) u.",
+            f"expected slopes that no input changes anywhere, got a function of {', '.join(bad)} that bends or jumps "
+            "away from the point",
+            "the nonlinear actuator as states of its own, with the new command as input",
+        )
+
+
+def expand(function: Callable[[np.ndarray, Any], Any], x0: Any, parameters: Any, degree: int) -> np.ndarray:
+    """Taylor coefficients (..., C(n+degree, degree)) of `function(x, parameters)`, NumPy code, about `x0` (n,).
+
+    Code that is not analytic at the point, branches on an element, or gives no finite coefficients is refused.
+    """
+    x = jets(x0, degree)
+    with np.errstate(all="ignore"):
+        result = np.asarray(function(x, parameters), dtype=object)
+    rows, monomials, values = terms(result, len(x), degree)
+    _check_finite(rows, values, result.shape, "function")
+    table = np.zeros((result.size, size(len(x), degree)))
+    table[rows, monomials] = values
+    return table.reshape(*result.shape, table.shape[1])
+
+
+def expand_control_affine(
+    flow: Callable[[np.ndarray, np.ndarray, np.ndarray, Any], Any],
+    x0: Any,
+    u0: Any,
+    d0: Any,
+    parameters: Any,
+    degree: int,
+    *,
+    input_names: Sequence[str] | None = None,
+    disturbance_names: Sequence[str] | None = None,
+) -> ControlAffineExpansion:
+    """Taylor coefficients of a flow that is affine in its inputs, f(x) + g1(x) d + g2(x) u, about x0, u0, d0.
+
+    The code `flow(x, u, d, p)` runs once, on polynomials in (x, u, d) of total degree D ≥ 1: a term gᵢ(x) uᵢ of it has
+    at most degree D − 1 in the states. Terms of order two in the inputs, of total degree ≤ max(D, 2), show a flow that
+    is not affine; it is refused by their names. So is one that does not return n components, is not analytic at the
+    point, branches on an element, or gives no finite coefficients.
+    """
+    point = [np.atleast_1d(np.asarray(a, dtype=float)) for a in (x0, u0, d0)]
+    n, m, md = map(len, point)
+    if degree < 1:
+        raise InvalidInput(
+            "The degree of the expansion cannot be used.",
+            f"expected >= 1, got {value_text(degree)}",
+            "for example 3",
+        )
+    inner = max(degree, 2)
+    x, u, d = np.split(jets(np.concatenate(point), inner), [n, n + m])
+    with np.errstate(all="ignore"):
+        result = np.asarray(flow(x, u, d, parameters), dtype=object)
+    if result.shape != (n,):
+        raise InvalidInput(
+            "The flow does not return one derivative per state.",
+            f"expected shape ({n},), got {result.shape}",
+            "np.array([...]) of the n derivatives, in the order of the states",
+        )
+    rows, monomials, values = terms(result, n + m + md, inner)
+    _check_finite(rows, values, result.shape, "flow")
+    owner, place = (part[monomials] for part in _sorted_out(n, m + md, inner))
+    # Terms of order two or more in the inputs that are more than rounding.
+    scale = np.zeros(n)
+    np.maximum.at(scale, rows, np.abs(values))
+    beyond = (owner == REST) & (np.abs(values) > AFFINE_TOLERANCE * scale[rows])
+    if beyond.any():
+        names = list(input_names or [f"u[{j}]" for j in range(m)])
+        names += disturbance_names or [f"d[{j}]" for j in range(md)]
+        worst = np.argmax(np.where(beyond, np.abs(values), 0.0))
+        number, k = monomials[worst], 2
+        while number >= size(n + m + md, k):
+            k += 1
+        monomial = indices(n + m + md, k)[number - size(n + m + md, k - 1)]
+        term = " * ".join(names[i - n] if i >= n else f"x[{i}]" for i in monomial)
+        raise InvalidInput(
+            "The flow is not affine in its inputs, so it has no form f(x) + g1(x) d + g2(x) u.",
+            f"expected no product of inputs, got {values[worst]:.6g} * {term} in derivative {rows[worst]}",
+            "the nonlinear actuator as states of its own, with the new command as input",
+        )
+    f, g = np.zeros((n, size(n, degree))), np.zeros((n, m + md, size(n, degree - 1)))
+    kept = (owner == STATES) & (place < f.shape[-1])
+    f[rows[kept], place[kept]] = values[kept]
+    kept = (owner >= 0) & (place < g.shape[-1])
+    g[rows[kept], owner[kept], place[kept]] = values[kept]
+    return ControlAffineExpansion(f, g[:, m:], g[:, :m])

@@ -176,11 +176,8 @@ class Estimator(Numbered):
         """Model, period and noises."""
         noises = []
         for covariance in (self.process_noise, self.measurement_noise):
-            values = np.sqrt(np.diag(covariance))
-            low, high = f"{values.min():.3g}", f"{values.max():.3g}"
-            noises.append(
-                f"standard deviation{'' if low == high else 's'} {low}" + f" to {high}" * (low != high)
-            )
+            ends = [f"{end(np.sqrt(np.diag(covariance))):.3g}" for end in (np.min, np.max)]
+            noises.append(f"standard deviation {' to '.join(dict.fromkeys(ends))}")
         return {
             "states": names_text(tuple(self.plant.states)),
             "measured": names_text(tuple(self.plant.outputs)),

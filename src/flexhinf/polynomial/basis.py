@@ -192,8 +192,6 @@ def to_kronecker(part: np.ndarray, n: int, k: int) -> np.ndarray:
 
 
 def _ranks(columns: np.ndarray, n: int, k: int) -> np.ndarray:
-    """Monomial that each Kronecker column belongs to."""
     if k == 0:
         return np.zeros(len(columns), int)
-    tuples = np.stack(np.unravel_index(columns, (n,) * k), axis=1)
-    return rank(n, np.sort(tuples, axis=1))
+    return rank(n, np.sort(np.stack(np.unravel_index(columns, (n,) * k), axis=1), axis=1))

@@ -8,11 +8,24 @@ measured.
 
 In the triangular equation V_z(z) T z = r(z), z_j ∂V/∂z_i with j > i moves an index i of a tuple up to j, so the sum
 of the indices orders the equations: all tuples of one sum depend only on those of smaller sums and are solved together.
+
+Linear change of variables in a homogeneous polynomial, in compressed symmetric storage.
+
+One index of the symmetric tensor is transformed at a time. In between, the tensor is symmetric in the k−s old
+indices and symmetric in the s new ones: a matrix of count(n, k−s) rows and count(n, s) columns. A step opens
+one old index by the insertion table, contracts it with the matrix and keeps the results whose new index comes
+first in the sorted tuple: dense matrix products on arrays that never exceed count(n, k/2)² numbers.
+
+Coordinates in which a linear flow is diagonal or triangular: a real matrix times complex pairs.
+
+Eigenvectors of a real matrix come in conjugate pairs v = p ± iq. Going to the real columns p, q first and
+mixing each pair afterwards keeps the expensive, dense part of the change of variables in real arithmetic.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from itertools import pairwise
 from typing import Any
@@ -20,11 +33,210 @@ from typing import Any
 import numpy as np
 
 from flexhinf.polynomial import basis
-from flexhinf.polynomial.algebra import matrix_product
-from flexhinf.polynomial.transform import Coordinates, eigen_coordinates, schur_coordinates
+from flexhinf.polynomial.algebra import matrix_product, run_all, tile_products
+
+_SMALL = 20_000  # opened tensors up to this size go through one product and one selection
+_TILE_BYTES = 2_000_000
+_LARGE = 2_000_000  # opened tensors from this size on are worth a second thread
+
+
+class Workspace:
+    """Two buffers that the steps write to in turn, kept from one change of variables to the next.
+
+    Memory that is fresh from the system costs several times the arithmetic done on it.
+    """
+
+    def __init__(self) -> None:
+        self._buffers = [np.empty(0), np.empty(0)]
+
+    def take(self, turn: int, rows: int, columns: int, dtype: np.dtype) -> np.ndarray:
+        """An array whose content is arbitrary; it lives until the next call with the same parity of `turn`."""
+        size = rows * columns * dtype.itemsize // 8
+        if self._buffers[turn % 2].size < size:
+            self._buffers[turn % 2] = np.empty(0)  # give back before asking for more
+            self._buffers[turn % 2] = np.empty(size)
+        return self._buffers[turn % 2][:size].view(dtype).reshape(rows, columns)
+
+
+def change_variables(
+    entries: np.ndarray, n: int, k: int, matrix: np.ndarray, workspace: Workspace | None = None
+) -> np.ndarray:
+    """Tensor entries (count(n, k),) of p(M z) as a polynomial in z, of those of p, homogeneous of degree `k`.
+
+    Entries and M (n, n) are real or complex. A workspace is used again by later calls, one at a time.
+    """
+    dtype = np.result_type(entries, matrix)
+    tensor = np.ascontiguousarray(entries, dtype).reshape(-1, 1)
+    matrix = np.ascontiguousarray(matrix, dtype)
+    for s in range(k):
+        opening = basis.insertion(n, k - s)
+        width = tensor.shape[1]
+        if opening.size * width <= _SMALL and n * n * width <= tile_products(dtype):
+            tensor = (matrix.T @ tensor[opening]).reshape(len(opening), -1)[:, _sorted_pairs(n, s)]
+        else:
+            shape = len(opening), basis.count(n, s + 1)
+            result = workspace.take(s, *shape, dtype) if workspace else np.empty(shape, dtype)
+            tensor = _contract_one_index(tensor, opening, n, s, matrix, result)
+    return tensor.reshape(-1).copy() if workspace else tensor.reshape(-1)
+
+
+@lru_cache(64)
+def _sorted_pairs(n: int, s: int) -> np.ndarray:
+    """Positions, in an (n, count(n, s)) array, of the pairs (j, tail) with j ≤ the first index of tail."""
+    start, width = basis.offsets(n, s), basis.count(n, s)
+    return np.concatenate([j * width + np.arange(start[j], width) for j in range(n)])
+
+
+def _contract_one_index(
+    tensor: np.ndarray, opening: np.ndarray, n: int, s: int, matrix: np.ndarray, result: np.ndarray
+) -> np.ndarray:
+    width = basis.count(n, s)
+    blocks = 1 if s == 0 else min(n, 4)  # of new indices: more skip more of the unsorted tuples
+    products = tile_products(result.dtype)  # stays in cache, too
+    columns = min(width, max(1, products * blocks // n**2))
+    rows = max(1, _TILE_BYTES // (n * columns * tensor.itemsize) if s else products // n**2)
+    edges = [(block * n) // blocks for block in range(blocks + 1)]
+    start, first = basis.offsets(n, s), basis.offsets(n, s + 1)
+
+    def contract(top: int, left: int) -> None:
+        """Contract axis 1 of a tile (rows, n, tails from `left` on) and keep what is sorted."""
+        opened, kept = tensor[:, left : left + columns][opening[top : top + rows]], result[top : top + rows]
+        if s == 0:
+            np.matmul(opened[:, :, 0], matrix, out=kept)
+            return
+        right = left + opened.shape[2]
+        for low, high in pairwise(edges):
+            begin = max(start[low], left)
+            if begin >= right:
+                return
+            contracted = np.matmul(matrix[:, low:high].T, opened[:, :, begin - left :])
+            for j in range(low, high):
+                tail = max(start[j], left)
+                if tail < right:
+                    place = first[j] - start[j]
+                    kept[:, place + tail : place + right] = contracted[:, j - low, tail - begin :]
+
+    tiles = ((top, left) for top in range(0, len(opening), rows) for left in range(0, width, columns))
+    run_all(contract, tiles, large=opening.size * width > _LARGE)
+    return result
+
+
+_NEGLIGIBLE = 5_000  # coefficients up to which one complex change of variables is cheaper than real and pairs
+_PAIR = np.array([[1, 1], [1j, -1j]]) / np.sqrt(2)
+
+
+@dataclass(frozen=True)
+class Coordinates:
+    """x = M G z with real M, and G unitary in 2×2 blocks (`rotations`, by their first variable).
+
+    `flow` is the matrix in these coordinates, (M G)⁻¹ A (M G): diagonal or upper triangular, complex; `real` and
+    `inverse` are M and M⁻¹.
+    """
+
+    flow: np.ndarray
+    real: np.ndarray
+    inverse: np.ndarray
+    rotations: dict[int, np.ndarray]
+    workspace: Workspace = field(default_factory=Workspace, repr=False)
+
+    @property
+    def condition(self) -> float:
+        """cond(M G) in the 2-norm; infinite if there is no inverse."""
+        if not np.isfinite(self.inverse).all():
+            return np.inf
+        return float(np.linalg.norm(self.real, 2) * np.linalg.norm(self.inverse, 2))
+
+    def enter(self, entries: np.ndarray, k: int) -> np.ndarray:
+        """Tensor entries in z of a polynomial given in x."""
+        n = len(self.real)
+        if len(entries) <= _NEGLIGIBLE:
+            return change_variables(entries, n, k, self.real @ self._pairs())
+        return rotate_pairs(change_variables(entries, n, k, self.real, self.workspace), n, k, self.rotations)
+
+    def leave(self, entries: np.ndarray, k: int) -> np.ndarray:
+        """Tensor entries in x of a polynomial given in z, real in x."""
+        n = len(self.real)
+        if len(entries) <= _NEGLIGIBLE:
+            return np.real(change_variables(entries, n, k, self._pairs().conj().T @ self.inverse))
+        back = {first: np.ascontiguousarray(block.conj().T) for first, block in self.rotations.items()}
+        rotated = np.real(rotate_pairs(entries, n, k, back))
+        return change_variables(rotated, n, k, self.inverse, self.workspace)
+
+    def _pairs(self) -> np.ndarray:
+        pairs = np.eye(len(self.real), dtype=complex)
+        for first, block in self.rotations.items():
+            pairs[first : first + 2, first : first + 2] = block
+        return pairs
+
+
+def eigen_coordinates(matrix: np.ndarray) -> Coordinates:
+    """Eigenvectors of a real matrix, conjugate pairs first."""
+    eigenvalues, vectors = np.linalg.eig(matrix)
+    pairs, lone = np.flatnonzero(np.imag(eigenvalues) > 0), np.flatnonzero(np.imag(eigenvalues) == 0)
+    joined = np.stack([np.real(vectors[:, pairs]), np.imag(vectors[:, pairs])], axis=2) * np.sqrt(2)
+    real = np.hstack([joined.reshape(len(matrix), -1), np.real(vectors[:, lone])])
+    values = np.stack([eigenvalues[pairs], eigenvalues[pairs].conj()], axis=1).ravel()
+    try:
+        inverse = np.linalg.inv(real)
+    except np.linalg.LinAlgError:
+        inverse = np.full_like(real, np.inf)
+    flow = np.diag(np.concatenate([values, eigenvalues[lone]]))
+    return Coordinates(flow, real, inverse, {2 * i: _PAIR for i in range(len(pairs))})
+
+
+def schur_coordinates(matrix: np.ndarray) -> Coordinates:
+    """Real Schur form, its 2×2 blocks made triangular by complex rotations."""
+    from scipy.linalg import schur
+
+    triangular, orthogonal = schur(matrix, output="real")[:2]
+    rotations = {}  # unitary, the first column an eigenvector of the block
+    for i in np.flatnonzero(np.diag(triangular, -1)).tolist():
+        _, vectors = np.linalg.eig(triangular[i : i + 2, i : i + 2].astype(complex))
+        a, b = vectors[:, 0]
+        rotations[i] = np.array([[a, -np.conj(b)], [b, np.conj(a)]])
+    pairs = Coordinates(triangular, orthogonal, orthogonal.T, rotations)._pairs()
+    return Coordinates(np.triu(pairs.conj().T @ triangular @ pairs), orthogonal, orthogonal.T, rotations)
+
+
+def rotate_pairs(entries: np.ndarray, n: int, k: int, rotations: Mapping[int, np.ndarray]) -> np.ndarray:
+    """Tensor entries (count(n, k),), complex, of p(G z), where G is the identity but for 2×2 blocks on the diagonal.
+
+    A block at i acts on variables i and i+1.
+    """
+    result = entries.astype(complex)
+    for first, rotation in rotations.items():
+        for m in range(1, k + 1):
+            group = _pair_tuples(n, k, first, m)
+            result[group] = matrix_product(result[group], _power(rotation.tobytes(), m))
+    return result
+
+
+@lru_cache(4096)
+def _pair_tuples(n: int, k: int, first: int, m: int) -> np.ndarray:
+    """Ranks of the tuples that hold the pair's variables exactly m times, int32 (tuples of the other indices, m + 1).
+
+    Column b: the second variable b times, the first m − b times.
+    """
+    others = basis.indices(n, k - m)
+    rest = np.flatnonzero(~((others == first) | (others == first + 1)).any(axis=1)).astype(np.int32)
+    columns = []
+    for b in range(m + 1):
+        ranks = rest
+        for step in range(m):
+            ranks = basis.insertion(n, k - m + step + 1)[ranks, first + (step < b)]
+        columns.append(ranks)
+    return np.stack(columns, axis=1)
+
+
+@lru_cache(512)
+def _power(rotation: bytes, m: int) -> np.ndarray:
+    """What a 2×2 matrix does to the m+1 tensor entries of degree m in two variables; shape (old, new)."""
+    matrix = np.frombuffer(rotation, complex).reshape(2, 2)
+    return np.stack([change_variables(unit, 2, m, matrix) for unit in np.eye(m + 1)])
+
 
 HOPELESS = 1e-1  # cond(T)^k ε beyond which the eigenvector route is not tried
-_SMALL = 2_000  # coefficients up to which a refinement step costs nothing to speak of
+_EASY = 2_000  # coefficients up to which a refinement step costs nothing to speak of
 _ROWS = 8_192  # gradients formed at a time for a residual
 _REFINE = 1e-14  # residual above which a large solution is refined
 _ACCEPT = 3e-14  # residual above which the eigenvector route is given up
@@ -67,10 +279,17 @@ class HomologicalEquation:
     def solve(self, known: np.ndarray, k: int) -> HomologicalSolution:
         """V of degree `k`, from the tensor entries (count(n, k),) of r."""
         if self.condition**k * np.finfo(float).eps < HOPELESS:
-            solution = self._by_eigenbasis(known, k)
+            pivots = -diagonal_sums(self.eigenbasis.flow, k)
+            methods = "eigenbasis", "eigenbasis, refined"
+            solution = self._refined(
+                self.eigenbasis, lambda right: np.divide(right, pivots, out=right), known, k, methods, _REFINE
+            )
             if solution.residual <= _ACCEPT:
                 return solution
-        return self._by_schur(known, k)
+        flow = self.schur_basis.flow
+        return self._refined(
+            self.schur_basis, lambda right: substitute(flow, -right, k), known, k, ("Schur", "Schur"), np.inf
+        )
 
     def residual(self, entries: np.ndarray, known: np.ndarray, k: int) -> np.ndarray:
         """Tensor entries of V_x A x + r."""
@@ -84,41 +303,25 @@ class HomologicalEquation:
         return total / basis.multiplicity(n, k) + known
 
     def _relative(self, residual: np.ndarray, entries: np.ndarray, known: np.ndarray) -> float:
-        scale = self._norm * np.linalg.norm(entries) + np.linalg.norm(known)
+        scale = np.linalg.norm(self.matrix, 2) * np.linalg.norm(entries) + np.linalg.norm(known)
         return float(np.linalg.norm(residual) / scale) if scale > 0 else 0.0
 
-    @cached_property
-    def _norm(self) -> float:
-        return float(np.linalg.norm(self.matrix, 2))
-
-    def _by_eigenbasis(self, known: np.ndarray, k: int) -> HomologicalSolution:
-        def divide(right: np.ndarray) -> np.ndarray:
-            quotient = self.eigenbasis.enter(right, k)
-            quotient /= -diagonal_sums(self.eigenbasis.flow, k)
-            return self.eigenbasis.leave(quotient, k)
-
-        return self._refined(divide, known, k, "eigenbasis", "eigenbasis, refined", _REFINE)
-
-    def _by_schur(self, known: np.ndarray, k: int) -> HomologicalSolution:
-        def substituted(right: np.ndarray) -> np.ndarray:
-            rotated = self.schur_basis.enter(right, k)
-            return self.schur_basis.leave(substitute(self.schur_basis.flow, -rotated, k), k)
-
-        return self._refined(substituted, known, k, "Schur", "Schur", np.inf)
-
     def _refined(
-        self, inverse: Any, known: np.ndarray, k: int, method: str, refined: str, enough: float
+        self, coordinates: Coordinates, inverse: Any, known: np.ndarray, k: int, methods: Any, enough: float
     ) -> HomologicalSolution:
-        """The better one of a solution and the same refined once; a large one with a residual of `enough` as it is."""
-        entries = inverse(known)
+        """The better one of a solution and the same refined once; a large one with a residual of `enough` as it is.
+
+        `inverse` solves the equation in these coordinates.
+        """
+        entries = coordinates.leave(inverse(coordinates.enter(known, k)), k)
         residual = self.residual(entries, known, k)
         relative = self._relative(residual, entries, known)
-        first = HomologicalSolution(entries, method, relative)
-        if (relative <= enough and len(known) > _SMALL) or not np.isfinite(relative):
+        first = HomologicalSolution(entries, methods[0], relative)
+        if (relative <= enough and len(known) > _EASY) or not np.isfinite(relative):
             return first
-        entries = entries + inverse(residual)
+        entries = entries + coordinates.leave(inverse(coordinates.enter(residual, k)), k)
         after = self._relative(self.residual(entries, known, k), entries, known)
-        return HomologicalSolution(entries, refined, after) if after < relative else first
+        return HomologicalSolution(entries, methods[1], after) if after < relative else first
 
 
 _CHUNK = 100_000

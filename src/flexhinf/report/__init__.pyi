@@ -3,6 +3,8 @@
 from .blocks import (
     Block as Block,
     Bullets as Bullets,
+    Cell as Cell,
+    Column as Column,
     Figure as Figure,
     Listing as Listing,
     Note as Note,
@@ -10,6 +12,7 @@ from .blocks import (
     Provenance as Provenance,
     Setting as Setting,
     Settings as Settings,
+    Table as Table,
     at_least as at_least,
     at_most as at_most,
     number as number,
@@ -35,7 +38,6 @@ from .figure import (
 from .folder import check as check, is_report as is_report, unchanged as unchanged, write as write
 from .page import (
     Claim as Claim,
-    ClaimEvidence as ClaimEvidence,
     Claims as Claims,
     KeyNumber as KeyNumber,
     Page as Page,
@@ -44,4 +46,3 @@ from .page import (
     by_verdict as by_verdict,
     summary as summary,
 )
-from .table import Cell as Cell, Column as Column, Table as Table

@@ -183,26 +183,22 @@ def _replace(target: Path, contents: Mapping[str, bytes]) -> None:
 
 def _refuse(target: Path) -> None:
     """Raise unless `target` is free, empty, or an earlier report."""
-    here, there = Path.cwd(), target.exists()
-    folder = there and target.is_dir()
-    what = hint = ""
-    if target == here or target in here.parents:
-        what = "The report cannot take the place of the folder you are in, nor of one above it."
-        hint = "a folder below it, for example flexhinf-report"
-    elif there and not folder:
-        what, hint = "The report needs a folder, and there is a file.", "another name"
-    elif folder and target.is_mount():
-        what = (
-            "The report replaces its folder whole, and this one is a mount point, which cannot be replaced."
-        )
-        hint = f"a folder below it, for example {target / 'report'}"
-    elif folder and any(target.iterdir()) and not is_report(target):
-        what = (
-            f"The folder holds something that is not a report of flexhinf (no {MARKER}), and is left alone."
-        )
-        hint = "another name, or an empty folder"
-    if what:
-        raise InvalidInput(what, f"got {target}", hint)
+    here, folder = Path.cwd(), target.is_dir()
+    refusals = (
+        (target == here or target in here.parents,
+         "The report cannot take the place of the folder you are in, nor of one above it.",
+         "a folder below it, for example flexhinf-report"),
+        (target.exists() and not folder, "The report needs a folder, and there is a file.", "another name"),
+        (folder and target.is_mount(),
+         "The report replaces its folder whole, and this one is a mount point, which cannot be replaced.",
+         f"a folder below it, for example {target / 'report'}"),
+        (folder and any(target.iterdir()) and not is_report(target),
+         f"The folder holds something that is not a report of flexhinf (no {MARKER}), and is left alone.",
+         "another name, or an empty folder"),
+    )  # fmt: skip
+    for refused, what, hint in refusals:
+        if refused:
+            raise InvalidInput(what, f"got {target}", hint)
     if folder:
         _refuse_strangers(target, target)
 
@@ -212,10 +208,10 @@ def _refuse_strangers(folder: Path, target: Path) -> None:
     marker = _marker(folder)
     if marker is None:
         return
-    ours = marker.get("files")
-    digests: dict[str, Any] = ours if isinstance(ours, dict) else {}
-    listed = ours if isinstance(ours, (dict, list)) else ()  # before version 2, a list of names
-    known = {MARKER, *(str(PurePosixPath(name)) for name in listed if isinstance(name, str))}
+    listed = marker.get("files", ())  # before version 2, a list of names
+    digests: dict[str, Any] = listed if isinstance(listed, dict) else {}
+    names = listed if isinstance(listed, (dict, list)) else ()
+    known = {MARKER, *(str(PurePosixPath(name)) for name in names if isinstance(name, str))}
     homes = {str(parent) for name in known for parent in PurePosixPath(name).parents}
     strangers, changed = [], []
     for path in sorted(folder.rglob("*")):
@@ -230,7 +226,7 @@ def _refuse_strangers(folder: Path, target: Path) -> None:
             except OSError:
                 digest = ""
             changed += [name] if digest != digests[name] else []
-    for names, what, hint in (
+    for found, what, hint in (
         (strangers, "The report's folder holds files that are not of the report", "move them elsewhere"),
         (
             changed,
@@ -238,8 +234,8 @@ def _refuse_strangers(folder: Path, target: Path) -> None:
             "copy them elsewhere and delete the folder",
         ),
     ):
-        if names:
-            some = f"{', '.join(repr(name) for name in names[:3])}{' …' if len(names) > 3 else ''}"
+        if found:
+            some = f"{', '.join(map(repr, found[:3]))}{' …' if len(found) > 3 else ''}"
             got, hint = f"got {some} in {target}", f"{hint}, or another folder for the report"
             raise InvalidInput(f"{what}; it is left alone.", got, hint)
 

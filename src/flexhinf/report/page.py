@@ -6,10 +6,11 @@ with figures and tables; then every assumption and setting, versions, seed and t
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import resources
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 from flexhinf.errors import InvalidInput
 from flexhinf.report.blocks import Block, Provenance, Settings, check_id, escape, prose, scalar, unit_html
@@ -35,12 +36,13 @@ _ORDER: tuple[str, ...] = ("fails", "ties", "not judged", "holds")
 
 
 @dataclass(frozen=True)
-class Claim:
+class Claim(Block):
     """One claim of a paper, judged: "holds", "fails", "ties" (the difference lies within its own confidence interval)
     or "not judged"; another verdict is refused with `InvalidInput`.
 
     `id` is its name in ``metrics.json`` and, after ``claim-``, its anchor; `evidence` the numbers behind the verdict;
-    `figures` anchors of the figures that show it; `criterion` is fixed before the result and shown before the verdict.
+    `figures` anchors of the figures that show it; `criterion` is fixed before the result and shown before the verdict;
+    `blocks` are tables and figures of its own, `numbers` what else ``metrics.json`` holds, `data` what a page draws.
     """
 
     id: str
@@ -49,16 +51,46 @@ class Claim:
     evidence: str
     figures: tuple[str, ...] = ()
     criterion: str = ""
+    blocks: Sequence[Block] = ()
+    numbers: Mapping[str, Any] = field(default_factory=dict)
+    data: Any = None
 
     def __post_init__(self) -> None:
         check_id(self.id)
         _check_kind("claim", self.verdict, get_args(Verdict))
 
-    def as_dict(self) -> dict[str, str]:
+    def as_dict(self) -> dict[str, Any]:
         """The claim as it stands in ``metrics.json``."""
         criterion = {"criterion": self.criterion} if self.criterion else {}
-        known = {"id": self.id, "text": self.text, **criterion}
-        return {**known, "verdict": self.verdict, "evidence": self.evidence}
+        known = {
+            "id": self.id,
+            "text": self.text,
+            **criterion,
+            "verdict": self.verdict,
+            "evidence": self.evidence,
+        }
+        return {**known, "numbers": self.numbers} if self.numbers else known
+
+    def ids(self) -> tuple[str, ...]:
+        """The anchors of the claim and of its blocks."""
+        return (f"claim-{self.id}", *super().ids()[1:])
+
+    def html(self) -> str:
+        """An article with the evidence; colour is never the only sign of a verdict."""
+        links = []
+        for name in self.figures:
+            if name not in self.ids():
+                word, _, rest = name.partition("-")  # figure-03 is read as Figure 3
+                spoken = f"{word.capitalize()} {rest.lstrip('0') or rest}".strip()
+                links.append(f'<a href="#{name}">{escape(spoken)}</a>')
+        seen = f' <span class="seen">See {", ".join(links)}.</span>' if links else ""
+        criterion = f"<p><strong>Criterion.</strong> {prose(self.criterion)}</p>" if self.criterion else ""
+        parts = (
+            f'<article class="claim" id="claim-{self.id}"><h3>{prose(self.text)}</h3>', criterion,
+            f"<p>{badge(self.verdict)} {prose(self.evidence)}{seen}</p>", *(block.html() for block in self.blocks),
+            "</article>",
+        )  # fmt: skip
+        return "\n".join(filter(None, parts))
 
 
 def _check_kind(what: str, kind: str, kinds: Sequence[str]) -> None:
@@ -69,8 +101,7 @@ def _check_kind(what: str, kind: str, kinds: Sequence[str]) -> None:
 
 @dataclass(frozen=True)
 class Claims(Block):
-    """A table of judged claims, those that fail first; each row leads to the claim's `ClaimEvidence` on the same
-    page."""
+    """A table of judged claims, those that fail first; each row leads to the claim's evidence on the same page."""
 
     claims: Sequence[Claim]
 
@@ -88,34 +119,6 @@ class Claims(Block):
         )
 
 
-@dataclass(frozen=True)
-class ClaimEvidence(Block):
-    """One claim with its criterion, its verdict, the numbers behind it, and the tables and figures that show it."""
-
-    claim: Claim
-    blocks: Sequence[Block] = ()
-
-    @property
-    def id(self) -> str:
-        """The claim's anchor."""
-        return f"claim-{self.claim.id}"
-
-    def html(self) -> str:
-        """An article; colour is never the only sign of a verdict."""
-        claim, links = self.claim, []
-        for name in claim.figures:
-            if name not in self.ids():
-                word, _, rest = name.partition("-")  # figure-03 is read as Figure 3
-                spoken = f"{word.capitalize()} {rest.lstrip('0') or rest}".strip()
-                links.append(f'<a href="#{name}">{escape(spoken)}</a>')
-        seen = f' <span class="seen">See {", ".join(links)}.</span>' if links else ""
-        parts = [f'<article class="claim" id="{self.id}"><h3>{prose(claim.text)}</h3>']
-        if claim.criterion:
-            parts.append(f"<p><strong>Criterion.</strong> {prose(claim.criterion)}</p>")
-        parts.append(f"<p>{badge(claim.verdict)} {prose(claim.evidence)}{seen}</p>")
-        return "\n".join([*parts, *(block.html() for block in self.blocks), "</article>"])
-
-
 def by_verdict(claims: Sequence[Claim]) -> list[Claim]:
     """Claims with those that fail first, those that hold last; otherwise in their order."""
     return sorted(claims, key=lambda claim: _ORDER.index(claim.verdict))
@@ -129,14 +132,14 @@ def summary(claims: Sequence[Claim]) -> str:
     >>> summary([Claim("a", "A.", "holds", "1 < 2"), Claim("b", "B.", "fails", "2 > 1")])
     'Of 2 claims 1 holds, 1 fails.'
     """
-    verdicts, parts = [claim.verdict for claim in claims], []
-    plurals = {"holds": "hold", "fails": "fail", "ties": "tie", "not judged": "are not judged"}
-    for verdict, plural in plurals.items():
-        count = verdicts.count(verdict)
-        one = "is not judged" if verdict == "not judged" else verdict
-        parts += [f"{count} {one if count == 1 else plural}"] if count else []
-    noun = "claim" if len(verdicts) == 1 else "claims"
-    return f"Of {len(verdicts)} {noun} {', '.join(parts)}." if parts else "No claim was judged."
+    words = {
+        "holds": ("holds", "hold"), "fails": ("fails", "fail"), "ties": ("ties", "tie"),
+        "not judged": ("is not judged", "are not judged"),
+    }  # fmt: skip
+    counts = Counter(claim.verdict for claim in claims)
+    parts = [f"{counts[kind]} {text[counts[kind] > 1]}" for kind, text in words.items() if counts[kind]]
+    noun = "claim" if len(claims) == 1 else "claims"
+    return f"Of {len(claims)} {noun} {', '.join(parts)}." if parts else "No claim was judged."
 
 
 def badge(kind: str) -> str:
@@ -205,22 +208,19 @@ class Page:
     status: Sequence[Status] = field(default=())
 
     def __post_init__(self) -> None:
-        names = [name for section in self.sections for name in section.ids()]
-        own = {"settings", "again"}
-        twice = sorted({name for name in names if names.count(name) > 1} | (own & set(names)))
+        names = [*(name for section in self.sections for name in section.ids()), "settings", "again"]
+        twice = sorted(name for name, times in Counter(names).items() if times > 1)
         if twice:
             what = "Every anchor of a report page is there once ('settings' and 'again' are the page's own)."
             raise InvalidInput(what, f"used more than once: {', '.join(twice)}", "another id")
         blocks = [block for section in self.sections for block in section.blocks]
-        pointed = {n for b in blocks if isinstance(b, ClaimEvidence) for n in b.claim.figures}
+        pointed = {n for b in blocks if isinstance(b, Claim) for n in b.figures}
         pointed |= {f"claim-{c.id}" for b in blocks if isinstance(b, Claims) for c in b.claims}
         lost = sorted(pointed - set(names))
         if lost:
-            raise InvalidInput(
-                "A claim points at a figure or at evidence that is not on the page.",
-                f"not found: {', '.join(lost)}",
-                "the id of a figure of this page; a ClaimEvidence for each of the Claims",
-            )
+            what = "A claim points at a figure or at evidence that is not on the page."
+            hint = "the id of a figure of this page; a Claim as a block for each of the Claims"
+            raise InvalidInput(what, f"not found: {', '.join(lost)}", hint)
 
     def html(self) -> str:
         """The whole page as text; the same page gives the same text."""

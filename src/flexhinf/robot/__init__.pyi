@@ -1,5 +1,6 @@
 """The room's public names and the files that they come from; read when a name is first used."""
 
+from .arm import Payload as Payload, Weighing as Weighing, weigh_payload as weigh_payload
 from .dynamics import Joint as Joint, Placement as Placement
 from .kinematics import check_holding as check_holding, check_reference as check_reference
 from .mujoco import MuJoCoPlant as MuJoCoPlant
@@ -11,7 +12,6 @@ from .parts import (
     assembled as assembled,
     single_link_robot as single_link_robot,
 )
-from .payload import Payload as Payload, Weighing as Weighing, weigh_payload as weigh_payload
 from .robot import Robot as Robot
 from .robot_file import catalogue as catalogue, load_robot as load_robot, paper_arm as paper_arm
 from .schema import RobotFileWarning as RobotFileWarning

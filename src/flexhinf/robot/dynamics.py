@@ -206,10 +206,10 @@ class Joint:
         axis = checked_array(what, self.axis, (3,), NUMBERS_TEXT, "[0, 0, 1]", HUGE)
         length = float(np.linalg.norm(axis))
         if not length > 1.0 / HUGE:
-            what = f"The axis of joint {self.name!r} has no direction."
-            raise InvalidInput(what, f"got {list(self.axis)}", "[0, 0, 1]")
-        unit = tuple(_snap(float(a) / length) for a in self.axis)
-        object.__setattr__(self, "axis", unit)
+            raise InvalidInput(
+                f"The axis of joint {self.name!r} has no direction.", f"got {list(self.axis)}", "[0, 0, 1]"
+            )
+        object.__setattr__(self, "axis", tuple(_snap(float(a) / length) for a in self.axis))
         if self.limits is not None:
             limits = real_array(self.limits)
             if limits.shape != (2,) or not limits[0] < limits[1]:
@@ -387,8 +387,7 @@ def frames_of(tree: Tree, q: Any) -> list[Frame]:
     frames = []
     for i, (joint, (rotation, translation)) in enumerate(zip(tree.joints, tree.aligned)):
         if joint.slides:
-            along = tuple(row[2] for row in rotation)
-            frames.append(Frame(rotation, add(translation, scaled(q[i], along))))
+            frames.append(Frame(rotation, add(translation, scaled(q[i], tuple(row[2] for row in rotation)))))
         else:
             s, c = np.sin(q[i]), np.cos(q[i])
             frames.append(Frame(product(rotation, ((c, -s, 0.0), (s, c, 0.0), (0.0, 0.0, 1.0))), translation))
@@ -444,18 +443,25 @@ def inverse_dynamics(
     q, dq, ddq are (n,) of any element; with numbers 0.0 for both of the latter only G(q) is computed. `gravity` (3,) is
     the acceleration of free fall in the world's frame, m/s².
     """
-    frames, still = (
-        frames_of(tree, q),
-        _Motion(ZERO, ZERO, tuple(minus(0.0, g) for g in gravity), _change(ZERO, ZERO)),
-    )
-    motions: list[_Motion] = []
+    # Of each frame, in its own components: ω, rad/s, its rate α, rad/s²; the acceleration of its origin less that of
+    # free fall, m/s²; and U = [α] + [ω][ω], so that a point r of the link is accelerated by U r more than the origin.
+    still = ZERO, ZERO, tuple(minus(0.0, g) for g in gravity), _spread(ZERO, ZERO)
+    frames, motions = frames_of(tree, q), list[Any]()
     wrenches: list[Any] = []
     for i, (joint, parent) in enumerate(zip(tree.joints, tree.parents)):
-        before = still if parent < 0 else motions[parent]
-        motion = before.carried(frames[i]).moved(joint.slides, dq[i], ddq[i])
-        motions.append(motion)
+        angular, change, linear, spread = still if parent < 0 else motions[parent]
+        linear = add(linear, apply(spread, frames[i].translation))
+        back = transpose(frames[i].rotation)
+        angular, change, linear = (apply(back, vector) for vector in (angular, change, linear))
+        coriolis, along = cross(angular, (0.0, 0.0, dq[i])), (0.0, 0.0, ddq[i])
+        if joint.slides:
+            linear = add(linear, add(scaled(2.0, coriolis), along))
+        else:
+            change = add(change, add(coriolis, along))
+            angular = (angular[0], angular[1], plus(angular[2], dq[i]))
+        spread = _spread(angular, change)
+        motions.append((angular, change, linear, spread))
         mass, moment, inertia = bodies[i]
-        angular, change, linear, spread = motion
         spin = add(apply(inertia, change), cross(angular, apply(inertia, angular)))
         force = add(scaled(mass, linear), apply(spread, moment))
         wrenches.append((force, add(spin, cross(moment, linear))))
@@ -470,40 +476,7 @@ def inverse_dynamics(
     return torques
 
 
-class _Motion(NamedTuple):
-    """How a frame moves, in its own components.
-
-    `angular` and `change` are ω, rad/s, and its rate α, rad/s²; `linear` is the acceleration of the origin less that of
-    free fall, m/s². `spread` is U = [α] + [ω][ω]: a point r of the link is accelerated by U r more than the origin.
-    """
-
-    angular: Vector
-    change: Vector
-    linear: Vector
-    spread: Matrix
-
-    def carried(self, frame: Frame) -> _Motion:
-        """Of a child's frame, the joint standing still; U is still the parent's."""
-        linear = add(self.linear, apply(self.spread, frame.translation))
-        angular, change, linear = (
-            apply(transpose(frame.rotation), vector) for vector in (self.angular, self.change, linear)
-        )
-        return _Motion(angular, change, linear, self.spread)
-
-    def moved(self, slides: bool, rate: Any, acceleration: Any) -> _Motion:
-        """The same with the joint moving along or about z."""
-        angular, change, linear, _ = self
-        coriolis, along = cross(angular, (0.0, 0.0, rate)), (0.0, 0.0, acceleration)
-        if slides:
-            linear = add(linear, add(scaled(2.0, coriolis), along))
-        else:
-            change = add(change, add(coriolis, along))
-            angular = (angular[0], angular[1], plus(angular[2], rate))
-        return _Motion(angular, change, linear, _change(angular, change))
-
-
-def _change(angular: Vector, change: Vector) -> Matrix:
-    """U = [α] + [ω][ω]."""
+def _spread(angular: Vector, change: Vector) -> Matrix:
     (x, y, z), (a, b, c) = angular, change
     xx, yy, zz, xy, xz, yz = (times(*pair) for pair in ((x, x), (y, y), (z, z), (x, y), (x, z), (y, z)))
 
@@ -525,10 +498,9 @@ def mass_matrix(tree: Tree, bodies: Sequence[Body], q: Any) -> np.ndarray:
     for i in reversed(range(n)):
         # Force and moment for a unit acceleration of the joint.
         mass, (x, y, _), inertia = composite[i]
+        force, moment = (minus(0.0, y), x, 0.0), tuple(row[2] for row in inertia)
         if tree.joints[i].slides:
             force, moment = (0.0, 0.0, mass), (y, minus(0.0, x), 0.0)
-        else:
-            force, moment = (minus(0.0, y), x, 0.0), tuple(row[2] for row in inertia)
         matrix[i, i] = force[2] if tree.joints[i].slides else moment[2]
         j = i
         while tree.parents[j] >= 0:

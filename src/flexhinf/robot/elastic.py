@@ -36,12 +36,11 @@ from typing import Any
 import numpy as np
 
 from flexhinf.errors import InvalidInput
-from flexhinf.plant.parameters import ParameterTable
+from flexhinf.plant.model import ParameterTable
 from flexhinf.plant.plant import pose_values
-from flexhinf.robot.parameters import per_joint
-from flexhinf.robot.units import TURNING, Stated
+from flexhinf.robot.parameters import TURNING, Stated, per_joint
 from flexhinf.scalars import clip, derivative, series, trace
-from flexhinf.validation import real_array, unknown_name
+from flexhinf.validation import unknown_name
 
 #: The parameter that each switch needs.
 EXTRAS = {
@@ -69,8 +68,7 @@ def checked_extras(extras: Any, inductance: bool, given: Collection[str], robot:
     requested = {*requested, "inductance"} if inductance else set(requested)
     for name in sorted(requested):
         if name not in EXTRAS:
-            what = f"Nothing that a real joint adds is called {name!r}."
-            raise unknown_name(what, name, EXTRAS, "extras=('joint_damping', 'coulomb_friction')")
+            raise unknown_name(f"Nothing that a real joint adds is called {name!r}.", name, EXTRAS)
         if EXTRAS[name] not in given:
             raise InvalidInput(
                 f"The robot {robot!r} does not state {EXTRAS[name]!r}, which {name!r} needs.",
@@ -82,11 +80,9 @@ def checked_extras(extras: Any, inductance: bool, given: Collection[str], robot:
 
 def inactive_parameters(extras: Collection[str], joints: Sequence[str]) -> set[str]:
     """A robot's parameters that do not act in a plant with these extras, by name."""
-    on = {EXTRAS[name] for name in extras}
-    if "stribeck_friction" in extras:
-        on.add(EXTRAS["coulomb_friction"])
-    off = set(EXTRAS.values()) - on
-    return {per_joint(name, joint, len(joints)) for name in off for joint in joints}
+    on = {*extras, *(DRY if "stribeck_friction" in extras else ())}
+    off = [quantity for name, quantity in EXTRAS.items() if name not in on]
+    return {per_joint(quantity, joint, len(joints)) for quantity in off for joint in joints}
 
 
 def spring_torque(twist: Any, rate: Any, p: Any, extras: Collection[str]) -> Any:
@@ -100,19 +96,6 @@ def spring_torque(twist: Any, rate: Any, p: Any, extras: Collection[str]) -> Any
     if "joint_damping" in extras:
         torque = torque + p.damping * rate
     return torque
-
-
-@dataclass(frozen=True)
-class Engaged:
-    """A state with every spring beyond its backlash: what `Model.engaged` wants of a robot."""
-
-    layout: Any
-
-    def __call__(self, x: Any, p: Any) -> Any:
-        """The motors turned on by the whole width: out of the dead zone from anywhere inside."""
-        moved = np.array(x, dtype=float)
-        self.layout.split(moved)[2][:] += np.asarray(p.backlash, dtype=float)  # a view of the copy
-        return moved
 
 
 @dataclass(frozen=True)
@@ -131,8 +114,7 @@ class Sticking:
         """The state after friction, on any element."""
         n = self.joints
         velocity = x[3 * n : 4 * n]
-        most = (step / p.motor_inertia) * dry_level(velocity, p, self.extras)
-        most = np.broadcast_to(most, velocity.shape)
+        most = np.broadcast_to((step / p.motor_inertia) * dry_level(velocity, p, self.extras), velocity.shape)
         lost = np.array([clip(one, -limit, limit) for one, limit in zip(velocity, most)])
         return np.concatenate(
             [x[: 2 * n], x[2 * n : 3 * n] - (0.5 * step) * lost, velocity - lost, x[4 * n :]]
@@ -187,8 +169,7 @@ def required_of_drive(
     for joint in joints:
         rotor = per_joint("rotor_inertia", joint, count) in names
         inertia = ("rotor_inertia", "gear_ratio") if rotor else ("motor_inertia",)
-        spring = () if joint in rigid else ("stiffness",)
-        quantities = (*spring, *inertia, "friction", *CONSTANTS[drive])
+        quantities = (*(() if joint in rigid else ("stiffness",)), *inertia, "friction", *CONSTANTS[drive])
         required += [per_joint(quantity, joint, count) for quantity in quantities]
     return required
 
@@ -273,6 +254,19 @@ class Layout:
         n, e = self.n, self.n - len(self.rigid)
         return x[:n], x[n : 2 * n], x[2 * n : 2 * n + e], x[2 * n + e : 2 * n + 2 * e]
 
+    def at_springs(self, links: Any) -> Any:
+        """The entries of the elastic joints (e,), of one for each joint (n,)."""
+        return links[self.elastic] if self.rigid else links
+
+    def engaged(self, x: Any, p: Any) -> np.ndarray:
+        """A state with every spring beyond its backlash: what `Model.engaged` wants of a robot.
+
+        The motors are turned on by the whole width: out of the dead zone from anywhere inside.
+        """
+        moved = np.array(x, dtype=float)
+        self.split(moved)[2][:] += np.asarray(p.backlash, dtype=float)  # a view of the copy
+        return moved
+
     def motors(self, links: Any, motors: Any) -> Any:
         """One entry per motor (n,): its own of an elastic joint, the link's of a rigid one."""
         if not self.rigid:
@@ -297,14 +291,13 @@ class ElasticFlow:
     """
 
     links: Any
-    drive: str = "voltage"
-    extras: tuple[str, ...] = ()
-    rigid: tuple[int, ...] = ()
+    drive: str
+    extras: tuple[str, ...]
+    layout: Layout
 
     def __call__(self, x: Any, u: Any, d: Any, p: Any) -> Any:
         """The rates of all states, of any element."""
-        layout = Layout(len(self.links.joint_names), self.rigid)
-        n, elastic = layout.n, layout.elastic
+        layout, n, elastic = self.layout, self.layout.n, self.layout.elastic
         q, dq, theta, dtheta = layout.split(x)
         current, speed = x[layout.mechanical :], layout.motors(dq, dtheta)
         torque, damping = u, p.friction  # the motor's torque, and what multiplies −q̇2
@@ -312,11 +305,9 @@ class ElasticFlow:
             torque = p.torque_constant * current
         elif self.drive != "torque":
             gain = torque_per_input(self.drive, p)
-            torque, damping = (
-                gain * u,
-                p.friction + (gain * p.back_emf_constant if self.drive == "voltage" else 0.0),
-            )
-        if not self.rigid:
+            back = gain * p.back_emf_constant if self.drive == "voltage" else 0.0
+            torque, damping = gain * u, p.friction + back
+        if not layout.rigid:
             spring = spring_torque(theta - q, dtheta - dq, p, self.extras)
             left = torque - damping * dtheta - friction_torque(dtheta, p, self.extras) - spring + d[n:]
             link_acceleration = self.links.accelerations(q, dq, spring + d[:n], p)
@@ -324,7 +315,7 @@ class ElasticFlow:
         else:
             spring = spring_torque(theta - q[elastic], dtheta - dq[elastic], p, self.extras)
             driven = torque - damping * speed - friction_torque(speed, p, self.extras) + d[n:]
-            rotors = [p.motor_inertia[i] if i in self.rigid else 0.0 for i in range(n)]
+            rotors = [p.motor_inertia[i] if i in layout.rigid else 0.0 for i in range(n)]
             on_links = layout.motors(driven, spring) + d[:n]
             link_acceleration = self.links.accelerations(q, dq, on_links, p, rotors)
             motor_acceleration = (1.0 / p.motor_inertia[elastic]) * (driven[elastic] - spring)
@@ -335,45 +326,6 @@ class ElasticFlow:
 
 
 # Inverse dynamics ---------------------------------------------------------------------------------
-#: A torque (force) of less than this times the robot's weight, at a metre, is rounding.
-ROUNDING = 1e-12
-
-
-def operating_point(
-    links: Any, drive: str, q: np.ndarray, p: Any, extras: Collection[str], layout: Layout
-) -> tuple[np.ndarray, np.ndarray]:
-    """State x* = (q, 0, q + K⁻¹ G(q), 0 (, i*)) and input u*, in the order of `Robot.plant`.
-
-    With a hardening spring or backlash among the `extras` the twist is that of the spring as it is.
-    """
-    held = links.gravity_torque(q, p)
-    weight = np.asarray(held)[layout.elastic]
-    twist = weight / np.atleast_1d(p.stiffness)
-    if "spring_hardening" in extras:
-        # K δ + K₃ δ³ = G, each joint by Newton's method from outside: it falls to the only root.
-        stiffness, cubic = np.atleast_1d(p.stiffness), np.atleast_1d(p.spring_hardening)
-        for _ in range(100):
-            error = stiffness * twist + cubic * twist**3 - weight
-            step = error / (stiffness + 3.0 * cubic * twist**2)
-            twist = twist - step
-            if np.all(np.abs(step) <= 1e-16 * np.abs(twist)):
-                break
-    if "backlash" in extras:
-        # A joint that carries nothing may stand anywhere in its gap: in the middle, not where rounding pushes it.
-        carries = np.abs(weight) > ROUNDING * np.sum(p.mass) * abs(p.gravity)
-        twist = twist + 0.5 * np.sign(weight) * carries * p.backlash
-    still = np.zeros(len(q))
-    states = [q, still, q[layout.elastic] + twist, still[layout.elastic]]
-    if drive == "torque":
-        return np.concatenate(states), np.array(held, dtype=float)
-    current = np.asarray(held / p.torque_constant, dtype=float)
-    if drive == "current":
-        return np.concatenate(states), current
-    if "inductance" in extras:
-        states.append(current)
-    return np.concatenate(states), np.asarray(p.resistance * current, dtype=float)
-
-
 #: A pose beyond one turn was probably meant in degrees.
 TURN = 2.0 * np.pi * (1.0 + 1e-9)
 
@@ -388,45 +340,33 @@ def checked_pose(pose: Any, default: np.ndarray, links: Any, robot: str) -> np.n
             named[names[0]] = named.pop("link_position")
         pose = dict(zip(names, default)) | named
     values = pose_values(pose, names, f"robot {robot!r}")
-    given = list(
-        pose.values() if isinstance(pose, Mapping) else np.atleast_1d(np.asarray(pose, dtype=object))
+    stated = (
+        list(pose.values()) if isinstance(pose, Mapping) else np.atleast_1d(np.asarray(pose, dtype=object))
     )
-    for k, (name, limits, slides) in enumerate(zip(names, links.limits, links.slides)):
-        _check_position(name, values[k], given[k], limits, slides)
+    for joint, limits, slides, value, text in zip(names, links.limits, links.slides, values, stated):
+        low, high = limits or ((-np.inf, np.inf) if slides else (-TURN, TURN))
+        if low <= value <= high:
+            continue
+        unit, size = "m" if slides else "rad", 1.0
+        if isinstance(text, Stated) and text.unit.lower() in TURNING and not slides:
+            unit, size = text.unit, TURNING[text.unit.lower()]
+        got = f"{text.number}{text.unit}" if isinstance(text, Stated) and text.number else f"{value:g} {unit}"
+        # Degrees may be meant by a number without a unit, where as many degrees would be allowed.
+        plain = not isinstance(text, Stated) and not slides and abs(value) > TURN
+        degrees = plain and low <= np.deg2rad(value) <= high
+        what, advice = f"The pose is outside the limits of joint {joint!r}.", "a pose within the limits"
+        if limits is None:
+            what = f"The pose turns joint {joint!r} by {got}, more than once around."
+            advice = "an angle within one turn, or limits in the robot's file, as a joint that turns further has them"
+        if degrees:
+            advice = (
+                f"{value:g}deg in commands and specifications, np.deg2rad({value:g}) elsewhere; or {advice}"
+            )
+        expected = f"{low / size:.6g} to {high / size:.6g} {unit}"
+        raise InvalidInput(
+            what, f"expected {expected}, got {got}{'; were degrees meant?' * bool(degrees)}", advice
+        )
     return values
-
-
-def _check_position(
-    joint: str, value: float, given: Any, limits: tuple[float, float] | None, slides: bool
-) -> None:
-    """Refuse a position outside the joint's limits, or more than once around where the robot states none.
-
-    Whether degrees were meant is asked for a number without a unit, where as many degrees would be allowed.
-    """
-    low, high = limits or ((-np.inf, np.inf) if slides else (-TURN, TURN))
-    if low <= value <= high:
-        return
-    unit, size = "m" if slides else "rad", 1.0
-    if isinstance(given, Stated) and given.unit.lower() in TURNING and not slides:
-        unit, size = given.unit, TURNING[given.unit.lower()]
-    got = f"{given.number}{given.unit}" if isinstance(given, Stated) and given.number else f"{value:g} {unit}"
-    plain = not isinstance(given, Stated) and not slides and abs(value) > TURN
-    asked = plain and low <= np.deg2rad(value) <= high
-    advice = f"{value:g}deg on the command line and in a specification, np.deg2rad({value:g}) elsewhere; or "
-    if limits is None:
-        what = f"The pose turns joint {joint!r} by {got}, more than once around."
-        advice += "limits in the robot's file, as a joint that turns further has them"
-        other = "an angle within one turn, or limits in the robot's file"
-    else:
-        what = f"The pose is outside the limits of joint {joint!r}."
-        advice += "a pose within the limits"
-        other = "a pose within the limits, which the robot's file states"
-    expected = f"{low / size:.6g} to {high / size:.6g} {unit}"
-    raise InvalidInput(
-        what,
-        f"expected {expected}, got {got}{'; were degrees meant?' if asked else ''}",
-        advice if asked else other,
-    )
 
 
 #: What a real joint adds that the inverse dynamics can follow: torques on the motor that its velocity gives.
@@ -471,10 +411,11 @@ class InverseFlow:
         )  # fmt: skip
         load, rate, jerk = (derivative(torque, order) for order in range(3))
         layout = Layout(len(self.links.joint_names), self.rigid)
-        softness, links, torques = 1.0 / p.stiffness, (q, dq, ddq), (load, rate, jerk)
-        if self.rigid:
-            links, torques = (tuple(v[layout.elastic] for v in part) for part in (links, torques))
-        own = [at + softness * twisting for at, twisting in zip(links, torques)]
+        softness = 1.0 / p.stiffness
+        own = [
+            layout.at_springs(at) + softness * layout.at_springs(twisting)
+            for at, twisting in zip((q, dq, ddq), (load, rate, jerk))
+        ]
         _, speed, acceleration = (layout.motors(at, motor) for at, motor in zip((q, dq, ddq), own))
         drive = p.motor_inertia * acceleration + p.friction * speed + load
         if self.extras:
@@ -486,57 +427,9 @@ class InverseFlow:
         return np.concatenate([q, dq, own[0], own[1]]), drive
 
 
-def flat_coordinates(links: Any, x: Any, p: Any, layout: Layout) -> tuple[Any, Any, Any, Any]:
-    """(q, q̇, q̈, q⃛), (n,) each, of an undisturbed state x = (q1, q̇1, q2, q̇2), on any element.
-
-    They are the coordinates in which `InverseFlow` makes the robot n chains of four integrators. The state of a robot
-    with rigid joints, whose accelerations depend on the input, does not give them.
-    """
-    if layout.rigid:
-        raise InvalidInput(
-            "A robot with rigid joints has no flat coordinates: its state alone does not give q̈ and q⃛.",
-            f"expected elastic joints only, got the rigid {[links.joint_names[i] for i in layout.rigid]}",
-            "a law without exact linearisation",
-        )
-    q, dq, theta, dtheta = layout.split(x)
-    spring, rate = p.stiffness * (theta - q), p.stiffness * (dtheta - dq)
-    ddq = links.accelerations(q, dq, spring, p)
-    moved = links.accelerations(series(q, dq), series(dq, ddq), series(spring, rate), p)
-    return q, dq, ddq, derivative(moved, 1)
-
-
-def state_and_input(
-    flow: InverseFlow, values: Mapping[str, Any], motion: tuple[Any, ...]
-) -> tuple[np.ndarray, np.ndarray]:
-    """x (4n,) or (N, 4n) and u (n,) or (N, n) of positions and four derivatives, of a plant with these parameters."""
-    joints, arrays = flow.links.joint_names, []
-    for name, value in zip(ORDERS, motion):
-        array = np.zeros(len(joints)) if value is None else np.atleast_1d(real_array(value))
-        if array.ndim not in (1, 2) or array.shape[-1] != len(joints) or not np.all(np.isfinite(array)):
-            got = repr(value) if array.size <= 8 else f"shape {array.shape}, or numbers that are not finite"
-            raise InvalidInput(
-                f"The motion's {name} does not fit the robot.",
-                f"expected finite numbers, ({len(joints)},) or (N, {len(joints)}) for {list(joints)}, got {got}",
-                "one column per joint, one row per time",
-            )
-        arrays.append(array)
-    counts = {len(array) for array in arrays if array.ndim == 2} or {1}
-    if len(counts) > 1:
-        what = "The motion's derivatives have different numbers of times."
-        raise InvalidInput(what, f"expected one, got {[array.shape for array in arrays]}", "a row per time")
-    count, table = counts.pop(), ParameterTable(values)
-    if not count:
-        return np.zeros((0, Layout(len(joints), flow.rigid).mechanical)), np.zeros((0, len(joints)))
-    shapes = tuple((name, value.shape) for name, value in table.values.items())
-    columns = [np.broadcast_to(array, (count, len(joints))).T for array in arrays]
-    numbers = np.broadcast_to(table.vector()[:, None], (table.size, count))
-    x, u = (np.array(rows, dtype=float).T for rows in _traced(flow, shapes)(*columns, numbers))
-    return (x[0], u[0]) if all(array.ndim == 1 for array in arrays) else (x, u)
-
-
 @lru_cache(maxsize=64)
-def _traced(flow: InverseFlow, shapes: tuple[tuple[str, tuple[int, ...]], ...]) -> Any:
-    """As a CasADi function of (q, q̇, q̈, q⃛, q⁗, parameter vector): other parameters trace nothing again."""
+def traced_inverse(flow: InverseFlow, shapes: tuple[tuple[str, tuple[int, ...]], ...]) -> Any:
+    """`flow` as a CasADi function of (q, q̇, q̈, q⃛, q⁗, parameter vector): other parameters trace nothing again."""
     table = ParameterTable({name: np.zeros(shape) for name, shape in shapes})
     n = len(flow.links.joint_names)
 

@@ -67,9 +67,7 @@ def check_reference(
     motion = motion_of(signals, times, order, names)
     low, high = position_ranges(robot)
     outside = (motion[0] < low) | (motion[0] > high) | ~np.isfinite(motion[0])
-    if np.any(outside):
-        row = int(np.argmax(np.any(outside, axis=1)))
-        joint = int(np.argmax(outside[row]))
+    for row, joint in np.argwhere(outside)[:1].tolist():
         raise InvalidInput(
             f"The reference leaves the limits of joint {robot.joint_names[joint]!r}.",
             f"expected {low[joint]:g} to {high[joint]:g} {'m' if robot.links.slides[joint] else 'rad'}, got "
@@ -166,19 +164,15 @@ def link_frames(robot: Robot, positions: Sequence[float] | np.ndarray) -> tuple[
     return turns @ own, places
 
 
-def _number_of(robot: Robot, link: str | None) -> int:
-    names = robot.joint_names
-    if link is not None and link not in names:
-        raise unknown_name("There is no such link.", link, names, repr(names[-1]))
-    return len(names) - 1 if link is None else names.index(link)
-
-
 def position_of(
     robot: Robot, positions: Any, link: str | None = None, offset: Sequence[float] = (0.0, 0.0, 0.0)
 ) -> np.ndarray:
     """Where a point is in the world (3,), m, at joint positions (n,): `offset` (m) in the frame of a link, the last."""
+    names = robot.joint_names
+    if link is not None and link not in names:
+        raise unknown_name("There is no such link.", link, names, repr(names[-1]))
     turns, places = link_frames(robot, positions)
-    k = _number_of(robot, link)
+    k = names.index(link or names[-1])
     return places[k] + turns[k] @ np.asarray(offset, dtype=float)
 
 
@@ -201,12 +195,11 @@ def pose_at(
         checked_array(f"The {name} is no point.", value, (3,), points, "(0.4, 0.0, 0.3)", HUGE)
         for name, value in (("place", place), ("offset", offset))
     )
-    k, n = _number_of(robot, link), len(robot.joint_names)
     low, high = position_ranges(robot)
+    n = len(low)
 
     def at(q: np.ndarray) -> np.ndarray:
-        turns, places = link_frames(robot, q)
-        return places[k] + turns[k] @ shift - wanted
+        return position_of(robot, q, link, shift) - wanted
 
     begin = np.clip(np.asarray(robot.home if near is None else near, dtype=float), low, high)
     rng, best = np.random.default_rng(0), None
@@ -227,11 +220,11 @@ def pose_at(
             break
     assert best is not None
     if np.linalg.norm(best.fun) >= CLOSE * size:
-        nearest = [float(f"{value:.4g}") for value in best.fun + wanted]
         raise InvalidInput(
             "The place is out of the robot's reach, or of the ranges of its joints.",
-            f"expected a place that {robot.joint_names[k]!r} can bring its point to, got {wanted.tolist()} m; the "
-            f"nearest that was found is {nearest} m, {np.linalg.norm(best.fun):.3g} m away",
+            f"expected a place that {link or robot.joint_names[-1]!r} can bring its point to, got {wanted.tolist()} m; "
+            f"the nearest that was found is {[float(f'{value:.4g}') for value in best.fun + wanted]} m, "
+            f"{np.linalg.norm(best.fun):.3g} m away",
             "a place nearer by, or the point of another link",
         )
     pose = np.clip(best.x, low, high)

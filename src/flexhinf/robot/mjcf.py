@@ -17,16 +17,9 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from flexhinf.errors import InvalidInput
-from flexhinf.robot.dynamics import Joint, Placement
-from flexhinf.robot.urdf import (
-    MOST_LINKS,
-    RigidArm,
-    check_body,
-    check_lock,
-    locked_joints,
-    merged,
-    moved,
-)
+from flexhinf.robot.arm import Frame
+from flexhinf.robot.dynamics import Placement
+from flexhinf.robot.urdf import MOST_LINKS, RigidArm, locked_joints, moved
 from flexhinf.validation import HUGE, checked_name, extra_package, value_text
 
 KINDS = {"mjJNT_HINGE": "revolute", "mjJNT_SLIDE": "prismatic"}
@@ -61,56 +54,57 @@ _NOT_FINITE = re.compile(r"(^|\s)[+-]?(nan|inf)", re.IGNORECASE)
 
 
 def read_mjcf(
-    root: Element, file: str, joints: Sequence[str] | None = None, locked: Mapping[str, float] | None = None
+    root: Element, joints: Sequence[str] | None = None, locked: Mapping[str, float] | None = None
 ) -> RigidArm:
-    """The moving joints of an MJCF file and their links, from its root <mujoco>. Needs the extra ``mujoco``.
+    """The moving joints of an MJCF file, of its root <mujoco>, and their links. Needs the extra ``mujoco``.
 
     `joints` and `locked` as for `flexhinf.robot.urdf.read_urdf`; what is not read and would change the dynamics is
     refused.
     """
-    mujoco = extra_package("mujoco", "mujoco", f"{file}: MJCF is read by MuJoCo, which is not installed.")
+    mujoco = extra_package("mujoco", "mujoco", "MJCF is read by MuJoCo, which is not installed.")
     for element in root.iter():
         if element.tag in REFUSED:
-            found = "expected bodies, joints and inertials in this file"
-            raise _refusal(file, f"<{element.tag}> is not read", found, REFUSED[element.tag])
+            raise InvalidInput(
+                f"<{element.tag}> is not read.",
+                "expected bodies, joints and inertials in this file",
+                REFUSED[element.tag],
+            )
     bodies = sum(1 for _ in root.iter("body"))
     if bodies > MOST_LINKS:
-        found = f"expected at most {MOST_LINKS}, got {bodies}"
-        raise _refusal(file, "there are too many bodies", found, "one robot")
-    kept = _kept(root, file)
-    with _refused_by_mujoco(file):
+        raise InvalidInput(
+            "There are too many bodies.", f"expected at most {MOST_LINKS}, got {bodies}", "one robot"
+        )
+    kept = _kept(root)
+    with _refused_by_mujoco():
         spec = mujoco.MjSpec.from_string(ElementTree.tostring(kept, encoding="unicode"))
-    _check(spec, file)
+    _check(spec)
     spec.compiler.fusestatic = spec.compiler.discardvisual = False
     spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)  # shapes may overlap
     movable = tuple(joint.name for joint in spec.joints)
-    still = locked_joints(file, movable, joints, locked)
-    _check_couplings(root, file, {name for name in movable if name not in still})
-    _use_shapes(spec, file)
-    with _refused_by_mujoco(file):
+    arm = RigidArm(movable, locked_joints(movable, joints, locked))
+    _check_couplings(root, {name for name in movable if name not in arm.locked})
+    _use_shapes(spec)
+    with _refused_by_mujoco():
         model = spec.compile()
-    return _arm(model, file, movable, still)
+    return _filled(arm, model)
 
 
 @contextmanager
-def _refused_by_mujoco(file: str) -> Iterator[None]:
+def _refused_by_mujoco() -> Iterator[None]:
     try:
         yield
     except Exception as error:  # whatever MuJoCo's parser and compiler refuse
-        found = f"got: {' '.join(str(error).split())}"
-        raise _refusal(
-            file, "MuJoCo does not read it", found, "a file that MuJoCo's own viewer opens"
+        raise InvalidInput(
+            "MuJoCo does not read it.",
+            f"got: {' '.join(str(error).split())}",
+            "a file that MuJoCo's own viewer opens",
         ) from error
-
-
-def _refusal(file: str, what: str, found: str, advice: str) -> InvalidInput:
-    return InvalidInput(f"{file}: {what}.", found, advice)
 
 
 # Before MuJoCo reads it ---------------------------------------------------------------------------
 
 
-def _kept(root: Element, file: str) -> Element:
+def _kept(root: Element) -> Element:
     """What is handed to MuJoCo: without other files, and without what does not act on a joint."""
     kept = Element("mujoco")
     for group in root:
@@ -128,9 +122,8 @@ def _kept(root: Element, file: str) -> Element:
         keys = set(stated[0].attrib) if stated else {"pos", "mass", "diaginertia"}
         whole = {"pos", "mass"} <= keys and len(keys & {"diaginertia", "fullinertia"}) == 1
         if len(stated) > 1 or not whole:
-            raise _refusal(
-                file,
-                f"the inertia of the body {value_text(element.get('name', ''), 60)} is incomplete or stands twice",
+            raise InvalidInput(
+                f"the inertia of the body {value_text(element.get('name', ''), 60)} is incomplete or stands twice.",
                 f"expected one <inertial> with pos, mass, and diaginertia or fullinertia, got {len(stated)} with "
                 f"{value_text(sorted(keys), 120)}",
                 '<inertial pos="0 0 0" mass="1" diaginertia="0.01 0.01 0.01"/>',
@@ -141,19 +134,21 @@ def _kept(root: Element, file: str) -> Element:
             lowest = 0.0 if key in ("mass", "density") else -HUGE
             outside = any(number < lowest or number > HUGE for number in map(_number, text.split()))
             if outside or _NOT_FINITE.search(text):
-                found = f"expected numbers from {lowest:g} to {HUGE:g}, got {value_text(text, 60)}"
-                raise _refusal(file, f"{key} of <{element.tag}> cannot be read", found, "correct the value")
+                raise InvalidInput(
+                    f"{key} of <{element.tag}> cannot be read.",
+                    f"expected numbers from {lowest:g} to {HUGE:g}, got {value_text(text, 60)}",
+                    "correct the value",
+                )
     return kept
 
 
 def _pruned(element: Element) -> Element:
-    """An element of a body or a default class without materials, sites, lights and the like."""
     kept = Element(element.tag, {key: text for key, text in element.attrib.items() if key != "material"})
     kept.extend(_pruned(child) for child in element if child.tag in INSIDE)
     return kept
 
 
-def _check(spec: Any, file: str) -> None:
+def _check(spec: Any) -> None:
     """Refuse names that cannot be shown, and what changes masses or acts on links."""
     compiler = spec.compiler
     changed = {
@@ -161,17 +156,16 @@ def _check(spec: Any, file: str) -> None:
         "settotalmass": compiler.settotalmass > 0.0, "balanceinertia": bool(compiler.balanceinertia),
     }  # fmt: skip
     for key in (key for key, acts in changed.items() if acts):
-        raise _refusal(file, f"<compiler {key}> is not read", "it changes masses", "inertials as they are")
+        raise InvalidInput(f"<compiler {key}> is not read.", "it changes masses", "inertials as they are")
     if spec.option.density != 0.0 or spec.option.viscosity != 0.0:
-        raise _refusal(file, "<option> has a medium", "expected density and viscosity 0", "a robot in air")
+        raise InvalidInput("<option> has a medium.", "expected density and viscosity 0", "a robot in air")
     for kind, named in (("joint", spec.joints), ("body", [body for body in spec.bodies[1:] if body.name])):
         for part in named:
-            checked_name(f"a {kind} of {file}", part.name, spaces=True)
+            checked_name(f"a {kind}", part.name, spaces=True)
     for body in spec.bodies[1:]:
         if len(body.joints) > 1:
-            raise _refusal(
-                file,
-                f"the body {value_text(body.name, 60)} has {len(body.joints)} joints",
+            raise InvalidInput(
+                f"the body {value_text(body.name, 60)} has {len(body.joints)} joints.",
                 "expected at most one joint for each body: a link between two joints has a mass",
                 "a body for each joint, with what moves there",
             )
@@ -179,8 +173,11 @@ def _check(spec: Any, file: str) -> None:
     for where, part in [*parts, *((f"<body> {value_text(body.name, 60)}", body) for body in spec.bodies)]:
         for key, what in ACTING.items():
             if np.any(np.asarray(getattr(part, key, 0.0)) != 0.0):
-                found = f"expected none, got {key} = {value_text(getattr(part, key), 40)}: {what}"
-                raise _refusal(file, f"{where} has {key}", found, f"leave out {key}")
+                raise InvalidInput(
+                    f"{where} has {key}.",
+                    f"expected none, got {key} = {value_text(getattr(part, key), 40)}: {what}",
+                    f"leave out {key}",
+                )
     actuators = [(f"the actuator of {actuator.target!r}", actuator) for actuator in spec.actuators]
     for where, part in [*parts, *actuators]:
         for key in ("", "actfrc", "force", "ctrl"):
@@ -188,24 +185,26 @@ def _check(spec: Any, file: str) -> None:
             switch = getattr(part, f"{key}limited", 0)
             acts = switch == 1 or (switch == 2 and compiler.autolimits and (low or high))
             if acts and not low < high:
-                found = f"expected two ends in order, got {low:g} to {high:g}"
-                raise _refusal(file, f"the {key}range of {where} is none", found, f'{key}range="-1 1"')
+                raise InvalidInput(
+                    f"the {key}range of {where} is none.",
+                    f"expected two ends in order, got {low:g} to {high:g}",
+                    f'{key}range="-1 1"',
+                )
     for where, joint in parts:
         if joint.type.name not in KINDS:
-            what = f"{where} is of type {joint.type.name.removeprefix('mjJNT_').lower()!r}"
-            advice = "a robot on a fixed base with joints of one degree of freedom"
-            raise _refusal(file, what, "expected hinge or slide", advice)
+            raise InvalidInput(
+                f"{where} is of type {joint.type.name.removeprefix('mjJNT_').lower()!r}.",
+                "expected hinge or slide",
+                "a robot on a fixed base with joints of one degree of freedom",
+            )
 
 
-def _check_couplings(root: Element, file: str, moving: set[str]) -> None:
-    """Refuse constraints and elastic tendons of joints that move."""
+def _check_couplings(root: Element, moving: set[str]) -> None:
     for element in (element for group in root.findall("equality") for element in group):
-        names = {element.get("joint1"), element.get("joint2")}
-        locked = element.tag == "joint" and not names & moving
+        locked = element.tag == "joint" and not {element.get("joint1"), element.get("joint2")} & moving
         if not locked and element.get("active", "true") != "false":
-            raise _refusal(
-                file,
-                f"<equality> {element.tag} {value_text(element.get('name', ''), 60)} couples what moves",
+            raise InvalidInput(
+                f"<equality> {element.tag} {value_text(element.get('name', ''), 60)} couples what moves.",
                 "expected a tree of independent joints",
                 "lock the joints that it couples: locked={'finger': 0.0}",
             )
@@ -216,10 +215,12 @@ def _check_couplings(root: Element, file: str, moving: set[str]) -> None:
             for key in ("stiffness", "damping", "frictionloss", "armature")
             if any(_number(word) != 0.0 for word in element.get(key, "").split())
         ]
-        coupled = {part.get("joint") for part in element}
-        if acting and (element.tag != "fixed" or coupled & moving):
-            found = "expected joints that are coupled by links alone"
-            raise _refusal(file, f"a tendon has {acting[0]}", found, "the robot without it")
+        if acting and (element.tag != "fixed" or {part.get("joint") for part in element} & moving):
+            raise InvalidInput(
+                f"a tendon has {acting[0]}.",
+                "expected joints that are coupled by links alone",
+                "the robot without it",
+            )
 
 
 def _number(text: str) -> float:
@@ -229,7 +230,7 @@ def _number(text: str) -> float:
         return float("nan")
 
 
-def _use_shapes(spec: Any, file: str) -> None:
+def _use_shapes(spec: Any) -> None:
     """Leave out shapes without mass, and those of bodies whose inertia is stated; refuse a mesh that has a mass."""
     for geom in spec.geoms:
         body, kind = geom.parent, geom.type.name.removeprefix("mjGEOM_").lower()
@@ -244,25 +245,20 @@ def _use_shapes(spec: Any, file: str) -> None:
             geom.mass, geom.density, geom.size = 0.0, 0.0, (1.0, 0.0, 0.0)
             geom.fromto = (np.nan,) * 6
         elif not solid:
-            raise _refusal(
-                file,
-                f"the mass of the geom {value_text(geom.name, 60)} of {body.name!r} would have to come from its shape",
+            raise InvalidInput(
+                f"the mass of the geom {value_text(geom.name, 60)} of {body.name!r} would have to come from its shape.",
                 f"expected <inertial> in its body, or a solid {', '.join(SOLID)}, got type {kind!r}",
                 'an <inertial> with mass and inertia; mass="0" for a shape that is only drawn',
             )
 
 
 # From MuJoCo's model ------------------------------------------------------------------------------
-def _arm(model: Any, file: str, movable: tuple[str, ...], locked: Mapping[str, float]) -> RigidArm:
-    joints: list[Joint] = []
-    bodies: list[list[Any]] = []
-    frames: dict[str, tuple[str, Placement]] = {}
-    efforts, motors = [], {}
+def _filled(arm: RigidArm, model: Any) -> RigidArm:
     places: list[tuple[int | None, Placement]] = [(None, Placement())]
     for k in range(1, model.nbody):
         name = model.body(k).name
         carrier, above = places[model.body_parentid[k]]
-        place = above.then(_placement(file, model.body_pos[k], model.body_quat[k]))
+        place = above.then(_placement(model.body_pos[k], model.body_quat[k]))
         if model.body_jntnum[k]:
             j = model.body_jntadr[k]
             joint, axis = model.joint(j).name, tuple(model.jnt_axis[j].tolist())
@@ -271,64 +267,43 @@ def _arm(model: Any, file: str, movable: tuple[str, ...], locked: Mapping[str, f
             anchor = model.jnt_pos[j].tolist()
             place = place.then(Placement(translation=tuple(anchor)))
             place = place.then(moved(kind, axis, -float(model.qpos0[j])))
-            if joint in locked:
-                check_lock(file, joint, limits, float(locked[joint]))
-                place = place.then(moved(kind, axis, float(locked[joint])))
-            else:
-                unlimited = "continuous" if kind == "revolute" and limits is None else kind
-                parent = "world" if carrier is None else joints[carrier].name
-                joints.append(Joint(joint, unlimited, axis, place, limits, parent))
-                bodies.append([])
-                efforts.append(_effort(model, j))
-                motors[joint] = {
-                    quantity: float(column[j])
-                    for quantity, column in (
-                        ("motor_inertia", model.dof_armature),
-                        ("friction", model.dof_damping),
-                        ("coulomb_friction", model.dof_frictionloss),
-                    )
-                    if column[j]
-                }
-                frames[joint] = joint, Placement()
-                carrier, place = len(joints) - 1, Placement()
+            unlimited = "continuous" if kind == "revolute" and limits is None else kind
+            carrier, place = arm.add_joint(carrier, joint, unlimited, axis, place, limits)
+            if joint not in arm.locked:
+                arm.efforts.append(_effort(model, j))
+                columns = {
+                    "motor_inertia": model.dof_armature, "friction": model.dof_damping,
+                    "coulomb_friction": model.dof_frictionloss,
+                }  # fmt: skip
+                arm.motors[joint] = {name: float(column[j]) for name, column in columns.items() if column[j]}
+                arm.frames[joint] = Frame(joint, Placement())
             place = place.then(Placement(translation=tuple(-x for x in anchor)))  # type: ignore[arg-type]
         places.append((carrier, place))
-        if carrier is None:
-            continue
-        if name:
-            frames[name] = joints[carrier].name, place
-        centre = place.then(_placement(file, model.body_ipos[k], model.body_iquat[k]))
-        turn = np.array(centre.rotation)
-        check_body(file, name, float(model.body_mass[k]), np.diag(model.body_inertia[k]))
-        about = turn @ np.diag(model.body_inertia[k]) @ turn.T
-        bodies[carrier].append((name, float(model.body_mass[k]), np.array(centre.translation), about))
+        if carrier is not None:
+            centre = place.then(_placement(model.body_ipos[k], model.body_iquat[k]))
+            arm.add_body(carrier, name, float(model.body_mass[k]), np.diag(model.body_inertia[k]), centre)
+            if name:
+                arm.frames[name] = Frame(arm.joints[carrier].name, place)
     gravity = np.array(model.opt.gravity) * (not model.opt.disableflags & _NO_GRAVITY)
-    size = float(np.linalg.norm(gravity))
-    x, y, z = (gravity / size if size else np.array([0.0, 0.0, -1.0])).tolist()
-    carrying = set(model.body_parentid[1:].tolist())
-    ends = [model.body(k).name for k in range(1, model.nbody) if k not in carrying]
-    return RigidArm(
-        joints=tuple(joints),
-        links=tuple(merged(own, joint.name, file, "an <inertial>") for joint, own in zip(joints, bodies)),
-        movable=movable,
-        frames=frames,
-        tips=tuple(name for name in ends if name in frames),
-        efforts=tuple(efforts),
-        speeds=(np.inf,) * len(joints),
-        motors=motors,
-        gravity=size,
-        down=(x, y, z),
-    )
+    arm.gravity = float(np.linalg.norm(gravity))
+    x, y, z = (gravity / arm.gravity if arm.gravity else np.array([0.0, 0.0, -1.0])).tolist()
+    arm.down, arm.speeds = (x, y, z), [np.inf] * len(arm.joints)
+    ends = set(range(1, model.nbody)) - set(model.body_parentid[1:].tolist())
+    arm.tips = [name for name in (model.body(k).name for k in sorted(ends)) if name in arm.frames]
+    return arm.merge()
 
 
 _NO_GRAVITY = 1 << 7  # mjDSBL_GRAVITY
 
 
-def _placement(file: str, position: np.ndarray, quaternion: np.ndarray) -> Placement:
+def _placement(position: np.ndarray, quaternion: np.ndarray) -> Placement:
     """A place from MuJoCo's position and unit quaternion (w, x, y, z)."""
     if not np.all(np.abs(position) <= HUGE):
-        found = f"expected at most {HUGE:g} m, got {position.tolist()}"
-        raise _refusal(file, "a body is out of all proportion", found, "metres")
+        raise InvalidInput(
+            "a body is out of all proportion.",
+            f"expected at most {HUGE:g} m, got {position.tolist()}",
+            "metres",
+        )
     w, *axis = quaternion.tolist()
     place = Placement(translation=tuple(position.tolist()))
     angle = 2.0 * float(np.arctan2(np.linalg.norm(axis), w))

@@ -25,7 +25,7 @@ import numpy as np
 from flexhinf.errors import InvalidInput
 from flexhinf.plant import BlackBox, Parameters
 from flexhinf.robot.dynamics import matrix_of
-from flexhinf.robot.elastic import checked_extras, torque_per_input
+from flexhinf.robot.elastic import EXTRAS, checked_extras, torque_per_input
 from flexhinf.robot.kinematics import skeleton
 from flexhinf.robot.robot import Robot
 from flexhinf.robot.signals import MECHANICAL, SENSORS, Sensors, signal_names, units_of
@@ -199,9 +199,8 @@ class MuJoCoPlant(BlackBox):
         model = robot.plant(SENSORS if measured is None else measured)
         self.states, self.inputs = tuple(model.states), tuple(model.inputs)
         self.disturbances, self.units = tuple(model.disturbances), units_of(joints, robot.links.slides)
-        sensed = None if measured is None else Sensors(tuple(model.outputs), joints, on, robot.layout.rigid)
-        self._sensors = sensed
-        self.outputs = self.states if sensed is None else sensed.names
+        self._sensors = None if measured is None else Sensors(tuple(model.outputs), joints, on, robot.layout)
+        self.outputs = self.states if self._sensors is None else self._sensors.names
         self._gain = np.broadcast_to(torque_per_input(robot.drive, p), self._n)
         self.model = self._mujoco.MjModel.from_xml_string(mujoco_xml(robot, packed, on))
         self.data = self._mujoco.MjData(self.model)
@@ -211,9 +210,11 @@ class MuJoCoPlant(BlackBox):
     def reset(self, initial_state: Any = None) -> None:
         """Start again at a state in the order of `states`; at rest in the robot's home by default."""
         x = self._robot.operating_point()[0] if initial_state is None else initial_state
-        what, shape = "The initial state does not fit MuJoCo's plant.", (len(self.states),)
-        expected = f"{len(self.states)} finite numbers for {list(self.states)}"
-        x = checked_array(what, x, shape, expected, "one number per state")
+        what, expected = (
+            "The initial state does not fit MuJoCo's plant.",
+            f"finite numbers for {list(self.states)}",
+        )
+        x = checked_array(what, x, (len(self.states),), expected, "one number per state")
         q, dq, theta, dtheta = self._robot.layout.split(x)
         self._mujoco.mj_resetData(self.model, self.data)
         self.data.qpos[:], self.data.qvel[:] = np.concatenate([q, theta]), np.concatenate([dq, dtheta])
@@ -260,17 +261,16 @@ def mujoco_xml(robot: Robot, parameters: Mapping[str, Any], extras: Sequence[str
 
     The parameters are those of its plant; extras out of `EXPRESSED`.
     """
-    p = Parameters(dict(parameters))
+    p, layout, n = Parameters(dict(parameters)), robot.layout, len(robot.joint_names)
     rigid = robot.links.rigid(p)
-    tree = rigid[0]
     links, motors = (signal_names(name, robot.joint_names) for name in MECHANICAL[::2])
     friction = p.friction
     if robot.drive == "voltage":
         friction = friction + p.torque_constant * p.back_emf_constant / p.resistance
-    damping = p.damping if "joint_damping" in extras else 0.0
-    loss = p.coulomb_friction if "coulomb_friction" in extras else 0.0
-    gap = p.backlash if "backlash" in extras else 0.0
-    layout, n = robot.layout, len(tree)
+    damping, gap, loss = (
+        getattr(p, EXTRAS[name]) if name in extras else 0.0
+        for name in ("joint_damping", "backlash", "coulomb_friction")
+    )
     rotor = [np.broadcast_to(value, n).tolist() for value in (p.motor_inertia, friction, loss)]
     twist = [np.broadcast_to(value, len(layout.elastic)).tolist() for value in (p.stiffness, damping, gap)]
     own = [
@@ -284,7 +284,7 @@ def mujoco_xml(robot: Robot, parameters: Mapping[str, Any], extras: Sequence[str
     )  # gravity does not act on rotors that slide
     axis, rotors = _row(across / np.linalg.norm(across)), []
     for i in layout.elastic:
-        slides, share = tree.joints[i].slides, rotor[0][i] * ROTOR_SHARE
+        slides, share = rigid[0].joints[i].slides, rotor[0][i] * ROTOR_SHARE
         mass, moment = (share, 1.0) if slides else (1.0, share)
         rotors.append(
             f'<body><joint name={quoteattr(motors[i])} type="{"slide" if slides else "hinge"}" axis="{axis}" {own[i]}/>'
@@ -333,8 +333,7 @@ def _row(numbers: Any) -> str:
 
 def _quaternion(rotation: Any) -> np.ndarray:
     """(w, x, y, z) of a rotation matrix: the eigenvector that Shepperd's largest component picks."""
-    r = np.asarray(rotation, dtype=float)
-    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = r
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = np.asarray(rotation, dtype=float)
     table = np.array([
         [1 + xx + yy + zz, zy - yz, xz - zx, yx - xy],
         [zy - yz, 1 + xx - yy - zz, xy + yx, xz + zx],

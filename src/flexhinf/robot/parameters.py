@@ -1,9 +1,19 @@
-"""The physical numbers a robot is made of: unit, tolerance and source, and what they must be."""
+"""The physical numbers a robot is made of: unit, tolerance and source, and what they must be.
+
+Numbers with units as text, ``"180deg"``, ``"10 kNm/rad"``: what a unit is in SI units, and what it measures.
+
+A unit is a product of known ones with powers, over another such product: ``N·m·s/rad``, ``kg m^2``, ``g·cm²``,
+``mNm/A``. Radians count: N·m is a torque, N·m/rad a stiffness. Large and small letters are those of the SI: MN are
+meganewtons, mN millinewtons, and G is no gram. Only words that mean nothing else, as DEG, may be written in any.
+"""
 
 from __future__ import annotations
 
+import math
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -28,26 +38,24 @@ class Quantity(NamedTuple):
     sign: str = "any"
 
 
-def _same(unit: str, sign: str = "any") -> Quantity:
-    return Quantity(unit, unit, sign)
-
-
 #: Components of a centre of mass and of an inertia, in the order of their arrays.
 VECTOR, INERTIA = ("x", "y", "z"), ("xx", "xy", "xz", "yy", "yz", "zz")
 
 QUANTITIES: dict[str, Quantity] = {
-    "gravity": _same("m/s²"),
+    "gravity": Quantity("m/s²", "m/s²"),
     # links
-    "mass": _same("kg", "not negative"),
-    **{f"centre_of_mass_{axis}": _same("m") for axis in VECTOR},
-    **{f"inertia_{axes}": _same("kg·m²") for axes in INERTIA},
-    "length": _same("m"),  # of a single link: from the axis to the centre of mass
-    "link_inertia": _same("kg·m²", "positive"),  # of a single link: about the axis
-    "inertia_scale": _same("1", "positive"),  # factor of a link's moments: a tolerance that keeps it a body
+    "mass": Quantity("kg", "kg", "not negative"),
+    **{f"centre_of_mass_{axis}": Quantity("m", "m") for axis in VECTOR},
+    **{f"inertia_{axes}": Quantity("kg·m²", "kg·m²") for axes in INERTIA},
+    "length": Quantity("m", "m"),  # of a single link: from the axis to the centre of mass
+    "link_inertia": Quantity("kg·m²", "kg·m²", "positive"),  # of a single link: about the axis
+    "inertia_scale": Quantity(
+        "1", "1", "positive"
+    ),  # factor of a link's moments: a tolerance that keeps it a body
     # what a link carries
-    "payload_mass": _same("kg", "not negative"),
-    **{f"payload_centre_of_mass_{axis}": _same("m") for axis in VECTOR},
-    **{f"payload_inertia_per_mass_{axes}": _same("m²") for axes in INERTIA},
+    "payload_mass": Quantity("kg", "kg", "not negative"),
+    **{f"payload_centre_of_mass_{axis}": Quantity("m", "m") for axis in VECTOR},
+    **{f"payload_inertia_per_mass_{axes}": Quantity("m²", "m²") for axes in INERTIA},
     # joints, seen from the link
     "stiffness": Quantity("N·m/rad", "N/m", "positive"),
     "motor_inertia": Quantity("kg·m²", "kg", "positive"),
@@ -56,10 +64,10 @@ QUANTITIES: dict[str, Quantity] = {
     "rotor_inertia": Quantity("kg·m²", "kg·m²", "positive"),
     "hub_inertia": Quantity("kg·m²", "kg", "not negative"),
     "gear_ratio": Quantity("1", "rad/m", "positive"),
-    "gear_efficiency": _same("1", "positive"),
-    "motor_efficiency": _same("1", "positive"),
-    "resistance": _same("Ω", "positive"),
-    "inductance": _same("H", "positive"),
+    "gear_efficiency": Quantity("1", "1", "positive"),
+    "motor_efficiency": Quantity("1", "1", "positive"),
+    "resistance": Quantity("Ω", "Ω", "positive"),
+    "inductance": Quantity("H", "H", "positive"),
     "torque_constant": Quantity("N·m/A", "N/A"),
     "back_emf_constant": Quantity("V·s/rad", "V·s/m"),
     # what a real joint adds
@@ -86,13 +94,11 @@ def parameter_units(values: Mapping[str, Any], slides: Sequence[bool]) -> dict[s
     """
     units = {}
     for name, value in values.items():
-        quantity = next((known for known in (name, f"{name}_x", f"{name}_xx") if known in QUANTITIES), None)
-        if quantity is None:
-            continue
         size = int(np.size(value))
-        sliding = [bool(slide) for slide in slides] if size == len(slides) else [False] * size
+        sliding = slides if size == len(slides) else [False] * size
         names = [name] if size == 1 else [f"{name}[{k + 1}]" for k in range(size)]
-        units |= {label: unit_of(quantity, slide) for label, slide in zip(names, sliding, strict=True)}
+        for quantity in [known for known in (name, f"{name}_x", f"{name}_xx") if known in QUANTITIES][:1]:
+            units |= {label: unit_of(quantity, slide) for label, slide in zip(names, sliding, strict=True)}
     return units
 
 
@@ -103,20 +109,18 @@ def per_joint(quantity: str, joint: str, joints: int) -> str:
 
 def check_parameters(robot: str, parameters: Sequence[Parameter], slides: Mapping[str, bool]) -> None:
     """Refuse parameters that mean nothing, or have the wrong sign; `slides`: joints by name, whether prismatic."""
-    known: dict[str, tuple[str, bool]] = {"gravity": ("gravity", False)}
-    for joint, sliding in slides.items():
-        known |= {per_joint(quantity, joint, len(slides)): (quantity, sliding) for quantity in QUANTITIES}
-    meaning: dict[str, tuple[str, str]] = {}
-    for joint in slides if len(slides) > 1 else ():
+    known: dict[str, tuple[str, str]] = {}
+    for joint in slides:
         for quantity in QUANTITIES:
             label = per_joint(quantity, joint, len(slides))
-            other = meaning.setdefault(label, (quantity, joint))
+            other = known.setdefault(label, (quantity, joint))
             if other != (quantity, joint):  # friction of smoothing_a is friction_smoothing of a
                 raise InvalidInput(
                     f"Two numbers of the robot {robot!r} have one name: {label!r}.",
                     f"expected distinct names, got {other[0]} of joint {other[1]!r} and {quantity} of joint {joint!r}",
                     f"another name for the joint {joint!r}",
                 )
+    known.setdefault("gravity", ("gravity", ""))
     for parameter in parameters:
         if parameter.name not in known:
             raise InvalidInput(
@@ -125,8 +129,8 @@ def check_parameters(robot: str, parameters: Sequence[Parameter], slides: Mappin
                 + (f" with _JOINT for {list(slides)}" if slides else ""),
                 nearest(parameter.name, known, "a name of the list"),
             )
-        quantity, sliding = known[parameter.name]
-        sign, unit = QUANTITIES[quantity].sign, unit_of(quantity, sliding)
+        quantity, joint = known[parameter.name]
+        sign, unit = QUANTITIES[quantity].sign, unit_of(quantity, slides.get(joint, False))
         positive, ends = sign == "positive", " at one end of its range"
         for value, where in ((parameter.value, ""), *((end, ends) for end in parameter.interval)):
             if (positive and not value > 0.0) or (sign != "any" and value < 0.0):
@@ -149,19 +153,24 @@ def checked_limits(what: str, stated: Any, joints: Sequence[str], signals: Seque
     Stated as a number or None for each joint, and with `signals` also as a number for all, or by the joints' names or
     those of their signals.
     """
+    if stated is None:
+        return np.full(len(joints), np.inf)
     listed = stated
     if isinstance(stated, Mapping):
         named = {dict(zip(signals, joints)).get(name, name): value for name, value in stated.items()}
         listed = [named.get(joint, np.nan) for joint in joints] if set(named) <= set(joints) else np.nan
     elif isinstance(stated, Sequence) and not isinstance(stated, (str, bytes)) and not signals:
         listed = [np.inf if limit is None else limit for limit in stated]
-    limits = real_array(np.inf if stated is None else listed)
-    if (limits.ndim == 0 and stated is None) or (limits.size == 1 and signals):
+    limits = real_array(listed)
+    if limits.size == 1 and signals:
         limits = np.full(len(joints), limits.item())
     usable = (limits == np.inf) | ((limits >= 1.0 / HUGE) & (limits <= HUGE))
-    if limits.shape != (len(joints),) or not np.all(usable):
-        found = f"expected a number > 0, or None, for each of {list(joints)}, got {value_text(stated)}"
-        raise InvalidInput(f"{what} do not fit the joints.", found, f"[{', '.join(['10.0'] * len(joints))}]")
+    if limits.shape != (len(joints),) or not usable.all():
+        raise InvalidInput(
+            f"{what} do not fit the joints.",
+            f"expected a number > 0, or None, for each of {list(joints)}, got {value_text(stated)}",
+            f"[{', '.join(['10.0'] * len(joints))}]",
+        )
     return limits
 
 
@@ -206,16 +215,20 @@ class Parameter:
     range: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
-        checked_text("the name of a parameter", self.name)
-        checked_text(f"the unit of {self.name!r}", self.unit)
-        checked_text(f"the source of {self.name!r}", self.source)
+        for kind in ("name", "unit", "source"):
+            checked_text(f"the {kind} of the parameter {value_text(self.name, 60)}", getattr(self, kind))
         if not (is_real(self.value) and abs(real_array(self.value)) <= HUGE):
-            found = f"expected a finite number of at most {HUGE:g} {self.unit}, got {value_text(self.value)}"
-            what = f"The parameter {self.name!r} is not finite, or out of all proportion."
-            raise InvalidInput(what, found, "its value in SI units")
+            raise InvalidInput(
+                f"The parameter {self.name!r} is not finite, or out of all proportion.",
+                f"expected a finite number of at most {HUGE:g} {self.unit}, got {value_text(self.value)}",
+                "its value in SI units",
+            )
         if not (is_real(self.tolerance) and 0.0 <= self.tolerance < 100.0):
-            found = f"expected 0 to below 100 per cent, got {value_text(self.tolerance)}"
-            raise InvalidInput(f"The tolerance of {self.name!r} is not a percentage.", found, "12 for ±12 %")
+            raise InvalidInput(
+                f"The tolerance of {self.name!r} is not a percentage.",
+                f"expected 0 to below 100 per cent, got {value_text(self.tolerance)}",
+                "12 for ±12 %",
+            )
         if self.range is None:
             return
         ends = real_array(self.range)
@@ -226,9 +239,10 @@ class Parameter:
                 f"a range about the nominal value, in {self.unit or 'SI units'}",
             )
         if self.tolerance:
-            found = f"expected one of them, got {self.tolerance:g} per cent and {value_text(self.range)}"
             raise InvalidInput(
-                f"The parameter {self.name!r} has a tolerance and a range.", found, "one of the two"
+                f"The parameter {self.name!r} has a tolerance and a range.",
+                f"got {self.tolerance:g} per cent and {value_text(self.range)}",
+                "one of the two",
             )
         object.__setattr__(self, "range", tuple(ends.tolist()))
 
@@ -236,8 +250,7 @@ class Parameter:
         """The value at −1 (lower end), 0 (nominal), 1 (upper end), or linearly between two of these."""
         if self.range is None:
             return self.value + sign * abs(self.value) * self.tolerance / 100.0
-        share = abs(sign)
-        return (1.0 - share) * self.value + share * self.range[sign > 0.0]  # the ends to the last bit
+        return (1.0 - abs(sign)) * self.value + abs(sign) * self.range[sign > 0.0]  # the ends to the last bit
 
     @property
     def interval(self) -> tuple[float, float]:
@@ -250,3 +263,156 @@ class Parameter:
         if self.range is not None:
             return f"{self.range[0]:g} to {self.range[1]:g}"
         return f"± {self.tolerance:g} %" if self.tolerance else ""
+
+
+#: Units of times, angles and lengths, and what one is in the SI unit that stands first.
+SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "μs": 1e-6}
+TURNING = {"rad": 1.0, "mrad": 1e-3, "deg": math.pi / 180.0, "°": math.pi / 180.0}
+SLIDING = {"m": 1.0, "mm": 1e-3}
+
+#: Nothing is looked at twice: a text of any length is read or refused at once.
+_NUMBER = re.compile(r"\s*+([-+]?(?:\d++\.?\d*+|\.\d++)(?:[eE][-+]?\d++)?+|[-+]?inf|nan)\s*+")
+#: Longest unit that is looked at.
+_LONGEST = 40
+#: Most spellings that are looked at where letters are others.
+_MOST_SPELLED = 16
+
+#: Powers of kg, m, s, rad and A.
+Dimension = tuple[int, ...]
+_MASS, _LENGTH, _TIME, _ANGLE, _CURRENT = ((0,) * i + (1,) + (0,) * (4 - i) for i in range(5))
+_FORCE, _TORQUE = (1, 1, -2, 0, 0), (1, 2, -2, 0, 0)
+_VOLT, _OHM, _HENRY = (1, 2, -3, 0, -1), (1, 2, -3, 0, -2), (1, 2, -2, 0, -2)
+_ALONE = (0, 0, 0, 0, 0)
+
+
+#: Units that are not made of others: their names, what they measure, what one is in SI units, and prefixes.
+_FAMILIES = (
+    ("g", _MASS, 1e-3, "mk"),
+    ("m", _LENGTH, 1.0, "cµu"),
+    ("N", _FORCE, 1.0, "mkM"),
+    ("Nm", _TORQUE, 1.0, "mkM"),
+    ("V", _VOLT, 1.0, "mk"),
+    ("A", _CURRENT, 1.0, "m"),
+    *((name, _OHM, 1.0, "mk") for name in ("Ω", "Ω", "Ohm", "ohm")),
+    ("H", _HENRY, 1.0, "mµμu"),
+    ("rpm", (0, 0, -1, 1, 0), math.pi / 30.0, "k"),
+)
+_PREFIXES = {"": 1.0, "m": 1e-3, "k": 1e3, "M": 1e6, "c": 1e-2, "µ": 1e-6, "μ": 1e-6, "u": 1e-6}
+
+_ATOMS: dict[str, tuple[float, Dimension]] = {
+    name: (size, dimension)
+    for table, dimension in ((SECONDS, _TIME), (TURNING, _ANGLE), (SLIDING, _LENGTH))
+    for name, size in table.items()
+}
+for _name, _dimension, _size, _prefixes in _FAMILIES:
+    _ATOMS |= {prefix + _name: (_PREFIXES[prefix] * _size, _dimension) for prefix in ("", *_prefixes)}
+_ATOMS |= {"Ncm": (1e-2, _TORQUE), "Nmm": (1e-3, _TORQUE), "%": (1e-2, _ALONE), "1": (1.0, _ALONE)}
+_FACTOR = re.compile(
+    rf"({'|'.join(sorted(map(re.escape, _ATOMS), key=len, reverse=True))})(?:\^?(-?[1-4])|([²³]))?[·⋅*. ]?"
+)
+#: Words that are units in any letters, a prefix before them in its own.
+_WORD = re.compile(r"(?<![^\W\d_])([mk]?)((?i:rad|deg|rpm|ohm|hz))(?![^\W\d_])")
+_FOLDED = re.compile(_FACTOR.pattern.partition("(?:")[0], re.IGNORECASE)
+_POWERS = {"": 1, "²": 2, "³": 3}
+
+
+class Stated(float):
+    """A number in SI units that was stated in a unit; everything computed with it is a plain float.
+
+    `number` and `unit` are as they were written, "30" and "mm"; `si` is the SI unit that it has.
+    """
+
+    number: str
+    unit: str
+    si: str
+
+    def __new__(cls, value: float, number: str = "", unit: str = "", si: str = "") -> Stated:
+        """The number, and how it was written."""
+        found = super().__new__(cls, value)
+        found.number, found.unit, found.si = number, unit, si
+        return found
+
+
+def split(text: str) -> tuple[str, str] | None:
+    """Number and unit of a text, as they are written; None where it does not begin with a number."""
+    match = _NUMBER.match(text)
+    return None if match is None else (match[1], text[match.end() :].strip())
+
+
+def measured(text: str, *si: str) -> Stated:
+    """A finite number with a unit, in the first of these SI units that measures the same; ValueError for other text.
+
+    Examples
+    --------
+    >>> measured("10 kNm/rad", "N·m/rad", "N/m")
+    10000.0
+    >>> measured("90deg", "rad") == math.pi / 2
+    True
+    """
+    parts = split(text)
+    known = _unit(parts[1]) if parts is not None and len(parts[1]) <= _LONGEST else None
+    if parts is not None and known is not None:
+        for unit in si:
+            size, dimension = _unit(unit) or (1.0, ())
+            value = float(parts[0]) * (known[0] / size)
+            if dimension == known[1] and math.isfinite(value):
+                return Stated(value, *parts, unit)
+    raise ValueError(text)
+
+
+def lettered(unit: str) -> str:
+    """A unit with its words, rad, deg, rpm, ohm and Hz, in the letters that they have; prefixes and symbols as written.
+
+    Examples
+    --------
+    >>> lettered("N·m/RAD"), lettered("1/S"), lettered("MM")
+    ('N·m/rad', '1/S', 'MM')
+    """
+    return _WORD.sub(lambda found: found[1] + found[2].lower().replace("hz", "Hz"), unit)
+
+
+def respelled(text: str, *si: str) -> list[str]:
+    """What a number with a unit in other letters may mean, in units that measure what one of `si` does.
+
+    Examples
+    --------
+    >>> respelled("45 KNm/rad", "N·m/rad"), respelled("45 MNM", "N·m")
+    (['45 kNm/rad'], ['45 mNm', '45 MNm'])
+    """
+    parts = split(text)
+    if parts is None or len(parts[1]) > _LONGEST:
+        return []
+    found, at = [""], 0
+    for match in _FOLDED.finditer(parts[1]):
+        atoms = sorted((one for one in _ATOMS if one.lower() == match[1].lower()), reverse=True)
+        between = parts[1][at : match.start()]
+        found = [before + between + one for before in found for one in atoms][:_MOST_SPELLED]
+        at = match.end()
+    fitting = [unit[1] for one in si if (unit := _unit(one))]
+    whole = [one + parts[1][at:] for one in found]
+    known = [one for one in whole if one != parts[1] and (unit := _unit(one)) and unit[1] in fitting]
+    return [f"{parts[0]} {one}" for one in known]
+
+
+@lru_cache(256)
+def _unit(text: str) -> tuple[float, Dimension] | None:
+    """What a unit is in SI units, and its dimension."""
+    above, *below = lettered(text).split("/")
+    if not above:
+        return None
+    size, total = 1.0, [0] * 5
+    for part, sign in [(above.strip(), 1), *((one.strip(), -1) for one in below)]:
+        factor, at = 1.0, 0
+        while at < len(part):
+            match = _FACTOR.match(part, at)
+            if match is None:
+                return None
+            power = int(match[2]) if match[2] else _POWERS[match[3] or ""]
+            one, dimension = _ATOMS[match[1]]
+            factor *= one**power
+            total = [a + sign * power * b for a, b in zip(total, dimension)]
+            at = match.end()
+        if not part:
+            return None
+        size *= factor**sign
+    return size, tuple(total)

@@ -137,8 +137,11 @@ class ElasticJoint:
     def __post_init__(self) -> None:
         twisting = [name for name in SPRING if getattr(self, name) is not None]
         if self.stiffness is None and twisting:
-            found = f"expected no number of a spring, got {twisting}"
-            raise InvalidInput("A rigid joint has no spring.", found, "its stiffness; or leave them out")
+            raise InvalidInput(
+                "A rigid joint has no spring.",
+                f"expected no number of a spring, got {twisting}",
+                "its stiffness; or leave them out",
+            )
         if (self.motor_inertia is None) == (self.rotor_inertia is None):
             raise InvalidInput(
                 "The inertia on the motor side must be stated once.",
@@ -158,13 +161,12 @@ class ElasticJoint:
                 "expected rotor_inertia and gear_ratio beside hub_inertia, got motor_inertia",
                 "add it to motor_inertia",
             )
-        voltage = CONSTANTS["voltage"]
-        stated = tuple(name for name in voltage if getattr(self, name) is not None)
+        stated = tuple(name for name in CONSTANTS["voltage"] if getattr(self, name) is not None)
         if stated not in CONSTANTS.values():
             raise InvalidInput(
                 "A motor is stated in part.",
-                f"expected all of {list(voltage)} (voltage driven), torque_constant alone (current driven) or none "
-                f"(torque driven), got {list(stated)}",
+                "expected resistance, torque_constant and back_emf_constant (voltage driven), torque_constant alone "
+                f"(current driven) or none (torque driven), got {list(stated)}",
                 "the missing numbers from its data sheet",
             )
         if self.inductance is not None and self.drive == "current":
@@ -221,29 +223,33 @@ def assembled(
             f"{len(elastic)} elastic joints",
             "one of each",
         )
-    tree = Tree(tuple(joints))
     parameters = [_parameter("gravity", gravity, "gravity")]
     for joint, link, spring in zip(joints, links, elastic):
         numbers: dict[str, Any] = {"mass": link.mass}
         numbers |= {f"centre_of_mass_{axis}": value for axis, value in zip(VECTOR, link.centre_of_mass)}
         numbers |= {f"inertia_{axes}": value for axes, value in zip(INERTIA, link.inertia)}
         numbers |= {quantity: number for quantity, number in vars(spring).items() if number is not None}
-        for quantity, number in numbers.items():
-            label = per_joint(quantity, joint.name, len(joints))
-            parameters.append(_parameter(label, number, quantity, joint.slides))
+        parameters += [
+            _parameter(per_joint(quantity, joint.name, len(joints)), number, quantity, joint.slides)
+            for quantity, number in numbers.items()
+        ]
     direction: Any = tuple(down)
     drives = {joint.name: spring.drive for joint, spring in zip(joints, elastic)}
     if len(set(drives.values())) > 1:
-        kinds = " and by ".join(f"{drive}s" for drive in sorted(set(drives.values())))
         raise InvalidInput(
-            f"The robot {name!r} is driven by {kinds}.",
+            f"The robot {name!r} is driven by {' and by '.join(sorted(set(drives.values())))}.",
             f"expected the same motor constants for all joints, got {drives}",
             "resistance, torque_constant and back_emf_constant of every motor (voltages), torque_constant alone "
             "(currents), or none (torques)",
         )
     rigid = tuple(joint.name for joint, spring in zip(joints, elastic) if spring.stiffness is None)
     return Robot(
-        name, tuple(parameters), links=Arm(tree, direction), drive=elastic[0].drive, rigid=rigid, **settings
+        name,
+        tuple(parameters),
+        links=Arm(Tree(tuple(joints)), direction),
+        drive=elastic[0].drive,
+        rigid=rigid,
+        **settings,
     )
 
 
@@ -277,7 +283,5 @@ def single_link_robot(
 
 
 def _parameter(label: str, number: Number, quantity: str, slides: bool = False) -> Parameter:
-    unit = unit_of(quantity, slides)
-    if isinstance(number, Parameter):
-        return replace(number, name=label, unit=number.unit or unit)
-    return Parameter(label, float(number), unit=unit)
+    stated = number if isinstance(number, Parameter) else Parameter(label, float(number))
+    return replace(stated, name=label, unit=stated.unit or unit_of(quantity, slides))

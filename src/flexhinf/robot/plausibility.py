@@ -2,15 +2,10 @@
 
 Each check compares a number with what it does to the robot: a twist under the robot's own weight, the size of a body of
 that inertia, a range in turns. Between what machines have and what none has lies a factor of ten or more, where a
-question is asked (a `RobotFileWarning`) and the number is used as it stands.
+question is asked (a `flexhinf.robot.RobotFileWarning`) and the number is used as it stands.
 """
 
 from __future__ import annotations
-
-import warnings
-from collections.abc import Iterator
-from itertools import chain
-from typing import NamedTuple
 
 import numpy as np
 
@@ -20,7 +15,7 @@ from flexhinf.robot.arm import Pendulum
 from flexhinf.robot.dynamics import bodies_of, mass_matrix, matrix_of
 from flexhinf.robot.parameters import per_joint
 from flexhinf.robot.robot import Robot
-from flexhinf.robot.schema import RobotFileWarning
+from flexhinf.robot.schema import ask
 
 DEGREES = 180.0 / np.pi
 
@@ -65,33 +60,17 @@ OF_JOINT = ("gear_ratio", "motor_inertia", "static_friction", "coulomb_friction"
 INERTIA_UNITS = {"kg·cm²": 1e-4, "kg·mm²": 1e-6, "g·cm²": 1e-7, "g·mm²": 1e-9}
 
 
-class Question(NamedTuple):
-    """What is odd, the three parts of a message, and whether it is surely wrong."""
-
-    what: str
-    found: str
-    advice: str
-    wrong: bool = False
-
-
 def check_plausible(robot: Robot, file: str) -> Robot:
     """The same robot; asks about numbers that are probably in another unit, and refuses those that no robot has."""
     p = Parameters(robot.plant_parameters())
-    for question in chain(_geometry_questions(robot, p), _load_questions(robot, p)):
-        if question.wrong:
-            raise InvalidInput(f"{file}: {question.what}", question.found, question.advice)
-        warnings.warn(
-            f"{file}: {question.what}\n  found: {question.found}\n  try:   {question.advice}",
-            RobotFileWarning,
-            stacklevel=3,
-        )
+    _check_geometry(robot, p, file)
+    _check_load(robot, p, file)
     return robot
 
 
 def check_angles(where: str, angles: tuple[float, ...]) -> None:
     """Refuse roll, pitch and yaw of more than a turn."""
-    worst = max(map(abs, angles), default=0.0)
-    if worst > 2.0 * np.pi * (1.0 + 1e-6):
+    if max(map(abs, angles), default=0.0) > 2.0 * np.pi * (1.0 + 1e-6):
         raise InvalidInput(
             f"{where}: roll, pitch and yaw turn by more than once around.",
             f"expected angles in rad within ±2π, got {list(angles)}; were degrees meant?",
@@ -145,27 +124,28 @@ def _mass_matrix(robot: Robot, p: Parameters) -> np.ndarray:
     return np.array(mass_matrix(tree, bodies, np.asarray(robot.home)), dtype=float)
 
 
-def _geometry_questions(robot: Robot, p: Parameters) -> Iterator[Question]:
-    """Ranges of the joints, their places, and the links' centres of mass and inertias."""
+def _check_geometry(robot: Robot, p: Parameters, file: str) -> None:
     tree, masses, centres, inertias = robot.links.rigid(p)
     for joint, limits in zip(tree.joints, robot.links.limits):
         if limits is not None and not joint.slides and max(map(abs, limits)) > TURNS:
             meant = [float(f"{limit / DEGREES:.5g}") for limit in limits]
-            yield Question(
-                f"the limits of joint {joint.name!r} are many turns apart.",
+            ask(
+                f"{file}: the limits of joint {joint.name!r} are many turns apart.",
                 f"expected rad, got {limits[0]:g} to {limits[1]:g}; were degrees meant?",
                 f"{meant[0]:g} to {meant[1]:g} rad; or a continuous joint, which has no limits",
                 all(float(limit).is_integer() for limit in limits),
             )
     massless = isinstance(robot.links, Pendulum) and robot.nominal["mass"] == 0.0
     for joint, mass, centre, inertia in zip(tree.joints, masses, centres, inertias):
-        lengths = {"place of joint": joint.placement.translation}
-        lengths["centre of mass of the link behind joint"] = centre
-        for what, vector in lengths.items():
+        places = (
+            ("place of joint", joint.placement.translation),
+            ("centre of mass of the link behind joint", centre),
+        )
+        for what, vector in places:
             length = float(np.linalg.norm(vector))
             if length > LENGTH[0]:
-                yield Question(
-                    f"the {what} {joint.name!r} is far away.",
+                ask(
+                    f"{file}: the {what} {joint.name!r} is far away.",
                     f"expected metres, got {length:.4g} m; were millimetres meant?",
                     f"{length / 1000.0:.4g} for {length:.4g} mm",
                     length > LENGTH[1],
@@ -175,32 +155,30 @@ def _geometry_questions(robot: Robot, p: Parameters) -> Iterator[Question]:
         if size > GYRATION[0] and not massless:
             distances = {unit: abs(np.log(size * np.sqrt(one) / 0.1)) for unit, one in INERTIA_UNITS.items()}
             unit = min(distances, key=lambda one: distances[one])
-            yield Question(
-                f"the inertia of the link behind joint {joint.name!r} is that of a very large body.",
+            ask(
+                f"{file}: the inertia of the link behind joint {joint.name!r} is that of a very large body.",
                 f"expected kg·m², got {largest:.4g} kg·m² for {mass:.4g} kg, a radius of gyration of {size:.3g} m",
                 f"{largest * INERTIA_UNITS[unit]:.4g} if {largest:.4g} {unit} were meant",
                 size > GYRATION[1],
             )
 
 
-def _load_questions(robot: Robot, p: Parameters) -> Iterator[Question]:
-    """Gravity, payloads, and what springs, motors and friction are against the weights and inertias that they move."""
+def _check_load(robot: Robot, p: Parameters, file: str) -> None:
     nominal, gravity, tree = robot.nominal, robot.nominal["gravity"], robot.links.rigid(p)[0]
     n = len(tree)
-    rng = np.random.default_rng(0)
-    poses = [np.asarray(robot.home), *rng.uniform(-np.pi, np.pi, (POSES, n))]
+    poses = [np.asarray(robot.home), *np.random.default_rng(0).uniform(-np.pi, np.pi, (POSES, n))]
     torques = [np.abs(np.array(robot.links.gravity_torque(pose, p), dtype=float)) for pose in poses]
     weights = np.max(torques, axis=0)  # largest |G| of each joint, N·m or N
     if abs(gravity) > GRAVITY:
-        yield Question(
-            "gravity is stronger than on any planet.",
+        ask(
+            f"{file}: gravity is stronger than on any planet.",
             f"expected m/s², got {gravity:g}; were cm/s² or mm/s² meant?",
             f"{gravity / (100.0 if abs(gravity) < 5000.0 else 1000.0):g}",
         )
     heavy = not isinstance(robot.links, Pendulum) and gravity != 0.0
     if heavy and weights.max() < 1e-9 * (float(np.sum(p.mass)) * abs(gravity)):
-        yield Question(
-            "no joint carries any weight: gravity acts along the axes of all joints.",
+        ask(
+            f"{file}: no joint carries any weight: gravity acts along the axes of all joints.",
             f"expected 'down' in the world's frame, got down = {[float(f'{x:.4g}') for x in robot.links.down]}",
             "down = [1, 0, 0] for an arm in a vertical plane with axes along z; gravity = 0 if this is meant",
         )
@@ -208,8 +186,8 @@ def _load_questions(robot: Robot, p: Parameters) -> Iterator[Question]:
     payloads = [one for one in robot.parameters if one.name.startswith("payload_mass")]
     for upper in (payload.interval[1] for payload in payloads):
         if own > 0.0 and upper > CARRIED[0] * own:
-            yield Question(
-                f"the payload is {upper / own:.3g} times as heavy as the robot.",
+            ask(
+                f"{file}: the payload is {upper / own:.3g} times as heavy as the robot.",
                 f"expected kg, got up to {upper:.4g} kg for links of {own:.3g} kg; were grams meant?",
                 f"{upper / 1000.0:.4g}kg for {upper:.4g} g",
                 upper > CARRIED[1] * own,
@@ -221,30 +199,30 @@ def _load_questions(robot: Robot, p: Parameters) -> Iterator[Question]:
         stated = {one: nominal.get(per_joint(one, joint.name, n)) for one in OF_JOINT}
         twist, ratio = weight / spring, motor / inertia
         if not joint.slides and twist > TWIST[0]:
-            yield Question(
-                f"the spring of joint {joint.name!r} twists by {twist * DEGREES:.3g}° under the robot's {load}.",
+            ask(
+                f"{file}: the spring of joint {joint.name!r} twists {twist * DEGREES:.3g}° under the robot's {load}.",
                 f"expected N·m/rad, got {spring:g} for {weight:.3g} N·m; was N·m/deg meant?",
                 f"stiffness = {spring * DEGREES:.5g} for {spring:g} N·m/deg",
                 twist > TWIST[1],
             )
         if ratio > MOTOR[0]:
             rotor = motor / (stated["gear_ratio"] or 1.0) ** 2
-            yield Question(
-                f"the motor of joint {joint.name!r} has {ratio:.2g} times the inertia of all that it moves.",
+            ask(
+                f"{file}: the motor of joint {joint.name!r} has {ratio:.2g} times the inertia of all that it moves.",
                 f"expected kg·m², got {rotor:.4g}, seen from the link {motor:.4g}, for {inertia:.3g}",
                 f"{rotor * 1e-7:.4g} if {rotor:.4g} g·cm² were meant; seen from the link it is J N², N the gear ratio",
                 ratio > MOTOR[1],
             )
         if stated["motor_inertia"] is not None and ratio < NOT_REFLECTED:
-            yield Question(
-                f"the motor of joint {joint.name!r} has {ratio:.2g} of the inertia that it moves.",
+            ask(
+                f"{file}: the motor of joint {joint.name!r} has {ratio:.2g} of the inertia that it moves.",
                 f"expected it seen from the link, got motor_inertia = {motor:g}; is it that of the rotor alone?",
                 f"rotor_inertia = {motor:g} and gear_ratio; a direct drive has gear_ratio = 1",
             )
         static, sliding = stated["static_friction"], stated["coulomb_friction"]
         if static is not None and sliding is not None and static < sliding:
-            yield Question(
-                f"joint {joint.name!r} sticks less than it slides.",
+            ask(
+                f"{file}: joint {joint.name!r} sticks less than it slides.",
                 f"expected static_friction >= coulomb_friction, got {static:g} and {sliding:g}",
                 "exchange them, or static_friction as measured at standstill",
             )

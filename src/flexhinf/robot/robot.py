@@ -11,23 +11,21 @@ import numpy as np
 
 from flexhinf.errors import InvalidInput
 from flexhinf.notebook import Summarised, names_text
-from flexhinf.plant import GeneralisedPlant, Parameters, Penalty, Plant
+from flexhinf.plant import GeneralisedPlant, Parameters, ParameterTable, Penalty, Plant
 from flexhinf.robot.arm import Links, Pendulum
 from flexhinf.robot.elastic import (
     DRIVES,
     DRY,
+    ORDERS,
     ElasticFlow,
-    Engaged,
     InverseFlow,
     Layout,
     Sticking,
     checked_extras,
     checked_pose,
-    flat_coordinates,
-    operating_point,
     reflected,
     required_of_drive,
-    state_and_input,
+    traced_inverse,
 )
 from flexhinf.robot.parameters import (
     Parameter,
@@ -46,7 +44,11 @@ from flexhinf.robot.signals import (
     signal_names,
     units_of,
 )
-from flexhinf.validation import checked_name, checked_text, real_number, unknown_name
+from flexhinf.scalars import derivative, series
+from flexhinf.validation import checked_name, checked_text, real_array, real_number, unknown_name
+
+#: A torque (force) of less than this times the robot's weight, at a metre, is rounding.
+ROUNDING = 1e-12
 
 
 @dataclass(frozen=True, repr=False)
@@ -106,9 +108,11 @@ class Robot(Summarised):
         required = (*self.links.required(), *driven)
         missing = [name for name in required if name not in names]
         if missing or len(set(names)) != len(names):
-            what = f"The robot {self.name!r} does not have the parameters of its model."
-            found = f"expected each of {list(required)} once, got {names}"
-            raise InvalidInput(what, found, f"add {missing}" if missing else "each name once")
+            raise InvalidInput(
+                f"The robot {self.name!r} does not have the parameters of its model.",
+                f"expected each of {list(required)} once, got {names}",
+                f"add {missing}" if missing else "each name once",
+            )
         check_parameters(self.name, self.parameters, dict(zip(self.joint_names, self.links.slides)))
         home = checked_pose(self.home, np.zeros(len(self.joint_names)), self.links, self.name)
         object.__setattr__(self, "home", tuple(home.tolist()))
@@ -160,9 +164,8 @@ class Robot(Summarised):
 
     def with_parameters(self, *parameters: Parameter) -> Robot:
         """The same robot with these parameters, in place of those of the same name or beside them."""
-        given = {parameter.name: parameter for parameter in parameters}
-        kept = [given.pop(p.name, p) for p in self.parameters]
-        return replace(self, parameters=(*kept, *given.values()))
+        named = {p.name: p for p in (*self.parameters, *parameters)}
+        return replace(self, parameters=tuple(named.values()))
 
     def plant_parameters(self, values: Mapping[str, float] | None = None) -> PlantValues:
         """The parameters of the robot's plants: reflected to the link side, arrays where there are joints.
@@ -215,21 +218,21 @@ class Robot(Summarised):
         built: dict[tuple[tuple[str, ...], ...], Plant] = vars(self).setdefault("_plants", {})
         if key in built:
             return built[key]
-        joints, slides, rigid = self.joint_names, self.links.slides, self.layout.rigid
+        joints = self.joint_names
         quantities = (*MECHANICAL, "coil_current") if "inductance" in on else MECHANICAL
         ranges = zip(signal_names("link_position", joints), self.links.limits)
         built[key] = Plant(
-            ElasticFlow(self.links, self.drive, on, rigid),
-            Sensors(sensors, joints, on, rigid),
+            ElasticFlow(self.links, self.drive, on, self.layout),
+            Sensors(sensors, joints, on, self.layout),
             states=[name for quantity in quantities for name in names_of(quantity, joints, self.rigid)],
             inputs=signal_names(DRIVES[self.drive], joints),
             disturbances=(*signal_names("link_torque", joints), *signal_names("motor_torque", joints)),
             parameters=self.plant_parameters(),
             outputs=sensors,
-            units=units_of(joints, slides, self.plant_parameters()),
+            units=units_of(joints, self.links.slides, self.plant_parameters()),
             groups={one: names_of(one, joints, self.rigid) for one in UNITS if len(joints) > 1},
             limits={name: ends for name, ends in ranges if ends is not None},
-            engaged=Engaged(self.layout) if "backlash" in on else None,
+            engaged=self.layout.engaged if "backlash" in on else None,
             arrest=Sticking(len(joints), sticks) if sticks else None,
         )
         return built[key]
@@ -254,8 +257,34 @@ class Robot(Summarised):
         """
         q = checked_pose(pose, np.asarray(self.home), self.links, self.name)
         packed = {**self.plant_parameters(), **(parameters or {})}
-        on = checked_extras(extras, False, packed, self.name)
-        return operating_point(self.links, self.drive, q, Parameters(packed), on, self.layout)
+        on, p, elastic = (
+            checked_extras(extras, False, packed, self.name),
+            Parameters(packed),
+            self.layout.elastic,
+        )
+        held = self.links.gravity_torque(q, p)
+        weight, stiffness = np.asarray(held)[elastic], np.atleast_1d(p.stiffness)
+        twist = weight / stiffness
+        if "spring_hardening" in on:
+            # K δ + K₃ δ³ = G, each joint by Newton's method from outside: it falls to the only root.
+            cubic = np.atleast_1d(p.spring_hardening)
+            for _ in range(100):
+                step = (stiffness * twist + cubic * twist**3 - weight) / (stiffness + 3.0 * cubic * twist**2)
+                twist = twist - step
+                if np.all(np.abs(step) <= 1e-16 * np.abs(twist)):
+                    break
+        if "backlash" in on:
+            # A joint that carries nothing may stand anywhere in its gap: in the middle, not where rounding pushes it.
+            carries = np.abs(weight) > ROUNDING * np.sum(p.mass) * abs(p.gravity)
+            twist = twist + 0.5 * np.sign(weight) * carries * p.backlash
+        still = np.zeros(len(q))
+        states, effort = [q, still, q[elastic] + twist, still[elastic]], np.array(held, dtype=float)
+        if self.drive != "torque":
+            effort = np.asarray(held / p.torque_constant, dtype=float)
+        if self.drive == "voltage":
+            states += [effort] if "inductance" in on else []
+            effort = np.asarray(p.resistance * effort, dtype=float)
+        return np.concatenate(states), effort
 
     def inverse_dynamics(
         self, q: Any, dq: Any = None, ddq: Any = None, dddq: Any = None, ddddq: Any = None,
@@ -267,18 +296,59 @@ class Robot(Summarised):
         (4n,) or (N, 4n), and the input, (n,) or (N, n), V, A, or N·m (N), of `plant`. Of the `extras` only dry friction
         is modelled; others are refused by name.
         """
-        packed = self.plant_parameters()
-        on = checked_extras(extras, False, packed, self.name)
+        table = ParameterTable(self.plant_parameters())
+        on = checked_extras(extras, False, table.values, self.name)
         flow = InverseFlow(self.links, self.drive, on, self.layout.rigid)
-        return state_and_input(flow, packed, (q, dq, ddq, dddq, ddddq))
+        joints, arrays = self.joint_names, []
+        for name, value in zip(ORDERS, (q, dq, ddq, dddq, ddddq)):
+            array = np.zeros(len(joints)) if value is None else np.atleast_1d(real_array(value))
+            if array.ndim not in (1, 2) or array.shape[-1] != len(joints) or not np.all(np.isfinite(array)):
+                got = (
+                    repr(value) if array.size <= 8 else f"shape {array.shape}, or numbers that are not finite"
+                )
+                raise InvalidInput(
+                    f"The motion's {name} does not fit the robot.",
+                    f"expected finite numbers, ({len(joints)},) or (N, {len(joints)}) for {list(joints)}, got {got}",
+                    "one column per joint, one row per time",
+                )
+            arrays.append(array)
+        counts = {len(array) for array in arrays if array.ndim == 2} or {1}
+        if len(counts) > 1:
+            raise InvalidInput(
+                "The motion's derivatives have different numbers of times.",
+                f"expected one, got {[array.shape for array in arrays]}",
+                "a row per time",
+            )
+        count = counts.pop()
+        if not count:
+            return np.zeros((0, self.layout.mechanical)), np.zeros((0, len(joints)))
+        columns = [np.broadcast_to(array, (count, len(joints))).T for array in arrays]
+        numbers = np.broadcast_to(table.vector()[:, None], (table.size, count))
+        inverse = traced_inverse(flow, tuple((name, value.shape) for name, value in table.values.items()))
+        x, u = (np.array(rows, dtype=float).T for rows in inverse(*columns, numbers))
+        return (x[0], u[0]) if all(array.ndim == 1 for array in arrays) else (x, u)
 
     def inverse_flow(self, q: Any, dq: Any, ddq: Any, dddq: Any, ddddq: Any, p: Any) -> tuple[Any, Any]:
         """`inverse_dynamics` at one point for laws: on any element, the plant's parameters p as attributes."""
         return InverseFlow(self.links, self.drive, rigid=self.layout.rigid)(q, dq, ddq, dddq, ddddq, p)
 
     def flat_coordinates(self, x: Any, p: Any) -> tuple[Any, Any, Any, Any]:
-        """(q, q̇, q̈, q⃛) of a state of `plant`, (n,) each, on any element: the way back from `inverse_flow`."""
-        return flat_coordinates(self.links, x, p, self.layout)
+        """(q, q̇, q̈, q⃛), (n,) each, of an undisturbed state x of `plant`, on any element: back from `inverse_flow`.
+
+        They are the coordinates in which the robot is n chains of four integrators. The state of a robot with rigid
+        joints, whose accelerations depend on the input, does not give them.
+        """
+        if self.rigid:
+            raise InvalidInput(
+                "A robot with rigid joints has no flat coordinates: its state alone does not give q̈ and q⃛.",
+                f"expected elastic joints only, got the rigid {list(self.rigid)}",
+                "a law without exact linearisation",
+            )
+        q, dq, theta, dtheta = self.layout.split(x)
+        spring, rate = p.stiffness * (theta - q), p.stiffness * (dtheta - dq)
+        ddq = self.links.accelerations(q, dq, spring, p)
+        moved = self.links.accelerations(series(q, dq), series(dq, ddq), series(spring, rate), p)
+        return q, dq, ddq, derivative(moved, 1)
 
     def problem(
         self,
@@ -355,16 +425,18 @@ class Robot(Summarised):
         if not isinstance(signs, Mapping):
             names = [parameter.name for parameter in self.uncertain]
             if len(signs) != len(names):
-                found = f"expected one for each of {names}, got {len(signs)}"
                 raise InvalidInput(
-                    "A corner needs one sign per uncertain parameter.", found, "−1, 0 or 1 for each"
+                    "A corner needs one sign per uncertain parameter.",
+                    f"expected one for each of {names}, got {len(signs)}",
+                    "−1, 0 or 1 for each",
                 )
             signs = dict(zip(names, signs, strict=True))
         for name, sign in signs.items():
             if not -1.0 <= sign <= 1.0:
-                found = f"expected −1 to 1, got {sign!r}"
                 raise InvalidInput(
-                    f"The sign for {self[name].name!r} leaves its tolerance.", found, "−1, 0 or 1"
+                    f"The sign for {self[name].name!r} leaves its tolerance.",
+                    f"expected −1 to 1, got {sign!r}",
+                    "−1, 0 or 1",
                 )
             self[name]  # refuses an unknown one
         return self.plant_parameters({p.name: p.at(float(signs.get(p.name, 0.0))) for p in self.parameters})

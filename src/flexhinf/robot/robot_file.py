@@ -3,22 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from importlib.metadata import entry_points
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 from flexhinf.errors import InvalidInput, located
 from flexhinf.plant import Penalty
-from flexhinf.robot.arm import Pendulum
+from flexhinf.robot.arm import SHAPES, Frame, Payload, Pendulum, inertia_of_shape, payload_from_text
 from flexhinf.robot.dynamics import Joint, Placement, Tree
 from flexhinf.robot.mjcf import read_mjcf
 from flexhinf.robot.parameters import INERTIA, Parameter, per_joint, unit_of
 from flexhinf.robot.parts import ElasticJoint, Link, SingleLink, assembled, single_link_robot, value_of
-from flexhinf.robot.payload import SHAPES, Frame, Payload, inertia_of_shape, payload_from_text
 from flexhinf.robot.plausibility import check_angles, check_plausible
 from flexhinf.robot.robot import Robot
-from flexhinf.robot.schema import RobotFile, check_tolerance, nesting_advice
+from flexhinf.robot.schema import NESTING, RobotFile
 from flexhinf.robot.urdf import MOST_JOINTS, check_selection, read_urdf
 from flexhinf.validation import checked_path, distinct, nearest, read_toml, read_xml, unknown_name, value_text
 
@@ -73,12 +72,12 @@ def load_robot(
                 "load_robot('arm.toml'), or urdf = '…' in that file",
             )
         parts = PartsReader(path)
-        rigid = parts.table.urdf or parts.table.mjcf
-        if parts.table.urdf is not None and parts.table.mjcf is not None:
+        rigid = [parts.table[key] for key in ("urdf", "mjcf") if key in parts.table]
+        if len(rigid) > 1:
             raise InvalidInput(f"{path.name}: two files state the links.", "got urdf and mjcf", "one of them")
-        if rigid is None:
-            return parts.whole_robot(joints, locked, payload)
-        return parts.robot_with(_existing(path.parent / rigid), joints, locked, payload)
+        if rigid:
+            return parts.robot_with(_existing(path.parent / rigid[0]), joints, locked, payload)
+        return parts.whole_robot(joints, locked, payload)
     if path.suffix.lower() not in (".urdf", *MJCF) and (reader := format_reader(path.suffix)) is not None:
         made = reader(path, elastic=elastic, joints=joints, locked=locked, payload=payload)
         if not isinstance(made, Robot):
@@ -94,8 +93,7 @@ def load_robot(
             "expected elastic='joints.toml', got none",
             "a TOML file with, for each joint: [[joint]] name, [joint.spring] stiffness, [joint.motor] motor_inertia",
         )
-    parts = PartsReader(_existing(elastic), path.suffix.lower() in MJCF)
-    return parts.robot_with(path, joints, locked, payload)
+    return PartsReader(_existing(elastic)).robot_with(path, joints, locked, payload)
 
 
 def format_reader(suffix: str) -> Callable[..., Robot] | None:
@@ -111,9 +109,11 @@ def format_reader(suffix: str) -> Callable[..., Robot] | None:
         try:
             return point.load()
         except (ImportError, AttributeError) as error:
-            what = f"The reader of {suffix!r} files cannot be imported."
-            found = f"expected {point.value}, got {type(error).__name__}: {error}"
-            raise InvalidInput(what, found, "the package that states this reader, installed again") from error
+            raise InvalidInput(
+                f"The reader of {suffix!r} files cannot be imported.",
+                f"expected {point.value}, got {type(error).__name__}: {error}",
+                "the package that states this reader, installed again",
+            ) from error
     return None
 
 
@@ -139,38 +139,29 @@ def _existing(source: str | Path) -> Path:
 
 
 class PartsReader:
-    """Makes a robot of one file; a number takes its tolerance from itself, its joint or the whole file, in this order.
+    """Makes a robot of one file; a number takes its tolerance from itself, else its joint, else the whole file."""
 
-    With `with_motors` another file states the motors, so that [joint.motor] may be left out.
-    """
-
-    def __init__(self, path: Path, with_motors: bool = False) -> None:
+    def __init__(self, path: Path) -> None:
         self.file = path.name
         try:
             data = read_toml(path)
         except InvalidInput as error:
             if "joint" not in error.found and "overwrite" not in error.found:
                 raise
-            advice = f"correct that line; each joint begins with {nesting_advice()}"
-            raise InvalidInput(error.what, error.found, advice) from error
+            raise InvalidInput(error.what, error.found, f"correct that line; a joint is {NESTING}") from error
         rows = data.get("joint")
-        if isinstance(rows, list):
-            if len(rows) > MOST_JOINTS:
-                found = f"expected at most {MOST_JOINTS}, got {len(rows)}"
-                raise InvalidInput(f"{path.name}: there are too many joints.", found, "one robot")
-            for row in rows if with_motors or "mjcf" in data else ():
-                if isinstance(row, dict):
-                    row.setdefault("motor", {})
+        if isinstance(rows, list) and len(rows) > MOST_JOINTS:
+            raise InvalidInput(
+                f"{path.name}: there are too many joints.",
+                f"expected at most {MOST_JOINTS}, got {len(rows)}",
+                "one robot",
+            )
         self._file = RobotFile(data, path.name)
         self.table = self._file.root
-        self.table.name = self.table.name or path.stem
-        self._stated: dict[str | None, dict[str, float]] = {None: self.table.tolerances}
-        self._stated |= {row.name: row.tolerances for row in self.table.joint}
+        self.name = self.table["name"] or path.stem
+        self._stated: dict[str | None, dict[str, float]] = {None: self.table["tolerances"]}
+        self._stated |= {row["name"]: row["tolerances"] for row in self.table["joint"]}
         self._used: set[tuple[str | None, str]] = set()
-        for joint, stated in self._stated.items():
-            for key, value in stated.items():
-                where = "[tolerances]" if joint is None else f"[joint.tolerances] of {joint!r}"
-                check_tolerance(self.file, f"{key} in {where}", value)
 
     # Robots ---------------------------------------------------------------------------------------
     def whole_robot(
@@ -178,25 +169,25 @@ class PartsReader:
     ) -> Robot:
         """The robot of a file on its own."""
         table, file = self.table, self.file
-        if chosen is not None or locked or table.joints is not None or table.locked:
+        if chosen is not None or locked or "joints" in table or table["locked"]:
             raise InvalidInput(
                 f"{file}: joints are chosen or locked in a URDF only.",
                 "expected neither joints nor locked without urdf",
                 "leave the joint out of the file",
             )
         joints = []
-        for row in table.joint:
-            check_angles(f"{file}: joint {row.name!r}", tuple(row.rpy or ()))
-            placement = Placement.of(row.xyz or (0.0, 0.0, 0.0), row.rpy or (0.0, 0.0, 0.0))
-            limits: Any = None if row.limits is None else tuple(row.limits)
-            axis = row.axis or (0.0, 0.0, 1.0)
+        for row in table["joint"]:
+            angles = tuple(row.get("rpy", (0.0, 0.0, 0.0)))
+            check_angles(f"{file}: joint {row['name']!r}", angles)
+            stated = {key: row[key] for key in ("kind", "axis", "limits", "parent") if key in row}
             with located(file):
-                joints.append(Joint(row.name, row.kind or "revolute", axis, placement, limits, row.parent))
-        links = [self._link(row) for row in table.joint]
-        springs = [self._elastic(row) for row in table.joint]
-        settings = self._settings(table.joint)
+                place = Placement.of(row.get("xyz", (0.0, 0.0, 0.0)), angles)
+                joints.append(Joint(row["name"], placement=place, **stated))
+        links = [self._link(row) for row in table["joint"]]
+        springs = [self._elastic(row) for row in table["joint"]]
+        settings = self._settings(table["joint"])
         if isinstance(links[0], SingleLink) and len(links) == 1 and "down" not in settings:
-            robot = single_link_robot(table.name, joints[0], links[0], springs[0], **settings)
+            robot = single_link_robot(self.name, joints[0], links[0], springs[0], **settings)
         elif any(isinstance(link, SingleLink) for link in links):
             raise InvalidInput(
                 f"{file}: axis_inertia is for a single link about a horizontal axis.",
@@ -204,7 +195,7 @@ class PartsReader:
                 "mass, centre_of_mass and inertia of each link",
             )
         else:
-            robot = assembled(table.name, joints, links, springs, **settings)
+            robot = assembled(self.name, joints, links, springs, **settings)
         # A file states no shapes: a payload without a place of its own is where the link is drawn to end, at twice the
         # distance of the centre of mass.
         frames = {}
@@ -221,29 +212,25 @@ class PartsReader:
     ) -> Robot:
         """The robot whose links another file states."""
         table, file = self.table, self.file
-        for row in table.joint:
-            keys = ("kind", "axis", "xyz", "rpy", "parent", "link")
-            twice = [key for key in keys if getattr(row, key) is not None]
+        rows = {row["name"]: row for row in table["joint"]}
+        for row in table["joint"]:
+            twice = [key for key in ("kind", "axis", "xyz", "rpy", "parent", "link") if key in row]
             if twice:
                 raise InvalidInput(
-                    f"{file}: the joint {row.name!r} states {twice[0]!r}, which the URDF states too.",
+                    f"{file}: the joint {row['name']!r} states {twice[0]!r}, which the URDF states too.",
                     f"expected name, spring, motor (and limits) only, got {twice}",
                     f"leave it out; {rigid.name} decides",
                 )
-        chosen = chosen if chosen is not None else table.joints
-        still = {**table.locked, **(locked or {})}
-        root = read_xml(rigid) if rigid.suffix.lower() in MJCF else None
-        if root is not None and root.tag == "mujoco":
-            arm = read_mjcf(root, rigid.name, chosen, still)
-        else:
-            arm = read_urdf(rigid, chosen, still)
-        distinct(f"{file}: the joint", [row.name for row in table.joint])
-        rows = {row.name: row for row in table.joint}
+        chosen = chosen if chosen is not None else table.get("joints")
+        still = {**table["locked"], **(locked or {})}
+        root = read_xml(rigid)
+        read = read_mjcf if rigid.suffix.lower() in MJCF and root.tag == "mujoco" else read_urdf
+        with located(rigid.name):
+            arm = read(root, chosen, still)
+        distinct(f"{file}: the joint", [row["name"] for row in table["joint"]])
         names = [joint.name for joint in arm.joints]
-        unknown = [name for name in rows if name not in arm.movable]
-        if unknown:
-            what = f"{file}: there is no joint {unknown[0]!r} in {rigid.name}."
-            raise unknown_name(what, unknown[0], arm.movable)
+        for name in [name for name in rows if name not in arm.movable]:
+            raise unknown_name(f"{file}: there is no joint {name!r} in {rigid.name}.", name, arm.movable)
         missing = [name for name in names if name not in rows]
         if missing:
             raise InvalidInput(
@@ -252,29 +239,26 @@ class PartsReader:
                 "add it, or lock the joint: locked = {" + f"{missing[0]} = 0.0" + "}",
             )
         kept = [rows[name] for name in names]
-        placed = [
-            Joint(j.name, j.kind, j.axis, j.placement, tuple(r.limits) if r.limits else j.limits, j.parent)  # type: ignore[arg-type]
-            for j, r in zip(arm.joints, kept)
-        ]
-        springs = [self._elastic(row, arm.motors.get(row.name, {}), rigid.name) for row in kept]
+        placed = [replace(j, limits=row.get("limits", j.limits)) for j, row in zip(arm.joints, kept)]
+        springs = [self._elastic(row, arm.motors.get(row["name"], {}), rigid.name) for row in kept]
         links = []
         for link, name in zip(arm.links, names):
-            mass, centre = (self._tolerance(name, quantity) for quantity in ("mass", "centre_of_mass"))
-            centres = [
-                Parameter("centre_of_mass", value_of(x), centre, source=rigid.name)
-                for x in link.centre_of_mass
-            ]
-            inertias = [Parameter("inertia", value_of(x), source=rigid.name) for x in link.inertia]
-            links.append(
-                Link(Parameter("mass", value_of(link.mass), mass, source=rigid.name), centres, inertias)
+            tolerances = (
+                self._tolerance(name, "mass"),
+                *[self._tolerance(name, "centre_of_mass")] * 3,
+                *[0.0] * 6,
             )
+            numbers = [
+                Parameter("of a link", value_of(value), tolerance, source=rigid.name)
+                for value, tolerance in zip((link.mass, *link.centre_of_mass, *link.inertia), tolerances)
+            ]
+            links.append(Link(numbers[0], numbers[1:4], numbers[4:]))
         # <limit effort> is a torque: it says nothing about a motor whose input is a voltage or a current.
         efforts = arm.efforts if springs[0].drive == "torque" else None
         fall = GRAVITY if arm.gravity is None else arm.gravity
         settings = self._settings(kept, fall, arm.down, efforts, arm.speeds)
-        robot = assembled(table.name, placed, links, springs, **settings)
-        frames = {name: Frame(joint, place) for name, (joint, place) in arm.frames.items()}
-        return self._finished(robot, frames, arm.tips, payload)
+        robot = assembled(self.name, placed, links, springs, **settings)
+        return self._finished(robot, arm.frames, arm.tips, payload)
 
     def _settings(
         self,
@@ -285,17 +269,15 @@ class PartsReader:
         speeds: Sequence[float] | None = None,
     ) -> dict[str, Any]:
         table, nothing = self.table, [None] * len(rows)
-        penalty = (
-            None if table.penalty is None else Penalty(table.penalty.weights, effort=table.penalty.effort)
-        )
-        down = direction if table.down is None else table.down
-        return ({} if down is None else {"down": down}) | {
-            "gravity": fall if table.gravity is None else self._number(table.gravity, "gravity"),
-            "penalty": penalty,
-            "home": table.home,
-            "description": table.description,
-            "effort_limits": [row.effort_limit or other for row, other in zip(rows, efforts or nothing)],
-            "speed_limits": [row.speed_limit or other for row, other in zip(rows, speeds or nothing)],
+        settings = {key: table.get(key) for key in ("home", "description")}
+        if "penalty" in table:
+            settings["penalty"] = Penalty(table["penalty"]["weights"], effort=table["penalty"]["effort"])
+        if (down := table.get("down", direction)) is not None:
+            settings["down"] = down
+        return settings | {
+            "gravity": self._number(table["gravity"], "gravity") if "gravity" in table else fall,
+            "effort_limits": [row.get("effort_limit", other) for row, other in zip(rows, efforts or nothing)],
+            "speed_limits": [row.get("speed_limit", other) for row, other in zip(rows, speeds or nothing)],
         }
 
     def _finished(self, robot: Robot, frames: Mapping[str, Frame], tips: Sequence[str], given: Any) -> Robot:
@@ -306,12 +288,16 @@ class PartsReader:
         names, count = robot.joint_names, len(robot.joint_names)
         rows = given if isinstance(given, (list, tuple)) else [given]
         if given is not None and not all(isinstance(row, (str, Payload)) for row in rows):
-            found = f"expected text, a Payload or several, got {value_text(given)}"
-            raise InvalidInput("The payload is none.", found, "payload='0..3kg@hand'")
+            raise InvalidInput(
+                "The payload is none.",
+                f"expected text, a Payload or several, got {value_text(given)}",
+                "payload='0..3kg@hand'",
+            )
+        payloads = [
+            row if isinstance(row, Payload) else payload_from_text(row) for row in rows if row is not None
+        ]
         if given is None:
-            payloads = [self._payload(row) for row in self.table.payload]
-        else:
-            payloads = [row if isinstance(row, Payload) else payload_from_text(row) for row in rows]
+            payloads = [self._payload(row) for row in self.table["payload"]]
         places = []
         for payload in payloads:
             at = tips[0] if not payload.at and len(tips) == 1 else payload.at
@@ -335,28 +321,26 @@ class PartsReader:
                 )
         added = [number for one, frame in zip(payloads, places) for number in one.parameters(frame, count)]
         scales = []  # a factor of all moments of a link whose inertia has a tolerance in a table [tolerances]
-        links = {row.name: row.link for row in self.table.joint}
+        stated = {row["name"]: row.get("link", {}) for row in self.table["joint"]}
         for joint in names:
-            link = links.get(joint)
-            own = link is not None and link.inertia is not None and link.inertia.tolerance is not None
-            if own or (link is not None and link.axis_inertia is not None):
+            link = stated.get(joint, {})
+            if "tolerance" in link.get("inertia", {}) or "axis_inertia" in link:
                 continue
             if tolerance := self._tolerance(joint, "inertia"):
-                label = per_joint("inertia_scale", joint, count)
-                unit = unit_of("inertia_scale")
+                label, unit = per_joint("inertia_scale", joint, count), unit_of("inertia_scale")
                 scales.append(Parameter(label, 1.0, tolerance, unit, "tolerance of its inertia"))
         robot = robot.with_parameters(*scales, *added)
         moving = {joint for joint, _ in self._used}
-        for joint, stated in self._stated.items():
-            for key in stated if joint in moving else ():
-                if (joint, key) not in self._used:
-                    where = "[tolerances]" if joint is None else f"[joint.tolerances] of {joint!r}"
-                    owner = "no joint states" if joint is None else f"the joint {joint!r} does not state"
-                    raise InvalidInput(
-                        f"{self.file}: {where} has {key!r}, which {owner}.",
-                        f"expected keys out of {sorted(k for one, k in self._used if one == joint)}, got {key!r}",
-                        f"state {key!r} with its value first, or leave out its tolerance",
-                    )
+        for joint in [joint for joint in self._stated if joint in moving]:
+            known = sorted(key for one, key in self._used if one == joint)
+            for key in [key for key in self._stated[joint] if key not in known]:
+                raise InvalidInput(
+                    f"{self.file}: [tolerances] has {key!r}, which no joint states."
+                    if joint is None
+                    else f"{self.file}: [joint.tolerances] of {joint!r} has {key!r}, which the joint does not state.",
+                    f"expected keys out of {known}, got {key!r}",
+                    f"state {key!r} with its value first, or leave out its tolerance",
+                )
         return self._file.check_units(check_plausible(robot, self.file))
 
     # Numbers --------------------------------------------------------------------------------------
@@ -366,51 +350,47 @@ class PartsReader:
         self._used |= {(None, key), (joint, key)}
         return self._stated.get(joint, {}).get(key, self._stated[None].get(key, 0.0))
 
-    def _number(self, table: Any, quantity: str, joint: str | None = None) -> Any:
+    def _number(self, table: Mapping[str, Any], quantity: str, joint: str | None = None) -> Any:
         """One number with tolerance, or range, and source; three that share them of a vector."""
-        tolerance, ends = table.tolerance, table.range if "range" in vars(table) else None
-        check_tolerance(self.file, quantity if joint is None else f"{joint}, {quantity}", tolerance or 0.0)
+        tolerance, ends = table.get("tolerance"), table.get("range")
         if tolerance is None:
             tolerance = 0.0 if ends is not None or joint is None else self._tolerance(joint, quantity)
-        if isinstance(table.value, list):
-            return tuple(Parameter(quantity, x, tolerance, source=table.source) for x in table.value)
-        ends = None if ends is None else (ends[0], ends[1])
-        return Parameter(quantity, table.value, tolerance, source=table.source, range=ends)
+        if isinstance(table["value"], list):
+            return tuple(Parameter(quantity, x, tolerance, source=table["source"]) for x in table["value"])
+        return Parameter(quantity, table["value"], tolerance, source=table["source"], range=ends)
 
     # Parts ----------------------------------------------------------------------------------------
     def _elastic(self, row: Any, motor: Mapping[str, float] | None = None, source: str = "") -> ElasticJoint:
-        with located(f"{self.file}: joint {row.name!r}"):
-            if row.rigid == (row.spring is not None):
+        with located(f"{self.file}: joint {row['name']!r}"):
+            if row["rigid"] == ("spring" in row):
                 raise InvalidInput(
                     "It is rigid and has a 'spring'."
-                    if row.rigid
+                    if row["rigid"]
                     else "It has no 'spring', and is not declared rigid.",
                     "expected [joint.spring] with stiffness = … (N·m/rad; N/m for a prismatic joint), or rigid = true",
                     "one of the two",
                 )
-            stated = {**(row.spring or {}), **row.motor}
-            numbers = {key: self._number(value, key, row.name) for key, value in stated.items()}
+            stated = {**row.get("spring", {}), **row["motor"]}
+            numbers = {key: self._number(value, key, row["name"]) for key, value in stated.items()}
             for quantity, value in (motor or {}).items():
-                inertia = quantity == "motor_inertia" and "rotor_inertia" in numbers
-                if quantity not in numbers and not inertia:
-                    tolerance = self._tolerance(row.name, quantity)
+                if quantity not in numbers and not (
+                    quantity == "motor_inertia" and "rotor_inertia" in numbers
+                ):
+                    tolerance = self._tolerance(row["name"], quantity)
                     numbers[quantity] = Parameter(quantity, value, tolerance, source=source)
             return ElasticJoint(**numbers)
 
     def _link(self, row: Any) -> Any:
-        """The link of a joint, stated in this file: a `Link` or a `SingleLink`."""
-        table = row.link
-        if table is None:
+        if "link" not in row:
             raise InvalidInput(
-                f"{self.file}: the joint {row.name!r} has no link.",
+                f"{self.file}: the joint {row['name']!r} has no link.",
                 "expected [joint.link], or urdf = '…' at the top of the file",
                 "mass, centre_of_mass and inertia",
             )
-        stated = {key: value for key, value in vars(table).items() if value is not None}
-        with located(f"{self.file}: joint {row.name!r}"):
+        stated, name = row["link"], row["name"]
+        with located(f"{self.file}: joint {name!r}"):
             if "axis_inertia" in stated and not {"inertia", "centre_of_mass"} & set(stated):
-                order = [key for key in ("axis_inertia", "mass", "length") if key in stated]
-                numbers = {key: self._number(stated[key], key, row.name) for key in order}
+                numbers = {key: self._number(value, key, name) for key, value in stated.items()}
                 return SingleLink(numbers.pop("axis_inertia"), **numbers)
             whole = ("mass", "centre_of_mass", "inertia")
             missing = [key for key in whole if key not in stated]
@@ -420,44 +400,39 @@ class PartsReader:
                     f"expected {list(whole)}, or axis_inertia with mass and length, got {list(stated)}",
                     f"add {missing}" if missing else "one of the two ways",
                 )
-            six = table.inertia
-            check_tolerance(self.file, f"{row.name}, link, inertia", six.tolerance or 0.0)
+            six = stated["inertia"]
             moments = [
-                Parameter("inertia", getattr(six, axes), six.tolerance or 0.0, source=six.source)
+                Parameter("inertia", six[axes], six.get("tolerance", 0.0), source=six["source"])
                 for axes in INERTIA
             ]
-            mass, centre = (self._number(stated[key], key, row.name) for key in whole[:2])
-            return Link(mass, centre, moments)
+            return Link(*(self._number(stated[key], key, name) for key in whole[:2]), moments)
 
     # Payload --------------------------------------------------------------------------------------
-    def _payload(self, table: Any) -> Payload:
-        shapes = {kind: getattr(table, kind) for kind in ("inertia", *SHAPES)}
-        shapes = {kind: sizes for kind, sizes in shapes.items() if sizes is not None}
+    def _payload(self, table: Mapping[str, Any]) -> Payload:
+        shapes = {kind: table[kind] for kind in ("inertia", *SHAPES) if kind in table}
         if len(shapes) > 1:
             raise InvalidInput(
                 f"{self.file}: a payload has two shapes.",
                 f"expected one of {['inertia', *SHAPES]}, got {list(shapes)}",
                 "one of them",
             )
-        mass = self._number(table.mass, "mass")
+        mass = self._number(table["mass"], "mass")
         centre = (
-            None if table.centre_of_mass is None else self._number(table.centre_of_mass, "centre_of_mass")
+            self._number(table["centre_of_mass"], "centre_of_mass") if "centre_of_mass" in table else None
         )
         per_mass: tuple[float, ...] = (0.0,) * 6
         for kind, sizes in shapes.items():
-            if isinstance(sizes, SimpleNamespace):
-                largest = max(mass.interval[1], 1e-30)
-                per_mass = tuple(getattr(sizes, axes) / largest for axes in INERTIA)
+            if isinstance(sizes, dict):
+                per_mass = tuple(sizes[axes] / max(mass.interval[1], 1e-30) for axes in INERTIA)
             else:
                 per_mass = inertia_of_shape(kind, [sizes] if isinstance(sizes, float) else sizes)
         with located(f"{self.file}: payload"):
-            return Payload(mass, table.at or "", centre, per_mass)
+            return Payload(mass, table.get("at", ""), centre, per_mass)
 
 
 def catalogue() -> dict[str, Path]:
     """Path of each shipped robot file by name, for `load_robot`."""
-    folder = Path(__file__).parent / "catalogue"
-    return {path.stem: path for path in sorted(folder.glob("*.toml"))}
+    return {path.stem: path for path in sorted((Path(__file__).parent / "catalogue").glob("*.toml"))}
 
 
 TABLE_1, TABLE_2 = "Elsa & Akbari 2014, Table 1", "Elsa & Akbari 2014, Table 2"

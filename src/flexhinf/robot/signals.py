@@ -55,20 +55,19 @@ OF_SPRINGS = ("motor_position", "motor_velocity", "joint_torque", "joint_torque_
 
 def names_of(quantity: str, joints: Sequence[str], rigid: Sequence[str] = ()) -> tuple[str, ...]:
     """One name per joint that has this signal as a state or a torque of its own."""
-    names = signal_names(quantity, joints)
-    if quantity not in OF_SPRINGS:
-        return names
-    return tuple(name for name, joint in zip(names, joints) if joint not in rigid)
+    names = zip(signal_names(quantity, joints), joints)
+    return tuple(name for name, joint in names if joint not in rigid or quantity not in OF_SPRINGS)
 
 
 def units_of(
     joints: Sequence[str], slides: Sequence[bool], parameters: Mapping[str, Any] | None = None
 ) -> dict[str, str]:
     """Unit of each signal and of each of a plant's parameters, by name; see `parameter_units`."""
-    units = {}
-    for quantity, pair in UNITS.items():
-        for name, sliding in zip(signal_names(quantity, joints), slides):
-            units[name] = pair[sliding]
+    units = {
+        name: pair[sliding]
+        for quantity, pair in UNITS.items()
+        for name, sliding in zip(signal_names(quantity, joints), slides)
+    }
     integrals = {f"{name}_integral": f"{unit}·s" for name, unit in units.items() if "position" in name}
     return parameter_units(parameters or {}, slides) | units | integrals
 
@@ -101,25 +100,22 @@ class Sensors:
 
     names: tuple[str, ...]
     joints: tuple[str, ...]
-    extras: tuple[str, ...] = ()
-    rigid: tuple[int, ...] = ()
+    extras: tuple[str, ...]
+    layout: Layout
 
     def __call__(self, x: Any, u: Any, p: Any) -> Any:
         """The measured signals (p,) of any element; the motor of a rigid joint is where its link is."""
-        layout = Layout(len(self.joints), self.rigid)
-        q, dq, theta, dtheta = layout.split(x)
-        columns = q, dq, layout.motors(q, theta), layout.motors(dq, dtheta)
-        parts = dict(zip(MECHANICAL, columns))
+        q, dq, theta, dtheta = self.layout.split(x)
+        columns = q, dq, self.layout.motors(q, theta), self.layout.motors(dq, dtheta)
         signals = {
             name: part[i]
-            for quantity, part in parts.items()
+            for quantity, part in zip(MECHANICAL, columns)
             for i, name in enumerate(signal_names(quantity, self.joints))
         }
-        torques = [signal_names("joint_torque", self.joints)[i] for i in layout.elastic]
-        if any(name in torques for name in self.names):
-            links = (q, dq) if not self.rigid else (q[layout.elastic], dq[layout.elastic])
-            torque = spring_torque(theta - links[0], dtheta - links[1], p, self.extras)
-            signals |= dict(zip(torques, torque))
+        torques = [signal_names("joint_torque", self.joints)[i] for i in self.layout.elastic]
+        if set(torques) & set(self.names):
+            q, dq = (self.layout.at_springs(links) for links in (q, dq))
+            signals |= dict(zip(torques, spring_torque(theta - q, dtheta - dq, p, self.extras)))
         return np.array([signals[name] for name in self.names])
 
 
@@ -138,11 +134,9 @@ class WeightedStatesAndTorques:
 
     def __call__(self, x: Any, p: Any) -> Any:
         """h (s,) of any element."""
-        layout = Layout(len(self.torques)) if self.layout is None else self.layout
+        layout = self.layout or Layout(len(self.torques))
         q, dq, theta, dtheta = layout.split(x)
-        if layout.rigid:
-            q, dq = q[layout.elastic], dq[layout.elastic]
-        torque, rate = p.stiffness * (theta - q), p.stiffness * (dtheta - dq)
+        torque, rate = (p.stiffness * (b - layout.at_springs(a)) for a, b in ((q, theta), (dq, dtheta)))
         weighted = [weight * x[i] for i, weight in enumerate(self.states) if weight]
         for weights, values in ((self.torques, torque), (self.rates, rate)):
             weighted += [weight * values[i] for i, weight in enumerate(weights) if weight]
@@ -160,7 +154,7 @@ def robot_penalty(
 
     `states` include the integrals; the names of `groups`, which stand for all joints, an error lists first.
     """
-    layout = Layout(len(joints)) if layout is None else layout
+    layout = layout or Layout(len(joints))
     rigid = [joints[i] for i in layout.rigid]
     named = [names_of(quantity, joints, rigid) for quantity in ("joint_torque", "joint_torque_rate")]
     if not isinstance(penalty.states, Mapping):
@@ -168,8 +162,8 @@ def robot_penalty(
     singles = (*states, *named[0], *named[1])
     plain = [group for group, members in (groups or {}).items() if set(members) <= set(singles)]
     known = dict.fromkeys((*plain, *singles))
-    if unknown := [name for name in penalty.states if name not in known]:
-        raise unknown_weight(unknown[0], list(known))
+    for name in [name for name in penalty.states if name not in known]:
+        raise unknown_weight(name, list(known))
     if not {*named[0], *named[1]} & set(penalty.states):
         return penalty
     weights = dict(penalty.states)

@@ -7,13 +7,13 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 from xml.etree.ElementTree import Element
 
 import numpy as np
 
 from flexhinf.errors import InvalidInput, located
+from flexhinf.robot.arm import Frame
 from flexhinf.robot.dynamics import KINDS, Joint, Placement, lumped, matrix_of, six_of
 from flexhinf.robot.parameters import INERTIA
 from flexhinf.robot.parts import Link
@@ -21,7 +21,6 @@ from flexhinf.validation import (
     HUGE,
     checked_name,
     distinct,
-    read_xml,
     real_number,
     unknown_name,
     value_text,
@@ -52,16 +51,18 @@ NUMBER = re.compile(r"[+-]?(?:[0-9]++\.?[0-9]*+|\.[0-9]++)(?:[eE][+-]?[0-9]++)?"
 MOST_JOINTS, MOST_LINKS = 100, 1000
 
 
-@dataclass(frozen=True)
+@dataclass
 class RigidArm:
-    """What a URDF or an MJCF file says about dynamics.
+    """What a URDF or an MJCF file says about dynamics; it grows joint by joint, parents before children.
 
     Attributes
     ----------
-    joints, links
-        That move, parents before children; one link per joint, with everything that is fixed to it.
     movable
         All joints of the file that could move, the locked ones too.
+    locked
+        Joints that do not move, and where they stand, rad or m.
+    joints, links
+        That move; one link per joint, of the bodies that are fixed to it.
     frames
         Of each link behind a moving joint, and of that joint itself: the joint that carries it, and its place in the
         frame of that joint's link.
@@ -74,103 +75,150 @@ class RigidArm:
         m/s², and its direction (3,).
     """
 
-    joints: tuple[Joint, ...]
-    links: tuple[Link, ...]
     movable: tuple[str, ...]
-    frames: dict[str, tuple[str, Placement]]
-    tips: tuple[str, ...]
-    efforts: tuple[float, ...]
-    speeds: tuple[float, ...]
-    motors: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    locked: Mapping[str, float]
+    joints: list[Joint] = field(default_factory=list)
+    links: list[Link] = field(default_factory=list)
+    frames: dict[str, Frame] = field(default_factory=dict)
+    tips: list[str] = field(default_factory=list)
+    efforts: list[float] = field(default_factory=list)
+    speeds: list[float] = field(default_factory=list)
+    motors: dict[str, dict[str, float]] = field(default_factory=dict)
     gravity: float | None = None
     down: tuple[float, float, float] | None = None
+    _bodies: list[list[Any]] = field(default_factory=list)
+
+    def add_joint(
+        self, carrier: int | None, name: str, kind: str, axis: Any, place: Placement, limits: Any
+    ) -> tuple[int | None, Placement]:
+        """The joint that carries what is behind this one, which stands at `place`, and the place there.
+
+        A joint that is locked outside its limits, rad or m, is refused.
+        """
+        if name in self.locked:
+            value = float(self.locked[name])
+            if limits is not None and not limits[0] <= value <= limits[1]:
+                raise InvalidInput(
+                    f"The joint {name!r} is locked outside its limits.",
+                    f"expected {limits[0]:g} to {limits[1]:g}, got {value:g}",
+                    "a position that the joint can have",
+                )
+            return carrier, place.then(moved(kind, axis, value))
+        parent = "world" if carrier is None else self.joints[carrier].name
+        self.joints.append(Joint(name, kind, axis, place, limits, parent))
+        self._bodies.append([])
+        return len(self.joints) - 1, Placement()
+
+    def add_body(self, carrier: int, link: str, mass: float, inertia: np.ndarray, place: Placement) -> None:
+        """A body at `place`, its centre of mass, with its inertia (3, 3) there; it may be a point, or have no mass."""
+        a, b, c = np.linalg.eigvalsh(inertia)
+        slack = 1e-9 * max(abs(a), c)
+        faults = {
+            "a negative mass": mass < 0.0,
+            "a negative inertia": a < -slack,
+            "an inertia that violates the triangle inequality": a + b < c - slack,
+        }
+        for fault in (fault for fault, wrong in faults.items() if wrong):
+            raise InvalidInput(
+                f"The link {link!r} has {fault}: no such body exists.",
+                "expected mass >= 0 and principal inertias >= 0 of which none exceeds the sum of the others, got "
+                f"{mass:g} kg and ({a:.4g}, {b:.4g}, {c:.4g}) kg·m²",
+                "the inertia about the centre of mass, in kg·m²",
+            )
+        turn = np.array(place.rotation)
+        self._bodies[carrier].append((link, mass, np.array(place.translation), turn @ inertia @ turn.T))
+
+    def merge(self) -> RigidArm:
+        """The same with the bodies that move together as one link."""
+        for joint, bodies in zip(self.joints, self._bodies):
+            mass = sum(body[1] for body in bodies)
+            if not mass > 0.0:
+                raise InvalidInput(
+                    f"What the joint {joint.name!r} moves has no mass.",
+                    f"expected an <inertial> in the link behind it, got {mass:g} kg",
+                    "a file with inertials (some are made for display only), or lock the joint",
+                )
+            mass, centre, inertia = lumped([body[1:] for body in bodies])
+            with located(f"link {[body[0] for body in bodies]}"):
+                self.links.append(Link(mass, [float(c) for c in centre], six_of(inertia)))
+        return self
 
 
 def read_urdf(
-    path: str | Path, joints: Sequence[str] | None = None, locked: Mapping[str, float] | None = None
+    root: Element, joints: Sequence[str] | None = None, locked: Mapping[str, float] | None = None
 ) -> RigidArm:
-    """The moving joints of a URDF and their links. Meshes, transmissions and ``<dynamics>`` are not read.
+    """The moving joints of a URDF, of its root, and their links; neither meshes nor transmissions nor ``<dynamics>``.
 
     `joints` are those that move (by default all that are not fixed); `locked` is where others stand, rad or m, zero for
     those that `joints` leaves out.
     """
-    path = Path(path)
-    file, root = path.name, read_xml(path)
     if root.tag != "robot":
         raise InvalidInput(
-            f"{file}: this is no URDF.",
+            "This is no URDF.",
             f"expected the root element <robot>, got <{root.tag[:60]}>",
             "arm.xml with the root <mujoco> is read as MJCF; convert other files to URDF first",
         )
     if any("xacro" in element.tag for element in root.iter()):
-        what, found = f"{file}: this is a xacro file.", "expected plain URDF, got elements of xacro"
-        raise InvalidInput(what, found, "xacro arm.xacro > arm.urdf")
-    links, elements = _named(file, root, "link"), _named(file, root, "joint")
-    behind, base = _tree(file, links, elements)
+        raise InvalidInput(
+            "This is a xacro file.",
+            "expected plain URDF, got elements of xacro",
+            "xacro arm.xacro > arm.urdf",
+        )
+    links, elements = _named(root, "link"), _named(root, "joint")
+    behind, base = _tree(links, elements)
     movable = tuple(name for name, element in elements.items() if element.get("type") != "fixed")
-    still = locked_joints(file, movable, joints, locked)
-    moving: list[Joint] = []
-    bodies: list[list[Any]] = []
-    frames: dict[str, tuple[str, Placement]] = {}
-    tips: list[str] = []
+    arm = RigidArm(movable, locked_joints(movable, joints, locked))
     # From the base outwards, each link before those behind it, without recursion: chains may be long.
     ahead: list[Any] = [(name, None, Placement()) for name in reversed(behind.get(base, []))]
     while ahead:
         name, carrier, above = ahead.pop()
         element, link = elements[name], _link_at(elements[name], "child")
-        kind, place = element.get("type"), above.then(_origin(file, name, element))
+        kind, place = element.get("type"), above.then(_origin(name, element))
         if kind not in (*KINDS, "fixed"):
             raise InvalidInput(
-                f"{file}: the joint {name!r} is of kind {value_text(kind, 60)}.",
+                f"The joint {name!r} is of kind {value_text(kind, 60)}.",
                 f"expected fixed or one of {list(KINDS)}",
                 "a robot on a fixed base with joints of one degree of freedom",
             )
         if kind != "fixed":
-            axis = _vector(file, name, element.find("axis"), "xyz", (1.0, 0.0, 0.0))
+            axis = _vector(name, element.find("axis"), "xyz", (1.0, 0.0, 0.0))
             if not np.linalg.norm(axis) > 1.0 / HUGE:
-                what = f"{file}: the axis of the joint {name!r} has no direction."
-                raise InvalidInput(what, f"expected a vector that is not zero, got {axis}", "xyz='0 0 1'")
-            limits = _limits(file, name, element)
-            if name in still:
-                check_lock(file, name, limits, float(still[name]))
-                place = place.then(moved(kind, axis, float(still[name])))
-            else:
-                if element.find("mimic") is not None:
-                    raise InvalidInput(
-                        f"{file}: the joint {name!r} mimics another one, which an elastic joint cannot.",
-                        f"expected independent joints, got <mimic> in {name!r}",
-                        f"locked={{{name!r}: 0.0}}, or joints=[...] without it",
-                    )
-                parent = "world" if carrier is None else moving[carrier].name
-                moving.append(Joint(name, kind, axis, place, limits, parent))
-                bodies.append([])
-                carrier, place = len(moving) - 1, Placement()
+                raise InvalidInput(
+                    f"The axis of the joint {name!r} has no direction.",
+                    f"expected a vector that is not zero, got {axis}",
+                    "xyz='0 0 1'",
+                )
+            if name not in arm.locked and element.find("mimic") is not None:
+                raise InvalidInput(
+                    f"The joint {name!r} mimics another one, which an elastic joint cannot.",
+                    f"expected independent joints, got <mimic> in {name!r}",
+                    f"locked={{{name!r}: 0.0}}, or joints=[...] without it",
+                )
+            carrier, place = arm.add_joint(carrier, name, kind, axis, place, _limits(name, element))
         if carrier is not None:
-            bodies[carrier] += _body(file, link, links[link], place)
-            frames[link] = moving[carrier].name, place
-            frames.setdefault(name, frames[link])
+            _add_body(arm, carrier, link, links[link], place)
+            arm.frames[link] = Frame(arm.joints[carrier].name, place)
+            arm.frames.setdefault(name, arm.frames[link])
             if link not in behind:
-                tips.append(link)
+                arm.tips.append(link)
         ahead += [(after, carrier, place) for after in reversed(behind.get(link, []))]
-    efforts, speeds = (
-        tuple(_largest(file, joint.name, elements[joint.name], key) for joint in moving)
-        for key in ("effort", "velocity")
-    )
-    merged_links = tuple(merged(own, joint.name, file) for joint, own in zip(moving, bodies))
-    return RigidArm(tuple(moving), merged_links, movable, frames, tuple(tips), efforts, speeds)
+    for joint in arm.joints:
+        arm.efforts.append(_largest(joint.name, elements[joint.name], "effort"))
+        arm.speeds.append(_largest(joint.name, elements[joint.name], "velocity"))
+    return arm.merge()
 
 
 # Elements -----------------------------------------------------------------------------------------
-def _named(file: str, root: Element, tag: str) -> dict[str, Element]:
-    """The links or the joints by their names, which are usable and stand once."""
+def _named(root: Element, tag: str) -> dict[str, Element]:
     elements = root.findall(tag)
     if len(elements) > MOST_LINKS:
-        found = f"expected at most {MOST_LINKS}, got {len(elements)}"
-        raise InvalidInput(f"{file}: there are too many {tag}s.", found, "one robot")
-    names = [checked_name(f"a {tag} of {file}", one.get("name"), spaces=True) for one in elements]
-    distinct(f"{file}: the {tag}", names)
+        raise InvalidInput(
+            f"There are too many {tag}s.", f"expected at most {MOST_LINKS}, got {len(elements)}", "one robot"
+        )
+    names = [checked_name(f"a {tag}", one.get("name"), spaces=True) for one in elements]
+    distinct(f"The {tag}", names)
     for name, element in zip(names, elements):
-        _check_element(file, name, element)
+        _check_element(name, element)
     return dict(zip(names, elements))
 
 
@@ -179,14 +227,14 @@ def _link_at(joint: Element, end: str) -> str:
     return "" if found is None else found.get("link", "")
 
 
-def _tree(file: str, links: Mapping[str, Element], joints: Mapping[str, Element]) -> tuple[Any, str]:
+def _tree(links: Mapping[str, Element], joints: Mapping[str, Element]) -> tuple[Any, str]:
     """The joints behind each link, and the link that no joint carries."""
     behind: dict[str, list[str]] = {}
     for name, element in joints.items():
         for end in ("parent", "child"):
             if _link_at(element, end) not in links:
                 raise InvalidInput(
-                    f"{file}: the joint {name!r} has no {end} link.",
+                    f"The joint {name!r} has no {end} link.",
                     f"expected one of {list(links)}, got {_link_at(element, end)!r}",
                     f"<{end} link='…'/>",
                 )
@@ -201,7 +249,7 @@ def _tree(file: str, links: Mapping[str, Element], joints: Mapping[str, Element]
             ahead += [_link_at(joints[name], "child") for name in behind.get(link, [])]
     if len(free) != 1 or len(set(carried)) != len(carried) or len(reached) != len(links):
         raise InvalidInput(
-            f"{file}: the links are no tree.",
+            "The links are no tree.",
             "expected one link without a parent and one parent for every other, got the links without a parent "
             f"{free}, and in loops {[link for link in links if link not in reached]}",
             "a closed loop is cut, a second robot goes into a file of its own",
@@ -209,30 +257,35 @@ def _tree(file: str, links: Mapping[str, Element], joints: Mapping[str, Element]
     return behind, free[0]
 
 
-def _check_element(file: str, name: str, element: Element) -> None:
+def _check_element(name: str, element: Element) -> None:
     """Refuse what could be read in two ways in the link or the joint `name`, and what is probably misspelt."""
     once, where = ONCE[element.tag], "<inertial> of" if element.tag == "inertial" else f"the {element.tag}"
     for tag in once:
         count = len(element.findall(tag))
         if count > 1:
-            what = f"{file}: <{tag}> stands {count} times in {where} {name!r}."
-            raise InvalidInput(what, f"expected one <{tag}>, got {count}", "delete the others")
+            raise InvalidInput(
+                f"<{tag}> stands {count} times in {where} {name!r}.",
+                f"expected one <{tag}>, got {count}",
+                "delete the others",
+            )
     known = (*once, *OTHERS.get(element.tag, ()))
     for tag in sorted({str(child.tag) for child in element} - set(known)):
-        close = difflib.get_close_matches(tag[:60].lower(), known, n=1, cutoff=0.75)
-        if close:
-            what = f"{file}: there is an unknown element <{tag[:60]}> in {name!r}."
-            raise InvalidInput(what, f"expected one of {list(known)}, got {tag[:60]!r}", f"<{close[0]}>")
+        for close in difflib.get_close_matches(tag[:60].lower(), known, n=1, cutoff=0.75):
+            raise InvalidInput(
+                f"There is an unknown element <{tag[:60]}> in {name!r}.",
+                f"expected one of {list(known)}, got {tag[:60]!r}",
+                f"<{close}>",
+            )
     for child in element:
         if child.tag == "inertial":
-            _check_element(file, name, child)
+            _check_element(name, child)
         required, optional = ATTRIBUTES.get(child.tag, ((), tuple(child.attrib)))
         missing = [key for key in required if key not in child.attrib]
         unknown = [key for key in child.attrib if key not in (*required, *optional)]
         if missing or unknown:
             fault = f"no {missing[0]!r}" if missing else f"an unknown attribute {value_text(unknown[0], 60)}"
             raise InvalidInput(
-                f"{file}: <{child.tag}> in {name!r} has {fault}.",
+                f"<{child.tag}> in {name!r} has {fault}.",
                 f"expected {' '.join([*required, *(f'[{key}]' for key in optional)])}, got "
                 f"{value_text(list(child.attrib), 120)}",
                 f"{missing[0]}='…'" if missing else "leave it out, or correct its name",
@@ -240,112 +293,71 @@ def _check_element(file: str, name: str, element: Element) -> None:
 
 
 # Numbers ------------------------------------------------------------------------------------------
-def _vector(file: str, name: str, element: Element | None, key: str, default: tuple[float, ...]) -> Any:
+def _vector(name: str, element: Element | None, key: str, default: tuple[float, ...]) -> Any:
     if element is None or element.get(key) is None:
         return default
     words = str(element.get(key)).split()
     numbers = tuple(float(word) for word in words) if all(map(NUMBER.fullmatch, words)) else ()
     if len(numbers) != len(default) or not all(abs(number) <= HUGE for number in numbers):
         raise InvalidInput(
-            f"{file}: {key} of <{element.tag}> in {name!r} cannot be read.",
+            f"{key} of <{element.tag}> in {name!r} cannot be read.",
             f"expected {len(default)} numbers of at most {HUGE:g}, got {value_text(element.get(key))}",
             f"{key}='0 0 1'" if len(default) == 3 else f"{key}='1.0'",
         )
     return numbers
 
 
-def _number(file: str, name: str, element: Element, key: str) -> float:
-    return _vector(file, name, element, key, (0.0,))[0]
+def _number(name: str, element: Element | None, key: str) -> float:
+    return _vector(name, element, key, (0.0,))[0]
 
 
-def _origin(file: str, name: str, element: Element) -> Placement:
+def _origin(name: str, element: Element) -> Placement:
     origin, nothing = element.find("origin"), (0.0, 0.0, 0.0)
-    return Placement.of(*(_vector(file, name, origin, key, nothing) for key in ("xyz", "rpy")))
+    return Placement.of(*(_vector(name, origin, key, nothing) for key in ("xyz", "rpy")))
 
 
-def _limits(file: str, name: str, joint: Element) -> tuple[float, float] | None:
+def _limits(name: str, joint: Element) -> tuple[float, float] | None:
     """Range of a joint, rad or m; None where there is none: also of lower = upper = 0, which exporters write then."""
-    limit = joint.find("limit")
-    if limit is None or joint.get("type") == "continuous":
+    if joint.get("type") == "continuous":
         return None
-    lower, upper = (_number(file, name, limit, key) for key in ("lower", "upper"))
-    if lower == upper == 0.0:
-        return None
-    if not lower < upper:
+    lower, upper = (_number(name, joint.find("limit"), key) for key in ("lower", "upper"))
+    if lower > upper or lower == upper != 0.0:
         raise InvalidInput(
-            f"{file}: the limits of the joint {name!r} leave no room.",
+            f"The limits of the joint {name!r} leave no room.",
             f"expected lower < upper, got lower {lower:g} and upper {upper:g} (0 where not stated)",
             "exchange them; or a fixed joint",
         )
-    return lower, upper
+    return (lower, upper) if lower < upper else None
 
 
-def _largest(file: str, name: str, joint: Element, key: str) -> float:
+def _largest(name: str, joint: Element, key: str) -> float:
     """The limit that <limit effort velocity> states; infinite without one, and for 0, which exporters write then."""
-    limit = joint.find("limit")
-    stated = 0.0 if limit is None else _number(file, name, limit, key)
+    stated = _number(name, joint.find("limit"), key)
     if stated < 0.0:
         raise InvalidInput(
-            f"{file}: the {key} limit of the joint {name!r} is negative.",
+            f"The {key} limit of the joint {name!r} is negative.",
             f"expected {key} >= 0 (0 for none) in <limit>, got {stated:g}",
             f"{key}='{-stated:g}'",
         )
     return stated or np.inf
 
 
-# Bodies -------------------------------------------------------------------------------------------
-def _body(file: str, link: str, element: Element, placement: Placement) -> list[Any]:
-    """A link's (name, mass, centre of mass, inertia about it) in the carrier's frame; nothing without <inertial>."""
+def _add_body(arm: RigidArm, carrier: int, link: str, element: Element, place: Placement) -> None:
     inertial = element.find("inertial")
     if inertial is None:
-        return []
+        return
     mass_element, six = inertial.find("mass"), inertial.find("inertia")
-    mass = 0.0 if mass_element is None else _number(file, link, mass_element, "value")
+    mass = _number(link, mass_element, "value")
     if six is None and mass_element is not None and mass == 0.0:
-        return []
+        return
     if mass_element is None or six is None:
         raise InvalidInput(
-            f"{file}: the <inertial> of the link {link!r} has no {'mass' if mass_element is None else 'inertia'}.",
+            f"The <inertial> of the link {link!r} has no {'mass' if mass_element is None else 'inertia'}.",
             "expected <mass value=…/>, kg, and <inertia ixx=… iyy=… izz=…/> about the centre of mass",
             "the missing one; or no <inertial> for a link without mass",
         )
-    about = matrix_of([_number(file, link, six, f"i{axes}") for axes in INERTIA])
-    check_body(file, link, mass, about)
-    place = placement.then(_origin(file, link, inertial))
-    turn = np.array(place.rotation)
-    return [(link, mass, np.array(place.translation), turn @ about @ turn.T)]
-
-
-def check_body(file: str, link: str, mass: float, inertia: np.ndarray) -> None:
-    """Refuse what no body has, before it is merged with others; a body may be a point, or have no mass at all."""
-    a, b, c = np.linalg.eigvalsh(inertia)
-    slack = 1e-9 * max(abs(a), c)
-    faults = {
-        "a negative mass": mass < 0.0,
-        "a negative inertia": a < -slack,
-        "an inertia that violates the triangle inequality": a + b < c - slack,
-    }
-    for fault in (fault for fault, wrong in faults.items() if wrong):
-        raise InvalidInput(
-            f"{file}: the link {link!r} has {fault}: no such body exists.",
-            "expected mass >= 0 and principal inertias >= 0 of which none exceeds the sum of the others, got "
-            f"{mass:g} kg and ({a:.4g}, {b:.4g}, {c:.4g}) kg·m²",
-            "the inertia about the centre of mass, in kg·m²",
-        )
-
-
-def merged(bodies: list[Any], joint: str, file: str, element: str = "<inertial>") -> Link:
-    """Several bodies that move together as one link."""
-    mass = sum(body[1] for body in bodies)
-    if not mass > 0.0:
-        raise InvalidInput(
-            f"{file}: what the joint {joint!r} moves has no mass.",
-            f"expected {element} in the link behind it, got {mass:g} kg",
-            "a file with inertials (some are made for display only), or lock the joint",
-        )
-    mass, centre, inertia = lumped([body[1:] for body in bodies])
-    with located(f"{file}: link {[body[0] for body in bodies]}"):
-        return Link(mass, [float(c) for c in centre], six_of(inertia))
+    about = matrix_of([_number(link, six, f"i{axes}") for axes in INERTIA])
+    arm.add_body(carrier, link, mass, about, place.then(_origin(link, inertial)))
 
 
 # Joints of URDF and MJCF --------------------------------------------------------------------------
@@ -353,52 +365,52 @@ def check_selection(joints: Any, locked: Any) -> None:
     """Refuse what does not say which joints move, and where the others stand."""
     listed = isinstance(joints, Sequence) and not isinstance(joints, (str, bytes))
     if joints is not None and not (listed and all(isinstance(name, str) for name in joints)):
-        found = f"expected a list of names, got joints={value_text(joints, 60)}"
-        raise InvalidInput("The joints that move are not named.", found, "joints=['shoulder', 'elbow']")
+        raise InvalidInput(
+            "The joints that move are not named.",
+            f"expected a list of names, got joints={value_text(joints, 60)}",
+            "joints=['shoulder', 'elbow']",
+        )
     distinct("joints: the joint", list(joints or ()))
     if locked is not None and not (
         isinstance(locked, Mapping) and all(isinstance(name, str) for name in locked)
     ):
-        found = f"expected names and positions, got locked={value_text(locked, 60)}"
-        raise InvalidInput("The joints that are locked are not named.", found, "locked={'elbow': 0.0}")
+        raise InvalidInput(
+            "The joints that are locked are not named.",
+            f"expected names and positions, got locked={value_text(locked, 60)}",
+            "locked={'elbow': 0.0}",
+        )
     for name, value in (locked or {}).items():
         if not abs(real_number(value)) <= HUGE:
-            found = f"expected a finite number in rad or m, got {value_text(value, 60)}"
-            raise InvalidInput(f"The joint {value_text(name, 60)} is locked at no position.", found, "0.0")
+            raise InvalidInput(
+                f"The joint {value_text(name, 60)} is locked at no position.",
+                f"expected a finite number in rad or m, got {value_text(value, 60)}",
+                "0.0",
+            )
 
 
 def locked_joints(
-    file: str, movable: Sequence[str], joints: Sequence[str] | None, locked: Mapping[str, float] | None
+    movable: Sequence[str], joints: Sequence[str] | None, locked: Mapping[str, float] | None
 ) -> dict[str, float]:
     """Joints that are not fixed and do not move, and where they stand, rad or m; refuses a selection of none."""
     check_selection(joints, locked)
     still = dict(locked or {})
     for name in (*(joints or ()), *still):
         if name not in movable:
-            what = f"{file}: there is no joint {value_text(name, 60)} that could move."
-            raise unknown_name(what, name, movable)
+            raise unknown_name(f"There is no joint {value_text(name, 60)} that could move.", name, movable)
     if joints is not None:
-        both = [name for name in joints if name in still]
-        if both:
-            what = f"{file}: the joint {both[0]!r} is both chosen and locked."
-            raise InvalidInput(what, f"got {both}", "one of the two")
+        for name in [name for name in joints if name in still]:
+            raise InvalidInput(
+                f"The joint {name!r} is both chosen and locked.", f"got {name!r}", "one of the two"
+            )
         still |= {name: 0.0 for name in movable if name not in joints and name not in still}
     count = len(movable) - len(still)
     if not 0 < count <= MOST_JOINTS:
         raise InvalidInput(
-            f"{file}: {'too many joints move' if count else 'nothing moves'}.",
+            "Too many joints move." if count else "Nothing moves.",
             f"expected 1 to {MOST_JOINTS}, got {count}; the file has {list(movable)}",
             "joints=[...]: the others are locked",
         )
     return still
-
-
-def check_lock(file: str, name: str, limits: tuple[float, float] | None, value: float) -> None:
-    """Refuse a joint that is locked outside its limits, rad or m."""
-    if limits is not None and not limits[0] <= value <= limits[1]:
-        what = f"{file}: the joint {name!r} is locked outside its limits."
-        found = f"expected {limits[0]:g} to {limits[1]:g}, got {value:g}"
-        raise InvalidInput(what, found, "a position that the joint can have")
 
 
 def moved(kind: str, axis: Sequence[float], value: float) -> Placement:

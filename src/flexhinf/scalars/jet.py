@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf.errors import InvalidInput
-from flexhinf.polynomial import univariate
+from flexhinf.polynomial import truncated
 from flexhinf.polynomial.truncated import Support, add, compose, multiply, size, space
 
 
@@ -115,14 +115,14 @@ def series(*derivatives: Sequence[Any]) -> np.ndarray:
 
 def derivative(array: Any, order: int) -> np.ndarray:
     """The derivative of an order, (n,), of an array of `Series`; of other elements, which are constant, zero."""
-    factor, found = math.factorial(order), []
+    factor, derivatives = math.factorial(order), []
     for entry in array:
         if isinstance(entry, Series):
             term = entry.coefficients[order]
-            found.append(term if factor == 1 else factor * term)
+            derivatives.append(term if factor == 1 else factor * term)
         else:
-            found.append(0.0 if order else entry)
-    return np.array(found)
+            derivatives.append(0.0 if order else entry)
+    return np.array(derivatives)
 
 
 def _convolved(a: Sequence[Any], b: Sequence[Any], k: int) -> Any:
@@ -177,7 +177,7 @@ def _operator(of_jets: Callable[[Any, Any], Jet], of_number: Callable[[Any, floa
 
 
 def _elementary(name: str) -> Callable[[Jet], Jet]:
-    series = univariate.FUNCTIONS[name]
+    series = truncated.FUNCTIONS[name]
 
     def method(self: Jet) -> Jet:
         return self._compose(series)
@@ -294,7 +294,7 @@ class Jet:
             return self * self
         if exponent == 3.0:
             return self * self * self
-        return self._compose(lambda x, degree: univariate.power(x, exponent, degree))
+        return self._compose(lambda x, degree: truncated.power(x, exponent, degree))
 
     __add__ = __radd__ = _operator(lambda a, b: Jet(*add(a.support, a.values, b.support, b.values)), _shifted)
     __sub__ = _operator(
@@ -308,12 +308,12 @@ class Jet:
     __rtruediv__ = _operator(lambda a, b: b / a, lambda a, x: a._power(-1.0)._scaled(x))
     __pow__ = _operator(_to_jet, _power)
     __rpow__ = _operator(
-        lambda a, b: b**a, lambda a, x: (a * float(univariate.FUNCTIONS["log"](x, 0)[0])).exp()
+        lambda a, b: b**a, lambda a, x: (a * float(truncated.FUNCTIONS["log"](x, 0)[0])).exp()
     )
 
     # functions; NumPy's ufuncs on object arrays call the method of the same name
 
-    def _compose(self, series: univariate.Series) -> Jet:
+    def _compose(self, series: truncated.Series) -> Jet:
         support, values = self.support, self.values
         if support.has_constant:
             outer = series(float(values[0]), support.space.degree)

@@ -279,18 +279,18 @@ def divide(function: ca.Function, moving: Sequence[bool]) -> tuple[ca.Function |
         else:
             operands = [places[place] for place in read]
             moves = any(operand.moves for operand in operands)
-            given = [outside(operand) if moves else operand.sx for operand in operands]
+            symbols = [outside(operand) if moves else operand.sx for operand in operands]
             if moves and code == ca.OP_DIV and not operands[1].moves and not operands[1].sx.is_constant():
-                code, given[1] = ca.OP_MUL, operands[1].reciprocal(named)
-            build = ca.SX.unary if len(given) == 1 else ca.SX.binary
-            value = _Value(build(code, *given), moves, False)
+                code, symbols[1] = ca.OP_MUL, operands[1].reciprocal(named)
+            build = ca.SX.unary if len(symbols) == 1 else ca.SX.binary
+            value = _Value(build(code, *symbols), moves, False)
         places[written[0]] = value
     if not before:
         return None, function
-    held = [argument for argument, moves in zip(arguments, moving, strict=True) if not moves]
-    one = ca.Function("before", held, [ca.densify(ca.vertcat(*before))], {"cse": True})
+    fixed = [argument for argument, moves in zip(arguments, moving, strict=True) if not moves]
+    once = ca.Function("before", fixed, [ca.densify(ca.vertcat(*before))], {"cse": True})
     rest = ca.Function(function.name(), [*arguments, ca.vertcat(*names)], list(map(ca.densify, results)))
-    return one, rest
+    return once, rest
 
 
 @dataclass
@@ -346,7 +346,7 @@ def switches(expressions: ca.SX, z: ca.SX, poles: bool = True) -> ca.SX:
     """
     function = ca.Function("walked", [z], [ca.densify(ca.vec(expressions))])
     work: dict[int, ca.SX] = {}
-    found: list[ca.SX] = []
+    conditions: list[ca.SX] = []
     for operation, read, written, constant in instructions(function):
         if operation == ca.OP_OUTPUT:
             continue
@@ -357,16 +357,16 @@ def switches(expressions: ca.SX, z: ca.SX, poles: bool = True) -> ca.SX:
         else:
             operands = [work[place] for place in read]
             if operation in COMPARISONS:
-                found.append(operands[0] - operands[1])
+                conditions.append(operands[0] - operands[1])
             elif operation in STEPS or operation in PAIRS:
-                found.extend(operands[: 2 if operation in PAIRS else 1])
+                conditions.extend(operands[: 2 if operation in PAIRS else 1])
             elif poles and operation in POLES and not operands[POLES[operation]].is_constant():
-                found.append(operands[POLES[operation]])
+                conditions.append(operands[POLES[operation]])
             elif poles and operation in BRANCHES:
-                found.append(BRANCHES[operation](operands[0]))
+                conditions.append(BRANCHES[operation](operands[0]))
             value = (ca.SX.unary if len(operands) == 1 else ca.SX.binary)(operation, *operands)
         work[written[0]] = value
-    return ca.vertcat(*found) if found else ca.SX.zeros(0, 1)
+    return ca.vertcat(*conditions) if conditions else ca.SX.zeros(0, 1)
 
 
 def elementary(function: ca.Function) -> bool:
@@ -384,16 +384,16 @@ def linear(function: ca.Function) -> bool:
         if operation == ca.OP_OUTPUT:
             continue
         if operation == ca.OP_INPUT:
-            found = read[0] == 0
+            is_linear = read[0] == 0
         else:
             operands = [moves[place] for place in read]
-            found = any(operands)
+            is_linear = any(operands)
             fixed = operation in LINEAR
             fixed |= operation == ca.OP_MUL and not all(operands)
             fixed |= operation == ca.OP_DIV and not operands[1]
-            if found and not fixed:
+            if is_linear and not fixed:
                 return False
-        moves[written[0]] = found
+        moves[written[0]] = is_linear
     return True
 
 

@@ -11,7 +11,7 @@ import flexhinf as fh
 from flexhinf.design import Specification
 from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.problem.presets import choose
-from flexhinf.design.synthesis.degrees import (
+from flexhinf.design.synthesis.by_step import (
     ACTING,
     GAIN,
     DegreeChoice,

@@ -13,9 +13,8 @@ import flexhinf as fh
 from flexhinf.design import Specification, design
 from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.problem.presets import choose
-from flexhinf.design.synthesis import effort_limit
-from flexhinf.design.synthesis.effort_limit import WIDTH, problem_within_effort
-from flexhinf.design.synthesis.task import Task
+from flexhinf.design.synthesis import by_step
+from flexhinf.design.synthesis.by_step import WIDTH, Task, problem_within_effort
 from flexhinf.errors import InvalidInput
 
 GOAL, START = np.array([np.pi / 2]), np.array([0.0])
@@ -67,13 +66,13 @@ def test_sampled_robots_are_run_at_the_first_and_at_the_found_bandwidth_only(
     robot_of: Named, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     looked: list[np.ndarray] = []
-    whole = effort_limit.sampled_runs
+    whole = by_step.sampled_runs
 
     def counted(*given: Any) -> Any:
         looked.append(whole(*given).inputs.max())
         return whole(*given)
 
-    monkeypatch.setattr(effort_limit, "sampled_runs", counted)
+    monkeypatch.setattr(by_step, "sampled_runs", counted)
     found = choose_within_effort(robot_of("paper"), asked(peak_effort=15.0, draws=12, duration=1.0))
     assert found.target is not None
     assert len(looked) == 2

@@ -11,8 +11,7 @@ import pytest
 
 from flexhinf.analysis import frequency_response, margins
 from flexhinf.design import Specification
-from flexhinf.design.estimators import EstimatorNoise
-from flexhinf.design.loop_setup import LoopSetup
+from flexhinf.design.loop_setup import EstimatorNoise, LoopSetup
 from flexhinf.design.responses import run_response
 from flexhinf.design.synthesis.noise import COMPLIANT_BAND, search_noise
 from flexhinf.design.synthesis.steps import synthesise

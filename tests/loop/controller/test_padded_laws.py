@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from flexhinf.hinf import solve_hji
-from flexhinf.loop.controller.step import TableLaw, with_common_monomials
+from flexhinf.loop.controller.laws import TableLaw, with_common_monomials
 from flexhinf.robot import paper_arm
 
 

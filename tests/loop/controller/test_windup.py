@@ -8,7 +8,7 @@ import pytest
 import flexhinf as fh
 from flexhinf.baselines import lqr
 from flexhinf.loop.controller import controller as controller_module
-from flexhinf.loop.controller.start import Windup
+from flexhinf.loop.controller.options import Windup
 from flexhinf.loop.simulation.program import rk4_function
 from flexhinf.plant import BlackBox
 

@@ -7,7 +7,7 @@ from flexhinf.errors import InvalidInput
 from flexhinf.estimation import UnscentedKalmanFilter
 from flexhinf.hinf import smallest_gamma, solve_hji
 from flexhinf.loop import Controller, JerkLimited, Loop, Moving, Samples, Sine, Spline, Step
-from flexhinf.loop.signals.sampling import sample_signal
+from flexhinf.loop.simulation.inputs import sample_signal
 from flexhinf.robot import load_robot, paper_arm
 
 T = np.linspace(0.0, 3.0, 301)

@@ -7,7 +7,7 @@ import pytest
 from flexhinf.errors import InvalidInput
 from flexhinf.loop import Constant, Samples, Sine, Step
 from flexhinf.loop.signals.references import signal_name
-from flexhinf.loop.signals.sampling import sample_disturbance, sample_noise, sample_signal
+from flexhinf.loop.simulation.inputs import sample_disturbance, sample_noise, sample_signal
 
 T = np.arange(6) * 0.1
 TWO = ("a", "b")

@@ -141,10 +141,7 @@ def test_interpreter_and_lanes_delay_alike(made, samples, monkeypatch):
     monkeypatch.setattr(importlib.import_module("flexhinf.loop.simulation.ensemble"), "WORTH", 0)
     loop = Loop(paper_arm().plant(), Controller(made.law, None), sub_steps=2, delay=samples * 1e-3)
     prepared = loop.prepared(Step(0.5), duration=0.05, initial_state=[0.2, 0.0, 0.1, 0.0])
-    alone, kernel = prepared.alone(), interpret(loop.code.kernel().program)
-    outputs = prepared.outputs
-    status = kernel.run({**prepared.inputs, **outputs}, prepared.counts)
-    walked = prepared.trajectory(outputs, int(status.code), int(status.step))
+    alone, walked = prepared.run()[0], prepared.run(interpret(loop.code.kernel().program))[0]
     for name in ("state", "input", "output"):
         np.testing.assert_allclose(walked.signals[name], alone.signals[name], rtol=1e-12, atol=1e-13)
     inputs = 0.1 * np.arange(9.0)[:, None]

@@ -8,7 +8,7 @@ from tests.interpreter import interpret
 from flexhinf.errors import InvalidInput, NumericalFailure
 from flexhinf.estimation import ExtendedKalmanFilter, UnscentedKalmanFilter
 from flexhinf.loop import Controller, Loop, Quintic, Sine, Step
-from flexhinf.loop.signals.sampling import standard_normal
+from flexhinf.loop.simulation.inputs import standard_normal
 from flexhinf.loop.simulation.program import loop_program
 from flexhinf.plant import Law, Plant
 from flexhinf.robot import paper_arm
@@ -162,7 +162,7 @@ def test_compiled_equals_interpreted(made):
     settings = {"reference": 1.0, "disturbance": {"link_torque": 0.5}, "noise": 1e-3, "duration": 0.1}
     compiled = loop.run(**settings)
     slow = Loop(loop.true_plant, loop.controller)
-    program = loop_program(loop.true_plant, loop.controller, loop.code.sizes, loop.channel)
+    program = loop_program(loop.code)
     vars(slow.code)["kernel"] = lambda: interpret(program)
     interpreted = slow.run(**settings)
     for name, values in compiled.signals.items():

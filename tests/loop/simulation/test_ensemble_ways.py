@@ -115,10 +115,10 @@ def test_few_runs_and_few_samples_are_made_alone(made, lanes, monkeypatch):
 def test_undisturbed_runs_read_one_array_of_zeros(made):
     """Of seven links 43 kB a sample: with a copy for each run it was most of a design's memory."""
     first, second = (looped(made, estimator=False).prepared(**{**RUN, "noise": None}) for _ in range(2))
-    zeros = first.inputs["disturbance"]
+    zeros = first.arrays["disturbance"]
     assert not zeros.any()
     assert not zeros.flags.writeable
-    assert np.shares_memory(zeros, second.inputs["disturbance"])
+    assert np.shares_memory(zeros, second.arrays["disturbance"])
 
 
 def test_metrics_of_one_run_are_those_of_its_trajectory(made):

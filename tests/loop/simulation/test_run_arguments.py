@@ -9,7 +9,7 @@ import pytest
 import flexhinf as fh
 from flexhinf.errors import InvalidInput
 from flexhinf.loop import Controller, Loop
-from flexhinf.loop.simulation.compiled_runs import MOST_SAMPLES, check_ranges, sample_count, starting_state
+from flexhinf.loop.simulation.inputs import MOST_SAMPLES, check_ranges, sample_count, starting_state
 from flexhinf.robot import paper_arm
 
 WITH_COIL = paper_arm().plant(inductance=True).states

@@ -275,5 +275,5 @@ class _Function:
         operands = [self._operand(argument, row, here) for argument in operation.arguments]
         if operation.code in self.calls:
             return f"{self.calls[operation.code]}({operands[0]})"
-        one, zero = constant(1.0, self.real), constant(0.0, self.real)
-        return OPERATIONS[operation.code].format(*operands, one=one, zero=zero, f=self.real.suffix)
+        unit, zero = constant(1.0, self.real), constant(0.0, self.real)
+        return OPERATIONS[operation.code].format(*operands, one=unit, zero=zero, f=self.real.suffix)

@@ -85,7 +85,7 @@ class Translator:
             elif isinstance(step, Call):
                 moving: tuple[bool, ...] = ()
                 if self._columns > 1:
-                    if any(overlap(one, other) for one in step.inputs for other in step.outputs):
+                    if any(overlap(read, written) for read in step.inputs for written in step.outputs):
                         raise _unsupported("a sweep in which a result takes the place of an argument")
                     moving = tuple(piece.buffer == COLUMN or piece in self._spread for piece in step.inputs)
                 name = self._function(step.function, max(1, self._columns), moving)
@@ -154,7 +154,9 @@ class Translator:
         moving = tuple(isinstance(piece, Columns) for piece in step.inputs)
         codes = {code for code, *_ in instructions(step.function)}
         simple = all(piece.size == 1 for piece in (*step.inputs, *step.outputs) if isinstance(piece, Columns))
-        apart = not any(overlap(whole(one), result.whole) for one in step.inputs for result in step.outputs)
+        apart = not any(
+            overlap(whole(source), result.whole) for source in step.inputs for result in step.outputs
+        )
         if self.lanes > 1 and simple and apart and not codes & CALLS:  # numbers become numbers one by one
             name = self._function(step.function, 0, moving)
             places = [self._at(whole(piece), loops) for piece in (*step.inputs, *step.outputs)]
@@ -283,7 +285,7 @@ class Translator:
 
 def _shared(body: Sequence[Step]) -> dict[Slice, str]:
     """What functions read that is the same for all columns of a sweep and in every turn of its loops, with names."""
-    found: dict[Slice, str] = {}
+    names: dict[Slice, str] = {}
     for step in body:
         if isinstance(step, Repeat):
             inner = [piece for piece in _shared(step.body) if not any(piece.strides)]
@@ -292,8 +294,8 @@ def _shared(body: Sequence[Step]) -> dict[Slice, str]:
         else:
             inner = []
         for piece in inner:
-            found.setdefault(piece, f"spread{len(found)}")
-    return found
+            names.setdefault(piece, f"spread{len(names)}")
+    return names
 
 
 def _times(counter: str, stride: int) -> str:

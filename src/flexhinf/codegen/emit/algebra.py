@@ -179,14 +179,14 @@ class Algebra:
 
     def _vectors(self, size: int) -> list[tuple[int, int]]:
         """First number and length of the vectors that hold so many neighbours; in lanes each goes alone."""
-        found, first = [], 0
+        vectors, first = [], 0
         while first < size:
             together = 1
             while self.single and together < WIDE and first + 2 * together <= size:
                 together *= 2
-            found.append((first, together))
+            vectors.append((first, together))
             first += together
-        return found
+        return vectors
 
     # Lᵀ of A = L Lᵀ ----------------------------------------------------------------------------------
     def cholesky(self, source: Operand, target: str, n: int) -> None:
@@ -211,8 +211,8 @@ class Algebra:
                     i, str(n), lambda j: copied(element, self.at(i, pitch, j), target, self.at(i, n, j))
                 )
 
-        def copied(one: Operand, here: str, other: str, there: str) -> None:
-            self.store(other, there, self.load(one, here, 1), 1)
+        def copied(source: Operand, here: str, other: str, there: str) -> None:
+            self.store(other, there, self.load(source, here, 1), 1)
 
         def some_rows(first: str, height: int, number: str) -> None:
             def factors(k: str) -> list[str]:

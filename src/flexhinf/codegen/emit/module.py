@@ -102,12 +102,12 @@ class _Emitter:
 
     def emit(self) -> Module:
         writer, width = self.writer, self.lanes.width
-        words = len(self.program.buffers) + len(self.program.counts)
+        slots = len(self.program.buffers) + len(self.program.counts)
         for k, buffer in enumerate(self.program.buffers):
             self.pointers[buffer.name] = writer.let(f"load ptr, ptr {self._word(k)}, align 8")
         for k, count in enumerate(self.program.counts, len(self.program.buffers)):
             self.turns[count] = writer.let(f"load i64, ptr {self._word(k)}, align 8")
-        self.codes, self.steps = self._word(words), self._word(words + width)
+        self.codes, self.steps = self._word(slots), self._word(slots + width)
         writer.do(f"store {self.lanes.integer} {self.lanes.whole(0)}, ptr {self.codes}, align 8")
         writer.do(f"store {self.lanes.integer} {self.lanes.whole(-1)}, ptr {self.steps}, align 8")
         for buffer in self.program.buffers:

@@ -50,5 +50,5 @@ def emit_normal(caller: Writer, step: str, channel: int, key: Sequence[str]) -> 
         arguments = ", ".join(f"{whole} %{name}" for name in ("step", "channel", "sample", "low", "high"))
         head = f"define internal {real} @{full}({arguments}) noinline {PURE} {{"
         caller.module.definitions[full] = "\n".join([head, *writer.lines, "}"])
-    words = ", ".join(f"{whole} {word}" for word in (step, lanes.whole(channel), *key))
-    return caller.let(f"call {real} @{full}({words})")
+    numbers = ", ".join(f"{whole} {word}" for word in (step, lanes.whole(channel), *key))
+    return caller.let(f"call {real} @{full}({numbers})")

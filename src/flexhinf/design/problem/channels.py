@@ -36,10 +36,9 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from flexhinf.analysis import DissipationCorners, LinearCorners
+from flexhinf.analysis import LinearCorners
 from flexhinf.design.problem.weights import ROUGH, LinearDesign, LinearProblem
 from flexhinf.errors import FlexhinfError, InvalidInput, NoFeasibleGamma, NumericalFailure
-from flexhinf.hinf import linear_law
 from flexhinf.hinf.linear_part import is_feasible
 from flexhinf.plant import GeneralisedPlant, Penalty, Plant
 from flexhinf.robot import Robot
@@ -117,15 +116,14 @@ def _linearised(robot: Robot, plant: Any, signs: dict[str, float], pose: np.ndar
 
 def _rank_one(quantity: str, ends: np.ndarray, n: int) -> list[Channel]:
     """Singular parts of half the difference between the ends, each made as long as the end that it reaches less."""
-    found, inputs = [], ends.shape[2] - n
-    for by_state in (True, False):
-        up, down = ends[:, :, :n] if by_state else ends[:, :, n:]
+    found, nothing = [], (np.zeros(n), np.zeros(ends.shape[2] - n))
+    for k, (up, down) in enumerate((ends[:, :, :n], ends[:, :, n:])):
         left, sizes, right = np.linalg.svd(0.5 * (up - down), full_matrices=False)
         for size, t, c in zip(sizes, left.T, right):
-            if size > max(SMALL * sizes[0], 0.0):
+            if size > SMALL * sizes[0]:
                 root = np.sqrt(max(size, abs(t @ up @ c), abs(t @ down @ c)))
-                state = root * c if by_state else np.zeros(n)
-                found.append(Channel(quantity, root * t, state, np.zeros(inputs) if by_state else root * c))
+                driven = (nothing[0], root * c) if k else (root * c, nothing[1])
+                found.append(Channel(quantity, root * t, *driven))
     return found
 
 
@@ -146,14 +144,6 @@ def acting_corners(robot: Robot, goal: np.ndarray, problem: GeneralisedPlant) ->
         len(names),
         lambda values: robot.operating_point(goal, parameters=values),
     )
-
-
-def dissipation_of(
-    corners: LinearCorners, nominal: GeneralisedPlant, problem: GeneralisedPlant, gamma: float
-) -> DissipationCorners:
-    """The inequality with d and z of the nominal problem, for the linear law of the robust one, at the corners."""
-    law = linear_law(problem, gamma)
-    return replace(corners, problem=nominal).dissipation(law.P, law.gain, gamma)
 
 
 def enlarge_until_covered(
@@ -306,13 +296,12 @@ def _balanced(problem: RobustProblem, design: LinearDesign) -> Scalings:
     of the tolerances that is covered so."""
     from scipy.linalg import solve_continuous_lyapunov
 
-    a, b2, p = problem.nominal.a, problem.nominal.b2, design.p
-    n = len(a)
-    x = solve_continuous_lyapunov(a + b2 @ design.gain, -np.diag(1.0 / np.abs(np.diag(p))))
+    loop, p = problem.nominal.a + problem.nominal.b2 @ design.gain, design.p
+    x = solve_continuous_lyapunov(loop, -np.diag(1.0 / np.abs(np.diag(p))))
     log = np.zeros(len(problem.channels))
     for k, channel in enumerate(problem.channels):
         g = p @ (problem.torques @ channel.torque)
-        z = channel.by_input @ design.gain + channel.padded(n)
+        z = channel.by_input @ design.gain + channel.padded(len(loop))
         log[k] = 0.25 * np.log((g @ x @ g) / (z @ x @ z))
     return Scalings(log, problem.fraction(Scalings(log)))
 
@@ -339,8 +328,7 @@ def _polished(problem: RobustProblem, start: Scalings) -> Scalings:
         return -problem.fraction(found)
 
     options = {"maxfev": EVALUATIONS * (1 + len(groups)), "xatol": 0.02, "fatol": 1e-3}
-    best = minimize(cost, np.zeros(len(groups)), method="Nelder-Mead", options=options)
-    found = moved(best.x)
+    found = moved(minimize(cost, np.zeros(len(groups)), method="Nelder-Mead", options=options).x)
     found = replace(found, fraction=problem.fraction(found))
     return found if _better(problem, found, start) else start
 

@@ -25,7 +25,6 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.estimation import stationary_gain
 from flexhinf.loop.simulation.metrics import damping_ratio
 from flexhinf.plant import Penalty
 from flexhinf.robot.elastic import Layout
@@ -98,10 +97,9 @@ def named_modes(
     velocities, motor positions, motor velocities. The stiffness (n,) of the springs and the inertia (2n, 2n) of links
     and motors tell fractions of energy; of a rigid joint they are infinite, and zero for its motor.
     """
-    fastest = np.abs(values).max(initial=0.0)
-    n, found = len(joints), []
-    weight, layout = np.diag(inertia), Layout(n, tuple(np.flatnonzero(np.isinf(stiffness)).tolist()))
-    springs = np.where(np.isinf(stiffness), 0.0, stiffness)
+    fastest, n, modes = np.abs(values).max(initial=0.0), len(joints), []
+    weight, rigid = np.diag(inertia), np.isinf(stiffness)
+    layout, springs = Layout(n, tuple(np.flatnonzero(rigid).tolist())), np.where(rigid, 0.0, stiffness)
     for value, vector in zip(values, vectors.T):
         if value.imag < 0.0:
             continue
@@ -110,38 +108,21 @@ def named_modes(
         kinetic = float(np.real(dq.conj() @ inertia[:n, :n] @ dq))
         fraction = float(spring.sum()) / max(float(spring.sum()) + kinetic, 1e-300)
         vibration = bool(value.imag > 0.0 and fraction >= SPRING_FRACTION)
-        moving = weight[:n] * np.abs(q) ** 2 + weight[n:] * np.abs(theta) ** 2
-        where = spring if vibration else moving
+        where = spring if vibration else weight[:n] * np.abs(q) ** 2 + weight[n:] * np.abs(theta) ** 2
         still = abs(value) <= STANDS_STILL * fastest
-        found.append(Mode(0j if still else complex(value), vibration, joints[int(np.argmax(where))]))
-    return tuple(sorted(found, key=lambda mode: (abs(mode.eigenvalue), mode.joint)))
+        modes.append(Mode(0j if still else complex(value), vibration, joints[int(np.argmax(where))]))
+    return tuple(sorted(modes, key=lambda mode: (abs(mode.eigenvalue), mode.joint)))
 
 
-def estimator_modes(
-    estimator: Any, equilibrium: tuple[np.ndarray, np.ndarray], *names: Any
+def sampled_modes(
+    values: np.ndarray, vectors: np.ndarray, period: float, *names: Any, lasting: float = DEADBEAT
 ) -> tuple[Mode, ...]:
-    """Modes of the estimation error in equilibrium, with the stationary gain of the linearised filter, slowest first.
-
-    e(k + 1) = A (1 − L C) e(k) for the sampled A, with L from the stationary Riccati equation of R^v and R^n. With the
-    nominal plant the linearised loop has these modes beside those of the law. `names`: as of `sampled_modes`.
-    """
-    from scipy.linalg import expm
-
-    a, _, _, c = estimator.plant.linearise(*equilibrium)
-    sampled = expm(a * estimator.period)
-    gain = stationary_gain((sampled, c), estimator.process_noise, estimator.measurement_noise)
-    error = sampled @ (np.eye(len(a)) - gain @ c)
-    return sampled_modes(*np.linalg.eig(error), estimator.period, *names)
-
-
-def sampled_modes(values: np.ndarray, vectors: np.ndarray, period: float, *names: Any) -> tuple[Mode, ...]:
     """Modes of a sampled system with their continuous equivalents log(z)/T, slowest first; see `named_modes`.
 
-    `names`: joints, stiffness and inertia, as of `named_modes`.
+    `names`: joints, stiffness and inertia, as of `named_modes`. `lasting`: modes of at most this |z| are left out.
     """
-    kept = np.abs(values) > DEADBEAT
-    rates = np.log(values[kept].astype(complex)) / period
-    return named_modes(rates, vectors[:, kept], *names)
+    kept = np.abs(values) > lasting
+    return named_modes(np.log(values[kept].astype(complex)) / period, vectors[:, kept], *names)
 
 
 def closed_loop(problem: Any, gain: np.ndarray) -> np.ndarray:
@@ -222,9 +203,13 @@ class JointScales:
     @property
     def sides(self) -> tuple[np.ndarray, np.ndarray]:
         """Inertia before and behind each spring (n,); of a rigid joint half of its own each."""
-        both = self.link_inertia, self.motor_inertia
-        rigid = self.motor_inertia == 0.0
-        return tuple(np.where(rigid, 0.5 * (both[0] + both[1]), side) for side in both)  # type: ignore[return-value]
+        rigid, half = self.motor_inertia == 0.0, 0.5 * (self.link_inertia + self.motor_inertia)
+        return np.where(rigid, half, self.link_inertia), np.where(rigid, half, self.motor_inertia)
+
+    def input_per_position(self, frequency: float | np.ndarray) -> np.ndarray:
+        """Input (n,) that moves each joint by one unit at an angular frequency, rad/s, without its spring."""
+        total = self.link_inertia + self.motor_inertia
+        return frequency * np.hypot(total * frequency, self.damping) / self.per_input
 
     def weights(self, target_frequency: np.ndarray, damping: float | np.ndarray) -> dict[str, np.ndarray]:
         """Weight by name, (n,), or (e,) of what elastic joints have.
@@ -232,8 +217,7 @@ class JointScales:
         `target_frequency` (n,) is ω, rad/s, `damping` is ζ of all joints or of each; 0 leaves the rates of the springs'
         torques free.
         """
-        total = self.link_inertia + self.motor_inertia
-        position = target_frequency * np.hypot(total * target_frequency, self.damping) / self.per_input
+        position = self.input_per_position(target_frequency)
         velocity = VELOCITY_WEIGHT * position / target_frequency
         elastic, both = self.layout.elastic, np.ones(len(velocity))
         both[list(self.layout.rigid)] = np.sqrt(2.0)
@@ -264,9 +248,6 @@ class JointScales:
 
     def penalty(self, target_frequency: np.ndarray, damping: float | np.ndarray) -> Penalty:
         """The same as a penalty of the robot with R2 = 1."""
-        named = {
-            name: weight.tolist() if len(weight) > 1 else float(weight[0])
-            for name, weight in self.weights(np.asarray(target_frequency, dtype=float), damping).items()
-            if np.any(weight)
-        }
+        weights = self.weights(np.asarray(target_frequency, dtype=float), damping)
+        named = {name: w.tolist() if len(w) > 1 else float(w[0]) for name, w in weights.items() if np.any(w)}
         return Penalty(named, 1.0)

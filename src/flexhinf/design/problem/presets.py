@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -29,7 +29,6 @@ from flexhinf.design.problem.channels import (
     RobustProblem,
     Scalings,
     acting_corners,
-    dissipation_of,
     enlarge_until_covered,
     find_scalings,
     tolerance_channels,
@@ -48,7 +47,7 @@ from flexhinf.design.problem.weights import (
 )
 from flexhinf.design.specification import RINGS, Specification
 from flexhinf.errors import InvalidInput
-from flexhinf.hinf import smallest_gamma
+from flexhinf.hinf import linear_law, smallest_gamma
 from flexhinf.plant import GeneralisedPlant, Penalty
 from flexhinf.robot import Robot
 
@@ -136,8 +135,11 @@ class ToleranceChannels:
 
     def problem(
         self, target_frequency: np.ndarray, damping: np.ndarray, fraction: float, accuracy: float = 1e-6
-    ) -> ChannelledProblem:
-        """The nonlinear problem, its smallest level to an accuracy. Raises `NoFeasibleGamma` if no level does."""
+    ) -> DesignProblem:
+        """The nonlinear problem with channels for a fraction of the tolerances, its smallest level to an accuracy.
+
+        Raises `NoFeasibleGamma` if no level does.
+        """
         robot, goal = self.family.robot, self.family.goal
         linear, scalings = self.linear(target_frequency, damping), self.scaled(fraction)
         star = linear.gamma_star(scalings, accuracy)
@@ -153,70 +155,64 @@ class ToleranceChannels:
             disturbances=(*physical, *(f"{PREFIX}_{k + 1}" for k in range(enter.shape[1]))),
             equilibrium=robot.operating_point(goal),
         )
-        return ChannelledProblem(self, linear, scalings, base, nominal, problem, star, gamma)
+        return DesignProblem("robust", base, "", "ours", problem, nominal, star, gamma, channels=self)
 
+    def design(
+        self, problem: DesignProblem, target_frequency: np.ndarray, damping: np.ndarray, fraction: float
+    ) -> LinearDesign:
+        """The linear law of a `problem` of these weights and this fraction."""
+        linear = self.linear(target_frequency, damping).scaled(problem.gamma, self.scaled(fraction))
+        return linear.design(problem.gamma, problem.gamma_star)
 
-@dataclass(frozen=True, eq=False)
-class ChannelledProblem:
-    """A nonlinear problem with channels for a fraction of the tolerances; `penalty` and `nominal` are without them."""
-
-    channels: ToleranceChannels
-    linear: RobustProblem
-    scalings: Scalings
-    penalty: Penalty
-    nominal: GeneralisedPlant
-    problem: GeneralisedPlant
-    gamma_star: float
-    gamma: float
-
-    @cached_property
-    def design(self) -> LinearDesign:
-        """The linear law."""
-        return self.linear.scaled(self.gamma, self.scalings).design(self.gamma, self.gamma_star)
-
-    def checked(self, target: TargetBehaviour, result: SearchResult, source: str) -> DesignProblem:
-        """The problem of a design, its inequality checked at the corners of the tolerances."""
-        channels, nominal, enlarged = self.channels, self.linear.nominal, self.channels.enlarged
-        check = dissipation_of(channels.corners, self.nominal, self.problem, self.gamma)
-        plain = nominal.design_at(channels.s.gamma_ratio)
+    def checked(
+        self,
+        problem: DesignProblem,
+        fraction: float,
+        target: TargetBehaviour,
+        result: SearchResult,
+        source: str,
+    ) -> DesignProblem:
+        """A `problem` of the chosen weights and this fraction, its inequality checked at corners of the tolerances."""
+        weights, scalings = (
+            (result.chosen.target_frequency, result.chosen.damping_weights),
+            self.scaled(fraction),
+        )
+        nominal, law = self.linear(*weights).nominal, linear_law(problem.problem, problem.gamma)
+        # The inequality with d and z of the nominal problem, for the linear law of the robust one.
+        check = replace(self.corners, problem=problem.nominal).dissipation(law.P, law.gain, problem.gamma)
+        plain, own = nominal.design_at(self.s.gamma_ratio), self.design(problem, *weights, fraction)
         by_quantity: dict[str, list[float]] = {}
-        for channel, log in zip(self.linear.channels, self.scalings.log):
+        for channel, log in zip(self.tolerances, scalings.log):
             by_quantity.setdefault("_by_".join(channel.group), []).append(float(np.exp(log)))
-        ends = {group: (min(each), max(each)) for group, each in by_quantity.items()}
         robustness = Robustness(
-            self.scalings.fraction / enlarged, len(self.linear.channels), self.gamma_star, plain.gamma_star,
-            nominal.attained(plain.gain), nominal.attained(self.design.gain), ends, enlarged,
+            scalings.fraction / self.enlarged, len(self.tolerances), problem.gamma_star, plain.gamma_star,
+            nominal.attained(plain.gain), nominal.attained(own.gain),
+            {group: (min(each), max(each)) for group, each in by_quantity.items()}, self.enlarged,
             check.count, check.failing, check.complete,
         )  # fmt: skip
-        return DesignProblem(
-            "robust", self.penalty, source, "ours", self.problem, self.nominal, self.gamma_star, self.gamma, target,
-            result, robustness, channels=channels,
-        )  # fmt: skip
+        return replace(problem, source=source, target=target, search=result, robustness=robustness)
 
 
 # From a specification to its problem --------------------------------------------------------------------
 def preset_of(robot: Robot, s: Specification) -> str:
     """The preset that is meant. Raises `InvalidInput` if the specification contradicts itself."""
 
-    def contradiction(both: str, advice: str) -> InvalidInput:
-        found = "a behaviour for which weights are found, or the preset paper; got both"
-        return InvalidInput(f"{both} contradict each other.", f"expected either weights, or {found}", advice)
-
     behaviour = [f"`{name}`" for name in ("bandwidth", "damping") if getattr(s, name) is not None]
     weights = [f"`{name}`" for name in ("penalty", "effort") if getattr(s, name) is not None]
+    both, advice = "", "leave out one of them"
     if behaviour and weights:
-        raise contradiction(f"{behaviour[0]} and {weights[0]}", "leave out one of them")
-    if s.preset in ("damped", "robust", "proved") and weights:
-        raise contradiction(f"preset={s.preset!r} and {weights[0]}", f"leave out {weights[0]}, or `preset`")
-    if s.preset == "paper" and (behaviour or s.penalty is not None):
-        other = (behaviour or ["`penalty`"])[0]
-        advice = "preset='damped'" if behaviour else "leave out `preset`"
-        raise contradiction(f"preset='paper' and {other}", advice)
-    if s.preset is not None:
-        return s.preset
-    if s.penalty is not None:
-        return "given"
-    return "damped" if behaviour or (robot.penalty is None and s.effort is None) else "paper"
+        both = f"{behaviour[0]} and {weights[0]}"
+    elif s.preset in ("damped", "robust", "proved") and weights:
+        both, advice = f"preset={s.preset!r} and {weights[0]}", f"leave out {weights[0]}, or `preset`"
+    elif s.preset == "paper" and behaviour:
+        both, advice = f"preset='paper' and {behaviour[0]}", "preset='damped'"
+    elif s.preset == "paper" and s.penalty is not None:
+        both, advice = "preset='paper' and `penalty`", "leave out `preset`"
+    if both:
+        found = "a behaviour for which weights are found, or the preset paper; got both"
+        raise InvalidInput(f"{both} contradict each other.", f"expected either weights, or {found}", advice)
+    default = "damped" if behaviour or (robot.penalty is None and s.effort is None) else "paper"
+    return s.preset or ("given" if s.penalty is not None else default)
 
 
 def required_damping(s: Specification, target: TargetBehaviour | None = None) -> float:
@@ -239,7 +235,7 @@ def choose(
     preset = preset_of(robot, s)
     if preset in ("damped", "robust", "proved"):
         family = (near and near.family) or LinearFamily.of(robot, goal, period=s.period)
-        begun, tried = None if near is None else near.search, s
+        begun, tried = near and near.search, s
         for turn in range(YIELDS + 1):  # a second search looks at more corners, and may ask for another turn
             try:
                 return replace(_searched(family, start, tried, preset, begun), family=family)
@@ -275,16 +271,16 @@ def _without_channels(
 
 def _stated(robot: Robot, goal: np.ndarray, s: Specification) -> tuple[Penalty, str, str]:
     """A penalty that is stated, with the sources of its weights and of R2."""
-    own = robot.penalty
+    own, penalty, source, priced = robot.penalty, robot.penalty, "the robot's file", "the robot's file"
     if s.penalty is not None:
-        penalty, source, priced = Penalty.of(s.penalty), "option --penalty", "ours"
+        penalty, source = Penalty.of(s.penalty), "option --penalty"
         if isinstance(s.penalty, Penalty):
             priced = source
-        elif own is not None:
-            penalty, priced = replace(penalty, effort=own.effort), "the robot's file"
-    elif own is not None:
-        penalty, source, priced = own, "the robot's file", "the robot's file"
-    else:
+        elif own is None:
+            priced = "ours"
+        else:
+            penalty = replace(penalty, effort=own.effort)
+    elif penalty is None:
         scales = JointScales.of(robot.plant(), robot.operating_point(goal))
         weights: Any = scales.penalty(np.full(len(goal), BANDWIDTH_FRACTION * scales.held), 0.0).states
         penalty = Penalty({name: weights[name] for name in ("link_position", "link_position_integral")}, 1.0)
@@ -300,11 +296,10 @@ def _searched(
     robot, goal = few.robot, few.goal
     scales = JointScales.of(robot.plant(), robot.operating_point(goal))
     target = TargetBehaviour(_bandwidths(s, scales, len(goal)), required_damping(s))
-    torques = None
+    torques, base = None, partial(nominal_problem, robot, goal, s, scales.penalty(target.bandwidth, 0.0))
     if s.disturbances is not None:
-        names = nominal_problem(robot, goal, s, scales.penalty(target.bandwidth, 0.0)).disturbances or ()
         every = robot.plant().disturbances
-        torques = np.eye(len(every))[:, [every.index(name) for name in names]]
+        torques = np.eye(len(every))[:, [every.index(name) for name in base().disturbances or ()]]
 
     def nominal(target_frequency: np.ndarray, damping: np.ndarray) -> LinearProblem:
         rows = scales.rows(target_frequency, damping)
@@ -316,27 +311,26 @@ def _searched(
     result, family = _widened(few, target, few, synthesis, scales.held, near)
     source, chosen = f"found for {target.text}", result.chosen
     if preset == "damped":
-        penalty = scales.penalty(chosen.target_frequency, chosen.damping_weights)
-        return _without_channels(robot, goal, s, preset, (penalty, source, "ours"), target, result)
+        stated = scales.penalty(chosen.target_frequency, chosen.damping_weights), source, "ours"
+        return _without_channels(robot, goal, s, preset, stated, target, result)
 
     tolerances = tolerance_channels(robot, [goal, start])
     linear = nominal(chosen.target_frequency, chosen.damping_weights)
     scalings = find_scalings(RobustProblem(linear, family.torques, tolerances), s.gamma_ratio)
-    corners = acting_corners(
-        robot, goal, nominal_problem(robot, goal, s, scales.penalty(target.bandwidth, 0.0))
-    )
-    channelled = ToleranceChannels(s, scales, family, torques, tolerances, scalings, corners)
+    corners = acting_corners(robot, goal, base())
 
     def covered(factor: float) -> DesignProblem:
         """With all tolerances enlarged by a factor."""
-        larger = replace(channelled, enlarged=factor)
+        larger = ToleranceChannels(s, scales, family, torques, tolerances, scalings, corners, factor)
 
         def robust_synthesis(target_frequency: np.ndarray, damping: np.ndarray) -> LinearDesign:
             return larger.linear(target_frequency, damping).design(s.gamma_ratio, larger.scaled(1.0))
 
         result, _ = _widened(few, target, family, robust_synthesis, scales.held)
         problem = larger.problem(result.chosen.target_frequency, result.chosen.damping_weights, 1.0)
-        return problem.checked(target, result, f"{source}, beside the channels of the tolerances")
+        return larger.checked(
+            problem, 1.0, target, result, f"{source}, beside the channels of the tolerances"
+        )
 
     def failing(problem: DesignProblem) -> int:
         assert problem.robustness is not None

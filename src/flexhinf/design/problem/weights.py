@@ -18,12 +18,12 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 import scipy.linalg
 
-from flexhinf.design.problem.modes import Mode, modes_of, named_modes, stiffness_and_inertia
+from flexhinf.design.problem.modes import Mode, modes_of, sampled_modes, stiffness_and_inertia
 from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.hinf import linear_law
 from flexhinf.hinf.linear_part import LinearPart, linear_smallest_gamma
@@ -50,7 +50,7 @@ class LinearFamily:
     joints: tuple[str, ...]
     energy: tuple[
         np.ndarray, np.ndarray
-    ]  # stiffness and inertia, nominal: they tell vibrations from other modes
+    ]  # nominal stiffness and inertia: they tell vibrations from other modes
     robot: Robot
     goal: np.ndarray  # (n,), link positions, rad or m
     period: float = 0.0  # s, of the samples at which the law of the nominal robot acts; 0: always
@@ -79,8 +79,8 @@ class LinearFamily:
         matrices = [plant.linearise(*equilibrium)]  # traced once, shared by all members
         for corner in _corners(robot, members, seed):
             values = plant.parameters.known(corner)
-            changed = plant.with_parameters(**values)
-            matrices.append(changed.linearise(*robot.operating_point(goal, parameters=values)))
+            at = robot.operating_point(goal, parameters=values)
+            matrices.append(plant.with_parameters(**values).linearise(*at))
         a = np.zeros((len(matrices), n + joints, n + joints))
         b = np.zeros((len(matrices), n + joints, len(plant.inputs)))
         for k, (state, inputs, _, _) in enumerate(matrices):
@@ -107,6 +107,9 @@ def _corners(robot: Robot, count: int, seed: int = 0) -> list[dict[str, Any]]:
 #: Frequencies looked at, over the fastest and slowest mode of the loop, per decade.
 PER_DECADE = 60
 
+#: A sampled mode with a smaller multiplier is gone within two samples and does not oscillate.
+TWO_SAMPLES = float(np.exp(-0.5))
+
 
 @dataclass(frozen=True, eq=False)
 class Behaviour:
@@ -124,7 +127,9 @@ def behaviour_of(family: LinearFamily, gain: np.ndarray) -> Behaviour:
     loops, joints = family.a + family.b @ gain, len(family.joints)
     modes = [modes_of(loop, family.joints, *family.energy) for loop in loops]
     if family.period:
-        modes[0] = _sampled_modes(family, gain)
+        phi, held = family.sampled
+        every = np.linalg.eig(phi + held @ gain)
+        modes[0] = sampled_modes(*every, family.period, family.joints, *family.energy, lasting=TWO_SAMPLES)
     damping = [_damping(each) for each in modes]
     bandwidth, worst = np.zeros(joints), [int(np.argmin(damping))]
     if min(damping) > -np.inf:
@@ -133,15 +138,6 @@ def behaviour_of(family: LinearFamily, gain: np.ndarray) -> Behaviour:
     vibrations = [mode for each in modes for mode in each if mode.vibration]
     own = [min((m.damping for m in vibrations if m.joint == name), default=np.inf) for name in family.joints]
     return Behaviour(bandwidth, min(damping), damping[0], np.array(own), worst)
-
-
-def _sampled_modes(family: LinearFamily, gain: np.ndarray) -> tuple[Mode, ...]:
-    """Of the nominal robot, the law acting at samples; those gone within two samples do not oscillate."""
-    phi, held = family.sampled
-    values, vectors = np.linalg.eig(phi + held @ gain)
-    rates = np.log(np.where(np.abs(values) > 1e-12, values, 1e-12).astype(complex)) / family.period
-    lasting = rates.real > -0.5 / family.period
-    return named_modes(rates[lasting], vectors[:, lasting], family.joints, *family.energy)
 
 
 def _damping(modes: Sequence[Mode]) -> float:
@@ -154,8 +150,7 @@ def _bandwidths(loops: np.ndarray, joints: int) -> np.ndarray:
     """Of each member and joint, (N, joints): where |q_j / command_j| first falls below 1/√2, from above zero."""
     values, vectors = np.linalg.eig(loops)
     n = loops.shape[1]
-    command = np.zeros((n, joints))
-    command[n - joints :] = -np.eye(joints)
+    command = 0.0 - np.eye(n, joints, joints - n)
     right = np.linalg.solve(vectors, np.broadcast_to(command, (len(loops), n, joints)))
     residues = vectors[:, :joints].transpose(0, 2, 1) * right  # (members, mode, joint)
     sizes = np.abs(values)
@@ -169,8 +164,7 @@ def _bandwidths(loops: np.ndarray, joints: int) -> np.ndarray:
 
 def _crossing(frequencies: np.ndarray, response: np.ndarray) -> np.ndarray:
     """Where each row falls below 1/√2, interpolated in log scales; 0 for one that begins below."""
-    limit, found = np.sqrt(0.5), []
-    logs = np.log(frequencies)
+    limit, logs, found = np.sqrt(0.5), np.log(frequencies), []
     for row in response:
         below = np.flatnonzero(row < limit)
         if not len(below) or below[0] == 0:
@@ -209,18 +203,15 @@ class LinearProblem:
     ) -> LinearProblem:
         """With h(x) = C x, R2 = I, `rows` (s, n) = C; disturbed by the command through ė = q − d, and by the `torques`
         (2 joints, k) at links and motors."""
-        a, b2 = family.a[0], family.b[0]
-        n, joints = len(a), len(family.joints)
-        enter = np.zeros((n, joints))
-        enter[n - joints :] = -np.eye(joints)
-        parts = ([enter] if command else []) + ([] if torques is None else [family.torques @ torques])
+        a, b2, joints = family.a[0], family.b[0], len(family.joints)
+        parts = [0.0 - np.eye(len(a), joints, joints - len(a))] if command else []
+        parts += [] if torques is None else [family.torques @ torques]
         return LinearProblem(a, np.hstack(parts), b2, rows, np.eye(b2.shape[1]))
 
     def linear_part(self) -> LinearPart:
         """As the synthesis has it, the input in units of its price."""
-        root = np.linalg.cholesky(self.r2)
-        names = tuple(f"x{k + 1}" for k in range(len(self.a)))
-        return LinearPart(self.a, self.b1, np.linalg.solve(root, self.b2.T).T, self.c, names)
+        priced = np.linalg.solve(np.linalg.cholesky(self.r2), self.b2.T).T
+        return LinearPart(self.a, self.b1, priced, self.c, tuple(f"x{k + 1}" for k in range(len(self.a))))
 
     def gamma_star(self) -> float:
         """Smallest feasible level, to `ROUGH`."""
@@ -228,10 +219,8 @@ class LinearProblem:
 
     def design(self, gamma: float, gamma_star: float) -> LinearDesign:
         """The gain −R2⁻¹ B2ᵀ P at a level."""
-        third = {0: self.b1[:, :, None]}
-        plant = PolynomialPlant.from_parts(
-            len(self.a), {1: self.a}, third, {0: self.b2[:, :, None]}, {1: self.c}, self.r2
-        )
+        g1, g2 = ({0: b[:, :, None]} for b in (self.b1, self.b2))
+        plant = PolynomialPlant.from_parts(len(self.a), {1: self.a}, g1, g2, {1: self.c}, self.r2)
         p = linear_law(plant, gamma).P
         return LinearDesign(-np.linalg.solve(self.r2, self.b2.T @ p), p, gamma, gamma_star)
 
@@ -393,18 +382,18 @@ class _Search:
                 below = damping_weight
             damping_weight = max(SMALLEST, damping_weight * GROWTH)
         else:
-            raise self._out_of_reach(best)
+            self._refuse(best)
         for _ in range(HALVINGS if damping_weight else 0):
             middle = 0.5 * (below + tried.damping_weight)
             candidate = self.fit_damped(middle)
             below, tried = (below, candidate) if candidate else (middle, tried)
         return tried
 
-    def _out_of_reach(self, best: Candidate | None) -> InvalidInput:
+    def _refuse(self, best: Candidate | None) -> NoReturn:
         bandwidth, damping = self.target.bandwidth, self.target.damping
         required = f"a bandwidth of {_text(bandwidth)} rad/s with a damping ratio of {damping:g}"
         if best is None:
-            return InvalidInput(
+            raise InvalidInput(
                 "The specification cannot be met: the bandwidth binds.",
                 f"expected {required}; the best found that is stable within the tolerances is "
                 f"{_text(self.reached * bandwidth)} rad/s",
@@ -418,7 +407,7 @@ class _Search:
             f"damping={reached:.2g}, or another `bandwidth`",
         )
         refused.reached = reached
-        return refused
+        raise refused
 
     def lowered(self, best: Candidate) -> Candidate:
         """The ζ of each joint lowered to what its vibration needs, one after the other, the most damped one first.
@@ -433,8 +422,7 @@ class _Search:
                 for power in POWERS if ratio < WORTH else ():
                     weights = best.damping_weights.copy()
                     weights[joint] *= ratio**power
-                    tried = self.fit_damped(weights)
-                    if tried:
+                    if tried := self.fit_damped(weights):
                         best = tried
                         break
             if best is before:

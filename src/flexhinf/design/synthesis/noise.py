@@ -36,12 +36,11 @@ from functools import cached_property
 import numpy as np
 
 from flexhinf.analysis import EquilibriumLoop, FilteredLoop, Margins, corner_plants, margins
-from flexhinf.design.estimators import EstimatorNoise
-from flexhinf.design.loop_setup import LoopSetup
+from flexhinf.design.loop_setup import EstimatorNoise, LoopSetup
 from flexhinf.design.problem.modes import JointScales
 from flexhinf.design.specification import RINGS, TOLERANCE
 from flexhinf.errors import FlexhinfError, NumericalFailure
-from flexhinf.robot.payload import payload_ends
+from flexhinf.robot.arm import payload_ends
 
 #: What may limit the choice, beside unstable corners.
 LIMITS = ("peak sensitivity", "gain margin", "damping", "compliance", "noise")
@@ -79,9 +78,10 @@ class NoiseCandidate:
         """Whether every limit that can be kept is kept, with no unstable corner."""
         return not self.avoidable and not self.unstable
 
-    def score(self, missed: Mapping[str, float]) -> float:
-        """Decades of noise, and mainly the limits that are missed: `missed` for different laws, else `avoidable`."""
-        counts = {"noise": self.noise_counts}
+    def score(self, of_laws: bool = False) -> float:
+        """Decades of noise, and mainly the limits that are missed; between different laws all that are, else those
+        that are avoidable."""
+        counts, missed = {"noise": self.noise_counts}, self.missed if of_laws else self.avoidable
         counted = sum(excess * counts.get(limit, 1.0) for limit, excess in missed.items())
         return MISSED_WEIGHT * counted + float(np.log10(np.maximum(self.noises, 1e-300)).mean())
 
@@ -163,10 +163,10 @@ def search_noise(
         result, own = search.run(), None if levels is None else search.candidate(levels)
     except FlexhinfError:
         return None
-    if result is not None:
-        result = result if own is None else replace(result, chosen=search.with_corners(own))
-        progress(f"noise levels of the estimator: {result.count} tried")
-    return result
+    if result is None:
+        return None
+    progress(f"noise levels of the estimator: {result.count} tried")
+    return result if own is None else replace(result, chosen=search.with_corners(own))
 
 
 class _Search:
@@ -198,8 +198,7 @@ class _Search:
         # What each motor gives (m,), V or N·m: its limit of effort; at most what holding the robot and the step, taken
         # within the law's bandwidth, ask of the strongest motor.
         held = np.max([np.abs(robot.operating_point(at)[1]) for at in (setup.start, setup.goal)], axis=0)
-        inertia = scales.link_inertia + scales.motor_inertia
-        per_distance = bandwidth * np.hypot(inertia * bandwidth, scales.damping) / scales.per_input
+        per_distance = scales.input_per_position(bandwidth)
         moved = per_distance * np.abs(setup.goal - setup.start)
         self.authority = np.minimum(float((held + moved).max()), setup.limits.effort)
         self.tried: list[NoiseCandidate] = []
@@ -216,9 +215,9 @@ class _Search:
             best = min(one.missed.get(limit, 0.0) for one in self.tried)
             least = max(best, self.unavoidable.get(limit, 0.0))
             if least > NEAR:
-                far = limit == "damping" and least > FAR
-                ringing = float(np.log(self.damping / RINGS)) if far else 0.0
-                self.unavoidable[limit] = max(least + SHORT_OF_BEST, ringing)
+                self.unavoidable[limit] = least + SHORT_OF_BEST
+                if limit == "damping" and least > FAR:
+                    self.unavoidable[limit] = max(least + SHORT_OF_BEST, float(np.log(self.damping / RINGS)))
         default = default and self.counted(default)
         chosen = self.with_corners(default) if default and not default.avoidable else None
         if default and chosen and chosen.feasible:
@@ -226,21 +225,19 @@ class _Search:
             both = np.concatenate([np.broadcast_to(each, len(self.unit)) for each in sides])
             start = 0.5 * np.log10(np.maximum(both, 1e-300) / np.tile(self.unit, 2))
         else:
-            begun.sort(key=lambda one: _avoidable_score(self.counted(one[0])))
+            begun.sort(key=lambda one: self.counted(one[0]).score())
             several = STARTS if len(self.unit) <= FEW else 1
             chosen, start = min(
                 (self.descend(x) for _, x in begun[:several]),
-                key=lambda one: (one[0].unstable or 0, _avoidable_score(one[0])),
+                key=lambda one: (one[0].unstable or 0, one[0].score()),
             )
         if chosen.unstable:
             # No levels make every corner stable: the best of some candidates, where the share of unstable corners
             # counts as a limit that is missed by e to its power.
-            ordered = sorted(map(self.counted, self.tried), key=_avoidable_score)
+            ordered = sorted(map(self.counted, self.tried), key=NoiseCandidate.score)
             checked = [chosen, *map(self.with_corners, ordered[:: max(1, len(ordered) // LOOKED)])]
             count = max(1, len(self.corners))
-            chosen = min(
-                checked, key=lambda one: _avoidable_score(one) + MISSED_WEIGHT * (one.unstable or 0) / count
-            )
+            chosen = min(checked, key=lambda one: one.score() + MISSED_WEIGHT * (one.unstable or 0) / count)
         for factor in SCALED:
             self.at(start + np.log10(factor))
         # The metrics of the choice by a dense sweep: those that the evaluation of the design has.
@@ -255,10 +252,11 @@ class _Search:
 
     def counted(self, candidate: NoiseCandidate) -> NoiseCandidate:
         """The candidate with what it misses beyond what is not counted."""
-        missed = candidate.missed.items()
-        left = {limit: excess - self.unavoidable.get(limit, 0.0) for limit, excess in missed}
-        kept = {limit: excess for limit, excess in left.items() if excess > np.log1p(0.5 * TOLERANCE)}
-        return replace(candidate, avoidable=kept)
+        left = {
+            limit: excess - self.unavoidable.get(limit, 0.0) for limit, excess in candidate.missed.items()
+        }
+        least = np.log1p(0.5 * TOLERANCE)
+        return replace(candidate, avoidable={name: excess for name, excess in left.items() if excess > least})
 
     def families(self) -> Iterator[np.ndarray]:
         """x of both families, see the head of this file."""
@@ -338,7 +336,7 @@ class _Search:
         for _ in range(TURNS):
             for k, move in enumerate(moves):
                 tried = self.at(x + steps[k] * move)
-                if tried is not None and _avoidable_score(tried) < _avoidable_score(best) - 1e-4:
+                if tried is not None and tried.score() < best.score() - 1e-4:
                     best, x = tried, x + steps[k] * move
                     path.append((best, x))
                     steps[k] *= 1.5
@@ -374,10 +372,6 @@ class _Search:
         robot, table = self.setup.robot, self.loop.plant.parameters
         population, _ = corner_plants(self.loop, robot.corner, robot.uncertain)
         return table.vectors([table.known(values) for values in population.values[:-1]])
-
-
-def _avoidable_score(candidate: NoiseCandidate) -> float:
-    return candidate.score(candidate.avoidable)
 
 
 def _trade_off(tried: list[NoiseCandidate]) -> tuple[NoiseCandidate, ...]:

@@ -11,31 +11,26 @@ import numpy as np
 
 from flexhinf.design.along_move import AlongMove, MarginLimits, scheduled
 from flexhinf.design.design_file import check_stated_units
-from flexhinf.design.estimators import EstimatorNoise, sensor_steps
 from flexhinf.design.joint_limits import ROBOT, JointLimits, integral_dead_zone, joint_limits
-from flexhinf.design.loop_setup import LoopPlants, LoopSetup
+from flexhinf.design.loop_setup import EstimatorNoise, LoopPlants, LoopSetup, sensor_steps
 from flexhinf.design.plans import stated_move
 from flexhinf.design.problem.channels import tolerance_channels
-from flexhinf.design.problem.presets import (
-    DesignProblem,
-    preset_of,
-    required_damping,
-)
+from flexhinf.design.problem.presets import DesignProblem, preset_of, required_damping
 from flexhinf.design.proved_step import LENGTH, ProvedLaw, proved_law
 from flexhinf.design.responses import Plan, start_and_goal
 from flexhinf.design.specification import RINGS, TOLERANCE, Specification, SpecificationError
-from flexhinf.design.synthesis.degrees import (
+from flexhinf.design.synthesis.by_step import (
     DegreeChoice,
+    Task,
     choose_degree,
+    problem_within_effort,
     rays_of,
     solve_degrees,
     tried_degrees,
     with_region,
 )
-from flexhinf.design.synthesis.effort_limit import problem_within_effort
 from flexhinf.design.synthesis.noise import NoiseSearch, search_noise
-from flexhinf.design.synthesis.task import Task
-from flexhinf.design.synthesis.whole_loop import WholeLoopSearch, at_pose, search_whole_loop
+from flexhinf.design.synthesis.whole_loop import WholeLoopSearch, search_whole_loop
 from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.hinf import HJISolution, solve_hji
 from flexhinf.loop import Schedule
@@ -105,8 +100,6 @@ def synthesise(robot: Robot, s: Specification, progress: Progress) -> Synthesis:
 
 
 class _Steps(Task):
-    """The steps of one synthesis."""
-
     def synthesis(self) -> Synthesis:
         """The law about the goal, or a schedule with the poses that are stated."""
         whole = None
@@ -151,9 +144,8 @@ class _Steps(Task):
         The region of the degree that is used is sampled, and those of all degrees that the specification states.
         """
         s, states = self.s, len(problem.problem.state_names)
-        solved = list(
-            solve_degrees(problem.problem, tried_degrees(states, s.degrees), problem.gamma, self.progress)
-        )
+        degrees = tried_degrees(states, s.degrees)
+        solved = list(solve_degrees(problem.problem, degrees, problem.gamma, self.progress))
         if len(solved) > 1:
             self.progress("the degree of V: the step with each")
         setup = self.setup(solved[0].solution, noise and noise.chosen.levels)
@@ -176,22 +168,15 @@ class _Steps(Task):
             most * self.s.peak_sensitivity_limit, self.s.gain_margin_limit / most, damping and damping / most
         )
 
-        def another(pose: np.ndarray) -> Law:
-            return self.law_at(problem, synthesis.solution.degree, pose, synthesis.robust)
-
-        more = None if self.s.via or synthesis.proved else another
+        more = None
+        if not (self.s.via or synthesis.proved):
+            more = partial(self.law_at, problem, synthesis.solution.degree, whole=synthesis.robust)
         law, along = scheduled(synthesis.setup(self.robot, self.s), move, least, more)
         return replace(synthesis, law=law, along=along)
 
-    def searched_problem(self) -> tuple[DesignProblem, NoiseSearch | None]:
-        """The problem within the limits of the running loop and of the joints, and the noise levels for it."""
-        problem, noise = self.affordable(self.choose())
-        slower = problem_within_effort(self, problem, noise and noise.chosen.levels)
-        return (problem, noise) if slower is problem else (slower, self.noise_search(slower))
-
     def robust_problem(self) -> tuple[DesignProblem, NoiseSearch | None, WholeLoopSearch]:
         """The preset robust: from what the preset damped comes to, weights and noise levels for the tolerances."""
-        tolerance_channels(self.robot, [self.goal, self.start])
+        tolerance_channels(self.robot, [self.goal, self.start])  # refuses a robot without tolerances
         plain = replace(self, s=replace(self.s, preset="damped", rays=0))
         damped, noise = plain.searched_problem()
         assert damped.target is not None
@@ -206,12 +191,14 @@ class _Steps(Task):
         own = self.noise_search(problem, levels)
         return (damped, noise, replace(whole, found=whole.damped)) if own is None else (problem, own, whole)
 
-    def affordable(self, problem: DesignProblem) -> tuple[DesignProblem, NoiseSearch | None]:
-        """The problem with its noise levels; a default bandwidth or damping lowered where no levels keep the limits.
+    def searched_problem(self) -> tuple[DesignProblem, NoiseSearch | None]:
+        """The problem within the limits of the running loop and of the joints, and the noise levels for it.
 
-        The margins of the running loop ask for a lower bandwidth, the noise at the motors for less damping, at least
-        `RINGS`. What the specification states is not lowered.
+        A default bandwidth or damping is lowered where no levels keep the limits: the margins of the running loop ask
+        for a lower bandwidth, the noise at the motors for less damping, at least `RINGS`. What the specification states
+        is not lowered.
         """
+        problem = self.choose()
         noise = self.noise_search(problem)
         best = problem, noise
         for _ in range(LOWERINGS):
@@ -237,9 +224,11 @@ class _Steps(Task):
             except FlexhinfError:
                 break
             noise = self.noise_search(problem)
-            if noise and best[1] and _score(noise) < _score(best[1]):
+            if noise and best[1] and noise.chosen.score(True) < best[1].chosen.score(True):
                 best = problem, noise
-        return best
+        problem, noise = best
+        slower = problem_within_effort(self, problem, noise and noise.chosen.levels)
+        return (problem, noise) if slower is problem else (slower, self.noise_search(slower))
 
     def noise_search(
         self, problem: DesignProblem, levels: EstimatorNoise | None = None
@@ -264,13 +253,19 @@ class _Steps(Task):
             damping = min(required_damping(self.s, target), target.damping)
             same = {"bandwidth": target.bandwidth.tolist(), "damping": damping}
         chosen = there.choose(**same)
-        if whole is None:
-            return solve_hji(chosen.problem, chosen.gamma, degree)
-        return solve_hji(*at_pose(chosen, there.choose(**same, preset="damped"), whole), degree)
-
-
-def _score(noise: NoiseSearch) -> float:
-    return noise.chosen.score(noise.chosen.missed)
+        if whole is not None:
+            damped = there.choose(**same, preset="damped")
+            assert chosen.channels is not None
+            assert damped.search is not None
+            first, channels = damped.search.chosen, chosen.channels
+            chosen = damped
+            if whole.better:
+                chosen = channels.problem(
+                    whole.frequency * first.target_frequency,
+                    whole.damping * first.damping_weights,
+                    whole.fraction,
+                )
+        return solve_hji(chosen.problem, chosen.gamma, degree)
 
 
 def _refuse_early(robot: Robot, s: Specification, goal: np.ndarray, start: np.ndarray) -> None:

@@ -24,15 +24,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from flexhinf.analysis import EquilibriumLoop, Margins, ToleranceBox, margins
-from flexhinf.design.estimators import EstimatorNoise
-from flexhinf.design.loop_setup import LoopPlants
+from flexhinf.design.loop_setup import EstimatorNoise, LoopPlants
 from flexhinf.design.monte_carlo import sampled_runs
-from flexhinf.design.problem.presets import ChannelledProblem, DesignProblem, required_damping
+from flexhinf.design.problem.presets import DesignProblem, required_damping
 from flexhinf.design.problem.weights import Candidate, SearchResult, behaviour_of
 from flexhinf.design.responses import run_length
-from flexhinf.design.synthesis.task import Task
+from flexhinf.design.synthesis.by_step import Task
 from flexhinf.errors import FlexhinfError
-from flexhinf.plant import GeneralisedPlant
 
 #: Most noise of a motor, over that with the preset damped.
 NOISE = 3.0
@@ -56,8 +54,9 @@ MOVES = (-0.1, 0.4, 1.0, 1.0, 0.3)
 #: how many of the best candidates step at all corners.
 LESS, CONFIRMED = 0.95, 5
 
-#: What a condition that is missed by e to this power costs, in powers of e of the factor; allowance for rounding.
-MISSED, ALLOWED = 20.0, 2e-3
+#: What a condition that is missed by e to this power costs, in powers of e of the factor; allowance for rounding; and
+#: the cost of a candidate without a stable loop.
+MISSED, ALLOWED, NOTHING = 20.0, 2e-3, 10.0
 
 #: The fraction of the tolerances in the channels is at least this: less does nothing.
 LEAST_FRACTION = 0.01
@@ -67,9 +66,12 @@ SLOWEST = 0.5
 
 
 @dataclass(frozen=True, eq=False)
-class LoopJudgement:
-    """A law with its estimator in the loop, as the search judges it."""
+class LoopCandidate:
+    """A problem with the noise levels of its estimator, and its loop as the search judges it."""
 
+    x: np.ndarray  # (5,), ln of ω, ζ, link and motor levels over those of damped; fraction
+    solved: DesignProblem
+    levels: EstimatorNoise | None
     scale: float  # factor of all tolerances at which the first corner is unstable, at most `MOST`
     corner: int  # that corner, of the corners of `tolerance_corners`; −1 for none
     overshoot: float  # largest of all joints and of the corners that stepped, per cent
@@ -79,23 +81,14 @@ class LoopJudgement:
 
 
 @dataclass(frozen=True, eq=False)
-class LoopCandidate:
-    """A problem with the noise levels of its estimator."""
-
-    x: np.ndarray  # (5,), ln of ω, ζ, link and motor levels over those of damped; fraction
-    solved: DesignProblem | ChannelledProblem
-    levels: EstimatorNoise | None
-
-
-@dataclass(frozen=True, eq=False)
 class WholeLoopSearch:
     """The outcome, beside the preset `damped` that the search began with.
 
     `frequency`, `damping`, `links` and `motors` are factors of ω, of ζ and of the noise levels, over those of `damped`.
     """
 
-    damped: LoopJudgement
-    found: LoopJudgement  # that of `damped` where nothing is better
+    damped: LoopCandidate
+    found: LoopCandidate  # that of `damped` where nothing is better
     frequency: float
     damping: float
     links: float
@@ -119,25 +112,26 @@ def search_whole_loop(
     stand for the tolerances with the true state fed back; the law that steps at the corners has V of the `degree`.
     """
     search = _Search(task, damped, covered, levels, degree)
-    best, judged = search.run()
+    best = search.run()
     task.progress(f"weights and noise levels for the tolerances: {search.count} loops tried")
     factors = dict(zip(("frequency", "damping", "links", "motors"), np.exp(best.x[:4]).tolist()))
     outcome = WholeLoopSearch(
-        search.own, judged, **factors, fraction=search.fraction(best.x), count=search.count,
-        corner="" if judged.corner < 0 else search.box.population.describe(judged.corner),
+        search.own, best, **factors, fraction=search.fraction(best.x), count=search.count,
+        corner="" if best.corner < 0 else search.box.population.describe(best.corner),
     )  # fmt: skip
-    problem = best.solved
-    if isinstance(problem, DesignProblem):
+    if best is search.own:
         return replace(damped, preset="robust"), levels, outcome
-    behaviour = behaviour_of(search.channels.family, problem.design.gain)
-    chosen = Candidate(*search.weights(best.x), problem.design, behaviour)
-    assert damped.search is not None
+    channels, weights, fraction = search.channels, search.weights(best.x), search.fraction(best.x)
+    design = channels.design(best.solved, *weights, fraction)
+    chosen = Candidate(*weights, design, behaviour_of(channels.family, design.gain))
+    assert damped.search
     result = SearchResult(chosen, (*damped.search.candidates, chosen))
     source = (
-        f"searched on the running loop: its corners are stable up to {judged.scale:.3g} times the tolerances, "
+        f"searched on the running loop: its corners are stable up to {best.scale:.3g} times the tolerances, "
         f"{search.own.scale:.3g} with the preset damped"
     )
-    return problem.checked(search.target, result, source), best.levels, outcome
+    problem = channels.checked(best.solved, fraction, search.target, result, source)
+    return problem, best.levels, outcome
 
 
 class _Search:
@@ -161,23 +155,32 @@ class _Search:
         self.most, stepping = next((count, few) for most, count, few in CANDIDATES if states <= most)
         self.duration = run_length(SLOWEST * float(np.min(self.target.bandwidth)))
         # What `damped` comes to, and the corners at which candidates are computed.
-        candidate = LoopCandidate(np.zeros(5), damped, levels)
-        loop = self.loop(candidate)
+        loop = self.loop(damped, levels)
         self.box = ToleranceBox.of(loop, task.robot.corner, task.robot.uncertain)
         every = np.arange(len(self.box))
         scale, corner = self.edge(loop)
         nearest = self.box.unstable(loop, 1.1 * scale)[:NEAREST] if corner >= 0 else every[:0]
         places = every if len(every) <= STEPPED else np.linspace(0, len(every) - 1, STEPPED).astype(int)
         self.compared = np.unique(np.concatenate([places, nearest]))
-        overshoots, used = self.stepped(candidate, self.compared)
+        overshoots, used = self.stepped(damped, levels, self.compared)
         worst = self.compared[np.argsort(-overshoots, kind="stable")]
         self.stepping_at = worst[:stepping]
         self.active = np.unique(np.concatenate([nearest, worst[:JOIN]]))
         found = margins(loop)
-        self.own = LoopJudgement(scale, corner, float(overshoots.max()), found, self.noises(found), used)
-        self.kept: list[tuple[float, LoopCandidate, LoopJudgement]] = [(0.0, candidate, self.own)]
+        self.own = LoopCandidate(
+            np.zeros(5),
+            damped,
+            levels,
+            scale,
+            corner,
+            float(overshoots.max()),
+            found,
+            self.noises(found),
+            used,
+        )
+        self.kept = [(0.0, self.own)]
 
-    def run(self) -> tuple[LoopCandidate, LoopJudgement]:
+    def run(self) -> LoopCandidate:
         """The best candidate that overshoots clearly less than `damped` at all corners at which that stepped; else the
         best that does not overshoot more; else `damped`."""
         from scipy.optimize import minimize
@@ -206,41 +209,40 @@ class _Search:
         )  # fmt: skip
         second = None
         best = self.kept[-CONFIRMED:] if len(self.kept) > CONFIRMED else self.kept[1:]
-        for _, candidate, judged in reversed(best):
-            overshoots, used = self.stepped(candidate, self.compared)
-            judged = replace(judged, overshoot=float(overshoots.max()), used=used)
-            if self.missed_in_steps(judged) > ALLOWED:
+        for _, candidate in reversed(best):
+            overshoots, used = self.stepped(candidate.solved, candidate.levels, self.compared)
+            candidate = replace(candidate, overshoot=float(overshoots.max()), used=used)
+            if self.missed_in_steps(candidate) > ALLOWED:
                 continue
-            if judged.overshoot <= LESS * self.own.overshoot:
-                return candidate, judged
-            second = second or (candidate, judged)
-        return second or self.kept[0][1:]
+            if candidate.overshoot <= LESS * self.own.overshoot:
+                return candidate
+            second = second or candidate
+        return second or self.own
 
     def cost(self, x: np.ndarray) -> float:
         """ln of the factor of `damped` over the candidate's, and what it misses of the conditions."""
         self.count += 1
-        nothing = 10.0
         try:
             problem = self.channels.problem(*self.weights(x), self.fraction(x), 1e-4)
             levels = self.levels
             if levels is not None:
                 links, motors = np.exp(x[2:4]).tolist()
-                levels = levels.scaled(links).motors_scaled(motors / links)
-                levels = replace(levels, source="searched on the running loop")
-            candidate = LoopCandidate(x.copy(), problem, levels)
-            loop = self.loop(candidate)
+                levels = levels.scaled(links, motors / links, "searched on the running loop")
+            loop = self.loop(problem, levels)
             scale, corner = self.edge(loop, self.active)
             if scale <= 0.0:
-                return nothing
+                return NOTHING
             gained, best = -np.log(scale / self.own.scale), self.kept[-1][0]
             if gained > best + 0.2:  # conditions can only add to it
                 return gained
             found = margins(loop)
             missed = self.missed(found)
             if MISSED * missed + gained < best + 0.1:
-                overshoots, used = self.stepped(candidate, self.stepping_at)
-                noises = self.noises(found)
-                judged = LoopJudgement(scale, corner, float(overshoots.max()), found, noises, used)
+                overshoots, used = self.stepped(problem, levels, self.stepping_at)
+                judged = LoopCandidate(
+                    x.copy(), problem, levels, scale, corner, float(overshoots.max()), found,
+                    self.noises(found), used,
+                )  # fmt: skip
                 missed += self.missed_in_steps(judged)
                 if MISSED * missed + gained < best and missed <= ALLOWED:
                     # By the factor of all corners; those that were missing are computed from now on.
@@ -251,9 +253,9 @@ class _Search:
                         judged = replace(judged, scale=scale, corner=corner)
                     gained = -np.log(judged.scale / self.own.scale)
                     if gained < best:
-                        self.kept.append((gained, candidate, judged))
+                        self.kept.append((gained, judged))
         except FlexhinfError:
-            return nothing
+            return NOTHING
         return float(gained + MISSED * missed)
 
     def weights(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -264,9 +266,9 @@ class _Search:
         """Of what the channels can cover, of x (5,)."""
         return float(np.clip(x[4], LEAST_FRACTION, 1.0))
 
-    def loop(self, candidate: LoopCandidate) -> EquilibriumLoop:
+    def loop(self, solved: DesignProblem, levels: EstimatorNoise | None) -> EquilibriumLoop:
         """The linear loop at the goal."""
-        setup = self.task.solved(candidate.solved.problem, candidate.solved.gamma, 2, candidate.levels)
+        setup = self.task.solved(solved.problem, solved.gamma, 2, levels)
         return setup.equilibrium_loop(estimated=self.task.s.estimator != "none")
 
     def edge(self, loop: EquilibriumLoop, which: np.ndarray | None = None) -> tuple[float, int]:
@@ -274,10 +276,11 @@ class _Search:
         scale, corner = self.box.edge(loop, which, most=MOST, width=WIDTH)
         return min(scale, MOST), corner
 
-    def stepped(self, candidate: LoopCandidate, which: np.ndarray) -> tuple[np.ndarray, float]:
+    def stepped(
+        self, solved: DesignProblem, levels: EstimatorNoise | None, which: np.ndarray
+    ) -> tuple[np.ndarray, float]:
         """Overshoot (N,) of the step at corners, and the largest share of a limit that a step used."""
-        solved = candidate.solved
-        setup = self.task.solved(solved.problem, solved.gamma, self.degree, candidate.levels)
+        setup = self.task.solved(solved.problem, solved.gamma, self.degree, levels)
         duration, limits = self.duration + setup.command_time, setup.limits
         nominal = setup.step(duration)
         if nominal.diverged_at is not None:
@@ -309,26 +312,7 @@ class _Search:
         ]
         return float(sum(np.log(ratio) for ratio in ratios if ratio > 1.0))
 
-    def missed_in_steps(self, judged: LoopJudgement) -> float:
+    def missed_in_steps(self, judged: LoopCandidate) -> float:
         """The same of overshoot and joints' limits."""
         over = max(0.0, judged.overshoot - self.own.overshoot) / max(self.own.overshoot, 0.5)
-        limit = max(1.0, self.own.used)
-        return min(over, 1.0) + max(0.0, float(np.log(max(judged.used, 1e-9) / limit)))
-
-
-def at_pose(
-    covered: DesignProblem, damped: DesignProblem, found: WholeLoopSearch
-) -> tuple[GeneralisedPlant, float]:
-    """The problem, and its level, of the same factors at another pose.
-
-    `covered`, `damped`: there, as of `search_whole_loop`.
-    """
-    if not found.better:
-        return damped.problem, damped.gamma
-    assert covered.channels is not None
-    assert damped.search is not None
-    first = damped.search.chosen
-    problem = covered.channels.problem(
-        found.frequency * first.target_frequency, found.damping * first.damping_weights, found.fraction
-    )
-    return problem.problem, problem.gamma
+        return min(over, 1.0) + max(0.0, float(np.log(max(judged.used, 1e-9) / max(1.0, self.own.used))))

@@ -12,20 +12,26 @@ import numpy as np
 from flexhinf.codegen import DIRECT, Block, Buffer, Call, Composer, Slice, compile_program
 from flexhinf.codegen.program import Step
 from flexhinf.errors import ControllerInUse, InvalidInput
+from flexhinf.loop.controller.laws import Schedule, check_kinds, read_controller, write_controller
 from flexhinf.loop.controller.memory import Layout, StateHistory, filler, step_failure, step_program
 from flexhinf.loop.controller.options import (
+    FirstInput,
     Limits,
-    Mode,
-    Source,
-    check_kinds,
+    Windup,
     check_names,
     checked_period,
     command_limits,
     dead_zone,
 )
-from flexhinf.loop.controller.start import FirstInput, Windup
-from flexhinf.loop.controller.step import STEPS, LawCode, Schedule, blend_time, controller_step, inverse_slope
-from flexhinf.loop.controller.storage import read_controller, write_controller
+from flexhinf.loop.controller.step import (
+    STEPS,
+    LawCode,
+    Mode,
+    Source,
+    blend_time,
+    controller_step,
+    inverse_slope,
+)
 from flexhinf.loop.shared import share
 from flexhinf.notebook import Summarised, names_text, number_text
 from flexhinf.plant import Estimator, Law, python_control
@@ -55,7 +61,7 @@ class Controller(Summarised):
         Sampling period, s; that of the estimator.
     saturation : None, float, (m,) array or tuple (lower, upper)
         Limits of the input; a number or an array means ±. Integrals that would push a saturated input
-        further stand still; without limits, integrals push no further than `flexhinf.loop.controller.start` says.
+        further stand still; without limits, integrals push no further than `flexhinf.loop.controller.options` says.
     moving : bool
         The law in error coordinates about a moving reference: the command of a sample is (x_d, u_d), (n + m,),
         the states of the law's plant without integrals and the inputs, and u = u_d + k(x − x_d, e) with
@@ -124,7 +130,9 @@ class Controller(Summarised):
         if windup is not None:
             windup.check(self.laws)
         self.mode = Mode(
-            moving, start, len(self.laws), self.command_limits.active, self.limits.rated,
+            moving, start, len(self.laws),
+            bool(np.isfinite([*self.command_limits.pair, self.command_limits.rate]).any()),
+            bool(np.isfinite(self.limits.rate).any()),
             self.integral_dead_zone is not None, bool(self.tracked) and bool(np.isfinite(self.windup.limit).any()),
         )  # fmt: skip
         self.first_input = FirstInput(before_first, solution, estimator, self.limits)
@@ -148,7 +156,6 @@ class Controller(Summarised):
 
     @property
     def _options(self) -> dict[str, Any]:
-        """The other arguments by name."""
         mode, limits, command = self.mode, self.limits, self.command_limits
         return {
             "moving": mode.moving, "start": mode.start, "fade": self.given_fade,
@@ -194,8 +201,7 @@ class Controller(Summarised):
     def summary(self) -> dict[str, str]:
         """Law, estimator, period, limits, and what is measured and commanded."""
         limits, command, mode = self.limits, self.command_limits, self.mode
-        kinds = dict.fromkeys(law.kind for law in self.laws)
-        law, zone = ", ".join(kinds), self.integral_dead_zone
+        law, zone = ", ".join(dict.fromkeys(law.kind for law in self.laws)), self.integral_dead_zone
         pairs = zip(command.texts, command.rate)
         facts = {
             "law": law if len(self.laws) == 1 else f"{len(self.laws)} laws ({law})",
@@ -204,6 +210,8 @@ class Controller(Summarised):
             "measured": names_text(self.measured),
             "tracked": names_text(self.tracked),
             "inputs": names_text(tuple(self.law.input_names)),
+        }
+        optional = {
             "saturation": ", ".join(limits.texts) if np.isfinite(limits.pair).any() else "",
             "integrals push": self.windup.text if mode.bounds_windup else "",
             "input rate": ", ".join(f"at most {r:.4g} per s" for r in limits.rate) if mode.limits_input_rate else "",
@@ -212,8 +220,7 @@ class Controller(Summarised):
             "integral dead zone": "" if zone is None else ", ".join(f"± {size:.4g}" for size in zone),
             "reference": "moving" if mode.moving else "",
         }  # fmt: skip
-        optional = list(facts)[6:]
-        return {name: fact for name, fact in facts.items() if fact or name not in optional}
+        return {**facts, **{name: fact for name, fact in optional.items() if fact}}
 
     @property
     def commanded(self) -> tuple[str, ...]:
@@ -307,9 +314,11 @@ class Controller(Summarised):
     def initial_memory(self, state: Any = None, input: Any = None) -> np.ndarray:
         """The memory before the first step, flat; see `reset`."""
         if state is not None and self.estimator is None:
-            what = "There is no estimate to set: this controller feeds back the true state."
-            advice = "reset(); the state of the plant is the loop's initial_state"
-            raise InvalidInput(what, f"expected state=None, got {value_text(state)}", advice)
+            raise InvalidInput(
+                "There is no estimate to set: this controller feeds back the true state.",
+                f"expected state=None, got {value_text(state)}",
+                "reset(); the state of the plant is the loop's initial_state",
+            )
         return self.memory.flat(self._initial_values(state, input))
 
     def _initial_values(self, state: Any = None, input: Any = None) -> dict[str, Any]:
@@ -351,7 +360,6 @@ class Controller(Summarised):
         return ("controller", type(law), law.law_key, names, sizes, model, self.mode)
 
     def _stepped(self, y: Any, r: Any, memory: Any, data: Any, run: Any = DIRECT) -> Any:
-        """`controller_step` of this controller; y has no elements where there is no measurement."""
         parts = (self.law_code, self.estimator, self._sources)
         return controller_step(*parts, y if len(y) else None, r, memory, data, run, self.mode)
 
@@ -362,8 +370,7 @@ class Controller(Summarised):
 
     def _traced(self, measured: bool) -> Any:
         def step(y: Any, r: Any, memory: Any, data: Any) -> Any:
-            named = self.memory.named(memory), self.data.named(data)
-            u, estimate, after = self._stepped(y, r, *named)
+            u, estimate, after = self._stepped(y, r, self.memory.named(memory), self.data.named(data))
             return u, estimate, self.memory.flat(after)
 
         sizes = (len(self.measured) * measured, len(self.commanded), self.memory.size, self.data.size)
@@ -388,8 +395,7 @@ class Controller(Summarised):
             Block(place, (place.size if place else 0,))
             for place in (places[name] for name in (*READ, "after"))
         )
-        named = self.memory.named(memory), self.data.named(data)
-        u, estimate, after = self._stepped(y, r, *named, run)
+        u, estimate, after = self._stepped(y, r, self.memory.named(memory), self.data.named(data), run)
         run.copy(u, Block(places["u"], u.shape))
         run.copy(estimate, Block(places["estimate"], estimate.shape))
         for part, place in self.memory.pairs(after):
@@ -398,15 +404,15 @@ class Controller(Summarised):
 
     @cached_property
     def _predicted_step(self) -> Bound:
-        """The step without a measurement: compiled when it is first asked for."""
         if self.estimator is None:
-            what = "There is nothing to predict with: this controller feeds back the true state."
-            advice = "hold the last input for this sample, or a controller with an estimator"
-            raise InvalidInput(what, "expected the state, got None", advice)
+            raise InvalidInput(
+                "There is nothing to predict with: this controller feeds back the true state.",
+                "expected the state, got None",
+                "hold the last input for this sample, or a controller with an estimator",
+            )
         return self._bound(measured=False)
 
     def _bound(self, measured: bool) -> Bound:
-        """The compiled step on this controller's memory."""
         y, u, now = np.zeros(len(self.measured)), np.zeros(len(self.law.input_names)), self._remembered
         arrays = {"y": y} if measured else {}
         arrays |= {"r": now.reference, "data": self.data_vector.copy(), "memory": now.memory}
@@ -536,9 +542,11 @@ def load_controller(path: str | os.PathLike[str]) -> Controller:
 
 
 def _shaped(name: str, value: Any, *shape: int) -> np.ndarray:
-    """An array of a law or an estimator of this shape, or one number for all its elements."""
     array = np.asarray(value, dtype=float)
     if array.shape not in ((), shape):
-        what, found = f"The array {name!r} has the wrong shape.", f"expected {shape}, got {array.shape}"
-        raise InvalidInput(what, found, "one element for each place")
+        raise InvalidInput(
+            f"The array {name!r} has the wrong shape.",
+            f"expected {shape}, got {array.shape}",
+            "one element for each place",
+        )
     return np.broadcast_to(array, shape)

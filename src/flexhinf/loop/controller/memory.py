@@ -49,7 +49,6 @@ class Layout:
 
     @cached_property
     def _arrays(self) -> list[tuple[str, Shape, slice]]:
-        """Of each array its part, its shape, and its place in the vector."""
         arrays, start = [], 0
         for name, part in self.parts.items():
             for shape in part if isinstance(part, list) else [part]:
@@ -91,9 +90,11 @@ class Layout:
         flat = []
         for (name, shape, _), (array, _) in zip(self._arrays, self.pairs(values)):
             if np.shape(array) not in ((), shape):
-                found = f"expected {shape}, got {np.shape(array)}"
-                what = f"The array {name!r} has the wrong shape."
-                raise InvalidInput(what, found, "one element for each place")
+                raise InvalidInput(
+                    f"The array {name!r} has the wrong shape.",
+                    f"expected {shape}, got {np.shape(array)}",
+                    "one element for each place",
+                )
             flat.append(np.broadcast_to(np.asarray(array), shape).ravel())
         return np.concatenate(flat)
 

@@ -1,72 +1,43 @@
-"""What a controller is given beside its law: mode, limits and period, checked before any work is lost."""
+"""What a controller is given beside its law, checked before any work is lost: limits, period, the bound of what
+integrals push, and the input before the first sample.
+
+A controller begins at rest at the state where its estimate begins. The input that holds the model there is the one
+under which what it drives does not accelerate: u with f(x, u, 0) = 0, or the least-squares solution where the state is
+no equilibrium. A state that is told later (`Controller.reset`, ``NAME_start`` of the exported C) gets its own input by
+the same function, with the same bits.
+
+Also here: how far integrals may push an input that has no limit of its own, or one so large that it is none. A sensor
+that sticks is an error that never ends: without a bound, its integral asks for any input. With limits of the input the
+anti-windup of the step is the bound; without, this one is, and where a limit lies further from the operating input than
+the number w below. What the integrals push is c = K_e (e − e*), with the law's slope K at its operating point. At rest
+at a command r the law needs c = G (r − r*), G = ∂u/∂r − K ∂x/∂r, on the line of equilibria x(r), u(r) of the model
+through the operating point; a nonlinear law, gravity, loads and errors of the model need something more or less. So an
+integral that would push c further from G (r − r*) than
+
+    w + S |r − r*|,  w = Σᵢ sᵢ (|∂u/∂rᵢ| + ½ |K ∂x/∂rᵢ|),  S = ½ |G|,
+
+stands still, with the travel sᵢ of the tracked state i: w is what holds the robot over its travel, and what the law
+answers to an error of half of it. The input itself is not limited.
+
+A law of no known model has no such line: there G = 0, and w and S have Σⱼ |Kⱼ| of all states in place of the slopes.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 
+from flexhinf.codegen import Buffer, Call, Program, Slice, compile_program
 from flexhinf.errors import InvalidInput
-from flexhinf.plant import INTEGRAL, Estimator, Law
+from flexhinf.loop.controller.step import LawCode
+from flexhinf.loop.shared import share
+from flexhinf.plant import INTEGRAL, Estimator, Law, Plant, ProblemLaw
+from flexhinf.scalars import drop_empty
 from flexhinf.validation import checked_positive, real_array, value_text
-
-
-class Source(NamedTuple):
-    """Where a tracked state is read, and its place among the states of the plant: of the measurement where it is
-    measured, else of the estimate. So the integral removes the error of the measured signal, whatever the estimator's
-    model gets wrong."""
-
-    measured: bool
-    place: int
-    state: int
-
-    @staticmethod
-    def of(name: str, states: Sequence[str], measured: Sequence[str]) -> Source:
-        """Of a state by name."""
-        state = states.index(name)
-        return Source(True, measured.index(name), state) if name in measured else Source(False, state, state)
-
-
-@dataclass(frozen=True)
-class Mode:
-    """Options that change the code of a step, beside law and estimator.
-
-    `moving`: the law acts about a moving reference (x_d, u_d) instead of the operating point. `start`: the integrals
-    at the first sample are "zero", or such that the input continues from the one before, "bumpless". Of `laws` one is
-    active at a time. The flags say what has limits (the input itself always may), whether small errors are not
-    integrated, and whether what integrals push is bounded, as some input has no limit.
-    """
-
-    moving: bool = False
-    start: str = "zero"
-    laws: int = 1
-    limits_command: bool = False
-    limits_input_rate: bool = False
-    has_dead_zone: bool = False
-    bounds_windup: bool = False
-
-    def __post_init__(self) -> None:
-        if not isinstance(self.moving, bool):
-            found = f"expected moving=True or moving=False, got {value_text(self.moving)}"
-            what = "Whether the law acts about a moving reference is not said."
-            raise InvalidInput(what, found, "moving=True for commands (x_d, u_d) of states and inputs")
-        if self.start not in ("zero", "bumpless"):
-            found = f"expected 'zero' or 'bumpless', got {value_text(self.start)}"
-            advice = "start='bumpless' to continue from the last input"
-            raise InvalidInput("There is no such start of a controller.", found, advice)
-
-    @property
-    def bumpless(self) -> bool:
-        """Whether the law takes over the last input at the first sample."""
-        return self.start == "bumpless"
-
-    @property
-    def takes_over(self) -> bool:
-        """Whether a law ever takes over: at the first sample, or from another law."""
-        return self.bumpless or self.laws > 1
-
 
 #: Shortest and longest sampling period of a controller, s.
 PERIODS = (1e-6, 1.0)
@@ -83,8 +54,11 @@ def checked_period(value: Any) -> float:
         meant = f"period={1e-3 * period:g} if {period:g} ms was meant"
         if period >= 10.0:
             meant += f", or {1.0 / period:g} for a rate of {period:g} Hz"
-    found = f"expected {low:g} s to {high:g} s, got {period:g} s"
-    raise InvalidInput("The sampling period is out of proportion.", found, meant)
+    raise InvalidInput(
+        "The sampling period is out of proportion.",
+        f"expected {low:g} s to {high:g} s, got {period:g} s",
+        meant,
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,16 +79,6 @@ class Limits:
         """Each range, for a summary."""
         return [f"{low:.4g} to {high:.4g}" for low, high in zip(self.lower.tolist(), self.upper.tolist())]
 
-    @property
-    def rated(self) -> bool:
-        """Whether any rate is limited."""
-        return bool(np.isfinite(self.rate).any())
-
-    @property
-    def active(self) -> bool:
-        """Whether there is any limit."""
-        return self.rated or bool(np.isfinite(self.pair).any())
-
     @staticmethod
     def of(
         saturation: Any, inputs: int, rate: Any = None, names: tuple[str, str] = ("saturation", "input_rate")
@@ -131,15 +95,19 @@ class Limits:
                 return np.array(np.broadcast_to(real_array(value), (inputs,)))
             except (TypeError, ValueError) as error:
                 what = "command" if name.startswith("command") else "inputs"
-                found = f"expected one number or {inputs}, got {value_text(value)}"
-                message = f"The {LIMITS[name]} does not fit the {what}."
-                raise InvalidInput(message, found, f"{name}={advice}") from error
+                raise InvalidInput(
+                    f"The {LIMITS[name]} does not fit the {what}.",
+                    f"expected one number or {inputs}, got {value_text(value)}",
+                    f"{name}={advice}",
+                ) from error
 
         rates = np.full(inputs, np.inf) if rate is None else ends(rate, rate_name, "2.0 per second")
         if not np.all(rates > 0.0):
-            found = f"expected numbers > 0 per second, got {value_text(rate)}"
-            advice = f"{rate_name}=2.0, or one per signal"
-            raise InvalidInput(f"The {LIMITS[rate_name]} is not positive.", found, advice)
+            raise InvalidInput(
+                f"The {LIMITS[rate_name]} is not positive.",
+                f"expected numbers > 0 per second, got {value_text(rate)}",
+                f"{rate_name}=2.0, or one per signal",
+            )
         if saturation is None:
             return Limits(np.full(inputs, -np.inf), np.full(inputs, np.inf), rates)
         advice = f"48.0 for ±48, or {name}=(lower, upper)"
@@ -149,11 +117,11 @@ class Limits:
         )
         lower = lower if pair else -upper
         if not np.all(lower < upper):
-            what = (
-                f"The {LIMITS[name]} leaves no room for the {'input' if name == 'saturation' else 'command'}."
+            raise InvalidInput(
+                f"The {LIMITS[name]} leaves no room for the {'input' if name == 'saturation' else 'command'}.",
+                f"expected lower < upper, got lower={lower.tolist()}, upper={upper.tolist()}",
+                f"{name}={advice}",
             )
-            found = f"expected lower < upper, got lower={lower.tolist()}, upper={upper.tolist()}"
-            raise InvalidInput(what, found, f"{name}={advice}")
         return Limits(lower, upper, rates)
 
 
@@ -191,27 +159,6 @@ def dead_zone(value: Any, tracked: Sequence[str]) -> np.ndarray | None:
     return np.array(np.broadcast_to(zone, (len(tracked),))) if zone.any() else None
 
 
-def check_kinds(law: Any, estimator: Any) -> None:
-    """They are a law with finite numbers of the right sizes, and an estimator or None."""
-    if not isinstance(law, Law):
-        raise InvalidInput(
-            "The controller needs a law.", f"expected a flexhinf.plant.Law, got {type(law).__name__}",
-            "a solution of solve_hji or linear_law, or a subclass of flexhinf.plant.Law",
-        )  # fmt: skip
-    if estimator is not None and not isinstance(estimator, Estimator):
-        found = f"expected a flexhinf.plant.Estimator or None, got {type(estimator).__name__}"
-        advice = "Controller(solution, UnscentedKalmanFilter(...), period)"
-        raise InvalidInput("The controller's estimator is none.", found, advice)
-    n, m = len(law.state_names), len(law.input_names)
-    point, rest = np.asarray(law.operating_point), np.asarray(law.operating_input)
-    if point.shape != (n,) or rest.shape != (m,) or not np.all(np.isfinite(np.ravel(law.law_data))):
-        raise InvalidInput(
-            "The law's numbers do not fit its names, or are not finite.",
-            f"expected an operating point ({n},) and input ({m},), got {point.shape} and {rest.shape}",
-            "one value per name",
-        )
-
-
 def check_names(law: Law, estimator: Estimator | None, period: float) -> None:
     """The law's states are the plant's, then integrals; the estimator means the same, at the same period."""
     states, tracked = law.plant_states, law.tracked
@@ -232,6 +179,201 @@ def check_names(law: Law, estimator: Estimator | None, period: float) -> None:
             "the same plant for both",
         )
     if abs(estimator.period - period) > 1e-12 * period:
-        found = f"expected {period} s, got {estimator.period} s"
-        what = "The estimator and the controller run at different periods."
-        raise InvalidInput(what, found, "the same period for both")
+        raise InvalidInput(
+            "The estimator and the controller run at different periods.",
+            f"expected {period} s, got {estimator.period} s",
+            "the same period for both",
+        )
+
+
+#: Travel of a tracked state without a range, in its unit: half a turn, or m.
+TRAVEL = np.pi
+
+#: How much of the law's answer is spare, on both sides.
+SPARE = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class Windup:
+    """The bound of what integrals push, for L laws of m inputs and k integrals.
+
+    `limit` (m,) is w, infinite for inputs that their own limits keep within w of the operating input; `line` and
+    `spread` are G and S, (L, m, k), or (m, k) of one law.
+    """
+
+    limit: np.ndarray
+    line: np.ndarray
+    spread: np.ndarray
+
+    def check(self, laws: Sequence[Law]) -> None:
+        """Refuse numbers of a file whose shapes do not fit these laws, or that are NaN or, but for limits, infinite."""
+        size = (len(laws[0].input_names), len(laws[0].tracked))
+        shape = size if len(laws) == 1 else (len(laws), *size)
+        fits = [np.shape(part) for part in (self.limit, self.line, self.spread)] == [size[:1], shape, shape]
+        if not fits or not np.all(self.limit >= 0.0) or not np.isfinite([self.line, self.spread]).all():
+            raise InvalidInput(
+                "The bound of the integrals does not fit the law.",
+                f"expected numbers for {size[0]} inputs and {size[1]} integrals, got {value_text(vars(self))}",
+                "windup=None: the bound of law and model",
+            )
+
+    @staticmethod
+    def of(laws: Sequence[Law], estimator: Estimator | None, ends: Any) -> Windup:
+        """The default for these laws; `ends` are the lower and the upper limits of the inputs, (m,) each."""
+        limits, lines, spreads = (
+            np.stack(parts) for parts in zip(*(_bounds(law, estimator) for law in laws))
+        )
+        limit = limits.max(axis=0)
+        room = np.max([np.abs(np.asarray(ends) - law.operating_input) for law in laws], axis=(0, 1))
+        limit = np.where(room > limit, limit, np.inf)
+        return Windup(limit, lines, spreads) if len(laws) > 1 else Windup(limit, lines[0], spreads[0])
+
+    @property
+    def text(self) -> str:
+        """The bound at the operating point, for a summary."""
+        sizes = self.limit[np.isfinite(self.limit)]
+        return ", ".join(f"at most {size:.4g} more than at rest" for size in sizes)
+
+
+def _bounds(law: Law, estimator: Estimator | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    names = law.plant_states
+    n, places = len(names), [names.index(name) for name in law.tracked]
+    point, rest = (np.asarray(part, dtype=float) for part in (law.operating_point, law.operating_input))
+    slope = LawCode(law, True).slope[:, :n]
+    model: Plant | None = estimator.plant if estimator is not None else None
+    if model is None and isinstance(law, ProblemLaw):
+        model = law.problem.plant
+    travel = TRAVEL + np.abs(point[places])
+    along, held = (None, None) if model is None else _line(model, point[:n], rest, places)
+    if model is None or along is None or held is None:
+        size = np.repeat(np.abs(slope).sum(axis=1, keepdims=True), len(places), axis=1)
+        return size @ travel, np.zeros_like(size), size
+    for k, place in enumerate(places):
+        ends = np.array(model.limits.get(names[place], (-np.inf, np.inf)), dtype=float)
+        travel[k] = min(travel[k], np.abs(ends - point[place]).max())
+    reaction = slope @ along
+    line = held - reaction
+    return (np.abs(held) + SPARE * np.abs(reaction)) @ travel, line, SPARE * np.abs(line)
+
+
+def _line(model: Plant, x: np.ndarray, u: np.ndarray, places: list[int]) -> tuple[Any, Any]:
+    """∂x/∂r (n, k) and ∂u/∂r (m, k) of the equilibria through one, r the states at `places`; None and None where the
+    model has no slope there."""
+    a, b, _, _ = model.linearise(x, u)
+    rows = np.block([[a, b], [np.eye(len(x))[places], np.zeros((len(places), len(u)))]])
+    if not np.isfinite(rows).all():
+        return None, None
+    line = np.linalg.lstsq(rows, np.eye(len(rows))[:, len(x) :], rcond=None)[0]
+    return line[: len(x)], line[len(x) :]
+
+
+HOLD, ZERO = "hold", "zero"
+
+
+class FirstInput:
+    """The input (m,) of a controller before its first sample.
+
+    `before_first` is as for `flexhinf.Controller`, "hold", "zero" or (m,), and `limits` are those of the input; what
+    is none of these, or not within the limits, is an InvalidInput.
+    """
+
+    def __init__(self, before_first: Any, law: Law, estimator: Estimator | None, limits: Limits) -> None:
+        self.law, self.estimator, self.limits = law, estimator, limits
+        named = isinstance(before_first, str)
+        if named and before_first not in (HOLD, ZERO):
+            raise InvalidInput(
+                "There is no such input before the first measurement.",
+                f"expected 'hold', 'zero' or one number per input, got {value_text(before_first)}",
+                "before_first='zero' for motors that stay without power until there is a measurement",
+            )
+        self.option: Any = before_first if named else self._checked(before_first)
+
+    def at(self, given: Any = None, state: Any = None) -> np.ndarray:
+        """`given` if it fits, else an InvalidInput; or that of the option, for a start that is told (n,), or where the
+        estimate begins."""
+        if given is not None:
+            return self._checked(given)
+        if state is None or self.is_zero:
+            return self.own.copy()
+        assert self.estimator is not None  # without one there is no state to tell
+        place = real_array(state)
+        if np.array_equal(place, self.estimator.initial[0]):
+            return self.own.copy()
+        plant, u = self.estimator.plant, np.zeros(len(self.own))
+        every = {"x": np.array(place), "p": plant.parameters.vector(), "u": u}
+        arrays = {name: array for name, array in every.items() if array.size}
+
+        def build() -> Any:
+            buffers = [
+                Buffer(name, array.size, "out" if name == "u" else "in") for name, array in arrays.items()
+            ]
+            *inputs, held = (Slice(name, size=array.size) for name, array in arrays.items())
+            call = Call(holding_function(plant), tuple(inputs), (held,))
+            return compile_program(Program("holding", tuple(buffers), (call,), ()))
+
+        share(("holding kernel", plant.code_key), build).run(arrays, {})
+        return self._within(u) if np.isfinite(u).all() else self.own.copy()
+
+    @property
+    def is_zero(self) -> bool:
+        """Whether it is zero wherever the controller starts."""
+        return isinstance(self.option, str) and self.option == ZERO
+
+    @property
+    def text(self) -> str:
+        """What it is, for a summary."""
+        return "zero" if self.is_zero else "what holds the robot where the estimate begins"
+
+    @cached_property
+    def own(self) -> np.ndarray:
+        """Where the estimate begins, within the limits, (m,)."""
+        rest = np.array(self.law.operating_input, dtype=float)
+        if isinstance(self.option, np.ndarray):
+            return self.option
+        if self.is_zero:
+            return self._within(np.zeros(len(rest)))
+        if self.estimator is None:
+            return self._within(rest)
+        mean = np.asarray(self.estimator.initial[0], dtype=float)
+        if not np.array_equal(mean, np.asarray(self.law.operating_point, dtype=float)[: len(mean)]):
+            plant = self.estimator.plant
+            given = [array for array in (mean, plant.parameters.vector()) if array.size]
+            held = np.ravel(np.asarray(holding_function(plant)(*given), dtype=float))
+            rest = held if np.isfinite(held).all() else rest
+        return self._within(rest)
+
+    def _within(self, u: np.ndarray) -> np.ndarray:
+        return np.clip(u, self.limits.lower, self.limits.upper) + 0.0  # no negative zero
+
+    def _checked(self, given: Any) -> np.ndarray:
+        names, limits = tuple(self.law.input_names), self.limits
+        u = real_array(given)
+        u = u.reshape(1) if u.shape == () else u
+        if u.shape != (len(names),) or not np.all((u >= limits.lower) & (u <= limits.upper) & np.isfinite(u)):
+            raise InvalidInput(
+                "The input before the first sample does not fit.",
+                f"expected a finite value for each of {list(names)} within {limits.lower.tolist()} and "
+                f"{limits.upper.tolist()}, got {value_text(given)}",
+                "the input that acts when the controller takes over",
+            )
+        return np.array(u)
+
+
+def holding_function(plant: Plant) -> Any:
+    """(x, parameters) → u, the input that holds a plant at a state, as a CasADi function without empty arguments.
+
+    u = −(BᵀB)⁻¹Bᵀ f(x, 0, 0) with B = ∂f/∂u at u = 0: exact where f is affine in u and some u holds x.
+    """
+
+    def build() -> Any:
+        import casadi as ca
+
+        flow = plant.traced_flow
+        x, u, d, p = (ca.SX.sym(name, flow.size1_in(k)) for k, name in enumerate("xudp"))
+        rates = flow(x, u, d, p)
+        none = ca.vertcat(u, d), ca.SX.zeros(u.numel() + d.numel())
+        rates, slope = (ca.substitute(part, *none) for part in (rates, ca.jacobian(rates, u)))
+        held = -ca.solve(ca.mtimes(slope.T, slope), ca.mtimes(slope.T, rates))
+        return drop_empty(ca.Function("holding", [x, p], [ca.densify(held)], {"cse": True}))
+
+    return share(("holding", plant.code_key), build)

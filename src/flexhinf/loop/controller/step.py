@@ -19,18 +19,17 @@ import operator
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from flexhinf.codegen import DIRECT, Block, Composer
 from flexhinf.errors import InvalidInput
-from flexhinf.loop.controller.options import Mode, Source, check_kinds
 from flexhinf.plant import Estimator, Law
 from flexhinf.polynomial import basis
 from flexhinf.polynomial.algebra import PolynomialLaw
 from flexhinf.scalars import absolute, clip, jacobian, where
-from flexhinf.validation import checked_positive, real_number, value_text
+from flexhinf.validation import checked_positive, value_text
 
 #: Coefficients from which a polynomial law is a table. Below, its text as one piece is faster.
 TABLE = 500
@@ -96,7 +95,6 @@ class LawCode:
         return lambda x: run.call(self.law.evaluate_law, x, data)
 
     def _from_table(self, run: Composer, data: Block, active: Block | None, x: Block) -> Block:
-        """The polynomials of the active law alone."""
         assert self.table is not None
         inputs, size, degrees = len(self.law.input_names), self.data.size, self.table.degrees
         if active is None:
@@ -111,6 +109,65 @@ class LawCode:
 def _chosen(active: Any, *values: Any) -> Any:
     """The active law's value; the others may never have been computed."""
     return sum(where(flag > 0.5, value, 0.0) for flag, value in zip(active, values, strict=True))
+
+
+class Source(NamedTuple):
+    """Where a tracked state is read, and its place among the states of the plant: of the measurement where it is
+    measured, else of the estimate. So the integral removes the error of the measured signal, whatever the estimator's
+    model gets wrong."""
+
+    measured: bool
+    place: int
+    state: int
+
+    @staticmethod
+    def of(name: str, states: Sequence[str], measured: Sequence[str]) -> Source:
+        """Of a state by name."""
+        state = states.index(name)
+        return Source(True, measured.index(name), state) if name in measured else Source(False, state, state)
+
+
+@dataclass(frozen=True)
+class Mode:
+    """Options that change the code of a step, beside law and estimator.
+
+    `moving`: the law acts about a moving reference (x_d, u_d) instead of the operating point. `start`: the integrals
+    at the first sample are "zero", or such that the input continues from the one before, "bumpless". Of `laws` one is
+    active at a time. The flags say what has limits (the input itself always may), whether small errors are not
+    integrated, and whether what integrals push is bounded, as some input has no limit.
+    """
+
+    moving: bool = False
+    start: str = "zero"
+    laws: int = 1
+    limits_command: bool = False
+    limits_input_rate: bool = False
+    has_dead_zone: bool = False
+    bounds_windup: bool = False
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.moving, bool):
+            raise InvalidInput(
+                "Whether the law acts about a moving reference is not said.",
+                f"expected moving=True or moving=False, got {value_text(self.moving)}",
+                "moving=True for commands (x_d, u_d) of states and inputs",
+            )
+        if self.start not in ("zero", "bumpless"):
+            raise InvalidInput(
+                "There is no such start of a controller.",
+                f"expected 'zero' or 'bumpless', got {value_text(self.start)}",
+                "start='bumpless' to continue from the last input",
+            )
+
+    @property
+    def bumpless(self) -> bool:
+        """Whether the law takes over the last input at the first sample."""
+        return self.start == "bumpless"
+
+    @property
+    def takes_over(self) -> bool:
+        """Whether a law ever takes over: at the first sample, or from another law."""
+        return self.bumpless or self.laws > 1
 
 
 STANDING = Mode()
@@ -175,7 +232,8 @@ def controller_step(
     about: Any = None
     if mode.moving and law.law.depends_on_reference:
         # In memory of its own: loops inside a sample may read it.
-        about = run.call(partial(_state_and_input, len(estimate)), r)
+        n = len(estimate)
+        about = run.call(lambda r: (r[:n], r[n:]), r)
     law_of = law.on(run, data.law, active, about)
     feedback = law_of(deviation)
     after = {"position": position, "reference": requested, "command": r, "active": active}
@@ -225,7 +283,6 @@ def _deviation(tracked: Sequence[Source], moving: bool, *arrays: Any) -> tuple[A
 
 
 def _positions(tracked: Sequence[Source], y: Any, estimate: Any) -> np.ndarray:
-    """The tracked states, (k,)."""
     return np.array([(y if source.measured else estimate)[source.place] for source in tracked])
 
 
@@ -239,7 +296,7 @@ def _limited(
 
 
 def _wound(places: Sequence[int] | None, integral: Any, point: Any, gain: Any, r: Any, *bound: Any) -> Any:
-    """What integrals push (m,) beyond their bound, see `flexhinf.loop.controller.start`; about a moving reference,
+    """What integrals push (m,) beyond their bound, see `flexhinf.loop.controller.options`; about a moving reference,
     which has no `places`, the law needs none of it at rest."""
     line, spread, limit = bound
     pushed = gain @ (integral - point[len(point) - len(integral) :])
@@ -266,8 +323,7 @@ def _input(
         u = clip(u, last - period * rate, last + period * rate)
     # Anti-windup: an integral that would push a saturated input further stands still.
     beyond = wanted - u + bounds[0] if bounded else wanted - u
-    pushes = growth * (beyond @ gain)
-    choices = zip(pushes, before, integral)
+    choices = zip(growth * (beyond @ gain), before, integral)
     return u, np.array([where(push > 0.0, old, new) for push, old, new in choices]), np.ones(1)
 
 
@@ -287,9 +343,11 @@ ROUNDING = 1e-14
 def blend_time(fade: Any, mode: Mode) -> float:
     """The time constant of the bias, s; refused if it is not positive, or given though no law ever takes over."""
     if fade is not None and not mode.takes_over:
-        found = f"expected fade=None for one law that starts from zero, got {value_text(fade)}"
-        advice = "start='bumpless', or a Schedule of several laws"
-        raise InvalidInput("A time constant is given for a bias that never is.", found, advice)
+        raise InvalidInput(
+            "A time constant is given for a bias that never is.",
+            f"expected fade=None for one law that starts from zero, got {value_text(fade)}",
+            "start='bumpless', or a Schedule of several laws",
+        )
     return (
         FADE
         if fade is None
@@ -317,25 +375,21 @@ def bumpless_transfer(
     inverse, growth, bias, point, decay = data
     n = deviation.shape[0] - growth.shape[0]
     misfit, errors = wanted, deviation[n:]
+
+    def trial_of(states: Any, errors: Any, inverse: Any, misfit: Any) -> Any:
+        return np.concatenate([states, errors + inverse @ misfit])
+
     with run.when(taken):
         misfit = run.call(np.subtract, wanted, feedback)
 
         def step(errors: Any, misfit: Any, inverse: Any) -> tuple[Any, Any, Any]:
-            trial = run.call(_trial, deviation[:n], errors, inverse, misfit)
+            trial = run.call(trial_of, deviation[:n], errors, inverse, misfit)
             return run.call(_better, errors, misfit, inverse, trial, law(trial), wanted)
 
         if growth.shape[0]:
             errors, misfit, _ = run.repeat(STEPS, step, errors, misfit, inverse)
     parts = (taken, feedback, wanted, misfit, errors, growth, bias, deviation, point, decay)
     return run.call(partial(_joined, n), *parts)
-
-
-def _state_and_input(states: int, r: Any) -> tuple[Any, Any]:
-    return r[:states], r[states:]
-
-
-def _trial(states: Any, errors: Any, inverse: Any, misfit: Any) -> Any:
-    return np.concatenate([states, errors + inverse @ misfit])
 
 
 def _better(
@@ -360,70 +414,6 @@ def _joined(n: int, *parts: Any) -> tuple[Any, Any, Any, Any]:
     bias = where(new, misfit, decay * bias)
     feedback = where(new, wanted, feedback + bias)
     return feedback, where(new, 0.0, growth), integral, bias
-
-
-class Schedule(Law):
-    """Laws at several poses, of which one is active at a time.
-
-    Active is the law whose operating point's tracked positions are nearest (Euclidean distance) to the command.
-    It changes only when another law is nearer by the fraction `hysteresis`: distance < (1 − hysteresis) · distance of
-    the active law's. At a change the integrals are chosen so that the input continues from the last one, see
-    `flexhinf.loop.controller.step`. About a moving reference x_d and u_d are the command's, and only k changes.
-
-    Where one law is needed (names, operating point and input, numbers), it is the first.
-
-    Parameters
-    ----------
-    laws : sequence of Law
-        Of the same states and inputs, and of one formula: solved to the same degree. Degrees that vanish at one
-        pose only, by symmetry, do not matter.
-    hysteresis : float
-        At least 0, below 1.
-
-    Raises
-    ------
-    InvalidInput
-        If the laws do not fit each other, track nothing or share a pose, or the hysteresis is no such number.
-    """
-
-    def __init__(self, laws: Sequence[Law], hysteresis: float = 0.1) -> None:
-        self.laws = _checked(laws)
-        self.hysteresis = real_number(hysteresis)
-        if not 0.0 <= self.hysteresis < 1.0:
-            raise InvalidInput(
-                "The hysteresis of a schedule is no fraction.",
-                f"expected 0 <= number < 1, got {value_text(hysteresis)}",
-                "hysteresis=0.1: another law must be nearer by 10 %",
-            )
-        first = self.laws[0]
-        self.state_names, self.input_names = tuple(first.state_names), tuple(first.input_names)
-        self.operating_point, self.operating_input = first.operating_point, first.operating_input
-
-    def acting(self, pose: Any) -> int:
-        """Place of the law that acts at a pose, the nearest in the tracked positions, without hysteresis.
-
-        Parameters
-        ----------
-        pose : (n,)
-            The first states of the laws, such as all link positions, rad or m; at least up to the tracked ones.
-        """
-        places = [self.state_names.index(name) for name in self.tracked]
-        points = np.array([np.asarray(law.operating_point, dtype=float)[places] for law in self.laws])
-        return int(np.argmin(np.linalg.norm(points - np.asarray(pose, dtype=float)[places], axis=1)))
-
-    @property
-    def law_data(self) -> np.ndarray:
-        """Numbers of the first law."""
-        return self.laws[0].law_data
-
-    @property
-    def law_key(self) -> str:
-        """Of the formula that the laws share."""
-        return self.laws[0].law_key
-
-    def evaluate_law(self, x: Any, data: Any) -> Any:
-        """k(x), (m,), by the formula that the laws share."""
-        return self.laws[0].evaluate_law(x, data)
 
 
 def chosen(
@@ -455,106 +445,3 @@ def chosen(
         return now, np.array([taken]), *rows
 
     return run.call(choose, r, active, started, data.closer, *tables)
-
-
-def _checked(laws: Any) -> tuple[Law, ...]:
-    if not isinstance(laws, Sequence) or isinstance(laws, str) or not laws:
-        found = f"expected a sequence of laws, got {value_text(laws)}"
-        raise InvalidInput("A schedule needs laws.", found, "Schedule([law, other])")
-    for law in laws:
-        check_kinds(law, None)
-    first = laws[0]
-    names = [(list(law.state_names), list(law.input_names)) for law in laws]
-    for other in names:
-        if other != names[0]:
-            what = "The laws of a schedule do not mean the same states and inputs."
-            raise InvalidInput(
-                what, f"expected {names[0]}, got {other}", "laws of one problem at several poses"
-            )
-    laws = with_common_monomials(laws)
-    text, *others = ((type(law), law.law_key, np.size(law.law_data)) for law in laws)
-    for other in others:
-        if text != other:
-            raise InvalidInput(
-                "The laws of a schedule share no formula.",
-                f"expected {text[0].__name__} {text[1]!r} of {text[2]} numbers, "
-                f"got {other[0].__name__} {other[1]!r} of {other[2]}",
-                "solve all to the same degree",
-            )
-    places = [first.state_names.index(name) for name in first.tracked]
-    poses = [tuple(np.asarray(law.operating_point, dtype=float)[places].tolist()) for law in laws]
-    if not places or len(set(poses)) < len(poses):
-        found = f"expected tracked positions that differ, got {[list(pose) for pose in poses]}"
-        what = "The poses of a schedule do not tell its laws apart."
-        raise InvalidInput(what, found, "laws with integrals, each about a pose of its own")
-    return laws
-
-
-class TableLaw(Law):
-    """A law that is the table of its polynomial, with the names and the operating point of another one; `kind` is the
-    class that it was, `degree` that of its value function."""
-
-    def __init__(
-        self,
-        names: Sequence[Sequence[str]],
-        point: Any,
-        input: Any,
-        table: PolynomialLaw,
-        kind: str,
-        degree: int | None,
-    ) -> None:
-        self.state_names, self.input_names = map(tuple, names)
-        self.operating_point, self.operating_input = point, input
-        self.table, self.made_of = table, (kind, degree)
-
-    @property
-    def kind(self) -> str:
-        """The class that it was."""
-        return self.made_of[0]
-
-    @property
-    def law_data(self) -> np.ndarray:
-        """The coefficients, flat."""
-        return self.table.coefficients.ravel()
-
-    @property
-    def law_key(self) -> str:
-        """The monomials."""
-        return f"polynomial {self.table.n} {self.table.degrees}"
-
-    @property
-    def law_table(self) -> PolynomialLaw:
-        """The polynomial."""
-        return self.table
-
-    @property
-    def law_degree(self) -> int | None:
-        """As of the law that it was."""
-        return self.made_of[1]
-
-    def evaluate_law(self, x: Any, data: Any) -> Any:
-        """k(x), (m,), for a deviation x (n,) on any element."""
-        return self.table.evaluate(x, np.asarray(data).reshape(self.table.coefficients.shape))
-
-
-def with_common_monomials(laws: Sequence[Law]) -> tuple[Law, ...]:
-    """The laws, padded if they are polynomials of one class, solved to one degree, whose monomials differ."""
-    alike = len({(type(law), law.law_degree) for law in laws}) == 1 and laws[0].law_degree is not None
-    tables = [table for law in laws if (table := law.law_table) is not None]
-    if len({law.law_key for law in laws}) == 1 or not alike or len(tables) < len(laws):
-        return tuple(laws)
-    degrees = tuple(sorted({degree for table in tables for degree in table.degrees}))
-    padded = []
-    for law, table in zip(laws, tables):
-        own, nothing = iter(table.coefficients.T), np.zeros(len(law.input_names))
-        rows = [
-            next(own) if degree in table.degrees else nothing
-            for degree in degrees
-            for _ in range(basis.count(table.n, degree))
-        ]
-        whole = PolynomialLaw(table.n, degrees, np.array(rows).T)
-        names = law.state_names, law.input_names
-        padded.append(
-            TableLaw(names, law.operating_point, law.operating_input, whole, law.kind, law.law_degree)
-        )
-    return tuple(padded)

@@ -53,7 +53,6 @@ class RestToRest:
         return curve
 
     def _jerk(self, t: np.ndarray) -> np.ndarray:
-        """Of the phases, zero before and after them."""
         phase = np.searchsorted(np.cumsum(self.lengths), t, side="right")
         return np.where(t < 0.0, 0.0, np.append(self.jerks, 0.0)[phase])
 
@@ -106,24 +105,26 @@ class JerkLimited:
             most = 0 if name in ("at", "smoothing") else 1
             least = 0.0 if name == "smoothing" else -np.inf
             if array.ndim > most or not np.all(np.isfinite(array) & (array >= least)):
-                found = f"got {name}={value_text(getattr(self, name))}"
-                advice = "one number in seconds" if not most else "one number, or one per channel"
-                raise InvalidInput("A jerk-limited motion needs finite numbers.", found, advice)
+                raise InvalidInput(
+                    "A jerk-limited motion needs finite numbers.",
+                    f"got {name}={value_text(getattr(self, name))}",
+                    "one number in seconds" if not most else "one number, or one per channel",
+                )
         sizes = {array.size for array in arrays.values() if array.ndim}
         if len(sizes) > 1 or 0 in sizes:
             shapes = {name: array.shape for name, array in arrays.items()}
-            what, found = (
+            raise InvalidInput(
                 "The channels of a motion differ in number.",
                 f"expected one number or k each, got {shapes}",
-            )
-            raise InvalidInput(
-                what, found, "one start, goal and limit per channel; one number counts for all"
+                "one start, goal and limit per channel; one number counts for all",
             )
         for name in LIMITS:
             if not np.all(arrays[name] > 0.0):
-                found = f"expected > 0, got {getattr(self, name)!r}"
-                advice = "the largest absolute value that is allowed"
-                raise InvalidInput(f"The limit of {name} must be positive.", found, advice)
+                raise InvalidInput(
+                    f"The limit of {name} must be positive.",
+                    f"expected > 0, got {getattr(self, name)!r}",
+                    "the largest absolute value that is allowed",
+                )
         for name, array in arrays.items():  # tuples, so that equal motions are equal
             object.__setattr__(self, name, tuple(array.tolist()) if array.ndim else float(array))
 
@@ -189,15 +190,15 @@ def _phases(ways: list[float], limits: list[list[float]]) -> list[Any]:
     except RuckigError:
         result = Result.Error
     if result not in (Result.Working, Result.Finished) or not 0.0 < jerk < np.inf:
-        found = f"got {result} for ways of {ways} with velocity, acceleration and jerk {limits}"
         raise InvalidInput(
-            "No motion was found within the limits.", found, "limits of a size that fits the way"
+            "No motion was found within the limits.",
+            f"got {result} for ways of {ways} with velocity, acceleration and jerk {limits}",
+            "limits of a size that fits the way",
         )
     return [(time * np.array(profile.t), jerk * np.array(profile.j)) for profile in found.profiles[0]]
 
 
 def _power(value: np.float64) -> np.float64:
-    """The power of two next below; 1 for what has none."""
     fine = 0.0 < value < np.inf
     return np.ldexp(1.0, np.frexp(value)[1] - 1) if fine else np.float64(1.0)
 
@@ -209,8 +210,6 @@ DEGREE = 9
 
 @dataclass(frozen=True, eq=False)
 class _Sampled:
-    """A motion through values (N,) or (N, k), one column per channel, at increasing times (N,), s."""
-
     times: Any
     values: Any
 
@@ -219,7 +218,6 @@ class _Sampled:
             object.__setattr__(self, name, array)
 
     def __call__(self, t: Any) -> Any:
-        """The position."""
         return self.derivatives(t, 0)[0]
 
     def derivatives(self, t: Any, order: int = 4) -> Any:
@@ -251,9 +249,10 @@ class Spline(_Sampled):
         super().__post_init__()
         largest = np.abs(self.values).max()
         if largest > HUGE:
-            found = f"expected a magnitude of at most {HUGE:g}, got {largest:g}"
             raise InvalidInput(
-                "The values of a spline are out of all proportion.", found, "values in SI units"
+                "The values of a spline are out of all proportion.",
+                f"expected a magnitude of at most {HUGE:g}, got {largest:g}",
+                "values in SI units",
             )
 
     @property
@@ -341,9 +340,11 @@ class Waypoints(_Sampled):
         if self.profile in ("spline", "through"):
             return
         if len(self.times) > MOST_STOPS:
-            found = f"expected at most {MOST_STOPS}, got {len(self.times)}"
-            advice = "profile='spline', which passes through them"
-            raise InvalidInput("A motion stops at too many waypoints.", found, advice)
+            raise InvalidInput(
+                "A motion stops at too many waypoints.",
+                f"expected at most {MOST_STOPS}, got {len(self.times)}",
+                "profile='spline', which passes through them",
+            )
         shortest = float(np.diff(self.times).min(initial=np.inf))
         if self.profile == "jerk-limited" and not 0.0 <= self.smoothing < shortest:
             expected = f"expected 0 s to less than the shortest way of {shortest:.4g} s"
@@ -401,7 +402,6 @@ class Waypoints(_Sampled):
 
     @cached_property
     def _parts(self) -> list[Quintic | JerkLimited]:
-        """For each way between two waypoints, the part of it that is done: from 0 to 1."""
         parts: list[Quintic | JerkLimited] = []
         for begin, length in zip(self.times[:-1].tolist(), np.diff(self.times).tolist()):
             if self.profile == "quintic":

@@ -65,8 +65,11 @@ def checked_order(order: Any, what: str, highest: int | None = None, why: str = 
             "The order of a derivative is a number.", f"expected >= 0, got {value_text(order)}", "4"
         )
     if highest is not None and order > highest:
-        found = f"expected an order of at most {highest}, got {order}"
-        raise InvalidInput(f"A {what} has no derivative of order {order}: {why}.", found, advice)
+        raise InvalidInput(
+            f"A {what} has no derivative of order {order}: {why}.",
+            f"expected an order of at most {highest}, got {order}",
+            advice,
+        )
     return int(order)
 
 
@@ -92,8 +95,11 @@ def checked_samples(times: Any, values: Any, smooth: bool = False) -> tuple[np.n
 
 def _check_shortest(what: str, seconds: float) -> None:
     if seconds < SHORTEST:
-        found = f"expected at least {SHORTEST:g} s between them, got {seconds:g} s"
-        raise InvalidInput(f"Two {what} are too near to each other in time.", found, "times in seconds")
+        raise InvalidInput(
+            f"Two {what} are too near to each other in time.",
+            f"expected at least {SHORTEST:g} s between them, got {seconds:g} s",
+            "times in seconds",
+        )
 
 
 def _stacked(*rows: Any) -> Any:
@@ -109,9 +115,11 @@ class _Finite:
     def __post_init__(self) -> None:
         for key, value in vars(self).items():
             if not np.isfinite(real_number(value)):
-                advice = "one number; for several channels a mapping of names to signals"
-                what = f"{type(self).__name__} needs finite numbers."
-                raise InvalidInput(what, f"got {key}={value_text(value)}", advice)
+                raise InvalidInput(
+                    f"{type(self).__name__} needs finite numbers.",
+                    f"got {key}={value_text(value)}",
+                    "one number; for several channels a mapping of names to signals",
+                )
 
     @property
     def name(self) -> str:
@@ -215,8 +223,7 @@ class Quintic(_Finite):
             for c in reversed(polynomial):
                 value = value * s + c
             value = (self.goal - self.start) / self.duration**k * value
-            inside = where(t < self.at + self.duration, value, 0.0)
-            rows.append(where(t >= self.at, inside, 0.0))
+            rows.append(where(t >= self.at, where(t < self.at + self.duration, value, 0.0), 0.0))
         return _stacked(self(t), *rows)
 
 
@@ -308,11 +315,11 @@ class Moving:
             motion = motion_of(self.signals, times, 4, self.names)
             parts = tuple(np.asarray(part, dtype=float) for part in self.inverse(*motion))
             if len(parts) != 2 or any(part.ndim != 2 or len(part) != len(times) for part in parts):
-                found = (
-                    f"expected two arrays of {len(times)} rows, got shapes {[part.shape for part in parts]}"
+                raise InvalidInput(
+                    "The inverse does not give a state and an input for each time.",
+                    f"expected two arrays of {len(times)} rows, got shapes {[part.shape for part in parts]}",
+                    "robot.inverse_dynamics",
                 )
-                what = "The inverse does not give a state and an input for each time."
-                raise InvalidInput(what, found, "robot.inverse_dynamics")
             kept = times, *parts
             object.__setattr__(self, "_last", kept)
         _, x, u = kept

@@ -14,20 +14,21 @@ import numpy as np
 from flexhinf.errors import InvalidInput, NumericalFailure
 from flexhinf.loop.controller.controller import Controller
 from flexhinf.loop.signals.references import signal_name
-from flexhinf.loop.signals.sampling import by_name, checked_deviation, sample_noise, sample_signal
-from flexhinf.loop.simulation.compiled_runs import (
-    LoopCode,
-    PreparedRun,
+from flexhinf.loop.simulation.ensemble import Ensemble, PreparedRun, signal_place, tracked_place
+from flexhinf.loop.simulation.inputs import (
+    by_name,
     check_ranges,
     check_turns,
+    checked_deviation,
     operating_state,
     sample_count,
+    sample_noise,
+    sample_signal,
     start_text,
     starting_state,
 )
-from flexhinf.loop.simulation.ensemble import Ensemble, signal_place, tracked_place
 from flexhinf.loop.simulation.metrics import Command, Reduction, common_reductions, tracking_reductions
-from flexhinf.loop.simulation.program import CONTROL_FAILED, PLANT_FAILED, Channel
+from flexhinf.loop.simulation.program import CONTROL_FAILED, PLANT_FAILED, Channel, LoopCode
 from flexhinf.loop.simulation.trajectory import Trajectory
 from flexhinf.notebook import Summarised, names_text
 from flexhinf.plant import BlackBox, Plant, python_control, rk4_step, sub_steps
@@ -95,14 +96,18 @@ class Loop(Summarised):
     ) -> None:
         self.true_plant, self.controller, self._given_sub_steps = true_plant, controller, sub_steps
         if not isinstance(controller, Controller):
-            found = f"expected a Controller, got {type(controller).__name__}"
             raise InvalidInput(
-                "The loop needs a controller.", found, "Controller(solution, estimator, period)"
+                "The loop needs a controller.",
+                f"expected a Controller, got {type(controller).__name__}",
+                "Controller(solution, estimator, period)",
             )
         given = sub_steps if sub_steps is not None else 1
         if isinstance(given, bool) or not isinstance(given, int) or given < 1:
-            found = f"expected an integer >= 1, got {value_text(sub_steps)}"
-            raise InvalidInput("The number of sub-steps is not usable.", found, "4")
+            raise InvalidInput(
+                "The number of sub-steps is not usable.",
+                f"expected an integer >= 1, got {value_text(sub_steps)}",
+                "4",
+            )
         self.channel = Channel.of(quantisation, delay, controller.period, controller.measured)
         if isinstance(true_plant, BlackBox):
             return
@@ -120,12 +125,18 @@ class Loop(Summarised):
             fits = needed == outputs
         if not fits:
             what, found = "what the controller needs", f"expected {list(needed)}, got {list(outputs)}"
-            advice = "the same `measured=` for the true plant and for the estimator's"
-            raise InvalidInput(f"The true plant does not give {what}.", found, advice)
+            raise InvalidInput(
+                f"The true plant does not give {what}.",
+                found,
+                "the same `measured=` for the true plant and for the estimator's",
+            )
         wanted, inputs = tuple(controller.law.input_names), tuple(true_plant.inputs)
         if inputs != wanted:
-            found = f"expected {list(wanted)}, got {list(inputs)}"
-            raise InvalidInput("The true plant has other inputs than the law.", found, "the same actuators")
+            raise InvalidInput(
+                "The true plant has other inputs than the law.",
+                f"expected {list(wanted)}, got {list(inputs)}",
+                "the same actuators",
+            )
 
     def to_control(self) -> Any:
         """The sampled closed loop as a system of python-control (``nlsys`` with ``dt``): commands ``r_…`` and
@@ -217,7 +228,7 @@ class Loop(Summarised):
     def code(self) -> LoopCode:
         """What of a run on a `Plant` is compiled: the same for all parameters of plant and law."""
         assert isinstance(self.true_plant, Plant)
-        return LoopCode.of(self.true_plant, self.controller, self.channel, self.sub_steps)
+        return LoopCode(self.true_plant, self.controller, self.channel, self.sub_steps)
 
     def with_plant(self, plant: Plant | BlackBox) -> Loop:
         """The same controller, channel and sub-steps round another true plant."""
@@ -282,7 +293,7 @@ class Loop(Summarised):
             "initial_state": initial_state, "initial_input": initial_input, "multi_turn": multi_turn,
         }  # fmt: skip
         if isinstance(self.true_plant, Plant):
-            return self.prepared(**settings).alone()
+            return self.prepared(**settings).run()[0]
         return self.run_paced(AT_ONCE, **settings)
 
     def run_paced(
@@ -294,9 +305,11 @@ class Loop(Summarised):
         stepped instead of the controller, as it is. A run that `pacing` ends stops before that sample."""
         box, controller, channel = self.true_plant, self.controller, self.channel
         if not isinstance(box, BlackBox):
-            found = f"expected a flexhinf.plant.BlackBox, got {type(box).__name__}"
-            what = "A run that is paced needs a plant that integrates itself."
-            raise InvalidInput(what, found, "flexhinf.robot.MuJoCoPlant(robot, ...)")
+            raise InvalidInput(
+                "A run that is paced needs a plant that integrates itself.",
+                f"expected a flexhinf.plant.BlackBox, got {type(box).__name__}",
+                "flexhinf.robot.MuJoCoPlant(robot, ...)",
+            )
         times, commands, settings = self._commanded(reference, disturbance, noise, duration, multi_turn)
         settings |= {"seed": seed, "sub_steps": 1}
         drawn = sample_noise(noise, seed, len(times), controller.measured)
@@ -395,8 +408,9 @@ class Loop(Summarised):
         """
         plant, controller = self.true_plant, self.controller
         if not isinstance(plant, Plant):
-            advice = "Loop.run, one plant after the other"
-            raise InvalidInput("A black box cannot run in lanes.", "expected a Plant", advice)
+            raise InvalidInput(
+                "A black box cannot run in lanes.", "expected a Plant", "Loop.run, one plant after the other"
+            )
         _, commands, settings = self._commanded(reference, disturbance, noise, duration, multi_turn)
         command = Command.of(commands, controller.period)
         start = {
@@ -417,8 +431,11 @@ class Loop(Summarised):
         ]
         samples = np.asarray(instants, dtype=int).reshape(-1)
         if np.any((samples < 0) | (samples >= command.samples)):
-            found = f"expected samples 0 to {command.samples - 1}, got {value_text(instants)}"
-            raise InvalidInput("An instant is outside of the run.", found, "numbers of samples, not times")
+            raise InvalidInput(
+                "An instant is outside of the run.",
+                f"expected samples 0 to {command.samples - 1}, got {value_text(instants)}",
+                "numbers of samples, not times",
+            )
         return Ensemble(
             plant, controller, self.channel, command, start, shared,
             None if disturbance is None else by_name(disturbance, plant), tracking,
@@ -437,8 +454,7 @@ class Loop(Summarised):
         if reference is None:
             given = controller.operating_reference
         elif isinstance(reference, Mapping):
-            held = dict(zip(names, controller.operating_reference.tolist()))
-            given = {**held, **by_name(reference, plant)}
+            given = {**dict(zip(names, controller.operating_reference.tolist())), **by_name(reference, plant)}
         commands = sample_signal(given, times, names, "reference")
         models = [plant] if controller.estimator is None else [plant, controller.estimator.plant]
         limits = next((model.limits for model in models if model.limits), {})

@@ -9,11 +9,11 @@ that of a single run, and their signals are reduced afterwards, to the same bits
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import Any
+from functools import cached_property, lru_cache
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -22,30 +22,25 @@ from flexhinf.codegen.noise import seed_key
 from flexhinf.errors import InvalidInput
 from flexhinf.loop.controller.controller import Controller
 from flexhinf.loop.shared import share
-from flexhinf.loop.signals.sampling import (
+from flexhinf.loop.simulation.inputs import (
+    check_seed,
+    operating_state,
     sample_disturbance,
     sample_noise,
-)
-from flexhinf.loop.simulation.compiled_runs import (
-    LoopCode,
-    PreparedRun,
-    capacity,
-    checked_parameters,
-    checked_rows,
-    checked_seeds,
-    operating_state,
     start_text,
-    zeros,
 )
-from flexhinf.loop.simulation.metrics import (
-    Command,
-    EnsembleResult,
-    Place,
-    Reduction,
+from flexhinf.loop.simulation.metrics import Command, EnsembleResult, Place, Reduction
+from flexhinf.loop.simulation.program import (
+    Channel,
+    EnsembleOptions,
+    LoopCode,
+    capacity,
+    loop_program,
+    reduction_program,
 )
-from flexhinf.loop.simulation.program import Channel, EnsembleOptions, loop_program, reduction_program
 from flexhinf.loop.simulation.trajectory import Trajectory
 from flexhinf.plant import Plant, fastest_modes, sub_steps
+from flexhinf.validation import checked_array, real_array, value_text
 
 #: Runs side by side in one kernel. Eight numbers are one register of AVX-512 and two of AVX2.
 LANES = 8
@@ -79,8 +74,68 @@ class EnsemblePlants:
         return EnsemblePlants(self.truth[rows], self.parts[rows], self.seeds[rows], own)
 
 
+#: Signal and its size in `LoopSizes`, by the buffer that it is recorded in.
+RECORDED = {
+    "states": ("state", "x"), "estimates": ("estimate", "estimate"), "outputs": ("output", "y"),
+    "inputs": ("input", "u"),
+}  # fmt: skip
+
+
 @dataclass(frozen=True, eq=False)
-class Recorded:
+class PreparedRun:
+    """A run before it is made.
+
+    `times` (N,) are in s; `arrays` are what the kernel is given, by buffer (those that the loop does not have are left
+    out), `recorded` signals that are known before the run, `parts` Runge–Kutta steps per period, `settings` for the
+    trajectory.
+    """
+
+    code: LoopCode
+    times: np.ndarray
+    arrays: dict[str, np.ndarray]
+    recorded: dict[str, np.ndarray]
+    parts: int
+    settings: dict[str, Any]
+
+    def buffers(self) -> tuple[dict[str, np.ndarray], dict[str, int]]:
+        """Arrays of the kernel by buffer, of which those that it writes are new, and the turns of its loops."""
+        code, own, samples = self.code, self.arrays, len(self.times)
+        late = code.channel.delay * code.sizes.u
+        arrays = {
+            buffer.name: own[buffer.name].copy() if buffer.role == "state" else own[buffer.name]
+            for buffer in code.program.buffers
+            if buffer.name in own
+        }
+        arrays |= {
+            name: np.zeros(samples * getattr(code.sizes, size)) for name, (_, size) in RECORDED.items()
+        }
+        # Before the inputs stand those that wait.
+        arrays["inputs"] = np.concatenate([np.tile(own["held"], code.channel.delay), arrays["inputs"]])
+        return arrays, {"steps": samples, "parts": self.parts, "late": late}
+
+    def run(self, kernel: Any = None) -> tuple[Trajectory, int, int]:
+        """Make this run, on the loop's kernel or one that does the same: its trajectory, up to its end, and the code
+        and the last sample of its `Status`."""
+        code, samples, signals = self.code, len(self.times), {}
+        arrays, counts = self.buffers()
+        status = (code.kernel() if kernel is None else kernel).run(arrays, counts)
+        for name, (signal, size) in RECORDED.items():
+            begin = arrays[name].size - samples * getattr(code.sizes, size)
+            signals[signal] = arrays[name][begin:].reshape(samples, -1)
+        signals |= self.recorded
+        end = int(status.code), int(status.step)
+        return Trajectory.until(code.plant, code.controller, self.times, signals, self.settings, *end), *end
+
+
+@lru_cache(4)
+def zeros(size: int) -> np.ndarray:
+    """Zeros (size,), read-only: one array for all runs, since fresh memory for each takes as long as the run."""
+    values = np.zeros(size)
+    values.setflags(write=False)
+    return values
+
+
+class Recorded(NamedTuple):
     """What N runs leave behind: code and last sample of their `Status` (N,), what the reductions remember (k, N), and
     signals at some samples (N, T, j), NaN after the last one of a run that failed."""
 
@@ -184,8 +239,10 @@ class Ensemble:
         disturbances = self._disturbances(plants)
         if self._few(plants):
             with ThreadPoolExecutor(THREADS) as pool:
-                alone = lambda k: self._prepared(plants, disturbances, k, self._settings(plants, k)).alone()  # noqa: E731
-                yield from pool.map(alone, range(len(plants)))
+                yield from pool.map(
+                    lambda k: self._prepared(plants, disturbances, k, self._settings(plants, k)).run()[0],
+                    range(len(plants)),
+                )
             return
         names = _signal_names(self.plant, self.controller)
         kept = tuple((kind, k) for kind, some in names.items() for k in range(len(some)))
@@ -218,11 +275,9 @@ class Ensemble:
 
     # Execution modes --------------------------------------------------------------------------------
     def _few(self, plants: EnsemblePlants) -> bool:
-        """Whether they are not worth a kernel of their own."""
         return len(plants) < LANES or len(plants) * self.command.samples < WORTH
 
     def _room(self, count: int) -> Recorded:
-        """For so many runs."""
         codes, steps = (np.zeros(count, dtype=int) for _ in range(2))
         kept = np.zeros((count, len(self.instants), len(self.kept)))
         return Recorded(codes, steps, np.zeros((len(self.remembered), count)), kept)
@@ -230,9 +285,7 @@ class Ensemble:
     def _in_lanes(
         self, plants: EnsemblePlants, lanes: int, threads: int, disturbances: Disturbances | None = None
     ) -> Recorded:
-        """Side by side, on a kernel that reduces."""
-        truth = np.column_stack([self.command.period / plants.parts, plants.truth])
-        own = {**plants.own, "truth": truth}
+        own = {**plants.own, "truth": np.column_stack([self.command.period / plants.parts, plants.truth])}
         if "deviation" in self.shared:
             own["key"] = np.array([(0, *seed_key(seed)) for seed in plants.seeds], float).reshape(-1, 3)
         found = self._room(len(plants))
@@ -296,9 +349,12 @@ class Ensemble:
     def _alone(self, plants: EnsemblePlants, threads: int) -> Recorded:
         """Each on the kernel of a single run, its signals reduced afterwards."""
         found, disturbances = self._room(len(plants)), self._disturbances(plants)
-        outcome = lambda k: self._prepared(plants, disturbances, k, dict(self.settings)).outcome()  # noqa: E731
         with ThreadPoolExecutor(threads) as pool:
-            for k, (run, code, last) in enumerate(pool.map(outcome, range(len(plants)))):
+            runs = pool.map(
+                lambda k: self._prepared(plants, disturbances, k, dict(self.settings)).run(),
+                range(len(plants)),
+            )
+            for k, (run, code, last) in enumerate(runs):
                 found.codes[k], found.steps[k] = code, last
                 if code == 0 and len(found.remembered):
                     remembered, step = self.remembered.copy(), np.zeros(1)
@@ -320,7 +376,7 @@ class Ensemble:
     ) -> PreparedRun:
         """The k-th run, alone, with what its trajectory names where somebody reads it."""
         parts, samples = int(plants.parts[k]), self.command.samples
-        code = LoopCode.of(self.plant, self.controller, self.channel, parts)
+        code = LoopCode(self.plant, self.controller, self.channel, parts)
         own = {**self.start, **{name: rows[k] for name, rows in plants.own.items()}}
         noise = sample_noise(self.shared.get("deviation"), plants.seeds[k], samples, self.controller.measured)
         acting = np.zeros((samples, code.sizes.d))
@@ -340,13 +396,32 @@ class Ensemble:
 
     # What the runs have -----------------------------------------------------------------------------
     def _plants(self, parameters: Any, seeds: Any, states: Any, loads: Any, inputs: Any) -> EnsemblePlants:
-        """From what a user gives to `run`, which see."""
-        plant, controller = self.plant, self.controller
-        truth = checked_parameters(plant, parameters)
+        plant, controller, table = self.plant, self.controller, self.plant.parameters
+        if isinstance(parameters, Sequence) and all(isinstance(row, Mapping) for row in parameters):
+            truth = table.vectors(parameters)
+        else:
+            truth = real_array(parameters)
+            if truth.ndim != 2 or truth.shape[1] != table.size or not np.all(np.isfinite(truth)):
+                raise InvalidInput(
+                    "The parameters do not fit the plant.",
+                    f"expected rows of {table.size} finite numbers for {list(table.names)}, "
+                    f"got {value_text(parameters)}",
+                    "plant.parameters.vectors([...]), or mappings by name",
+                )
         count = len(truth)
-        own = {"x": checked_rows("initial states", states, count, self.start["x"])}
+
+        def rows(what: str, given: Any, default: np.ndarray) -> np.ndarray:
+            shape = (count, len(default))
+            if given is None:
+                return np.broadcast_to(default, shape)
+            return checked_array(
+                f"The {what} do not fit the plants.", given, shape, f"finite numbers of shape {shape}",
+                "one row for each plant",
+            )  # fmt: skip
+
+        own = {"x": rows("initial states", states, self.start["x"])}
         if self.disturbance is not None:
-            own["load"] = checked_rows("loads", loads, count, np.ones(len(plant.disturbances)))
+            own["load"] = rows("loads", loads, np.ones(len(plant.disturbances)))
         elif loads is not None:
             raise InvalidInput(
                 "There is no disturbance that loads could be factors of.",
@@ -354,9 +429,9 @@ class Ensemble:
                 "a disturbance in Loop.ensemble",
             )
         if inputs is not None:
-            rows = checked_rows("initial inputs", inputs, count, self.start["held"])
-            memory = [controller.initial_memory(input=row) for row in rows]
-            own["held"] = np.array([controller.input_before(row) for row in rows]).reshape(rows.shape)
+            held = rows("initial inputs", inputs, self.start["held"])
+            memory = [controller.initial_memory(input=row) for row in held]
+            own["held"] = np.array([controller.input_before(row) for row in held]).reshape(held.shape)
             own["memory"] = np.array(memory).reshape(count, -1)
         if self.sub_steps is None:  # those of a `Loop` of each plant alone
             point = operating_state(plant.states, controller)
@@ -364,10 +439,18 @@ class Ensemble:
             parts = np.array([sub_steps(controller.period, mode) for mode in modes.tolist()], dtype=int)
         else:
             parts = np.full(count, self.sub_steps)
-        return EnsemblePlants(truth, parts, checked_seeds(seeds, count), own)
+        given = [seeds] * count if np.ndim(seeds) == 0 else list(seeds)
+        for seed in given[:1] if np.ndim(seeds) == 0 else given:
+            check_seed(seed)
+        if len(given) != count:
+            raise InvalidInput(
+                "The seeds do not fit the plants.",
+                f"expected {count} integers, got {len(given)}",
+                "one for each plant",
+            )
+        return EnsemblePlants(truth, parts, tuple(int(seed) for seed in given), own)
 
     def _disturbances(self, plants: EnsemblePlants) -> Disturbances:
-        """For each number of sub-steps see `sample_disturbance`; empty without a disturbance."""
         if self.disturbance is None:
             return {}
         given = self.disturbance, self.command.period, self.command.samples
@@ -401,30 +484,27 @@ class Ensemble:
 
     def kernel(self, sub_steps: int, lanes: int = LANES) -> Kernel:
         """All steps of so many runs; without a disturbance it serves any number of sub-steps."""
-        capacity = 1 if self.disturbance is None else sub_steps
-        code = LoopCode.of(self.plant, self.controller, self.channel, capacity)
+        room = 1 if self.disturbance is None else sub_steps
+        code = LoopCode(self.plant, self.controller, self.channel, room)
         options = EnsembleOptions(
             "deviation" in self.shared, self.disturbance is not None, self.channel.delay > 0, self.kept
         )
-
-        def build() -> Kernel:
-            model = (self.plant, self.controller, code.sizes, self.channel)
-            return compile_program(loop_program(*model, options, self.reductions), lanes)
-
         updates = tuple(one.code_key for one in self.reductions)
-        return share((*code.key, "ensemble", options, updates, lanes), build)
+        return share(
+            (*code.key, "ensemble", options, updates, lanes),
+            lambda: compile_program(loop_program(code, options, self.reductions), lanes),
+        )
 
     @cached_property
     def _reducer(self) -> Kernel:
-        """The reductions alone, of one run's signals."""
-        sizes = LoopCode.of(self.plant, self.controller, self.channel, 1).sizes
-        updates = tuple(one.code_key for one in self.reductions)
-        build = lambda: compile_program(reduction_program(sizes, self.reductions))  # noqa: E731
-        return share(("reductions", sizes, updates), build)
+        sizes = LoopCode(self.plant, self.controller, self.channel, 1).sizes
+        return share(
+            ("reductions", sizes, tuple(one.code_key for one in self.reductions)),
+            lambda: compile_program(reduction_program(sizes, self.reductions)),
+        )
 
 
 def _signal_names(plant: Plant, controller: Controller) -> dict[str, tuple[str, ...]]:
-    """What can be kept of a run, by the kinds of `Trajectory.signals`."""
     return {
         "state": tuple(plant.states), "output": tuple(controller.measured), "estimate": tuple(controller.states),
         "input": tuple(controller.law.input_names),

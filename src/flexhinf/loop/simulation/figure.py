@@ -54,7 +54,6 @@ def plot_run(run: Any) -> NotebookFigure:
 
 
 def _shown_unit(run: Any, name: str) -> tuple[float, str]:
-    """Factor and unit of a state in the figure: degrees for angles."""
     unit = dict(zip(run.names["estimate"], run.units["estimate"]))[name]
     return (180.0 / np.pi, "°") if unit == "rad" else (1.0, unit)
 

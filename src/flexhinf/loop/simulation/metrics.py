@@ -128,12 +128,17 @@ def load_metrics(
     """
     after = time >= start * (1.0 - ROUNDING)
     if not np.any(after):
-        found = f"expected start <= {time[-1]:g} s, got {start:g} s"
-        raise InvalidInput("The disturbance starts after the run.", found, "a longer run")
+        raise InvalidInput(
+            "The disturbance starts after the run.",
+            f"expected start <= {time[-1]:g} s, got {start:g} s",
+            "a longer run",
+        )
     if not (np.isfinite(step) and step != 0.0):
-        found = f"expected a step other than zero, of which 2 % are the band, got {value_text(step)}"
-        advice = "step=0.1 as a reference, stated beside the result"
-        raise InvalidInput("The recovery time needs the size of a step.", found, advice)
+        raise InvalidInput(
+            "The recovery time needs the size of a step.",
+            f"expected a step other than zero, of which 2 % are the band, got {value_text(step)}",
+            "step=0.1 as a reference, stated beside the result",
+        )
     deviation = position[after] - command
     return {
         "peak_deviation": float(np.abs(deviation).max()),
@@ -178,13 +183,10 @@ def tail_of(signal: np.ndarray, part: float = TAIL) -> np.ndarray:
 
 def _last_outside(time: np.ndarray, deviation: np.ndarray, height: float, start: float) -> float | None:
     """Time from `start` to the last deviation outside ±2 % of the height; None if that is the last of all."""
-    band = SETTLING_BAND * abs(height) * (1.0 + ROUNDING)
-    outside = np.flatnonzero(np.abs(deviation) > band)
+    outside = np.flatnonzero(np.abs(deviation) > SETTLING_BAND * abs(height) * (1.0 + ROUNDING))
     if len(outside) == 0:
         return 0.0
-    if outside[-1] == len(deviation) - 1:
-        return None
-    return float(time[outside[-1]] - start)
+    return None if outside[-1] == len(deviation) - 1 else float(time[outside[-1]] - start)
 
 
 @dataclass(frozen=True, eq=False)
@@ -331,8 +333,7 @@ class Place:
 def tracking_reductions(place: Place) -> tuple[Reduction, Reduction]:
     """The metrics of `Trajectory.metrics` that are about one tracked state; means of squares to their rounding."""
     step = Reduction(_STEP_START, partial(_step, place), partial(_step_metrics, place), ("step", place))
-    error = Reduction((0.0, 0.0), partial(_error, place), _error_metrics, ("error", place))
-    return step, error
+    return step, Reduction((0.0, 0.0), partial(_error, place), _error_metrics, ("error", place))
 
 
 def common_reductions(known: Sequence[tuple[int, int]]) -> tuple[Reduction, Reduction]:
@@ -349,10 +350,8 @@ _STEP_START = (0.0, -np.inf, np.inf, -1.0, 0.0, *(-1.0, 0.0, 0.0) * len(RISE))
 
 
 def _step(place: Place, kept: Any, now: Instant) -> Any:
-    """As `flexhinf.loop.step_metrics`, of a sample after the other."""
     position, channel = place.position(now), place.command
-    begun = where(now.change[channel] > 0.5, now.first[channel], position)
-    initial = where(now.step > 0.5, kept[0], begun)
+    initial = where(now.step > 0.5, kept[0], where(now.change[channel] > 0.5, now.first[channel], position))
     return _stepped(kept, now.step, position, (initial, now.last[channel], now.change[channel]))
 
 

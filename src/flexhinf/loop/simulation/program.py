@@ -3,17 +3,31 @@ and its controller: the grain of its sensors, and the delay of its inputs."""
 
 from __future__ import annotations
 
+from collections import namedtuple
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
-from flexhinf.codegen import Buffer, Call, Copy, Guard, Normal, Program, Repeat, Slice
+from flexhinf.codegen import (
+    Buffer,
+    Call,
+    Copy,
+    Guard,
+    Kernel,
+    Normal,
+    Program,
+    Repeat,
+    Slice,
+    compile_program,
+)
 from flexhinf.codegen.program import Step
 from flexhinf.errors import InvalidInput
 from flexhinf.loop.controller.controller import Controller
+from flexhinf.loop.shared import share
 from flexhinf.loop.simulation.metrics import Instant, Reduction, update_all
 from flexhinf.plant import Plant, rk4_step
 from flexhinf.scalars import drop_empty, trace
@@ -60,16 +74,18 @@ class Channel:
         late = real_number(delay)
         fits = steps.shape in ((0,), (), (len(measured),))
         if not fits or not np.all(np.isfinite(steps)) or np.any(steps < 0):
-            found = (
-                f"expected one step >= 0 or one for each of {list(measured)}, got {value_text(quantisation)}"
+            raise InvalidInput(
+                "The quantisation does not fit the measurements.",
+                f"expected one step >= 0 or one for each of {list(measured)}, got {value_text(quantisation)}",
+                "quantisation=2 * np.pi / 4096 for an encoder of 12 bits",
             )
-            advice = "quantisation=2 * np.pi / 4096 for an encoder of 12 bits"
-            raise InvalidInput("The quantisation does not fit the measurements.", found, advice)
         samples = late / period
         if not (np.isfinite(samples) and samples >= 0.0 and abs(samples - round(samples)) <= WHOLE):
-            found = f"expected a multiple of {period:g} s, got {value_text(delay)} s"
-            what = "The input delay is not a whole number of samples."
-            raise InvalidInput(what, found, f"delay={period:g} for one sample")
+            raise InvalidInput(
+                "The input delay is not a whole number of samples.",
+                f"expected a multiple of {period:g} s, got {value_text(delay)} s",
+                f"delay={period:g} for one sample",
+            )
         check_delay(samples, period)
         quanta = () if quantisation is None else tuple(np.broadcast_to(steps, (len(measured),)).tolist())
         return Channel(quanta if any(quanta) else (), round(samples))
@@ -89,24 +105,14 @@ class Channel:
 #: Nothing in between.
 DIRECT = Channel((), 0)
 
-
+#: How a run ends whose numbers are no longer finite: those of the controller, or of the true plant.
 CONTROL_FAILED, PLANT_FAILED = 1, 2
 
 
-@dataclass(frozen=True)
-class LoopSizes:
-    """Lengths of the buffers of a loop."""
-
-    x: int
-    u: int
-    y: int
-    r: int
-    d: int
-    memory: int
-    data: int
-    estimate: int
-    parameters: int
-    capacity: int
+#: Lengths of the buffers of a loop.
+LoopSizes = namedtuple(
+    "LoopSizes", ("x", "u", "y", "r", "d", "memory", "data", "estimate", "parameters", "capacity")
+)
 
 
 def rk4_function(plant: Plant) -> ca.Function:
@@ -161,13 +167,48 @@ class _Buffers(dict[str, Buffer]):
         return (Slice(name, size=size, strides=(size,)),) if size else ()
 
 
+def capacity(sub_steps: int) -> int:
+    """Sub-steps that the arrays of a disturbance have room for: a few more, so that few kernels serve many loops."""
+    return 1 << (sub_steps - 1).bit_length()
+
+
+@dataclass(frozen=True, eq=False)
+class LoopCode:
+    """What of a loop is compiled: no parameter of plant or law, no time and no signal is in it. Loops with the same key
+    share their kernels; plant, controller and channel are those of one of them."""
+
+    plant: Plant
+    controller: Controller
+    channel: Channel
+    sub_steps: int  # Runge–Kutta steps per period, for which there is room
+
+    @cached_property
+    def sizes(self) -> LoopSizes:
+        """Lengths of the buffers."""
+        plant, controller = self.plant, self.controller
+        return LoopSizes(
+            plant.n, len(plant.inputs), len(controller.measured), len(controller.commanded), len(plant.disturbances),
+            controller.memory.size, controller.data.size, len(controller.states), plant.parameters.size,
+            capacity(self.sub_steps),
+        )  # fmt: skip
+
+    @cached_property
+    def key(self) -> tuple[object, ...]:
+        """What distinguishes the code of two loops."""
+        return ("loop", self.plant.code_key, self.controller.code_key, self.sizes, self.channel.quanta)
+
+    @property
+    def program(self) -> Program:
+        """The whole run as it is compiled."""
+        return share((*self.key, "program"), lambda: loop_program(self))
+
+    def kernel(self) -> Kernel:
+        """The whole run."""
+        return share((*self.key, "run"), lambda: compile_program(self.program))
+
+
 def loop_program(
-    plant: Plant,
-    controller: Controller,
-    sizes: LoopSizes,
-    channel: Channel,
-    options: EnsembleOptions | None = None,
-    reductions: Sequence[Reduction] = (),
+    code: LoopCode, options: EnsembleOptions | None = None, reductions: Sequence[Reduction] = ()
 ) -> Program:
     """The program of a run; `steps` samples, `parts` sub-steps each, room for `capacity` of them.
 
@@ -178,6 +219,7 @@ def loop_program(
     The record of the inputs begins with those that act before the first of the run does, `late` elements of them: what
     acts at a sample is the row that was written a delay ago, so that any delay is data.
     """
+    plant, controller, sizes = code.plant, code.controller, code.sizes
     many, b = options is not None, _Buffers()
     delayed = options is None or options.delayed
     x, held = b.whole("x", sizes.x, "state"), b.whole("held", sizes.u, "state")
@@ -205,7 +247,7 @@ def loop_program(
         body.append(Normal(step[0], key[0], drawn[0]))
         deviation = b.whole("deviation", sizes.y, "in", many)
         body.append(Call(_product_function(sizes.y, 1), (*drawn, *deviation), noise))
-    measure = drop_empty(measure_function(plant, controller, channel))
+    measure = drop_empty(measure_function(plant, controller, code.channel))
     body += [Call(measure, (*x, *held, *noise, *truth), y), *control]
     if options is not None and options.kept:
         places = options.kept
@@ -262,7 +304,6 @@ def reduction_program(sizes: LoopSizes, reductions: Sequence[Reduction]) -> Prog
 
 
 def _remembered(reductions: Sequence[Reduction]) -> int:
-    """How many numbers they remember."""
     return sum(len(reduction.start) for reduction in reductions)
 
 

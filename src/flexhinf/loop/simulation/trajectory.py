@@ -140,8 +140,11 @@ class Trajectory(Summarised):
         """
         tracked = [each for each in self.names.get("reference", ()) if each not in self.names["input"]]
         if not self.judged:
-            expected = "expected a problem with integrate=(...)"
-            raise InvalidInput("Nothing is tracked in this run.", expected, "integrate a state")
+            raise InvalidInput(
+                "Nothing is tracked in this run.",
+                "expected a problem with integrate=(...)",
+                "integrate a state",
+            )
         if name is not None and name not in tracked:
             raise unknown_name(f"{name!r} is not tracked.", name, tracked)
         name = self.judged[0] if name is None else name
@@ -173,8 +176,11 @@ class Trajectory(Summarised):
         """
         suffix = checked_path("The run's file", path).suffix
         if suffix not in (".csv", ".nc"):
-            found = f"expected a name that ends with .csv or .nc, got {str(path)!r}"
-            raise InvalidInput("The format of the file is not known.", found, "run.csv, or run.nc for NetCDF")
+            raise InvalidInput(
+                "The format of the file is not known.",
+                f"expected a name that ends with .csv or .nc, got {str(path)!r}",
+                "run.csv, or run.nc for NetCDF",
+            )
         write_file(path, "run", self._write_csv if suffix == ".csv" else self._write_netcdf)
 
     def _write_csv(self, path: str) -> None:
@@ -188,7 +194,6 @@ class Trajectory(Summarised):
         np.savetxt(path, table, "%.17g", ",", header=",".join(labels), comments="", encoding="utf-8")
 
     def _write_netcdf(self, path: str) -> None:
-        """`data` without signals that have no columns."""
         empty = [f"{kind}_name" for kind, names in self.names.items() if not names]
         self.data.drop_dims(empty).to_netcdf(path, engine="scipy", format="NETCDF3_64BIT")
 

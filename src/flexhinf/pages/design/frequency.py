@@ -4,8 +4,7 @@ noise costs, and the corners of the tolerances."""
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -15,35 +14,19 @@ from flexhinf.design.result import FEW_PERIODS, NOISE_FRACTION, Design
 from flexhinf.pages.drawing import (
     DASHED,
     Blocks,
+    Line,
     Panel,
     changes_text,
     count_text,
-    figure_block,
-    frequency_axis,
+    draw_figure,
     in_joint,
+    joint_panel,
     line_style,
     note,
-    panels,
     range_text,
-    reference_line,
-    time_block,
     units_of,
 )
-from flexhinf.report import (
-    INK,
-    MUTED,
-    Column,
-    Figure,
-    Paragraph,
-    Table,
-    house_style,
-    label,
-    legend,
-    number,
-)
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
+from flexhinf.report import INK, MUTED, Column, Figure, Paragraph, Table, number
 
 #: Bandwidths of more joints than this are given as a range.
 FEW_JOINTS = 3
@@ -63,6 +46,9 @@ SHOWN_BAND = 0.97
 #: How far a Nyquist diagram reaches to the left: the neighbourhood of −1 is what matters.
 NYQUIST = 3.0
 
+#: The horizontal axis of a panel.
+FREQUENCY: dict[str, Any] = {"across": "frequency (Hz)", "log": True}
+
 RUNNING = "The linearised sampled loop at the goal, with estimator and delay as it runs."
 
 
@@ -77,16 +63,16 @@ def margins(design: Design) -> Blocks:
         "is that of one input while the others stay; the disk margin lets all change at once."
     )
     if m.stable:
-        text += f" The sensitivity peaks at {number(m.peak_sensitivity, 3)} ({_hertz(m.sensitivity_frequency)} Hz)"
-        if len(m.gain_margins) == 1:
-            text += f", so the open loop passes −1 at a distance of {number(1.0 / m.peak_sensitivity, 2)}"
-        text += "."
+        distance = f", so the open loop passes −1 at a distance of {number(1.0 / m.peak_sensitivity, 2)}"
+        text += (
+            f" The sensitivity peaks at {number(m.peak_sensitivity, 3)} ({_hertz(m.sensitivity_frequency)} Hz)"
+            f"{distance if len(m.gain_margins) == 1 else ''}."
+        )
         if s.estimator != "none" and own.stable:
-            text += f" With the true state fed back the peak would be {number(own.peak_sensitivity, 3)}"
+            raised = ": the estimator raises it (a larger `--torque-noise` makes it faster, and noisier)"
             text += (
-                "."
-                if m.peak_sensitivity <= own.peak_sensitivity
-                else ": the estimator raises it (a larger `--torque-noise` makes it faster, and noisier)."
+                f" With the true state fed back the peak would be {number(own.peak_sensitivity, 3)}"
+                f"{raised if m.peak_sensitivity > own.peak_sensitivity else ''}."
             )
     yield Paragraph(text)
     yield margin_table(e)
@@ -101,7 +87,6 @@ def margins(design: Design) -> Blocks:
 
 
 def _margin_notes(e: LawEvaluation) -> Blocks:
-    """Extras that the linear loop leaves out, an unstable loop, a small delay margin, noise at the motors."""
     m, period = e.margins, e.setup.specification.period
     if e.setup.left_out:
         names = " and ".join(e.setup.left_out).replace("_", " ")
@@ -134,17 +119,14 @@ def _margin_notes(e: LawEvaluation) -> Blocks:
 
 
 def _hertz(frequency: float) -> str:
-    """A frequency in rad/s as Hz."""
     return number(frequency / (2.0 * np.pi), 3)
 
 
 def margin_table(e: LawEvaluation) -> Table:
     """Margins of the running loop, and with the true state fed back where there is an estimator."""
-    alone = e.setup.specification.estimator == "none"
-    loops = [e.margins] if alone else [e.margins, e.state_margins]
-    period, joints = e.setup.specification.period, e.setup.joints
+    alone, period = e.setup.specification.estimator == "none", e.setup.specification.period
+    loops, joints = [e.margins] if alone else [e.margins, e.state_margins], e.setup.joints
     tracked = [name.removeprefix("link_position_") for name in e.margins.positions]
-    damped = in_joint(e.least_damped_joint, joints)
     of = f" ({', '.join(tracked)})" if 1 < len(tracked) <= FEW_JOINTS else ""
 
     def gains(m: Margins) -> str:
@@ -158,6 +140,9 @@ def margin_table(e: LawEvaluation) -> Table:
             return f"{range_text(m.bandwidth)} (slowest: {tracked[int(np.argmin(m.bandwidth))]})"
         return ", ".join(number(float(w), 3) for w in m.bandwidth)
 
+    def damping(m: Margins) -> str:
+        return f"{number(m.damping, 3)}{in_joint(e.least_damped_joint, joints) if m is e.margins else ''}"
+
     values: dict[str, Callable[[Margins], str]] = {
         "delay margin, ms": lambda m: number(1e3 * m.delay_margin_s, 3),
         "delay margin, periods": lambda m: number(m.delay_margin_s / period, 3),
@@ -168,56 +153,55 @@ def margin_table(e: LawEvaluation) -> Table:
         "peak sensitivity": lambda m: number(m.peak_sensitivity, 3),
         "peak sensitivity at, Hz": lambda m: _hertz(m.sensitivity_frequency),
         "peak complementary": lambda m: number(m.peak_complementary, 3),
-        "smallest damping ratio": lambda m: number(m.damping, 3) + (damped if m is e.margins else ""),
+        "smallest damping ratio": damping,
         "smallest damping at, Hz": lambda m: _hertz(m.damping_frequency),
         f"bandwidth{of}, rad/s": bandwidths,
     }
-    rows = [(what, *(value(m) if m.stable else "unstable" for m in loops)) for what, value in values.items()]
     heads = [Column("running loop", brief="true state" if alone else "", right=True)]
     heads += [] if alone else [Column("true state fed back", brief="true state", right=True)]
     return Table(
-        ("linearised at the goal", *heads), rows, "Margins, the loop broken at the inputs", "table-margins",
-        title="Margins, linearised at the goal",
+        ("linearised at the goal", *heads),
+        [(what, *(value(m) if m.stable else "unstable" for m in loops)) for what, value in values.items()],
+        "Margins, the loop broken at the inputs", "table-margins", title="Margins, linearised at the goal",
     )  # fmt: skip
 
 
 def _noise_table(e: LawEvaluation, together: np.ndarray) -> Table:
-    noise, gains, plant, units = e.setup.noise, e.margins.noise_to_input, e.setup.model, units_of(e)
-    assert noise is not None
-    several, rows = len(e.setup.joints) > 1, []
-    for k, (name, sigma) in enumerate(zip(plant.outputs, noise)):
-        worst, unit = int(np.argmax(gains[:, k])), plant.unit(name)
-        gain = float(gains[worst, k])
-        texts = f"{number(float(sigma), 3)} {unit}", f"{number(gain)} {units.effort}/{unit}"
-        joint = [e.setup.joints[worst]] if several else []
-        rows.append((name.replace("_", " "), *texts, float(gain * sigma), *joint))
-    columns = (
-        "sensor", "its noise (rms)", "gain to the input (rms)", Column("at the motor (rms)", units.effort),
-        *(["motor"] if several else []),
-    )  # fmt: skip
-    caption = (
+    gains, plant, effort, joints = e.margins.noise_to_input, e.setup.model, units_of(e).effort, e.setup.joints
+    assert e.setup.noise is not None
+    several, rows = len(joints) > 1, []
+    for name, sigma, column in zip(plant.outputs, e.setup.noise, gains.T):
+        gain, unit, worst = float(column.max()), plant.unit(name), joints[int(np.argmax(column))]
+        texts = f"{number(float(sigma), 3)} {unit}", f"{number(gain)} {effort}/{unit}"
+        rows.append((name.replace("_", " "), *texts, float(gain * sigma), *([worst] if several else [])))
+    return Table(
+        (
+            "sensor", "its noise (rms)", "gain to the input (rms)", Column("at the motor (rms)", effort),
+            *(["motor"] if several else []),
+        ),
+        rows,
         "Noise of each sensor at the motor that it moves most; all sensors together: "
-        f"{range_text(together, 2)} {units.effort} rms"
-    )
-    return Table(columns, rows, caption, "table-noise")
+        f"{range_text(together, 2)} {effort} rms",
+        "table-noise",
+    )  # fmt: skip
 
 
 def _estimation_figure(e: LawEvaluation) -> Figure:
-    run, n, units = e.step.run, len(e.setup.joints), units_of(e)
+    run, joints, units = e.step.run, e.setup.joints, units_of(e)
     truth, estimate = (e.setup.robot.layout.whole(run.signals[name].T) for name in ("state", "estimate"))
-    error = units.scale * (truth - estimate).T
     names = ("link position", "link velocity", "motor position", "motor velocity")
-    signals = [
-        Panel(name, units.rate if k % 2 else units.angle, error[:, k * n : (k + 1) * n])
-        for k, name in enumerate(names)
-    ]
-    caption, joints = "True minus estimated state of every joint in the step.", e.setup.joints
-    return time_block("estimate", run.time, joints, signals, caption, "Estimation error", 7.4, linewidth=0.9)
+    return draw_figure(
+        "estimate",
+        [
+            joint_panel(name, units.rate if k % 2 else units.angle, run.time, joints, error.T, linewidth=0.9)
+            for k, (name, error) in enumerate(zip(names, np.split(units.scale * (truth - estimate), 4)))
+        ],
+        "True minus estimated state of every joint in the step.", "Estimation error", 7.4,
+    )  # fmt: skip
 
 
 # Frequency responses ------------------------------------------------------------------------------------
-@dataclass(frozen=True)
-class Loop:
+class Loop(NamedTuple):
     """A loop in these figures: its name in the legend, and the number of its line's style."""
 
     name: str
@@ -233,75 +217,73 @@ def frequency_figures(loops: Sequence[Loop], joints: Sequence[str], load: str, p
     return [_bode(loops, joints, load, position), _sensitivity(loops), _nyquist(loops, joints)]
 
 
-@house_style()
 def _bode(loops: Sequence[Loop], joints: Sequence[str], load: str, position: str) -> Figure:
-    (figure, (command, phase, torque)), lines = _stacked(3, 8.4), _lines(loops, joints)
+    lines, command, phase, torque = _lines(loops, joints), [], [], []
     for name, style, response, joint in lines:
         below = response.frequencies <= SHOWN_BAND * np.pi / response.period
         hertz = response.frequencies[below] / (2.0 * np.pi)
         followed = response.command[below, joint, joint]
-        command.plot(hertz, _decibel(followed), label=name, **style)
-        phase.plot(hertz, np.degrees(np.unwrap(np.angle(followed))), **style)
-        torque.plot(hertz, _decibel(_moved(response, joint)[below]), **style)
-    reference_line(command)
-    reference_line(command, 20.0 * np.log10(np.sqrt(0.5)))
-    for axis in (command, torque):
-        _bounded(axis)
-    label(command, "command → link", "dB")
-    label(phase, "phase", "°")
-    label(torque, f"torque → link\n(dB of {position}/({load}))", "")
-    if len(loops) > 1 or len(joints) > 1:
-        legend(command)
+        command.append(Line(hertz, _decibel(followed), name, style))
+        phase.append(Line(hertz, np.degrees(np.unwrap(np.angle(followed))), None, style))
+        torque.append(Line(hertz, _decibel(_moved(response, joint)[below]), None, style))
     which = "" if len(loops) == 1 or len(joints) == 1 else f" Joint: {joints[lines[0][3]]}."
-    return figure_block(
-        "bode", figure,
-        f"{RUNNING} Dotted: 0 dB, and −3 dB, where the bandwidth is read.{which}", "Bode diagram",
+    return draw_figure(
+        "bode",
+        (
+            Panel("command → link", "dB", command, (0.0, 20.0 * np.log10(np.sqrt(0.5))), depth=SHOWN_DB),
+            Panel("phase", "°", phase),
+            Panel(f"torque → link\n(dB of {position}/({load}))", "", torque, depth=SHOWN_DB, **FREQUENCY),
+        ),
+        f"{RUNNING} Dotted: 0 dB, and −3 dB, where the bandwidth is read.{which}", "Bode diagram", 8.4,
     )  # fmt: skip
 
 
-@house_style()
 def _sensitivity(loops: Sequence[Loop]) -> Figure:
-    figure, (axis,) = _stacked(1, 3.6)
     alone = len(loops) == 1
-    lines = [("sensitivity S" if alone else x.name, x.response, "sensitivity", x.style) for x in loops]
+    curves = [("sensitivity S" if alone else x.name, x.response, "sensitivity", x.style) for x in loops]
     if alone:
-        lines.append(("complementary sensitivity T", loops[0].response, "complementary", 1))
-    for name, response, which, style in lines:
+        curves.append(("complementary sensitivity T", loops[0].response, "complementary", 1))
+    lines = []
+    for name, response, which, style in curves:
         sizes = np.linalg.norm(getattr(response, which), ord=2, axis=(1, 2))
-        axis.plot(response.frequencies / (2.0 * np.pi), _decibel(sizes), label=name, **line_style(style))
-    reference_line(axis)
-    _bounded(axis)
-    label(axis, f"largest singular value{'' if alone else ' of S'}", "dB")
-    legend(axis)
-    second = "; T: an error of the model" if alone else ""
-    caption = f"{RUNNING} S: how much the loop amplifies a disturbance at the motors{second}. Dotted: 0 dB."
-    return figure_block("sensitivity", figure, caption, "Sensitivity")
+        lines.append(Line(response.frequencies / (2.0 * np.pi), _decibel(sizes), name, line_style(style)))
+    what, second = (
+        f"largest singular value{'' if alone else ' of S'}",
+        "; T: an error of the model" if alone else "",
+    )
+    panel = Panel(what, "dB", lines, (0.0,), depth=SHOWN_DB, **FREQUENCY)
+    return draw_figure(
+        "sensitivity", [panel],
+        f"{RUNNING} S: how much the loop amplifies a disturbance at the motors{second}. Dotted: 0 dB.",
+        "Sensitivity", 3.6,
+    )  # fmt: skip
 
 
-@house_style()
 def _nyquist(loops: Sequence[Loop], joints: Sequence[str]) -> Figure:
-    from matplotlib.patches import Circle
-
-    figure, ((axis,),) = panels(1, 1, 4.6)
-    closest, distances = "", []
+    lines, closest, distance = [], "", np.inf
     for place, (name, style, response, joint) in enumerate(_lines(loops, joints)):
         opened = response.input_loops[:, joint]
-        distances.append(float(np.nanmin(np.abs(1.0 + opened))))
-        axis.plot(np.real(opened), np.imag(opened), label=name, zorder=3.0 - 0.01 * place, **style)
+        distance = min(distance, float(np.nanmin(np.abs(1.0 + opened))))
+        lines.append(Line(np.real(opened), np.imag(opened), name, {**style, "zorder": 3.0 - 0.01 * place}))
     turn = np.linspace(0.0, 2.0 * np.pi, 200)
-    axis.plot(np.cos(turn), np.sin(turn), color=MUTED, linewidth=0.8, label="unit circle")
-    axis.plot([-1.0], [0.0], "+", color=INK, markersize=9.0, label="−1")
+    circle = np.array([np.cos(turn), np.sin(turn)])
+    mark = {"color": INK, "marker": "+", "markersize": 9.0, "linestyle": "none"}
+    lines.append(Line(*circle, "unit circle", {"color": MUTED, "linewidth": 0.8}))
+    lines.append(Line(np.array([-1.0]), np.array([0.0]), "−1", mark))
     if len(loops) == 1:
-        radius = min(distances)
-        circle = Circle((-1.0, 0.0), radius, fill=False, color=INK, linewidth=1.0, linestyle=(0, DASHED))
-        axis.add_patch(circle)
-        closest = f" The dashed circle about −1 has the smallest distance, {radius:.2f}."
-    axis.set(xlim=(-NYQUIST, 0.6 * NYQUIST), ylim=(-0.5 * NYQUIST, 0.5 * NYQUIST), aspect="equal")
-    axis.set(xlabel="real part", ylabel="imaginary part")
-    legend(axis)
+        dashed = {"color": INK, "linewidth": 1.0, "dashes": DASHED, "zorder": 1.0}
+        lines.append(Line(distance * circle[0] - 1.0, distance * circle[1], None, dashed))
+        closest = f" The dashed circle about −1 has the smallest distance, {distance:.2f}."
+    panel = Panel(
+        "imaginary part", "", lines, across="real part", x=(-NYQUIST, 0.6 * NYQUIST),
+        y=(-0.5 * NYQUIST, 0.5 * NYQUIST), also=lambda axes: axes.set_aspect("equal"),
+    )  # fmt: skip
     others = " The loops at the other inputs are closed." if len(joints) > 1 else ""
-    caption = f"{RUNNING} Opened at one input, positive frequencies, negative feedback.{others}{closest}"
-    return figure_block("nyquist", figure, caption, "Nyquist diagram")
+    return draw_figure(
+        "nyquist", [panel],
+        f"{RUNNING} Opened at one input, positive frequencies, negative feedback.{others}{closest}",
+        "Nyquist diagram", 4.6,
+    )  # fmt: skip
 
 
 def _lines(
@@ -322,23 +304,8 @@ def _moved(response: FrequencyResponse, joint: int) -> np.ndarray:
     return response.disturbance[:, joint, response.disturbances.index(name)]
 
 
-def _stacked(rows: int, height: float) -> tuple[Any, list[Axes]]:
-    figure, grid = panels(rows, 1, height, sharex=True)
-    axes = [row[0] for row in grid]
-    axes[-1].set_xlabel("frequency (Hz)")
-    figure.align_ylabels(axes)
-    frequency_axis(axes[-1])
-    return figure, axes
-
-
 def _decibel(values: np.ndarray) -> np.ndarray:
     return 20.0 * np.log10(np.maximum(np.abs(values), 1e-300))
-
-
-def _bounded(axis: Axes) -> None:
-    """No more than `SHOWN_DB` below the largest value: what is smaller says nothing."""
-    low, high = axis.get_ylim()
-    axis.set_ylim(max(low, high - SHOWN_DB), high)
 
 
 # Corners of the tolerances ------------------------------------------------------------------------------
@@ -425,13 +392,15 @@ def corner_table(e: LawEvaluation) -> Table:
     rows, forms = corner_rows(e), e.corners.forms
     title = f"Corners of the tolerances. {corners_text(e)}"
     if not forms:
-        columns = (
-            Column("loop", key="form"),
-            Column("unstable", key="unstable"),
-            Column("growth", "1/s", digits=3, key="rate"),
-        )
-        caption = "Unstable corners, and the growth rate of the worst; a negative rate decays"
-        return Table.of(columns, rows, caption, "table-corners", title=title)
+        return Table.of(
+            (
+                Column("loop", key="form"),
+                Column("unstable", key="unstable"),
+                Column("growth", "1/s", digits=3, key="rate"),
+            ),
+            rows, "Unstable corners, and the growth rate of the worst; a negative rate decays", "table-corners",
+            title=title,
+        )  # fmt: skip
     by, cells = {(row["form"], row["ratio"]): row for row in rows}, []
     for ratio in sorted({row["ratio"] for row in rows if row["ratio"] is not None}):
         texts = []

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.problem.modes import Mode
 from flexhinf.design.responses import Response
 from flexhinf.design.result import Design
@@ -17,37 +18,24 @@ from flexhinf.pages.design.step import spring_torques, stiffness_of
 from flexhinf.pages.drawing import (
     DOTTED,
     Blocks,
+    Line,
+    Panel,
     count_text,
-    figure_block,
+    draw_figure,
     finite,
     framed,
-    frequency_axis,
     in_joint,
     joint_table,
-    legend_above,
     note,
-    panels,
     range_text,
-    reference_line,
     rounded,
     thin,
     units_of,
-    vertical_line,
 )
-from flexhinf.report import (
-    MUTED,
-    SERIES,
-    Column,
-    Figure,
-    Listing,
-    Paragraph,
-    Table,
-    house_style,
-    label,
-    legend,
-    new_figure,
-    number,
-)
+from flexhinf.report import MUTED, SERIES, Column, Figure, Listing, Paragraph, Table, number
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 #: An estimation error at a vibration with less damping than this is hardly corrected by the sensors.
 HARDLY_SEEN = 0.01
@@ -76,42 +64,43 @@ ROUNDING = 1e-13
 PoleGroup = tuple[str, np.ndarray, dict[str, Any]]
 
 
-@house_style()
 def poles_figure(groups: Sequence[PoleGroup]) -> Figure:
     """The s-plane near the imaginary axis, and damping over frequency for all poles."""
-    figure, ((plane, damping),) = panels(1, 2, 3.6)
     groups = [group for group in groups if len(group[1])]
     poles = np.concatenate([each for _, each, _ in groups[:2]])  # without control, and with the law
     oscillating = np.abs(poles[np.abs(np.imag(poles)) > 0.0])
     size = ROOM * float(oscillating.max() if len(oscillating) else np.abs(poles).max(initial=1.0))
     dotted = {"color": MUTED, "linewidth": 0.8, "linestyle": DOTTED, "zorder": 0.5}
-    for ray in RAYS:
-        plane.plot([0.0, -ray * 2.0 * size], [0.0, np.sqrt(1.0 - ray**2) * 2.0 * size], **dotted)
-    low = -0.05
+    rays = [2.0 * size * np.array([[0.0, -ray], [0.0, np.sqrt(1.0 - ray**2)]]) for ray in RAYS]
+    plane, damping, low = [Line(*ray, None, dotted) for ray in rays], [], -0.05
     for name, each, marks in groups:
         style: dict[str, Any] = {"markersize": 6.0, "linestyle": "none", **marks}
         upper = each[np.imag(each) >= 0.0]
-        plane.plot(np.real(upper), np.imag(upper), **style)
-        hertz = np.abs(upper) / (2.0 * np.pi)
-        ratio = damping_ratio(upper[hertz > SLOWEST])
+        plane.append(Line(np.real(upper), np.imag(upper), None, style))
+        upper = upper[np.abs(upper) / (2.0 * np.pi) > SLOWEST]
+        ratio = damping_ratio(upper)
         low = min([low, *(value - 0.05 for value in ratio.tolist() if value > -1.0 + 1e-9)])
-        damping.plot(hertz[hertz > SLOWEST], ratio, label=name, **style)
+        damping.append(Line(np.abs(upper) / (2.0 * np.pi), ratio, name, style))
     right = min(size, float(np.real(poles).max(initial=0.0)))
-    plane.set(xlim=(-size, max(0.12 * size, 1.15 * right)), ylim=(-0.03 * size, size))
-    plane.set(xlabel="Re λ (1/s)", ylabel="Im λ (rad/s)")
-    vertical_line(plane, 0.0)
-    frequency_axis(damping)
-    damping.margins(x=0.06)
-    damping.axhspan(-2.0, 0.0, color=SERIES[1], alpha=0.08, linewidth=0)
-    damping.set(ylim=(max(low, -1.05), 1.08), xlabel="frequency |λ|/2π (Hz)", ylabel="damping ratio")
-    reference_line(damping)
-    legend_above(figure, damping, 2)
-    return figure_block(
-        "poles", figure,
+
+    def grows(axes: Axes) -> None:
+        axes.margins(x=0.06)
+        axes.axhspan(-2.0, 0.0, color=SERIES[1], alpha=0.08, linewidth=0)
+        axes.set_ylim(max(low, -1.05), 1.08)
+
+    return draw_figure(
+        "poles",
+        (
+            Panel(
+                "Im λ", "rad/s", plane, vertical=0.0, across="Re λ (1/s)", x=(-size, max(0.12 * size, 1.15 * right)),
+                y=(-0.03 * size, size),
+            ),
+            Panel("damping ratio", "", damping, (0.0,), across="frequency |λ|/2π (Hz)", log=True, also=grows),
+        ),
         "Left: poles λ in the s-plane, upper half, near the imaginary axis; dotted rays have damping ratio "
         f"{', '.join(f'{ray:g}' for ray in RAYS)}. Right: damping ratio −Re λ/|λ| over frequency of all poles but "
         "those at zero; 1 decays without oscillating, below zero (shaded) grows.",
-        "Poles",
+        "Poles", 3.6, columns=2,
     )  # fmt: skip
 
 
@@ -138,26 +127,7 @@ def poles(design: Design) -> Blocks:
                 f"{what} of {worst.damping:.2g}, less than required of the law: after unknown disturbances the loop "
                 "rings with it. Try a larger --torque-noise, or another sensor (--measured)."
             )
-
-    def eigenvalues(modes: Sequence[Mode]) -> np.ndarray:
-        return np.array([mode.eigenvalue for mode in modes], dtype=complex)
-
-    def figure() -> Figure:
-        looks = (
-            {"marker": "o", "color": MUTED, "markerfacecolor": "none"}, {"marker": "o", "color": SERIES[0]},
-            {"marker": "^", "color": SERIES[2]},
-        )  # fmt: skip
-        loops = zip(_modes(design).items(), looks)
-        groups = [(name, eigenvalues(modes), look) for (name, modes), look in loops]
-        if design.specification.estimator != "none":
-            running, look = design.evaluation.frequency_response.poles, {"marker": "x", "color": SERIES[1]}
-            groups.append(("running loop (sampled, estimator, delay)", running, look))
-        for loop, marker in zip(design.rigid.loops if design.rigid else (), ("1", "2")):
-            look = {"marker": marker, "color": SERIES[3]}
-            groups.append((f"rigid law, {loop.side} side", eigenvalues(loop.modes), look))
-        return poles_figure(groups)
-
-    yield figure
+    yield lambda: poles_figure(_pole_groups(design))
     yield mode_table(design)
     sentences = []
     for name, modes in list(_modes(design).items())[:2]:
@@ -168,10 +138,30 @@ def poles(design: Design) -> Blocks:
     yield Paragraph(f"{' '.join(sentences)} The law adds one mode for the integral of each joint's error.")
 
 
+def _pole_groups(design: Design) -> list[PoleGroup]:
+    looks: tuple[dict[str, Any], ...] = (
+        {"marker": "o", "color": MUTED, "markerfacecolor": "none"}, {"marker": "o", "color": SERIES[0]},
+        {"marker": "^", "color": SERIES[2]},
+    )  # fmt: skip
+    loops = [(*each, look) for each, look in zip(_modes(design).items(), looks)]
+    loops += [
+        (f"rigid law, {loop.side} side", loop.modes, {"marker": marker, "color": SERIES[3]})
+        for loop, marker in zip(design.rigid.loops if design.rigid else (), ("1", "2"))
+    ]
+    groups = [
+        (name, np.array([mode.eigenvalue for mode in modes], dtype=complex), look)
+        for name, modes, look in loops
+    ]
+    if design.specification.estimator != "none":
+        running, look = design.evaluation.frequency_response.poles, {"marker": "x", "color": SERIES[1]}
+        groups.insert(len(_modes(design)), ("running loop (sampled, estimator, delay)", running, look))
+    return groups
+
+
 def _modes(design: Design) -> Mapping[str, Sequence[Mode]]:
     error = design.evaluation.estimator_modes
-    found = {"without control": design.evaluation.open_modes, "law on the true state": design.law_modes}
-    return {**found, "estimation error": error} if error else found
+    modes = {"without control": design.evaluation.open_modes, "law on the true state": design.law_modes}
+    return {**modes, "estimation error": error} if error else modes
 
 
 def _listed(mode: Mode) -> bool:
@@ -181,28 +171,24 @@ def _listed(mode: Mode) -> bool:
 
 def mode_table(design: Design, brief: bool = False) -> Table:
     """Modes that oscillate or do not decay; `brief`: that oscillate, of many joints the vibrations alone."""
-    joints = len(design.robot.joint_names)
-    rows = [
-        {
-            "loop": name, "mode": mode.name, "joint": mode.joint, "frequency": mode.frequency, "damping": mode.damping,
-            "time": mode.time_constant,
-        }
-        for name, modes in _modes(design).items()
-        for mode in modes
-        if _listed(mode)
-        and not (brief and (not mode.eigenvalue.imag or (joints > MANY and not mode.vibration)))
-    ]  # fmt: skip
-    columns = (
-        Column("loop", key="loop"),
-        Column("mode", key="mode"),
-        *([Column("mainly", key="joint")] if joints > 1 else []),
-        Column("frequency", "Hz", digits=4, key="frequency", brief="Hz"),
-        Column("damping ratio", digits=4, key="damping", brief="damping"),
-        Column("time constant", "s", digits=4, key="time", brief=None),
-    )
-    caption = "Modes that oscillate or do not decay, linearised at the goal, continuous time"
-    title = f"γ* of the problem = {design.gamma_star:.5g}, γ = {design.gamma:.5g}\nOscillations at the goal"
-    return Table.of(columns, rows, caption, "table-modes", title=title)
+    several, many = (len(design.robot.joint_names) > few for few in (1, MANY))
+    return Table(
+        (
+            "loop", "mode", *(["mainly"] if several else []),
+            Column("frequency", "Hz", digits=4, brief="Hz"),
+            Column("damping ratio", digits=4, brief="damping"),
+            Column("time constant", "s", digits=4, brief=None),
+        ),
+        [
+            (name, mode.name, *([mode.joint] if several else []), mode.frequency, mode.damping, mode.time_constant)
+            for name, modes in _modes(design).items()
+            for mode in modes
+            if _listed(mode)
+            and not (brief and (not mode.eigenvalue.imag or (many and not mode.vibration)))
+        ],
+        "Modes that oscillate or do not decay, linearised at the goal, continuous time", "table-modes",
+        title=f"γ* of the problem = {design.gamma_star:.5g}, γ = {design.gamma:.5g}\nOscillations at the goal",
+    )  # fmt: skip
 
 
 def vibration_damping(modes: Sequence[Mode]) -> list[float]:
@@ -235,24 +221,32 @@ def law(design: Design) -> Blocks:
     n, units, x = len(design.goal), units_of(design.evaluation), problem.operating_point
     motors = design.robot.layout.whole(x)[2 * n : 3 * n]
     torques = finite(stiffness_of(problem.plant, design.robot, np.nan) * (motors - x[:n]))
-    inputs = problem.operating_input.tolist()
-    keys = ("joint", "link", "motor", "torque", "input")
-    values = zip(design.robot.joint_names, x[:n].tolist(), motors.tolist(), torques, inputs)
-    rows: list[dict[str, Any]] = [dict(zip(keys, row)) for row in values]
-    columns = (
-        Column("link position", units.angle, 4, key="link", scale=units.scale),
-        Column("motor position, seen from the link", units.angle, 4, key="motor", scale=units.scale),
-        Column("spring torque", units.spring, 3, key="torque"),
-        Column("input", units.effort, 3, key="input"),
+    values = (
+        design.robot.joint_names,
+        x[:n].tolist(),
+        motors.tolist(),
+        torques,
+        problem.operating_input.tolist(),
     )
-    yield joint_table(columns, rows, "Equilibrium at the goal", "table-rest")
+    yield joint_table(
+        (
+            Column("link position", units.angle, 4, key="link", scale=units.scale),
+            Column("motor position, seen from the link", units.angle, 4, key="motor", scale=units.scale),
+            Column("spring torque", units.spring, 3, key="torque"),
+            Column("input", units.effort, 3, key="input"),
+        ),
+        [dict(zip(("joint", "link", "motor", "torque", "input"), row)) for row in zip(*values)],
+        "Equilibrium at the goal", "table-rest",
+    )  # fmt: skip
     gains = np.where(np.abs(solution.gain) < ROUNDING * np.abs(solution.gain).max(), 0.0, solution.gain)
-    cells = [
-        (name.replace("_", " "), *(number(float(value)) for value in gains[:, i]))
-        for i, name in enumerate(problem.state_names)
-    ]
-    heads = ("state", *(name.replace("_", " ") for name in problem.input_names))
-    yield Table(heads, cells, "Linear part K of u − u* = K (x − x*)", "table-gain")
+    yield Table(
+        ("state", *(name.replace("_", " ") for name in problem.input_names)),
+        [
+            (name.replace("_", " "), *(number(float(value)) for value in column))
+            for name, column in zip(problem.state_names, gains.T)
+        ],
+        "Linear part K of u − u* = K (x − x*)", "table-gain",
+    )  # fmt: skip
     yield Listing(solution.report())
 
 
@@ -261,14 +255,14 @@ def rigid(design: Design) -> Blocks:
     """Text, table and figure; none if no rigid design was made."""
     if design.rigid is None:
         return
-    loops = design.rigid.loops
+    loops, estimator = design.rigid.loops, design.specification.estimator != "none"
     yield Paragraph(
         "The same weights, γ/γ* and degree on a model with infinitely stiff springs, and that law on the elastic "
         "robot, where it gets the true position and velocity of one side of the springs without noise, more than it "
         f"would have. Its γ is {number(design.rigid.gamma)}, of the rigid problem."
     )
-    fed = "estimator" if design.specification.estimator != "none" else "true state"
     ours = "stable" if all(mode.stable for mode in design.law_modes) else "unstable"
+    fed = "estimator" if estimator else "true state"
     laws: list[tuple[str, str, str, Sequence[Mode], Response]] = [
         ("this law", fed, ours, design.law_modes, design.evaluation.step)
     ]
@@ -277,18 +271,22 @@ def rigid(design: Design) -> Blocks:
         for loop in loops
     ]
     rows = []
-    for name, fed, text, modes, response in laws:
+    for *texts, modes, response in laws:
         stable, end = all(mode.stable for mode in modes), response.diverged_at
         worst = (response.overshoot, response.settling)
         metrics = (rounded(one.value, 6) if stable else None for one in worst)
         run = "to its end" if end is None else f"diverges at {number(end, 3)} s"
-        rows.append((name, fed, text, min(vibration_damping(modes), default=None), *metrics, run))
-    columns = (
-        "law", "fed from", "linearised, true state", Column("smallest damping ratio of a vibration"),
-        Column("largest overshoot", "%", 1), Column("settling time", "s", 3), "run",
+        rows.append((*texts, min(vibration_damping(modes), default=None), *metrics, run))
+    yield Table(
+        (
+            "law", "fed from", "linearised, true state", Column("smallest damping ratio of a vibration"),
+            Column("largest overshoot", "%", 1), Column("settling time", "s", 3), "run",
+        ),
+        rows, "", "table-rigid", stacks=True,
     )  # fmt: skip
-    yield Table(columns, rows, "", "table-rigid", stacks=True)
-    yield lambda: _rigid_figure(design, loops)
+    runs = [(f"this law{', with its estimator' if estimator else ''}", design.evaluation.step)]
+    runs += [(f"rigid law, fed from the {loop.side} side", loop.response) for loop in loops]
+    yield lambda: _rigid_figure(design.evaluation, runs)
 
 
 def loop_text(loop: RigidLoop) -> str:
@@ -304,43 +302,36 @@ def loop_text(loop: RigidLoop) -> str:
     return "stable" + (f", damping ratio of vibrations {range_text(damping, 2)}" if damping else "")
 
 
-def _rigid_figure(design: Design, loops: Sequence[RigidLoop]) -> Figure:
-    e, goal, late = design.evaluation, design.goal, np.zeros(len(design.goal))
-    units = units_of(e)
-    for loop in loops:
-        positions = loop.response.positions
-        error = np.abs(positions[len(positions) // 2 :] - goal)
+def _rigid_figure(e: LawEvaluation, runs: Sequence[tuple[str, Response]]) -> Figure:
+    units, goal, late = units_of(e), e.setup.goal, np.zeros(len(e.setup.goal))
+    for _, response in runs[1:]:
+        error = np.abs(response.positions[len(response.positions) // 2 :] - goal)
         late += np.nan_to_num(error, nan=1e9, posinf=1e9).max(axis=0)
     joint = int(np.argmax(late))
-    fed = "" if design.specification.estimator == "none" else ", with its estimator"
-    runs = [(f"this law{fed}", e.step)]
-    runs += [(f"rigid law, fed from the {loop.side} side", loop.response) for loop in loops]
-    figure, axes = new_figure(3, height=6.6)
-    for order, (text, response) in enumerate(runs):
-        few, line = (
-            thin(response.run.time),
-            {"color": SERIES[order], "linewidth": 1.4, "zorder": 3.0 - 0.1 * order},
+    step = units.scale * abs(e.setup.start[joint] - goal[joint]) or 1.0
+    signals: tuple[tuple[str, str, Callable[[Response], np.ndarray]], ...] = (
+        (
+            "link position − goal",
+            units.angle,
+            lambda run: units.scale * (run.positions[:, joint] - goal[joint]),
+        ),
+        ("spring torque", units.spring, lambda run: spring_torques(e, run)[:, joint]),
+        ("input", units.effort, lambda run: run.inputs[:, joint]),
+    )
+    panels = []
+    for k, (quantity, unit, signal) in enumerate(signals):
+        lines = []
+        for order, (name, response) in enumerate(runs):
+            few, style = thin(response.run.time), {"color": SERIES[order], "linewidth": 1.4}
+            style["zorder"] = 3.0 - 0.1 * order
+            lines.append(Line(response.run.time[few], signal(response)[few], name, style))
+        # where our law stays: a rigid law that diverges would hide it
+        y = framed(lines[0].y, 0.75) if k else (-SHOWN_STEPS * step, SHOWN_STEPS * step)
+        panels.append(
+            Panel(quantity, unit, lines, () if k else (0.0,), y=y, x=(0.0, float(e.step.run.time[-1])))
         )
-        signals = (
-            units.scale * (response.positions[few, joint] - goal[joint]),
-            spring_torques(e, response)[few, joint],
-            response.inputs[few, joint],
-        )
-        for k, (axis, signal) in enumerate(zip(axes, signals)):
-            axis.plot(response.run.time[few], signal, label=text, **line)
-            if k and not order:  # where our law stays: a rigid law that diverges would hide it
-                axis.set_ylim(*framed(signal, 0.75))
-    axes[0].set_xlim(0.0, float(e.step.run.time[-1]))
-    reference_line(axes[0])
-    step = units.scale * abs(design.start[joint] - goal[joint]) or 1.0
-    axes[0].set_ylim(-SHOWN_STEPS * step, SHOWN_STEPS * step)
-    names = (("link position − goal", units.angle), ("spring torque", units.spring), ("input", units.effort))
-    for axis, name in zip(axes, names):
-        label(axis, *name)
-    legend(axes[0])
     where = f", joint {e.setup.joints[joint]}, where it does worst" if len(goal) > 1 else ""
-    return figure_block(
-        "rigid", figure,
-        f"The same step with the rigid design{where}. Lines that leave the panels go on.",
-        "Rigid design",
+    return draw_figure(
+        "rigid", panels, f"The same step with the rigid design{where}. Lines that leave the panels go on.",
+        "Rigid design", 6.6,
     )  # fmt: skip

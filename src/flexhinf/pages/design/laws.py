@@ -3,29 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from flexhinf.design.laws import NL_HINF
 from flexhinf.design.result import ComparedLaw, Comparison
-from flexhinf.design.tuning import TradeOff
+from flexhinf.design.tuning import TunedLaw, pareto_front
 from flexhinf.pages.design.requirements import limit_text
 from flexhinf.pages.drawing import (
+    Line,
+    Panel,
     figure_block,
     framed,
     legend_above,
     line_style,
     panels,
     pose_text,
-    reference_line,
     thin,
     units_of,
 )
 from flexhinf.report import Cell, Column, Figure, Table, house_style, label, number
-from flexhinf.report.table import WIDTH
+from flexhinf.report.blocks import WIDTH
 
 #: Two figures are equally good within this relative difference, or the smallest difference that counts.
 SHARED = 0.005
@@ -101,17 +100,14 @@ GROUPS = {
 
 def _titles(comparison: Comparison) -> dict[str, str]:
     """Titles of the groups, with what was run."""
-    own, units = comparison.own.evaluation, comparison.units()
-    assert own is not None
-    runs, setup = own.scenario, own.setup
-    assert runs is not None
+    s, synthesis, runs = comparison.specification, comparison.synthesis, comparison.scenario
     loads = ", ".join(number(float(value), 3) for value in runs.load)
-    slides, degrees = setup.robot.links.slides, setup.specification.in_degrees
-    way = f"{pose_text(setup.start, slides, degrees)} → {pose_text(setup.goal, slides, degrees)}"
-    moved = "the same way" if setup.specification.move is None else "the stated waypoints"
+    slides = comparison.robot.links.slides
+    start, goal = (pose_text(pose, slides, s.in_degrees) for pose in (synthesis.start, synthesis.goal))
+    moved = "the same way" if s.move is None else "the stated waypoints"
     return {
-        STEP: f"Step {way} as the controller is deployed, the run of flexhinf design",
-        LOAD: f"Torque of {loads} {units['torque']} on the links, at the goal",
+        STEP: f"Step {start} → {goal} as the controller is deployed, the run of flexhinf design",
+        LOAD: f"Torque of {loads} {comparison.units()['torque']} on the links, at the goal",
         MOVE: f"Planned move of {number(float(runs.plan.duration), 3)} s over {moved}, with feedforward",
         SAMPLES: f"{len(runs.robots)} robots sampled within their tolerances: step and move",
         LINEAR: "Running loop, linearised at the goal, with its estimator and delay",
@@ -122,9 +118,9 @@ def _titles(comparison: Comparison) -> dict[str, str]:
 def unit_of(figure: LawFigure, comparison: Comparison) -> str:
     """The unit that is shown."""
     units, own = comparison.units(), comparison.own.evaluation
-    if own is not None and own.scenario is not None and figure.key == "drawn_unsettled":
-        return f"of {len(own.scenario.robots)}"
-    if own is not None and own.corners is not None and figure.key == "unstable_corners":
+    if figure.key == "drawn_unsettled":
+        return f"of {len(comparison.scenario.robots)}"
+    if figure.key == "unstable_corners" and own is not None and own.corners is not None:
         return f"of {own.corners.count}"
     known = {"input": units["input"], "small input": f"m{units['input']}", "length": units["error"]}
     return known.get(figure.unit, figure.unit)
@@ -135,17 +131,14 @@ def cell(figure: LawFigure, value: float | None, comparison: Comparison) -> str:
     if value is None:
         return "–"
     if np.isinf(value):
-        own = comparison.own.evaluation
-        if "settling" in figure.key and own is not None and own.scenario is not None:
-            return f"> {own.scenario.step_duration:g}"
+        if "settling" in figure.key:
+            return f"> {comparison.scenario.step_duration:g}"
         return "never" if figure.key == "load_recovery_s" else "∞" if figure.better > 0 else "diverges"
     if figure.unit in ("length", "ms", "small input"):
         value *= 1e3
     if figure.unit == "%":
         return number(value, decimals=1)
-    if figure.unit == "" and value == round(value):
-        return number(int(value))
-    if abs(value) >= 1e3:
+    if abs(value) >= 1e3 or (not figure.unit and value == round(value)):
         return number(round(value))
     if 0.0 < abs(value) < 1e-2:
         return number(value, 2)
@@ -155,13 +148,12 @@ def cell(figure: LawFigure, value: float | None, comparison: Comparison) -> str:
 
 def best_of(figure: LawFigure, values: Sequence[float | None]) -> tuple[bool, ...]:
     """Which values share the best; none where all are alike."""
-    known = [value for value in values if value is not None]
-    if not figure.better or len(known) < 2:
-        return tuple(False for _ in values)
-    top = min(known) if figure.better < 0 else max(known)
-    width = max(SHARED * abs(top), figure.least) if np.isfinite(top) else 0.0
-    best = tuple(value is not None and (value == top or abs(value - top) <= width) for value in values)
-    return tuple(False for _ in values) if sum(best) == len(known) else best
+    known, best = [value for value in values if value is not None], [False for _ in values]
+    if figure.better and len(known) > 1:
+        top = min(known) if figure.better < 0 else max(known)
+        width = max(SHARED * abs(top), figure.least) if np.isfinite(top) else 0.0
+        best = [value is not None and (value == top or abs(value - top) <= width) for value in values]
+    return tuple(one and sum(best) < len(known) for one in best)
 
 
 def metric_table(
@@ -171,9 +163,11 @@ def metric_table(
     `short` and `title` are for a terminal."""
     own = comparison.own.evaluation
     assert own is not None
-    rows: list[Any] = ["criterion" if short else "Criterion and limits"]
     costs = [law.tuned.cost if law.tuned else np.nan for law in laws]
-    rows.append(("criterion, design = 1", *(number(c, 3) if np.isfinite(c) else "diverges" for c in costs)))
+    rows: list[Any] = [
+        "criterion" if short else "Criterion and limits",
+        ("criterion, design = 1", *(number(c, 3) if np.isfinite(c) else "diverges" for c in costs)),
+    ]
     judged = [{(line.what, line.where): line for line in law.requirements} for law in laws]
     for key, first in {key: line for law in judged for key, line in law.items()}.items():
         lines = [law.get(key) for law in judged]
@@ -187,14 +181,19 @@ def metric_table(
             if set(values.values()) == {None}:
                 continue
             best = dict(zip(values, best_of(figure, list(values.values()))))
-            texts = {name: cell(figure, value, comparison) for name, value in values.items()}
-            cells = (Cell(texts[law.name], "best" if best[law.name] else "") for law in laws)
+            cells = (
+                Cell(cell(figure, values[law.name], comparison), "best" if best[law.name] else "")
+                for law in laws
+            )
             entries.append((", ".join(filter(None, (figure.label, unit_of(figure, comparison)))), *cells))
         rows += [heading, *entries] if entries else []
     names = (law.name.replace("-", "\u2011") for law in laws)  # no line breaks at such a hyphen
     heads = [Column(name, brief=law.name, right=True) for name, law in zip(names, laws)]
-    caption = "The same commands, load, move, robots and seeds for all. “best”: of its row, or as good"
-    return Table(("", *heads), rows, caption, "figures-of-merit", title=title)
+    return Table(
+        ("", *heads), rows,
+        "The same commands, load, move, robots and seeds for all. “best”: of its row, or as good",
+        "figures-of-merit", title=title,
+    )  # fmt: skip
 
 
 def comparison_tables(comparison: Comparison, width: int = WIDTH) -> list[Any]:
@@ -216,61 +215,40 @@ def comparison_tables(comparison: Comparison, width: int = WIDTH) -> list[Any]:
     return [*parts, table]
 
 
-@dataclass(frozen=True, eq=False)
-class ErrorPanel:
-    """Errors of every law over time, by name: times (N,) and errors (N, n), shown times `scale` within `span`."""
+#: Times (N,) and errors (N, n) of every law, by name.
+Errors = dict[str, tuple[np.ndarray, np.ndarray]]
 
-    run: str
-    quantity: str
-    unit: str
-    errors: dict[str, tuple[np.ndarray, np.ndarray]]
-    scale: float
-    span: tuple[float, float]
-    time: str = "time (s)"
 
-    @cached_property
-    def joint(self) -> int:
-        """Where the median law has the largest error, root mean square."""
-        squares = (np.where(np.isfinite(error), error, np.nan) ** 2 for _, error in self.errors.values())
-        return int(np.argmax(np.median([np.sqrt(np.nanmean(each, axis=0)) for each in squares], axis=0)))
-
-    @property
-    def limits(self) -> tuple[float, float]:
-        """Of the vertical axis: all of what most laws do."""
-        inside = []
-        for time, errors in self.errors.values():
-            error = self.scale * errors[:, self.joint]
-            visible = error[(time >= self.span[0]) & (time <= self.span[1]) & np.isfinite(error)]
-            inside.append((float(visible.min(initial=0.0)), float(visible.max(initial=0.0))))
-        low, high = np.array(inside).T
-        size = float(np.median(high - low))
-        return framed(np.clip([low.min(), high.max()], -SHOWN * size, SHOWN * size))
+def _joint_and_limits(errors: Errors, span: tuple[float, float]) -> tuple[int, tuple[float, float]]:
+    """Joint where the median law has the largest error, root mean square, and there the limits of the vertical axis:
+    all of what most laws do in a span of time."""
+    squares = (np.where(np.isfinite(error), error, np.nan) ** 2 for _, error in errors.values())
+    joint = int(np.argmax(np.median([np.sqrt(np.nanmean(each, axis=0)) for each in squares], axis=0)))
+    ends = []
+    for time, values in errors.values():
+        error = values[:, joint]
+        visible = error[(time >= span[0]) & (time <= span[1]) & np.isfinite(error)]
+        ends.append((float(visible.min(initial=0.0)), float(visible.max(initial=0.0))))
+    low, high = np.array(ends).T
+    size = float(np.median(high - low))
+    return joint, framed(np.clip([low.min(), high.max()], -SHOWN * size, SHOWN * size))
 
 
 @house_style()
 def responses_figure(comparison: Comparison) -> Figure:
     """Errors of one joint in step, load and move: one row for each kind of laws, nonlinear H∞ in all."""
-    own, units, joints = comparison.own.evaluation, comparison.units(), comparison.robot.joint_names
+    own, joints, thick = comparison.own.evaluation, comparison.robot.joint_names, comparison.tuned_design
     assert own is not None
-    assert own.scenario is not None
-    duration, angles, thick = own.scenario.step_duration, units_of(own), comparison.tuned_design
+    duration, angles, small = comparison.scenario.step_duration, units_of(own), comparison.units()["error"]
     settled = [row.metrics.get("step_settling_s") for row in comparison.compared]
     last = max((value for value in settled if value is not None and np.isfinite(value)), default=duration)
     end = min(duration, max(AFTER * last, 0.1 * duration))
-    steps, loaded, moves = {}, {}, {}
+    steps, loaded, moves = Errors(), Errors(), Errors()
     for name, e in ((row.name, row.evaluation) for row in comparison.compared if row.evaluation is not None):
         at, load = e.load_response.at, e.load_response.response
-        steps[name] = e.step.run.time, e.step.positions - e.step.goal
-        loaded[name] = load.run.time - at, load.positions - load.goal
-        moves[name] = e.move.response.run.time, e.move.error
-    small, last_of_move = units["error"], float(own.move.response.run.time[-1])
-    columns = (
-        ErrorPanel("step", "position − goal", angles.angle, steps, angles.scale, (0.0, end)),
-        ErrorPanel(
-            "load", "position − goal", small, loaded, 1e3, (-0.05 * end, end), "time after the load (s)"
-        ),
-        ErrorPanel("move", "position − plan", small, moves, 1e3, (0.0, last_of_move)),
-    )
+        steps[name] = e.step.run.time, angles.scale * (e.step.positions - e.step.goal)
+        loaded[name] = load.run.time - at, 1e3 * (load.positions - load.goal)
+        moves[name] = e.move.response.run.time, 1e3 * e.move.error
     groups: dict[str, list[str]] = {}
     for row in comparison.compared:
         if row is not thick:
@@ -278,38 +256,46 @@ def responses_figure(comparison: Comparison) -> Figure:
     groups = groups or {comparison.own.kind.group: []}
     styles = {row.name: line_style(k) for k, row in enumerate(comparison.rows)}
     figure, grid = panels(len(groups), 3, 0.6 + 2.25 * len(groups), 9.6, sharex="col", sharey="col")
-    for axes, (group, names) in zip(grid, groups.items()):
-        for axis, column in zip(axes, columns):
+    columns = (
+        ("step", "position − goal", angles.angle, steps, (0.0, end), "time (s)"),
+        ("load", "position − goal", small, loaded, (-0.05 * end, end), "time after the load (s)"),
+        ("move", "position − plan", small, moves, (0.0, float(own.move.response.run.time[-1])), "time (s)"),
+    )
+    where = []
+    for k, (run, quantity, unit, errors, span, across) in enumerate(columns):
+        joint, limits = _joint_and_limits(errors, span)
+        where.append(f"{run}: {joints[joint]}")
+        for axes, (group, names) in zip(grid, groups.items()):
+            lines = []
             for name in (thick.name, *names):
-                time, error = column.errors[name]
-                few = thin(time, POINTS)
+                time, error = errors[name]
                 width, order = (2.2, 2.5) if name == thick.name else (1.2, 3.0)
-                style = {**styles[name], "linewidth": width, "zorder": order}
-                axis.plot(time[few], column.scale * error[few, column.joint], label=name, **style)
-            reference_line(axis)
-            label(axis, column.quantity, column.unit)
-        axes[0].set_title(group)
+                style, few = {**styles[name], "linewidth": width, "zorder": order}, thin(time, POINTS)
+                lines.append(Line(time[few], error[few, joint], name, style))
+            Panel(quantity, unit, lines, (0.0,)).draw(axes[k])
+            if not k:
+                axes[0].set_title(group)
+        grid[0][k].set(xlim=span, ylim=limits)
+        grid[-1][k].set_xlabel(across)
+    for axes in grid:
         axes[2].legend(loc="center left", bbox_to_anchor=(1.0, 0.5), handlelength=1.6)
-    for top, bottom, column in zip(grid[0], grid[-1], columns):
-        top.set(xlim=column.span, ylim=column.limits)
-        bottom.set_xlabel(column.time)
-    which = ", ".join(f"{column.run}: {joints[column.joint]}" for column in columns)
+    which = f" Joints, where the errors are largest: {', '.join(where)}."
     return figure_block(
         "laws", figure,
         "True link positions in the nonlinear loop with estimator and measurement noise. Left: the step. Middle: the "
         f"torque on the links at the goal. Right: the planned move. {thick.name} is in every row (thick)."
-        f"{f' Joints, where the errors are largest: {which}.' if len(joints) > 1 else ''}",
+        f"{which if len(joints) > 1 else ''}",
         "Laws in the same runs",
     )  # fmt: skip
 
 
 @house_style()
-def trade_off_figure(comparison: Comparison, offs: Sequence[TradeOff]) -> Figure | None:
+def trade_off_figure(comparison: Comparison, laws: Sequence[TunedLaw]) -> Figure | None:
     """Peak input against load deviation: a point for each law, and the curve of what its tuning reaches.
 
     None where fewer than two laws have finite figures.
     """
-    finite = [one for one in offs if np.isfinite([one.point.peak_input, one.point.load_deviation]).all()]
+    finite = [one for one in laws if np.isfinite([one.metrics.peak_input, one.metrics.load_deviation]).all()]
     if len(finite) < 2:
         return None
     from matplotlib.ticker import FuncFormatter
@@ -319,16 +305,17 @@ def trade_off_figure(comparison: Comparison, offs: Sequence[TradeOff]) -> Figure
     for one in finite:
         k, own = place[one.name], one.name == NL_HINF
         style, marker = line_style(k), "*" if own else "os^Dv<>"[k % 7]
-        curve = np.array([[f.peak_input, 1e3 * f.load_deviation] for f in one.curve]).reshape(-1, 2)
+        front = pareto_front((*one.tried, one.metrics), comparison.criterion)
+        curve = np.array([[f.peak_input, 1e3 * f.load_deviation] for f in front]).reshape(-1, 2)
         axis.plot(*curve.T, **{**style, "linewidth": 1.0, "alpha": 0.7})
         axis.plot(
-            [one.point.peak_input], [1e3 * one.point.load_deviation], marker, label=one.name, color=style["color"],
+            [one.metrics.peak_input], [1e3 * one.metrics.load_deviation], marker, label=one.name, color=style["color"],
             markersize=13.0 if own else 6.5, linestyle="none", zorder=4.0,
         )  # fmt: skip
     axis.set(xscale="log", yscale="log", xlabel=f"peak input of the step ({units['input']})")
     legend_above(figure, axis, 5, columnspacing=1.2)
-    peaks = [one.point.peak_input for one in finite]
-    deviations = [1e3 * one.point.load_deviation for one in finite]
+    peaks = [one.metrics.peak_input for one in finite]
+    deviations = [1e3 * one.metrics.load_deviation for one in finite]
     for ruler, limit, values in (
         (axis.xaxis, axis.set_xlim, peaks), (axis.yaxis, axis.set_ylim, deviations)
     ):  # fmt: skip

@@ -1,4 +1,5 @@
-"""What is proved of the law, where each solution was checked by samples, the worst disturbance, and the budget."""
+"""What is proved of the law, in a sentence, in design.json and on the page; where each solution was checked by samples,
+the worst disturbance, and the dissipation budget."""
 
 from __future__ import annotations
 
@@ -10,39 +11,28 @@ from typing import Any
 import numpy as np
 
 from flexhinf.analysis import BudgetTerm
+from flexhinf.certify.starts import SMALLEST_VALUE, UNCHANGED_INPUT
 from flexhinf.design.result import Design
-from flexhinf.design.synthesis.degrees import ACTING, GAIN, DegreeChoice
+from flexhinf.design.synthesis.by_step import ACTING, GAIN, DegreeChoice
 from flexhinf.hinf import smallest_gamma
 from flexhinf.pages.drawing import (
-    DASHED,
     Blocks,
+    Line,
+    Panel,
     amplitude_text,
     count_text,
-    figure_block,
+    draw_figure,
     law_name,
+    listed,
     note,
     thin,
     units_of,
 )
-from flexhinf.pages.proof import BOX_FILE, covers_tolerances, penalty_text
-from flexhinf.report import (
-    INK,
-    SERIES,
-    Column,
-    Figure,
-    Listing,
-    Paragraph,
-    Table,
-    at_least,
-    at_most,
-    label,
-    legend,
-    new_figure,
-    number,
-)
-from flexhinf.report.table import WIDTH
+from flexhinf.report import INK, SERIES, Column, Figure, Listing, Paragraph, Table, at_least, at_most, number
+from flexhinf.report.blocks import WIDTH
 
-PARTS = {
+#: Parts of the controller in the budget.
+BUDGET_PARTS = {
     "sampling": "the input is held between samples",
     "delay": "the input is delayed",
     "estimator": "the state is estimated from noisy sensors",
@@ -52,7 +42,106 @@ PARTS = {
 #: The level is drawn where the bound reaches this fraction of it.
 NEAR = 0.05
 
+#: The certificate for all tolerances, beside that of the nominal robot.
+BOX_FILE = "certificate-tolerances.json"
 
+#: Rules of the integrators' start, in short.
+RULES = {SMALLEST_VALUE: "V smallest", UNCHANGED_INPUT: "input unchanged"}
+
+
+# What is proved -----------------------------------------------------------------------------------------
+def proof_text(design: Design) -> str:
+    """What is proved of the step that is asked for, then of the law for all tolerances and for the nominal robot; why
+    nothing is."""
+    proof, certificate, box = design.proof, design.proof.certificate, design.proof.box
+    texts = [design.step_proof.text]
+    if box is not None:
+        texts.append(
+            f"Proved, for every robot within the tolerances with the true state fed back: the step of "
+            f"{_amplitude_text(design, abs(box.step))} without a jump of the input, γ = {at_most(box.gamma)} for "
+            f"{penalty_text(design)}."
+        )
+    if certificate is None:
+        return " ".join(filter(None, [*texts, f"No region is proved: {proof.reason.rstrip('.')}."]))
+    reach = "in the region,"
+    if certificate.starts:  # first with the integrators as the controller starts them
+        start = min(certificate.starts, key=lambda start: start.rule != UNCHANGED_INPUT)
+        other = " (only with the integrators started where V is smallest)"
+        reach = (
+            f"rest-to-rest steps of up to {_amplitude_text(design, start.amplitude)}"
+            f"{'' if start.rule == UNCHANGED_INPUT else other} stay in the region with"
+        )
+    whom = "every robot within the tolerances" if covers_tolerances(design) else "the nominal robot"
+    texts.append(
+        f"Proved, for {whom} with the true state fed back: {reach} γ = {at_most(certificate.gamma)}."
+    )
+    if proof.inside and proof.budget:
+        parts = (_spent(design), certificate.level - proof.start)
+        spent, left = (f"{100.0 * value / certificate.level:.2g}" for value in parts)
+        texts.append(
+            f"The step leaves {left} % of the level, which {'covers' if proof.lasts else 'does not cover'} the "
+            f"{spent} % that {listed([term.name for term in proof.budget])} spend."
+        )
+    elif proof.inside:
+        texts.append("What the estimator and the sampling spend is not covered.")
+    return " ".join(filter(None, texts))
+
+
+def _spent(design: Design) -> float:
+    return design.proof.budget[-1].budget.total if design.proof.budget else math.nan
+
+
+def penalty_text(design: Design) -> str:
+    """The z whose gain is proved for all tolerances."""
+    if design.specification.checked_penalty is not None:
+        return "the z of the checked penalty"
+    return (
+        "the z of the robot's own penalty"
+        if design.robot.penalty
+        else "the z of Eq. (11), scaled to the robot"
+    )
+
+
+def covers_tolerances(design: Design) -> bool:
+    """Whether the proof is for a box of parameters."""
+    certificate = design.proof.certificate
+    return certificate is not None and any(p.low < p.high for p in certificate.parameters)
+
+
+def _amplitude_text(design: Design, amplitude: float) -> str:
+    slides = any(design.robot.links.slides)
+    if design.specification.in_degrees and not slides:
+        return f"{at_least(math.degrees(amplitude), 3)}°"
+    return f"{at_least(amplitude, 3)} {'m' if slides else 'rad'}"
+
+
+def proof_numbers(design: Design) -> dict[str, Any]:
+    """For design.json."""
+    proof, certificate, box = design.proof, design.proof.certificate, design.proof.box
+    tolerances: dict[str, Any] = {"proved": covers_tolerances(design), "reason": proof.box_reason}
+    if box is not None and box.certificate is not None:
+        tolerances = {
+            "proved": True, "gamma": box.gamma, "step": abs(box.step), "level": box.certificate.level,
+            "cpu_s": box.cpu_seconds, "file": BOX_FILE,
+        }  # fmt: skip
+    if certificate is None:
+        return {
+            "strength": "SampledCheck", "proved": False, "step_proved": design.step_proof.proved,
+            "reason": proof.reason, "cpu_s": proof.cpu_seconds, "for_all_tolerances": tolerances,
+        }  # fmt: skip
+    return {
+        "strength": "Certificate", "proved": True, "feedback": certificate.feedback,
+        "parameters": "tolerances" if covers_tolerances(design) else "nominal",
+        "gamma": certificate.gamma, "level": certificate.level, "sampled_level": certificate.sampled_level,
+        "steps": {RULES.get(start.rule, start.rule): start.amplitude for start in certificate.starts},
+        "step_proved": design.step_proof.proved,
+        "start": proof.start, "starts_inside": proof.inside, "spent": _spent(design), "lasts": proof.lasts,
+        "attained_gain": certificate.attained_gain, "cpu_s": proof.cpu_seconds, "file": "certificate.json",
+        "for_all_tolerances": tolerances,
+    }  # fmt: skip
+
+
+# The section --------------------------------------------------------------------------------------------
 def region(design: Design) -> Blocks:
     """Level set and step of every degree; the gain found; the budget."""
     attained, proved = design.attenuation.attained, design.synthesis.proved
@@ -91,7 +180,6 @@ def region(design: Design) -> Blocks:
 
 
 def _notes(design: Design) -> Blocks:
-    """What does not follow from the region."""
     attained, proved = design.attenuation.attained, design.synthesis.proved
     for low, high in design.shrinking:
         yield note(f"Degree {high} allows a smaller step than degree {low}.")
@@ -117,16 +205,17 @@ def _notes(design: Design) -> Blocks:
 def _proof(design: Design) -> Blocks:
     certificate, box = design.proof.certificate, design.proof.box
     if certificate is not None:
-        covers, level = covers_tolerances(design), f"The level V ≤ {at_least(certificate.level, 5)} was"
+        covers, share = covers_tolerances(design), "was"
         if certificate.sampled_level is not None:
-            share = number(100.0 * certificate.level / certificate.sampled_level, 3)
-            level = f"The level V ≤ {at_least(certificate.level, 5)} is {share} % of the sampled one,"
-        others = "parameters outside the tolerances" if covers else "other values of the parameters"
+            percent = number(100.0 * certificate.level / certificate.sampled_level, 3)
+            share = f"is {percent} % of the sampled one,"
         yield Paragraph(
-            f"{level} proved in {number(design.proof.cpu_seconds, 2)} s of CPU with exact (outward rounded) "
-            "arithmetic; the theorem stands in `certificate.json`, which another program proves again:"
+            f"The level V ≤ {at_least(certificate.level, 5)} {share} proved in {number(design.proof.cpu_seconds, 2)} s "
+            "of CPU with exact (outward rounded) arithmetic; the theorem stands in `certificate.json`, which another "
+            "program proves again:"
         )
         yield Listing("flexhinf certify --check certificate.json")
+        others = "parameters outside the tolerances" if covers else "other values of the parameters"
         yield Paragraph(
             f"Not covered by the proof: {others}; estimator, sampling, hold, delay, limits and noise"
             f"{'' if covers else ' beyond the budget below'}. A planned move and payloads are judged by runs."
@@ -143,10 +232,10 @@ def _proof(design: Design) -> Blocks:
 
 def _degree_text(design: Design) -> str:
     """Which degree is used, and why."""
-    chosen, (lowest, *higher) = design.chosen, design.choices
+    chosen, (lowest, *higher), proved = design.chosen, design.choices, design.synthesis.proved
     used = f"V of degree {chosen.degree} is used, a {law_name(chosen.degree)} law"
-    if design.synthesis.proved is not None:
-        count = count_text(design.synthesis.proved.candidates, "candidate")
+    if proved is not None:
+        count = count_text(proved.candidates, "candidate")
         return f"{used}: of {count} within the largest input the one with the smallest gain that is proved."
     if not higher:
         return f"{used}: the only one that was tried."
@@ -173,44 +262,38 @@ def _cost(choice: DegreeChoice, lowest: DegreeChoice) -> str:
     """The cost of a step relative to that of the lowest degree: "−5.9 %"."""
     if math.isnan(choice.cost) or choice is lowest:
         return "–" if math.isnan(choice.cost) else "0 %"
-    if math.isinf(choice.cost):
-        return "diverges"
-    if math.isinf(lowest.cost):
-        return "finite"
+    if math.isinf(choice.cost) or math.isinf(lowest.cost):
+        return "diverges" if math.isinf(choice.cost) else "finite"
     return f"{100.0 * (choice.cost / lowest.cost - 1.0):+.2g} %".replace("-", "−")
 
 
 def _strength(design: Design) -> str:
     """Of the regions of all degrees; of the law that is used, more may be proved."""
-    certificate = design.proof.certificate
-    if certificate is None:
+    if (certificate := design.proof.certificate) is None:
         return "sampled, not proved"
     return f"sampled; of the law that is used V ≤ {at_least(certificate.level)} is proved"
 
 
 def _region_table(design: Design) -> Table:
-    """Level set, step and cost of each degree."""
-    unit, most = units_of(design.evaluation).position, widest_step(design)
-    rows = []
+    unit, most, rows = units_of(design.evaluation).position, widest_step(design), []
     for c in design.choices:
         level = "–" if not c.looked else "none" if math.isnan(c.level) else f"{c.level:.4g}"
         level = "everything sampled" if c.looked and math.isinf(c.level) else level
         step = amplitude_text(c.step_amplitude, unit, most) if c.looked else "–"
         cost, used = _cost(c, design.choices[0]), "used" if c is design.chosen else ""
-        times = (1e3 * c.solve_seconds, c.check_seconds)
-        residual = f"{c.residual:.0e}"
-        rows.append((c.degree, law_name(c.degree), used, level, step, cost, c.limit, residual, *times))
-    columns = (
-        Column("degree of V", brief="degree"), "law", "", Column("V up to", brief="V ≤"),
-        Column("largest step sampled, V smallest", brief="sampled step"), Column("cost of the step", brief="cost"),
-        Column("limited by", brief=None), "residual", Column("solve", "ms", 1), Column("check", "s", 1),
+        checks = (c.limit, f"{c.residual:.0e}", 1e3 * c.solve_seconds, c.check_seconds)
+        rows.append((c.degree, law_name(c.degree), used, level, step, cost, *checks))
+    return Table(
+        (
+            Column("degree of V", brief="degree"), "law", "", Column("V up to", brief="V ≤"),
+            Column("largest step sampled, V smallest", brief="sampled step"), Column("cost of the step", brief="cost"),
+            Column("limited by", brief=None), "residual", Column("solve", "ms", 1), Column("check", "s", 1),
+        ),
+        rows, "Step: of all joints alike, from rest to rest, with the integrals at which V is smallest",
+        "table-region", stacks=True,
+        title=f"{textwrap.fill(_degree_text(design), WIDTH)}\nRegion of each solution: {_strength(design)}\n"
+        "Sampled step: with the integrals at which V is smallest, not the controller's",
     )  # fmt: skip
-    caption = "Step: of all joints alike, from rest to rest, with the integrals at which V is smallest"
-    title = (
-        f"{textwrap.fill(_degree_text(design), WIDTH)}\nRegion of each solution: {_strength(design)}\n"
-        "Sampled step: with the integrals at which V is smallest, not the controller's"
-    )
-    return Table(columns, rows, caption, "table-region", stacks=True, title=title)
 
 
 def widest_step(design: Design) -> float:
@@ -223,22 +306,23 @@ def widest_step(design: Design) -> float:
 def level_table(design: Design) -> Table:
     """Levels of attenuation from the smallest feasible one to the checked or proved one, and the lower bound found;
     in a terminal too where one is proved."""
-    s, worst, proved = design.specification, design.attenuation.attained, design.synthesis.proved
+    worst, proved, title = design.attenuation.attained, design.synthesis.proved, ""
     attained = [] if worst is None else [("worst disturbance found (lower bound)", worst.gain)]
-    title = ""
     if proved is not None:
         star = ("γ* of this z, nominal robot near the goal, any law", smallest_gamma(proved.problem))
         rows = [star, *attained, ("γ that is proved", proved.gamma)]
         title = f"{textwrap.fill(_degree_text(design), WIDTH)}\nGain √(∫|z|²/∫|d|²), {penalty_text(design)}"
     else:
+        checked = design.specification.checked_gamma_ratio * design.gamma_star
         rows = [
             ("γ* of the problem, linear part", design.gamma_star),
             *attained,
             ("γ of the law", design.gamma),
-            ("γ of the inequality checked in the region", s.checked_gamma_ratio * design.gamma_star),
+            ("γ of the inequality checked in the region", checked),
         ]
-    columns = ("√(∫|z|²/∫|d|²)", Column("value", digits=4))
-    return Table(columns, rows, "Levels of attenuation", "table-attained", title=title)
+    return Table(
+        ("√(∫|z|²/∫|d|²)", Column("value", digits=4)), rows, "Levels of attenuation", "table-attained", title=title,
+    )  # fmt: skip
 
 
 # Dissipation budget -------------------------------------------------------------------------------------
@@ -248,70 +332,55 @@ def budget_of(design: Design) -> Sequence[BudgetTerm]:
     return design.attenuation.budget if design.proof.certificate is None else design.proof.budget
 
 
-def budget_rows(design: Design) -> list[dict[str, Any]]:
-    """For each part of the loop with all above it: what it adds, what is used in all, and the level that remains."""
-    return [
-        {
-            "part": term.name, "added": term.added, "spent": term.budget.total, "start": term.budget.start,
-            "level": term.budget.level, "left": term.budget.left, "kept": term.budget.kept,
-        }
-        for term in budget_of(design)
-    ]  # fmt: skip
-
-
 def _budget(design: Design) -> Blocks:
     """What the parts of the controller use of the level; the lower bound of the gain in the title."""
-    records, which = budget_rows(design), "sampled" if design.proof.certificate is None else "proved"
-    last, term = records[-1], budget_of(design)[-1]
-    bounded, outcome = np.isfinite(last["level"]), "the loop with all its parts diverges."
-    if last["spent"] is not None and np.isfinite(last["spent"]):
-        judged = "this is within the budget" if last["kept"] else "the budget is exceeded"
-        against = f", of the {which} level of {number(last['level'])}: {judged}."
-        outcome = f"V(x0) is {number(last['start'])} and {number(last['spent'], 3)} is used"
-        outcome += against if bounded else "; no region was sampled to compare it with."
+    terms, which = budget_of(design), "sampled" if design.proof.certificate is None else "proved"
+    budget, attained = terms[-1].budget, design.attenuation.attained
+    bounded, outcome = np.isfinite(budget.level), "the loop with all its parts diverges."
+    if np.isfinite(budget.total):
+        judged = "this is within the budget" if budget.kept else "the budget is exceeded"
+        against = f", of the {which} level of {number(budget.level)}: {judged}."
+        outcome = (
+            f"V(x0) is {number(budget.start)} and {number(budget.total, 3)} is used"
+            f"{against if bounded else '; no region was sampled to compare it with.'}"
+        )
     yield Paragraph(
         "Dissipation budget. What makes the input differ by v from the law's own, on the true state at every instant, "
         "uses ½∫vᵀR2v of the level. While V(x0) and this stay below it, the inequality holds for the controller as it "
         f"runs. For the step of the nominal robot, extras left out, {outcome}"
     )
-    rows = [
-        {
-            **row,
-            "text": PARTS[row["part"]],
-            "left": row["left"] if np.isfinite(row["left"]) else None,
-            "within": ("yes" if row["kept"] else "NO") if np.isfinite(row["level"]) else None,
-        }
-        for row in records
-    ]
+    rows = []
+    for term in terms:
+        left = term.budget.left if np.isfinite(term.budget.left) else None
+        within = ("yes" if term.budget.kept else "NO") if np.isfinite(term.budget.level) else None
+        rows.append((BUDGET_PARTS[term.name], term.added, term.budget.total, left, within))
     columns = (
-        Column("part of the loop", key="text", brief="part"),
-        Column("uses ½∫vᵀR2v", digits=3, key="added", brief="uses"),
-        Column("with all above", digits=3, key="spent"),
-        Column("remaining level", digits=4, key="left", brief="remaining"),
-        Column("within the budget", key="within"),
+        Column("part of the loop", brief="part"),
+        Column("uses ½∫vᵀR2v", digits=3, brief="uses"),
+        Column("with all above", digits=3),
+        Column("remaining level", digits=4, brief="remaining"),
+        Column("within the budget"),
     )
-    title, attained = "Dissipation budget of the step", design.attenuation.attained
+    title = "Dissipation budget of the step"
     if attained is not None:
         gain = f"{number(attained.gain)} found (lower bound), γ = {number(design.gamma)} designed"
         title = f"√(∫|z|²/∫|d|²): {gain}\n{title}"
-    caption = "Parts are added one after the other"
-    yield Table.of(columns, rows, caption, "table-budget", stacks=True, title=title)
-    if term.budget.complete:
-        yield lambda: _budget_figure(term)
+    yield Table(
+        columns, rows, "Parts are added one after the other", "table-budget", stacks=True, title=title
+    )
+    if budget.complete:
+        yield lambda: _budget_figure(terms[-1])
 
 
 def _budget_figure(term: BudgetTerm) -> Figure:
     budget = term.budget
     few, bound = thin(budget.times), budget.start + budget.disturbance + budget.spent
+    curves = ((bound, "V(x0) + ½∫vᵀR2v until then", SERIES[1]), (budget.value, "V", SERIES[0]))
+    lines = [Line(budget.times[few], values[few], name, {"color": color}) for values, name, color in curves]
     near = np.isfinite(budget.level) and NEAR * budget.level < float(bound.max())
-    figure, (axis,) = new_figure(1)
-    axis.plot(budget.times[few], bound[few], color=SERIES[1], label="V(x0) + ½∫vᵀR2v until then")
-    axis.plot(budget.times[few], budget.value[few], color=SERIES[0], label="V")
-    if near:
-        axis.axhline(budget.level, color=INK, linewidth=1.0, dashes=DASHED, label="level of the region")
-    axis.set_ylim(bottom=0.0)
-    label(axis, "V", "")
-    legend(axis)
+    dashed = [(budget.level, INK, "level of the region")] if near else []
     far = "" if near or not np.isfinite(budget.level) else f" The level, {budget.level:.3g}, is far above."
-    caption = f"V along the step of the nominal robot, and its bound.{far}"
-    return figure_block("budget", figure, caption, "Dissipation budget")
+    panel = Panel("V", "", lines, dashed=dashed, y=(0.0, None))
+    return draw_figure(
+        "budget", [panel], f"V along the step of the nominal robot, and its bound.{far}", "Dissipation budget",
+    )  # fmt: skip

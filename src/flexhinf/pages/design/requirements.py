@@ -26,23 +26,26 @@ def requirements(design: Design) -> Blocks:
     )  # fmt: skip
     if design.design_problem.target is None:
         yield Paragraph("No bandwidth or damping is required: they result from the weights, which are given.")
-    limits, records = design.setup.limits, []
+    limits, rows = design.setup.limits, []
+    several, limited = len(design.setup.joints) > 1, limits.limits_effort
     for row in input_rows(design):
         limit = float(limits.effort[limits.joints.index(row["joint"])]) if row["joint"] else np.inf
         known = np.isfinite(row["value"])
         text = f"{number(row['value'], 3)} {row['unit']}" if known else "diverges"
         percent = 100.0 * row["value"] / limit if known and np.isfinite(limit) else None
-        records.append({**row, "text": text, "joint": row["joint"] or "–", "percent": percent})
+        joint = [row["joint"] or "–"] if several else []
+        rows.append((row["what"], text, *joint, *([percent] if limited else [])))
     differ = len(set(limits.effort.tolist())) > 1
-    columns = [
-        Column("in", key="what"), Column("input nearest its limit" if differ else "largest input", key="text"),
-        *([Column("joint", key="joint")] if len(design.setup.joints) > 1 else []),
-        *([Column("of its limit", "%", 1, key="percent", brief=None)] if limits.limits_effort else []),
-    ]  # fmt: skip
-    caption = "Inputs of the motors"
-    if limits.limits_effort:
-        caption += f"; the limit is {effort_text(limits.effort)} {units_of(design.evaluation).effort}"
-    yield Table.of(columns, records, caption, "table-cost", title="Inputs of the motors")
+    bound = (
+        f"; the limit is {effort_text(limits.effort)} {units_of(design.evaluation).effort}" if limited else ""
+    )
+    yield Table(
+        (
+            "in", "input nearest its limit" if differ else "largest input", *(["joint"] if several else []),
+            *([Column("of its limit", "%", 1, brief=None)] if limited else []),
+        ),
+        rows, f"Inputs of the motors{bound}", "table-cost", title="Inputs of the motors",
+    )  # fmt: skip
 
 
 def limit_text(line: Requirement) -> str:
@@ -75,49 +78,46 @@ def requirement_table(lines: Iterable[Requirement], degrees: bool = False, title
         rows.append(where)
         for line in group:
             judged = Cell(line.judgement, COLOURS.get(line.judgement, "yellow"))
-            source, star = line.stated_by, ""
+            source = f"`{line.stated_by}`" if line.stated_by.startswith("--") else line.stated_by
+            limit = limit_text(line)
             if source == "default":
-                source, star = "our default", "*"
-            elif source.startswith("--"):
-                source = f"`{source}`"
-            limit, achieved = f"{limit_text(line)}{star}", found_text(line)
-            rows.append((line.what, limit, achieved, judged, line.criterion, source))
-    columns = (
-        "requirement", Column("required", right=True), Column("achieved", right=True), "met",
-        Column("criterion", brief=None), Column("stated by", brief=None),
-    )  # fmt: skip
-    caption = (
+                source, limit = "our default", f"{limit}*"
+            rows.append((line.what, limit, found_text(line), judged, line.criterion, source))
+    return Table(
+        (
+            "requirement", Column("required", right=True), Column("achieved", right=True), "met",
+            Column("criterion", brief=None), Column("stated by", brief=None),
+        ),
+        rows,
         f"A limit that is missed by at most {100.0 * TOLERANCE:g} % of it, the accuracy of the searches, counts as "
-        "met, and the line says so. * our default"
-    )
-    return Table(columns, rows, caption, "table-specification", stacks=True, title=title)
+        "met, and the line says so. * our default",
+        "table-specification", stacks=True, title=title,
+    )  # fmt: skip
 
 
 def input_rows(design: Design) -> list[dict[str, Any]]:
     """The largest inputs of every run, until it diverged where it did: "what", "value", "joint", "unit"."""
     e, setup, samples = design.evaluation, design.setup, design.evaluation.step_samples
-
-    def run(what: str, response: Response) -> tuple[str, np.ndarray]:
-        return what if response.diverged_at is None else f"{what} (until it diverged)", response.inputs
-
-    runs = [
+    runs: list[tuple[str, Response | np.ndarray]] = [
         ("equilibrium at the start", setup.equilibrium(design.start)[1]),
         ("equilibrium at the goal", setup.equilibrium(design.goal)[1]),
-        run("step, nominal robot", e.step),
+        ("step, nominal robot", e.step),
     ]
     if samples is not None and len(samples):
         runs.append((f"step, worst of {len(samples)} sampled robots", samples.inputs))
     if design.mujoco is not None:
-        runs.append(run("step on MuJoCo's plant", design.mujoco))
-    runs.append(run("planned move with feedforward", e.move.response))
-    runs.append(run("load response: torques on the links", e.load_response.response))
+        runs.append(("step on MuJoCo's plant", design.mujoco))
+    runs.append(("planned move with feedforward", e.move.response))
+    runs.append(("load response: torques on the links", e.load_response.response))
     if e.input_noises is not None:
         runs.append(("sensor noise in equilibrium (rms)", e.input_noises))
     rows, effort = [], setup.limits.effort
-    for what, values in runs:
-        sizes = np.abs(np.asarray(values, dtype=float)).reshape(-1, len(setup.joints)).max(axis=0)
+    for what, run in runs:
+        inputs = run.inputs if isinstance(run, Response) else np.asarray(run, dtype=float)
+        cut = " (until it diverged)" if isinstance(run, Response) and run.diverged_at is not None else ""
+        sizes = np.abs(inputs).reshape(-1, len(setup.joints)).max(axis=0)
         worst = int(np.argmax(sizes / effort) if np.isfinite(effort).any() else np.argmax(sizes))
         value, unit = float(sizes[worst]), setup.model.unit(setup.model.inputs[worst])
         joint = setup.joints[worst] if np.isfinite(value) else ""
-        rows.append({"what": what, "value": value, "joint": joint, "unit": unit})
+        rows.append({"what": f"{what}{cut}", "value": value, "joint": joint, "unit": unit})
     return rows

@@ -4,13 +4,13 @@ the margins along it, and a long run at rest with dry friction."""
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import partial
-from typing import TYPE_CHECKING, Any
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from flexhinf.analysis import Margins
-from flexhinf.design.along_move import MOST_LAWS, AlongMove
+from flexhinf.design.along_move import MOST_LAWS
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.impulse import AFTER, ImpulseRuns
 from flexhinf.design.limit_cycle import WIDEST, LimitCycleCheck
@@ -20,28 +20,24 @@ from flexhinf.design.responses import LoadResponse, Response
 from flexhinf.design.result import Design
 from flexhinf.design.specification import RINGS
 from flexhinf.loop.simulation.metrics import REST_TAIL, VISIBLE, tail_of
-from flexhinf.pages.design.step import effort_limit, peak_text, stiffness_of
+from flexhinf.pages.design.step import input_panel, peak_text, stiffness_of
 from flexhinf.pages.drawing import (
     DASHED,
     Blocks,
+    Line,
     Panel,
-    figure_block,
+    draw_figure,
     finite,
     in_joint,
+    joint_panel,
     joint_table,
     listed,
     note,
     pose_text,
-    reference_line,
-    time_block,
     units_of,
-    vertical_line,
 )
-from flexhinf.report import MUTED, SERIES, Column, Figure, Paragraph, Table, label, new_figure, number
+from flexhinf.report import MUTED, SERIES, Column, Figure, Paragraph, Table, number
 from flexhinf.robot.elastic import DRY
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 #: Margins along a move, and what they are called.
 MARGINS = {
@@ -73,33 +69,35 @@ def load(design: Design) -> Blocks:
     caption = f"From {run.at:g} s on (dotted) constant torques, unknown to law and estimator, act on all links at once."
     yield lambda: _load_figure(e, run, "load", caption, "Torques on the links")
     unit, scale = units.small
-    rows = [
-        {**row, "twist": abs(row["load"]) / float(k)}
-        for row, k in zip(run.metrics, stiffness_of(e.setup.model, e.setup.robot, np.inf))
-    ]
-    columns = (
-        Column("torque on the link", units.load, key="load"),
-        Column("twist of its spring", unit, key="twist", scale=scale),
-        Column("largest deviation", unit, key="peak_deviation", scale=scale),
-        Column("recovered after", "s", 3, key="recovery_time_s"),
-        Column("remaining deviation", unit, key="remaining_error", scale=scale),
-    )
-    how = (
+    yield joint_table(
+        (
+            Column("torque on the link", units.load, key="load"),
+            Column("twist of its spring", unit, key="twist", scale=scale),
+            Column("largest deviation", unit, key="peak_deviation", scale=scale),
+            Column("recovered after", "s", 3, key="recovery_time_s"),
+            Column("remaining deviation", unit, key="remaining_error", scale=scale),
+        ),
+        [
+            {**row, "twist": abs(row["load"]) / float(k)}
+            for row, k in zip(run.metrics, stiffness_of(e.setup.model, e.setup.robot, np.inf))
+        ],
         "Twist: under this torque alone. Recovered: within 2 % of the joint's step from start to goal from then on. "
-        "Remaining: largest in the last tenth of the time under load"
-    )
-    yield joint_table(columns, rows, how, "table-load")
+        "Remaining: largest in the last tenth of the time under load",
+        "table-load",
+    )  # fmt: skip
 
 
 def _load_figure(e: LawEvaluation, loaded: LoadResponse, name: str, caption: str, title: str) -> Figure:
-    units, response, (limits, limit_name) = units_of(e), loaded.response, effort_limit(e)
-    unit, scale = units.small
-    panels = (
-        Panel("link position − goal", unit, scale * (response.positions - response.goal), zero=True),
-        Panel("input", units.effort, response.inputs, limits=limits, limit_name=limit_name),
-    )
-    dotted = partial(vertical_line, value=loaded.at)
-    return time_block(name, response.run.time, response.joints, panels, caption, title, also=dotted)
+    response, (unit, scale) = loaded.response, units_of(e).small
+    away, time = scale * (response.positions - response.goal), response.run.time
+    return draw_figure(
+        name,
+        (
+            joint_panel("link position − goal", unit, time, response.joints, away, zero=True, vertical=loaded.at),
+            replace(input_panel(e, response)[0], vertical=loaded.at),
+        ),
+        caption, title,
+    )  # fmt: skip
 
 
 # Payloads ------------------------------------------------------------------------------------------------
@@ -108,10 +106,8 @@ def payload(design: Design) -> Blocks:
     if not design.payloads:
         return
     yield from _payload_notes(design)
-    heaviest, masses = (
-        design.payloads[-1],
-        [p for p in design.robot.uncertain if p.name.startswith("payload_mass")],
-    )
+    e, heaviest, grip = design.evaluation, design.payloads[-1], design.payloads[-1].load_step
+    masses = [p for p in design.robot.uncertain if p.name.startswith("payload_mass")]
     ranges = ", ".join(
         f"{p.name.removeprefix('payload_mass').strip('_') or 'the link'}: {p.interval[0]:g} to {p.interval[1]:g} kg, "
         f"{p.value:g} kg in the model"
@@ -119,17 +115,14 @@ def payload(design: Design) -> Blocks:
     )
     text = f"Payload on {ranges}. Law and estimator know the model's mass alone; integral action compensates the rest."
     if (weighed := heaviest.weighed) is not None:
-        weights, hidden = (
-            [f"{number(mass, 3)} kg" for mass in weighed.masses.values()],
-            max(weighed.hidden.values()),
-        )
+        weights = ", ".join(f"{number(mass, 3)} kg" for mass in weighed.masses.values())
+        hidden = max(weighed.hidden.values())
         friction = f", of which dry friction may hide {number(hidden, 2)} kg" if hidden > 0.0 else ""
         text += (
-            f" At rest the motor torques correspond to {', '.join(weights)} for the heaviest{friction}. "
+            f" At rest the motor torques correspond to {weights} for the heaviest{friction}. "
             "flexhinf.robot.weigh_payload weighs, and a design for that mass is one more call."
         )
     yield Paragraph(text)
-    e, grip = design.evaluation, heaviest.load_step
     if grip is not None:
         caption = (
             f"At the goal the robot grips {number(heaviest.mass, 3)} kg at {grip.at:g} s (dotted): the weight beyond "
@@ -148,21 +141,21 @@ def payload(design: Design) -> Blocks:
 
     rows = [row(f"{number(sum(p.value for p in masses), 3)} kg, as in the model", e.step, e.margins)]
     rows += [row(f"{number(one.mass, 3)} kg", one.step, one.margins, one) for one in design.payloads]
-    columns = (
-        "payload", Column("overshoot", "%", 2), Column("settling", "s", 3),
-        Column("peak input", units_of(e).effort), Column("sag when gripped", unit), Column("back after", "s", 2),
-        Column("remaining sag", unit), Column("damping", "", 3), Column("peak sensitivity", "", 2),
-        Column("gain margin", "", 2),
-    )  # fmt: skip
-    how = (
+    yield Table(
+        (
+            "payload", Column("overshoot", "%", 2), Column("settling", "s", 3),
+            Column("peak input", units_of(e).effort), Column("sag when gripped", unit), Column("back after", "s", 2),
+            Column("remaining sag", unit), Column("damping", "", 3), Column("peak sensitivity", "", 2),
+            Column("gain margin", "", 2),
+        ),
+        rows,
         "With the payload in the true robot. Worst joints; the peak input is that of the motor nearest to its limit. "
-        "Back: within 2 % of the joint's step from then on"
-    )
-    yield Table(columns, rows, how, "table-payload", stacks=True)
+        "Back: within 2 % of the joint's step from then on",
+        "table-payload", stacks=True,
+    )  # fmt: skip
 
 
 def _payload_notes(design: Design) -> Blocks:
-    """A payload with which the loop diverges, or requirements are not met."""
     for one in design.payloads:
         grip = one.load_step
         if one.step.diverged_at is not None or (grip and grip.response.diverged_at is not None):
@@ -208,46 +201,48 @@ def move(design: Design) -> Blocks:
         yield note(f"The loop diverges while it follows the planned move. {advice}")
     duration = f"{planned.plan.duration:.3g} s"
     about = f"The stated move takes {duration} ({planned.plan.name})."
+    origin, quantity = 0.0, "link position"
     if s.move is None:
         shaping = s.shaping if s.shaping == "quintic" else "limited jerk"
         about = f"Here the robot follows a plan: the way of the step in {duration} ({shaping})."
+        origin, quantity = response.goal, "link position − goal"
     yield Paragraph(
         f"{about} Its feedforward comes from the elastic inverse dynamics, and the law acts on the error that is left. "
         f"The move needs at most {peak_text(response, units)}, the step {peak_text(e.step, units)}."
     )
 
     def figure() -> Figure:
-        limits, limit_name = effort_limit(e)
-        from_goal = (response.goal, "link position − goal")
-        origin, quantity = from_goal if s.move is None else (0.0, "link position")
+        over = response.run.time, e.setup.joints
         position, plan = (units.scale * (values - origin) for values in (response.positions, planned.planned))
-        panels = (
-            Panel(quantity, units.angle, position, plan=plan),
-            Panel("link position − plan", unit, scale * planned.error, zero=True),
-            Panel("input", units.effort, response.inputs, limits=limits, limit_name=limit_name),
-        )
-        caption = "Link positions and the plan (dotted), their difference, and the inputs."
-        return time_block("move", response.run.time, e.setup.joints, panels, caption, "The move", 6.6)
+        return draw_figure(
+            "move",
+            (
+                joint_panel(quantity, units.angle, *over, position, plan=plan),
+                joint_panel("link position − plan", unit, *over, scale * planned.error, zero=True),
+                input_panel(e, response)[0],
+            ),
+            "Link positions and the plan (dotted), their difference, and the inputs.", "The move", 6.6,
+        )  # fmt: skip
 
     yield figure
-    rows = [
-        {**row, "way": float(way), "relative": row["largest_error"] / float(way) if way else None}
-        for row, way in zip(planned.metrics, planned.ways)
-    ]
-    columns = (
-        Column("way", units.angle, key="way", scale=units.scale),
-        Column("largest error", unit, key="largest_error", scale=scale),
-        Column("of the way", "%", 2, key="relative", scale=100.0),
-        Column("rms error", unit, key="rms_error", scale=scale),
-        Column("error at the end", unit, key="final_error", scale=scale),
-        Column("peak input", units.effort, key="peak_input"),
-        Column("peak speed", units.rate, key="peak_speed", scale=units.scale),
-    )
-    caption = (
+    yield joint_table(
+        (
+            Column("way", units.angle, key="way", scale=units.scale),
+            Column("largest error", unit, key="largest_error", scale=scale),
+            Column("of the way", "%", 2, key="relative", scale=100.0),
+            Column("rms error", unit, key="rms_error", scale=scale),
+            Column("error at the end", unit, key="final_error", scale=scale),
+            Column("peak input", units.effort, key="peak_input"),
+            Column("peak speed", units.rate, key="peak_speed", scale=units.scale),
+        ),
+        [
+            {**row, "way": float(way), "relative": row["largest_error"] / float(way) if way else None}
+            for row, way in zip(planned.metrics, planned.ways)
+        ],
         "Errors: of the true link positions from the plan. Way: between its extremes. Error at the end: largest in the "
-        "last tenth of the run"
-    )
-    yield joint_table(columns, rows, caption, "table-move")
+        "last tenth of the run",
+        "table-move",
+    )  # fmt: skip
 
 
 def margins_along(design: Design) -> Blocks:
@@ -263,51 +258,36 @@ def margins_along(design: Design) -> Blocks:
             f"not as required, {'with the poses of `--via`' if design.specification.via else tried}. Try a lower "
             "`--bandwidth`, another sensor, or poses of your own (`--via`)."
         )
-    laws = "one law acts everywhere"
+    laws, colours = "one law acts everywhere", ""
     if along.count > 1:
         added = f", {along.added} of them where one law did not keep the limits" if along.added else ""
         laws = f"{along.count} laws are scheduled{added}; the one whose pose is nearest to the command acts"
+        colours = " The colour of a point is that of the law that acts there."
     yield Paragraph(
         f"The running loop, linearised about the robot at rest at {len(along.times)} poses that are evenly apart on "
         f"the way of the move: {laws}. Velocities along the move are not in it."
     )
-    yield lambda: _along_figure(along)
-    slides, degrees, rows = design.robot.links.slides, units_of(design.evaluation).degrees, []
+    panels, rows, acting = [], [], np.array(along.laws)
     for name, quantity in MARGINS.items():
         values = np.array([getattr(one, name) for one in along.margins], dtype=float)
         k = int(np.argmax(values) if name == "peak_sensitivity" else np.argmin(values))
-        pose = pose_text(along.poses[k], slides, degrees)
+        pose = pose_text(along.poses[k], design.robot.links.slides, units_of(design.evaluation).degrees)
         rows.append((quantity, float(values[k]), float(along.times[k]), pose))
-    columns = ("figure", Column("worst", "", 3), Column("at", "s", 3), "pose")
-    yield Table(columns, rows, "The worst pose of each figure", "table-along")
-
-
-def along_rows(along: AlongMove) -> list[dict[str, Any]]:
-    """Time, pose, law and margins at each pose."""
-    return [
-        {
-            "time_s": float(time), "pose": pose, "law": law, "stable": margins.stable,
-            **{name: getattr(margins, name) for name in MARGINS},
-        }
-        for time, pose, law, margins in zip(along.times, along.poses, along.laws, along.margins)
-    ]  # fmt: skip
-
-
-def _along_figure(along: AlongMove) -> Figure:
-    figure, axes = new_figure(3, height=5.4)
-    laws = np.array(along.laws)
-    for axis, (name, text) in zip(axes, MARGINS.items()):
-        values = np.array([getattr(one, name) for one in along.margins], dtype=float)
+        lines = []
         for law in sorted(set(along.laws)):
-            at, color = laws == law, SERIES[law % len(SERIES)]
-            axis.plot(along.times[at], values[at], "o", color=color, markersize=4.5)
-        axis.plot(along.times, values, color=SERIES[0], linewidth=1.0, zorder=1)
-        if limit := getattr(along.least, name):
-            reference_line(axis, limit)
-        label(axis, text, "")
-    colours = " The colour of a point is that of the law that acts there." if along.count > 1 else ""
+            at, color = acting == law, SERIES[law % len(SERIES)]
+            dots = {"color": color, "marker": "o", "markersize": 4.5, "linestyle": "none"}
+            lines.append(Line(along.times[at], values[at], None, dots))
+        joined = {"color": SERIES[0], "linewidth": 1.0, "zorder": 1}
+        lines.append(Line(along.times, values, None, joined))
+        limit = getattr(along.least, name)
+        panels.append(Panel(quantity, "", lines, (limit,) if limit else ()))
     caption = f"At poses along the move. Dotted: what is required, with its tolerance.{colours}"
-    return figure_block("along", figure, caption, "Margins along the move")
+    yield lambda: draw_figure("along", panels, caption, "Margins along the move", 5.4)
+    yield Table(
+        ("figure", Column("worst", "", 3), Column("at", "s", 3), "pose"), rows, "The worst pose of each figure",
+        "table-along",
+    )  # fmt: skip
 
 
 # Ring-down after an impulse ---------------------------------------------------------------------------
@@ -326,20 +306,21 @@ def ring_down(design: Design) -> Blocks:
         )
     yield lambda: _ring_down_figure(runs)
     unit, scale = units.small
-    columns = (
-        Column("impulse", f"{units.load}·s", key="impulse"),
-        Column("largest deviation", unit, key="peak_deviation", scale=scale),
-        Column("least damping ratio", "", 3, key="damping"),
-        Column("its frequency", "Hz", 3, key="frequency_Hz"),
-        Column(f"left after {AFTER:g} periods", "%", 2, key="left", scale=100.0),
-    )
-    caption = (
+    yield joint_table(
+        (
+            Column("impulse", f"{units.load}·s", key="impulse"),
+            Column("largest deviation", unit, key="peak_deviation", scale=scale),
+            Column("least damping ratio", "", 3, key="damping"),
+            Column("its frequency", "Hz", 3, key="frequency_Hz"),
+            Column(f"left after {AFTER:g} periods", "%", 2, key="left", scale=100.0),
+        ),
+        ring_down_rows(runs),
         "Damping ratio: the least of the oscillations that make up "
         f"{100.0 * VISIBLE:g} % of the joint's own velocity or input, fitted to all samples of all runs; fit and "
         f"runs differ by {number(100.0 * runs.ring_down.error, 2)} % of the peak at most. Left: largest velocity of "
-        "the link from then on, of its peak"
-    )
-    yield joint_table(columns, ring_down_rows(runs), caption, "table-ring-down")
+        "the link from then on, of its peak",
+        "table-ring-down",
+    )  # fmt: skip
 
 
 def ring_down_rows(runs: ImpulseRuns) -> list[dict[str, Any]]:
@@ -366,22 +347,19 @@ def _ring_down_figure(runs: ImpulseRuns) -> Figure:
     least = runs.least_damped(worst)
     early = time <= (time[-1] if least is None else SHOWN / least.frequency)
     values = np.column_stack([runs.velocity(k)[early] for k in range(len(joints))])
-    panel = Panel("link velocity / peak", "", values, zero=True)
+    panel = joint_panel("link velocity / peak", "", time[early], joints, values, zero=True)
     caption = "Velocity of each link over its peak, after an impulse on it, without measurement noise."
-
-    def envelope(axes: Axes) -> None:
-        """It begins at the peak: what decays slower is not the oscillation whose damping is given."""
-        if least is not None and least.damping > 0.0:
-            size = np.exp(-2.0 * np.pi * least.frequency * least.damping * time[early])
-            for sign in (1.0, -1.0):
-                axes.plot(time[early], sign * size, color=MUTED, linewidth=1.0, dashes=DASHED)
-
     if least is not None and least.damping > 0.0:
+        # begins at the peak: what decays slower is not the oscillation whose damping is given
+        size = np.exp(-2.0 * np.pi * least.frequency * least.damping * time[early])
+        dashed = {"color": MUTED, "linewidth": 1.0, "dashes": DASHED}
+        envelope = [Line(time[early], sign * size, None, dashed) for sign in (1.0, -1.0)]
+        panel = replace(panel, lines=[*panel.lines, *envelope])
         caption += (
             f" Dashed: the decay of the least damped oscillation{in_joint(joints[worst], joints)}, "
             f"{number(least.frequency, 3)} Hz with a damping ratio of {number(least.damping, 2)}."
         )
-    return time_block("ringing", time[early], joints, [panel], caption, "After an impulse", 2.9, envelope)
+    return draw_figure("ringing", [panel], caption, "After an impulse", 2.9)
 
 
 # At rest with dry friction -------------------------------------------------------------------------------
@@ -437,31 +415,30 @@ def long_run(design: Design) -> Blocks:
         )
     yield lambda: _long_run_figure(design, run)
     unit, scale = units.small
-    rows = [
-        {
-            **row,
-            "frequency": _frequency(row["frequency_Hz"]) if row["amplitude"] > SEEN * run.limit else "–",
-            "result": "hunts" if row["amplitude"] > run.limit else "below the limit",
-        }
-        for row in long_run_rows(run)
-    ]
-    columns = (
-        Column("amplitude", unit, key="amplitude", scale=scale),
-        Column("frequency", key="frequency"),
-        Column("remaining error", unit, key="remaining_error", scale=scale),
-        Column("result", key="result"),
-    )
     dead = "" if run.dead_zone is None else ", and a dead zone of the integrals"
-    caption = (
+    yield joint_table(
+        (
+            Column("amplitude", unit, key="amplitude", scale=scale),
+            Column("frequency", key="frequency"),
+            Column("remaining error", unit, key="remaining_error", scale=scale),
+            Column("result", key="result"),
+        ),
+        [
+            {
+                **row,
+                "frequency": _frequency(row["frequency_Hz"]) if row["amplitude"] > SEEN * run.limit else "–",
+                "result": "hunts" if row["amplitude"] > run.limit else "below the limit",
+            }
+            for row in long_run_rows(run)
+        ],
         f"With {listed([name.replace('_', ' ') for name in run.extras if name in DRY])}{dead}. Amplitude: half of the "
-        "distance between the extremes in the last half. Remaining error: largest in the last tenth"
-    )
-    title = f"{run.response.run.time[-1]:.3g} s at rest with dry friction: hunting" if run.oscillates else ""
-    yield joint_table(columns, rows, caption, "table-hunting", title)
+        "distance between the extremes in the last half. Remaining error: largest in the last tenth",
+        "table-hunting",
+        f"{run.response.run.time[-1]:.3g} s at rest with dry friction: hunting" if run.oscillates else "",
+    )  # fmt: skip
 
 
 def _frequency(frequency: float | None) -> str:
-    """Of an oscillation, with its period where it is slow."""
     if frequency is None:
         return "less than one period in the last half"
     slow = f", every {number(1.0 / frequency, 3)} s" if frequency < 1.0 else ""
@@ -489,16 +466,20 @@ def _long_run_figure(design: Design, run: LimitCycleCheck) -> Figure:
     time, positions, inputs = (tail_of(each, REST_TAIL) for each in runs)
     few, deviation = _extremes(time, scale * (positions - response.goal))
     limit = np.full(len(response.joints), scale * run.limit)
-    panels = (
-        Panel("link position − goal", unit, deviation, zero=True, limits=limit, limit_name="limit"),
-        Panel("input", units.effort, _extremes(time, inputs)[1]),
-    )
     friction = "sharp: it holds a motor until the torque exceeds it" if run.sharp else "smoothed"
-    caption = (
+    return draw_figure(
+        "rest",
+        (
+            joint_panel(
+                "link position − goal", unit, few, response.joints, deviation, zero=True, limits=limit,
+                limit_name="limit",
+            ),
+            joint_panel("input", units.effort, few, response.joints, _extremes(time, inputs)[1]),
+        ),
         f"The last half of {response.run.time[-1]:.3g} s at the goal, without measurement noise. Dry friction is "
-        f"{friction}. An amplitude beyond {units.small_text(run.limit, 3)} is hunting."
-    )
-    return time_block("rest", few, response.joints, panels, caption, "At rest with dry friction")
+        f"{friction}. An amplitude beyond {units.small_text(run.limit, 3)} is hunting.",
+        "At rest with dry friction",
+    )  # fmt: skip
 
 
 def _extremes(time: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

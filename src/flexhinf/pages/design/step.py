@@ -16,20 +16,21 @@ from flexhinf.pages.drawing import (
     DASHED,
     ESTIMATORS,
     Blocks,
+    Line,
     Panel,
     Units,
     changes_text,
+    draw_figure,
     figure_block,
     in_joint,
+    joint_panel,
     joint_table,
     legend_above,
     limit_text,
     listed,
     note,
     panels,
-    reference_line,
     settling_text,
-    time_block,
     units_of,
 )
 from flexhinf.plant import Plant
@@ -71,72 +72,72 @@ FLAT = 0.02
 
 def step(design: Design) -> Blocks:
     """What the step looks like, and its metrics for each joint; on MuJoCo's plant too."""
-    e, extras, units = design.evaluation, design.specification.extras, units_of(design.evaluation)
-    names = tuple(parameter.name for parameter in design.robot.parameters if parameter.value)
+    e, s, units = design.evaluation, design.specification, units_of(design.evaluation)
+    names = [parameter.name for parameter in design.robot.parameters if parameter.value]
     left = [
         extra
         for begins, extra in STATED.items()
-        if extra not in extras and any(name.startswith(begins) for name in names)
+        if extra not in s.extras and any(name.startswith(begins) for name in names)
     ]
     if left:
-        what = f"numbers of {listed(left).replace('_', ' ')} that the true plant of this report leaves out"
-        yield note(f"The robot states {what}. `--extras {','.join(left)}` includes them.")
+        yield note(
+            f"The robot states numbers of {listed(left).replace('_', ' ')} that the true plant of this report leaves "
+            f"out. `--extras {','.join(left)}` includes them."
+        )
     if e.step.diverged_at is not None:
         when = number(e.step.diverged_at, 3)
         yield note(f"The step diverges at {when} s. Start nearer to the goal, or change the weights.")
     each = np.abs(e.step.inputs)
     sizes = each.max(axis=1)
-    at, s = int(np.argmax(sizes)), design.specification
-    if s.estimator != "none" and 0 < at < STARTING < len(sizes):
-        later = float(sizes[STARTING:].max())
-        if sizes[at] >= MUCH * later:
-            yield note(
-                f"The peak input of {number(float(sizes[at]), 3)} {units.effort}"
-                f"{in_joint(e.setup.joints[int(np.argmax(each[at]))], e.setup.joints)} occurs "
-                f"{number(1e3 * at * s.period, 2)} ms after the start, while the gain of the estimator is still "
-                f"settling. From {number(1e3 * STARTING * s.period, 3)} ms on the peak is {number(later, 3)} "
-                f"{units.effort}. Let the estimator run before the law takes over."
-            )
+    at, later = int(np.argmax(sizes)), float(sizes[STARTING:].max(initial=0.0))
+    if s.estimator != "none" and 0 < at < STARTING < len(sizes) and sizes[at] >= MUCH * later:
+        yield note(
+            f"The peak input of {number(float(sizes[at]), 3)} {units.effort}"
+            f"{in_joint(e.setup.joints[int(np.argmax(each[at]))], e.setup.joints)} occurs "
+            f"{number(1e3 * at * s.period, 2)} ms after the start, while the gain of the estimator is still "
+            f"settling. From {number(1e3 * STARTING * s.period, 3)} ms on the peak is {number(later, 3)} "
+            f"{units.effort}. Let the estimator run before the law takes over."
+        )
     yield lambda: _step_figure(e, units)
     yield lambda: arm_of(e)
     last = float(e.step.run.time[-1])
-    rows = [
-        {
-            **row, "from": float(begin), "to": float(end),
-            "settling": settling_text(row["settling_time_s"], last) if "settling_time_s" in row else None,
-        }
-        for row, begin, end in zip(e.step.metrics, e.setup.start, e.setup.goal)
-    ]  # fmt: skip
-    overshoot = Column("overshoot", "%", 1, key="overshoot_percent")
     error = Column("steady-state error", units.angle, key="steady_state_error", scale=units.scale)
     peak = Column("peak input", units.effort, key="peak_input")
-    columns = (
-        Column("from", units.angle, key="from", scale=units.scale),
-        Column("to", units.angle, key="to", scale=units.scale),
-        overshoot,
-        Column("settling time", key="settling"),
-        error,
-        peak,
-        Column("input noise", units.effort, key="input_noise"),
-    )
-    caption = (
-        "True link positions. Settling: to ±2 % of the joint's own step. Steady-state error: largest in the last tenth "
-        "of the run. Input noise: standard deviation there"
-    )
-    yield joint_table(columns, rows, caption, "table-step")
-    if design.mujoco is not None:
-        plants = {"ours": e.step, "MuJoCo's": design.mujoco}
-        rows = [{**row, "plant": plant} for plant, response in plants.items() for row in response.metrics]
-        columns = (
-            Column("plant", key="plant"),
-            Column("joint", key="joint"),
-            Column("overshoot", "%", key="overshoot_percent"),
-            Column("settling time", "s", 3, key="settling_time_s"),
+    yield joint_table(
+        (
+            Column("from", units.angle, key="from", scale=units.scale),
+            Column("to", units.angle, key="to", scale=units.scale),
+            Column("overshoot", "%", 1, key="overshoot_percent"),
+            Column("settling time", key="settling"),
             error,
             peak,
-        )
-        caption = f"The same controller and noise on MuJoCo's plant: {difference_text(design)}"
-        yield Table.of(columns, rows, caption, "table-mujoco")
+            Column("input noise", units.effort, key="input_noise"),
+        ),
+        [
+            {
+                **row, "from": float(begin), "to": float(end),
+                "settling": settling_text(row["settling_time_s"], last) if "settling_time_s" in row else None,
+            }
+            for row, begin, end in zip(e.step.metrics, e.setup.start, e.setup.goal)
+        ],
+        "True link positions. Settling: to ±2 % of the joint's own step. Steady-state error: largest in the last tenth "
+        "of the run. Input noise: standard deviation there",
+        "table-step",
+    )  # fmt: skip
+    if design.mujoco is not None:
+        plants = {"ours": e.step, "MuJoCo's": design.mujoco}
+        yield Table.of(
+            (
+                Column("plant", key="plant"),
+                Column("joint", key="joint"),
+                Column("overshoot", "%", key="overshoot_percent"),
+                Column("settling time", "s", 3, key="settling_time_s"),
+                error,
+                peak,
+            ),
+            [{**row, "plant": plant} for plant, response in plants.items() for row in response.metrics],
+            f"The same controller and noise on MuJoCo's plant: {difference_text(design)}", "table-mujoco",
+        )  # fmt: skip
 
 
 def step_text(response: Response, units: Units) -> str:
@@ -174,42 +175,43 @@ def spring_torques(e: LawEvaluation, response: Response) -> np.ndarray:
     return stiffness_of(e.setup.model, e.setup.robot, 0.0) * (theta - q).T
 
 
-def effort_limit(e: LawEvaluation) -> tuple[np.ndarray | None, str]:
-    """The tighter of the required peak and the saturation (n,), with its name for a legend."""
-    limits = e.setup.limits
-    if not limits.limits_effort:
-        return None, ""
-    required = bool(np.all(limits.peak <= limits.saturation))
-    source = limits.peak_source if required else limits.saturation_source
-    name = "limit of the motor" if source == ROBOT else "required: at most" if required else "saturation at"
-    return limits.effort, f"{name} {limit_text(limits.effort)} {units_of(e).effort}"
+def input_panel(e: LawEvaluation, response: Response) -> tuple[Panel, str]:
+    """Inputs of a run, with the tighter of the required peak and the saturation; and the name of that limit."""
+    limits, units, name = e.setup.limits, units_of(e), ""
+    if limits.limits_effort:
+        required = bool(np.all(limits.peak <= limits.saturation))
+        source = limits.peak_source if required else limits.saturation_source
+        name = (
+            "limit of the motor" if source == ROBOT else "required: at most" if required else "saturation at"
+        )
+        name = f"{name} {limit_text(limits.effort)} {units.effort}"
+    drawn = {"limits": limits.effort, "limit_name": name} if name else {}
+    panel = joint_panel("input", units.effort, response.run.time, response.joints, response.inputs, **drawn)
+    return panel, name
 
 
 def _step_figure(e: LawEvaluation, units: Units) -> Figure:
-    response, command, s = e.step, e.setup.command, e.setup.specification
-    time, goal = response.run.time, response.goal
-    planned = None if command is None else units.scale * (command(time) - goal)
-    least = 0.1 * units.scale * float(np.abs(goal - response.start).max(initial=0.0))
-    limit, name = effort_limit(e)
-    signals = (
-        Panel(
-            "link position − goal", units.angle, units.scale * (response.positions - goal), zero=True,
-            plan=planned, plan_name="command", least=least,
+    response, command, s, joints = e.step, e.setup.command, e.setup.specification, e.setup.joints
+    time, goal, (inputs, limit) = response.run.time, response.goal, input_panel(e, response)
+    panels = (
+        joint_panel(
+            "link position − goal", units.angle, time, joints, units.scale * (response.positions - goal), zero=True,
+            plan=None if command is None else units.scale * (command(time) - goal), plan_name="command",
+            least=0.1 * units.scale * float(np.abs(goal - response.start).max(initial=0.0)),
         ),
-        Panel("spring torque", units.spring, spring_torques(e, response), least=0.0),
-        Panel("input", units.effort, response.inputs, limits=limit, limit_name=name),
+        joint_panel("spring torque", units.spring, time, joints, spring_torques(e, response), least=0.0),
+        inputs,
     )  # fmt: skip
     fed = ESTIMATORS[s.estimator]
     if s.estimator != "none":
         fed = f"with {fed} on {', '.join(s.measured).replace('_', ' ')} and measurement noise"
-    bound = "" if limit is None else f" ({name}, beyond the panel)"
-    if signals[2].limit_sides:
-        bound = f" (dashed: {name})"
-    caption = (
+    bound = f" (dashed: {limit})" if inputs.dashed else f" ({limit}, beyond the panel)" if limit else ""
+    return draw_figure(
+        "step", panels,
         f"Nonlinear loop, {fed}{'' if command is None else f', its command {command.name}'}: link positions as "
-        f"distance from the goal (dotted), torques of the springs, and inputs as applied{bound}."
-    )
-    return time_block("step", time, e.setup.joints, signals, caption, "Step response", 6.6)
+        f"distance from the goal (dotted), torques of the springs, and inputs as applied{bound}.",
+        "Step response", 6.6,
+    )  # fmt: skip
 
 
 def difference_text(design: Design) -> str:
@@ -236,13 +238,12 @@ def arm_of(e: LawEvaluation) -> Figure | None:
 
 def instants(positions: np.ndarray, start: np.ndarray, goal: np.ndarray) -> list[int]:
     """Samples at which a run (N, n) first has done these `PARTS` of its way, the last one at the end of the run."""
-    way = goal - start
-    length = float(way @ way)
-    if not length:
+    way, last = goal - start, len(positions) - 1
+    if not way.any():
         return [0]
-    done = (positions - start) @ way / length
-    samples = [int(np.argmax(done >= part)) if np.any(done >= part) else len(done) - 1 for part in PARTS[:-1]]
-    return sorted({*samples, len(done) - 1})
+    done = (positions - start) @ way / float(way @ way)
+    samples = (int(np.argmax(done >= part)) if np.any(done >= part) else last for part in PARTS[:-1])
+    return sorted({*samples, last})
 
 
 @house_style()
@@ -288,12 +289,10 @@ def viewing_plane(
     down: np.ndarray, points: np.ndarray, size: float
 ) -> tuple[np.ndarray, np.ndarray, tuple[str, str]]:
     """Two directions to look along, and their names: upright where the robot leaves the horizontal, else from above."""
-    up = -down / np.linalg.norm(down)
-    centred = points - points.mean(axis=0)
-    level = centred - np.outer(centred @ up, up)
-    spread = np.linalg.svd(level, full_matrices=True)[2]
-    across = [row for row in spread if abs(row @ up) < 0.5]
-    right = across[0] * (1.0 if across[0].sum() >= 0.0 else -1.0)
+    up, centred = -down / np.linalg.norm(down), points - points.mean(axis=0)
+    spread = np.linalg.svd(centred - np.outer(centred @ up, up), full_matrices=True)[2]
+    right = next(row for row in spread if abs(row @ up) < 0.5)
+    right = right * (1.0 if right.sum() >= 0.0 else -1.0)
     if np.ptp(centred @ up) > FLAT * size:
         return right, up, ("horizontal", "height")
     return right, np.cross(up, right), ("horizontal", "seen from above")
@@ -341,7 +340,7 @@ def samples(design: Design) -> Blocks:
 
 
 def _bands(e: LawEvaluation, samples: MonteCarlo) -> Figure:
-    units, names = units_of(e), e.setup.joints
+    units, names, time = units_of(e), e.setup.joints, samples.time
     ended = np.flatnonzero(np.isfinite(samples.positions).all(axis=(1, 2)))
     away = units.scale * (samples.positions[ended] - e.setup.goal)
     steps = units.scale * np.abs(e.setup.goal - e.setup.start)
@@ -354,24 +353,27 @@ def _bands(e: LawEvaluation, samples: MonteCarlo) -> Figure:
     styles = ({"color": INK, "dashes": (5.0, 1.5)}, {"color": SERIES[1], "dashes": (2.0, 1.2)})
     figure, axes = new_figure(len(widest) + 1)
     for axis, joint in zip(axes, [*widest, close]):
-        quantile_band(axis, samples.time, away[:, :, joint])
-        for (robot, name), style in zip(worst.items(), styles):
-            for line in away[ended == robot, :, joint]:
-                axis.plot(samples.time, line, label=name, linewidth=1.1, **style)
-        reference_line(axis)
-        label(axis, f"{names[joint]} − goal" if len(names) > 1 else "link − goal", units.angle)
+        quantile_band(axis, time, away[:, :, joint])
+        lines = [
+            Line(time, line, name, {"linewidth": 1.1, **style})
+            for (robot, name), style in zip(worst.items(), styles)
+            for line in away[ended == robot, :, joint]
+        ]
+        what = f"{names[joint]} − goal" if len(names) > 1 else "link − goal"
+        Panel(what, units.angle, lines, (0.0,)).draw(axis)
     settling_band(axes[-1], 0.0, float(steps[close]))
     axes[-1].set_ylim(-CLOSE * steps[close] or -1e-3, CLOSE * steps[close] or 1e-3)
     legend(axes[0])
     some = f", the {len(widest)} joints that differ most" if len(widest) < len(names) else ""
     closer = f"{names[close]}, close to its goal" if len(names) > 1 else "the same, close to the goal"
     missing = len(samples) - len(ended)
-    gone = f" {missing} that diverged are left out." if missing else ""
-    caption = (
-        f"Link positions as distance from the goal{some}, of {len(ended)} sampled robots.{gone} Bottom: {closer}, "
-        "with the band of ±2 % of the step."
-    )
-    return figure_block("draws", figure, caption, "Sampled robots")
+    return figure_block(
+        "draws", figure,
+        f"Link positions as distance from the goal{some}, of {len(ended)} sampled robots."
+        f"{f' {missing} that diverged are left out.' if missing else ''} Bottom: {closer}, "
+        "with the band of ±2 % of the step.",
+        "Sampled robots",
+    )  # fmt: skip
 
 
 def _metrics(e: LawEvaluation, samples: MonteCarlo) -> list[tuple[str, str, np.ndarray, float, str]]:
@@ -393,8 +395,7 @@ def _histograms(e: LawEvaluation, samples: MonteCarlo) -> Figure:
         axes, _metrics(e, samples), limits, grains
     ):
         values = every[np.isfinite(every)]
-        axis.set_xlabel(f"{name} ({unit})")
-        label(axis, "robots", "")
+        axis.set(xlabel=f"{name} ({unit})", ylabel="robots")
         if not len(values):
             continue
         axis.hist(values, bins=histogram_bins(values, grain).tolist(), color=SERIES[0], alpha=0.55)
@@ -403,8 +404,10 @@ def _histograms(e: LawEvaluation, samples: MonteCarlo) -> Figure:
             axis.axvline(nominal, color=SERIES[1], linewidth=1.6)
         if limit is not None and float(values.max()) > 0.5 * limit:
             axis.axvline(limit, color=INK, linewidth=1.0, dashes=DASHED)
-    caption = "Worst joint of each robot. Orange: the nominal robot. Dashed: a limit that is near."
-    return figure_block("spread", figure, caption, "Spread of the sampled robots")
+    return figure_block(
+        "spread", figure, "Worst joint of each robot. Orange: the nominal robot. Dashed: a limit that is near.",
+        "Spread of the sampled robots",
+    )  # fmt: skip
 
 
 def histogram_bins(values: np.ndarray, grain: float) -> np.ndarray:
@@ -427,11 +430,12 @@ def spread_table(e: LawEvaluation) -> Table:
         cells = ("never" if np.isinf(value) else number(value, 3) for value in (nominal, *quantiles))
         rows.append((name, unit, *cells, *([joint or "–"] if several else [])))
     settled = f"{len(samples) - samples.unsettled} of {len(samples)} settle, {samples.diverged} diverge"
-    columns = (
-        "", "unit", Column("nominal robot", brief="nominal", right=True), Column("median", right=True),
-        Column("95 % are below", brief="95 % below", right=True),
-        Column("worst", right=True), *(["worst joint"] if several else []),
+    return Table(
+        (
+            "", "unit", Column("nominal robot", brief="nominal", right=True), Column("median", right=True),
+            Column("95 % are below", brief="95 % below", right=True),
+            Column("worst", right=True), *(["worst joint"] if several else []),
+        ),
+        rows, f"Worst joint of each robot: {settled}" if several else settled, "table-draws",
+        title=f"The step on {len(samples)} robots sampled within their tolerances: {settled}",
     )  # fmt: skip
-    title = f"The step on {len(samples)} robots sampled within their tolerances: {settled}"
-    caption = f"Worst joint of each robot: {settled}" if several else settled
-    return Table(columns, rows, caption, "table-draws", title=title)

@@ -13,17 +13,14 @@ from flexhinf.design.result import Design
 from flexhinf.design.synthesis.noise import MOST_NOISE, NoiseCandidate, NoiseSearch
 from flexhinf.design.synthesis.whole_loop import NOISE, WholeLoopSearch
 from flexhinf.pages.drawing import (
-    DASHED,
     Blocks,
+    Line,
+    Panel,
     count_text,
-    figure_block,
+    draw_figure,
     finite,
-    frequency_axis,
-    legend_above,
     line_style,
-    panels,
     range_text,
-    vertical_line,
 )
 from flexhinf.plant import GeneralisedPlant
 from flexhinf.report import INK, SERIES, Column, Figure, Paragraph, Table, number
@@ -85,29 +82,30 @@ def _search(design: Design) -> Blocks:
         f"{count_text(len(search.candidates), 'candidate')} on the linear part with the true state fed back, each by "
         "its worst over the nominal robot and corners of its tolerances."
     )
+    candidates = sorted(search.candidates, key=lambda c: c.damping_weight)
 
-    def figure() -> Figure:
-        candidates = sorted(search.candidates, key=lambda c: c.damping_weight)
-        weight = [c.damping_weight for c in candidates]
-        canvas, ((left, right),) = panels(1, 2, 3.2)
-        dots: dict[str, Any] = {"markersize": 3.5, "linewidth": 1.2}
-        for name, values, colour in (
-            ("worst of the tolerances", [c.behaviour.damping for c in candidates], SERIES[1]),
-            ("nominal robot", [c.behaviour.nominal_damping for c in candidates], SERIES[0]),
-        ):
-            seen = np.where(np.isfinite(values), values, np.nan)
-            left.plot(weight, seen, "o-", color=colour, label=name, **dots)
-        left.axhline(target.damping, color=INK, linewidth=1.0, dashes=DASHED, label="target")
-        right.plot(weight, [c.design.gamma_star for c in candidates], "o-", color=SERIES[0], **dots)
-        for axis, quantity in ((left, "smallest damping ratio"), (right, "γ*")):
-            vertical_line(axis, search.chosen.damping_weight)
-            axis.set(xlabel="largest damping weight ζ", ylabel=quantity)
-        left.set_ylim(bottom=0.0)
-        legend_above(canvas, left, 3)
-        caption = "Candidates at the required bandwidth. The dotted line is the ζ that is used."
-        return figure_block("search", canvas, caption, "Search for the weights")
+    def line(values: Sequence[float], name: str | None, color: str) -> Line:
+        seen, weights = np.array(values, dtype=float), np.array([c.damping_weight for c in candidates])
+        style = {"color": color, "marker": "o", "markersize": 3.5, "linewidth": 1.2}
+        return Line(weights, np.where(np.isfinite(seen), seen, np.nan), name, style)
 
-    yield figure
+    over: dict[str, Any] = {"vertical": search.chosen.damping_weight, "across": "largest damping weight ζ"}
+    yield lambda: draw_figure(
+        "search",
+        (
+            Panel(
+                "smallest damping ratio", "",
+                (
+                    line([c.behaviour.damping for c in candidates], "worst of the tolerances", SERIES[1]),
+                    line([c.behaviour.nominal_damping for c in candidates], "nominal robot", SERIES[0]),
+                ),
+                dashed=((target.damping, INK, "target"),), y=(0.0, None), **over,
+            ),
+            Panel("γ*", "", [line([c.design.gamma_star for c in candidates], None, SERIES[0])], **over),
+        ),
+        "Candidates at the required bandwidth. The dotted line is the ζ that is used.", "Search for the weights",
+        3.2, columns=3,
+    )  # fmt: skip
     yield candidate_table(design)
 
 
@@ -116,25 +114,25 @@ def candidate_table(design: Design) -> Table:
     search = design.design_problem.search
     assert search is not None
     candidates = sorted(search.candidates, key=lambda c: c.damping_weight)
-    used = next(k for k, c in enumerate(candidates) if c is search.chosen)
-    places = {0, max(0, used - 1), used, min(len(candidates) - 1, used + 1), len(candidates) - 1}
+    used, last = next(k for k, c in enumerate(candidates) if c is search.chosen), len(candidates) - 1
     rows = [
         (
             c.damping_weight, range_text(c.target_frequency), range_text(c.behaviour.bandwidth),
             finite(c.behaviour.damping), finite(c.behaviour.nominal_damping), c.design.gamma_star,
             "used" if c is search.chosen else "",
         )
-        for c in (candidates[k] for k in sorted(places))
+        for c in (candidates[k] for k in sorted({0, max(0, used - 1), used, min(last, used + 1), last}))
     ]  # fmt: skip
-    columns = (
-        Column("largest damping weight ζ", "", 3, brief="weight ζ"),
-        Column("target frequency ω", "rad/s", brief="target ω, rad/s"), Column("bandwidth", "rad/s"),
-        Column("damping, worst robot", "", 3, brief="damping: worst"),
-        Column("damping, nominal robot", "", 3, brief="nominal"), "γ*", "",
-    )  # fmt: skip
     count = f"{len(rows)} of {count_text(len(candidates), 'candidate')}"
-    caption = f"{count}, by ζ; design.json has all"
-    return Table(columns, rows, caption, "table-tries", title=f"Search for the weights: {count}")
+    return Table(
+        (
+            Column("largest damping weight ζ", "", 3, brief="weight ζ"),
+            Column("target frequency ω", "rad/s", brief="target ω, rad/s"), Column("bandwidth", "rad/s"),
+            Column("damping, worst robot", "", 3, brief="damping: worst"),
+            Column("damping, nominal robot", "", 3, brief="nominal"), "γ*", "",
+        ),
+        rows, f"{count}, by ζ; design.json has all", "table-tries", title=f"Search for the weights: {count}",
+    )  # fmt: skip
 
 
 # The tolerances -----------------------------------------------------------------------------------------
@@ -143,28 +141,28 @@ def whole_loop(design: Design) -> Blocks:
     search = design.synthesis.robust
     if search is None:
         return
-    text = (
-        f"From the preset damped, {count_text(search.count, 'loop')} with other weights, noise levels and channels of "
-        "the tolerances were tried for the largest factor of all tolerances up to which no corner is unstable, with no "
-        f"more overshoot at the corners, the same limits, and at most {NOISE:g} times the noise at each motor. "
-    )
+    result = "None was better, so the design is that of the preset damped."
     if search.better:
-        text += (
+        unstable = f"First unstable: {search.corner}." if search.corner else "No corner became unstable."
+        result = (
             f"Of those of damped the target frequencies were multiplied by {number(search.frequency, 3)}, ζ by "
             f"{number(search.damping, 3)}, the noise levels of the links by {number(search.links, 3)} and of the "
-            f"motors by {number(search.motors, 3)}. "
+            f"motors by {number(search.motors, 3)}. {unstable}"
         )
-        text += f"First unstable: {search.corner}." if search.corner else "No corner became unstable."
-    else:
-        text += "None was better, so the design is that of the preset damped."
-    yield Paragraph(text)
+    yield Paragraph(
+        f"From the preset damped, {count_text(search.count, 'loop')} with other weights, noise levels and channels of "
+        "the tolerances were tried for the largest factor of all tolerances up to which no corner is unstable, with no "
+        f"more overshoot at the corners, the same limits, and at most {NOISE:g} times the noise at each motor. {result}"
+    )
     volts = design.setup.model.unit(design.setup.model.inputs[0])
-    rows = [
-        (what, number(damped, 3), number(robust, 3), volts if unit == "input" else unit)
-        for what, unit, damped, robust in whole_loop_rows(search)
-    ]
-    columns = ("running loop", "preset damped", "preset robust", "unit")
-    yield Table(columns, rows, "What the search for the tolerances gained and cost", "table-whole-loop")
+    yield Table(
+        ("running loop", "preset damped", "preset robust", "unit"),
+        [
+            (what, number(damped, 3), number(robust, 3), volts if unit == "input" else unit)
+            for what, unit, damped, robust in whole_loop_rows(search)
+        ],
+        "What the search for the tolerances gained and cost", "table-whole-loop",
+    )  # fmt: skip
 
 
 def whole_loop_rows(search: WholeLoopSearch) -> list[tuple[str, str, float, float]]:
@@ -186,14 +184,15 @@ def robust_table(r: Robustness) -> Table:
         "γ* of the problem": (r.nominal_gamma_star, r.gamma_star),
         "level that the nominal robot attains": (r.nominal_gain, r.robust_gain),
     }
-    rows = [(what, plain, robust, 100.0 * (robust / plain - 1.0)) for what, (plain, robust) in levels.items()]
-    columns = (
-        "", Column("without tolerances", brief="without"), Column("with tolerances", brief="with"),
-        Column("cost", "%", 1),
+    return Table(
+        (
+            "", Column("without tolerances", brief="without"), Column("with tolerances", brief="with"),
+            Column("cost", "%", 1),
+        ),
+        [(what, plain, robust, 100.0 * (robust / plain - 1.0)) for what, (plain, robust) in levels.items()],
+        "What covering the tolerances costs (linear part)", "table-robust",
+        title=f"Cost of the tolerances: {r.channels} channels, {100.0 * r.fraction:.3g} % of them covered",
     )  # fmt: skip
-    title = f"Cost of the tolerances: {r.channels} channels, {100.0 * r.fraction:.3g} % of them covered"
-    caption = "What covering the tolerances costs (linear part)"
-    return Table(columns, rows, caption, "table-robust", title=title)
 
 
 def _robust_text(r: Robustness) -> str:
@@ -226,8 +225,7 @@ def _robust_text(r: Robustness) -> str:
 # The weights themselves ---------------------------------------------------------------------------------
 def state_weights(problem: GeneralisedPlant, joints: Sequence[str]) -> list[Weight]:
     """Of states, integrals, spring torques and their rates; empty for a penalty that is code of the user's."""
-    states = problem.penalty.states
-    coded = callable(states)
+    states, coded = problem.penalty.states, callable(problem.penalty.states)
     values = getattr(states, "states", None) if coded else problem.penalty.weights(problem.state_names)
     named = [] if values is None else list(zip(problem.state_names, np.asarray(values, dtype=float)))
     for group, attribute in (("joint_torque", "torques"), ("joint_torque_rate", "rates")):
@@ -263,8 +261,10 @@ def _weight_table(design: Design) -> Blocks:
     for signal, by in rows.items():
         values = (number(by[joint].value) if joint in by else "–" for joint in joints)
         cells.append((signal, *values, " or ".join(dict.fromkeys(weight.unit for weight in by.values()))))
-    columns = ("weight of", *(joints if len(joints) > 1 else ["value"]), "unit")
-    yield Table(columns, cells, "Weights: h(x) has one entry for each", "table-weights")
+    yield Table(
+        ("weight of", *(joints if len(joints) > 1 else ["value"]), "unit"), cells,
+        "Weights: h(x) has one entry for each", "table-weights",
+    )  # fmt: skip
     yield Paragraph(price)
 
 
@@ -297,12 +297,14 @@ def noise_levels(design: Design) -> Blocks:
     if len(joints) > 1:
         by_joint = (search.chosen.levels.link_velocities, search.chosen.levels.motor_velocities)
         links, motors = (np.broadcast_to(level, len(joints)).tolist() for level in by_joint)
-        columns = (
-            "joint", Column("Rᵛ, link velocity", digits=2), Column("Rᵛ, motor velocity", digits=2),
-            Column("noise at the motor (rms)", design.setup.model.unit(design.setup.model.inputs[0])),
+        yield Table(
+            (
+                "joint", Column("Rᵛ, link velocity", digits=2), Column("Rᵛ, motor velocity", digits=2),
+                Column("noise at the motor (rms)", design.setup.model.unit(design.setup.model.inputs[0])),
+            ),
+            list(zip(joints, links, motors, search.chosen.noises.tolist(), strict=True)),
+            "The levels that are used, joint by joint", "table-noise-levels",
         )  # fmt: skip
-        rows = list(zip(joints, links, motors, search.chosen.noises.tolist(), strict=True))
-        yield Table(columns, rows, "The levels that are used, joint by joint", "table-noise-levels")
 
 
 def _outcome(search: NoiseSearch, robust: bool) -> str:
@@ -352,43 +354,37 @@ def is_used(search: NoiseSearch, candidate: NoiseCandidate) -> bool:
 
 
 def _noise_figure(design: Design, search: NoiseSearch) -> Figure:
-    unit = design.setup.model.unit(design.setup.model.inputs[0])
-    noises = np.array([one.noises for one in search.trade_off])
-    figure, ((left, right),) = panels(1, 2, 3.2)
-    marks = [("s", 7.0, search.chosen)]
+    unit, target = design.setup.model.unit(design.setup.model.inputs[0]), design.design_problem.target
+    marks, used, required = [("s", 7.0, search.chosen)], "squares: used (the default levels)", []
     if search.default is not None and not is_used(search, search.default):
         marks.append(("D", 5.0, search.default))
-    for axis, name, text in (
-        (left, "damping", "smallest damping ratio"), (right, "compliance", "compliance / true state")
-    ):  # fmt: skip
-        values = [getattr(one, name) for one in search.trade_off]
-        for joint, joint_name in enumerate(design.robot.joint_names):
-            color = line_style(joint)["color"]
-            axis.plot(noises[:, joint], values, "o", markersize=3.0, color=color, label=joint_name)
-            for mark, size, one in marks:
-                axis.plot(one.noises[joint], getattr(one, name), mark, markersize=size, mfc="none", mec=color)
-        axis.set_ylim(bottom=0.0)
-        frequency_axis(axis)
-        axis.set(xlabel=f"noise at the motor, rms ({unit})", ylabel=text)
-    target = design.design_problem.target
+        used = "squares: used, diamonds: the default levels"
     if target is not None:
-        required = required_damping(design.specification, target)
-        left.axhline(required, color=INK, linewidth=1.0, dashes=DASHED)
-    if len(design.robot.joint_names) > 1:
-        legend_above(figure, left, 7)
-    used = (
-        "squares: used, diamonds: the default levels"
-        if len(marks) > 1
-        else "squares: used (the default levels)"
-    )
-    caption = (
+        required = [(required_damping(design.specification, target), INK, None)]
+    panels = []
+    for name, text in (("damping", "smallest damping ratio"), ("compliance", "compliance / true state")):
+        lines = []
+        for joint, joint_name in enumerate(design.robot.joint_names):
+            groups = [(joint_name, search.trade_off, {"marker": "o", "markersize": 3.0})]
+            groups += [
+                (None, [one], {"marker": m, "markersize": size, "mfc": "none"}) for m, size, one in marks
+            ]
+            for legend_name, shown, style in groups:
+                noises, values = np.array([(one.noises[joint], getattr(one, name)) for one in shown]).T
+                color = line_style(joint)["color"]
+                style = {"color": color, "mec": color, "linestyle": "none", **style}
+                lines.append(Line(noises, values, legend_name, style))
+        across = f"noise at the motor, rms ({unit})"
+        dashed = required if name == "damping" else ()
+        panels.append(Panel(text, "", lines, dashed=dashed, across=across, y=(0.0, None), log=True))
+    return draw_figure(
+        "noise-trade-off", panels,
         f"Of {search.count} choices of Rᵛ with a stable loop, dots are those that no other one betters in noise, "
         f"damping and compliance at once, one dot for each motor; {used}. A choice to the left of the squares breaks "
         "another limit (see the table), or yields more to a "
-        f"load.{'' if target is None else ' Dashed: the damping that is required.'}"
-    )
-    title = "Noise at the motors against damping and load stiffness"
-    return figure_block("noise-trade-off", figure, caption, title)
+        f"load.{'' if target is None else ' Dashed: the damping that is required.'}",
+        "Noise at the motors against damping and load stiffness", 3.2, columns=7,
+    )  # fmt: skip
 
 
 def noise_table(design: Design) -> Table:
@@ -411,18 +407,20 @@ def noise_table(design: Design) -> Table:
     ]
     rows = []
     for one, note in sorted([*others, *apart], key=lambda each: each[0].input_noise):
-        missed = f"missed: {', '.join(one.missed)}" if note and one.missed else ", ".join(one.missed)
-        cells = (one.input_noise, one.damping, one.compliance, one.peak_sensitivity, finite(one.gain_margin))
-        rows.append((*cells, "; ".join(filter(None, (note, missed)))))
+        missed = f"{'missed: ' if note and one.missed else ''}{', '.join(one.missed)}"
+        *finite_metrics, gain = metrics(one)
+        rows.append((*finite_metrics, finite(gain), "; ".join(filter(None, (note, missed)))))
     unit = design.setup.model.unit(design.setup.model.inputs[0])
-    columns = (
-        Column("noise at the noisiest motor (rms)", unit, digits=3, brief=f"noise, {unit}"),
-        Column("smallest damping ratio", "", 3, brief="damping"),
-        Column("compliance / true state", "", 2, brief="compliance"),
-        Column("peak sensitivity", "", 2, brief="|S|"),
-        Column("gain margin", "", 2, brief="gain"),
-        Column("limits missed, or used", brief="missed"),
-    )
-    caption = f"{len(rows)} of {search.count} choices of Rᵛ: the default, the one used, and some of the dots"
-    title = f"Noise levels of the estimator: {len(rows)} of {count_text(search.count, 'candidate')}"
-    return Table(columns, rows, caption, "table-noise-search", True, title)
+    return Table(
+        (
+            Column("noise at the noisiest motor (rms)", unit, digits=3, brief=f"noise, {unit}"),
+            Column("smallest damping ratio", "", 3, brief="damping"),
+            Column("compliance / true state", "", 2, brief="compliance"),
+            Column("peak sensitivity", "", 2, brief="|S|"),
+            Column("gain margin", "", 2, brief="gain"),
+            Column("limits missed, or used", brief="missed"),
+        ),
+        rows, f"{len(rows)} of {search.count} choices of Rᵛ: the default, the one used, and some of the dots",
+        "table-noise-search", True,
+        f"Noise levels of the estimator: {len(rows)} of {count_text(search.count, 'candidate')}",
+    )  # fmt: skip

@@ -1,4 +1,6 @@
-"""A controller in one file: a compressed NumPy archive with a version and without pickles.
+"""Laws of a controller: several of one formula, tables, and those of a file; and a controller in one file.
+
+The file is a compressed NumPy archive with a version and without pickles.
 
 What is saved is all that a step is made of: the laws (names, operating point, coefficients, and the formula as the
 instructions of its traced function where it is no polynomial), the estimator with its settings and the model that it
@@ -12,8 +14,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from collections.abc import Callable, Mapping
-from functools import cached_property
+from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
 from typing import Any
 
@@ -21,13 +22,203 @@ import numpy as np
 
 from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.files import read_arrays, write_arrays
-from flexhinf.loop.controller.start import Windup
-from flexhinf.loop.controller.step import Schedule, TableLaw
+from flexhinf.loop.controller.options import Windup
 from flexhinf.plant import Estimator, Law, ParameterTable, Plant, StoredCode
+from flexhinf.polynomial import basis
 from flexhinf.polynomial.algebra import PolynomialLaw
 from flexhinf.scalars import apply, function_arrays, function_from_arrays, trace
-from flexhinf.validation import checked_name, checked_path, distinct, value_text
+from flexhinf.validation import checked_name, checked_path, distinct, real_number, value_text
 
+
+class Schedule(Law):
+    """Laws at several poses, of which one is active at a time.
+
+    Active is the law whose operating point's tracked positions are nearest (Euclidean distance) to the command.
+    It changes only when another law is nearer by the fraction `hysteresis`: distance < (1 − hysteresis) · distance of
+    the active law's. At a change the integrals are chosen so that the input continues from the last one, see
+    `flexhinf.loop.controller.step`. About a moving reference x_d and u_d are the command's, and only k changes.
+
+    Where one law is needed (names, operating point and input, numbers), it is the first.
+
+    Parameters
+    ----------
+    laws : sequence of Law
+        Of the same states and inputs, and of one formula: solved to the same degree. Degrees that vanish at one
+        pose only, by symmetry, do not matter.
+    hysteresis : float
+        At least 0, below 1.
+
+    Raises
+    ------
+    InvalidInput
+        If the laws do not fit each other, track nothing or share a pose, or the hysteresis is no such number.
+    """
+
+    law_data: Any = None
+    law_key: Any = ""
+
+    def __init__(self, laws: Sequence[Law], hysteresis: float = 0.1) -> None:
+        self.laws = _checked(laws)
+        self.hysteresis = real_number(hysteresis)
+        if not 0.0 <= self.hysteresis < 1.0:
+            raise InvalidInput(
+                "The hysteresis of a schedule is no fraction.",
+                f"expected 0 <= number < 1, got {value_text(hysteresis)}",
+                "hysteresis=0.1: another law must be nearer by 10 %",
+            )
+        first = self.laws[0]
+        self.state_names, self.input_names = tuple(first.state_names), tuple(first.input_names)
+        self.operating_point, self.operating_input = first.operating_point, first.operating_input
+        self.law_data, self.law_key = first.law_data, first.law_key
+
+    def acting(self, pose: Any) -> int:
+        """Place of the law that acts at a pose, the nearest in the tracked positions, without hysteresis.
+
+        Parameters
+        ----------
+        pose : (n,)
+            The first states of the laws, such as all link positions, rad or m; at least up to the tracked ones.
+        """
+        places = [self.state_names.index(name) for name in self.tracked]
+        points = np.array([np.asarray(law.operating_point, dtype=float)[places] for law in self.laws])
+        return int(np.argmin(np.linalg.norm(points - np.asarray(pose, dtype=float)[places], axis=1)))
+
+    def evaluate_law(self, x: Any, data: Any) -> Any:
+        """k(x), (m,), by the formula that the laws share."""
+        return self.laws[0].evaluate_law(x, data)
+
+
+def _checked(laws: Any) -> tuple[Law, ...]:
+    if not isinstance(laws, Sequence) or isinstance(laws, str) or not laws:
+        raise InvalidInput(
+            "A schedule needs laws.",
+            f"expected a sequence of laws, got {value_text(laws)}",
+            "Schedule([law, other])",
+        )
+    for law in laws:
+        check_kinds(law, None)
+    first = laws[0]
+    names = [(list(law.state_names), list(law.input_names)) for law in laws]
+    for other in names:
+        if other != names[0]:
+            raise InvalidInput(
+                "The laws of a schedule do not mean the same states and inputs.",
+                f"expected {names[0]}, got {other}",
+                "laws of one problem at several poses",
+            )
+    laws = with_common_monomials(laws)
+    text, *others = ((type(law), law.law_key, np.size(law.law_data)) for law in laws)
+    for other in others:
+        if text != other:
+            raise InvalidInput(
+                "The laws of a schedule share no formula.",
+                f"expected {text[0].__name__} {text[1]!r} of {text[2]} numbers, "
+                f"got {other[0].__name__} {other[1]!r} of {other[2]}",
+                "solve all to the same degree",
+            )
+    places = [first.state_names.index(name) for name in first.tracked]
+    poses = [tuple(np.asarray(law.operating_point, dtype=float)[places].tolist()) for law in laws]
+    if not places or len(set(poses)) < len(poses):
+        raise InvalidInput(
+            "The poses of a schedule do not tell its laws apart.",
+            f"expected tracked positions that differ, got {[list(pose) for pose in poses]}",
+            "laws with integrals, each about a pose of its own",
+        )
+    return laws
+
+
+class NamedLaw(Law):
+    """Base of laws with the names, the operating point and the numbers of another one; `kind` is the class that it was,
+    `law_degree` the degree of its value function."""
+
+    kind: Any = ""
+    law_data: Any = None
+    law_degree: Any = None
+
+    def __init__(
+        self,
+        names: Sequence[Sequence[str]],
+        point: Any,
+        input: Any,
+        data: np.ndarray,
+        kind: str,
+        degree: int | None,
+    ) -> None:
+        self.state_names, self.input_names = map(tuple, names)
+        self.operating_point, self.operating_input = point, input
+        self.law_data, self.kind, self.law_degree = data, kind, degree
+
+
+class TableLaw(NamedLaw):
+    """A law that is the table of its polynomial."""
+
+    law_key: Any = ""
+    law_table: Any = None
+
+    def __init__(
+        self,
+        names: Sequence[Sequence[str]],
+        point: Any,
+        input: Any,
+        table: PolynomialLaw,
+        kind: str,
+        degree: int | None,
+    ) -> None:
+        super().__init__(names, point, input, table.coefficients.ravel(), kind, degree)
+        self.law_table, self.law_key = table, f"polynomial {table.n} {table.degrees}"
+
+    def evaluate_law(self, x: Any, data: Any) -> Any:
+        """k(x), (m,), for a deviation x (n,) on any element."""
+        return self.law_table.evaluate(x, np.asarray(data).reshape(self.law_table.coefficients.shape))
+
+
+def with_common_monomials(laws: Sequence[Law]) -> tuple[Law, ...]:
+    """The laws, padded if they are polynomials of one class, solved to one degree, whose monomials differ."""
+    alike = len({(type(law), law.law_degree) for law in laws}) == 1 and laws[0].law_degree is not None
+    tables = [table for law in laws if (table := law.law_table) is not None]
+    if len({law.law_key for law in laws}) == 1 or not alike or len(tables) < len(laws):
+        return tuple(laws)
+    degrees = tuple(sorted({degree for table in tables for degree in table.degrees}))
+    padded = []
+    for law, table in zip(laws, tables):
+        own, nothing = iter(table.coefficients.T), np.zeros(len(law.input_names))
+        rows = [
+            next(own) if degree in table.degrees else nothing
+            for degree in degrees
+            for _ in range(basis.count(table.n, degree))
+        ]
+        whole = PolynomialLaw(table.n, degrees, np.array(rows).T)
+        names = law.state_names, law.input_names
+        padded.append(
+            TableLaw(names, law.operating_point, law.operating_input, whole, law.kind, law.law_degree)
+        )
+    return tuple(padded)
+
+
+def check_kinds(law: Any, estimator: Any) -> None:
+    """They are a law with finite numbers of the right sizes, and an estimator or None."""
+    if not isinstance(law, Law):
+        raise InvalidInput(
+            "The controller needs a law.", f"expected a flexhinf.plant.Law, got {type(law).__name__}",
+            "a solution of solve_hji or linear_law, or a subclass of flexhinf.plant.Law",
+        )  # fmt: skip
+    if estimator is not None and not isinstance(estimator, Estimator):
+        raise InvalidInput(
+            "The controller's estimator is none.",
+            f"expected a flexhinf.plant.Estimator or None, got {type(estimator).__name__}",
+            "Controller(solution, UnscentedKalmanFilter(...), period)",
+        )
+    n, m = len(law.state_names), len(law.input_names)
+    point, rest = np.asarray(law.operating_point), np.asarray(law.operating_input)
+    if point.shape != (n,) or rest.shape != (m,) or not np.all(np.isfinite(np.ravel(law.law_data))):
+        raise InvalidInput(
+            "The law's numbers do not fit its names, or are not finite.",
+            f"expected an operating point ({n},) and input ({m},), got {point.shape} and {rest.shape}",
+            "one value per name",
+        )
+
+
+# Files ------------------------------------------------------------------------------------------
 FORMAT, VERSION = "flexhinf controller", 1
 
 #: Estimators are made again by the public classes of this room only: a file cannot name, nor import, other code.
@@ -43,8 +234,10 @@ ARRAYS = ("input_rate", "command_rate", "integral_dead_zone", "before_first")
 NAMES = ("states", "inputs", "disturbances", "outputs")
 
 
-class StoredLaw(Law):
+class StoredLaw(NamedLaw):
     """A law from a file that is a traced function."""
+
+    law_key: Any = ""
 
     def __init__(
         self,
@@ -56,38 +249,20 @@ class StoredLaw(Law):
         degree: int | None,
         arrays: Mapping[str, Any],
     ) -> None:
-        (self.state_names, self.input_names), self.name, self.degree = names, kind, degree
-        self.operating_point, self.operating_input, self._data = point, input, data
-        self._arrays = arrays
-        _check_sizes(self._law, [len(self.state_names), data.size], len(self.input_names))
-
-    @property
-    def kind(self) -> str:
-        """The class that it was before it was stored."""
-        return self.name
-
-    @property
-    def law_degree(self) -> int | None:
-        """As of the law that it was."""
-        return self.degree
-
-    @property
-    def law_data(self) -> np.ndarray:
-        """Numbers, flat."""
-        return self._data
-
-    @cached_property
-    def law_key(self) -> str:
-        """A digest of the instructions."""
-        digest = hashlib.sha256()
-        for name in sorted(self._arrays):
+        super().__init__(names, point, input, data, kind, degree)
+        self._law = self._function("law", "law.", arrays, [len(self.state_names), data.size])
+        digest = hashlib.sha256()  # of the instructions
+        for name in sorted(arrays):
             if name.startswith("law."):
-                digest.update(name.encode() + self._arrays[name].tobytes())
-        return f"stored {digest.hexdigest()}"
+                digest.update(name.encode() + arrays[name].tobytes())
+        self.law_key = f"stored {digest.hexdigest()}"
 
-    @cached_property
-    def _law(self) -> Any:
-        return function_from_arrays(_below("law.", self._arrays), "law")
+    def _function(self, name: str, prefix: str, arrays: Mapping[str, Any], sizes: list[int]) -> Any:
+        function = function_from_arrays(_below(prefix, arrays), name)
+        found = [function.size1_in(k) for k in range(function.n_in())]
+        if found != sizes or function.n_out() != 1 or function.size1_out(0) != len(self.input_names):
+            raise InvalidInput("Another law.", f"expected arguments of {sizes} numbers, got {found}")
+        return function
 
     def evaluate_law(self, x: Any, data: Any) -> Any:
         """k(x), (m,)."""
@@ -99,12 +274,8 @@ class StoredPlacedLaw(StoredLaw):
 
     def __init__(self, *arguments: Any) -> None:
         super().__init__(*arguments)
-        sizes = [len(self.state_names), len(self.plant_states), len(self.input_names), self._data.size]
-        _check_sizes(self._about, sizes, len(self.input_names))
-
-    @cached_property
-    def _about(self) -> Any:
-        return function_from_arrays(_below("about.", self._arrays), "law_about")
+        sizes = [len(self.state_names), len(self.plant_states), len(self.input_names), self.law_data.size]
+        self._about = self._function("law_about", "about.", arguments[-1], sizes)
 
     def evaluate_about(self, x: Any, state: Any, input: Any, data: Any) -> Any:
         """k(x), (m,), about a reference (state, input)."""
@@ -168,10 +339,11 @@ def read_controller(path: str | os.PathLike[str], make: Callable[..., Any]) -> A
 
 
 def _arguments(header: dict[str, Any], arrays: dict[str, Any]) -> dict[str, Any]:
-    """The arguments of a controller in a file."""
     if header["format"] != FORMAT or header["version"] != VERSION:
-        found = f"{value_text(header['format'], 60)}, version {value_text(header['version'], 60)}"
-        raise InvalidInput("Another format.", found)
+        raise InvalidInput(
+            "Another format.",
+            f"{value_text(header['format'], 60)}, version {value_text(header['version'], 60)}",
+        )
     laws = [_stored_law(part, _below(f"laws.{k}.", arrays)) for k, part in enumerate(header["laws"])]
     law = laws[0] if header["hysteresis"] is None else Schedule(laws, header["hysteresis"])
     estimator = None if header["estimator"] is None else _restore(header["estimator"], "estimator.", arrays)
@@ -241,12 +413,6 @@ def _stored_law(header: dict[str, Any], arrays: dict[str, np.ndarray]) -> Law:
     law = TableLaw((states, inputs), *numbers, table, kind, header["degree"])
     law.evaluate_law(np.zeros(len(states)), arrays["data"])
     return law
-
-
-def _check_sizes(function: Any, arguments: list[int], result: int) -> None:
-    found = [function.size1_in(k) for k in range(function.n_in())]
-    if found != arguments or function.n_out() != 1 or function.size1_out(0) != result:
-        raise InvalidInput("Another law.", f"expected arguments of {arguments} numbers, got {found}")
 
 
 def _prefixed(prefix: str, arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:

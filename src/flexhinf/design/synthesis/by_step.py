@@ -1,0 +1,460 @@
+"""What the step of the running loop decides: the degree of V, and bandwidths that keep the limits of the joints.
+
+All degrees of a problem have the same linear part, and so the same bandwidth, margins and noise at the motors. They
+differ in a step that is so long that the plant is another one at its start. So several degrees are solved, and the
+step of the design itself decides, as it is deployed:
+
+1. It is run with the lowest degree. If the higher terms of the law would hardly change the input along it, the lowest
+   degree is used.
+2. Otherwise it is run with each degree. A higher one takes the place of a lower one if its step costs less, and keeps
+   the limits of the specification that the lower one keeps, also on a few robots within their tolerances.
+
+The study behind it is `benchmarks/degrees.py`; docs/degrees.md shows what it found.
+
+Limits of inputs and speeds: bandwidths are lowered, joint by joint, until the step of the nonlinear loop keeps them.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from flexhinf.design.joint_limits import ROBOT, JointLimits, joint_limits
+from flexhinf.design.loop_setup import EstimatorNoise, LoopSetup
+from flexhinf.design.monte_carlo import sampled_runs
+from flexhinf.design.problem.modes import closed_loop
+from flexhinf.design.problem.presets import DesignProblem, choose
+from flexhinf.design.requirements import sample_requirements, step_requirements
+from flexhinf.design.responses import Response, run_length, sample_robots
+from flexhinf.design.specification import TOLERANCE, Specification
+from flexhinf.errors import FlexhinfError, InvalidInput
+from flexhinf.hinf import HJISolution, smallest_gamma, solve_hji
+from flexhinf.plant import GeneralisedPlant, Law
+from flexhinf.robot import Robot
+
+#: Up to so many states, so many rays; no region is sampled beyond.
+RAYS = ((10, 500), (20, 200))
+
+#: Robots sampled within their tolerances, beside the nominal one, that keep the limits of a step too.
+SAMPLES = 12
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """The step from `start` to `goal` (n,), link positions in rad or m; `progress` is called with what comes next."""
+
+    robot: Robot
+    s: Specification
+    goal: np.ndarray
+    start: np.ndarray
+    progress: Callable[[str], None] = lambda text: None
+
+    def choose(self, near: DesignProblem | None = None, **changes: Any) -> DesignProblem:
+        """The problem of the specification with changes, searched from the weights of another one."""
+        return choose(self.robot, self.goal, self.start, replace(self.s, **changes), near=near)
+
+    def setup(self, law: Law, levels: EstimatorNoise | None = None, **changes: Any) -> LoopSetup:
+        """The loop of a law, with these noise levels and changes of the specification."""
+        s = replace(self.s, **changes)
+        return LoopSetup(self.robot, s, law, self.goal, self.start, estimator_noise=levels)
+
+    def solved(
+        self,
+        problem: GeneralisedPlant,
+        gamma: float,
+        degree: int,
+        levels: EstimatorNoise | None = None,
+        **changes: Any,
+    ) -> LoopSetup:
+        """The loop of the law that solves a problem."""
+        return self.setup(solve_hji(problem, gamma, degree), levels, **changes)
+
+
+# The degree of V -----------------------------------------------------------------------------------------
+@dataclass(frozen=True)
+class DegreeChoice:
+    """A degree of V with its solution, its sampled region and the cost of its step; nan and inf as each field says.
+
+    The region is the largest level set {V ≤ level} on which nothing against the dissipation inequality was found.
+    """
+
+    degree: int  # of V; the law has one less
+    solution: HJISolution
+    residual: float  # largest relative residual of Eq. (8) in any degree, as measured
+    solve_seconds: float  # wall time, s
+    check_seconds: float = 0.0  # wall time, s
+    level: float = math.nan  # of the region; nan where there is none, or none was looked for
+    step_amplitude: float = math.nan  # largest step that starts in the region, unit of the states
+    limit: str = "not sampled"  # what bounds the level set, or why there is none
+    looked: bool = False  # whether the region was sampled
+    acting: float = math.nan  # change of the input along the step of the lowest degree, see `_Trial.acting`
+    cost: float = math.nan  # ∫|z|² of the step; inf if it diverges, nan if it was not run
+    missed: tuple[
+        str, ...
+    ] = ()  # requirements that the costlier step of a lower degree meets, this one does not
+
+
+def tried_degrees(states: int, stated: Sequence[int] | None) -> tuple[int, ...]:
+    """Degrees of V that are solved: as stated, or fewer for more states."""
+    return tuple(stated) if stated is not None else ((2, 4, 6) if states <= 10 else (2, 4))
+
+
+def rays_of(states: int, stated: int | None) -> int:
+    """Rays in which a region is sampled: as stated, or fewer for more states."""
+    return next((count for most, count in RAYS if states <= most), 0) if stated is None else stated
+
+
+def synthesis_stages(states: int, degrees: Sequence[int] | None, rays: int | None) -> int:
+    """How many steps of work the degrees are, for a progress bar: solutions, the choice, and sampled regions."""
+    count = len(tried_degrees(states, degrees))
+    regions = (count if degrees is not None else 1) if rays_of(states, rays) else 0
+    return count + (count > 1) + regions
+
+
+def solve_degrees(
+    problem: GeneralisedPlant,
+    degrees: Sequence[int],
+    gamma: float,
+    progress: Callable[[str], None] = lambda text: None,
+) -> Iterator[DegreeChoice]:
+    """Solve the problem about the goal to each degree; no region is sampled. Raises as `solve_hji`."""
+    for degree in degrees:
+        progress(f"degree {degree}: solve")
+        start = time.perf_counter()
+        solution = solve_hji(problem, gamma=gamma, degree=degree)
+        seconds = time.perf_counter() - start
+        residual = max((record.residual for record in solution.records), default=math.nan)
+        yield DegreeChoice(degree, solution, residual, seconds)
+
+
+def with_region(
+    choice: DegreeChoice, gamma: float, penalty: object = None, rays: int = 500, seed: int = 0
+) -> DegreeChoice:
+    """The same with the region of this inequality sampled, see `HJISolution.sampled_region`."""
+    start, solution = time.perf_counter(), choice.solution
+    check = solution.sampled_region(gamma=gamma, penalty=penalty, rays=rays, seed=seed)  # type: ignore[arg-type]
+    if check is None:
+        limit = f"no region: {solution.checked_margin(gamma, penalty).reason()}"  # type: ignore[arg-type]
+        choice = replace(choice, limit=limit)
+    else:
+        choice = replace(choice, level=check.level, step_amplitude=check.step_amplitude(), limit=check.limit)
+    return replace(choice, check_seconds=time.perf_counter() - start, looked=True)
+
+
+def try_degrees(
+    problem: GeneralisedPlant,
+    degrees: Sequence[int],
+    gamma_ratio: float = 1.5,
+    checked_gamma_ratio: float = 1.6,
+    checked_penalty: object = None,
+    rays: int = 500,
+    seed: int = 0,
+    progress: Callable[[str], None] = lambda text: None,
+    gamma_star: float | None = None,
+) -> Iterator[DegreeChoice]:
+    """Solve to each degree and sample the region where the solution holds; without rays no region is sampled.
+
+    Parameters
+    ----------
+    gamma_ratio, checked_gamma_ratio : float
+        γ/γ* of the design, and of the inequality that is checked.
+    gamma_star : float, optional
+        Of the ratios, by default the problem's own; of a robust problem that for all robots within the tolerances.
+
+    Raises `InfeasibleGamma` or `InvalidInput` as `solve_hji` and `HJISolution.sampled_region`.
+    """
+    gamma_star = smallest_gamma(problem) if gamma_star is None else gamma_star
+    for choice in solve_degrees(problem, degrees, gamma_ratio * gamma_star, progress):
+        if rays:
+            progress(f"degree {choice.degree}: sample the region")
+            choice = with_region(choice, checked_gamma_ratio * gamma_star, checked_penalty, rays, seed)
+        yield choice
+
+
+def shrinking(choices: Sequence[DegreeChoice]) -> list[tuple[int, int]]:
+    """Pairs (lower, higher) of neighbouring degrees where the higher one allows a smaller step."""
+    ordered = sorted(choices, key=lambda choice: choice.degree)
+    return [(a.degree, b.degree) for a, b in pairwise(ordered) if b.step_amplitude < a.step_amplitude]
+
+
+#: Higher terms of a law act where they change the input along the lowest degree's step by at least this fraction of its
+#: largest value there. Below, no step of the study became cheaper by more than 3 %.
+ACTING = 0.5
+
+#: A higher degree has to make the step cheaper by more than this fraction. Wherever one does in the study, the step
+#: settles earlier by 18 to 44 %; with 3 % there are steps among them that settle later.
+GAIN = 0.05
+
+#: Instants of a run at which its cost is summed.
+INSTANTS = 2000
+
+
+def choose_degree(
+    setup: LoopSetup, problem: GeneralisedPlant, choices: Sequence[DegreeChoice]
+) -> tuple[DegreeChoice, tuple[DegreeChoice, ...]]:
+    """The degree that is used, and all of them by rising degree, with the costs of their steps.
+
+    `setup` is the loop of the design, whatever its law; the penalty of `problem`, the nominal one, is the cost.
+    """
+    lowest, *higher = sorted(choices, key=lambda choice: choice.degree)
+    if not higher or setup.specification.via:  # with several laws the robot is never far from a law's pose
+        return lowest, (lowest, *higher)
+    first = used = _Trial(setup, problem, lowest)
+    higher = [replace(choice, acting=acting) for choice, acting in zip(higher, first.acting(higher))]
+    if all(choice.acting < ACTING for choice in higher):
+        return first.choice, (first.choice, *higher)
+    judged = [first.choice]
+    for choice in higher:
+        trial = _Trial(setup, problem, choice, first.length)
+        if trial.choice.cost < (1.0 - GAIN) * used.choice.cost:
+            missed = tuple(sorted(trial.missed - used.missed))
+            trial.choice = replace(trial.choice, missed=missed)
+            used = used if missed else trial
+        judged.append(trial.choice)
+    return used.choice, tuple(judged)
+
+
+def step_cost(
+    problem: GeneralisedPlant, response: Response, at: tuple[np.ndarray, np.ndarray] | None = None
+) -> float:
+    """∫|z|² dt of a run, without what weights the integrals of the error; infinite where the run diverged.
+
+    Each law chooses its own integrals at the start of a step, such that the input does not jump, so they count as zero.
+    z is of deviations from the equilibrium `at`: state (as the run has it) and input, by default the problem's.
+    """
+    if response.diverged_at is not None:
+        return math.inf
+    run, (end, held) = response.run, (problem.operating_point, problem.operating_input) if at is None else at
+    few = slice(None, None, max(1, len(run.time) // INSTANTS))
+    x = run.signals["state"][few]
+    moved = np.zeros((len(x), len(problem.state_names)))
+    for column, name in enumerate(problem.plant.states):
+        place = run.names["state"].index(name)
+        moved[:, column] = x[:, place] - end[column if at is None else place]
+    u, h = response.inputs[few] - held, problem.fields(moved)[3]
+    square = np.einsum("ki,ki->k", h, h) + np.einsum("ki,ij,kj->k", u, problem.r2, u)
+    return float(np.trapezoid(square, run.time[few]))
+
+
+class _Trial:
+    """The step with a degree, for `length` seconds; by default as stated, or by the slowest mode."""
+
+    def __init__(
+        self, setup: LoopSetup, problem: GeneralisedPlant, choice: DegreeChoice, length: float | None = None
+    ) -> None:
+        setup = replace(setup, law=choice.solution)
+        length = setup.specification.duration if length is None else length
+        if length is None:
+            rates = np.linalg.eigvals(closed_loop(problem, choice.solution.gain)).real
+            length = run_length(float(-rates.max())) + setup.command_time
+        self.setup, self.problem, self.length, self.step = setup, problem, length, setup.step(length)
+        self.choice = replace(choice, cost=step_cost(problem, self.step))
+
+    def acting(self, others: Sequence[DegreeChoice]) -> list[float]:
+        """How much the laws of other degrees would change the input along this step, over the largest input of this
+        law there; both are deviations from the goal's, weighted by R2."""
+        if self.step.diverged_at is not None:
+            return [math.inf] * len(others)
+        run, law, setup, r2 = self.step.run, self.choice.solution, self.setup, self.problem.r2
+        wanted = setup.goal
+        if setup.command is not None:
+            wanted = np.reshape(setup.command(run.time), (len(run.time), -1))
+        grown = setup.specification.period * np.cumsum(self.step.positions - wanted, axis=0)
+        columns = [run.names["state"].index(name) for name in self.problem.plant.states]
+        moved = run.signals["state"][:, columns] - law.operating_point[: len(columns)]
+        moved = np.hstack([moved, setup.departure(law)[len(columns) :] + grown])
+        moved = moved[:: max(1, len(run.time) // INSTANTS)]
+        own, ratios = law.inputs(moved), []
+        for other in others:
+            with np.errstate(all="ignore"):
+                more = other.solution.inputs(moved) - own
+            sizes = [float(np.einsum("ki,ij,kj->k", u, r2, u).max()) for u in (more, own)]
+            ratios.append(float(np.sqrt(sizes[0] / sizes[1])) if sizes[1] > 0.0 else 0.0)
+        return ratios
+
+    @cached_property
+    def missed(self) -> frozenset[str]:
+        """Requirements of the step that are not met: by the nominal robot, or by a few within their tolerances."""
+        s, limits, setup = self.setup.specification, self.setup.limits, self.setup
+        if limits.saturated is not None and limits.limits_peak:
+            setup = replace(setup, specification=replace(s, saturation=np.inf))
+        step = self.step if setup is self.setup else setup.step(self.length)
+        lines = step_requirements(s, limits, step, "the step")
+        if setup.robot.uncertain and s.draws != 0:
+            robots = sample_robots(setup.robot, SAMPLES, s.seed)
+            runs = sampled_runs(setup, robots, self.length, step.run.settings["sub_steps"])
+            lines += sample_requirements(s, limits, runs)
+        return frozenset(line.what for line in lines if not line.met)
+
+
+# Bandwidths within the limits of the joints --------------------------------------------------------------
+#: The bandwidths of joints beyond a limit are lowered by the first factor, to at least the second of what they were;
+#: then all are raised together until the third, relative, is left between kept and not kept.
+COARSE, LEAST, WIDTH = 0.7, 0.05, 0.04
+
+#: A joint whose share of a limit falls by less than this factor when its bandwidth is lowered is moved by the others:
+#: then all are lowered.
+HELPS = 0.97
+
+#: The step is run for the time constants of this fraction of the bandwidth.
+SLOWEST = 0.4
+
+
+def problem_within_effort(task: Task, problem: DesignProblem, levels: EstimatorNoise | None) -> DesignProblem:
+    """The same problem, or with limits of inputs or speeds that its step exceeds, one of lower bandwidths.
+
+    Default bandwidths are lowered until every joint keeps its limits. Those that the specification states are not:
+    beyond a limit that it states too it is refused, beyond one of the robot the loop is judged as it is.
+
+    `levels`: R^v of the estimator in these runs; by default what the specification states. Raises `InvalidInput` if a
+    limit is not kept: with the best bandwidth found within it.
+    """
+    limits, s = joint_limits(task.robot, task.s), task.s
+    if not (limits.limits_peak or limits.limits_speed) or problem.target is None:
+        return problem
+    task.progress("the peak input of the step")
+    search = _BandwidthSearch(task, levels, limits, problem)
+    peaks = search.peaks(problem)
+    over = search.shares(peaks) > 1.0 + TOLERANCE
+    stated = [limits.peak_source != ROBOT, limits.speed_source != ROBOT]
+    if not over.any() or (s.bandwidth is not None and not over[stated].any()):
+        return problem
+    bandwidth = problem.target.bandwidth
+    best, fractions = search.confirmed(*search.slower(bandwidth, peaks), bandwidth)
+    if best is not None and s.bandwidth is None:
+        return best
+    shares = search.shares(peaks)
+    kind = int(shares[1].max() > shares[0].max())
+    joint = int(np.argmax(shares[kind]))
+    limit, peak = search.limits[kind, joint], peaks[kind, joint]
+    what, name, units = (
+        ("peak of the input", "peak_effort", limits.effort_units),
+        ("speed of a link", "peak_speed", limits.speed_units),
+    )[kind]
+    found = f"no loop down to {LEAST:g} of it keeps the limit either"
+    advice = f"a larger `{name}`, or a shorter step (`start`)"
+    if best is not None:
+        slower = fractions * bandwidth
+        same = np.ptp(slower) < 1e-9 * slower.max()
+        text = f"{slower[0]:.3g}" if same else ", ".join(f"{each:.3g}" for each in slower)
+        found = f"the best found within the limit is a bandwidth of {text} rad/s"
+        advice = f"bandwidth={text if same else f'({text})'}, or {advice}"
+    demands = "diverges" if np.isinf(peak) else f"takes {peak:.4g}"
+    several = len(limits.joints) > 1
+    where = f" {units[joint]} in {limits.joints[joint]}" if several and np.isfinite(peak) else ""
+    of = f" {units[joint]} of {limits.joints[joint]}" if several else ""
+    raise InvalidInput(
+        f"The specification cannot be met: the {what} binds.",
+        f"expected at most {limit:g}{of}; with a bandwidth of {float(np.max(bandwidth)):.3g} rad/s the step of "
+        f"the nonlinear loop {demands}{where}, within the tolerances; {found}",
+        advice,
+    )
+
+
+class _BandwidthSearch:
+    """Bandwidths whose step keeps the limits.
+
+    Peaks (2, n) of a step are its largest inputs (V, N·m or N) and speeds (rad/s or m/s), infinite where it diverged;
+    `limits` (2, n) are theirs. While bandwidths are tried only the nominal robot is run. What sampled ones took `more`
+    than it in the last step that was run on all of them is added, and the bandwidth that is found is confirmed by
+    another such step.
+    """
+
+    def __init__(
+        self, task: Task, levels: EstimatorNoise | None, limits: JointLimits, first: DesignProblem
+    ) -> None:
+        self.task, self.levels, self.first = task, levels, first
+        self.limits = np.array([limits.peak, limits.speed])
+        self.more = np.zeros_like(self.limits)
+        robot, s = task.robot, task.s
+        self.sampled = sample_robots(robot, SAMPLES, s.seed) if robot.uncertain and s.draws != 0 else ()
+        # Inputs (1 + N, n) that hold the nominal and the sampled robots at the goal.
+        points = [robot.operating_point(task.goal, s.extras, values) for values in (None, *self.sampled)]
+        self.held = np.array([u for _, u in points])
+
+    def shares(self, peaks: np.ndarray) -> np.ndarray:
+        """Shares (2, n) of the limits; 0 where there is none."""
+        return np.where(np.isfinite(self.limits), peaks / self.limits, 0.0)
+
+    def slower(self, bandwidth: np.ndarray, peaks: np.ndarray) -> tuple[DesignProblem | None, np.ndarray]:
+        """The problem of large fractions (n,) of the bandwidths (n,) that keeps the limits, and the fractions.
+
+        `peaks` are those of the bandwidths themselves. Where every joint is beyond its limit, or a joint is moved by
+        the others, the fractions are the same; otherwise joints within their limits keep their bandwidth. None where
+        holding a sampled robot at the goal takes more than a limit: then no bandwidth helps.
+        """
+        high = low = np.ones(len(bandwidth))
+        best, before = None, np.full(len(bandwidth), np.inf)
+        if np.any(np.abs(self.held) > self.limits[0]):
+            return None, low
+        while best is None and low.min() > LEAST:
+            shares = self.shares(peaks).max(axis=0)
+            lowered = (shares > 1.0) | ~np.isfinite(shares)
+            if np.any(lowered & np.isfinite(before) & (shares > HELPS * before)) or not lowered.any():
+                lowered[:] = True
+            high, low = low, np.where(lowered, COARSE * low, low)
+            before = np.where(lowered, shares, np.inf)
+            best, peaks = self.tried(low * bandwidth)
+        while best is not None and float(np.max(high / low)) > 1.0 / (1.0 - WIDTH):
+            middle = np.sqrt(low * high)
+            better, _ = self.tried(middle * bandwidth)
+            low, high = (middle, high) if better is not None else (low, middle)
+            best = best if better is None else better
+        return best, low
+
+    def confirmed(
+        self, best: DesignProblem | None, fractions: np.ndarray, bandwidth: np.ndarray
+    ) -> tuple[DesignProblem | None, np.ndarray]:
+        """The same, or a little slower until the step of all sampled robots keeps the limits."""
+        while best is not None and (self.shares(self.peaks(best)) > 1.0).any():
+            best = None
+            while best is None and fractions.min() > LEAST:
+                fractions = (1.0 - WIDTH) * fractions
+                best, _ = self.tried(fractions * bandwidth)
+        return best, fractions
+
+    def tried(self, bandwidth: np.ndarray) -> tuple[DesignProblem | None, np.ndarray]:
+        """The problem of bandwidths (n,), None if its step exceeds a limit or there is none; and the expected peaks."""
+        try:
+            assert self.first.target is not None
+            damping = self.first.target.damping
+            problem = self.task.choose(self.first, bandwidth=bandwidth.tolist(), damping=damping)
+            peaks = self.nominal_step(problem)[0] + self.more
+        except FlexhinfError:
+            return None, np.full_like(self.limits, np.inf)
+        return (None if (self.shares(peaks) > 1.0).any() else problem), peaks
+
+    def peaks(self, problem: DesignProblem) -> np.ndarray:
+        """Peaks of the nominal robot and of a few sampled ones.
+
+        What holds each of them at the goal counts too: a slow step may end before it is there.
+        """
+        nominal, setup, response, length = self.nominal_step(problem)
+        if response.diverged_at is not None or not self.sampled:
+            return nominal
+        samples = sampled_runs(setup, self.sampled, length, response.run.settings["sub_steps"])
+        peaks = np.maximum(nominal, [samples.inputs.max(axis=0), samples.speeds.max(axis=0)])
+        self.more = peaks - nominal
+        return peaks
+
+    def nominal_step(self, problem: DesignProblem) -> tuple[np.ndarray, LoopSetup, Response, float]:
+        """Peaks of the nominal robot, what holds all robots at the goal among them; loop, step and its length (s)."""
+        s = self.task.s
+        degree = min(tried_degrees(len(problem.problem.state_names), s.degrees))
+        setup = self.task.solved(problem.problem, problem.gamma, degree, self.levels, saturation=np.inf)
+        length = s.duration
+        if length is None:
+            assert problem.target is not None
+            length = run_length(SLOWEST * float(np.min(problem.target.bandwidth))) + setup.command_time
+        response = setup.step(length)
+        if response.diverged_at is not None:
+            return np.full_like(self.limits, np.inf), setup, response, length
+        inputs = np.abs(np.concatenate([response.inputs, self.held])).max(axis=0)
+        return np.array([inputs, np.abs(response.velocities).max(axis=0)]), setup, response, length

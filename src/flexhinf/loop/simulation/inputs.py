@@ -1,0 +1,316 @@
+"""What a run is given, checked before it starts: length, initial state, size of commands; and references, disturbances
+and noise as arrays, which a kernel takes in.
+
+Noise is made by a counter-based generator, so that any sample, step and channel can ask for its own alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from flexhinf.codegen.noise import normal_numbers
+from flexhinf.errors import InvalidInput
+from flexhinf.loop.controller.controller import Controller
+from flexhinf.loop.signals.motions import JerkLimited, Spline
+from flexhinf.loop.signals.references import Constant, Moving, Quintic, Samples, Sine, Step
+from flexhinf.loop.simulation.trajectory import STARTED
+from flexhinf.plant import BlackBox, Plant
+from flexhinf.validation import checked_positive, real_array, real_number, unknown_name, value_text
+
+#: Longest run, in samples.
+MOST_SAMPLES = 20_000_000
+
+#: A full turn, rad, with its rounding.
+FULL_TURN = 2.0 * np.pi * (1.0 + 1e-9)
+
+#: Signals whose values are written by a person.
+WRITTEN = (Constant, JerkLimited, Quintic, Sine, Step)
+
+
+def sample_count(duration: Any, period: float) -> int:
+    """Number of samples of a run at 0, period, …, duration; a duration, s, that is not positive, shorter than a period,
+    or longer than `MOST_SAMPLES` samples is refused."""
+    seconds = checked_positive("The duration of a run", duration, "seconds", "8.0")
+    samples = seconds / period + 1.0
+    if samples < 1.5:
+        raise InvalidInput(
+            "The run is shorter than one period.",
+            f"expected at least {period:g} s, got {seconds:g} s",
+            "a duration in seconds, for example 8.0",
+        )
+    if samples > MOST_SAMPLES:
+        most = f"{MOST_SAMPLES - 1} samples = {(MOST_SAMPLES - 1) * period:g} s"
+        raise InvalidInput(
+            "The run is too long for its period.",
+            f"expected at most {most}, got {seconds:g} s",
+            f"duration={1e-3 * seconds:g} if {seconds:g} ms was meant",
+        )
+    return round(samples)
+
+
+def starting_state(given: Any, states: Sequence[str], controller: Controller) -> np.ndarray:
+    """Initial state (n,) of a plant with these states.
+
+    An array has one value per state of the plant, or per state of the plant that the law was designed for (the others
+    are zero, as those that a mapping by name leaves out). None: where the controller starts, where its estimate
+    begins; without an estimator, the law's operating point. Unknown names, another number of values, or values that are
+    not finite are refused.
+    """
+    if given is None:
+        named = {name: value for name, value in _designed_start(controller).items() if name in states}
+    elif isinstance(given, Mapping):
+        named = dict(given)
+    else:
+        values = real_array(given)
+        fitting = [names for names in (states, controller.states) if values.shape == (len(names),)]
+        if not fitting:
+            raise InvalidInput(
+                "The initial state does not fit the true plant.",
+                f"expected {len(states)} values for {list(states)}, got {value_text(given)}",
+                "a mapping by name, for example {'link_position': 0.1}, leaves the others at zero",
+            )
+        named = {name: float(value) for name, value in zip(fitting[0], values)}
+    for name in named:
+        if name not in states:
+            raise unknown_name(f"There is no state {name!r}.", name, states)
+    x = np.array([real_number(named.get(name, 0.0)) for name in states])
+    if not np.all(np.isfinite(x)):
+        raise InvalidInput("The initial state is not finite.", f"got {value_text(given)}", "finite numbers")
+    return x
+
+
+def _designed_start(controller: Controller) -> dict[str, float]:
+    estimator, law = controller.estimator, controller.law
+    start = law.operating_point if estimator is None else estimator.initial[0]
+    return dict(zip(controller.states, np.asarray(start, dtype=float).tolist()))
+
+
+def operating_state(states: Sequence[str], controller: Controller) -> np.ndarray:
+    """The law's operating point as a state (n,) of a plant with these states, the others zero."""
+    point = dict(zip(controller.states, np.asarray(controller.law.operating_point, dtype=float).tolist()))
+    return np.array([point.get(name, 0.0) for name in states])
+
+
+#: A state starts elsewhere from this difference on, and is at rest up to this rate, both relative to 1 and the plant's.
+SAME_START = 1e-6
+
+
+def start_text(
+    plant: Plant | BlackBox, x: np.ndarray, given: bool, controller: Controller, before: np.ndarray
+) -> str:
+    """Where a run starts, beside where the controller does, and whether the true plant rests there.
+
+    The state x (n,) is that of the run, by the plant's states, which somebody may have `given`; `before` (m,) is the
+    input before the first sample.
+    """
+    own = _designed_start(controller)
+    apart = {name: (value, own[name]) for name, value in zip(plant.states, x.tolist()) if name in own}
+    name, (value, start) = max(
+        apart.items(), key=lambda one: abs(one[1][0] - one[1][1]), default=("", (0.0, 0.0))
+    )
+    text = STARTED
+    if abs(value - start) > SAME_START * max(1.0, abs(start)):
+        text = f"{name} = {value:.6g}, the controller starts at {start:.6g}"
+    if given or not isinstance(plant, Plant):
+        return text
+    rates = plant.derivative(x, before)
+    worst = int(np.argmax(np.abs(rates)))
+    if abs(rates[worst]) <= SAME_START * max(1.0, plant.fastest_mode(x, before)):
+        return f"{text}, at rest"
+    return f"{text}; the true plant does not rest there: d/dt {plant.states[worst]} = {rates[worst]:.3g}"
+
+
+#: A command may exceed a limit by this fraction of the range, for rounding.
+ROUNDING = 1e-9
+
+
+def check_ranges(
+    commands: np.ndarray,
+    times: np.ndarray,
+    names: Sequence[str],
+    limits: Mapping[str, tuple[float, float]],
+    units: Mapping[str, str],
+) -> None:
+    """Refuse commands (N, k) at times (N,) that leave the range of a state, by the names of the columns; what has no
+    limits has no range. The InvalidInput names the state, the first time, the value and the range."""
+    for name, column in zip(names, commands.T):
+        if name not in limits:
+            continue
+        low, high = limits[name]
+        slack = ROUNDING * (high - low)
+        outside = np.flatnonzero((column < low - slack) | (column > high + slack))
+        if len(outside):
+            unit, first = units.get(name, ""), outside[0]
+            raise InvalidInput(
+                f"The reference leaves the range of {name!r}.",
+                f"expected {low:g} to {high:g} {unit}, got {column[first]:.6g} {unit} at t = {times[first]:g} s",
+                "a command within the joint's limits; angles are in rad",
+            )
+
+
+def check_turns(reference: Any, commands: np.ndarray, names: Sequence[str], units: Mapping[str, str]) -> None:
+    """Refuse commands (N, k) beyond 2π rad that somebody wrote as a number: these are degrees more often than turns.
+
+    Of the reference, as for `flexhinf.Loop.run`, numbers and the signals of `WRITTEN` are looked at; samples and
+    functions are computed, not written. The InvalidInput names the state, the value, and as many degrees in rad.
+    """
+    parts = list(reference) if isinstance(reference, (list, tuple)) else [reference] * len(names)
+    if isinstance(reference, Mapping):
+        parts = [reference.get(name) for name in names]
+    for name, part, column in zip(names, parts, commands.T):
+        written = isinstance(part, WRITTEN) or not callable(part)
+        largest = float(column[np.argmax(np.abs(column))])
+        if written and units.get(name) == "rad" and abs(largest) > FULL_TURN:
+            raise InvalidInput(
+                f"The command of {name!r} is more than a full turn.",
+                f"expected at most 2π = 6.283 rad, got {largest:.6g} rad",
+                f"np.radians({largest:.6g}) = {np.radians(largest):.4g} if degrees were meant; "
+                "run(..., multi_turn=True) for several turns",
+            )
+
+
+VECTORISED = (Constant, JerkLimited, Moving, Quintic, Samples, Sine, Spline, Step)
+
+#: Stage times are this far (in sub-steps) inside their sub-step, so that a jump at a sample acts from it on.
+INSIDE = 1e-6
+
+#: A sample time is a product with a rounding error: it is taken this much (relative) later, so that it is
+#: never before the decimal number that a user writes for the same time.
+LATER = 1.0 + 4.0 * np.finfo(float).eps
+
+#: More numbers than this for one run's disturbance are refused (8 bytes each).
+MOST_NUMBERS = 200_000_000
+
+
+def by_name(signal: Any, plant: Plant | BlackBox) -> Any:
+    """A mapping with the plant's groups (``link_torque`` of all joints) replaced by single names, which win."""
+    groups = plant.groups
+    if not isinstance(signal, Mapping):
+        return signal
+    single = {name: part for name, part in signal.items() if name not in groups}
+    return {**{one: part for name, part in signal.items() for one in groups.get(name, ())}, **single}
+
+
+def sample_signal(
+    signal: Any, times: np.ndarray, channels: Sequence[str], what: str, depth: int = 3
+) -> np.ndarray:
+    """Values (N, channels) of a command or disturbance at times (N,), s.
+
+    The signal is None, a number, a callable of time, a mapping by channel name, or a sequence with one per channel, at
+    most `depth` sequences and mappings in one another, as a list may contain itself. `what` is "reference" or
+    "disturbance", for the messages. Unknown channels, another number of values than channels, and values that are not
+    finite are refused.
+    """
+    if signal is None:
+        return np.zeros((len(times), len(channels)))
+    if isinstance(signal, Mapping):
+        for name in signal:
+            if name not in channels:
+                raise unknown_name(f"There is no {what} {name!r}.", name, channels)
+        signal = [signal.get(name) for name in channels]
+    several = isinstance(signal, Sequence) and not isinstance(signal, str)
+    if depth and several and len(signal) == len(channels):
+        columns = [
+            sample_signal(part, times, [name], what, depth - 1) for part, name in zip(signal, channels)
+        ]
+        return np.hstack(columns) if columns else np.zeros((len(times), 0))
+    later = times * LATER
+    try:
+        if not callable(signal):
+            values = real_array(signal)
+        elif isinstance(signal, VECTORISED):
+            values = real_array(signal(later))
+        else:
+            values = real_array([signal(float(t)) for t in later])
+    except (TypeError, ValueError):
+        values = np.zeros((0, 0, 0))
+    lead = (len(times),) if callable(signal) else ()  # per time if it is a function, else once
+    if values.shape != (*lead, len(channels)) and (len(channels) != 1 or values.shape != lead):
+        raise InvalidInput(
+            f"The {what} does not fit its channels.",
+            f"expected {len(channels)} values for {list(channels)} at each time, got {value_text(signal)}",
+            f"a mapping by name, for example {{{channels[0]!r}: fh.Step(1.0)}}" if channels else f"no {what}",
+        )
+    values = values.reshape(len(times), -1) if callable(signal) else values
+    values = np.array(np.broadcast_to(values, (len(times), len(channels))))
+    if not np.all(np.isfinite(values)):
+        row = int(np.argmin(np.all(np.isfinite(values), axis=1)))
+        raise InvalidInput(
+            f"The {what} is not finite.", f"got {values[row]} at t = {times[row]:g} s", "finite values"
+        )
+    return values
+
+
+def sample_disturbance(
+    signal: Any, period: float, samples: int, parts: int, channels: Sequence[str], room: int | None = None
+) -> np.ndarray:
+    """Values at the start, middle and end of every sub-step, (samples, room, 3, channels); zero beyond the last one.
+
+    `parts` are the sub-steps of a sample, and `room` those that there is room for, so many by default; the period is in
+    s. Refused is what `sample_signal` refuses, and what would be too many numbers.
+    """
+    count, room = samples * parts * 3, parts if room is None else room
+    if count * max(1, len(channels)) > MOST_NUMBERS:
+        raise InvalidInput(
+            "The run is too long for its sub-steps.",
+            f"expected at most {MOST_NUMBERS} numbers for the disturbance, got {samples} samples of {parts} "
+            f"sub-steps with 3 stages and {len(channels)} channels",
+            "a shorter run; or Loop(..., sub_steps=...) with fewer",
+        )
+    if signal is None:
+        return np.broadcast_to(0.0, (samples, room, 3, len(channels)))  # no memory for zeros
+    step = period / parts
+    starts = (np.arange(samples)[:, None] * period + np.arange(parts)[None, :] * step).ravel()
+    times = starts[:, None] + step * np.array([INSIDE, 0.5, 1.0 - INSIDE])[None, :]
+    times, found = times.ravel(), np.zeros((samples, room, 3, len(channels)))
+    if not isinstance(signal, Mapping) or set(signal) - set(channels):
+        values = sample_signal(signal, times, channels, "disturbance")
+        found[:, :parts] = values.reshape(samples, parts, 3, len(channels))
+        return found
+    for name in signal:  # one channel at a time: all of them are 0.2 GB for 5 s of seven links
+        values = sample_signal(signal[name], times, [name], "disturbance")
+        found[:, :parts, :, tuple(channels).index(name)] = values.reshape(samples, parts, 3)
+    return found
+
+
+def sample_noise(noise: Any, seed: int, samples: int, channels: Sequence[str], sample: int = 0) -> np.ndarray:
+    """Measurement noise (samples, channels); `noise` is the standard deviation, one number or one each.
+
+    Refused are a deviation that is negative, not finite or of another size, and a seed that is no integer in
+    0 … 2⁶⁴ − 1.
+    """
+    check_seed(seed)
+    if noise is None:
+        return np.zeros((samples, len(channels)))
+    return checked_deviation(noise, channels) * standard_normal(int(seed), samples, len(channels), sample)
+
+
+def check_seed(seed: Any) -> None:
+    """Refuse what is no integer in 0 … 2⁶⁴ − 1."""
+    if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or not 0 <= int(seed) < 2**64:
+        raise InvalidInput(
+            "The seed is not usable.", f"expected 0 <= integer < 2**64, got {value_text(seed)}", "seed=0"
+        )
+
+
+def checked_deviation(noise: Any, channels: Sequence[str]) -> np.ndarray:
+    """The standard deviation of each channel's noise, (p,); one that is negative, not finite or of another size is
+    refused."""
+    deviation = real_array(noise)
+    usable = np.all(np.isfinite(deviation) & (deviation >= 0.0))
+    if deviation.shape not in ((), (len(channels),)) or not usable:
+        raise InvalidInput(
+            "The measurement noise does not fit the measurements.",
+            f"expected one standard deviation >= 0 or one for each of {list(channels)}, got {value_text(noise)}",
+            "noise=1e-3, a standard deviation in the unit of the measurement (not a variance)",
+        )
+    return np.broadcast_to(deviation, len(channels))
+
+
+def standard_normal(seed: int, steps: int, channels: int, sample: int = 0) -> np.ndarray:
+    """Independent N(0, 1) numbers, (steps, channels), for a seed 0 … 2⁶⁴ − 1; `sample` is the plant of a campaign,
+    below 2³²; see `flexhinf.codegen.noise`."""
+    return normal_numbers(seed, np.arange(steps)[:, None], np.arange(channels)[None, :], sample)
