@@ -123,15 +123,11 @@ def _refuse_moved(statement: Certificate, problem: GeneralisedPlant) -> None:
         return
     linear = all(sum(powers) == 1 for law in statement.law for powers, _ in law)
     bent = {i for f in statement.functions for i, slope in enumerate(f.slope) if slope}
-    nonlinear = [
-        term.powers
-        for row in statement.drift
-        for term in row
-        if sum(term.powers) + (term.function is not None) > 1
-    ]
-    channels = (terms for row in (*statement.g1, *statement.g2) for terms in row)
+    drift, penalty = itertools.chain(*statement.drift), itertools.chain(*statement.penalty)
+    nonlinear = [term.powers for term in drift if sum(term.powers) + (term.function is not None) > 1]
+    channels = itertools.chain(*statement.g1, *statement.g2)
     nonlinear += [term.powers for terms in channels for term in terms]
-    nonlinear += [powers for row in statement.penalty for powers, _ in row if sum(powers) > 1]
+    nonlinear += [powers for powers, _ in penalty if sum(powers) > 1]
     bent |= {i for powers in nonlinear for i, power in enumerate(powers) if power}
     held = {
         row[0].powers.index(1)
@@ -168,21 +164,14 @@ def _moves(statement: Certificate, problem: GeneralisedPlant) -> bool:
 
 def parameter_groups(certificate: Certificate) -> list[dict[str, int]]:
     """Parameters (with their exponents) that occur as one product only, such as m g l: each product is one variable."""
-    exponents: dict[str, int] = {}
-    where: dict[str, set[int]] = {}
-    rows = (*certificate.drift, *(terms for row in (*certificate.g1, *certificate.g2) for terms in row))
-    for number, term in enumerate(term for terms in rows for term in terms):
-        for name, power in term.parameters:
-            if power:
-                exponents[name] = power
-                where.setdefault(name, set()).add(number)
-    varying = {p.name for p in certificate.parameters if p.low < p.high}
-    positive = {p.name for p in certificate.parameters if p.low > 0.0}
+    rows = itertools.chain(certificate.drift, *certificate.g1, *certificate.g2)
+    pairs = [dict(term.parameters) for terms in rows for term in terms]
+    exponents = {name: power for powers in pairs for name, power in powers.items() if power}
+    ranges = {p.name: p for p in certificate.parameters if p.low < p.high}
     groups: dict[object, dict[str, int]] = {}
-    for name, places in where.items():
-        if name in varying:
-            key = frozenset(places) if name in positive else name
-            groups.setdefault(key, {})[name] = exponents[name]
+    for name in (name for name in exponents if name in ranges):
+        places = frozenset(i for i, powers in enumerate(pairs) if powers.get(name))
+        groups.setdefault(places if ranges[name].low > 0.0 else name, {})[name] = exponents[name]
     return list(groups.values())
 
 
@@ -257,23 +246,21 @@ class BoxExcess:
         self, face: np.ndarray, middle: np.ndarray, halves: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """Middles and radii of the quotients S_j, and of 1 in the last row, (functions + 1, N)."""
-        size, columns = len(face), np.arange(len(face))
-        values, radii = np.ones((len(self._tables) + 1, size)), np.zeros((len(self._tables) + 1, size))
-        others = np.array([[i for i in range(self.n) if i != f] for f in range(self.n)], dtype=int)[
-            face // 2
-        ].T
-        z = np.empty((self.n, size))
+        values, radii = (make((len(self._tables) + 1, len(face))) for make in (np.ones, np.zeros))
+        others = np.array([[*range(f), *range(f + 1, self.n)] for f in range(self.n)], dtype=int)[face // 2].T
+        z, columns = np.empty((self.n, len(face))), np.arange(len(face))
         z[face // 2, columns], z[others, columns] = 1.0 - 2.0 * (face % 2), middle[1:]
         for j, (line, table) in enumerate(zip(self._lines, self._tables)):
             along, width = line @ z, (np.abs(line)[others] * halves[1:]).sum(axis=0)
             centre = along * middle[0]
             wide = (np.abs(along) * halves[0] + width * (middle[0] + halves[0])) * (1.0 + _ROUNDING) + 1e-13
             rows, error = table.enclose(centre - wide, centre + wide)
-            value, spread = np.zeros(size), np.zeros(size)
-            for k in range(_ORDER + 1):  # the polynomial about the cell's centre
-                part = sum(comb(i, k) * rows[:, i] * centre ** (i - k) for i in range(k, _ORDER + 1))
-                value, spread = (part, spread) if k == 0 else (value, spread + np.abs(part) * wide**k)
-            values[j], radii[j] = value, (spread + error) * (1.0 + _ROUNDING) + 1e-13 * (1.0 + np.abs(value))
+            values[j], *parts = (  # the polynomial about the cell's centre
+                sum(comb(i, k) * rows[:, i] * centre ** (i - k) for i in range(k, _ORDER + 1))
+                for k in range(_ORDER + 1)
+            )
+            spread = sum(np.abs(part) * wide**k for k, part in enumerate(parts, 1))
+            radii[j] = (spread + error) * (1.0 + _ROUNDING) + 1e-13 * (1.0 + np.abs(values[j]))
         return values, radii
 
 
@@ -295,29 +282,27 @@ class _Changes(Algebra):
                 f"expected at most {_MOST_VERTICES}, got 2^{len(groups)} of {groups}",
                 "fewer parameters with tolerances",
             )
-        self._group: dict[
-            str, int | None
-        ] = {}  # of each parameter that varies: its product counts once, by the first
-        self._ends: list[tuple[fmpq, fmpq, fmpq]] = []
-        for group, ends in zip(groups, group_ends(certificate, rational)):
-            self._group |= dict.fromkeys(group) | {next(iter(group)): len(self._ends)}
-            low, high, middle = (power_product(group, at, fmpq(1)) for at in (*ends, self.parameters))
-            self._ends.append((low, high, middle))
+        #: Of each parameter that varies: its product counts once, by the first.
+        self._group = {
+            name: number if name == next(iter(group)) else None
+            for number, group in enumerate(groups)
+            for name in group
+        }
+        self._ends = [  # and in the middle
+            [power_product(group, at, fmpq(1)) for at in (*ends, self.parameters)]
+            for group, ends in zip(groups, group_ends(certificate, rational))
+        ]
         self.corners = list(itertools.product((0, 1), repeat=len(groups)))
 
     def _at_ends(self, term: Term) -> list[fmpq]:
         """Values of coefficient · Π p^e of a term at all vertices, and at last in the middle."""
-        constant, used = rational(term.coefficient), []
-        for name, power in term.parameters:
-            if name not in self._group:
-                constant *= self.parameters[name] ** power
-            elif (group := self._group[name]) is not None:
-                used.append(group)
+        known = {name: power for name, power in term.parameters if name not in self._group}
+        constant = power_product(known, self.parameters, rational(term.coefficient))
+        used = [k for name, _ in term.parameters if (k := self._group.get(name)) is not None]
         places = [*self.corners, (2,) * len(self._ends)]
         return [constant * prod((self._ends[k][at[k]] for k in used), start=fmpq(1)) for at in places]
 
     def _number(self, key: object, polynomial: fmpq_mpoly) -> int:
-        """The place of a polynomial among those that are enclosed."""
         if key not in self._known:
             self._known[key] = len(self.enclosed)
             self.enclosed.append(terms_of(self.moved(polynomial)))
@@ -328,13 +313,11 @@ class _Changes(Algebra):
 
     def products(self) -> dict[tuple[int, int, int], list[fmpq]]:
         """Changes of V_x (f + g2 k) and of ½ |g1ᵀV_xᵀ|²/γ² at all vertices, by two forms and a function or −1."""
-        found: dict[tuple[int, int, int], list[fmpq]] = {}
+        found, given = dict[tuple[int, int, int], list[fmpq]](), self.certificate
 
         def add(key: tuple[int, int, int], changes: list[fmpq]) -> None:
-            before = found.get(key, [fmpq(0)] * len(changes))
-            found[key] = [a + b for a, b in zip(before, changes)]
+            found[key] = [a + b for a, b in zip(found[key], changes)] if key in found else changes
 
-        given = self.certificate
         rows = [(i, term, None) for i, row in enumerate(given.drift) for term in row]
         rows += [(i, t, j) for i, row in enumerate(given.g2) for j, entry in enumerate(row) for t in entry]
         for i, term, driven in rows:
@@ -355,7 +338,7 @@ class _Changes(Algebra):
             entries = [[self._at_ends(term) for term in entry] for entry in column]
             if all(end == ends[-1] for entry in entries for ends in entry for end in ends):
                 continue
-            for term in (term for entry in column for term in entry):
+            for term in itertools.chain(*column):
                 _refuse_powers(term)
             sums = [
                 [sum((ends[v] for ends in entry), fmpq(0)) for v in range(len(self.corners) + 1)]

@@ -52,8 +52,7 @@ def sampled_gain(statement: Certificate, level: float, about: float, seed: int =
 
     The statement's V is taken as it is, its γ and level do not count; `about` is the s in the middle of those tried.
     """
-    rng = np.random.default_rng(seed)
-    vertices = box_vertices(statement)
+    rng, vertices = np.random.default_rng(seed), box_vertices(statement)
     root = np.linalg.inv(np.linalg.cholesky(quadratic_part(statement.value, len(statement.states)))).T
 
     def value(x: np.ndarray) -> np.ndarray:
@@ -72,8 +71,7 @@ def sampled_gain(statement: Certificate, level: float, about: float, seed: int =
             starts = near[np.argsort(worst)[-_KEPT:]]
             size = np.sqrt(np.sum(np.linalg.solve(root, starts.T) ** 2, axis=0))
             moves = rng.standard_normal((_TRIES, *starts.shape)) @ root.T
-            moved = starts + step * size[:, None] * moves / np.sqrt(starts.shape[1])
-            moved = moved.reshape(-1, starts.shape[1])
+            moved = np.vstack(starts + step * size[:, None] * moves / np.sqrt(starts.shape[1]))
             near = np.vstack([starts, moved[value(moved) <= level]])
             found = _parts(statement, vertices, near)
             worst, step = _gamma(found, scale), step / 2
@@ -104,10 +102,9 @@ def _points(
 
 def box_vertices(statement: Certificate) -> list[dict[str, float]]:
     """Values of all parameters at the vertices of the box; parameters that occur as one product only are one axis."""
-    corners = itertools.product(*group_ends(statement))
     return [
         statement.middle | {name: value for part in corner for name, value in part.items()}
-        for corner in corners
+        for corner in itertools.product(*group_ends(statement))
     ]
 
 
@@ -137,11 +134,10 @@ def _parts(statement: Certificate, vertices: list[dict[str, float]], x: np.ndarr
                 monomial = monomial * bracket(function, x @ np.array(function.slope))
             columns.append(along * factor * monomial)
             weights.append(weights_of(term))
-    a = (np.array(weights).T @ np.array(columns)).max(axis=0)
+    largest = (np.array(weights).T @ np.array(columns)).max(axis=0)
     z = sum((0.5 * polynomial_at(row, x) ** 2 for row in statement.penalty), np.zeros(len(x)))
-    for i, row in enumerate(statement.r2):
-        for j, price in enumerate(row):
-            z = z + 0.5 * price * law[i] * law[j]
+    for (a, b), price in zip(itertools.product(law, law), itertools.chain(*statement.r2)):
+        z = z + 0.5 * price * a * b
     g = np.zeros((len(vertices), len(x)))
     for column in zip(*statement.g1):
         parts = [
@@ -150,7 +146,7 @@ def _parts(statement: Certificate, vertices: list[dict[str, float]], x: np.ndarr
             for term in entry
         ]
         g += 0.5 * sum(parts, np.zeros_like(g)) ** 2
-    return np.stack([a, z, g.max(axis=0)])
+    return np.stack([largest, z, g.max(axis=0)])
 
 
 _FAR, _SLOPES = 4.0 * np.pi, 2001  # how far, and in how many points, the slopes of a function are looked at
@@ -188,32 +184,26 @@ def common_value(statement: Certificate) -> CommonValue | None:
         np.linalg.cholesky(quadratic_part(statement.value, n))
     ).T  # in these coordinates V is ½|z|²
     gain, h = linear_part(statement.law, n), linear_part(statement.penalty, n)
-    ends = [_slopes(function) for function in statement.functions]
-    systems = []  # A_v with the law, and B_v
-    for vertex, slopes in itertools.product(box_vertices(statement), itertools.product(*ends)):
-        a, b, b2 = linear_system(statement, vertex, slopes)
-        systems.append((a + b2 @ gain, b))
-    a, b = (np.array(matrices) for matrices in zip(*systems))
-    q = h.T @ h + gain.T @ r2 @ gain
-    a, b, q = np.linalg.inv(t) @ a @ t, np.linalg.inv(t) @ b, t.T @ q @ t
-    y = _feasible(a, b, q)
-    if y is None:
+    ends = itertools.product(*map(_slopes, statement.functions))
+    systems = [linear_system(statement, *at) for at in itertools.product(box_vertices(statement), ends)]
+    a, b = (
+        np.array(m) for m in zip(*((a + b2 @ gain, b) for a, b, b2 in systems))
+    )  # A_v with the law, and B_v
+    q = t.T @ (h.T @ h + gain.T @ r2 @ gain) @ t
+    a, b = np.linalg.inv(t) @ a @ t, np.linalg.inv(t) @ b
+    if (y := _feasible(a, b, q)) is None:
         return None
     count, _, w = b.shape  # minus (17) at every vertex; P > 0 follows from stable A_v
     base = np.zeros((count, n + w, n + w))
     base[:, :n, :n] = -q
-    parts = []
-    for p in _units(n):
-        part = np.zeros_like(base)
+    parts = np.zeros((len(y), *base.shape))
+    for part, p in zip(parts, _units(n)):
         part[:, :n, :n] = -(np.swapaxes(a, 1, 2) @ p + p @ a)
         part[:, :n, n:] = -p @ b
         part[:, n:, :n] = np.swapaxes(part[:, :n, n:], 1, 2)
-        parts.append(part)
-    level = np.zeros_like(base)
-    level[:, n:, n:] = np.eye(w)
-    constraints = base, np.array([*parts, level])
-    y = _lowest(*constraints, y, lambda y, gap: _GROWTH * gap < _ACCURACY * y[-1])
-    return CommonValue(float(np.sqrt(y[-1])), y, *constraints, np.linalg.inv(t))
+    parts[-1, :, n:, n:] = np.eye(w)
+    y = _lowest(base, parts, y, lambda y, gap: _GROWTH * gap < _ACCURACY * y[-1])
+    return CommonValue(float(np.sqrt(y[-1])), y, base, parts, np.linalg.inv(t))
 
 
 def _slopes(function: Function) -> tuple[float, float]:
@@ -293,8 +283,7 @@ def _centred(base: np.ndarray, parts: np.ndarray, y: np.ndarray, cost: np.ndarra
     for _ in range(_NEWTON):
         moved = np.linalg.inv(base + np.tensordot(y, parts, 1)) @ parts  # (K, V, m, m)
         gradient = cost - np.trace(moved, axis1=2, axis2=3).sum(axis=1)
-        flat = moved.reshape(len(y), -1)
-        hessian = flat @ np.swapaxes(moved, 2, 3).reshape(len(y), -1).T
+        hessian = moved.reshape(len(y), -1) @ np.swapaxes(moved, 2, 3).reshape(len(y), -1).T
         scale = 1.0 / np.sqrt(np.diag(hessian))
         step = -scale * np.linalg.lstsq(hessian * np.outer(scale, scale), scale * gradient, rcond=None)[0]
         slope = float(gradient @ step)

@@ -37,6 +37,7 @@ from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from math import prod
+from typing import Any
 
 import numpy as np
 
@@ -56,6 +57,9 @@ from flexhinf.codegen import machine
 from flexhinf.codegen.compiler import cached
 from flexhinf.errors import NumericalFailure
 
+#: A NumPy record array, whose fields no checker of types knows.
+Records = Any
+
 _PARTS = 16  # a batch is cut into so many tasks for threads
 _UNIT = 2.0**-53
 _SMALLEST = 1e-300
@@ -66,9 +70,7 @@ _ENTRY = "flexhinf_cells"
 _ASYMMETRY = 1e-9  # largest share of terms of the wrong parity, for opposite faces to be treated together
 
 
-def cells_of(
-    face: np.ndarray, t: np.ndarray, h: np.ndarray, inner: np.ndarray, outer: np.ndarray
-) -> np.recarray:
+def cells_of(face: np.ndarray, t: np.ndarray, h: np.ndarray, inner: np.ndarray, outer: np.ndarray) -> Records:
     """N cells as records; t and h are middle and half widths (N, n − 1) of the box of directions, radii in units of the
     reach. All but the faces are dyadic."""
     d = t.shape[1:]
@@ -195,7 +197,7 @@ class CellBounds:
         }  # fmt: skip
 
     # Cells --------------------------------------------------------------------------------------
-    def bound(self, cells: np.recarray, level: float, pool: ThreadPoolExecutor | None = None) -> np.recarray:
+    def bound(self, cells: Records, level: float, pool: ThreadPoolExecutor | None = None) -> Records:
         """Records of `OUTPUTS` and `score` for each cell; the same for any number of threads."""
         mine = [np.flatnonzero(cells.face == face) for face in range(len(self.faces))]
         padded = [np.append(cell, np.repeat(cell[:1], -len(cell) % LANES)) for cell in mine]
@@ -233,7 +235,7 @@ class CellBounds:
         kind = [*((name, float) for name in OUTPUTS), ("score", float, (self.n,))]
         return found.view(kind)[:, 0].view(np.recarray)
 
-    def rows(self, cells: np.recarray) -> np.ndarray:
+    def rows(self, cells: Records) -> np.ndarray:
         """The kernel's inputs (N, rows) for each cell. Radii are exact: fractions and the reach have few bits."""
         inner, outer = cells.inner * self.reach, cells.outer * self.reach
         middle, unit, face = (inner + outer) / 2, 2 * self.roundings * _UNIT, cells.face
@@ -270,7 +272,6 @@ class CellBounds:
 
 
 def _degrees(terms: Rational) -> tuple[int, ...]:
-    """The degrees of a polynomial's terms, ascending."""
     return tuple(sorted({sum(key) for key in terms}))
 
 
@@ -362,8 +363,7 @@ def search(
     return Outcome(True, "proved", None, level, float("nan"), done)
 
 
-def _next_batch(stack: list[np.recarray]) -> np.recarray:
-    """The cells that were put on the stack last, at most `_TOGETHER`."""
+def _next_batch(stack: list[Records]) -> Records:
     parts, room = [], _TOGETHER
     while stack and room:
         part = stack.pop()
@@ -375,7 +375,7 @@ def _next_batch(stack: list[np.recarray]) -> np.recarray:
     return np.concatenate(parts).view(np.recarray)
 
 
-def _following(cells: np.recarray) -> np.recarray:
+def _following(cells: Records) -> Records:
     """The intervals of ρ that follow accepted cells outwards."""
     length = cells.outer - cells.inner
     return cells_of(
@@ -384,7 +384,7 @@ def _following(cells: np.recarray) -> np.recarray:
 
 
 def _outcome(
-    bounds: CellBounds, cells: np.recarray, found: np.recarray, place: int, reason: str
+    bounds: CellBounds, cells: Records, found: Records, place: int, reason: str
 ) -> tuple[Outcome, np.ndarray]:
     """A search that ended at the middle of a cell, and that point z (n,)."""
     variable, sign = bounds.faces[int(cells.face[place])]
@@ -393,7 +393,7 @@ def _outcome(
     return Outcome(False, reason, point, float(found.value[place]), float(found.centre[place]), 0), point
 
 
-def _disproved(bounds: CellBounds, cells: np.recarray, found: np.recarray, level: float) -> Outcome | None:
+def _disproved(bounds: CellBounds, cells: Records, found: Records, level: float) -> Outcome | None:
     """A point of the region at which r > 0 or V decreases along the ray, if the middle of a cell is one."""
     broken = (found.centre > found.allowance) & np.isfinite(found.allowance)
     stops = found.growth_at_centre < -bounds.rows(cells)[:, bounds.shape.inputs["growth_rounding"]]
@@ -407,7 +407,7 @@ def _disproved(bounds: CellBounds, cells: np.recarray, found: np.recarray, level
     return None
 
 
-def _halves(bounds: CellBounds, cells: np.recarray, found: np.recarray) -> Outcome | np.recarray:
+def _halves(bounds: CellBounds, cells: Records, found: Records) -> Outcome | Records:
     """Both halves of every cell. Of a cell cut in ρ only the inner half: the outer one follows when it is accepted."""
     length, d = cells.outer - cells.inner, bounds.n - 1
     score = np.where(found.score >= 0, found.score, 0.0)

@@ -104,8 +104,7 @@ class Certificate(Summarised, Claim):
 
     def text(self) -> str:
         """The file's content, JSON."""
-        header = {"format": _FORMAT, "version": _VERSION}
-        content = header | _adapter().dump_python(self, mode="json")
+        content = {"format": _FORMAT, "version": _VERSION} | _adapter().dump_python(self, mode="json")
         return json.dumps(content, ensure_ascii=False, separators=(",", ":")) + "\n"
 
     def save(self, path: str | os.PathLike[str]) -> None:

@@ -41,8 +41,7 @@ _HEXADECIMAL = re.compile(r"-?0x[01](\.[0-9a-f]{1,13})?p[+-]\d{1,4}")
 def _double(value: Any) -> Any:
     """A double from a number, or from its hexadecimal text in a file; finite, and within ±1e30."""
     if isinstance(value, str) and _HEXADECIMAL.fullmatch(value):
-        exponent = int(value.partition("p")[2])
-        value = float.fromhex(value) if exponent < 1000 else float("inf")
+        value = float.fromhex(value) if int(value.partition("p")[2]) < 1000 else float("inf")
     if isinstance(value, bool) or not isinstance(value, (int, float)) or not abs(value) <= HUGE:
         raise ValueError(
             f"a finite number within ±{HUGE:g}, in a file as hexadecimal text such as '0x1.8p+1'"

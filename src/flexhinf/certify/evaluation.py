@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from math import prod
 
 import numpy as np
 
@@ -24,11 +25,8 @@ def polynomial_at(polynomial: Iterable[tuple[tuple[int, ...], float]], x: np.nda
     """A polynomial at points (N, n), one monomial after the other: nothing is larger than a column of x."""
     result = np.zeros(len(x))
     for powers, coefficient in polynomial:
-        term = np.full(len(x), coefficient)
-        for column, power in zip(x.T, powers):
-            if power:
-                term = term * column**power
-        result += term
+        factors = (column**power for column, power in zip(x.T, powers) if power)
+        result += prod(factors, start=np.full(len(x), coefficient))
     return result
 
 

@@ -29,7 +29,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from itertools import product
+from itertools import accumulate, chain, product
 from math import comb, prod
 
 import flint
@@ -103,9 +103,8 @@ class Inequality(Algebra):
         for row in certificate.penalty:
             h = self.moved(self.in_x(row))
             total += h * h / 2
-        for i, row in enumerate(certificate.r2):
-            for j, price in enumerate(row):
-                total += law[i] * law[j] * (rational(price) / 2)
+        for (a, b), price in zip(product(law, law), chain(*certificate.r2)):
+            total += a * b * (rational(price) / 2)
         for column in zip(*g1):
             along = sum((a * b for a, b in zip(slope, column)), self.zero)
             total += along * along * (1 / (2 * rational(certificate.gamma) ** 2))
@@ -129,8 +128,7 @@ def parity(function: Function) -> int:
     if function.offset != 0.0:
         return 0
     if function.name in ("sin", "cos"):
-        odd = (function.pi_halves + (function.name == "cos")) % 2 == 0
-        return -1 if odd else 1
+        return -1 if (function.pi_halves + (function.name == "cos")) % 2 == 0 else 1
     return -1 if function.name in ("tanh", "arctan") and function.pi_halves == 0 else 0
 
 
@@ -202,10 +200,8 @@ def quotient_table(function: Function, reach: float, order: int) -> QuotientTabl
     def series(s: arb_series) -> arb_series:
         return elementary(s + (arb(offset) + arb.pi() * halves / 2))
 
-    reach = min(reach, _FARTHEST)
-    count = int(np.ceil(reach / _SPACING)) + 1
-    pieces = int(np.ceil(reach / _PIECE)) + 2
-    cap, bits = flint.ctx.cap, flint.ctx.prec
+    farthest, cap, bits = min(reach, _FARTHEST), flint.ctx.cap, flint.ctx.prec
+    count, pieces = int(np.ceil(farthest / _SPACING)) + 1, int(np.ceil(farthest / _PIECE)) + 2
     try:
         flint.ctx.cap, flint.ctx.prec = order + 3, _BITS
         rows = [_row(series, node, order) for node in range(-count, count + 1)]
@@ -224,17 +220,13 @@ def _row(function: Series, node: int, order: int) -> list[float]:
     """The Taylor polynomial of the quotient about a node, in powers of ℓ, rounded to doubles."""
     a = arb(node) * _SPACING
     series = function(arb_series([a, 1], prec=order + 3))
-    taken = [series[k] for k in range(order + 3)]
-    if node == 0:
-        taylor = taken[1 : order + 2]
-    else:  # S_0 = (Φ(a) − Φ(0))/a, S_m = (Φ_m − S_{m−1})/a
-        taylor = [(taken[0] - function(arb_series([0, 1], prec=1))[0]) / a]
-        for m in range(1, order + 1):
-            taylor.append((taken[m] - taylor[-1]) / a)
+    first, *taylor = (series[k] for k in range(order + 2))
+    if node:  # S_0 = (Φ(a) − Φ(0))/a, S_m = (Φ_m − S_{m−1})/a
+        start = (first - function(arb_series([0, 1], prec=1))[0]) / a
+        taylor = list(accumulate(taylor[:-1], lambda before, part: (part - before) / a, initial=start))
     result = []
     for m in range(order + 1):
-        parts = (taylor[k] * comb(k, m) * (-a) ** (k - m) for k in range(m, order + 1))
-        total = sum(parts, arb(0))
+        total = sum((taylor[k] * comb(k, m) * (-a) ** (k - m) for k in range(m, order + 1)), arb(0))
         middle = float(total.mid())
         narrow = total.is_finite() and total.rad() <= max(abs(middle) * 2.0**-60, NARROW)
         result.append(middle if narrow else float("nan"))
@@ -243,8 +235,7 @@ def _row(function: Series, node: int, order: int) -> list[float]:
 
 def _derivative(function: Series, centre: float, order: int) -> float:
     """An upper bound of |Φ^(order)|/order! on the piece about `centre`."""
-    ball = arb(centre, _PIECE * 0.5)
-    bound = function(arb_series([ball, 1], prec=order + 1))[order].abs_upper()
+    bound = function(arb_series([arb(centre, _PIECE * 0.5), 1], prec=order + 1))[order].abs_upper()
     return float(bound) * (1 + 1e-12) if bound.is_finite() else float("inf")
 
 
@@ -259,7 +250,7 @@ class MeanForms:
         degree = max((sum(powers) for q in polynomials for powers in q), default=1)
         exponents = product(range(degree), *[range(degree + 1)] * (n - 1))
         rows = sorted((row for row in exponents if sum(row[1:]) <= min(degree, row[0] + 3)), key=sum)
-        self.rows, self._index = np.array(rows), {row: i for i, row in enumerate(rows)}
+        self._index = {row: i for i, row in enumerate(rows)}
         self._parents = []  # of each monomial but 1: one that is a degree less, and the variable between them
         self._derivatives = np.zeros((n, len(rows), len(rows)))
         for place, row in enumerate(rows):
@@ -273,7 +264,7 @@ class MeanForms:
 
     def _face(self, polynomials: Sequence[Rational], face: int, sign: int) -> tuple[np.ndarray, np.ndarray]:
         """Rows for values and gradients, and for magnitudes of values and second derivatives."""
-        values, size = np.zeros((self.count, len(self.rows))), len(self.rows)
+        values, size = np.zeros((self.count, len(self._index))), len(self._index)
         for column, polynomial in zip(values, polynomials):
             for powers, value in polynomial.items():
                 row = (sum(powers) - 1, *powers[:face], *powers[face + 1 :])
@@ -288,7 +279,7 @@ class MeanForms:
         )
 
     def _monomials(self, w: np.ndarray) -> np.ndarray:
-        values = np.ones((len(self.rows), w.shape[1]))
+        values = np.ones((len(self._index), w.shape[1]))
         for i, (parent, axis) in enumerate(self._parents, 1):
             np.multiply(values[parent], w[axis], out=values[i])
         return values

@@ -278,8 +278,7 @@ class _Kernel(_Code):
         return self.load(self.at(self.out, str(self.shape.outputs[name])))
 
     def work(self, name: str, index: str = "0") -> str:
-        place = self.integer("add", str(self.shape.work[name]), index)
-        return self.at(self.pointers["work"], place)
+        return self.at(self.pointers["work"], self.integer("add", str(self.shape.work[name]), index))
 
     def power(self, which: int, exponent: int) -> str:
         """inner, outer, middle, half, outer − middle (of the powers), to an exponent."""
@@ -393,8 +392,7 @@ class _Kernel(_Code):
     # V ------------------------------------------------------------------------------------------
     def _value(self) -> None:
         layout = self.shape.value
-        base = self.integer("mul", self.face, str(layout.count))
-        self.moved(layout, "value_table", base, "value", 0)
+        self.moved(layout, "value_table", self.integer("mul", self.face, str(layout.count)), "value", 0)
         least, growth = self.sum(), self.sum()
         for group, b, even in self.each(layout.groups):
             inner, slope, width = [self.zero] * 3

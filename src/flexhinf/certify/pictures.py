@@ -103,8 +103,7 @@ def start_surface(
         np.sqrt(2.0 * certificate.level * curvature), max(float(np.abs(p[:, 1]).max()) for p in paths)
     )
     a, e = np.linspace(-width, width, POINTS), np.linspace(-height, height, POINTS)
-    rest = path_states(start, certificate.middle, a)
-    points = np.repeat(rest[None], POINTS, axis=0)
+    points = np.repeat(path_states(start, certificate.middle, a)[None], POINTS, axis=0)
     points[:, :, integral] = e[:, None]
     return StartSurface(a, e, *_on(solution, certificate, penalty, points), paths)
 
@@ -163,8 +162,7 @@ def worst_step(solution: ValueFunction, certificate: Claim, start: Start) -> Wor
     """
     amplitude = SHARE * start.amplitude
     x = path_start(certificate, start, amplitude)
-    duration = longest_run(solution) / 8.0
-    h, gamma, level = duration / SAMPLES, certificate.gamma, certificate.level
+    h, gamma, level = longest_run(solution) / 8.0 / SAMPLES, certificate.gamma, certificate.level
     first = float(solution.value(x))
 
     def rates(x: np.ndarray, on: bool) -> tuple[np.ndarray, np.ndarray]:

@@ -11,6 +11,7 @@ A claim is about the nominal plant (`statement_of`) or about a box of its parame
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from itertools import pairwise
 from math import pi, prod
 from typing import Any
 
@@ -102,16 +103,14 @@ def plant_fields(
     )
     most = flow.n_instructions() + output.n_instructions()
     reader = _Reader(n, m + k, flat_names(table), table.vector(), most)
-    x, inputs = reader.states, reader.inputs
-    moved = [a + rational(b) for a, b in zip(x, problem.operating_point)]
-    driven = [a + rational(b) for a, b in zip(inputs[:m], problem.operating_input)]
-    rates = reader.run(flow, [moved, driven, inputs[m:], reader.parameters])
-    h = reader.run(output, [x, [reader.constant(value) for value in table.vector()]])
+    moved = [a + rational(b) for a, b in zip(reader.states, problem.operating_point)]
+    driven = [a + rational(b) for a, b in zip(reader.inputs, problem.operating_input)]
+    rates = reader.run(flow, [moved, driven, reader.inputs[m:], reader.parameters])
+    h = reader.run(output, [reader.states, [reader.constant(value) for value in table.vector()]])
     split = [(row[0], tuple(row[1 : 1 + m]), tuple(row[1 + m :])) for row in map(reader.rows, rates)]
     fields = dict(zip(("drift", "g2", "g1"), zip(*split), strict=True))
-    box = {name: (value, value) for name, value in zip(reader.names, reader.values.tolist())} | dict(
-        ranges or {}
-    )
+    box = {name: (value, value) for name, value in zip(reader.names, reader.values.tolist())}
+    box |= ranges or {}
     if fixed := sorted(name for name in reader.inside if box[name][0] < box[name][1]):
         raise InvalidInput(
             "A parameter stands inside a function of the state.",
@@ -133,9 +132,7 @@ def flat_names(table: ParameterTable) -> list[str]:
 
 
 def _checked(penalty: Any, x: Any, h: Any) -> Any:
-    if penalty is None:
-        return np.asarray(h)
-    return np.asarray(penalty(np.asarray(x)[None], np.asarray(h)[None]))[0]
+    return np.asarray(h if penalty is None else penalty(np.asarray(x)[None], np.asarray(h)[None])[0])
 
 
 def _of_polynomials(plant: PolynomialPlant, penalty: Any) -> dict[str, Any]:
@@ -177,12 +174,10 @@ class _Reader:
     ) -> None:
         sizes = states, inputs, len(parameters), len(parameters), most
         names = [f"{letter}{i}" for letter, size in zip("xupqs", sizes) for i in range(size)]
-        self.context = fmpq_mpoly_ctx.get(names)
-        variables = iter(self.context.gens())
-        parts = [[next(variables) for _ in range(size)] for size in sizes]
-        self.states, self.inputs, self.parameters, self.inverses, self._room = parts
+        self.context, self.edges = fmpq_mpoly_ctx.get(names), np.cumsum([0, *sizes]).tolist()
+        parts = [list(self.context.gens()[a:b]) for a, b in pairwise(self.edges)]
+        self.states, self.inputs, self.parameters, _, self._room = parts
         self.names, self.values = tuple(parameters), values
-        self.edges = np.cumsum([0, *sizes]).tolist()
         self.functions: list[Function] = []
         self.seen: set[int] = set()
         self.inside: set[str] = set()  # functions of the state
@@ -220,12 +215,11 @@ class _Reader:
             ((e, value),) = terms
             inverse = {(*e[:start], *e[middle:end], *e[start:middle], *e[end:]): 1 / value}
             return (first if code == ca.OP_DIV else 1) * self.context.from_dict(inverse)
-        if code in (ca.OP_POW, ca.OP_CONSTPOW) and second.is_constant():
-            value = second.leading_coefficient() if second else fmpq(0)
-            if value.q == 1 and 0 <= value <= _HIGHEST_POWER:
-                return first ** int(value.p)
-        require(False, f"the operation {NAMES.get(code, '?').removeprefix('OP_').lower()}")
-        return first
+        power = code in (ca.OP_POW, ca.OP_CONSTPOW) and second.is_constant()
+        value = second.leading_coefficient() if power and second else fmpq(0)
+        known = power and value.q == 1 and 0 <= value <= _HIGHEST_POWER
+        require(known, f"the operation {NAMES.get(code, '?').removeprefix('OP_').lower()}")
+        return first ** int(value.p)
 
     def _applied(self, name: str, argument: fmpq_mpoly) -> fmpq_mpoly:
         """The variable that stands for a function of a linear form of the state; parameters inside are nominal."""
@@ -289,10 +283,9 @@ class _Reader:
 
     def polynomial(self, part: fmpq_mpoly) -> Polynomial:
         """A penalised output. Its coefficients are rounded to doubles, and what is checked has these."""
-        terms = terms_of(part)
-        plain = not any(any(exponents[self.edges[1] :]) for exponents in terms)
+        terms, n = terms_of(part), self.edges[1]
+        plain = not any(any(exponents[n:]) for exponents in terms)
         require(plain, "a penalty that is no polynomial of the state")
-        n = self.edges[1]
         return tuple((key[:n], nearest_double(value)) for key, value in terms.items() if any(key))
 
 
@@ -445,6 +438,5 @@ def coordinates(
 
 def few_bits(matrix: np.ndarray) -> np.ndarray:
     """Each column rounded to `_BITS` bits of its largest entry: any invertible T is sound, a short one is quick."""
-    largest = np.abs(matrix).max(axis=0, keepdims=True)
-    scale = np.exp2(_BITS - 2 - np.ceil(np.log2(largest)))
+    scale = np.exp2(_BITS - 2 - np.ceil(np.log2(np.abs(matrix).max(axis=0, keepdims=True))))
     return np.round(matrix * scale) / scale

@@ -163,8 +163,7 @@ def wide_statement(statement: Certificate) -> Certificate | None:
     quadratic = t.T @ quadratic_part(statement.value, len(t)) @ t  # V = ½ zᵀ(…)z
     if statement.degree != 2 or np.linalg.matrix_rank(quadratic) < len(t):
         return None
-    inverse = np.linalg.inv(quadratic)
-    reach = _ROOM * float(np.sqrt(2.0 * statement.level * inverse.diagonal().max()))
+    reach = _ROOM * float(np.sqrt(2.0 * statement.level * np.linalg.inv(quadratic).diagonal().max()))
     return replace(statement, reach=_rounded_up(reach)) if 0.0 < reach < HUGE else None
 
 
@@ -183,8 +182,7 @@ def _extent(inequality: Inequality, level: float) -> tuple[float, np.ndarray]:
     """The largest |z_j| of {V ≤ level} and the largest |ℓ| of each function, along random rays: not bounds, only
     where to look."""
     n = inequality.n
-    rng = np.random.default_rng(0)
-    directions = rng.standard_normal((_DIRECTIONS, n))
+    directions = np.random.default_rng(0).standard_normal((_DIRECTIONS, n))
     directions = np.concatenate([directions, np.eye(n), -np.eye(n)])
     directions /= np.abs(directions).max(axis=1, keepdims=True)
     terms = [(key, nearest_double(value)) for key, value in inequality.value.items()]
@@ -322,8 +320,9 @@ def with_observer(
     gain = covariance @ seen.T @ np.linalg.inv(price)
     energy = share * certificate.level
     weight, storage, gain_error = _error_energy(certificate, linear - gain @ seen, noise, energy)
-    measured, *found = map(matrix_rows, (sensors, gain, weight, storage))
-    observer = Observer(measured, solution.state_names[size:], *found, gain_error, energy)
+    measured, gains, weights, storages = map(matrix_rows, (sensors, gain, weight, storage))
+    known = solution.state_names[size:]
+    observer = Observer(measured, known, gains, weights, storages, gain_error, energy)
     claimed = replace(certificate, feedback="output injection observer", observer=observer)
     if reason := claimed.why_no_observer():
         raise _not_found(reason)

@@ -153,11 +153,10 @@ def term_along(
 
 def _multiple(terms: Terms) -> float:
     """m of a state that is m a."""
-    if terms and (
-        len(terms) > 1 or (terms[0].powers, terms[0].parameters, terms[0].function) != ((1,), (), None)
-    ):
-        raise _NoForm
-    return terms[0].coefficient if terms else 0.0
+    for term in terms:
+        if len(terms) > 1 or (term.powers, term.parameters, term.function) != ((1,), (), None):
+            raise _NoForm
+    return sum(term.coefficient for term in terms)
 
 
 def multiplied(term: Term, coefficient: float, parameters: Iterable[tuple[str, int]]) -> Term:

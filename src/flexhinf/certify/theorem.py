@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from decimal import ROUND_CEILING, ROUND_FLOOR, Context, Decimal
+from itertools import zip_longest
 from math import sqrt
 
 from flexhinf.certify.checker import Verification
@@ -23,32 +24,48 @@ def persistent_bound(claim: Claim) -> float:
 
 def theorem_text(claim: Claim, verification: Verification, whole: bool = False) -> str:
     """The theorem of a claim, valid if `verification.proved`. `whole`: with V and the law in full, however long."""
-    statements = _statements(claim, verification)
-    fed = f" (1. to {len(statements) - 1}.) or estimates ({len(statements)}.)" if claim.observer else ""
-    lines = [
-        "Hypotheses",
-        *_hypotheses(claim, fed, whole),
-        *_observer(claim),
-        *(
-            f"  Starts on path {i}, steps of up to {_down(start.amplitude)}: x = "
-            f"({', '.join(_path(start))}) for 0 <= a <= {_down(start.amplitude)}."
-            for i, start in enumerate(claim.starts, 1)
-        ),
-        "",
-        f"Region S: the part of {{V <= {claim.level!r}}} that is connected to the goal; V has degree {claim.degree}.",
-        "",
-        "Proved" if verification.proved else "Claimed, and NOT proved: see the end",
-        *(f"  {i}. {name}: {text}" for i, (name, text) in enumerate(statements, 1)),
-        "",
-        "Not proved",
-        *(f"  - {text}" for text in _not_proved(claim, verification)),
-        "",
-        AUTHOR,
-        f"  - What it is about: {claim.about}",
-        *(f"  - Path {i} of starts: {start.rule}" for i, start in enumerate(claim.starts, 1)),
-        "  - All names and units.",
+    return "\n\n".join(
+        f"{heading}: {texts[0]}" if heading == "Region S" else "\n  ".join([heading, *texts])
+        for heading, texts in _parts(claim, verification, whole)
+    )
+
+
+def theorem_parts(claim: Claim, verification: Verification) -> list[tuple[str, list[str]]]:
+    """The theorem in full as pairs of a heading and its sentences."""
+    return [
+        (heading, [text.strip().removeprefix("- ") for text in texts])
+        for heading, texts in _parts(claim, verification, True)
     ]
-    return "\n".join(lines)
+
+
+def _parts(claim: Claim, verification: Verification, whole: bool) -> list[tuple[str, list[str]]]:
+    statements, starts = _statements(claim, verification), list(enumerate(claim.starts, 1))
+    fed = f" (1. to {len(statements) - 1}.) or estimates ({len(statements)}.)" if claim.observer else ""
+    paths = [
+        f"Starts on path {i}, steps of up to {_down(start.amplitude)}: x = "
+        f"({', '.join(_path(start))}) for 0 <= a <= {_down(start.amplitude)}."
+        for i, start in starts
+    ]
+    region = (
+        f"the part of {{V <= {claim.level!r}}} that is connected to the goal; V has degree {claim.degree}."
+    )
+    return [
+        ("Hypotheses", [*_hypotheses(claim, fed, whole), *_observer(claim), *paths]),
+        ("Region S", [region]),
+        (
+            "Proved" if verification.proved else "Claimed, and NOT proved: see the end",
+            [f"{i}. {name}: {text}" for i, (name, text) in enumerate(statements, 1)],
+        ),
+        ("Not proved", [f"- {text}" for text in _not_proved(claim, verification)]),
+        (
+            AUTHOR,
+            [
+                f"- What it is about: {claim.about}",
+                *(f"- Path {i} of starts: {start.rule}" for i, start in starts),
+                "- All names and units.",
+            ],
+        ),
+    ]
 
 
 def _hypotheses(claim: Claim, fed: str, whole: bool) -> list[str]:
@@ -58,36 +75,36 @@ def _hypotheses(claim: Claim, fed: str, whole: bool) -> list[str]:
     uncertain = [p for p in claim.parameters if p.low < p.high]
     fixed = [f"{p.name} = {p.low:.10g} {p.unit}".rstrip() for p in claim.parameters if p.low == p.high]
     of_each = "the equilibrium at the goal (of each robot its own, where it moves with the parameters)"
-    lines = [
-        f"  Plant: {len(names)} states ({', '.join(map(_named, claim.states))}), deviations "
-        f"from {of_each if uncertain else 'the goal'}, with "
-        f"{', '.join(sorted({f.name for f in claim.functions})) or 'no elementary function'}"
-        f"{' exactly as it is, not expanded' if claim.functions else ''}; V, the law and all numbers are the file's:"
-    ]
-    for i, name in enumerate(names):
-        rate = [_sum(claim.drift[i], names, claim.functions)] if claim.drift[i] else []
-        for signals, columns in ((claim.disturbances, claim.g1), (claim.inputs, claim.g2)):
-            entries = zip(signals, columns[i], strict=True) if columns else ()
-            rate += [_sum(terms, names, (), signal.name) for signal, terms in entries if terms]
-        lines.append(f"    d/dt {name} = {_joined(rate)}")
+    rates = []
+    for name, drift, *channels in zip(names, claim.drift, claim.g1, claim.g2):
+        rate = [_sum(drift, names, claim.functions)] if drift else []
+        for signals, entries in zip((claim.disturbances, claim.inputs), channels):
+            pairs = zip(signals, entries, strict=True)
+            rate += [_sum(terms, names, (), signal.name) for signal, terms in pairs if terms]
+        rates.append(f"  d/dt {name} = {_joined(rate)}")
     box = ", ".join(f"{p.name} in [{p.low:.10g}, {p.high:.10g}] {p.unit}".rstrip() for p in uncertain)
-    lines += ["  Parameters: the numbers of the plant as stored, no tolerance."] * (not claim.parameters)
-    lines += [f"  Parameters, the whole box and not only its corners: {box}."] * bool(uncertain)
-    lines += [f"  Parameters, nominal: {', '.join(fixed)}."] * bool(fixed)
     degree = max(max((sum(powers) for powers, _ in law), default=0) for law in claim.law)
     price = "; ".join(" ".join(f"{value!r}" for value in row) for row in claim.r2)
-    lines += [
-        f"  Disturbance channels: {', '.join(map(_named, claim.disturbances))}.",
-        f"  Feedback: the law, a polynomial of degree {degree} for {', '.join(map(_named, claim.inputs))}, is fed the "
-        f"true state{fed}, in continuous time.",
-        f"    R2 = [{price}]",
-    ]
     polynomials = [*zip((s.name for s in claim.inputs), claim.law), ("V", claim.value)]
-    return lines + [
-        f"    {name} = {_row(polynomial, claim.states, len(polynomial))}"
-        if whole or len(polynomial) <= _MOST_MONOMIALS
-        else f"    {name}: {len(polynomial)} monomials, in the file and on the page"
-        for name, polynomial in polynomials
+    return [
+        f"Plant: {len(names)} states ({', '.join(map(_named, claim.states))}), deviations "
+        f"from {of_each if uncertain else 'the goal'}, with "
+        f"{', '.join(sorted({f.name for f in claim.functions})) or 'no elementary function'}"
+        f"{' exactly as it is, not expanded' if claim.functions else ''}; V, the law and all numbers are the file's:",
+        *rates,
+        *["Parameters: the numbers of the plant as stored, no tolerance."] * (not claim.parameters),
+        *[f"Parameters, the whole box and not only its corners: {box}."] * bool(uncertain),
+        *[f"Parameters, nominal: {', '.join(fixed)}."] * bool(fixed),
+        f"Disturbance channels: {', '.join(map(_named, claim.disturbances))}.",
+        f"Feedback: the law, a polynomial of degree {degree} for {', '.join(map(_named, claim.inputs))}, is fed the "
+        f"true state{fed}, in continuous time.",
+        f"  R2 = [{price}]",
+        *(
+            f"  {name} = {_row(polynomial, claim.states, len(polynomial))}"
+            if whole or len(polynomial) <= _MOST_MONOMIALS
+            else f"  {name}: {len(polynomial)} monomials, in the file and on the page"
+            for name, polynomial in polynomials
+        ),
     ]
 
 
@@ -95,55 +112,32 @@ def _statements(claim: Claim, verification: Verification) -> list[tuple[str, str
     """What is claimed, each statement under the name that it has in docs/certificate.md; the first four are numbered
     there and here alike."""
     z = ", ".join([*map(_row, claim.penalty, [claim.states] * len(claim.penalty)), "R2^(1/2) u"])
-    level = _down(claim.level)
+    level, unit = _down(claim.level), common_unit(claim.disturbances)
+    lasting = f"{_down(persistent_bound(claim))} {unit}".rstrip()
+    inputs = ", ".join(
+        f"|{s.name} - its value at the goal| <= {_up(peak)} {s.unit}".rstrip()
+        for s, peak in zip(claim.inputs, verification.peaks)
+    )
     statements = [
-        ("Region", "S is compact and star-shaped, and V grows along every ray in it. On S, dV/dt <= "
+        (True, "Region", "S is compact and star-shaped, and V grows along every ray in it. On S, dV/dt <= "
          f"{f'-{_down(claim.decay)} V + ' if claim.decay else ''}1/2 gamma^2 |d|^2 - 1/2 |z|^2 with gamma = "
          f"{claim.gamma!r} and z = ({z})."),
-        ("Gain", f"from x(0) in S, as long as V(x(0)) + 1/2 gamma^2 (energy of d) <= {level}, the state stays "
+        (True, "Gain", f"from x(0) in S, as long as V(x(0)) + 1/2 gamma^2 (energy of d) <= {level}, the state stays "
          "in S and (energy of z) <= gamma^2 (energy of d) + 2 V(x(0))."),
-        ("Convergence", "without disturbances every trajectory from S stays in S and converges to the goal, "
+        (True, "Convergence", "without disturbances every trajectory from S stays in S and converges to the goal, "
          "exponentially fast."),
+        (verification.gradient_law, "Budget", "for u = -R2^-1 g2'V_x' + v (without v the law, but for its rounding) "
+         "with any v, from x(0) in S, as long as V(x(0)) + 1/2 gamma^2 (energy of d) + 1/2 (integral of v'R2 v) <= "
+         f"{level}, the state stays in S and (energy of z) <= gamma^2 (energy of d) + (integral of v'R2 v) + "
+         "2 V(x(0)), z with the u that is applied."),
+        (claim.decay, "Disturbances that last", f"S is invariant for disturbances with |d(t)| <= {lasting} at all "
+         "times, of any duration."),
+        (claim.starts, "Starts", "all starts named above lie in S"
+         + (f", with V <= {_up(claim.start_level)}." if claim.observer else ".")),
+        (verification.peaks, "Largest input", f"without disturbances, from all starts named above, {inputs}."),
+        (claim.observer, "Output feedback", _with_estimates(claim, claim.observer) if claim.observer else ""),
     ]  # fmt: skip
-    if verification.gradient_law:
-        text = (
-            "for u = -R2^-1 g2'V_x' + v (without v the law, but for its rounding) with any v, from x(0) in S, as long "
-            f"as V(x(0)) + 1/2 gamma^2 (energy of d) + 1/2 (integral of v'R2 v) <= {level}, the state stays in S and "
-            "(energy of z) <= gamma^2 (energy of d) + (integral of v'R2 v) + 2 V(x(0)), z with the u that is applied."
-        )
-        statements.append(("Budget", text))
-    if claim.decay:
-        unit = common_unit(claim.disturbances)
-        bound = f"{_down(persistent_bound(claim))} {unit}".rstrip()
-        text = f"S is invariant for disturbances with |d(t)| <= {bound} at all times, of any duration."
-        statements.append(("Disturbances that last", text))
-    if claim.starts:
-        kept = f", with V <= {_up(claim.start_level)}" if claim.observer else ""
-        statements.append(("Starts", f"all starts named above lie in S{kept}."))
-    if verification.peaks:
-        bounds = ", ".join(
-            f"|{s.name} - its value at the goal| <= {_up(peak)} {s.unit}".rstrip()
-            for s, peak in zip(claim.inputs, verification.peaks, strict=True)
-        )
-        statements.append(("Largest input", f"without disturbances, from all starts named above, {bounds}."))
-    if claim.observer:
-        statements.append(("Output feedback", _with_estimates(claim, claim.observer)))
-    return statements
-
-
-def theorem_parts(claim: Claim, verification: Verification) -> list[tuple[str, list[str]]]:
-    """The theorem in full as pairs of a heading and its sentences."""
-    parts: list[tuple[str, list[str]]] = []
-    for line in theorem_text(claim, verification, whole=True).splitlines():
-        text = line.strip()
-        if line.startswith(" "):
-            parts[-1][1].append(text.removeprefix("- "))
-        elif text.startswith("Region S:"):
-            heading, _, rest = text.partition(":")
-            parts.append((heading, [rest.strip()]))
-        elif text:
-            parts.append((text, []))
-    return parts
+    return [(name, text) for stated, name, text in statements if stated]
 
 
 def _not_proved(claim: Claim, verification: Verification) -> list[str]:
@@ -186,7 +180,7 @@ def _observer(claim: Claim) -> list[str]:
         else ""
     )
     return [
-        f"  Observer (output injection) of {estimated}, from y = ({measured}) without noise: it takes all that is "
+        f"Observer (output injection) of {estimated}, from y = ({measured}) without noise: it takes all that is "
         f"nonlinear from y, so the errors obey e' = (A - LC) e + g1 d exactly; L = [{gains}].{computed}"
     ]
 
@@ -237,8 +231,7 @@ def verification_text(verification: Verification) -> str:
 
 def _down(value: float, rounding: str = ROUND_FLOOR) -> str:
     """A number with six digits, rounded down so that the statement holds; with all of them where they are fewer."""
-    exact = Decimal(repr(value))
-    if len(exact.as_tuple().digits) <= _DIGITS:
+    if len(Decimal(repr(value)).as_tuple().digits) <= _DIGITS:
         return f"{value:.{_DIGITS}g}"
     return f"{Context(prec=_DIGITS, rounding=rounding).create_decimal(Decimal(value)):g}"
 
@@ -249,11 +242,10 @@ def _up(value: float) -> str:
 
 def _path(start: Start) -> list[str]:
     """Each state of a start, as a function of a."""
-    rows = []
-    for i, terms in enumerate(start.path):
-        table = ["a table of a"] if start.table and start.table[i] else []
-        rows.append(_joined([_sum(terms, ["a"], start.functions)] * bool(terms) + table))
-    return rows
+    return [
+        _joined([_sum(terms, ["a"], start.functions)] * bool(terms) + ["a table of a"] * bool(table))
+        for terms, table in zip_longest(start.path, start.table)
+    ]
 
 
 def _sum(terms: Terms, names: list[str], functions: tuple[Function, ...], driven_by: str = "") -> str:

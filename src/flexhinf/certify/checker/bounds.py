@@ -344,8 +344,7 @@ class Face:
                 np.stack([table.fill(p, *face) for p in half], 1) for half in zip(*pairs, strict=True)
             )
             count = _roundings(table, len(proof.mid), len(exact.arguments)) * UNIT
-            errors = count * table.magnitudes(kept) + table.magnitudes(left) * _UP
-            return _Columns(kept, errors @ weight)
+            return _Columns(kept, (count * table.magnitudes(kept) + table.magnitudes(left) * _UP) @ weight)
 
         self._value = columns(proof.small, [proof.parts(exact.value)], np.ones(1))
         self._plain = columns(proof.table, [proof.parts(p) for p in exact.plain], weight)

@@ -94,8 +94,7 @@ def refute_at_corners(claim: Claim, exact: Residual, failed: list[Corner]) -> No
             total = arb(0)
             for weight, part in zip(corner.weights, parts, strict=True):
                 for quotient, polynomial in zip((arb(1), *quotients), part, strict=True):
-                    form = form_of(polynomial)
-                    total += arb(weight) * quotient * arb((z.transpose() * form * z)[0, 0])
+                    total += arb(weight) * quotient * arb((z.transpose() * form_of(polynomial) * z)[0, 0])
             at = (z.transpose() * form_of(exact.value) * z)[0, 0]
             if total > 0 and at <= as_rational(claim.level):
                 place = np.array([rounded(z[i, 0]) for i in range(z.nrows())])

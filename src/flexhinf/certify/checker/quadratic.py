@@ -134,8 +134,7 @@ def quotient_range(function: Function, square: fmpq) -> tuple[fmpq, fmpq] | None
             pieces.append(at + bend * half * arb(0, 1))
         for k in range(ceil(log2(max(float(farthest) / _NEAR, 1.0)))):
             piece = arb(side * _NEAR * 2**k).union(arb(side * _NEAR * 2 ** (k + 1)))
-            far = series_of(function.name, arb_series([offset + piece], prec=1))[0]
-            pieces.append((far - start) / piece)
+            pieces.append((series_of(function.name, arb_series([offset + piece], prec=1))[0] - start) / piece)
         for enclosed in pieces:
             if not isfinite(float(enclosed.rad())) or not enclosed.is_finite():
                 return None

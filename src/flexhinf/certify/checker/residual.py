@@ -45,11 +45,9 @@ def series_of(name: str, argument: arb_series) -> arb_series:
     """φ of a power series; nan where the enclosure of what is divided by holds 0."""
     if name == "tanh":
         below = (2 * argument).exp() + 1
-        undefined = arb_series([arb("nan")] * argument.prec, prec=argument.prec)
-        return 1 - 2 / below if below[0] > 0 else undefined
-    if name == "arctan":
-        return argument.atan()
-    return {"sin": argument.sin, "cos": argument.cos, "exp": argument.exp, "log": argument.log}[name]()
+        return 1 - 2 / below if below[0] > 0 else arb_series([arb("nan")] * argument.prec, prec=argument.prec)
+    known = {"sin": argument.sin, "cos": argument.cos, "exp": argument.exp, "log": argument.log}
+    return (known | {"arctan": argument.atan})[name]()
 
 
 def offset_of(function: Function) -> arb:
@@ -80,8 +78,7 @@ def form_of(polynomial: Any) -> fmpq_mat:
 
 def row_of(linear: Any) -> fmpq_mat:
     """The coefficients of a linear form."""
-    n = linear.context().nvars()
-    row = [fmpq(0)] * n
+    row = [fmpq(0)] * linear.context().nvars()
     for powers, value in linear.to_dict().items():
         row[[*map(int, powers)].index(1)] = value
     return fmpq_mat([row])

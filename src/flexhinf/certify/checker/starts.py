@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import functools
 import itertools
+import operator
 from collections.abc import Callable
 from itertools import pairwise
 from typing import Any
@@ -130,12 +131,10 @@ def _path(start: Start, piece: int, about: arb, values: dict[str, arb], terms: i
 def _value(claim: Claim, x: list[Any]) -> Any:
     """V of power series."""
     highest = [max(powers[i] for powers, _ in claim.value) for i in range(len(x))]
-    tables = []
-    for y, most in zip(x, highest, strict=True):
-        table = [y * 0 + 1]
-        for _ in range(most):
-            table.append(table[-1] * y)
-        tables.append(table)
+    tables = [
+        list(itertools.accumulate([y] * most, operator.mul, initial=y * 0 + 1))
+        for y, most in zip(x, highest, strict=True)
+    ]
     total = x[0] * 0
     for exponents, coefficient in claim.value:
         product = arb(coefficient)
