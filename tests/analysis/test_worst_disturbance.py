@@ -104,6 +104,7 @@ def test_small_motions_have_the_norm_of_the_linear_design(
     assert smallest_gamma(torques) < found < quartic.gamma
 
 
+@pytest.mark.slow
 @pytest.mark.oracle
 def test_small_motions_are_those_of_a_run(
     made: SimpleNamespace, two_link: Robot, both: GeneralisedPlant, two_link_law: HJISolution
@@ -123,6 +124,7 @@ def test_small_motions_are_those_of_a_run(
     assert np.allclose(measured, expected, atol=1e-4 * np.abs(measured).max())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "degree", [pytest.param(2, marks=pytest.mark.slow), 4, pytest.param(6, marks=pytest.mark.slow)]
 )
@@ -156,6 +158,7 @@ def test_no_disturbance_of_two_links_attains_gamma(two_link: Robot) -> None:
     assert 0.97 * star < found.gain <= law.gamma
 
 
+@pytest.mark.slow
 def test_the_limit_of_small_energies_is_the_norm(torques: GeneralisedPlant, quartic: HJISolution) -> None:
     search = DisturbanceSearch(torques, quartic, None, 0.01, horizon=20.0)
     norm, start = search.small()

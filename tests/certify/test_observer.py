@@ -55,6 +55,7 @@ def scaled(matrix: Any, factor: float) -> Any:
     return tuple(tuple(factor * value for value in row) for row in matrix)
 
 
+@pytest.mark.slow
 def test_errors_of_a_tenth_of_the_level_are_covered() -> None:
     certificate = proved(False)
     found = certificate.check(threads=1, sample=0)

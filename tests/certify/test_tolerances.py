@@ -68,7 +68,10 @@ def residual(found, about, points: np.ndarray, values: dict[str, float], gamma: 
     return np.array(result)
 
 
-@pytest.mark.parametrize(("goal", "degree", "torques"), [(90, 2, False), (180, 4, True)])
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("goal", "degree", "torques"), [(90, 2, False), pytest.param(180, 4, True, marks=pytest.mark.slow)]
+)
 def test_no_robot_of_the_box_has_a_larger_residual(goal: int, degree: int, torques: bool) -> None:
     found, about, gamma, count = solution(goal, degree), problem(goal, torques), 20.0, 40
     statement = tolerance_statement(found, about, ranges(), gamma)

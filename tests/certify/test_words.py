@@ -218,7 +218,7 @@ def _no_cells(cells: int) -> None:
     raise AssertionError
 
 
-@pytest.mark.parametrize("farthest", [65, 1000])
+@pytest.mark.parametrize("farthest", [65, pytest.param(1000, marks=pytest.mark.slow)])
 def test_the_quotient_of_a_sine_is_known_however_far_a_box_reaches(farthest: int) -> None:
     from flint import fmpq
 

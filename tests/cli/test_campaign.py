@@ -86,6 +86,7 @@ def test_run_again_and_replay(judged: Path, capsys: pytest.CaptureFixture[str]) 
     assert (judged / "run.nc").stat().st_size > 10_000
 
 
+@pytest.mark.slow
 def test_robots_that_oscillate_without_end_are_told(judged: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Soft springs: the loop is unstable, and the limit of the input keeps its numbers finite."""
     soft = ["--tolerance", "stiffness=1..100", "--duration", "2"]
@@ -109,6 +110,7 @@ def test_robots_that_oscillate_without_end_are_told(judged: Path, capsys: pytest
     assert "same bits" in said(capsys)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS)
 def test_only_independent_samples_have_an_interval(
     judged: Path, capsys: pytest.CaptureFixture[str], method: str
@@ -122,6 +124,7 @@ def test_only_independent_samples_have_an_interval(
         assert ("no confidence" in place) == (method != "random")
 
 
+@pytest.mark.slow
 def test_folders_that_somebody_changed_are_refused_in_words(
     judged: Path, refused: Callable[..., str], capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -187,6 +190,7 @@ def test_lanes_say_what_the_signals_of_each_run_say(judged: Path, monkeypatch: p
     }
 
 
+@pytest.mark.slow
 def test_shards_of_jobs_are_merged_to_the_same_table(
     judged: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -279,6 +283,7 @@ def test_the_worst_disturbance_stays_below_the_proved_gamma(
     assert "Worst disturbance" in (folder / "runs" / "index.html").read_text()
 
 
+@pytest.mark.slow
 def test_mistakes_of_the_worst_case(judged: Path, refused: Callable[..., str]) -> None:
     refused(
         [*WORDS, "--worst-case", "--metric", "overshot"], ("metric 'overshot'", "'overshoot_percent'"), judged

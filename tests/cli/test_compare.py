@@ -24,6 +24,7 @@ def short(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(tuning, "BUDGET", ((10_000, 0, 0, 0),))
 
 
+@pytest.mark.slow
 def test_one_table_one_page_and_the_numbers(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main([*WORDS, "--laws", "pd, lqr"]) == 0
     told = capsys.readouterr()

@@ -40,6 +40,7 @@ def test_the_inductance_stays_in_the_linear_loop(setup_of: Setups) -> None:
     assert "coil_current" in coil.equilibrium_loop().plant.states
 
 
+@pytest.mark.slow
 @pytest.mark.oracle
 def test_damping_is_that_of_every_oscillation_of_the_running_loop(setup_of: Setups) -> None:
     """Of law and estimator separately: with the nominal plant the sampled loop has the modes of both."""

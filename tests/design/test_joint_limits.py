@@ -32,6 +32,7 @@ def limited(robot: Any, **limits: Any) -> Any:
     return dataclasses.replace(robot, **limits)
 
 
+@pytest.mark.slow
 # Saturation, and what the robot states ------------------------------------------------------------------
 def test_each_motor_saturates_at_its_own_limit(robot_of: Named, setup_of: Callable[..., LoopSetup]) -> None:
     def jump(setup: LoopSetup) -> Any:  # with integrals at zero all inputs jump

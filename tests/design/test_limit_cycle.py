@@ -31,6 +31,7 @@ def with_options(setup: LoopSetup, **options) -> LoopSetup:
     return replace(setup, specification=Specification(**MOTORS, **options))
 
 
+@pytest.mark.slow
 def test_hunting_is_found_with_its_joint_amplitude_and_period(setup):
     run = check_limit_cycle(setup)
     assert run is not None
@@ -46,6 +47,7 @@ def test_hunting_is_found_with_its_joint_amplitude_and_period(setup):
     assert (line.joint, line.limit) == ("shoulder", pytest.approx(3e-4))
 
 
+@pytest.mark.slow
 def test_a_dead_zone_as_wide_as_the_hunting_ends_it(setup):
     changed, run = end_limit_cycle(setup)
     assert run is not None
@@ -72,6 +74,7 @@ def test_a_dead_zone_as_wide_as_the_hunting_ends_it(setup):
     assert kept.dead_zone is None
 
 
+@pytest.mark.slow
 def test_friction_in_the_model_of_the_estimator_ends_it_too(setup):
     known = check_limit_cycle(with_options(setup, extras="coulomb_friction", friction_model=True))
     assert known is not None

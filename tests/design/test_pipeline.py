@@ -70,6 +70,7 @@ def test_both_estimators_end_where_the_true_state_does(two: Design) -> None:
         assert m["settling_time_s"] == pytest.approx(exact["settling_time_s"], abs=0.05)
 
 
+@pytest.mark.slow
 def test_the_lowest_degree_takes_a_small_step_and_its_start_is_judged(two: Design) -> None:
     assert two.chosen is two.choices[0]
     assert two.choices[1].acting < 0.05
@@ -230,10 +231,13 @@ def test_a_loop_that_diverges_is_told_and_not_hidden() -> None:
     "options",
     [
         {"rays": 20, "degrees": (2, 4), "draws": 2, "compare_rigid": True},
-        {"degrees": (4,)},
-        {"preset": "damped", "peak_effort": 0.6, "draws": 12},
+        pytest.param({"degrees": (4,)}, marks=pytest.mark.slow),
+        pytest.param({"preset": "damped", "peak_effort": 0.6, "draws": 12}, marks=pytest.mark.slow),
         {"preset": "paper", "peak_effort": 40.0},
-        {"preset": "damped", "via": ((0.3,), (0.1,)), "pose": (0.5,), "start": (0.0,)},
+        pytest.param(
+            {"preset": "damped", "via": ((0.3,), (0.1,)), "pose": (0.5,), "start": (0.0,)},
+            marks=pytest.mark.slow,
+        ),
         pytest.param(
             {"preset": "robust", "pose": (3.0,), "start": (2.9,), "draws": 1}, marks=pytest.mark.slow
         ),

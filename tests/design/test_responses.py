@@ -86,6 +86,7 @@ def test_a_run_that_leaves_the_numbers_says_when_and_has_no_figures(setup_of: Be
     assert response.overshoot == Worst(np.inf, "")
 
 
+@pytest.mark.slow
 @pytest.mark.oracle
 @pytest.mark.parametrize(
     ("name", "goal", "load"),
@@ -115,6 +116,7 @@ def test_a_small_torque_moves_the_links_as_the_linear_loop(
     assert np.abs(found.response.positions[: first + 1] - np.array(goal)).max() < 1e-9
 
 
+@pytest.mark.slow
 def test_figures_of_a_load_are_those_of_the_trajectory(setup_of: Benches) -> None:
     setup = setup_of("cart", (0.1, 0.3))
     found = setup.load_response(np.array([30.0, 0.5]), 4.0)

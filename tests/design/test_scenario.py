@@ -86,6 +86,7 @@ def test_figures_of_merit_are_those_of_the_trajectory(setup_of: Benches) -> None
     assert Move(move.plan, Response(broken, setup.goal, setup.start, setup.joints)).metrics == []
 
 
+@pytest.mark.slow
 def test_a_faster_loop_moves_faster(setup_of: Benches) -> None:
     setup = setup_of("cart", (0.4, 0.3), (-0.2, -0.4))
     slow, fast = (planned(setup, np.array([w, w])).duration for w in (3.0, 6.0))
@@ -125,6 +126,7 @@ def test_the_feedforward_leaves_room_below_the_limit_of_the_input(setup_of: Benc
     assert durations[-1] > 1.2 * durations[0]
 
 
+@pytest.mark.slow
 def test_no_slower_move_helps_where_the_way_itself_is_too_heavy(setup_of: Benches) -> None:
     """From hanging to upright the arm passes 90°, which takes 10.9 V however slowly."""
     setup = setup_of("paper", (np.pi,), (0.0,), peak_effort=9.0)

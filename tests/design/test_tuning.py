@@ -105,6 +105,7 @@ def test_a_tuned_law_keeps_every_limit_in_a_loop_of_our_own(rig: Tuner, pd: Any)
     assert pd.metrics.input_noise <= most["input_noise"]
 
 
+@pytest.mark.slow
 def test_all_parameters_are_searched_and_the_result_is_better_than_the_start(rig: Tuner, pd: Any) -> None:
     kind = law_kind("pd")
     start = rig.factory.start(kind)
@@ -142,6 +143,7 @@ def test_the_user_may_insist_on_one_set_of_sensors(tuner: Callable[..., Tuner], 
     assert found.sensors == ("link_position",)
 
 
+@pytest.mark.slow
 def test_with_the_true_state_there_are_no_sensors_and_no_noise_levels(
     tuner: Callable[..., Tuner], short: None
 ) -> None:
@@ -258,6 +260,7 @@ def test_the_design_s_own_law_is_judged_and_not_tuned(rig: Tuner) -> None:
     assert own.parameters == {}
 
 
+@pytest.mark.slow
 def test_every_law_has_the_same_scenario(rig: Tuner, pd: Any, short: None) -> None:
     for name in ("lqr", "flatness-i"):
         evaluation = rig.tune(law_kind(name)).evaluation
@@ -294,6 +297,7 @@ def test_a_law_of_which_no_candidate_can_be_judged_is_an_error(
         rig.tune(law_kind("pd"))
 
 
+@pytest.mark.slow
 def test_nonlinear_h_infinity_is_tuned_as_the_others_are(rig: Tuner, short: None) -> None:
     """Old code held the design itself, which was never tuned for the criterion, against laws that were."""
     kind = law_kind(NL_HINF)

@@ -161,6 +161,8 @@ PAGES = [
     *sorted((REPOSITORY / "docs").glob("*.md")),
 ]
 EXAMPLES = sorted((REPOSITORY / "examples").glob("*.py"))
+#: Calls of programs that are slow: each designs, compiles or runs hundreds of robots.
+LONG_CALLS = ("fh.design(", "fh.run_campaign(", "fh.export_c(", ".ensemble(")
 BLOCKS = [block for page in PAGES for block in blocks_of(page)]
 BLOCKS += [block for example in EXAMPLES for block in docstring_blocks(example)]
 
@@ -180,7 +182,11 @@ def scripts() -> list[object]:
 
 def programs() -> list[object]:
     return [
-        pytest.param(block, id=block.name, marks=[pytest.mark.slow] if "fh.design(" in block.text else [])
+        pytest.param(
+            block,
+            id=block.name,
+            marks=[pytest.mark.slow] if any(call in block.text for call in LONG_CALLS) else [],
+        )
         for block in BLOCKS
         if block.language == "python"
     ]

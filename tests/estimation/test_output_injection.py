@@ -68,7 +68,7 @@ def output(plant, x, u):
     "make", [arm, oscillators, lambda: oscillators(0.4)], ids=["arm", "two", "feedthrough"]
 )
 @pytest.mark.parametrize("poles", [None, FOUR])
-@pytest.mark.parametrize("period", [1e-3, 0.05])
+@pytest.mark.parametrize("period", [pytest.param(1e-3, marks=pytest.mark.slow), 0.05])
 def test_two_observers_differ_by_powers_of_a_matrix(make, poles, period):
     """Whatever the measurements are, which here no plant would give."""
     plant, rng = make(), np.random.default_rng(3)

@@ -90,7 +90,7 @@ def steps(
 
 @pytest.mark.oracle
 @pytest.mark.skipif(not host().fused, reason="the bits are those of a fused multiply-add")
-@pytest.mark.parametrize("limit", [None, 48.0])
+@pytest.mark.parametrize("limit", [None, pytest.param(48.0, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("samples", [20_000, pytest.param(1_000_000, marks=pytest.mark.slow)])
 def test_every_code_is_reached_with_the_same_bits(
     limit: float | None, samples: int, build: Callable[..., Any]
@@ -108,7 +108,7 @@ def test_every_code_is_reached_with_the_same_bits(
 
 @pytest.mark.oracle
 @pytest.mark.skipif(not host().fused, reason="the bits are those of a fused multiply-add")
-@pytest.mark.parametrize("limit", [48.0, 1e9])
+@pytest.mark.parametrize("limit", [48.0, pytest.param(1e9, marks=pytest.mark.slow)])
 def test_without_a_command_the_last_good_one_holds_whatever_was_refused_before(
     limit: float | None, compiler: str, tmp_path: Path
 ) -> None:
@@ -182,7 +182,7 @@ def test_the_older_memory_is_32_to_64_good_samples_old(missing: float) -> None:
 
 
 # Boot -----------------------------------------------------------------------------------------------
-@pytest.mark.parametrize("option", ["hold", "zero"])
+@pytest.mark.parametrize("option", ["hold", pytest.param("zero", marks=pytest.mark.slow)])
 def test_before_the_first_good_measurement_the_output_is_that_before_the_first_sample(
     option: str, build: Callable[..., Any]
 ) -> None:
@@ -250,8 +250,9 @@ int main(void)
     assert last == "1"
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not host().fused, reason="the bits are those of a fused multiply-add")
-@pytest.mark.parametrize("option", ["hold", "zero"])
+@pytest.mark.parametrize("option", ["hold", pytest.param("zero", marks=pytest.mark.slow)])
 def test_a_start_that_is_told_has_its_own_input_with_the_same_bits(
     option: str, compiler: str, tmp_path: Path
 ) -> None:

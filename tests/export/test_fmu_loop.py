@@ -92,6 +92,7 @@ def sample(pair: dict[str, Instance], k: int, goal: float) -> list[float]:
     return [*state, u]
 
 
+@pytest.mark.slow
 @pytest.mark.oracle
 def test_interleaved_loops_of_fmus_move_as_simulated_and_again_after_a_reset(
     loop: fh.Loop, files: dict[str, Path], tmp_path: Path

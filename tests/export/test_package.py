@@ -75,6 +75,7 @@ def test_a_period_and_rooms_that_do_not_fit(controller: fh.Controller) -> None:
             check_room(controller, "double", ram=text)
 
 
+@pytest.mark.slow
 def test_code_that_does_not_fit(estimating: fh.Controller, monkeypatch: pytest.MonkeyPatch) -> None:
     if shutil.which("arm-none-eabi-gcc") is None:
         pytest.skip("no arm-none-eabi-gcc")
@@ -145,6 +146,7 @@ def estimating() -> fh.Controller:
     return fh.Controller(fh.linear_law(arm.problem(), gamma=math.inf), ekf, 1e-3, 48.0)
 
 
+@pytest.mark.slow
 def test_what_float_loses_is_measured_and_the_test_vector_allows_little_more(
     estimating: fh.Controller, compiler: str, tmp_path: Path
 ) -> None:

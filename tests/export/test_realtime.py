@@ -64,6 +64,7 @@ def test_the_numbers_are_those_of_the_loop(controller: fh.Controller) -> None:
         assert len(run.timing.time) == len(run.codes) == 51
 
 
+@pytest.mark.slow
 @pytest.mark.oracle
 def test_the_compiled_library_steps_instead(controller: fh.Controller, library: Path) -> None:
     compiled = fh.load_compiled(library)

@@ -197,7 +197,7 @@ def test_the_level_is_the_same_for_any_seed_and_number_of_rays(weights, goal, de
     assert levels == pytest.approx([levels[0]] * len(levels), rel=1e-6)
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", [0, *(pytest.param(k, marks=pytest.mark.slow) for k in (1, 2, 3))])
 def test_random_systems_have_the_same_level_for_any_seed(random_plant, seed):
     plant = random_plant(np.random.default_rng(seed), 4)
     solution = solve_hji(plant, 2 * smallest_gamma(plant), 4)
@@ -250,6 +250,7 @@ def test_in_two_states_the_level_is_that_of_a_grid_of_angles(random_plant, seed)
     assert check.level == pytest.approx(level, rel=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.oracle
 def test_no_start_of_another_optimiser_finds_less(weighted):
     """SLSQP of SciPy with its own differences on the written-out inequality, from where random rays first fail."""

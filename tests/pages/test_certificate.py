@@ -31,6 +31,7 @@ def one() -> CertifiedDegree:
     return CertifiedDegree(choice, True, given, proved_steps(solution, given), "", 0.1)
 
 
+@pytest.mark.slow
 def test_the_proved_starts_lie_where_v_is_below_the_level(one: CertifiedDegree) -> None:
     given, solution = one.certificate, one.choice.solution
     assert given is not None
@@ -55,6 +56,7 @@ def shown(one: CertifiedDegree) -> Evidence:
     return Evidence(replace(given, sampled_level=1.1e4), *slices, worst, None)
 
 
+@pytest.mark.slow
 def test_slices_show_r_and_where_it_is_worst(shown: Evidence) -> None:
     """Inside, r < 0 at every point but the goal; the point that limits the level lies on its line, with r = 0."""
     given = shown.certificate

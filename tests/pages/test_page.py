@@ -50,6 +50,7 @@ def text_of(design: Design, section: str) -> str:
     return re.sub(r"\s+", " ", unescape(re.sub(r"<svg.*?</svg>|<[^>]+>", " ", html, flags=re.DOTALL)))
 
 
+@pytest.mark.slow
 def test_every_question_has_its_section_in_order(report_design: Make) -> None:
     page = design_page(report_design("met"), ["flexhinf", "design", "paper"], files=["design.json"])
     assert [section.id for section in page.sections] == ORDER
@@ -146,6 +147,7 @@ def test_commands_that_are_named_exist(report_design: Make) -> None:
     assert named <= {"paper", "robots", "design", "compare", "schema"}
 
 
+@pytest.mark.slow
 def test_what_does_not_apply_has_no_section(report_design: Make) -> None:
     page = design_page(report_design("true state"), ["flexhinf"])
     assert not {"draws", "rigid", "noise", "corners", "files"} & {section.id for section in page.sections}

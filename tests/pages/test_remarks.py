@@ -66,6 +66,7 @@ def test_a_law_that_rings_and_corners_that_are_unstable_are_named(report_design:
         ) is (corners.unstable > 0)
 
 
+@pytest.mark.slow
 def test_a_start_outside_the_region_is_named_once(report_design: Make) -> None:
     design = report_design("met")
     outside, inside = (dataclasses.replace(design, inside=value) for value in (False, True))

@@ -60,6 +60,7 @@ def test_a_comparison_fits_into_eighty_columns(report_comparison: Comparison) ->
         assert "* best of its row" in printed([table])
 
 
+@pytest.mark.slow
 def test_results_are_short_in_a_terminal(report_design: Make, report_comparison: Comparison) -> None:
     for result in (report_design("met"), report_comparison):
         assert len(repr(result)) < 300

@@ -26,6 +26,7 @@ def held(runs: GainRuns, d: np.ndarray) -> Any:
     return lambda t: runs.search.on(t, d[:, 0])
 
 
+@pytest.mark.slow
 @pytest.mark.oracle
 def test_small_disturbances_attain_the_norm_of_the_linear_loop(runs: GainRuns) -> None:
     setup = runs.setup

@@ -344,6 +344,7 @@ def test_seven_links_are_covered_in_part_or_in_whole_and_it_is_told(problem_of: 
     assert game.gamma == pytest.approx(1.5 * game.robustness.gamma_star)
 
 
+@pytest.mark.slow
 def test_robots_are_linearised_once_for_all_bandwidths(
     robot_of: Named, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -132,9 +132,16 @@ def test_every_try_says_what_its_gain_does(robot_of: Callable[[str], Any]) -> No
     assert any(tried is found.chosen for tried in found.candidates)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "share", "damping"),
-    [("paper", 0.5, 0.6), ("quanser-rotflex", 0.7, 0.5), ("planar-two-link", 0.5, 0.55)],
+    [
+        ("paper", 0.5, 0.6),
+        *(
+            pytest.param(*case, marks=pytest.mark.slow)
+            for case in (("quanser-rotflex", 0.7, 0.5), ("planar-two-link", 0.5, 0.55))
+        ),
+    ],
 )
 def test_a_damping_out_of_reach_is_refused_with_the_best_and_the_best_is_true(
     robot_of: Callable[[str], Any], name: str, share: float, damping: float

@@ -62,6 +62,7 @@ def test_robots_within_the_tolerances_count_too(robot_of: Named) -> None:
     assert drawn.target.bandwidth[0] < 0.98 * alone.target.bandwidth[0]
 
 
+@pytest.mark.slow
 def test_sampled_robots_are_run_at_the_first_and_at_the_found_bandwidth_only(
     robot_of: Named, monkeypatch: pytest.MonkeyPatch
 ) -> None:

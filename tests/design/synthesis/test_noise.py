@@ -26,6 +26,7 @@ def searched(robot_of: Callable[[str], Any]) -> Any:
     return s, synthesise(robot_of("paper"), s, lambda text: None)
 
 
+@pytest.mark.slow
 def test_noise_levels_are_searched_until_the_running_loop_keeps_its_margins(
     robot_of: Callable[[str], Any], searched: Any
 ) -> None:

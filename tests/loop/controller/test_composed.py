@@ -224,6 +224,7 @@ def test_a_class_that_overrides_an_update_alone_is_one_piece(made, routes):
         assert np.abs(u - plain.step(0.1 * k, 1.0)) > 0.1
 
 
+@pytest.mark.slow
 # Seven links ----------------------------------------------------------------------------------------
 @pytest.mark.oracle
 @pytest.mark.parametrize(

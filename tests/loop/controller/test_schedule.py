@@ -91,7 +91,7 @@ def followed_by_states(control, run):
     return np.array(active)
 
 
-@pytest.mark.parametrize("moving", [False, True])
+@pytest.mark.parametrize("moving", [pytest.param(False, marks=pytest.mark.slow), True])
 def test_the_input_of_the_arm_does_not_jump(made, cubic, moving):
     """Three cubic laws from hanging to upright and back, with filter, coil and noise."""
     control = Controller(Schedule(cubic), made.ukf(), moving=moving)
