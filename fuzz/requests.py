@@ -304,7 +304,7 @@ def _quantity(drawn: Drawn, folder: Path) -> str:
         for k, (_, unit) in enumerate(parts)
     )
     try:
-        request = read_request(_file(folder), given={field: [value] if field == "via" else value})
+        request = read_request(_file(folder), settings={field: [value] if field == "via" else value})
     except FlexhinfError:
         if fits and all(one is not None and 0.0 < one < 1e30 for one in expected):
             return f"{field}={value!r} was refused"

@@ -73,7 +73,7 @@ def test_example_specified_design(repository: Path) -> None:
     assert design.evaluation.corners.unstable == 0
     found = design.synthesis.robust  # compared with the preset damped, estimator in the loop
     assert found.better
-    assert found.found.scale > 1.1 * found.damped.scale > 1.1
+    assert found.chosen.scale > 1.1 * found.damped.scale > 1.1
 
 
 def test_example_moving_reference(repository: Path) -> None:

@@ -195,7 +195,7 @@ def test_paths_are_seen_from_the_file(tmp_path: Path, monkeypatch: pytest.Monkey
 
 def test_what_is_given_wins_over_the_file_and_nothing_takes_back(tmp_path: Path) -> None:
     file = written(tmp_path, Specification(bandwidth=4.0, damping=0.3, saturation=24.0))
-    asked = read_request(file, given={"bandwidth": 5.0, "saturation": None, "seed": 7})
+    asked = read_request(file, settings={"bandwidth": 5.0, "saturation": None, "seed": 7})
     assert asked.specification == Specification(bandwidth=5.0, damping=0.3, seed=7)
     assert asked.notes == ()
 
@@ -217,7 +217,7 @@ def test_what_is_given_wins_over_the_file_and_nothing_takes_back(tmp_path: Path)
 def test_what_contradicts_it_in_the_file_gives_way(
     file: dict[str, Any], given: dict[str, Any], left: dict[str, Any], tmp_path: Path
 ) -> None:
-    asked = read_request(written(tmp_path, Specification(**file)), given=given)
+    asked = read_request(written(tmp_path, Specification(**file)), settings=given)
     assert asked.specification == Specification(**left)
     gone = {name for name in file if name not in left and name not in given}
     assert {note.split()[1] for note in asked.notes} == gone
@@ -229,7 +229,7 @@ def test_a_robot_is_no_design_file(tmp_path: Path) -> None:
         assert not is_design_file(path)
     (tmp_path / "design.toml").write_text("[design", encoding="utf-8")
     assert not is_design_file(tmp_path / "design.toml")
-    asked = read_request("vertical-rig", given={"seed": 2})
+    asked = read_request("vertical-rig", settings={"seed": 2})
     assert (asked.source, asked.elastic, asked.specification.seed) == ("vertical-rig", None, 2)
 
 

@@ -102,11 +102,11 @@ def test_zero_at_the_command_line_is_no_limit_even_of_the_robot(tmp_path: Path) 
         text.replace("[[joint]]", "[[joint]]\neffort_limit = 9.0", 1), encoding="utf-8"
     )
     given = {"peak_effort": np.inf, "peak_speed": np.inf}
-    asked = read_request(tmp_path / "arm.toml", given=given)
+    asked = read_request(tmp_path / "arm.toml", settings=given)
     assert joint_limits(asked.robot, asked.specification).peak.tolist() == [np.inf, np.inf]
     assert joint_limits(asked.robot, Specification()).peak.tolist() == [9.0, np.inf]
     assert (asked.specification.peak_effort, asked.specification.peak_speed) == (np.inf, None)
-    assert read_request("planar-two-link", given=given).specification == Specification()
+    assert read_request("planar-two-link", settings=given).specification == Specification()
 
 
 # Moves and bandwidths -------------------------------------------------------------------------------------

@@ -72,14 +72,14 @@ def test_a_stated_move_is_followed_through_its_waypoints_and_judged(setup_of: Be
     error, after = move_requirements(setup.specification, setup.limits, move)
     assert (error.met, after.met) == (True, True)
     assert error.found > 0.0
-    assert error.limit == pytest.approx(0.05 * dict(zip(setup.joints, move.ways))[error.joint])
+    assert error.limit == pytest.approx(0.05 * dict(zip(setup.joints, move.travel))[error.joint])
 
 
 def test_a_joint_that_stays_has_a_tracking_error_that_can_be_met(robot_of: Callable[[str], Any]) -> None:
     """Its way along the move is rounding: 5 % of 5e-16 rad were required."""
     robot, s = robot_of("cart"), Specification()
     move: Any = SimpleNamespace(ways=np.array([0.04, 5e-16]))
-    np.testing.assert_allclose(tracking_limits(s, joint_limits(robot, s), move.ways), [2e-3, 5e-4])
+    np.testing.assert_allclose(tracking_limits(s, joint_limits(robot, s), move.travel), [2e-3, 5e-4])
 
 
 def test_the_tracking_error_is_a_requirement_of_each_joint(setup_of: Benches) -> None:

@@ -68,13 +68,13 @@ def line(limit: float, found: float, at_most: bool) -> Requirement:
 
 def test_angles_are_shown_as_the_user_gave_them() -> None:
     error = Requirement("tracking error", math.radians(0.5), math.radians(0.1), "rad", True, "move", "")
-    shown = error.shown(True)
+    shown = error.converted(True)
     assert (limit_text(shown), found_text(shown)) == ("≤ 0.5°", "0.1°")
-    assert error.shown(False) is error
-    speed = Requirement("link speed", math.pi, 1.0, "rad/s", True, "step", "").shown(True)
+    assert error.converted(False) is error
+    speed = Requirement("link speed", math.pi, 1.0, "rad/s", True, "step", "").converted(True)
     assert (limit_text(speed), found_text(speed)) == ("≤ 180 °/s", "57.3 °/s")
     bandwidth = Requirement("bandwidth", 4.0, 3.0, "rad/s", False, "running loop", "")
-    assert bandwidth.shown(True) is bandwidth
+    assert bandwidth.converted(True) is bandwidth
 
 
 @pytest.mark.parametrize(

@@ -91,7 +91,7 @@ def test_a_design_meets_its_specification_on_mujoco_and_within_the_tolerances(mi
     robust = fh.Specification(preset="robust", measured=("motor_position",), degrees=(2,), rays=0, draws=0)
     found = fh.design(mixed, robust).synthesis.robust
     assert found is not None
-    assert found.found.scale >= found.damped.scale > 0.0
+    assert found.chosen.scale >= found.damped.scale > 0.0
     assert found.count > 1
 
 

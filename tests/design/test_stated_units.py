@@ -72,13 +72,13 @@ def test_every_way_to_a_design_refuses_them(robot_of: Named, tmp_path: Path) -> 
     for call in (
         lambda: design(robot, wrong),
         lambda: compare(robot, wrong, ["lqr"]),
-        lambda: read_request("planar-two-link", given={"pose": "30mm,0.1"}),
+        lambda: read_request("planar-two-link", settings={"pose": "30mm,0.1"}),
         lambda: read_request(file),
-        lambda: read_request(file, given={"pose": "1,1", "tracking_error": "1mm"}),
+        lambda: read_request(file, settings={"pose": "1,1", "tracking_error": "1mm"}),
     ):
         with pytest.raises(SpecificationError, match=r"unit .*'link_position_shoulder'"):
             call()
-    assert read_request(file, given={"pose": "30deg,0.1"}).specification.pose == (math.radians(30), 0.1)
+    assert read_request(file, settings={"pose": "30deg,0.1"}).specification.pose == (math.radians(30), 0.1)
 
 
 def test_a_stated_number_keeps_its_unit_through_copies_and_is_a_float_in_every_sum() -> None:

@@ -128,8 +128,8 @@ class DesignCampaign:
         ):  # fmt: skip
             names = signal_names(name, robot.joint_names) if size else ()
             variables += [
-                Variable(one, -size, size, o.distribution, UNITS[signal][sliding])
-                for one, sliding in zip(names, robot.links.slides)
+                Variable(full_name, -size, size, o.distribution, UNITS[signal][sliding])
+                for full_name, sliding in zip(names, robot.links.slides)
             ]
         if not variables:
             raise InvalidInput(
@@ -191,8 +191,8 @@ class DesignCampaign:
         if self.plan is None:
             return RunMetrics(limits, self.ends)
         instants = np.arange(0.0, self.plan.duration + 0.5 * s.period, s.period)
-        ways = np.ptp(np.reshape(self.plan(instants), (len(instants), -1)), axis=0)
-        return RunMetrics(limits, None, (tracking_limits(s, limits, ways), final_limits(limits, ways)))
+        travel = np.ptp(np.reshape(self.plan(instants), (len(instants), -1)), axis=0)
+        return RunMetrics(limits, None, (tracking_limits(s, limits, travel), final_limits(limits, travel)))
 
     @property
     def requirements(self) -> tuple[str, ...]:
@@ -206,7 +206,7 @@ class DesignCampaign:
 
 def fields_text(s: Specification) -> dict[str, str]:
     """The fields of a specification that are not at their defaults, as text."""
-    values = {name: (plain(name, getattr(s, name)), plain(name, one.default)) for name, one in FIELDS.items()}
+    values = {name: (plain(name, getattr(s, name)), plain(name, f.default)) for name, f in FIELDS.items()}
     return {name: str(value) for name, (value, default) in values.items() if value != default}
 
 
@@ -226,7 +226,7 @@ def _spread(parameter: Parameter, text: str) -> Parameter:
 
 
 #: Folders of the two campaigns in that of their comparison.
-SIDES = ("a", "b")
+FOLDERS = ("a", "b")
 
 #: Fields of a specification that say on what robot, with which sensors and motors the law runs; all others say which
 #: law that is. Start, goal and limits are compared as numbers.
@@ -246,7 +246,7 @@ class DesignPair:
     def __post_init__(self) -> None:
         sides = self.a, self.b
         a, b = map(_circumstances, sides)
-        rows = [f"{name}: {one} ↔ {other}" for name, one, other in differing(a, b, [*a, *b], "default")]
+        rows = [f"{name}: {in_a} ↔ {in_b}" for name, in_a, in_b in differing(a, b, [*a, *b], "default")]
         plants = [
             side.robot.plant(side.specification.measured, extras=side.specification.extras) for side in sides
         ]
@@ -298,7 +298,7 @@ SETUP, CONTROLLER = "setup", "controller"
 SETUP_LOCK = ".campaign-setup-lock"
 
 #: What the folder of a comparison may hold.
-_OWN = (*SIDES, "index.html")
+_OWN = (*FOLDERS, "index.html")
 
 #: How long a driver waits for another one that designs the controller, s.
 PATIENCE = 3600.0
@@ -335,11 +335,11 @@ def open_campaign(
 def _begun(
     request: DesignCampaign, place: Path, command: Sequence[str], controller: Controller, duration: float
 ) -> tuple[Campaign, Journal]:
-    o, one, setup = request.options, request.request, place / SETUP
+    o, design, setup = request.options, request.request, place / SETUP
     duration = duration if o.duration is None else o.duration
     request.campaign(controller, duration)  # refuses what does not fit before anything is written
     document = request_document(
-        one.specification, one.source, one.elastic, setup, one.payload, one.robot.links.slides
+        design.specification, design.source, design.elastic, setup, design.payload, design.robot.links.slides
     )
     text = tomlkit.dumps(document)
     write_file(setup / DESIGN_FILE, "design file", lambda name: Path(name).write_text(text, encoding="utf-8"))
@@ -347,8 +347,8 @@ def _begun(
     campaign = request.campaign(load_controller(setup / CONTROLLER), duration)
     nominal = {v.name: request.robot.nominal.get(v.name, 0.0) for v in request.variables}
     about = {
-        "title": f"Campaign of the robot “{one.robot.name}”", "requirements": list(request.requirements),
-        "nominal": nominal, "options": {**vars(o), "tolerances": [list(one) for one in o.tolerances]},
+        "title": f"Campaign of the robot “{design.robot.name}”", "requirements": list(request.requirements),
+        "nominal": nominal, "options": {**vars(o), "tolerances": [list(tolerance) for tolerance in o.tolerances]},
     }  # fmt: skip
     return campaign, Journal.opened(place, campaign, command, about)
 
@@ -422,7 +422,7 @@ def open_pair(
     commands: Sequence[Sequence[str]] = ((), ()),
     progress: Callable[[str], None] = print,
 ) -> list[tuple[Campaign, Journal]]:
-    """The campaigns of both designs in folders `SIDES`, with runs of the same length: made there, or taken up again.
+    """The campaigns of both designs in folders `FOLDERS`, with runs of the same length: made there, or taken up again.
 
     Raises as `open_campaign`, before any work for either.
     """
@@ -430,14 +430,14 @@ def open_pair(
     check_own_folder(place, "comparison of campaigns", _OWN)
     place.mkdir(parents=True, exist_ok=True)
     with locked(place / SETUP_LOCK, PATIENCE):
-        sides = [(side, Journal.read(place / name, (SETUP,))) for side, name in zip((pair.a, pair.b), SIDES)]
+        sides = [(side, Journal.read(place / at, (SETUP,))) for side, at in zip((pair.a, pair.b), FOLDERS)]
         for side, journal in sides:
             if journal is not None:  # refused before the other one is designed
                 journal.refuse_other(side.stated, partly=True)
         designed = [None if journal else designed_controller(side, progress) for side, journal in sides]
         begun = [float(journal.settings["duration"]) for _, journal in sides if journal]
-        duration = begun[0] if begun else float(np.max([one[1] for one in designed if one]))
+        duration = begun[0] if begun else float(np.max([result[1] for result in designed if result]))
         return [
-            open_campaign(side, place / name, command, progress, None if one is None else (one[0], duration))
-            for (side, _), name, command, one in zip(sides, SIDES, commands, designed)
+            open_campaign(side, place / name, command, progress, result and (result[0], duration))
+            for (side, _), name, command, result in zip(sides, FOLDERS, commands, designed)
         ]

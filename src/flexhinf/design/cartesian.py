@@ -60,9 +60,9 @@ def with_joints(request: DesignRequest, goal: str = "", tool: str = "") -> Desig
                 "The goal is stated twice.", f"expected --pose-xyz or --pose, got {value_text(goal, 60)} and {s.pose}",
                 "leave out one of them (--pose \"\" takes back that of a design file)",
             )  # fmt: skip
-        found = pose_at(robot, _point("goal-xyz", goal), point.link, point.offset, s.start)
-        s = replace(s, pose=tuple(found.pose.tolist()))
-        notes += [f"The goal is the pose {_text(found.pose)}.", *_singular("the goal", found)]
+        reached = pose_at(robot, _point("goal-xyz", goal), point.link, point.offset, s.start)
+        s = replace(s, pose=tuple(reached.pose.tolist()))
+        notes += [f"The goal is the pose {_text(reached.pose)}.", *_singular("the goal", reached)]
     if move is not None:
         table, worst = _converted(robot, move, point)
         s = replace(s, move=table)
@@ -96,17 +96,17 @@ def _converted(robot: Robot, table: WaypointTable, tool: Tool) -> tuple[Waypoint
             poses.append(pose_at(robot, [row[k] for k in order], tool.link, tool.offset, near))
         except InvalidInput as error:
             raise WaypointError(f"{error.what} (waypoint at {time:g} s)", error.found, error.advice) from None
-    rows = tuple(tuple(one.pose.tolist()) for one in poses)
-    worst = min(poses, key=lambda one: one.mobility)
+    rows = tuple(tuple(reached.pose.tolist()) for reached in poses)
+    worst = min(poses, key=lambda reached: reached.mobility)
     return WaypointTable(table.times, joints, ("",) * len(joints), rows), worst
 
 
-def _singular(what: str, found: Reached) -> list[str]:
+def _singular(what: str, at: Reached) -> list[str]:
     text = (
-        f"At {what}, {_text(found.pose)}, the robot is near a singular pose: in one direction its point moves by only "
-        f"{found.mobility:.2g} of what it does elsewhere, so small errors of the place are large ones of the joints."
+        f"At {what}, {_text(at.pose)}, the robot is near a singular pose: in one direction its point moves by only "
+        f"{at.mobility:.2g} of what it does elsewhere, so small errors of the place are large ones of the joints."
     )
-    return [text] if found.near_singular else []
+    return [text] if at.near_singular else []
 
 
 def _text(pose: np.ndarray) -> str:

@@ -252,10 +252,10 @@ def proved(
     proofs: tuple[CertifiedDegree, ...], degree: int | None, tolerances: bool = False
 ) -> CertifiedDegree:
     """The proof of a degree, or of the one that the design uses; InvalidInput where there is none."""
-    wanted = [one for one in proofs if (one.used if degree is None else one.choice.degree == degree)]
+    wanted = [proof for proof in proofs if (proof.used if degree is None else proof.choice.degree == degree)]
     if wanted and wanted[0].certificate is not None:
         return wanted[0]
-    others = [f"--degree {one.choice.degree}" for one in proofs if one.certificate is not None]
+    others = [f"--degree {proof.choice.degree}" for proof in proofs if proof.certificate is not None]
     reason = wanted[0].reason if wanted else "it was not solved"
     what = "the degree that the design uses" if degree is None else f"degree {degree}"
     if tolerances:
@@ -285,17 +285,17 @@ class Evidence:
     attained: Attained | None
 
 
-def evidence(robot: Robot, s: Specification, one: CertifiedDegree) -> Evidence:
+def evidence(robot: Robot, s: Specification, certified: CertifiedDegree) -> Evidence:
     """The pictures and the lower bound of the gain of one certificate."""
-    solution, certificate, weights = one.choice.solution, one.certificate, None
-    problem = solution.problem if one.box is None else one.box.problem
+    solution, certificate, weights = certified.choice.solution, certified.certificate, None
+    problem = solution.problem if certified.box is None else certified.box.problem
     assert certificate is not None
     assert isinstance(problem, GeneralisedPlant)
-    level = certificate.level if one.box is None else one.box.inner_level
+    level = certificate.level if certified.box is None else certified.box.inner_level
     attained, _ = _attained(problem, solution, s, level, longest_run(solution))
     if attained is not None:
         certificate = replace(certificate, attained_gain=attained.gain)
-    if one.box is not None:  # its V is not that of the law, and its robots are many
+    if certified.box is not None:  # its V is not that of the law, and its robots are many
         return Evidence(certificate, None, None, (), attained)
     if s.checked_penalty is not None and not callable(s.checked_penalty):
         weights = Penalty.of(s.checked_penalty).expanded(robot.plant().groups).states
@@ -417,7 +417,7 @@ def prove_design(
         else:
             certificate = replace(certificate, sampled_level=chosen.level, attained_gain=attained)
             proved_level = (
-                replace(one, budget=replace(one.budget, level=certificate.level)) for one in worth.budget
+                replace(term, budget=replace(term.budget, level=certificate.level)) for term in worth.budget
             )
             budget = within_level(tuple(proved_level))
             return DesignProof(certificate, "", start, budget, time.thread_time() - began)

@@ -363,7 +363,7 @@ class AlongMove:
     @cached_property
     def shares(self) -> list[dict[str, float]]:
         """Share of each limit that is used at each pose."""
-        return [self.least.shares(one) for one in self.margins]
+        return [self.least.shares(at_pose) for at_pose in self.margins]
 
     @property
     def share(self) -> float:
@@ -451,11 +451,11 @@ def along_requirements(s: Specification, along: AlongMove) -> list[Requirement]:
 # Payloads at the ends of their ranges --------------------------------------------------------------------
 
 
-def _after_gripping(key: str, doc: str) -> Worst:
+def _load_step_worst(key: str, doc: str) -> Worst:
     """A property: the worst of the load step's metrics of this name; zero without a load step."""
 
-    def worst(one: PayloadEvaluation) -> Worst:
-        return Worst(0.0, "") if one.load_step is None else worst_of(one.load_step.metrics, key)
+    def worst(evaluation: PayloadEvaluation) -> Worst:
+        return Worst(0.0, "") if evaluation.load_step is None else worst_of(evaluation.load_step.metrics, key)
 
     return cast("Worst", property(worst, doc=doc))
 
@@ -476,15 +476,15 @@ class PayloadEvaluation:
         """Of all payloads, kg."""
         return float(sum(self.masses.values()))
 
-    deflection = _after_gripping(
+    deflection = _load_step_worst(
         "peak_deviation",
         "Largest deviation of a link after gripping, rad or m; zero where nothing is gripped.",
     )
-    recovery = _after_gripping(
+    recovery = _load_step_worst(
         "recovery_time_s",
         "Until all links are back within 2 % of their step, s; infinite where one is not within the run.",
     )
-    remaining = _after_gripping(
+    remaining = _load_step_worst(
         "remaining_error", "Largest deviation in the last tenth of the run, rad or m."
     )
 

@@ -158,7 +158,7 @@ def perturbed(robot: Robot, changes: Sequence[str]) -> Robot:
         name, _, number = text.partition("=")
         joints, name = robot.joint_names, name.strip()
         full = (per_joint(name, joint, len(joints)) for joint in joints)
-        names = list(dict.fromkeys(one for one in (name, *full) if one in robot.nominal))
+        names = list(dict.fromkeys(parameter for parameter in (name, *full) if parameter in robot.nominal))
         if not names:
             raise InvalidInput(
                 f"The robot {robot.name!r} has no such parameter to change.",
@@ -175,6 +175,6 @@ def perturbed(robot: Robot, changes: Sequence[str]) -> Robot:
                 f"expected NAME=NUMBER or NAME=±PERCENT%, got {value_text(text, 60)}",
                 "stiffness=-20%",
             )
-        for one in names:
-            values[one] = robot.nominal[one] * (1.0 + 0.01 * value) if share else value
+        for parameter in names:
+            values[parameter] = robot.nominal[parameter] * (1.0 + 0.01 * value) if share else value
     return robot.with_values(values)

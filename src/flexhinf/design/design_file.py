@@ -53,7 +53,7 @@ def check_stated_units(robot: Robot, s: Specification) -> None:
     joints = robot.joint_names
     stated = [(field, getattr(s, field), signal_names(signal, joints)) for field, signal in SIGNALS.items()]
     stated += [("via", pose, signal_names("link_position", joints)) for pose in s.via]
-    if any(isinstance(one, Stated) for one in _parts(s.quantisation)):
+    if any(isinstance(value, Stated) for value in _parts(s.quantisation)):
         stated.append(("quantisation", *per_signal(robot, s.measured, s.quantisation)))
     for field, values, signals in stated:
         parts, units = _parts(values), [known[name] for name in signals]
@@ -130,34 +130,34 @@ def load_design(path: str | Path) -> tuple[Robot, Specification]:
 def read_request(
     source: str | Path,
     elastic: str | Path | None = None,
-    given: Mapping[str, Any] | None = None,
+    settings: Mapping[str, Any] | None = None,
     payload: str | None = None,
     is_file: bool | None = None,
 ) -> DesignRequest:
-    """The request of a robot, or of a design file over which `given` wins.
+    """The request of a robot, or of a design file over which `settings` win.
 
     `source`: as for `load_robot`, or a design file; `is_file` says which where that is known.
     `elastic`: with a URDF; wins over a design file's.
-    `given`: fields of a specification; one that is None takes back what the file says. Weights in the file give way
-        to a preset, a bandwidth or a damping that is given, and the other way round: `DesignRequest.notes` says so.
+    `settings`: fields of a specification; one that is None takes back what the file says. Weights in the file give way
+        to a preset, a bandwidth or a damping among them, and the other way round: `DesignRequest.notes` says so.
     `payload`: as for `load_robot`; wins over a design file's.
     Raises InvalidInput: for a file or a value that cannot be used.
     """
-    given, places, fields = dict(given or {}), {"robot": str(source)}, {}
+    settings, places, fields = dict(settings or {}), {"robot": str(source)}, {}
     rivals: dict[str, str] = {}
     if is_design_file(source) if is_file is None else is_file:
         places, fields = _read(checked_path("The design file", source))
-        fields = {name: value for name, value in fields.items() if name not in given}
+        fields = {name: value for name, value in fields.items() if name not in settings}
         paper = fields.get("preset") == "paper"
-        for name, value in given.items():
+        for name, value in settings.items():
             if value is not None:
                 rivals |= {rival: name for rival in _rivals(name, value, paper) if rival in fields}
     notes = [f"{Path(source).name}: {rival} gives way to `{name}`" for rival, name in rivals.items()]
-    stated = {name: value for name, value in fields.items() if name not in rivals} | given
+    stated = {name: value for name, value in fields.items() if name not in rivals} | settings
     s = Specification(**{name: value for name, value in stated.items() if value is not None})
     beside = places.get("elastic") if elastic is None else str(elastic)
-    carried = places.get("payload") if payload is None else payload
-    robot = load_robot(places["robot"], beside, payload=carried)
+    load = places.get("payload") if payload is None else payload
+    robot = load_robot(places["robot"], beside, payload=load)
     check_stated_units(robot, s)
     own = {
         "peak_effort": robot.effort_limits, "saturation": robot.effort_limits, "peak_speed": robot.speed_limits,
@@ -165,7 +165,7 @@ def read_request(
     for name, limits in own.items():  # an infinite limit is the default where the robot states none
         if np.isinf(np.array(limits, dtype=float)).all() and getattr(s, name) == np.inf:
             s = replace(s, **{name: None})
-    return DesignRequest(robot, s, places["robot"], beside, tuple(notes), carried)
+    return DesignRequest(robot, s, places["robot"], beside, tuple(notes), load)
 
 
 def _rivals(name: str, value: Any, paper: bool) -> tuple[str, ...]:
@@ -273,7 +273,7 @@ def _example(name: str, text: str) -> str:
     fields: dict[str, Any] = {name: text}
     value = plain(name, getattr(Specification(**fields), name))
     if isinstance(value, dict):
-        return f"[design.{name}], below it " + ", ".join(f"{key} = {one}" for key, one in value.items())
+        return f"[design.{name}], below it " + ", ".join(f"{key} = {entry}" for key, entry in value.items())
     unit = any(part in text for part in ("ms", "deg", "°"))
     return f"{name} = {tomlkit.item(text if unit else value).as_string()}"
 
@@ -292,7 +292,7 @@ def plain(name: str, value: Any) -> Any:
             "the report without its design file: design_files(…)",
         )
     if isinstance(states, Mapping):
-        return {one: np.asarray(weight, dtype=float).tolist() for one, weight in states.items()}
+        return {state: np.asarray(weight, dtype=float).tolist() for state, weight in states.items()}
     return np.asarray(states, dtype=float if name in ("penalty", "checked_penalty") else None).tolist()
 
 

@@ -65,21 +65,21 @@ def quantity(value: Any, units: Units = ()) -> float:
     if isinstance(value, str):
         parts = split(value)
         unit = lettered(parts[1]) if parts else ""
-        known = next((one for one in units if unit in one), None)
+        known = next((scale for scale in units if unit in scale), None)
         if parts is None or (unit and known is None):
             raise Unreadable(value, units)
-        found = float(parts[0])
-        if math.isinf(found) and "inf" not in parts[0]:
+        parsed = float(parts[0])
+        if math.isinf(parsed) and "inf" not in parts[0]:
             raise ValueError(value_text(value))  # beyond all floats, which is not what "none" means
         if known is None:
-            return found
-        return Stated(found * known[unit], *parts, next(iter(known)))
+            return parsed
+        return Stated(parsed * known[unit], *parts, next(iter(known)))
     if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, float, np.number)):
         raise ValueError(value_text(value))
-    found = real_number(value)
-    if np.isnan(found) and not isinstance(value, (float, np.floating)):
+    parsed = real_number(value)
+    if np.isnan(parsed) and not isinstance(value, (float, np.floating)):
         raise ValueError(value_text(value))  # an integer beyond all floats
-    return found
+    return parsed
 
 
 def several(value: Any, units: Units = ()) -> tuple[float, ...]:
@@ -96,7 +96,7 @@ def several(value: Any, units: Units = ()) -> tuple[float, ...]:
         parts = _sequence(value) if _is_sequence(value) else [value]
     if not parts:
         raise ValueError(value_text(value))
-    return tuple(quantity(one, units) for one in parts)
+    return tuple(quantity(part, units) for part in parts)
 
 
 def one_or_several(value: Any, units: Units = ()) -> float | tuple[float, ...]:
@@ -125,12 +125,12 @@ quanta = functools.partial(one_or_several, units=_READINGS)
 def poses(value: Any) -> tuple[tuple[float, ...], ...]:
     """A list of poses, or one pose as text."""
     each = [value] if isinstance(value, str) else _sequence(value)
-    return tuple(angles(one if isinstance(one, str) else _sequence(one)) for one in each)
+    return tuple(angles(pose if isinstance(pose, str) else _sequence(pose)) for pose in each)
 
 
 def angle_unit_of(*values: Any) -> str | None:
     """The unit of angles that texts among the values state, "deg" or "rad"; None for numbers alone."""
-    texts = [one for value in values for one in _texts(value)]
+    texts = [part for value in values for part in _texts(value)]
     if any("deg" in text or "°" in text for text in texts):
         return "deg"
     return "rad" if any("rad" in text for text in texts) else None
@@ -148,7 +148,7 @@ def integer(value: Any) -> int:
 def integers(value: Any) -> tuple[int, ...]:
     """Whole numbers, sorted, each once."""
     several = value.split(",") if isinstance(value, str) else _sequence(value)
-    return tuple(sorted({integer(one) for one in several}))
+    return tuple(sorted({integer(part) for part in several}))
 
 
 def flag(value: Any) -> bool:
@@ -181,7 +181,7 @@ def weights(value: Any) -> Any:
         pairs = [part.partition("=") for part in value.split(",")]
         return {name.strip(): quantity(weight) for name, _, weight in pairs}
     if isinstance(value, Mapping) and value:
-        return {name: _row(one) if _is_sequence(one) else quantity(one) for name, one in value.items()}
+        return {name: _row(item) if _is_sequence(item) else quantity(item) for name, item in value.items()}
     rows = _sequence(value)
     if not any(_is_sequence(row) for row in rows):
         return _row(rows)
@@ -191,7 +191,7 @@ def weights(value: Any) -> Any:
 
 
 def _row(values: Any) -> tuple[float, ...]:
-    row = tuple(quantity(one) for one in _sequence(values))
+    row = tuple(quantity(value) for value in _sequence(values))
     if not row:
         raise ValueError(values)
     return row
@@ -205,8 +205,8 @@ class Unreadable(ValueError):
 
     def __init__(self, value: str, units: Sequence[Mapping[str, float]]) -> None:
         super().__init__(value_text(value))
-        found = [split(one) for one in respelled(value, *(next(iter(known)) for known in units))]
-        meant = ["".join(one) for one in found if one and any(one[1] in known for known in units)]
+        pairs = [split(text) for text in respelled(value, *(next(iter(known)) for known in units))]
+        meant = ["".join(pair) for pair in pairs if pair and any(pair[1] in known for known in units)]
         self.meant = meant[0] if len(meant) == 1 else ""
 
 
@@ -227,7 +227,7 @@ def _texts(value: Any, depth: int = 2) -> list[str]:
     if isinstance(value, str):
         return [value]
     if depth and _is_sequence(value) and len(value) <= _LONGEST:
-        return [text for one in _sequence(value) for text in _texts(one, depth - 1)]
+        return [text for part in _sequence(value) for text in _texts(part, depth - 1)]
     return []
 
 
@@ -236,13 +236,13 @@ def _texts(value: Any, depth: int = 2) -> list[str]:
 class Allowed:
     """What a value may be, in words."""
 
-    words: str
+    text: str
 
 
 def _as_stated(value: Any, check: ValidatorFunctionWrapHandler) -> float:
     """The checked number, with the unit in which it was stated: pydantic makes plain floats."""
-    found = check(value)
-    return value if isinstance(value, Stated) else found
+    checked = check(value)
+    return value if isinstance(value, Stated) else checked
 
 
 _finite = functools.partial(Field, allow_inf_nan=False)
@@ -389,8 +389,8 @@ class FieldInfo:
 
 def option(value: Any, group: str, help: str, /, *others: str, **named: str) -> Any:
     """A field of a dataclass: its default, a `list` for an empty one, and what people read about it, as for `About`."""
-    made: dict[str, Any] = {"default_factory": list} if value is list else {"default": value}
-    return dataclasses.field(**made, metadata={"about": About(group, help, *others, **named)})
+    default: dict[str, Any] = {"default_factory": list} if value is list else {"default": value}
+    return dataclasses.field(**default, metadata={"about": About(group, help, *others, **named)})
 
 
 def argument(help: str, metavar: str = "", *, default: Any = dataclasses.MISSING) -> Any:
@@ -415,23 +415,23 @@ def option_name(name: str) -> str:
 
 def declared(cls: Any) -> dict[str, FieldInfo]:
     """The options that are declared in a dataclass, by name."""
-    kinds, found = get_type_hints(cls, include_extras=True), {}
+    kinds, fields = get_type_hints(cls, include_extras=True), {}
     for field in dataclasses.fields(cls):
         if "about" in field.metadata:
             name, default = field.name, field.default
             flag = f"/--no-{option_name(name)[2:]}" if default is True or default is False else ""
             default = [] if field.default_factory is not dataclasses.MISSING else default
             about, kind = field.metadata["about"], kinds[name]
-            found[name] = FieldInfo(name, about, kind, _allowed(kind), default, option_name(name) + flag)
-    return found
+            fields[name] = FieldInfo(name, about, kind, _allowed(kind), default, option_name(name) + flag)
+    return fields
 
 
 def _allowed(annotation: Any) -> str:
     """The first range in words that stands in a type."""
     for part in getattr(annotation, "__metadata__", ()):
         if isinstance(part, Allowed):
-            return part.words
-    return next((words for part in get_args(annotation) if (words := _allowed(part))), "")
+            return part.text
+    return next((text for part in get_args(annotation) if (text := _allowed(part))), "")
 
 
 def with_parameters(cls: Any) -> str:

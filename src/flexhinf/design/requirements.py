@@ -180,8 +180,8 @@ def _sizes(
     late = [where(now.step >= now.tail, maximum(old, new), old) for old, new in zip(late, errors)]
     effort = [maximum(old, abs(new)) for old, new in zip(effort, now.input)]
     speed = [maximum(old, abs(now.state[n + k])) for k, old in enumerate(speed)]
-    for one, other in pairs:
-        estimate = maximum(estimate, abs(now.estimate[one] - now.state[other]))
+    for estimated, true in pairs:
+        estimate = maximum(estimate, abs(now.estimate[estimated] - now.state[true]))
     return np.array([*first, *late, *effort, *speed, estimate])
 
 
@@ -211,15 +211,15 @@ class RunMetrics:
         end, also as fractions of those required; then peaks.
         """
         limits, every, n = self.limits, range(len(self.limits.joints)), len(self.limits.joints)
-        found: dict[str, tuple[Sequence[str], Sequence[int]]] = {}
+        table: dict[str, tuple[Sequence[str], Sequence[int]]] = {}
         if self.ends is not None:
             moving = np.flatnonzero(self.ends[0] != self.ends[1]).tolist()
-            found = {name: ([unit] * n, moving) for name, unit in STEP_UNITS.items()}
-            found["steady_state_error"] = limits.position_units, every
+            table = {name: ([unit] * n, moving) for name, unit in STEP_UNITS.items()}
+            table["steady_state_error"] = limits.position_units, every
         else:
             for name in ("tracking_error", "final_error"):
-                found |= {name: (limits.position_units, every), f"{name}_use": ([""] * n, every)}
-        return found | {"peak_input": (limits.effort_units, every), "peak_speed": (limits.speed_units, every)}
+                table |= {name: (limits.position_units, every), f"{name}_use": ([""] * n, every)}
+        return table | {"peak_input": (limits.effort_units, every), "peak_speed": (limits.speed_units, every)}
 
     @property
     def units(self) -> dict[str, str]:
@@ -315,7 +315,7 @@ class Requirement:
         """The unit as it stands behind a number: with a space, but for degrees."""
         return self.unit if self.unit in ("", "°") else f" {self.unit}"
 
-    def shown(self, degrees: bool) -> Requirement:
+    def converted(self, degrees: bool) -> Requirement:
         """The same for a reader: angles and speeds of links in degrees where these are shown, a bandwidth as it is."""
         if not degrees or not (self.unit == "rad" or (self.unit == "rad/s" and self.what == SPEED)):
             return self
@@ -334,14 +334,14 @@ class Definition:
     field: str = ""
 
     def judge(
-        self, s: Specification | None, limit: float, found: float, where: str, **more: Any
+        self, s: Specification | None, limit: float, value: float, where: str, **more: Any
     ) -> Requirement:
         """The requirement with its numbers; `more` are other fields of it, instead of those of the row."""
         row: dict[str, Any] = {"unit": self.unit, "criterion": self.criterion}
         if s is not None and self.field and getattr(s, self.field) != FIELDS[self.field].default:
             row["stated_by"] = FIELDS[self.field].option
         row |= more
-        return Requirement(self.what, float(limit), float(found), at_most=self.at_most, where=where, **row)
+        return Requirement(self.what, float(limit), float(value), at_most=self.at_most, where=where, **row)
 
 
 REQUIREMENTS = {
@@ -556,31 +556,31 @@ def move_requirements(s: Specification, limits: JointLimits, move: Move) -> list
         return limit_requirements(limits, move.response, PLANNED, always=False)
     rows, lines = move.metrics, []
     for name, key, most in (
-        ("tracking", "largest_error", tracking_limits(s, limits, move.ways)),
-        ("final", "final_error", final_limits(limits, move.ways)),
+        ("tracking", "largest_error", tracking_limits(s, limits, move.travel)),
+        ("final", "final_error", final_limits(limits, move.travel)),
     ):
         values = np.array([row[key] for row in rows])
         joint = int(np.argmax(values / most)) if rows else int(np.argmin(most))
-        unit, found = limits.position_units[joint], values[joint] if rows else np.inf
+        unit, value = limits.position_units[joint], values[joint] if rows else np.inf
         named = of_several(limits.joints, joint)
-        lines.append(REQUIREMENTS[name].judge(s, most[joint], found, STATED, unit=unit, joint=named))
+        lines.append(REQUIREMENTS[name].judge(s, most[joint], value, STATED, unit=unit, joint=named))
     return [*lines, *limit_requirements(limits, move.response, STATED)]
 
 
-def tracking_limits(s: Specification, limits: JointLimits, ways: np.ndarray) -> np.ndarray:
+def tracking_limits(s: Specification, limits: JointLimits, travel: np.ndarray) -> np.ndarray:
     """Largest tracking error (n,), rad or m: as stated, or `TRACKING_FRACTION` of each way (n,) of the move."""
     if s.tracking_error is not None:
         return per_joint(limits.joints, "tracking_error", s.tracking_error)
-    return TRACKING_FRACTION * _counted(limits, ways)
+    return TRACKING_FRACTION * _counted(limits, travel)
 
 
-def final_limits(limits: JointLimits, ways: np.ndarray) -> np.ndarray:
+def final_limits(limits: JointLimits, travel: np.ndarray) -> np.ndarray:
     """Largest distance (n,) of each joint from the end of a move after it, rad or m."""
-    return SETTLING_BAND * _counted(limits, ways)
+    return SETTLING_BAND * _counted(limits, travel)
 
 
-def _counted(limits: JointLimits, ways: np.ndarray) -> np.ndarray:
+def _counted(limits: JointLimits, travel: np.ndarray) -> np.ndarray:
     """Way (n,) of each joint along the move; at least `LEAST_WAY` of the largest of its kind."""
     units = np.array(limits.position_units)
-    largest = np.array([ways[units == unit].max() for unit in units])
-    return np.maximum(ways, LEAST_WAY * np.where(largest > ROUNDING, largest, 0.1))
+    largest = np.array([travel[units == unit].max() for unit in units])
+    return np.maximum(travel, LEAST_WAY * np.where(largest > ROUNDING, largest, 0.1))

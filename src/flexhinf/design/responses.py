@@ -265,7 +265,7 @@ class Move:
         return self.response.positions - self.planned
 
     @property
-    def ways(self) -> np.ndarray:
+    def travel(self) -> np.ndarray:
         """How far apart the extreme positions of each joint are on the plan (n,), rad or m."""
         return np.ptp(self.planned, axis=0)
 

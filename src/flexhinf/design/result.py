@@ -95,7 +95,7 @@ def status_of(
     setup, names = evaluation.setup, [line.what for line in lines]
     degrees = setup.specification.in_degrees and not any(setup.robot.links.slides)
     missed = dict.fromkeys(
-        _missed(line.shown(degrees), names.count(line.what) > 1) for line in lines if not line.met
+        _missed(line.converted(degrees), names.count(line.what) > 1) for line in lines if not line.met
     )
     past = f"{100.0 * TOLERANCE:g} % past its limit at most, which counts as met"
     scope = list(dict.fromkeys(f"{line.what}: {past}" for line in lines if line.within_tolerance))
@@ -371,7 +371,7 @@ def design_text(design: Design, request: DesignRequest, folder: str | Path = "."
 
 def result_table(design: Design) -> dict[str, Any]:
     """What came of a design, for the table [result]; nothing in it is None."""
-    problem, samples, found = design.design_problem, design.evaluation.step_samples, design.evaluation.margins
+    problem, samples, loop = design.design_problem, design.evaluation.step_samples, design.evaluation.margins
     levels, states = design.setup.process_noise, problem.penalty.states
     weights = None if callable(states) else plain("penalty", states)
     if isinstance(weights, list):  # by name
@@ -381,7 +381,7 @@ def result_table(design: Design) -> dict[str, Any]:
         "verdict": import_module(PAGES).verdict(design), "met": design.met, "preset": problem.preset,
         "goal": design.goal, "start": design.start, "gamma_star": design.gamma_star, "gamma": design.gamma,
         "degrees": [choice.degree for choice in design.choices], "degree": design.chosen.degree,
-        "bandwidth": found.bandwidth, "damping": found.damping if math.isfinite(found.damping) else None,
+        "bandwidth": loop.bandwidth, "damping": loop.damping if math.isfinite(loop.damping) else None,
         "draws": 0 if samples is None else len(samples), "rays": design.synthesis.rays,
         "duration": design.scenario.step_duration, "weights_from": problem.source,
         "R2": np.asarray(problem.penalty.effort, dtype=float), "R2_from": problem.effort_source, "weights": weights,
@@ -391,8 +391,8 @@ def result_table(design: Design) -> dict[str, Any]:
             "motor_velocities": np.asarray(levels.motor_velocities), "from": levels.source,
         },
         "margins": {
-            "delay_margin": found.delay_margin_s, "peak_sensitivity": found.peak_sensitivity,
-            "gain_margin": found.gain_margin,
+            "delay_margin": loop.delay_margin_s, "peak_sensitivity": loop.peak_sensitivity,
+            "gain_margin": loop.gain_margin,
         },
         "specification": [
             {

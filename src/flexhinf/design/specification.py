@@ -254,10 +254,10 @@ class Specification:
     def _check_length(self, name: str, most: int, rounding: float = 1.0) -> None:
         time = getattr(self, name) or 0.0
         if time / self.period > most * rounding:
-            found = (
+            limit = (
                 f"{most * self.period:g} s, {most} samples: {time:g} s are {time / self.period:.0f} samples"
             )
-            raise _refusal(name, f"expected at most {found}", f"{time:g}ms")
+            raise _refusal(name, f"expected at most {limit}", f"{time:g}ms")
 
     @property
     def peak_sensitivity_limit(self) -> float:

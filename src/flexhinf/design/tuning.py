@@ -421,11 +421,11 @@ class Tuner:
 
         Raises `InvalidInput` if a law in `wanted` does not fit the robot. `progress` is called three times a law.
         """
-        found: dict[str, TunedLaw | str] = {}
+        tuned: dict[str, TunedLaw | str] = {}
         for kind in kinds:
             progress(f"{kind.name}: tune")
             try:
-                found[kind.name] = self.tune(kind)
+                tuned[kind.name] = self.tune(kind)
             except FlexhinfError as error:
                 text = " ".join(str(error).split())
                 if kind.name in wanted:
@@ -434,17 +434,17 @@ class Tuner:
                         f"expected one that can be made and run at the goal, got: {text}",
                         f"laws without {kind.name!r}",
                     ) from error
-                found[kind.name] = text
+                tuned[kind.name] = text
         # Laws that contain others last.
         ordered = sorted(kinds, key=lambda kind: (len(kind.parameters), kind.name))
         for what, exchange in (("tune from the others", False), ("tune from the best", True)):
             for kind in ordered:
-                law = found[kind.name]
+                law = tuned[kind.name]
                 if isinstance(law, TunedLaw):
                     progress(f"{kind.name}: {what}")
-                    others = [x for x in found.values() if isinstance(x, TunedLaw)]
-                    found[kind.name] = self.again(law, others, exchange)
-        return found
+                    others = [x for x in tuned.values() if isinstance(x, TunedLaw)]
+                    tuned[kind.name] = self.again(law, others, exchange)
+        return tuned
 
     def tune(self, kind: LawKind) -> TunedLaw:
         """The first round: the best law of a kind with each of its sets of sensors; the best of these.
@@ -479,19 +479,19 @@ class Tuner:
         first, samples, simplex = next(counts for most, *counts in BUDGET if states <= most)
         return first, samples, simplex, 2 if states > MANY_STATES else None
 
-    def _robust_best(self, kind: LawKind, sensors: tuple[str, ...], found: Tuning) -> Candidate:
+    def _robust_best(self, kind: LawKind, sensors: tuple[str, ...], tuning: Tuning) -> Candidate:
         """The cheapest candidate that keeps every limit with no more unstable corners than the design: a law is not
         left out for its corners while a candidate of it keeps them stable. Without one among `LOOKED_AT`, the
         design's own law where the law is of that kind, else the cheapest."""
-        if not found.feasible or not self.own.setup.robot.uncertain:
-            return found.best
+        if not tuning.feasible or not self.own.setup.robot.uncertain:
+            return tuning.best
         allowed = unstable_corners(self.own)
-        feasible = sorted((c for c in found.candidates if c.feasible), key=lambda c: c.order)
+        feasible = sorted((c for c in tuning.candidates if c.feasible), key=lambda c: c.order)
         for candidate in feasible[:LOOKED_AT]:
             evaluation = self.evaluation(kind, sensors, candidate.parameters, self._budget[3])
             if unstable_corners(evaluation) <= allowed:
                 return candidate
-        return next((own for own in self._own_candidate(kind) if own.feasible), found.best)
+        return next((own for own in self._own_candidate(kind) if own.feasible), tuning.best)
 
     def _own_candidate(self, kind: LawKind) -> tuple[Candidate, ...]:
         """The design's own law, as the criterion has judged it, for a law that is of its kind."""
@@ -537,11 +537,11 @@ class Tuner:
             return self.criterion.judge(metrics_of(evaluation, self.criterion))
 
         bounds, count = {name: limits[name] for name in start}, len(start)
-        found = tune(judge, begin, bounds, samples * count, simplex * count, self.seed, others=starts)
+        tuning = tune(judge, begin, bounds, samples * count, simplex * count, self.seed, others=starts)
         known = self._own_candidate(kind) if before is None else before.candidates
-        candidates = (*known, *found.candidates)
-        found = Tuning(min(candidates, key=lambda candidate: candidate.order), candidates)
-        best = self._robust_best(kind, sensors, found)
+        candidates = (*known, *tuning.candidates)
+        tuning = Tuning(min(candidates, key=lambda candidate: candidate.order), candidates)
+        best = self._robust_best(kind, sensors, tuning)
         if not best.feasible or (degree is not None and self.factory.degree(kind) > degree):
             with contextlib.suppress(FlexhinfError):  # by the law itself with all its runs
                 metrics = metrics_of(self.evaluation(kind, sensors, best.parameters))
@@ -558,7 +558,7 @@ class Tuner:
         tried = tuple(m for m in results if isinstance(m, LawMetrics) and not math.isnan(m.load_deviation))
         evaluation = self.evaluation(kind, sensors, best.parameters)
         return TunedLaw(
-            kind, evaluation, judged.result, judged.cost, best.feasible, judged.reason, tried, found
+            kind, evaluation, judged.result, judged.cost, best.feasible, judged.reason, tried, tuning
         )
 
     def evaluation(
@@ -588,8 +588,8 @@ def ranked(laws: Sequence[TunedLaw]) -> list[TunedLaw]:
     side of the comparison."""
     design = next((law for law in laws if law.name == DESIGN), None)
     allowed = 0 if design is None else unstable_corners(design.evaluation)
-    found = (law for law in laws if law.name != DESIGN and law.feasible)
-    return sorted((x for x in found if unstable_corners(x.evaluation) <= allowed), key=lambda law: law.cost)
+    rivals = (law for law in laws if law.name != DESIGN and law.feasible)
+    return sorted((x for x in rivals if unstable_corners(x.evaluation) <= allowed), key=lambda law: law.cost)
 
 
 def best_rival(laws: Sequence[TunedLaw]) -> TunedLaw | None:

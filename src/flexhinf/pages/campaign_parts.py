@@ -21,7 +21,7 @@ from flexhinf.campaign import (
     WorstCase,
 )
 from flexhinf.campaign.metrics import COMPLETED, DIVERGED, UNSTABLE
-from flexhinf.design.campaign_folder import SIDES, PairResult
+from flexhinf.design.campaign_folder import FOLDERS, PairResult
 from flexhinf.design.campaign_gain import GainRow
 from flexhinf.files import write_file
 from flexhinf.pages.design.step import histogram_bins
@@ -422,7 +422,7 @@ def _success(result: PairResult) -> list[Any]:
     )  # fmt: skip
     text = (
         "Robots, noise, sensors, motors and step are the same for both; the folders "
-        f"{SIDES[0]} and {SIDES[1]} have the report of each. A sample is a success if its run reaches its end, is "
+        f"{FOLDERS[0]} and {FOLDERS[1]} have the report of each. A sample is a success if its run reaches its end, is "
         f"stable there, and keeps the requirements: {'; '.join(limits) or 'there are none'}. {test}"
     )
     rates = [
@@ -539,7 +539,7 @@ def _extremes(result: PairResult, varied: Sequence[PairedMetric]) -> list[Any]:
     ]  # fmt: skip
     folder, first = result.folder.name, (result.paired.main, varied[0].name)
     again = dict.fromkeys(sample for one, _, sample in cases if one.name in first)
-    lines = [replay_command(f"{folder}/{side}", f"--sample {sample}") for sample in again for side in SIDES]
+    lines = [replay_command(f"{folder}/{side}", f"--sample {sample}") for sample in again for side in FOLDERS]
     columns = ("", "sample", "A", "B", "its numbers")
     return [
         Table(columns, rows, "Largest differences each way", "table-extremes", stacks=True),

@@ -182,7 +182,7 @@ def comparison_page(
         ("laws", "The laws and how they were tuned"): _laws(comparison),
     }  # fmt: skip
     sections = [Section(title, tuple(found), anchor) for (anchor, title), found in blocks.items() if found]
-    missed = [line.shown(units_of(own).degrees) for line in comparison.own.requirements if not line.met]
+    missed = [line.converted(units_of(own).degrees) for line in comparison.own.requirements if not line.met]
     kept = ("met", f"The design meets {len(comparison.own.requirements)} requirements.")
     sampled = Status(
         "not proved", "All figures are of simulated runs, of sampled robots and of the linear loop."

@@ -10,7 +10,7 @@ import pytest
 import flexhinf as fh
 from flexhinf.analysis import dissipation_corners
 from flexhinf.design import Specification
-from flexhinf.design.problem.channels import ENLARGED, acting_corners, enlarge_until_covered
+from flexhinf.design.problem.channels import ENLARGED, acting_corners, enlarge_tolerances
 from flexhinf.design.problem.presets import choose
 from flexhinf.errors import NoFeasibleGamma
 
@@ -49,11 +49,11 @@ def test_tolerances_that_change_nothing_at_the_goal_make_no_corners() -> None:
 ])  # fmt: skip
 def test_the_least_enlargement_is_taken(failing: tuple[int, ...], expected: float) -> None:
     left = dict(zip(ENLARGED, failing))
-    assert enlarge_until_covered(1.0, lambda factor: factor, lambda made: left[made]) == expected
+    assert enlarge_tolerances(1.0, lambda factor: factor, lambda made: left[made]) == expected
 
 
 def test_larger_tolerances_out_of_reach_leave_the_first_design() -> None:
     def covering(factor: float) -> float:
         raise NoFeasibleGamma("No level.", f"at {factor}", "less")
 
-    assert enlarge_until_covered(1.0, covering, lambda made: 5) == 1.0
+    assert enlarge_tolerances(1.0, covering, lambda made: 5) == 1.0

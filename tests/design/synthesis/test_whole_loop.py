@@ -48,7 +48,7 @@ def test_more_tolerance_without_more_overshoot_within_the_same_limits(
     scales = [
         ToleranceBox.of(e.loop, robot.corner, robot.uncertain).edge(e.loop)[0] for e in (damped, robust)
     ]
-    assert scales == pytest.approx([found.damped.scale, found.found.scale], rel=0.02)
+    assert scales == pytest.approx([found.damped.scale, found.chosen.scale], rel=0.02)
     assert scales[1] > 1.05 * scales[0]
     assert overshoot(robust, robot) <= overshoot(damped, robot) + 0.01
     before, after = damped.margins, robust.margins
@@ -67,7 +67,7 @@ def test_more_tolerance_without_more_overshoot_within_the_same_limits(
     text = "".join(block.html() for block in weights.whole_loop(design))
     assert "3 times" in text
     assert "First unstable:" in text
-    again = replace(found, found=found.damped)
+    again = replace(found, chosen=found.damped)
     assert not again.better
 
 

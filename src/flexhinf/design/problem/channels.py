@@ -77,7 +77,7 @@ class Channel:
 def channels(robot: Robot, poses: Sequence[np.ndarray]) -> tuple[Channel, ...]:
     """Of all uncertain parameters, each at that of the poses where it does most."""
     plant = robot.plant()
-    found: list[Channel] = []
+    channel_list: list[Channel] = []
     for parameter in robot.uncertain:
         name, changes = parameter.name, []
         for pose in poses:
@@ -92,14 +92,14 @@ def channels(robot: Robot, poses: Sequence[np.ndarray]) -> tuple[Channel, ...]:
             changes.append(np.array(ends))  # (2, 2 joints, n + m)
         largest = max(changes, key=lambda ends: float(np.abs(ends).max()))
         joint = next((joint for joint in robot.joint_names if name.endswith(f"_{joint}")), None)
-        found += _rank_one(name if joint is None else name.removesuffix(f"_{joint}"), largest, plant.n)
-    return tuple(found)
+        channel_list += _rank_one(name if joint is None else name.removesuffix(f"_{joint}"), largest, plant.n)
+    return tuple(channel_list)
 
 
 def tolerance_channels(robot: Robot, poses: Sequence[np.ndarray]) -> tuple[Channel, ...]:
     """The same. Raises `InvalidInput` if there are none."""
-    if found := channels(robot, poses):
-        return found
+    if channel_list := channels(robot, poses):
+        return channel_list
     raise InvalidInput(
         f"The robot {robot.name!r} states no tolerances that the preset robust could stand for.",
         "expected parameters with a tolerance that changes how the robot moves, got none",
@@ -116,15 +116,15 @@ def _linearised(robot: Robot, plant: Any, signs: dict[str, float], pose: np.ndar
 
 def _rank_one(quantity: str, ends: np.ndarray, n: int) -> list[Channel]:
     """Singular parts of half the difference between the ends, each made as long as the end that it reaches less."""
-    found, nothing = [], (np.zeros(n), np.zeros(ends.shape[2] - n))
+    parts, nothing = [], (np.zeros(n), np.zeros(ends.shape[2] - n))
     for k, (up, down) in enumerate((ends[:, :, :n], ends[:, :, n:])):
         left, sizes, right = np.linalg.svd(0.5 * (up - down), full_matrices=False)
         for size, t, c in zip(sizes, left.T, right):
             if size > SMALL * sizes[0]:
                 root = np.sqrt(max(size, abs(t @ up @ c), abs(t @ down @ c)))
                 driven = (nothing[0], root * c) if k else (root * c, nothing[1])
-                found.append(Channel(quantity, root * t, *driven))
-    return found
+                parts.append(Channel(quantity, root * t, *driven))
+    return parts
 
 
 # Products of tolerances ---------------------------------------------------------------------------------
@@ -146,17 +146,17 @@ def acting_corners(robot: Robot, goal: np.ndarray, problem: GeneralisedPlant) ->
     )
 
 
-def enlarge_until_covered(
-    first: Design, covered: Callable[[float], Design], failing: Callable[[Design], int]
+def enlarge_tolerances(
+    first: Design, design_at: Callable[[float], Design], failing: Callable[[Design], int]
 ) -> Design:
     """The design with the least enlarged tolerances that no corner breaks; the first one where there is none.
 
-    `first` is of the tolerances as they are; `covered` makes the design of a factor of them, and may raise where the
+    `first` is of the tolerances as they are; `design_at` makes the design of a factor of them, and may raise where the
     larger tolerances are out of reach; `failing` counts the corners that break the inequality of a design.
     """
     for factor in ENLARGED[1:] if failing(first) else ():
         try:
-            larger = covered(factor)
+            larger = design_at(factor)
         except FlexhinfError:  # out of reach: the page says how many corners the first design leaves
             break
         if not failing(larger):
@@ -285,10 +285,10 @@ def find_scalings(problem: RobustProblem, ratio: float) -> Scalings:
     return best if best.fraction == 1.0 else replace(best, fraction=0.9 * best.fraction)
 
 
-def _better(problem: RobustProblem, one: Scalings, other: Scalings) -> bool:
-    if one.fraction < 1.0 or other.fraction < 1.0:
-        return one.fraction > other.fraction
-    return problem.gamma_star(one) < problem.gamma_star(other)
+def _better(problem: RobustProblem, scalings: Scalings, other: Scalings) -> bool:
+    if scalings.fraction < 1.0 or other.fraction < 1.0:
+        return scalings.fraction > other.fraction
+    return problem.gamma_star(scalings) < problem.gamma_star(other)
 
 
 def _balanced(problem: RobustProblem, design: LinearDesign) -> Scalings:
@@ -319,18 +319,18 @@ def _polished(problem: RobustProblem, start: Scalings) -> Scalings:
         return replace(start, log=start.log + factors[places])
 
     def cost(factors: np.ndarray) -> float:
-        found = moved(factors)
+        scalings = moved(factors)
         if start.fraction == 1.0:
             try:
-                return float(np.log(problem.gamma_star(found)))
+                return float(np.log(problem.gamma_star(scalings)))
             except (NoFeasibleGamma, NumericalFailure):
                 return np.inf
-        return -problem.fraction(found)
+        return -problem.fraction(scalings)
 
     options = {"maxfev": EVALUATIONS * (1 + len(groups)), "xatol": 0.02, "fatol": 1e-3}
-    found = moved(minimize(cost, np.zeros(len(groups)), method="Nelder-Mead", options=options).x)
-    found = replace(found, fraction=problem.fraction(found))
-    return found if _better(problem, found, start) else start
+    scalings = moved(minimize(cost, np.zeros(len(groups)), method="Nelder-Mead", options=options).x)
+    scalings = replace(scalings, fraction=problem.fraction(scalings))
+    return scalings if _better(problem, scalings, start) else start
 
 
 #: Names of the disturbances that stand for tolerances, numbered from 1.

@@ -195,10 +195,10 @@ class JointScales:
     @property
     def vibration(self) -> np.ndarray:
         """ω_v (n,), rad/s; of a rigid joint, which does not vibrate, the slowest of the others."""
-        elastic, found = self.layout.elastic, np.zeros(self.layout.n)
+        elastic, frequencies = self.layout.elastic, np.zeros(self.layout.n)
         links, motors = self.link_inertia[elastic], self.motor_inertia[elastic]
-        found[elastic] = np.sqrt(self.stiffness[elastic] * (1.0 / links + 1.0 / motors))
-        return np.where(found > 0.0, found, found[elastic].min())
+        frequencies[elastic] = np.sqrt(self.stiffness[elastic] * (1.0 / links + 1.0 / motors))
+        return np.where(frequencies > 0.0, frequencies, frequencies[elastic].min())
 
     @property
     def sides(self) -> tuple[np.ndarray, np.ndarray]:

@@ -29,7 +29,7 @@ from flexhinf.design.problem.channels import (
     RobustProblem,
     Scalings,
     acting_corners,
-    enlarge_until_covered,
+    enlarge_tolerances,
     find_scalings,
     tolerance_channels,
     with_channels,
@@ -209,8 +209,8 @@ def preset_of(robot: Robot, s: Specification) -> str:
     elif s.preset == "paper" and s.penalty is not None:
         both, advice = "preset='paper' and `penalty`", "leave out `preset`"
     if both:
-        found = "a behaviour for which weights are found, or the preset paper; got both"
-        raise InvalidInput(f"{both} contradict each other.", f"expected either weights, or {found}", advice)
+        other = "a behaviour for which weights are found, or the preset paper; got both"
+        raise InvalidInput(f"{both} contradict each other.", f"expected either weights, or {other}", advice)
     default = "damped" if behaviour or (robot.penalty is None and s.effort is None) else "paper"
     return s.preset or ("given" if s.penalty is not None else default)
 
@@ -319,7 +319,7 @@ def _searched(
     scalings = find_scalings(RobustProblem(linear, family.torques, tolerances), s.gamma_ratio)
     corners = acting_corners(robot, goal, base())
 
-    def covered(factor: float) -> DesignProblem:
+    def robust_problem(factor: float) -> DesignProblem:
         larger = ToleranceChannels(s, scales, family, torques, tolerances, scalings, corners, factor)
 
         def robust_synthesis(target_frequency: np.ndarray, damping: np.ndarray) -> LinearDesign:
@@ -335,8 +335,8 @@ def _searched(
         assert problem.robustness is not None
         return problem.robustness.failing_corners
 
-    first = covered(1.0)
-    return first if scalings.fraction < 1.0 else enlarge_until_covered(first, covered, failing)
+    first = robust_problem(1.0)
+    return first if scalings.fraction < 1.0 else enlarge_tolerances(first, robust_problem, failing)
 
 
 def _widened(

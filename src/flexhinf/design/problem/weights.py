@@ -164,16 +164,16 @@ def _bandwidths(loops: np.ndarray, joints: int) -> np.ndarray:
 
 def _crossing(frequencies: np.ndarray, response: np.ndarray) -> np.ndarray:
     """Where each row falls below 1/√2, interpolated in log scales; 0 for one that begins below."""
-    limit, logs, found = np.sqrt(0.5), np.log(frequencies), []
+    limit, logs, crossings = np.sqrt(0.5), np.log(frequencies), []
     for row in response:
         below = np.flatnonzero(row < limit)
         if not len(below) or below[0] == 0:
-            found.append(0.0 if len(below) else frequencies[-1])
+            crossings.append(0.0 if len(below) else frequencies[-1])
             continue
         k = below[0]
         fraction = np.log(row[k - 1] / limit) / np.log(row[k - 1] / row[k])
-        found.append(float(np.exp(logs[k - 1] + fraction * (logs[k] - logs[k - 1]))))
-    return np.array(found)
+        crossings.append(float(np.exp(logs[k - 1] + fraction * (logs[k] - logs[k - 1]))))
+    return np.array(crossings)
 
 
 # The H∞ gain of the nominal robot -----------------------------------------------------------------------

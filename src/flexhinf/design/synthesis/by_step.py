@@ -335,13 +335,13 @@ def problem_within_effort(task: Task, problem: DesignProblem, levels: EstimatorN
         ("peak of the input", "peak_effort", limits.effort_units),
         ("speed of a link", "peak_speed", limits.speed_units),
     )[kind]
-    found = f"no loop down to {LEAST:g} of it keeps the limit either"
+    outcome = f"no loop down to {LEAST:g} of it keeps the limit either"
     advice = f"a larger `{name}`, or a shorter step (`start`)"
     if best is not None:
         slower = fractions * bandwidth
         same = np.ptp(slower) < 1e-9 * slower.max()
         text = f"{slower[0]:.3g}" if same else ", ".join(f"{each:.3g}" for each in slower)
-        found = f"the best found within the limit is a bandwidth of {text} rad/s"
+        outcome = f"the best found within the limit is a bandwidth of {text} rad/s"
         advice = f"bandwidth={text if same else f'({text})'}, or {advice}"
     demands = "diverges" if np.isinf(peak) else f"takes {peak:.4g}"
     several = len(limits.joints) > 1
@@ -350,7 +350,7 @@ def problem_within_effort(task: Task, problem: DesignProblem, levels: EstimatorN
     raise InvalidInput(
         f"The specification cannot be met: the {what} binds.",
         f"expected at most {limit:g}{of}; with a bandwidth of {float(np.max(bandwidth)):.3g} rad/s the step of "
-        f"the nonlinear loop {demands}{where}, within the tolerances; {found}",
+        f"the nonlinear loop {demands}{where}, within the tolerances; {outcome}",
         advice,
     )
 

@@ -211,7 +211,7 @@ class _Search:
             return None
         # What every candidate so far misses, or the law, is counted only in part; see the head of this file.
         for limit in LIMITS:
-            best = min(one.missed.get(limit, 0.0) for one in self.tried)
+            best = min(candidate.missed.get(limit, 0.0) for candidate in self.tried)
             least = max(best, self.unavoidable.get(limit, 0.0))
             if least > NEAR:
                 self.unavoidable[limit] = least + SHORT_OF_BEST
@@ -224,11 +224,11 @@ class _Search:
             both = np.concatenate([np.broadcast_to(each, len(self.unit)) for each in sides])
             start = 0.5 * np.log10(np.maximum(both, 1e-300) / np.tile(self.unit, 2))
         else:
-            begun.sort(key=lambda one: self.counted(one[0]).score())
+            begun.sort(key=lambda entry: self.counted(entry[0]).score())
             several = STARTS if len(self.unit) <= FEW else 1
             chosen, start = min(
                 (self.descend(x) for _, x in begun[:several]),
-                key=lambda one: (one[0].unstable or 0, one[0].score()),
+                key=lambda entry: (entry[0].unstable or 0, entry[0].score()),
             )
         if chosen.unstable:
             # No levels make every corner stable: the best of some candidates, where the share of unstable corners
@@ -236,7 +236,7 @@ class _Search:
             ordered = sorted(map(self.counted, self.tried), key=NoiseCandidate.score)
             checked = [chosen, *map(self.with_corners, ordered[:: max(1, len(ordered) // LOOKED)])]
             count = max(1, len(self.corners))
-            chosen = min(checked, key=lambda one: one.score() + MISSED_WEIGHT * (one.unstable or 0) / count)
+            chosen = min(checked, key=lambda c: c.score() + MISSED_WEIGHT * (c.unstable or 0) / count)
         for factor in SCALED:
             self.at(start + np.log10(factor))
         # The metrics of the choice by a dense sweep: those that the evaluation of the design has.
@@ -378,4 +378,4 @@ def _trade_off(tried: list[NoiseCandidate]) -> tuple[NoiseCandidate, ...]:
         better = np.all(metrics <= own, axis=1) & np.any(metrics < own, axis=1)
         if not better.any() and not any(np.array_equal(own, metrics[j]) for j in kept):
             kept.append(k)
-    return tuple(sorted((tried[k] for k in kept), key=lambda one: one.input_noise))
+    return tuple(sorted((tried[k] for k in kept), key=lambda candidate: candidate.input_noise))

@@ -187,14 +187,14 @@ class _Steps(Task):
         damped, noise = plain.searched_problem()
         assert damped.target is not None
         self.progress("channels of the tolerances")
-        covered = self.choose(bandwidth=damped.target.bandwidth.tolist(), damping=damped.target.damping)
+        robust = self.choose(bandwidth=damped.target.bandwidth.tolist(), damping=damped.target.damping)
         problem, levels, whole = search_whole_loop(
-            self, damped, covered, noise and noise.chosen.levels, plain.degrees(damped, noise)[0].degree
+            self, damped, robust, noise and noise.chosen.levels, plain.degrees(damped, noise)[0].degree
         )
         if noise is None or levels is None or not whole.better:
             return problem, noise, whole
         own = self.noise_search(problem, levels)
-        return (damped, noise, replace(whole, found=whole.damped)) if own is None else (problem, own, whole)
+        return (damped, noise, replace(whole, chosen=whole.damped)) if own is None else (problem, own, whole)
 
     def searched_problem(self) -> tuple[DesignProblem, NoiseSearch | None]:
         """The problem within the limits of the running loop and of the joints, and the noise levels for it.

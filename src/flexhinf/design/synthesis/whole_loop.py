@@ -88,7 +88,7 @@ class WholeLoopSearch:
     """
 
     damped: LoopCandidate
-    found: LoopCandidate  # that of `damped` where nothing is better
+    chosen: LoopCandidate  # that of `damped` where nothing is better
     frequency: float
     damping: float
     links: float
@@ -100,18 +100,18 @@ class WholeLoopSearch:
     @property
     def better(self) -> bool:
         """Whether any candidate was better than `damped`."""
-        return self.found is not self.damped
+        return self.chosen is not self.damped
 
 
 def search_whole_loop(
-    task: Task, damped: DesignProblem, covered: DesignProblem, levels: EstimatorNoise | None, degree: int
+    task: Task, damped: DesignProblem, robust: DesignProblem, levels: EstimatorNoise | None, degree: int
 ) -> tuple[DesignProblem, EstimatorNoise | None, WholeLoopSearch]:
     """The problem of the preset robust, its noise levels, and how they were found.
 
-    `damped` is of the preset damped, with these `levels` (None where they are not free); the channels of `covered`
+    `damped` is of the preset damped, with these `levels` (None where they are not free); the channels of `robust`
     stand for the tolerances with the true state fed back; the law that steps at the corners has V of the `degree`.
     """
-    search = _Search(task, damped, covered, levels, degree)
+    search = _Search(task, damped, robust, levels, degree)
     best = search.run()
     task.progress(f"weights and noise levels for the tolerances: {search.count} loops tried")
     factors = dict(zip(("frequency", "damping", "links", "motors"), np.exp(best.x[:4]).tolist()))
@@ -138,17 +138,17 @@ class _Search:
         self,
         task: Task,
         damped: DesignProblem,
-        covered: DesignProblem,
+        robust: DesignProblem,
         levels: EstimatorNoise | None,
         degree: int,
     ) -> None:
         assert damped.search is not None
         assert damped.target is not None
-        assert covered.channels is not None
-        assert covered.search is not None
+        assert robust.channels is not None
+        assert robust.search is not None
         self.task, self.noise = task, LoopPlants(task.robot, task.s).noise
         self.target, self.first = damped.target, damped.search.chosen
-        self.channels, self.covered = covered.channels, covered.search.chosen
+        self.channels, self.robust = robust.channels, robust.search.chosen
         self.levels, self.degree, self.count = levels, degree, 0
         states = len(damped.problem.state_names)
         self.most, stepping = next((count, few) for most, count, few in CANDIDATES if states <= most)
@@ -165,7 +165,7 @@ class _Search:
         worst = self.compared[np.argsort(-overshoots, kind="stable")]
         self.stepping_at = worst[:stepping]
         self.active = np.unique(np.concatenate([nearest, worst[:JOIN]]))
-        found = margins(loop)
+        loop_margins = margins(loop)
         self.own = LoopCandidate(
             np.zeros(5),
             damped,
@@ -173,8 +173,8 @@ class _Search:
             scale,
             corner,
             float(overshoots.max()),
-            found,
-            self.noises(found),
+            loop_margins,
+            self.noises(loop_margins),
             used,
         )
         self.kept = [(0.0, self.own)]
@@ -185,8 +185,8 @@ class _Search:
         from scipy.optimize import minimize
 
         # The weights whose channels cover the tolerances are the second start.
-        frequency = np.log(self.covered.target_frequency / self.first.target_frequency).mean()
-        ratio = np.maximum(self.covered.damping_weights, 1e-3) / np.maximum(self.first.damping_weights, 1e-3)
+        frequency = np.log(self.robust.target_frequency / self.first.target_frequency).mean()
+        ratio = np.maximum(self.robust.damping_weights, 1e-3) / np.maximum(self.first.damping_weights, 1e-3)
         starts = [
             np.array([0.0, 0.0, 0.0, 0.0, LEAST_FRACTION]),
             np.array([frequency, float(np.clip(np.log(ratio).mean(), -1.0, 1.0)), 0.0, 0.0, 1.0]),
@@ -233,13 +233,13 @@ class _Search:
             gained, best = -np.log(scale / self.own.scale), self.kept[-1][0]
             if gained > best + 0.2:  # conditions can only add to it
                 return gained
-            found = margins(loop)
-            missed = self.missed(found)
+            loop_margins = margins(loop)
+            missed = self.missed(loop_margins)
             if MISSED * missed + gained < best + 0.1:
                 overshoots, used = self.stepped(problem, levels, self.stepping_at)
                 judged = LoopCandidate(
-                    x.copy(), problem, levels, scale, corner, float(overshoots.max()), found,
-                    self.noises(found), used,
+                    x.copy(), problem, levels, scale, corner, float(overshoots.max()), loop_margins,
+                    self.noises(loop_margins), used,
                 )  # fmt: skip
                 missed += self.missed_in_steps(judged)
                 if MISSED * missed + gained < best and missed <= ALLOWED:
@@ -288,22 +288,22 @@ class _Search:
         used = np.max([np.where(np.isfinite(share), share, 0.0).max() for share in shares])
         return runs.overshoot, float(used)
 
-    def noises(self, found: Margins) -> np.ndarray:
+    def noises(self, loop_margins: Margins) -> np.ndarray:
         if self.noise is None:
-            return np.zeros(len(found.noise_to_input))
-        return np.linalg.norm(found.noise_to_input * self.noise, axis=1)
+            return np.zeros(len(loop_margins.noise_to_input))
+        return np.linalg.norm(loop_margins.noise_to_input * self.noise, axis=1)
 
-    def missed(self, found: Margins) -> float:
+    def missed(self, loop_margins: Margins) -> float:
         """Sum of ln(metric/limit) of the linear conditions that are missed, and missed by more than with `damped`."""
         own, s = self.own.margins, self.task.s
         damping = required_damping(s, self.target)
-        noises = self.noises(found) / (NOISE * np.maximum(self.own.noises, 1e-300))
+        noises = self.noises(loop_margins) / (NOISE * np.maximum(self.own.noises, 1e-300))
         bandwidth = np.minimum(self.target.bandwidth, np.nan_to_num(own.bandwidth))
         ratios = [
-            found.peak_sensitivity / max(s.peak_sensitivity_limit, own.peak_sensitivity),
-            min(s.gain_margin_limit, own.gain_margin) / found.gain_margin,
-            min(damping, own.damping) / max(found.damping, 1e-9),
-            float(np.max(bandwidth / np.maximum(np.nan_to_num(found.bandwidth), 1e-9))),
+            loop_margins.peak_sensitivity / max(s.peak_sensitivity_limit, own.peak_sensitivity),
+            min(s.gain_margin_limit, own.gain_margin) / loop_margins.gain_margin,
+            min(damping, own.damping) / max(loop_margins.damping, 1e-9),
+            float(np.max(bandwidth / np.maximum(np.nan_to_num(loop_margins.bandwidth), 1e-9))),
             float(noises.max()) if self.own.noises.any() else 0.0,
         ]
         return float(sum(np.log(ratio) for ratio in ratios if ratio > 1.0))

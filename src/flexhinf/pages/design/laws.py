@@ -170,7 +170,7 @@ def metric_table(
     judged = [{(line.what, line.where): line for line in law.requirements} for law in laws]
     for key, first in {key: line for law in judged for key, line in law.items()}.items():
         sampled = ", sampled" if "robots sampled" in first.where else ""
-        name = f"{first.what} {limit_text(first.shown(units_of(own).degrees))}{sampled}"
+        name = f"{first.what} {limit_text(first.converted(units_of(own).degrees))}{sampled}"
         rows.append((name, *(law[key].judgement if key in law else "–" for law in judged)))
     for group, heading in (GROUPS if short else _titles(comparison)).items():
         entries = []

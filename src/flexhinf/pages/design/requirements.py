@@ -72,7 +72,7 @@ def requirement_table(lines: Iterable[Requirement], degrees: bool = False, title
     """Requirements grouped by where they hold; those that are not met, and their groups, first."""
     groups: dict[str, list[Requirement]] = {}
     for line in sorted(lines, key=lambda line: line.met):
-        groups.setdefault(line.where, []).append(line.shown(degrees))
+        groups.setdefault(line.where, []).append(line.converted(degrees))
     rows: list[Any] = []
     for where, group in groups.items():
         rows.append(where)

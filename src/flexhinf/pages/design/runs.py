@@ -242,7 +242,7 @@ def move(design: Design) -> Blocks:
         ),
         [
             {**row, "way": float(way), "relative": row["largest_error"] / float(way) if way else None}
-            for row, way in zip(planned.metrics, planned.ways)
+            for row, way in zip(planned.metrics, planned.travel)
         ],
         "Errors: of the true link positions from the plan. Way: between its extremes. Error at the end: largest in the "
         "last tenth of the run",

@@ -165,7 +165,7 @@ def whole_loop(design: Design) -> Blocks:
 
 def whole_loop_rows(search: WholeLoopSearch) -> list[tuple[str, str, float, float]]:
     """What, its unit or "input", with the preset damped, and as found."""
-    d, r = search.damped, search.found
+    d, r = search.damped, search.chosen
     return [
         ("factor of all tolerances at which a corner is unstable", "", d.scale, r.scale),
         ("largest overshoot of the corners that stepped", "%", d.overshoot, r.overshoot),
