@@ -1,9 +1,9 @@
-"""From a robot and a specification to a judged design, and to a comparison of laws.
+"""Design of a controller from a robot and a specification, and comparison of control laws.
 
-`pipeline` is the way in: `design` and `compare`, one call per step. What they compute is in `synthesis`, `loop_setup`,
+`pipeline` has the entry points, `design` and `compare`. What they compute is in `synthesis`, `loop_setup`,
 `evaluation`, `requirements` and `result`.
 
-As an attribute of the package ``flexhinf.design`` is the function; names of the room are imported from it, as in
+As an attribute of the package ``flexhinf.design`` is the function; its other names are imported from it, as in
 ``from flexhinf.design import Specification``.
 """
 

@@ -1,4 +1,4 @@
-"""A design as a campaign: its step or move on robots within their tolerances, its folder, and two designs compared."""
+"""Campaign of a design: its step or move on sampled robots, the campaign's folder, and the comparison of two."""
 
 from __future__ import annotations
 
@@ -60,10 +60,10 @@ _RANGE = re.compile(r"\s*([-+\d.eE]+?)\s*\.\.\s*([-+\d.eE]+)\s*\Z")
 def robot_sample(
     robot: Robot, start: np.ndarray, extras: tuple[str, ...], numbers: Mapping[str, float]
 ) -> Sample:
-    """The true robot of a sample's numbers with `extras`, in equilibrium where it starts.
+    """True robot with the parameters of a sample and `extras`, in equilibrium at the sample's start.
 
-    The estimator believes it at `start` (n,), rad or m. A robot that no input holds there is refused, which is the
-    sample's failure.
+    The estimator starts at `start` (n,), rad or m. Raises an error for a robot that no input holds there: the sample
+    fails.
     """
     values = robot.plant_parameters(robot.nominal | {k: v for k, v in numbers.items() if k in robot.nominal})
     errors = [numbers.get(name, 0.0) for name in signal_names(ERROR, robot.joint_names)]
@@ -78,13 +78,13 @@ ERROR, TORQUE = "initial_error", "link_torque"
 
 @dataclass(frozen=True, eq=False)
 class DesignCampaign:
-    """A design and its campaign; the controller of a report `file` that nobody changed is taken as it was judged."""
+    """A design and the options of its campaign; the controller is that of the report `file` if that is unchanged."""
 
     request: DesignRequest
     options: CampaignOptions
     file: Path | None = None
 
-    specification = forwarded("request.specification", Specification, "Of the design.")
+    specification = forwarded("request.specification", Specification, "The specification of the design.")
 
     @cached_property
     def robot(self) -> Robot:
@@ -111,14 +111,14 @@ class DesignCampaign:
 
     @cached_property
     def ends(self) -> tuple[np.ndarray, np.ndarray]:
-        """Where a run begins, and where it should end (n,), rad or m."""
+        """Link positions (n,) where a run begins, and where it should end, rad or m."""
         if self.plan is not None:
             return plan_ends(self.plan)
         return start_and_goal(self.request.robot, self.specification, None)
 
     @cached_property
     def variables(self) -> tuple[Variable, ...]:
-        """Numbers that differ from sample to sample; InvalidInput if none does."""
+        """Quantities that vary from sample to sample; InvalidInput if none does."""
         o, robot = self.options, self.robot
         off = inactive_parameters(self.specification.extras, robot.joint_names)
         acting = [p for p in robot.uncertain if p.name not in off]
@@ -141,7 +141,7 @@ class DesignCampaign:
 
     @property
     def stated(self) -> dict[str, str]:
-        """The design and the campaign as text by name: known before anything is designed; InvalidInput for a misfit."""
+        """Settings of design and campaign as text by name, before anything is designed; InvalidInput for a misfit."""
         o, s, (start, goal) = self.options, self.specification, self.ends
         length = {} if o.duration is None else {"duration": str(float(o.duration))}
         if o.duration is not None:
@@ -186,7 +186,7 @@ class DesignCampaign:
 
     @cached_property
     def metrics(self) -> RunMetrics:
-        """Of each run."""
+        """Metrics of each run, with the limits of the design."""
         s, limits = self.specification, joint_limits(self.request.robot, self.specification)
         if self.plan is None:
             return RunMetrics(limits, self.ends)
@@ -196,7 +196,7 @@ class DesignCampaign:
 
     @property
     def requirements(self) -> tuple[str, ...]:
-        """What a run must keep by the design's specification, besides reaching its end."""
+        """Requirements on each run from the design's specification, besides reaching its end."""
         limits, move = self.metrics.limits, ("tracking_error_use<=1", "final_error_use<=1")
         step = ("settling_time_s<=1e9", f"overshoot_percent<={self.specification.overshoot:g}")
         peak = ("input_limit_use<=1",) if limits.limits_peak else ()
@@ -280,7 +280,7 @@ class PairResult:
 
 
 def _circumstances(side: DesignCampaign) -> dict[str, str]:
-    """Everything stated of a campaign but what the law is."""
+    """Settings of a campaign as text by name, except those of its control law."""
     limits = side.metrics.limits
     stated = {name: text for name, text in side.stated.items() if not name.startswith("design ")}
     fields = {name: text for name, text in fields_text(side.specification).items() if name in SHARED}
@@ -311,7 +311,7 @@ def open_campaign(
     progress: Callable[[str], None] = print,
     designed: tuple[Controller, float] | None = None,
 ) -> tuple[Campaign, Journal]:
-    """The campaign in a folder: designed and written there, or taken up again with the controller that is there.
+    """Open the campaign of a folder: design its controller and store it there, or resume with the stored one.
 
     `designed`: for a new folder, controller and length of its runs (s) as of `designed_controller`.
 
@@ -356,9 +356,9 @@ def _begun(
 def designed_controller(
     request: DesignCampaign, progress: Callable[[str], None] = print
 ) -> tuple[Controller, float]:
-    """The controller and the length of its runs, s: of a report that nobody changed, or designed now.
+    """Controller and length of its runs, s: read from an unchanged report, or designed now.
 
-    That of a report begins where its step does, so for a move it is designed again, to begin where that does.
+    A report's controller begins at the start of the step, so for a move a controller is designed that begins there.
     """
     path, plan, robot, s = request.file, request.plan, request.request.robot, request.specification
     report = path if plan is None and path is not None and path.name == DESIGN_FILE else None
@@ -376,13 +376,13 @@ def designed_controller(
 
 
 def reopened(request: DesignCampaign, journal: Journal) -> Campaign:
-    """The campaign of a folder, with the controller that is there."""
+    """The campaign of a folder, with its stored controller."""
     duration = float(journal.settings["duration"])
     return request.campaign(load_controller(journal.folder / SETUP / CONTROLLER), duration)
 
 
 def stored_campaign(folder: str | Path) -> tuple[Campaign, Journal]:
-    """The campaign of a folder as it stands there, for replays: nothing is asked for beside it.
+    """The stored campaign of a folder, for replays; its settings are read from the folder.
 
     InvalidInput if it holds no campaign of a design, or the robot's file was changed since.
     """
@@ -422,7 +422,7 @@ def open_pair(
     commands: Sequence[Sequence[str]] = ((), ()),
     progress: Callable[[str], None] = print,
 ) -> list[tuple[Campaign, Journal]]:
-    """The campaigns of both designs in folders `FOLDERS`, with runs of the same length: made there, or taken up again.
+    """Open the campaigns of both designs in the folders `FOLDERS`, new ones or stored ones, with runs of equal length.
 
     Raises as `open_campaign`, before any work for either.
     """

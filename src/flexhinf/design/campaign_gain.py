@@ -1,7 +1,7 @@
 """The worst finite-energy disturbance of a design's loop, for its robot and for the worst one within the tolerances.
 
-∫|z|²/∫|d|² from rest at the goal, z and d as the synthesis has them, against γ²; and z and d of the proof, against the
-proved γ, for the robots that the proof is about. What is attained is a lower bound of the gain, so it never exceeds a
+∫|z|²/∫|d|² from rest at the goal is compared with γ² for z and d of the synthesis, and with the proved γ² for z and d
+of the proof and the robots that it covers. The attained ratio is a lower bound of the gain, so it never exceeds a
 proved one. The loop is that of the law with the true state fed back, inputs held for a period; the same search with the
 estimator is made for the nominal robot, and no proof covers it.
 """
@@ -98,9 +98,9 @@ class _Claim:
 
 
 class GainSearch:
-    """The searches of one design, for runs of `duration` (s); the design is solved again: no file has z and V.
+    """Search for the gains of a design, for runs of `duration` (s); it is solved again, as no file stores z and V.
 
-    `names`, `low`, `high`, `nominal`: the robot's numbers that differ, both ends (d,) of their intervals, and the
+    `names`, `low`, `high`, `nominal`: the robot's uncertain parameters, both ends (d,) of their intervals, and the
         nominal robot in the unit box.
     `horizon`: length of the disturbances, s.
     """
@@ -121,7 +121,7 @@ class GainSearch:
         self.nominal = np.clip((values - low) / np.where(high > low, high - low, 1.0), 0.0, 1.0)
 
     def numbers(self, point: np.ndarray) -> dict[str, float]:
-        """Of a point (d,) of the unit box."""
+        """Parameters of the robot at a point (d,) of the unit box."""
         return dict(zip(self.names, ((1.0 - point) * self.low + point * self.high).tolist(), strict=True))
 
     def problem_of(self, problem: GeneralisedPlant, numbers: Mapping[str, float]) -> GeneralisedPlant:
@@ -167,7 +167,7 @@ class GainSearch:
         return _Claim("proof", problem, level, certificate.gamma, "proved", worst), proof.reason
 
     def results(self) -> GainResults:
-        """Every search, in turn: the synthesis' claim, the loop with its estimator, the proof's claim."""
+        """Results of all searches: for γ of the synthesis, for the loop with its estimator, for γ of the proof."""
         designed = self._designed()
         rows = self._rows(designed)
         if self.estimator is not None:  # a disturbance of the same energy
@@ -201,7 +201,7 @@ class GainSearch:
         return rows
 
     def again(self, row: GainRow) -> float:
-        """The gain of a row's disturbance, run alone."""
+        """Simulate the disturbance of a row again, and return its gain."""
         claim = self.proved[0] if row.pair == "proof" else None
         problem = self.synthesis.problem if claim is None else claim.problem
         law: Any = self.synthesis.solution
@@ -226,7 +226,7 @@ def _row(
 def search_gain(
     request: DesignCampaign, journal: Journal, progress: Callable[[str], None] = lambda text: None
 ) -> GainResults:
-    """The rows of `GainSearch`, kept in the campaign's folder: taken from there where they were found already."""
+    """Results of `GainSearch`, stored in the campaign's folder; read from there if they are stored already."""
     if not searches_gain(request):
         raise InvalidInput(
             "The worst disturbance is not searched for robots of so many joints.",

@@ -1,6 +1,6 @@
 """Goals and waypoints of a point of the robot, x, y, z in the world, as positions of the joints.
 
-The joints are found before the work, by `flexhinf.robot.kinematics`: everything after knows joints only. Between two
+`flexhinf.robot.kinematics` finds the joint positions first: everything after has joint positions only. Between two
 waypoints the joints move smoothly, and the point not in a straight line.
 """
 

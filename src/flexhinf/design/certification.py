@@ -1,9 +1,9 @@
-"""Certificates of a design: regions of its laws, its step for all tolerances, and the proof that a design carries.
+"""Certificates of a design: regions of its laws, its step for all tolerances, and the proof within a design.
 
-`certify_design` takes the laws of all degrees that a design solves, and as long as it takes. What a design itself
-carries is found within a stated time of CPU, or a sentence says why not.
+`certify_design` proves the laws of all degrees that a design solves, without a limit of time. `prove_design`, as part
+of a design, has a limit of CPU time; where it proves nothing it gives the reason.
 
-`attenuation` says what the level γ is worth on the running loop. The gain of a disturbance found by search is a lower
+`attenuation` compares the level γ with the running loop. The gain of a disturbance found by search is a lower
 bound. Sampling, delay, estimator and limits use up a part of the region's level (`flexhinf.analysis.dissipation`).
 """
 
@@ -54,7 +54,7 @@ STEPS, LONGEST_DISTURBANCE = 2.0, 20.0
 
 @dataclass(frozen=True, eq=False)
 class Attenuation:
-    """What was found."""
+    """The worst disturbance that was found, and the dissipation budget of the step."""
 
     # The worst disturbance found (a lower bound of the gain) with which V stays below the sampled level, or the one
     # of the preset proved, with the true state fed back; None if none was searched for, or the search failed
@@ -68,12 +68,12 @@ class Attenuation:
 
     @property
     def lasts(self) -> bool:
-        """Whether the region's level lasts for the whole step, all terms of the budget together."""
+        """Whether the sum of all terms of the budget stays within the region's level for the whole step."""
         return not self.budget or bool(self.budget[-1].budget.kept)
 
 
 def searches_disturbance(states: int, rays: int) -> bool:
-    """Whether a disturbance is searched for."""
+    """Whether a worst disturbance is searched for: with few enough states, and a sampled region."""
     return states <= MOST_SEARCHED and rays > 0
 
 
@@ -119,7 +119,7 @@ def _attained(
 
 
 def within_level(terms: tuple[BudgetTerm, ...]) -> tuple[BudgetTerm, ...]:
-    """The same; none where the step starts above the level, so that there is nothing to spend."""
+    """The terms of the budget; none where the step starts above the level, so that no budget is left."""
     return () if terms and terms[-1].budget.start > terms[-1].budget.level else terms
 
 
@@ -273,7 +273,7 @@ def proved(
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """Figures and the lower bound of the gain beside a theorem."""
+    """Pictures of a certificate, and a lower bound of the gain that it bounds."""
 
     certificate: Certificate  # With the attained gain, where a disturbance was found
     # surface, limit: V and r where steps start, and in a plane through the point that limits the sampled level
@@ -329,7 +329,7 @@ class DesignProof:
 
     @property
     def inside(self) -> bool:
-        """Whether the step that is asked for starts inside the proved region."""
+        """Whether the requested step starts inside the proved region."""
         return self.certificate is not None and self.start <= self.certificate.level
 
     @property
@@ -339,7 +339,7 @@ class DesignProof:
 
 
 class StepProof(NamedTuple):
-    """Whether the requested step is proved, as the controller starts it: terminal, page, status and design.json."""
+    """Whether the requested step is proved for the controller's start, for terminal, page, status and design.json."""
 
     proved: bool  # With the true state fed back, in continuous time; for which robots, `text` says
     text: str
@@ -348,7 +348,7 @@ class StepProof(NamedTuple):
 
 
 def step_proof(proof: DesignProof, chosen: DegreeChoice, inside: bool | None) -> StepProof:
-    """What is proved of the requested step; `inside`: whether it starts in the sampled region, None without one."""
+    """The proof of the requested step in words; `inside`: whether it starts in the sampled region, None without one."""
     certificate, loop = proof.certificate, "the step with sampling, estimator and limits"
     if proof.box is not None or proof.inside:
         box = (
@@ -425,7 +425,7 @@ def prove_design(
 
 
 def with_tolerances(robot: Robot, s: Specification, synthesis: Synthesis, proof: DesignProof) -> DesignProof:
-    """The same with the step proved for all robots within the tolerances, where the time that is left is enough.
+    """`proof`, with the step also proved for all robots within the tolerances where the remaining time is enough.
 
     It is tried for linear laws of robots of one joint, where a region is proved or sampled too.
     """

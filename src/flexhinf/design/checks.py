@@ -5,7 +5,7 @@ that velocity; neither law nor estimator knows of it. Without measurement noise,
 decay.
 
 Limit cycle: a joint that dry friction holds beside the command stays there until the integral of the error has broken
-it loose; it passes the command, and is held on the other side. No linear metric shows that. The remedy is a dead zone
+it loose; it passes the command, and sticks on the other side. No linear metric shows that. The remedy is a dead zone
 of the integrals as wide as the cycle: docs/design.md has its cost, and what else was measured.
 
 Along a move: in error coordinates the law's gain is the same everywhere, and the robot is not: its inertia and the
@@ -13,8 +13,8 @@ estimator's stationary gain change with the pose. At each pose the loop is that 
 along the move, and the change from one law to another, are not in it.
 
 Payload: a law and its estimator know the payload's nominal mass. Here the true robot has the masses at the ends of
-their ranges: it makes the step in equilibrium with them, and, at rest at the goal, grips what is heavier than the model
-carries, whose weight then acts on all links at once (as constant torques; the inertia is in the step). No estimator has
+their ranges: it makes the step in equilibrium with them, and, at rest at the goal, has a load step: the weight
+beyond the model's acts on all links at once (as constant torques; the inertia is in the step). No estimator has
 a payload among its states: integral action compensates the unmodelled weight.
 """
 
@@ -88,7 +88,7 @@ AFTER = 3.0
 
 @dataclass(frozen=True, eq=False)
 class ImpulseRuns:
-    """One run a joint, at rest at the goal until the impulse at time 0."""
+    """Impulse responses from rest at the goal: one run for each joint, its impulse at time 0."""
 
     responses: tuple[Response, ...]  # Of each joint that with the impulse on its link
     impulses: np.ndarray  # (n,), N·m·s or N·s
@@ -98,7 +98,7 @@ class ImpulseRuns:
 
     @property
     def diverged(self) -> bool:
-        """Whether any run did."""
+        """Whether any run diverged."""
         return self.ring_down is None
 
     @property
@@ -108,13 +108,13 @@ class ImpulseRuns:
 
     @property
     def worst(self) -> int:
-        """The joint of the impulse that shows it."""
+        """The joint whose impulse gives the smallest damping ratio, or makes the run diverge."""
         if self.ring_down is not None:
             return self.ring_down.worst
         return next(k for k, response in enumerate(self.responses) if response.diverged_at is not None)
 
     def requirement(self, s: Specification, damping: float) -> Requirement:
-        """That the running loop comes to rest after an impulse as damped as every oscillation must be."""
+        """The requirement that the running loop after an impulse is as damped as every oscillation must be."""
         where = (
             "nonlinear loop at rest at the goal, struck on one joint after the other, nominal robot, no noise"
         )
@@ -127,7 +127,7 @@ class ImpulseRuns:
         return self.ring_down is not None and self.ring_down.error <= FITS
 
     def least_damped(self, joint: int) -> Oscillation | None:
-        """Of the run with the impulse on a joint; None where nothing oscillates."""
+        """Least damped oscillation of the run with the impulse on a joint; None where nothing oscillates."""
         oscillations = () if self.ring_down is None else self.ring_down.oscillations[joint]
         return oscillations[0] if oscillations else None
 
@@ -137,7 +137,7 @@ class ImpulseRuns:
         return own / np.abs(own).max()
 
     def left(self, joint: int) -> float | None:
-        """Largest velocity of that link, over its peak, after `AFTER` periods of its least damped oscillation;
+        """Largest velocity of the link, over its peak, after `AFTER` periods of its least damped oscillation;
         None where nothing oscillates, or the run is shorter."""
         oscillation, time = self.least_damped(joint), self.responses[joint].run.time
         if oscillation is None or time[-1] * oscillation.frequency < AFTER:
@@ -176,8 +176,8 @@ def impulse_runs(
 
 
 def _ring_down(responses: Sequence[Response], state: np.ndarray, held: np.ndarray, delay: int) -> RingDown:
-    """Fitted to what the loop remembers, about the state (N,) and the inputs (m,) with which it rests: state, estimate,
-    and inputs of the last samples, the newest last."""
+    """Oscillations fitted to all that the loop stores (state, estimate, last inputs, the newest last), as deviations
+    from the `state` (N,) and the inputs `held` (m,) at rest."""
     runs, first = [], responses[0].run
     for signals in (response.run.signals for response in responses):
         inputs = signals["input"] - held
@@ -218,7 +218,7 @@ WIDEST, WIDENED = 0.01, 2
 
 @dataclass(frozen=True, eq=False)
 class LimitCycleCheck:
-    """The step, followed for long without measurement noise, on a true plant whose dry friction holds."""
+    """A long run of the step without measurement noise, on a true plant with dry friction that sticks."""
 
     response: Response
     # Of its true plant: those of the specification, and the dry friction that the robot states
@@ -248,7 +248,7 @@ class LimitCycleCheck:
 
     @property
     def amplitudes(self) -> np.ndarray:
-        """Of `cycles` (n,); infinite where the run diverged."""
+        """Amplitudes (n,) of `cycles`, rad or m; infinite where the run diverged."""
         return np.array([cycle.amplitude for cycle in self.cycles] or [np.inf] * len(self.response.goal))
 
     @property
@@ -263,11 +263,11 @@ class LimitCycleCheck:
 
     @property
     def oscillates(self) -> bool:
-        """Whether any joint does."""
+        """Whether any joint oscillates."""
         return bool(self.oscillating)
 
     def requirement(self, units: Sequence[str]) -> Requirement:
-        """That dry friction and integral action keep no joint moving; `units` are those of the link positions."""
+        """The requirement that dry friction causes no limit cycle; `units` are those of the link positions."""
         worst = self.worst
         return REQUIREMENTS["limit_cycle"].judge(
             None, self.limit, self.amplitudes[worst], "long run at rest, nominal robot with dry friction, no noise",
@@ -276,7 +276,7 @@ class LimitCycleCheck:
 
 
 def end_limit_cycle(setup: LoopSetup) -> tuple[LoopSetup, LimitCycleCheck | None]:
-    """The loop, with a dead zone of its integrals where that ends a limit cycle, and its run at rest.
+    """The loop, with a dead zone of its integrals where that ends a limit cycle, and the check of its run at rest.
 
     The zone is as wide as the cycle of the joint, then twice that, and at most `WIDEST` of the step.
     """
@@ -300,7 +300,7 @@ def end_limit_cycle(setup: LoopSetup) -> tuple[LoopSetup, LimitCycleCheck | None
 
 
 def check_limit_cycle(setup: LoopSetup) -> LimitCycleCheck | None:
-    """The run; None for a robot without dry friction, or with none above zero."""
+    """Run the check; None for a robot without dry friction, or with none above zero."""
     s, dry = setup.specification, stated_friction(setup.robot.plant_parameters())
     if not dry:
         return None
@@ -329,7 +329,7 @@ INSTANTS = 400
 
 @dataclass(frozen=True)
 class MarginLimits:
-    """Limits of the margins at every pose: at most, at least, and at least (None where no damping is required)."""
+    """Limits at every pose: largest peak sensitivity, smallest gain margin and damping (None: not required)."""
 
     peak_sensitivity: float
     gain_margin: float
@@ -372,7 +372,7 @@ class AlongMove:
 
     @property
     def worst_pose(self) -> int:
-        """The pose at which that is."""
+        """Index of the pose with the largest share of a limit."""
         return int(np.argmax([max(shares.values()) for shares in self.shares]))
 
 
@@ -462,7 +462,7 @@ def _load_step_worst(key: str, doc: str) -> Worst:
 
 @dataclass(frozen=True, eq=False)
 class PayloadEvaluation:
-    """One evaluation with other masses in the true robot than in the model."""
+    """Evaluation of a loop whose true robot has other payload masses than the model."""
 
     robot: Robot  # The model's
     masses: Mapping[str, float]  # Of each payload, kg, by the robot's parameters
@@ -473,16 +473,16 @@ class PayloadEvaluation:
 
     @property
     def mass(self) -> float:
-        """Of all payloads, kg."""
+        """Sum of all payloads, kg."""
         return float(sum(self.masses.values()))
 
     deflection = _load_step_worst(
         "peak_deviation",
-        "Largest deviation of a link after gripping, rad or m; zero where nothing is gripped.",
+        "Largest deviation of a link after the load step, rad or m; zero without a load step.",
     )
     recovery = _load_step_worst(
         "recovery_time_s",
-        "Until all links are back within 2 % of their step, s; infinite where one is not within the run.",
+        "Time until all links are back within 2 % of their step, s; infinite where one is not in the run.",
     )
     remaining = _load_step_worst(
         "remaining_error", "Largest deviation in the last tenth of the run, rad or m."
@@ -500,7 +500,7 @@ class PayloadEvaluation:
 
 
 def evaluate_payloads(setup: LoopSetup, runs: Scenario) -> tuple[PayloadEvaluation, ...]:
-    """With all payloads at the ends of their ranges, the lower one where the model carries more; empty without any."""
+    """Evaluations with payloads at the ends of their ranges, the lower if the model carries more; empty without any."""
     return tuple(evaluate_payload(setup, runs, masses) for masses in payload_ends(setup.robot.uncertain))
 
 
@@ -521,7 +521,7 @@ def evaluate_payload(setup: LoopSetup, runs: Scenario, masses: Mapping[str, floa
 def payload_requirements(
     s: Specification, limits: JointLimits, load: PayloadEvaluation, damping: float | None
 ) -> list[Requirement]:
-    """Lines of the specification with a payload, the sag after gripping it, and whether the loop rings.
+    """Requirements with a payload: of the step, on the deflection after the load step, and on damping.
 
     `damping`: required with the model's payload; with others the loop must not ring.
     """

@@ -51,7 +51,7 @@ class Conditions:
 
 @dataclass(frozen=True, eq=False)
 class DeployedRun:
-    """A run that is ready to be made."""
+    """A prepared run: loop, robot and conditions."""
 
     robot: Robot  # The driven one
     specification: Specification
@@ -66,7 +66,7 @@ class DeployedRun:
     conditions: Conditions
 
     def make(self, **options: Any) -> RealTimeRun:
-        """Make the run; other options and errors are those of `flexhinf.run_realtime`."""
+        """Execute the run; options and errors are those of `flexhinf.run_realtime`."""
         return run_realtime(self.loop, **self.arguments, **options)
 
     def response(self, run: RealTimeRun) -> Response:
@@ -74,7 +74,7 @@ class DeployedRun:
         return Response(run.trajectory, self.goal, self.start, self.robot.joint_names)
 
     def requirements(self, run: RealTimeRun) -> list[Requirement]:
-        """The requirements of the specification, and that every input was there in time."""
+        """The requirements of the specification, and that no deadline of an input was missed."""
         limits, response = self.plants.limits, self.response(run)
         if self.plan is None:
             lines = step_requirements(self.specification, limits, response, WHERE)
@@ -151,7 +151,7 @@ def prepare_run(
 def perturbed(robot: Robot, changes: Sequence[str]) -> Robot:
     """The robot with other parameters: ``stiffness=-20%``, ``stiffness_elbow=95``, ``friction=+50%``.
 
-    A name without a joint is meant for all of them.
+    A name without a joint changes the parameter of all joints.
     """
     values = dict(robot.nominal)
     for text in changes:

@@ -1,8 +1,8 @@
 """Design files: a robot and the specification of its loop, as TOML; every command that takes a robot takes one.
 
 A file is a design file by its table [design]: ``robot``, for a URDF ``elastic``, ``payload`` instead of that of the
-robot's file, and fields of `Specification` by name. Paths are seen from the file's folder. The table [result] says what
-came of it and is not read ([found] in older files). Fields are read before the robot, so numbers remember their units
+robot's file, and fields of `Specification` by name. Paths are seen from the file's folder. The table [result] has
+the outcome and is not read ([found] in older files). Fields are read before the robot, so numbers remember their units
 (`flexhinf.design.options.Stated`) until it is known which joints slide.
 """
 
@@ -78,7 +78,7 @@ def _fitted(value: float, unit: str) -> str:
 
 
 def per_signal(robot: Robot, measured: Sequence[str], values: Any) -> tuple[tuple[Any, ...], tuple[str, ...]]:
-    """Values of measured signals, and these signals; one for each name counts for all that the name stands for."""
+    """Values of measured signals, and the signals; a value of a name is repeated for each signal of that name."""
     signals = expanded(measured, SENSORS, robot.joint_names, robot.rigid)
     parts = _parts(values)
     if len(parts) != len(signals) and len(parts) == len(measured):
@@ -103,7 +103,7 @@ DESIGN_FILE = "design.toml"
 
 @dataclass(frozen=True, eq=False)
 class DesignRequest:
-    """What a command is asked for."""
+    """Robot and specification that a command works on, and where they come from."""
 
     robot: Robot
     specification: Specification
@@ -193,7 +193,7 @@ def is_design_file(source: str | Path) -> bool:
 
 
 def meant_file(source: str) -> str:
-    """The file that a command's argument means: of a report's folder its design file, else what was given."""
+    """The file that a command's argument names: the design file of a report's folder, otherwise the argument."""
     folder = checked_path("The robot or design file", source)
     named = source in catalogue() or not (folder / DESIGN_FILE).is_file()
     return source if named else str(folder / DESIGN_FILE)
@@ -311,8 +311,8 @@ def request_document(
     payload: str | None = None,
     slides: Sequence[bool] = (False,),
 ) -> tomlkit.TOMLDocument:
-    """A design file without a result: its table [design], with what differs from the defaults; these stand below it as
-    comments."""
+    """A design file without a result: its table [design] with the fields that differ from the defaults, and the
+    defaults below it as comments."""
     values = {name: plain(name, getattr(specification, name)) for name in FIELDS}
     if isinstance(specification.penalty, Penalty) and specification.effort is None:
         effort = np.asarray(specification.penalty.effort, dtype=float)
@@ -352,7 +352,7 @@ def request_document(
 
 
 def _comment(name: str, value: Any, slides: Sequence[bool]) -> str:
-    """The unit of a field; where the report shows degrees, those of positions, of which joints `slides` tells."""
+    """Comment on a field: its unit, or positions in the report's degrees and m; `slides`: which joints slide."""
     known, positions = name in ("pose", "start", "via", "tracking_error") and bool(slides), np.ravel(value)
     if not known or (len(positions) == 1 and len(set(slides)) > 1):  # one for joints of both kinds
         return FIELDS[name].about.unit

@@ -57,7 +57,7 @@ NEGLIGIBLE = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class LawEvaluation:
-    """One law in one loop."""
+    """Evaluation of one law in one loop: runs, margins and modes."""
 
     name: str
     setup: LoopSetup  # law, estimator, controller and true plant
@@ -66,7 +66,7 @@ class LawEvaluation:
     other_noise: bool = True  # corners with other R^v too, which takes most of an evaluation's time
 
     def in_scenario(self, scenario: Scenario, step: Response | None = None) -> LawEvaluation:
-        """The same with runs; linear metrics that were computed are kept, and the step where it was run."""
+        """This evaluation in the runs of a scenario; linear metrics that were computed are kept, and a `step`."""
         same = replace(self, scenario=scenario)
         share_derived(self, same)
         if step is not None:
@@ -74,7 +74,7 @@ class LawEvaluation:
         return same
 
     def compute(self, *names: str) -> None:
-        """Compute these attributes now, where they would else be computed when they are first read."""
+        """Compute these attributes now, instead of when they are first read."""
         for name in names:
             getattr(self, name)
 
@@ -85,7 +85,7 @@ class LawEvaluation:
 
     @cached_property
     def quiet(self) -> LawEvaluation:
-        """The same with runs of the nominal robot without measurement noise: no seed has a part in them."""
+        """This evaluation with the nominal robot's runs free of measurement noise: they depend on no seed."""
         return self if self.setup.quiet else replace(self, setup=self.setup.without_noise)
 
     # Runs of the nominal robot ----------------------------------------------------------------------------
@@ -96,7 +96,7 @@ class LawEvaluation:
 
     @cached_property
     def unlimited_step(self) -> Response:
-        """The same without limits of the inputs: what the law demands. The same run where no limit was met."""
+        """The step without limits of the inputs: what the law demands; `step` itself if it reaches no limit."""
         limits, step = self.setup.limits.saturated, self.step
         if limits is None or (step.diverged_at is None and np.all(np.abs(step.inputs).max(axis=0) < limits)):
             return step
@@ -111,12 +111,12 @@ class LawEvaluation:
 
     @cached_property
     def load_response(self) -> LoadResponse:
-        """At the goal, with constant torques on all links."""
+        """Response at the goal to constant torques on all links."""
         return self.setup.load_response(self._runs.load, self._runs.load_duration, self._runs.sub_steps)
 
     @cached_property
     def ring_down(self) -> ImpulseRuns:
-        """At the goal, with an impulse on one joint after the other."""
+        """Impulse responses at the goal, one for each joint."""
         runs = self._runs
         sizes = impulse_sizes(self.setup, np.abs(self.step.inputs).max(axis=0))
         return impulse_runs(self.setup, sizes, runs.step_duration, runs.sub_steps)
@@ -124,7 +124,7 @@ class LawEvaluation:
     # Sampled robots -----------------------------------------------------------------------------------------
     @cached_property
     def step_samples(self) -> MonteCarlo | None:
-        """The step as deployed, on the sampled robots; None without any."""
+        """The steps of the sampled robots with the deployed controller; None without sampled robots."""
         runs, setup = self._runs, self.setup
         return sampled_runs(setup, runs.robots, runs.step_duration, runs.sub_steps) if runs.robots else None
 
@@ -136,12 +136,12 @@ class LawEvaluation:
 
     @cached_property
     def state_loop(self) -> EquilibriumLoop:
-        """The same with the true state fed back."""
+        """The loop about the goal with the true state fed back."""
         return self.setup.equilibrium_loop(estimated=False)
 
     @cached_property
     def margins(self) -> Margins:
-        """Of the running loop. Raises `FlexhinfError` if it has no equilibrium."""
+        """Margins of the running loop. Raises `FlexhinfError` if it has no equilibrium."""
         return margins(self.loop)
 
     @cached_property
@@ -155,12 +155,12 @@ class LawEvaluation:
 
     @cached_property
     def state_margins(self) -> Margins:
-        """With the true state fed back: what the law itself has."""
+        """Margins with the true state fed back: those of the law without its estimator."""
         return self.margins if self.loop.filter is None else margins(self.state_loop)
 
     @cached_property
     def frequency_response(self) -> FrequencyResponse:
-        """Of the running loop."""
+        """Frequency response of the running loop."""
         return frequency_response(self.loop)
 
     @cached_property
@@ -192,13 +192,13 @@ class LawEvaluation:
 
     @cached_property
     def open_modes(self) -> tuple[Mode, ...]:
-        """Of the robot without control, at the goal."""
+        """Modes of the uncontrolled robot at the goal."""
         a = self.setup.model.linearise(*self.setup.goal_equilibrium)[0]
         return modes_of(a, self.setup.joints, *self.energy)
 
     @cached_property
     def estimator_modes(self) -> tuple[Mode, ...]:
-        """Of the estimation error, with the filter's stationary gain; none without an estimator, or without noise.
+        """Modes of the estimation error, with the filter's stationary gain; none without estimator, or without noise.
 
         e(k + 1) = A (1 − L C) e(k) for the sampled A, with L from the stationary Riccati equation of R^v and R^n. With
         the nominal plant the linearised loop has these modes beside those of the law.
@@ -216,7 +216,7 @@ class LawEvaluation:
 
     @cached_property
     def running_modes(self) -> tuple[Mode, ...]:
-        """Of the running loop: sampled, with estimator and delay."""
+        """Modes of the running loop: sampled, with estimator and delay."""
         linear = self.loop.linear()
         return sampled_modes(*linear.running.modes(), linear.period, self.setup.joints, *self.energy)
 
@@ -239,7 +239,7 @@ class LawEvaluation:
     # All metrics ----------------------------------------------------------------------------------------------
     @cached_property
     def worst(self) -> Mapping[str, Worst]:
-        """Metrics that are the worst of all joints, with the joint, by the keys of `metrics`."""
+        """Worst value of all joints and its joint, for metrics that joints have, by the keys of `metrics`."""
         step, load, move = self.step, self.load_response.metrics, self.move.metrics
         return {
             "step_overshoot_percent": step.overshoot,
@@ -258,7 +258,7 @@ class LawEvaluation:
     def metrics(self) -> Mapping[str, float | None]:
         """All metrics by key, SI units.
 
-        None where there is none; infinite where a run diverged, a step did not settle, or a loop is unstable.
+        None where a metric is not defined; infinite where a run diverged, a step did not settle, or a loop is unstable.
         Keys: step_{peak_input, overshoot_percent, settling_s, remaining}, load_{deviation, recovery_s, remaining},
         move_{error, remaining, peak_input}, drawn_* (step and move on sampled robots), and those of `linear_metrics`.
         """

@@ -262,7 +262,7 @@ class LawFactory:
 
     @property
     def largest_degree(self) -> int:
-        """Of those that the design tried."""
+        """Largest degree of V that the design tried."""
         return max(choice.degree for choice in self.synthesis.choices)
 
     def degree(self, kind: LawKind) -> int:
@@ -307,7 +307,7 @@ class LawFactory:
 
 
 def weighted(problem: GeneralisedPlant, effort: float, integral: float, velocity: float) -> GeneralisedPlant:
-    """A problem with other weights: those that a linear-quadratic designer turns. Its penalty is the matrix ∂h/∂x.
+    """A problem with other weights: those that a linear-quadratic designer tunes. Its penalty is the matrix ∂h/∂x.
 
     `effort` and `integral` are factors of R2 and of the columns of h(x) that belong to integrals. `velocity`, s, adds a
     row for each joint, this times the weight of its link position times its link velocity; none up to `NO_VELOCITY`.

@@ -1,4 +1,4 @@
-"""The loop that a law runs in: estimator, controller, true plant, and the runs that every evaluation makes.
+"""The loop that a law runs in: estimator, controller, true plant, and the runs of every evaluation.
 
 R^v and R^n are the covariances of process and measurement noise per sample. No paper gives R^v and nobody can measure
 it, so it is a parameter of the design: its ratio to R^n decides how fast the estimator is, and with it the margins of
@@ -196,13 +196,13 @@ FRICTIONAL = ("ukf", "ekf")
 
 
 def share_derived(known: Any, same: Any) -> None:
-    """Give what one object has computed to another one, of which it holds too."""
+    """Copy the computed properties of one object to another one for which they are valid too."""
     vars(same).update({name: value for name, value in vars(known).items() if name not in vars(same)})
 
 
 @dataclass(frozen=True, eq=False)
 class LoopPlants:
-    """The plants of a loop, and what lies between them: all that there is before a law."""
+    """Plants, sensors, noise, limits and estimators of a loop: all of it except the control law."""
 
     robot: Robot
     specification: Specification  # sensors, estimator, period, delay, quantisation, limits, extras and noise
@@ -214,7 +214,7 @@ class LoopPlants:
 
     @cached_property
     def model(self) -> Plant:
-        """The nominal robot with the sensors: what the estimator assumes, but for dry friction."""
+        """The nominal robot with its sensors: the estimator's model, without dry friction."""
         return self.robot.plant(self.specification.measured)
 
     @property
@@ -249,7 +249,7 @@ class LoopPlants:
 
     @cached_property
     def smooth_plant(self) -> Plant:
-        """The true plant without the extras that are not smooth at standstill: what the linear loop has."""
+        """The true plant of the linear loop: without the extras that are not smooth at standstill."""
         s = self.specification
         smooth = tuple(name for name in s.extras if name in SMOOTH_EXTRAS)
         return self.true_plant if smooth == tuple(s.extras) else self.robot.plant(s.measured, extras=smooth)
@@ -261,7 +261,7 @@ class LoopPlants:
 
     @cached_property
     def limits(self) -> JointLimits:
-        """Of inputs, speeds and positions: the specification's, or the robot's own."""
+        """Limits of inputs, speeds and positions: the specification's, or the robot's own."""
         return joint_limits(self.robot, self.specification)
 
     @cached_property
@@ -377,7 +377,7 @@ class LoopSetup(LoopPlants):
         )  # fmt: skip
 
     def position_resolution(self, deviations: float = 1.0) -> float:
-        """So many standard deviations of a measured position, or one step of its sensor, rad or m: hardly seen."""
+        """Smallest visible change of position: so many deviations of its noise, or a step of its sensor, rad or m."""
         names = self.model.outputs
         steps = np.broadcast_to(0.0 if self.quantisation is None else self.quantisation, len(names)).tolist()
         positions = [step for name, step in zip(names, steps) if "position" in name]
@@ -439,12 +439,12 @@ class LoopSetup(LoopPlants):
     # Controllers of the runs, made once so that their kernels are shared --------------------------------
     @cached_property
     def bumpless_controller(self) -> Controller:
-        """As deployed: the input continues from what held the robot at the start."""
+        """The controller as deployed: its input continues from what held the robot at the start."""
         return self.controller(self.start)
 
     @cached_property
     def tracking_controller(self) -> Controller:
-        """In error coordinates, its integrals at zero: for a move."""
+        """The controller for a move: in error coordinates, its integrals at zero."""
         return self.controller(self.start, moving=True)
 
     @cached_property
@@ -478,7 +478,7 @@ class LoopSetup(LoopPlants):
         return self._run(loop, self.start, duration, values, seed, **options)
 
     def load_response(self, load: np.ndarray, duration: float, sub_steps: int | None = None) -> LoadResponse:
-        """In equilibrium at the goal, with constant torques (n,) on all links from `LOAD_START` of the run on."""
+        """Run from equilibrium at the goal, with constant torques (n,) on all links from `LOAD_START` of it on."""
         period = self.specification.period
         at = round(LOAD_START * duration / period) * period
         names = signal_names("link_torque", self.joints)
@@ -491,7 +491,7 @@ class LoopSetup(LoopPlants):
     def impulse_responses(
         self, impulses: np.ndarray, duration: float, sub_steps: int | None = None
     ) -> Iterator[Response]:
-        """In equilibrium at the goal, then an impulse (n,), N·m·s or N·s, on one link after the other: a jump of the
+        """Runs from equilibrium at the goal with an impulse (n,), N·m·s or N·s, on one link each: a jump of the
         velocities, of which law and estimator do not know. Without measurement noise where `quiet`."""
         x, u = self.equilibrium(self.goal)
         enter = self.true_plant.linearise(x, u)[2][:, : len(self.goal)]
@@ -567,7 +567,7 @@ class LoopSetup(LoopPlants):
         sub_steps: int,
         **options: Any,
     ) -> EnsembleResult:
-        """From a pose (n,), in equilibrium there, each with a seed of its own."""
+        """Runs of many robots from equilibrium at a pose (n,), each with a seed of its own."""
         loop, seed = self.loop(controller, None, sub_steps), 1 + self.specification.seed
         return loop.ensemble(noise=self.noise, duration=duration, **options).run(
             [self.true_plant.parameters.known(values) for values in robots],

@@ -167,7 +167,7 @@ def names(value: Any) -> tuple[str, ...]:
 
 
 def choice(value: Any) -> Any:
-    """A word in lower case."""
+    """A choice in lower case."""
     return value.strip().lower() if isinstance(value, str) else value
 
 
@@ -200,7 +200,7 @@ def _row(values: Any) -> tuple[float, ...]:
 class Unreadable(ValueError):
     """Text that is no number with one of some units.
 
-    `meant` is it with its unit in the letters of the SI; empty where that is no unit of these either, or not sure.
+    `meant`: the text with its unit spelled as in the SI; empty where that is none of the units, or is ambiguous.
     """
 
     def __init__(self, value: str, units: Sequence[Mapping[str, float]]) -> None:
@@ -234,7 +234,7 @@ def _texts(value: Any, depth: int = 2) -> list[str]:
 # Types of fields: how a value is read, its range, and the range in words ---------------------------
 @dataclasses.dataclass(frozen=True)
 class Allowed:
-    """What a value may be, in words."""
+    """Description of the values that are allowed, as `a number > 0`."""
 
     text: str
 
@@ -323,7 +323,7 @@ NO_LIMIT = "no limit"
 
 @dataclasses.dataclass(frozen=True)
 class About:
-    """What people read about a field."""
+    """Texts on a field for its users: help, example, unit and default."""
 
     group: str  # one of `GROUPS`; "" for an argument of the command line, which has no name there
     help: str
@@ -427,7 +427,7 @@ def declared(cls: Any) -> dict[str, FieldInfo]:
 
 
 def _allowed(annotation: Any) -> str:
-    """The first range in words that stands in a type."""
+    """Text of the first `Allowed` in a type."""
     for part in getattr(annotation, "__metadata__", ()):
         if isinstance(part, Allowed):
             return part.text

@@ -1,4 +1,4 @@
-"""From a robot and a specification to a judged design, and from there to a comparison of laws: one call per step."""
+"""The pipelines from a robot and a specification to a design, and to a comparison of laws: one call per step."""
 
 from __future__ import annotations
 
@@ -137,7 +137,7 @@ def _law_modes(evaluation: LawEvaluation, synthesis: Synthesis) -> tuple:
 
 
 def step_duration(linear: LawEvaluation, synthesis: Synthesis, modes: tuple = ()) -> float:
-    """Of the step, s: as stated, or by the slowest mode of the law, after the command."""
+    """Duration of the step, s: as stated, or by the slowest mode of the law, after the command."""
     stated = linear.setup.specification.duration
     if stated is not None:
         return stated
@@ -151,7 +151,7 @@ def _scenario(
     duration: float,
     samples: Sequence[tuple[int, int]],
 ) -> tuple[responses.Scenario, responses.Response]:
-    """What every law is run with, and the design's own step; its peak without noise sets the load."""
+    """The runs that all laws are compared in, and the design's own step; its peak without noise sets the load."""
     setup, s, robot = linear.setup, linear.setup.specification, linear.setup.robot
     step, scales = setup.step(duration), JointScales.of(setup.model, setup.goal_equilibrium)
     sub_steps, load, stated = step.run.settings["sub_steps"], s.load, stated_move(robot, s)
@@ -170,7 +170,7 @@ def _scenario(
 
 
 def _followed(linear: LawEvaluation, synthesis: Synthesis) -> np.ndarray:
-    """Bandwidth (n,) by which the move is planned: of the law fed the true state, finite."""
+    """Finite bandwidth (n,), rad/s, by which the move is planned: that of the law fed the true state."""
     own, target = np.asarray(linear.state_margins.bandwidth, dtype=float), synthesis.design_problem.target
     fallback = np.full(len(own), 1.0) if target is None else target.bandwidth
     return np.where(np.isfinite(own) & (own > 0.0), own, fallback)
@@ -207,7 +207,7 @@ def _requirements(
 def _law_requirements(
     evaluation: LawEvaluation,
 ) -> tuple[list[required.Requirement], list[required.Requirement], list[required.Requirement]]:
-    """What `design` and `compare` both require of a law: margins, the nominal step, corners and sampled robots."""
+    """Requirements on a law by `design` and `compare`: margins, the nominal step, corners and sampled robots."""
     setup, margins, robots = evaluation.setup, [], []
     s, limits = setup.specification, setup.limits
     unlimited = evaluation.unlimited_step if limits.limits_peak else None

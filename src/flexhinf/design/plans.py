@@ -1,4 +1,4 @@
-"""How commands get from one pose to another: the shaped step, the planned move, and the move that is stated."""
+"""Commands from one pose to another: the shaped step, the planned move, and the stated move."""
 
 from __future__ import annotations
 

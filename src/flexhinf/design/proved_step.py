@@ -75,7 +75,7 @@ class BoxProof:
 
     @property
     def inner_level(self) -> float:
-        """Of the law's own V: the largest whose level set lies in the proved region."""
+        """Largest level of the law's own V whose level set lies in the proved region."""
         assert self.certificate is not None
         if self.p is None:
             return self.certificate.level / self.scale
@@ -87,7 +87,7 @@ Law = TypeVar("Law", bound=BoxProof)
 
 
 def step_start(statement: Certificate, solution: HJISolution, step: float) -> Start:
-    """The path of starts of a step without a jump of the input, each robot its own where that has a form."""
+    """Starts of a step without a jump of the input: by a formula for each robot, otherwise from a table."""
     side = 1.0 if step < 0.0 else -1.0
     start = robot_start(statement, side) or tabled_start(solution, statement, abs(step), side)
     if start is None:
@@ -96,7 +96,7 @@ def step_start(statement: Certificate, solution: HJISolution, step: float) -> St
 
 
 def common_box(law: Law, ranges: Ranges) -> Law:
-    """The same with the smallest γ that a common quadratic V of a linear law has, and such a V."""
+    """The linear law with the smallest γ for which a common quadratic V exists, and with that V."""
     common = common_value(tolerance_statement(law.solution, law.problem, ranges, 1.0))
     if common is None:
         raise NotWithinTolerances("no quadratic V decreases at all corners of the tolerances")
@@ -104,7 +104,7 @@ def common_box(law: Law, ranges: Ranges) -> Law:
 
 
 def sampled_box(law: Law, ranges: Ranges) -> Law:
-    """The same with a γ that is worth a proof, and its storage function.
+    """The law with the γ that a proof is tried for, and its storage function.
 
     For a linear law the quadratic V of the smallest gain for all slopes of the plant's functions; otherwise, and where
     there is none, a multiple of the law's own V, with the smallest γ that no sample of the region refuses.
@@ -214,7 +214,7 @@ CONTRADICTIONS = {
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ProvedLaw(BoxProof):
-    """The law that was searched for, with its proof."""
+    """Result of a search for a law that can be proved, with the proof."""
 
     bandwidth: np.ndarray  # rad/s
     damping: float

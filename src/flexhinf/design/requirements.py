@@ -37,7 +37,7 @@ STEP_UNITS = {"overshoot_percent": "%", "settling_time_s": "s", "rise_time_s": "
 
 @dataclass(frozen=True, eq=False)
 class MonteCarlo:
-    """Figures of N runs, one row per robot."""
+    """Metrics of N runs, one row per robot."""
 
     values: tuple[Mapping[str, Any], ...]  # Parameters of each robot
     overshoot: np.ndarray  # (N,). Largest of all joints, per cent; infinite where the run diverged
@@ -135,7 +135,7 @@ def position_columns(commanded: Sequence[str], joints: Sequence[str]) -> tuple[i
 def step_reductions(
     start: np.ndarray, goal: np.ndarray, pairs: Sequence[tuple[int, int]] = ()
 ) -> list[Reduction]:
-    """What is said of the step of all joints while it runs.
+    """Reductions of a step of all joints, computed while it runs.
 
     Of each joint k that moves ``"k overshoot_percent"``, ``"k settling_time_s"`` and ``"k rise_time_s"``, (N,); of
     all joints ``late_error`` (in the last tenth of the run), ``effort`` and ``speed``, the largest ones, (N, n);
@@ -169,7 +169,7 @@ def _sizes_of(
 def _sizes(
     n: int, columns: Sequence[int] | None, pairs: Sequence[tuple[int, int]], kept: Any, now: Instant
 ) -> Any:
-    """The goal, or largest distances from the move; largest late errors, inputs and speeds (n each); an estimate's."""
+    """Update the goal, or largest errors of a move; largest late errors, inputs, speeds (n each), estimation error."""
     first, late, effort, speed = (kept[k * n : (k + 1) * n] for k in range(4))
     estimate = kept[-1]
     if columns is None:
@@ -223,7 +223,7 @@ class RunMetrics:
 
     @property
     def units(self) -> dict[str, str]:
-        """By name, empty where those of the joints differ; a fraction of a limit only where there is one."""
+        """Units by name, empty where those of the joints differ; a fraction of a limit only where there is one."""
         each = {name: units for name, (units, _) in self.joint_metrics.items()}
         each["estimation_error"] = self.limits.position_units
         common = {name: units[0] if len(set(units)) == 1 else "" for name, units in each.items()}
@@ -239,7 +239,7 @@ class RunMetrics:
         return {f"{kind}_{names[k]}": (kind, k) for kind, (_, joints) in several for k in joints}
 
     def metrics(self, states: Sequence[str], estimated: Sequence[str], commanded: Sequence[str]) -> Metrics:
-        """For a campaign whose true plant, estimate and command have these names."""
+        """Metrics for a campaign whose true plant, estimate and command have these names."""
         names = [name for name in signal_names("link_position", self.limits.joints) if name in estimated]
         pairs = tuple((tuple(estimated).index(name), tuple(states).index(name)) for name in names)
         columns = position_columns(commanded, self.limits.joints) if self.ends is None else ()
@@ -316,7 +316,7 @@ class Requirement:
         return self.unit if self.unit in ("", "°") else f" {self.unit}"
 
     def converted(self, degrees: bool) -> Requirement:
-        """The same for a reader: angles and speeds of links in degrees where these are shown, a bandwidth as it is."""
+        """The requirement with angles and speeds of links in `degrees` where the report has them; bandwidths stay."""
         if not degrees or not (self.unit == "rad" or (self.unit == "rad/s" and self.what == SPEED)):
             return self
         limit, found = math.degrees(self.limit), math.degrees(self.found)
@@ -450,7 +450,7 @@ def behaviour_requirements(
 
 
 def corner_requirement(corners: ToleranceCorners) -> Requirement:
-    """That no corner of the tolerances is unstable with the design's own estimator."""
+    """The requirement that no corner of the tolerances is unstable with the design's own estimator."""
     which = f"all {corners.count} corners" if corners.complete else f"{corners.count} sampled corners"
     where = f"{which} of the tolerances, running loop with this design's R^v"
     return REQUIREMENTS["corners"].judge(None, 0.0, corners.unstable, where)
@@ -551,7 +551,7 @@ STATED, PLANNED = "the stated move, nominal robot", "the planned move"
 
 
 def move_requirements(s: Specification, limits: JointLimits, move: Move) -> list[Requirement]:
-    """Lines of the specification about the move; of one that is planned and not stated, only exceeded limits."""
+    """Requirements on the move; for one that is planned and not stated, only the limits that it exceeds."""
     if s.move is None:
         return limit_requirements(limits, move.response, PLANNED, always=False)
     rows, lines = move.metrics, []
@@ -568,7 +568,7 @@ def move_requirements(s: Specification, limits: JointLimits, move: Move) -> list
 
 
 def tracking_limits(s: Specification, limits: JointLimits, travel: np.ndarray) -> np.ndarray:
-    """Largest tracking error (n,), rad or m: as stated, or `TRACKING_FRACTION` of each way (n,) of the move."""
+    """Largest tracking error (n,), rad or m: as stated, or `TRACKING_FRACTION` of each joint's `travel` (n,)."""
     if s.tracking_error is not None:
         return per_joint(limits.joints, "tracking_error", s.tracking_error)
     return TRACKING_FRACTION * _counted(limits, travel)
@@ -580,7 +580,7 @@ def final_limits(limits: JointLimits, travel: np.ndarray) -> np.ndarray:
 
 
 def _counted(limits: JointLimits, travel: np.ndarray) -> np.ndarray:
-    """Way (n,) of each joint along the move; at least `LEAST_WAY` of the largest of its kind."""
+    """Travel (n,) of each joint along the move; at least `LEAST_WAY` of the largest of its kind."""
     units = np.array(limits.position_units)
     largest = np.array([travel[units == unit].max() for unit in units])
     return np.maximum(travel, LEAST_WAY * np.where(largest > ROUNDING, largest, 0.1))

@@ -1,4 +1,4 @@
-"""Responses of a loop to a step, to a load torque and along a planned move, and what they use of the joints' limits.
+"""Responses of a loop to a step, to a load torque and along a planned move, and their use of the joints' limits.
 
 The scenario is fixed once, by the design's own law: laws that are compared see the same command, load, move, robots and
 seeds.
@@ -125,7 +125,7 @@ class Worst:
 def worst_of(rows: list[dict[str, Any]], key: str) -> Worst:
     """The largest value of `key` in rows of metrics; a value of None there is infinite, a missing one is not counted.
 
-    Infinite without any row, as of a run that diverged; zero where no joint has the figure.
+    Infinite without any row, as of a run that diverged; zero where no joint has the metric.
     """
     counted = [row for row in rows if key in row]
     if not counted:
@@ -216,7 +216,7 @@ class LoadResponse:
 
     @cached_property
     def metrics(self) -> list[dict[str, Any]]:
-        """Figures of each joint; an empty list where the run diverged.
+        """Metrics of each joint; an empty list where the run diverged.
 
         Keys: joint, load, peak_deviation, recovery_time_s (from the load's beginning to the last time outside 2 % of
         the reference step; None: not within the run), remaining_error (largest deviation in the last tenth).
@@ -266,12 +266,12 @@ class Move:
 
     @property
     def travel(self) -> np.ndarray:
-        """How far apart the extreme positions of each joint are on the plan (n,), rad or m."""
+        """Travel (n,) of each joint: distance of its extreme positions on the plan, rad or m."""
         return np.ptp(self.planned, axis=0)
 
     @cached_property
     def metrics(self) -> list[dict[str, Any]]:
-        """Figures of each joint; an empty list where the run diverged. Keys: joint, largest_error, rms_error,
+        """Metrics of each joint; an empty list where the run diverged. Keys: joint, largest_error, rms_error,
         peak_input, peak_speed, final_error (the largest in the last tenth of the run)."""
         if self.response.diverged_at is not None:
             return []
@@ -334,7 +334,7 @@ def _limited(name: str, doc: str) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class JointLimits:
-    """One number per joint, infinite where there is no limit."""
+    """Limits of inputs, speeds and positions, one number per joint; infinite where there is none."""
 
     joints: tuple[str, ...]
     peak: np.ndarray  # (n,). Largest absolute input that is required, V, or N·m (N)
@@ -380,12 +380,12 @@ class JointLimits:
         return use.value if use.limit == self.strongest else use.share * self.strongest
 
     def input_use(self, response: Response, limits: np.ndarray | None = None) -> LimitUse:
-        """Of the peak, or other limits (n,) of the inputs."""
+        """Use of the required peak input, or of other limits (n,) of the inputs."""
         limits = self.peak if limits is None else limits
         return self._use(response, np.abs(response.inputs), limits, self.effort_units)
 
     def speed_use(self, response: Response) -> LimitUse:
-        """Of the speed."""
+        """Use of the speed limits."""
         return self._use(response, np.abs(response.velocities), self.speed, self.speed_units)
 
     def beyond_range(self, response: Response) -> LimitUse:

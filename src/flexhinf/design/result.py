@@ -53,7 +53,7 @@ T = TypeVar("T")
 
 
 def forwarded(path: str, kind: type[T], doc: str) -> T:
-    """A property of this kind that is an attribute of a part, by its path."""
+    """A property that reads an attribute of a part by its path; `kind` is its type."""
     return cast("T", property(attrgetter(path), doc=doc))
 
 
@@ -108,7 +108,7 @@ def status_of(
 
 
 def _missed(line: Requirement, places: bool) -> str:
-    """Value and limit; also where, if it is judged in several places."""
+    """Text of the value and the limit; also where, if it is judged in several places."""
     sign, unit = "≤" if line.at_most else "≥", line.unit_text
     joint = f" in {line.joint}" if line.joint else ""
     joint += "" if line.at is None else f" at {line.at:.3g} s"
@@ -274,12 +274,12 @@ class ComparedLaw:
 
     @property
     def evaluation(self) -> LawEvaluation | None:
-        """None for a law that is not compared."""
+        """Evaluation of the law; None for a law that is not compared."""
         return None if self.tuned is None else self.tuned.evaluation
 
     @property
     def metrics(self) -> Mapping[str, float | None]:
-        """See `LawEvaluation.metrics`; empty without an evaluation."""
+        """Metrics of the law, see `LawEvaluation.metrics`; empty without an evaluation."""
         return {} if self.evaluation is None else self.evaluation.metrics
 
 
@@ -315,7 +315,7 @@ class Comparison(Summarised):
 
     @property
     def own(self) -> ComparedLaw:
-        """The design as it is, by whose figures the criterion divides."""
+        """The design as it is, whose metrics are the reference of the criterion."""
         return self.rows[0]
 
     @property
@@ -352,7 +352,7 @@ RESULT = "What came of it. This part is not read: changing it changes nothing."
 
 
 def design_text(design: Design, request: DesignRequest, folder: str | Path = ".") -> str:
-    """Text of the design file of a design: what was asked for, and what came of it.
+    """Text of the design file of a design: the request, and the result.
 
     `request`: where the robot came from and what it carries.
     `folder`: where the file is to stand: paths are seen from it.
@@ -370,7 +370,7 @@ def design_text(design: Design, request: DesignRequest, folder: str | Path = "."
 
 
 def result_table(design: Design) -> dict[str, Any]:
-    """What came of a design, for the table [result]; nothing in it is None."""
+    """Result of a design, for the table [result]; nothing in it is None."""
     problem, samples, loop = design.design_problem, design.evaluation.step_samples, design.evaluation.margins
     levels, states = design.setup.process_noise, problem.penalty.states
     weights = None if callable(states) else plain("penalty", states)

@@ -1,4 +1,4 @@
-"""The rigid design: the same specification for springs infinitely stiff, and what it does to the elastic robot."""
+"""The rigid design: the specification solved for infinitely stiff springs, and that law on the elastic robot."""
 
 from __future__ import annotations
 
@@ -92,7 +92,7 @@ class RigidLaw(ProblemLaw):
 
     @property
     def law_key(self) -> str:
-        """Side and monomials."""
+        """Key of the law: side and monomials."""
         return f"rigid {self.side} {self.solution.law_key}"
 
     def evaluate_law(self, x: Any, data: Any) -> Any:
@@ -101,7 +101,7 @@ class RigidLaw(ProblemLaw):
 
     @property
     def gain(self) -> np.ndarray:
-        """Its linear part (m, N) on the elastic robot's states, with integrals of the side that is fed back."""
+        """Linear part of the law (m, N) on the elastic robot's states, with integrals of the side that is fed back."""
         gain = np.zeros((len(self.solution.gain), len(self.state_names)))
         gain[:, self._places] = self.solution.gain
         return gain
@@ -157,7 +157,7 @@ class RigidLoop:
 
 @dataclass(frozen=True, eq=False)
 class RigidComparison:
-    """The rigid design."""
+    """The rigid design and its loops round the elastic robot."""
 
     gamma: float
     degree: int

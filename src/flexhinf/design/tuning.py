@@ -182,14 +182,14 @@ class Limit:
 
     @property
     def text(self) -> str:
-        """Such as ``peak sensitivity at most 2 (default)``."""
+        """Text of the limit, such as ``peak sensitivity at most 2 (default)``."""
         bound, unit = "at least" if self.least else "at most", f" {self.unit}" if self.unit else ""
         return f"{self.label} {bound} {self.value:.3g}{unit} ({self.origin})"
 
 
 @dataclass(frozen=True)
 class Criterion:
-    """What laws are tuned for."""
+    """The criterion that laws are tuned for, by the metrics of the design, and the limits that they keep."""
 
     mode: str  # one of `MODES`
     own: LawMetrics  # of the design's own law, by which deviation, settling time and errors are divided
@@ -200,17 +200,17 @@ class Criterion:
 
     @property
     def limits(self) -> tuple[Limit, ...]:
-        """All of them."""
+        """All limits: those of the linearised loop, and the shared one."""
         return (*self.linear, *self.shared)
 
     @property
     def text(self) -> str:
-        """The measure with the limits, before any result."""
+        """Text of the measure and of the limits."""
         return f"{self.measure.rstrip('.')}; with {'; '.join(limit.text for limit in self.limits)}."
 
     @property
     def measure(self) -> str:
-        """The measure that is made small, in words."""
+        """Text of the measure that is minimised."""
         below = f" A deviation or an error below {1e3 * self.resolution:.3g} mrad or mm, which a sensor does not show, "
         return (
             "Every law, nl-hinf among them, is tuned over all its parameters for the smallest geometric mean of four "
@@ -239,7 +239,7 @@ class Criterion:
         return cost if math.isfinite(cost) else math.inf
 
     def is_far(self, metrics: LawMetrics) -> bool:
-        """Whether what is known exceeds a limit by more than `FAR`: further runs would change nothing."""
+        """Whether the metrics so far exceed a limit by more than `FAR`: further runs would change nothing."""
         known = (x for x in self.limits if x.metric != "peak_input" or not math.isnan(metrics.peak_input))
         return any(limit.excess(metrics) > math.log(FAR) for limit in known)
 
@@ -371,7 +371,7 @@ class TunedLaw:
 
     @property
     def candidates(self) -> int:
-        """How many were tried."""
+        """Number of candidates that were tried."""
         return 0 if self.search is None else len(self.search.candidates)
 
     @property
@@ -384,7 +384,7 @@ class TunedLaw:
 
     @property
     def name(self) -> str:
-        """Of the law."""
+        """Name of the law."""
         return self.kind.name
 
     @property

@@ -42,7 +42,7 @@ class WaypointTable:
     rows: tuple[tuple[float, ...], ...]  # Positions at each time, rad or m
 
     def columns(self) -> dict[str, list[float]]:
-        """The same by name in SI units, as `waypoints` takes it: for a design file."""
+        """Columns of the table by name, in SI units, as `waypoints` takes them: for a design file."""
         return {"time": list(self.times), **dict(zip(self.joints, np.array(self.rows).T.tolist()))}
 
     def positions(self, joints: Sequence[str], slides: Sequence[bool]) -> np.ndarray:

@@ -10,7 +10,7 @@ on the linear part, one for each channel: what enters is balanced with what is s
 few times in the loop that came of it; a simplex search over one factor for each quantity (all stiffnesses share one)
 ends it. Where no γ does for the whole tolerances, the largest fraction of them is searched for and reported.
 
-What a tolerance does to a robot, as a disturbance: each uncertain parameter a channel (Shen & Tamura 1995).
+Tolerances as disturbances: each uncertain parameter becomes a channel (Shen & Tamura 1995).
 
 A parameter p in p0 ± δ changes the accelerations; seen as torques at links and motors the change is, on the linear
 part,
@@ -75,7 +75,7 @@ class Channel:
 
 
 def channels(robot: Robot, poses: Sequence[np.ndarray]) -> tuple[Channel, ...]:
-    """Of all uncertain parameters, each at that of the poses where it does most."""
+    """Channels of all uncertain parameters, each at the pose where it changes the robot most."""
     plant = robot.plant()
     channel_list: list[Channel] = []
     for parameter in robot.uncertain:
@@ -97,7 +97,7 @@ def channels(robot: Robot, poses: Sequence[np.ndarray]) -> tuple[Channel, ...]:
 
 
 def tolerance_channels(robot: Robot, poses: Sequence[np.ndarray]) -> tuple[Channel, ...]:
-    """The same. Raises `InvalidInput` if there are none."""
+    """The `channels` of a robot. Raises `InvalidInput` if there are none."""
     if channel_list := channels(robot, poses):
         return channel_list
     raise InvalidInput(
@@ -149,7 +149,7 @@ def acting_corners(robot: Robot, goal: np.ndarray, problem: GeneralisedPlant) ->
 def enlarge_tolerances(
     first: Design, design_at: Callable[[float], Design], failing: Callable[[Design], int]
 ) -> Design:
-    """The design with the least enlarged tolerances that no corner breaks; the first one where there is none.
+    """The first design with enlarged tolerances whose inequality holds at every corner; `first` if there is none.
 
     `first` is of the tolerances as they are; `design_at` makes the design of a factor of them, and may raise where the
     larger tolerances are out of reach; `failing` counts the corners that break the inequality of a design.

@@ -63,12 +63,12 @@ class Mode:
 
     @property
     def stable(self) -> bool:
-        """Whether it decays."""
+        """Whether the mode decays."""
         return self.damping > 0.0
 
     @property
     def name(self) -> str:
-        """In words."""
+        """Name of the mode."""
         if self.eigenvalue == 0.0:
             return "free motion"
         if self.vibration:
@@ -160,7 +160,7 @@ INTEGRAL_WEIGHT, VELOCITY_WEIGHT = 0.5, 0.5
 
 @dataclass(frozen=True, eq=False)
 class JointScales:
-    """What weights are scaled by, at a pose."""
+    """Stiffness, inertia, damping and motor constants at a pose, by which weights are scaled."""
 
     stiffness: np.ndarray  # (n,), K of each joint; infinite for a rigid one
     link_inertia: np.ndarray  # (n,), M, the diagonal of the links' inertia at the pose
@@ -172,7 +172,7 @@ class JointScales:
 
     @staticmethod
     def of(plant: Any, equilibrium: tuple[np.ndarray, np.ndarray]) -> JointScales:
-        """Of a robot's plant at equilibrium."""
+        """Scales of a robot's plant in equilibrium."""
         stiffness, inertia = stiffness_and_inertia(plant, equilibrium)
         layout = Layout.of(plant.states)
         n, elastic = layout.n, layout.elastic
@@ -233,7 +233,7 @@ class JointScales:
         }
 
     def rows(self, target_frequency: np.ndarray, damping: float | np.ndarray) -> np.ndarray:
-        """h(x) = C x of the same weights, for (q1, q̇1, q2, q̇2, ∫); without rows of zeros."""
+        """Matrix C of h(x) = C x with these weights, for (q1, q̇1, q2, q̇2, ∫); without rows of zeros."""
         n, e, w = self.layout.n, len(self.layout.elastic), self.weights(target_frequency, damping)
         ends = np.cumsum([0, n, n, e, e, n])
         own = [slice(*ends[k : k + 2]) for k in range(5)]
@@ -247,7 +247,7 @@ class JointScales:
         return rows[np.any(rows != 0.0, axis=1)]
 
     def penalty(self, target_frequency: np.ndarray, damping: float | np.ndarray) -> Penalty:
-        """The same as a penalty of the robot with R2 = 1."""
+        """Penalty of the robot with these weights and R2 = 1."""
         weights = self.weights(np.asarray(target_frequency, dtype=float), damping)
         named = {name: w.tolist() if len(w) > 1 else float(w[0]) for name, w in weights.items() if np.any(w)}
         return Penalty(named, 1.0)

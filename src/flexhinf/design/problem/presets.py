@@ -130,7 +130,7 @@ class ToleranceChannels:
         return RobustProblem(nominal, self.family.torques, self.tolerances)
 
     def scaled(self, fraction: float) -> Scalings:
-        """Scalings for a fraction of what is covered at most."""
+        """Scalings for a fraction of the largest tolerances that the channels can cover."""
         return replace(self.scalings, fraction=fraction * self.enlarged * self.scalings.fraction)
 
     def problem(
@@ -195,7 +195,7 @@ class ToleranceChannels:
 
 # From a specification to its problem --------------------------------------------------------------------
 def preset_of(robot: Robot, s: Specification) -> str:
-    """The preset that is meant. Raises `InvalidInput` if the specification contradicts itself."""
+    """The preset of a specification. Raises `InvalidInput` if the specification contradicts itself."""
 
     behaviour = [f"`{name}`" for name in ("bandwidth", "damping") if getattr(s, name) is not None]
     weights = [f"`{name}`" for name in ("penalty", "effort") if getattr(s, name) is not None]

@@ -73,7 +73,7 @@ class LinearFamily:
     def of(
         robot: Robot, goal: np.ndarray, members: int = MEMBERS, seed: int = 0, period: float = 0.0
     ) -> LinearFamily:
-        """Of a robot at link positions (n,), and at `members` corners of its tolerances, sampled with this seed."""
+        """Family of a robot at a pose (n,), and at `members` corners of its tolerances, sampled with this seed."""
         plant, equilibrium = robot.plant(), robot.operating_point(goal)
         joints, n = len(robot.joint_names), plant.n
         matrices = [plant.linearise(*equilibrium)]  # traced once, shared by all members
@@ -123,7 +123,7 @@ class Behaviour:
 
 
 def behaviour_of(family: LinearFamily, gain: np.ndarray) -> Behaviour:
-    """Of u = u* + K x, K (m, n)."""
+    """Behaviour of the loops with u = u* + K x, K (m, n)."""
     loops, joints = family.a + family.b @ gain, len(family.joints)
     modes = [modes_of(loop, family.joints, *family.energy) for loop in loops]
     if family.period:
@@ -147,7 +147,7 @@ def _damping(modes: Sequence[Mode]) -> float:
 
 
 def _bandwidths(loops: np.ndarray, joints: int) -> np.ndarray:
-    """Of each member and joint, (N, joints): where |q_j / command_j| first falls below 1/√2, from above zero."""
+    """Bandwidths, (N, joints): where |q_j / command_j| first falls below 1/√2, from above zero."""
     values, vectors = np.linalg.eig(loops)
     n = loops.shape[1]
     command = 0.0 - np.eye(n, joints, joints - n)
@@ -200,7 +200,7 @@ class LinearProblem:
     def of(
         family: LinearFamily, rows: np.ndarray, command: bool, torques: np.ndarray | None = None
     ) -> LinearProblem:
-        """With h(x) = C x, R2 = I, `rows` (s, n) = C; disturbed by the command through ė = q − d, and by the `torques`
+        """Problem with h(x) = C x, R2 = I, `rows` (s, n) = C; disturbances are the command, by ė = q − d, and `torques`
         (2 joints, k) at links and motors."""
         a, b2, joints = family.a[0], family.b[0], len(family.joints)
         parts = [0.0 - np.eye(len(a), joints, joints - len(a))] if command else []
@@ -208,7 +208,7 @@ class LinearProblem:
         return LinearProblem(a, np.hstack(parts), b2, rows, np.eye(b2.shape[1]))
 
     def linear_part(self) -> LinearPart:
-        """As the synthesis has it, the input in units of its price."""
+        """The problem in the form of the synthesis, its input scaled so that R2 = I."""
         priced = np.linalg.solve(np.linalg.cholesky(self.r2), self.b2.T).T
         return LinearPart(self.a, self.b1, priced, self.c, tuple(f"x{k + 1}" for k in range(len(self.a))))
 
@@ -224,7 +224,7 @@ class LinearProblem:
         return LinearDesign(-np.linalg.solve(self.r2, self.b2.T @ p), p, gamma_star)
 
     def design_at(self, ratio: float) -> LinearDesign:
-        """The same at `ratio` times the smallest level."""
+        """The gain at `ratio` times the smallest level."""
         star = self.gamma_star()
         return self.design(ratio * star, star)
 
@@ -364,7 +364,7 @@ class _Search:
         return None
 
     def fit_damped(self, damping_weight: float | np.ndarray) -> Candidate | None:
-        """The same, or None where not every oscillation is damped as required."""
+        """The candidate of `fit`, or None where not every oscillation is damped as required."""
         candidate = self.fit(damping_weight)
         return candidate if candidate and candidate.behaviour.damping >= self.target.damping else None
 

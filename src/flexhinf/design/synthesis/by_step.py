@@ -135,7 +135,7 @@ def solve_degrees(
 def with_region(
     choice: DegreeChoice, gamma: float, penalty: Any = None, rays: int = 500, seed: int = 0
 ) -> DegreeChoice:
-    """The same with the region of this inequality sampled, see `HJISolution.sampled_region`."""
+    """The degree with the region of this inequality sampled, see `HJISolution.sampled_region`."""
     start, solution = time.perf_counter(), choice.solution
     check = solution.sampled_region(gamma=gamma, penalty=penalty, rays=rays, seed=seed)
     if check is None:
@@ -305,7 +305,7 @@ SLOWEST = 0.4
 
 
 def problem_within_effort(task: Task, problem: DesignProblem, levels: EstimatorNoise | None) -> DesignProblem:
-    """The same problem, or with limits of inputs or speeds that its step exceeds, one of lower bandwidths.
+    """The problem, or one of lower bandwidths where its step exceeds limits of inputs or speeds.
 
     Default bandwidths are lowered until every joint keeps its limits. Those that the specification states are not:
     beyond a limit that it states too it is refused, beyond one of the robot the loop is judged as it is.
@@ -377,7 +377,7 @@ class _BandwidthSearch:
         self.held = np.array([u for _, u in points])
 
     def shares(self, peaks: np.ndarray) -> np.ndarray:
-        """Shares (2, n) of the limits; 0 where there is none."""
+        """Shares (2, n) of the limits that `peaks` use; 0 where there is no limit."""
         return np.where(np.isfinite(self.limits), peaks / self.limits, 0.0)
 
     def slower(self, bandwidth: np.ndarray, peaks: np.ndarray) -> tuple[DesignProblem | None, np.ndarray]:
@@ -409,7 +409,7 @@ class _BandwidthSearch:
     def confirmed(
         self, best: DesignProblem | None, fractions: np.ndarray, bandwidth: np.ndarray
     ) -> tuple[DesignProblem | None, np.ndarray]:
-        """The same, or a little slower until the step of all sampled robots keeps the limits."""
+        """Problem and fractions, made a little slower until the step of all sampled robots keeps the limits."""
         while best is not None and (self.shares(self.peaks(best)) > 1.0).any():
             best = None
             while best is None and fractions.min() > LEAST:

@@ -204,7 +204,7 @@ class _Search:
         self.equilibria: np.ndarray | None = None
 
     def run(self) -> NoiseSearch | None:
-        """The default levels, the families, then single levels, and what all candidates trade off."""
+        """Search: the default levels, the families, then single levels; with the trade-off of all candidates."""
         default = self.candidate(self.setup.stated_noise)
         begun = [(candidate, x) for x in self.families() if (candidate := self.at(x)) is not None]
         if not begun:
@@ -250,7 +250,7 @@ class _Search:
         return NoiseSearch(chosen, default, _trade_off(self.tried), len(self.tried), tuple(self.unavoidable))
 
     def counted(self, candidate: NoiseCandidate) -> NoiseCandidate:
-        """The candidate with what it misses beyond what is not counted."""
+        """The candidate with its avoidable excess over the limits: that beyond `unavoidable`."""
         left = {
             limit: excess - self.unavoidable.get(limit, 0.0) for limit, excess in candidate.missed.items()
         }

@@ -166,7 +166,7 @@ class _Steps(Task):
         return regions[place], tuple(regions), rays
 
     def along(self, synthesis: Synthesis, move: Plan) -> Synthesis:
-        """The same with the margins along a move, and with laws at poses on it where they do not hold with one."""
+        """The synthesis with margins along a move, and with laws at poses on it where one law does not keep them."""
         self.progress("margins along the move")
         problem, most = synthesis.design_problem, 1.0 + TOLERANCE
         damping = None if problem.target is None else required_damping(self.s, problem.target)
@@ -181,7 +181,7 @@ class _Steps(Task):
         return replace(synthesis, law=law, along=along)
 
     def robust_problem(self) -> tuple[DesignProblem, NoiseSearch | None, WholeLoopSearch]:
-        """The preset robust: from what the preset damped comes to, weights and noise levels for the tolerances."""
+        """The preset robust: weights and noise levels for the tolerances, searched from those of the preset damped."""
         tolerance_channels(self.robot, [self.goal, self.start])  # refuses a robot without tolerances
         plain = replace(self, s=replace(self.s, preset="damped", rays=0))
         damped, noise = plain.searched_problem()
@@ -244,7 +244,7 @@ class _Steps(Task):
     def law_at(
         self, problem: DesignProblem, degree: int, pose: Any, whole: WholeLoopSearch | None = None
     ) -> HJISolution:
-        """The same design at another pose.
+        """The law of this design at another pose.
 
         Preset, behaviour, γ/γ* and degree are the same at all poses; weights are found for each, of the preset robust
         with the same factors. Penalties that are stated are the same everywhere.

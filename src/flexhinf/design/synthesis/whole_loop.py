@@ -82,7 +82,7 @@ class LoopCandidate:
 
 @dataclass(frozen=True, eq=False)
 class WholeLoopSearch:
-    """The outcome, beside the preset `damped` that the search began with.
+    """Result of the search, and the preset `damped` that it began with.
 
     `frequency`, `damping`, `links` and `motors` are factors of ω, of ζ and of the noise levels, over those of `damped`.
     """
@@ -309,6 +309,6 @@ class _Search:
         return float(sum(np.log(ratio) for ratio in ratios if ratio > 1.0))
 
     def missed_in_steps(self, judged: LoopCandidate) -> float:
-        """The same of overshoot and joints' limits."""
+        """Excess of the overshoot over that with `damped`, at most 1, and ln of that over the joints' limits."""
         over = max(0.0, judged.overshoot - self.own.overshoot) / max(self.own.overshoot, 0.5)
         return min(over, 1.0) + max(0.0, float(np.log(max(judged.used, 1e-9) / max(1.0, self.own.used))))
