@@ -73,7 +73,7 @@ class GainRow:
 
 @dataclass(frozen=True)
 class GainResults:
-    """All gains of one design: no rows where nothing was searched; why no γ is proved, empty where one is."""
+    """Gains of one design: rows (none if nothing was searched), and why no γ is proved (empty if one is)."""
 
     rows: tuple[GainRow, ...] = ()
     unproved: str = ""

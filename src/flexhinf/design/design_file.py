@@ -1,7 +1,7 @@
 """Design files: a robot and the specification of its loop, as TOML; every command that takes a robot takes one.
 
 A file is a design file by its table [design]: ``robot``, for a URDF ``elastic``, ``payload`` instead of that of the
-robot's file, and fields of `Specification` by name. Paths are seen from the file's folder. The table [result] has
+robot's file, and fields of `Specification` by name. Paths are relative to the file's folder. The table [result] has
 the outcome and is not read ([found] in older files). Fields are read before the robot, so numbers remember their units
 (`flexhinf.design.options.Stated`) until it is known which joints slide.
 """

@@ -237,7 +237,7 @@ class LoopPlants:
         return self.robot.plant(s.measured, extras=s.extras)
 
     def mujoco_plant(self, at: np.ndarray) -> MuJoCoPlant:
-        """The same robot in MuJoCo, its step a tenth of a radian of the fastest mode's phase at a pose (n,), or less.
+        """The true plant in MuJoCo; its time step is at most 0.1 rad of the fastest mode's phase at a pose (n,).
 
         Raises `InvalidInput` if MuJoCo is not installed, or does not express the extras.
         """
@@ -266,7 +266,7 @@ class LoopPlants:
 
     @cached_property
     def quantisation(self) -> np.ndarray | None:
-        """Step of what is measured, (p,), or one number for the whole state that is fed back; None without any."""
+        """Quantisation steps (p,) of measured signals, or one number, as for a state fed back; None without any."""
         s = self.specification
         steps = sensor_steps(self.robot, s.measured, s.quantisation, s.estimator)
         return steps if steps.any() else None
@@ -349,7 +349,7 @@ class LoopSetup(LoopPlants):
 
     @cached_property
     def without_noise(self) -> LoopSetup:
-        """The same loop, `quiet`; what is derived is shared, since none of it depends on the simulated noise."""
+        """The loop without measurement noise, `quiet`; it shares the derived properties, which depend on no noise."""
         same = replace(self, quiet=True)
         share_derived(self, same)
         return same
@@ -449,14 +449,14 @@ class LoopSetup(LoopPlants):
 
     @cached_property
     def command(self) -> Plan | None:
-        """How the command of the step gets from start to goal; None where it jumps, or the law does not take one."""
+        """The command of the step from start to goal; None where it jumps, or the law does not take one."""
         if not has_integrals(self.law):
             return None
         return step_command(self.robot, self.specification, self.start, self.goal)
 
     @property
     def command_time(self) -> float:
-        """How long the command of the step takes, s; 0 for a jump."""
+        """Duration of the command of the step, s; 0 for a jump."""
         return 0.0 if self.command is None else self.command.duration
 
     # Runs -----------------------------------------------------------------------------------------------

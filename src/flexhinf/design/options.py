@@ -446,7 +446,7 @@ def with_parameters(cls: Any) -> str:
 
 @dataclasses.dataclass(frozen=True)
 class CampaignOptions:
-    """What a campaign adds to a design; every field but `tolerances` is an option of ``flexhinf campaign``."""
+    """Options that a campaign adds to a design; every field but `tolerances` is an option of ``flexhinf campaign``."""
 
     # fmt: off
     samples: Whole = option(1000, SAMPLED, "How many robots.", "1000")

@@ -259,8 +259,8 @@ def compare(
     specification : Specification
         Of the design that the others are compared with, and of the loop.
     laws : sequence of str, optional
-        Names, see `flexhinf.design.laws`; always among them are the design's own law as it is (``design``), by whose
-        figures the criterion divides, and the nonlinear H∞ law tuned for the criterion as the others are (``nl-hinf``).
+        Names, see `flexhinf.design.laws`; always among them are the design's own law as it is (``design``), the
+        reference of the criterion, and the nonlinear H∞ law tuned for the criterion as the others are (``nl-hinf``).
     tune : {"peak", "bandwidth", "none"}
         What the laws share with the design: a limit beside those of the specification.
     progress : callable, optional

@@ -59,12 +59,12 @@ class MonteCarlo:
 
     @property
     def diverged(self) -> int:
-        """How many runs diverged."""
+        """Number of runs that diverged."""
         return int(np.isinf(self.overshoot).sum())
 
     @property
     def unsettled(self) -> int:
-        """How many runs did not settle, those that diverged among them."""
+        """Number of runs that did not settle, those that diverged included."""
         return int(np.isinf(self.settling).sum())
 
     @property

@@ -354,8 +354,8 @@ RESULT = "What came of it. This part is not read: changing it changes nothing."
 def design_text(design: Design, request: DesignRequest, folder: str | Path = ".") -> str:
     """Text of the design file of a design: the request, and the result.
 
-    `request`: where the robot came from and what it carries.
-    `folder`: where the file is to stand: paths are seen from it.
+    `request`: where the robot came from, and its payload.
+    `folder`: of the file; its paths are relative to it.
 
     InvalidInput if the penalty is code.
     """

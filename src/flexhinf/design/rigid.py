@@ -118,7 +118,7 @@ class RigidLaw(ProblemLaw):
 
 
 def rigid_problem(problem: GeneralisedPlant) -> GeneralisedPlant | None:
-    """The same specification for the rigid robot at the same pose; None for a penalty of code, or with rigid joints.
+    """The problem for the rigid robot at the same pose; None for a penalty of code, or with rigid joints.
 
     Weights of link and motor fall on one state: their squares add. Weights of the springs' torque fall away.
     """

@@ -244,7 +244,7 @@ class Criterion:
         return any(limit.excess(metrics) > math.log(FAR) for limit in known)
 
     def judge(self, metrics: LawMetrics) -> Judgement:
-        """Cost, and by how much which limits are exceeded."""
+        """Judgement of metrics: the cost, and the excess over each limit."""
         beyond = {
             f"{limit.text}, found {value:.3g}": limit.excess(metrics)
             for limit in self.limits

@@ -20,7 +20,7 @@ part,
 with T taken between the ends of the interval, the robot at its own equilibrium at each of them. Split into rank-one
 parts, each is a torque t w' driven by a signal z_Δ = c x or z_Δ = e u that is seen through the unknown Δ: for the
 stiffness t = δ^½ (−1, 1), z_Δ = δ^½ (q1 − q2). Where the change bends, as with 1/R, a part is as long as towards the
-end where more changes, so that |Δ| ≤ 1 holds at both. What is constant, such as the weight that is carried, is left
+end where more changes, so that |Δ| ≤ 1 holds at both. Constant terms, such as the weight of a payload, are left
 to the integral.
 
 A channel covers its tolerance alone. At a corner of the tolerances products of them act, such as m·g·l and k_t/R, and a

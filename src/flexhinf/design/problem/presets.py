@@ -72,7 +72,7 @@ def command_of(s: Specification) -> str | None:
 
 @dataclass(frozen=True, eq=False)
 class Robustness:
-    """What the channels of the tolerances cover, and what they cost.
+    """Tolerances that the channels cover, and the cost in γ and gain.
 
     The inequality of the linear part is checked at corners of the tolerances, each at its own equilibrium. Where some
     of them break it, each tolerance alone is covered, and not all of them together.
@@ -226,7 +226,7 @@ def required_damping(s: Specification, target: TargetBehaviour | None = None) ->
 def choose(
     robot: Robot, goal: np.ndarray, start: np.ndarray, s: Specification, near: DesignProblem | None = None
 ) -> DesignProblem:
-    """The problem of a specification, from the weights `near` of the same robot and preset for another behaviour.
+    """The problem of a specification; a search begins at `near`, weights of this robot for another behaviour.
 
     A default damping that no weights reach yields to what they reach; the loop is judged by `required_damping`. Raises
     `InvalidInput` for a contradiction, or a behaviour that cannot be met: which limit binds, and the best found;
@@ -347,7 +347,7 @@ def _widened(
     held: float,
     near: SearchResult | None = None,
 ) -> tuple[SearchResult, LinearFamily]:
-    """A search, and again with the worst of many corners among the members of the family."""
+    """Search weights for a family, then for the family with the worst of many corners added; and that family."""
     start = None if near is None else near.chosen
     if len(family.a) == 1:
         return search(target, family, synthesis, held, near=start), family

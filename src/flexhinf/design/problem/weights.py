@@ -7,7 +7,7 @@ Weights for a behaviour: two nested searches over the linear part; every candida
 
 Inside, for a given damping weight ζ, each joint's target frequency ω is multiplied by the ratio of the required to the
 found bandwidth until all bandwidths fit. Outside, ζ grows from 0 by a constant factor until the oscillations are damped
-as required, and is then bisected to the smallest value that does. One ζ damps most vibrations more than is asked, the
+as required, and is then bisected to the smallest value that does. One ζ damps most vibrations more than required, the
 light links' above all, and the motors that do it amplify the estimator's noise; so at the end the ζ of each joint is
 lowered to what its own vibration needs. All members of the family count: the nominal robot and corners of its
 tolerances.
@@ -409,7 +409,7 @@ class _Search:
         raise refused
 
     def lowered(self, best: Candidate) -> Candidate:
-        """The ζ of each joint lowered to what its vibration needs, one after the other, the most damped one first.
+        """Lower the ζ of each joint to what its vibration needs, one after the other, the most damped one first.
 
         A ζ that other joints need is kept: every oscillation stays damped as required.
         """

@@ -1,4 +1,4 @@
-"""What the step of the running loop decides: the degree of V, and bandwidths that keep the limits of the joints.
+"""Choices by the step of the running loop: the degree of V, and bandwidths that keep the limits of the joints.
 
 All degrees of a problem have the same linear part, and so the same bandwidth, margins and noise at the motors. They
 differ in a step that is so long that the plant is another one at its start. So several degrees are solved, and the
@@ -241,7 +241,7 @@ def step_cost(
 
 
 class _Trial:
-    """The step with a degree, for `length` seconds; by default as stated, or by the slowest mode."""
+    """The step of the law of one degree, for `length` seconds; by default as stated, or by the slowest mode."""
 
     def __init__(
         self, setup: LoopSetup, problem: GeneralisedPlant, choice: DegreeChoice, length: float | None = None
@@ -431,7 +431,7 @@ class _BandwidthSearch:
     def peaks(self, problem: DesignProblem) -> np.ndarray:
         """Peaks of the nominal robot and of a few sampled ones.
 
-        What holds each of them at the goal counts too: a slow step may end before it is there.
+        Inputs that hold each of them at the goal count too: a slow step may end before it is there.
         """
         nominal, setup, response, length = self.nominal_step(problem)
         if response.diverged_at is not None or not self.sampled:
@@ -442,7 +442,7 @@ class _BandwidthSearch:
         return peaks
 
     def nominal_step(self, problem: DesignProblem) -> tuple[np.ndarray, LoopSetup, Response, float]:
-        """Peaks of the nominal robot, what holds all robots at the goal among them; loop, step and its length (s)."""
+        """Peaks of the nominal robot, with inputs that hold all robots at the goal; loop, step and its length (s)."""
         s = self.task.s
         degree = min(tried_degrees(len(problem.problem.state_names), s.degrees))
         setup = self.task.solved(problem.problem, problem.gamma, degree, self.levels, saturation=np.inf)

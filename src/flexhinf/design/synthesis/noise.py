@@ -55,7 +55,7 @@ NOISE_COUNTS, LIMITED_COUNTS = 0.25, 4.0
 
 @dataclass(frozen=True, eq=False)
 class NoiseCandidate:
-    """Levels that were tried, and the running loop with them."""
+    """Noise levels that were tried, and metrics of the running loop with them."""
 
     levels: EstimatorNoise
     peak_sensitivity: float
@@ -88,7 +88,7 @@ class NoiseCandidate:
 
 @dataclass(frozen=True, eq=False)
 class NoiseSearch:
-    """The chosen levels, and the trade-off round them."""
+    """The chosen noise levels, and the trade-off round them."""
 
     chosen: NoiseCandidate
     default: NoiseCandidate | None  # the default levels; None where the loop is unstable with them

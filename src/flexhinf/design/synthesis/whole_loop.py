@@ -218,7 +218,7 @@ class _Search:
         return second or self.own
 
     def cost(self, x: np.ndarray) -> float:
-        """ln of the factor of `damped` over the candidate's, and what it misses of the conditions."""
+        """ln of the factor of `damped` over the candidate's, and a penalty on missed conditions."""
         self.count += 1
         try:
             problem = self.channels.problem(*self.settings(x), 1e-4)
