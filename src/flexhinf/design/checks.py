@@ -356,14 +356,14 @@ class AlongMove:
     poses: np.ndarray  # (P, n). Link positions, rad or m
     laws: tuple[int, ...]  # Which law of a schedule acts at each pose; 0 is the goal's
     margins: tuple[Margins, ...]  # Of the running loop, linearised at each pose
-    least: MarginLimits  # What they are to be
+    limits: MarginLimits  # Of the margins
     count: int = 1  # How many laws there are
     added: int = 0  # How many of them were added because the margins did not hold
 
     @cached_property
     def shares(self) -> list[dict[str, float]]:
         """Share of each limit that is used at each pose."""
-        return [self.least.shares(at_pose) for at_pose in self.margins]
+        return [self.limits.shares(at_pose) for at_pose in self.margins]
 
     @property
     def share(self) -> float:
@@ -376,7 +376,7 @@ class AlongMove:
         return int(np.argmax([max(shares.values()) for shares in self.shares]))
 
 
-def margins_along(setup: LoopSetup, plan: Plan, least: MarginLimits) -> AlongMove:
+def margins_along(setup: LoopSetup, plan: Plan, limits: MarginLimits) -> AlongMove:
     """Margins of the running loop at poses that are evenly apart on the way of a move."""
     size, times = setup.equilibrium_loop().states, np.linspace(0.0, plan.duration, INSTANTS)
     count = next(count for most, count in POSES if size <= most)
@@ -398,13 +398,13 @@ def margins_along(setup: LoopSetup, plan: Plan, least: MarginLimits) -> AlongMov
         )
         for pose, k in zip(poses, places)
     )  # fmt: skip
-    return AlongMove(times, poses, places, at_poses, least, len(laws))
+    return AlongMove(times, poses, places, at_poses, limits, len(laws))
 
 
 def scheduled(
     setup: LoopSetup,
     plan: Plan,
-    least: MarginLimits,
+    limits: MarginLimits,
     another: Callable[[np.ndarray], Law] | None,
     most: int = MOST_LAWS,
 ) -> tuple[Law, AlongMove]:
@@ -412,7 +412,7 @@ def scheduled(
 
     `another` designs a law at a pose (n,); None adds none. A law that does not help is not added.
     """
-    law, along = setup.law, margins_along(setup, plan, least)
+    law, along = setup.law, margins_along(setup, plan, limits)
     laws = [law]
     while another is not None and along.share > 1.0 and len(laws) < most:
         try:
@@ -420,7 +420,7 @@ def scheduled(
             schedule = Schedule(laws)
         except FlexhinfError:  # no law there, or one at this pose already
             break
-        better = margins_along(replace(setup, law=schedule), plan, least)
+        better = margins_along(replace(setup, law=schedule), plan, limits)
         if not better.share < along.share:
             break
         law, along = schedule, replace(better, added=len(laws) - 1)
@@ -434,7 +434,7 @@ def along_requirements(s: Specification, along: AlongMove) -> list[Requirement]:
     limits = {
         "peak_sensitivity": s.peak_sensitivity_limit,
         "gain_margin": s.gain_margin_limit,
-        "damping": along.least.damping and along.least.damping * (1.0 + TOLERANCE),
+        "damping": along.limits.damping and along.limits.damping * (1.0 + TOLERANCE),
     }
     # the pose at which each is nearest to its limit, or furthest beyond it
     worst = {name: int(np.argmax([shares.get(name, 0.0) for shares in along.shares])) for name in limits}

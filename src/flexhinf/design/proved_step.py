@@ -202,7 +202,7 @@ LONGEST, HALVINGS = np.pi, 7
 LENGTH = 12.0
 
 #: Reasons that are shown where nothing is proved.
-SHOWN = 3
+REASONS = 3
 
 #: Fields that contradict the preset proved, and why.
 CONTRADICTIONS = {
@@ -346,7 +346,7 @@ def search_proved_step(
                 reasons.append(reason_of(error))
             else:
                 return replace(proved, candidates=len(candidates))
-    often = sorted(dict.fromkeys(reasons), key=lambda reason: -reasons.count(reason))[:SHOWN]
+    often = sorted(dict.fromkeys(reasons), key=lambda reason: -reasons.count(reason))[:REASONS]
     within = f"whose step stays within {effort_limit:g} and " if np.isfinite(effort_limit) else ""
     raise InvalidInput(
         "No step could be proved.",

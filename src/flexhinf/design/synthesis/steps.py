@@ -170,14 +170,14 @@ class _Steps(Task):
         self.progress("margins along the move")
         problem, most = synthesis.design_problem, 1.0 + TOLERANCE
         damping = None if problem.target is None else required_damping(self.s, problem.target)
-        least = MarginLimits(
+        limits = MarginLimits(
             most * self.s.peak_sensitivity_limit, self.s.gain_margin_limit / most, damping and damping / most
         )
 
         more = None
         if not (self.s.via or synthesis.proved):
             more = partial(self.law_at, problem, synthesis.solution.degree, whole=synthesis.robust)
-        law, along = scheduled(synthesis.setup(self.robot, self.s), move, least, more)
+        law, along = scheduled(synthesis.setup(self.robot, self.s), move, limits, more)
         return replace(synthesis, law=law, along=along)
 
     def robust_problem(self) -> tuple[DesignProblem, NoiseSearch | None, WholeLoopSearch]:

@@ -278,7 +278,7 @@ def margins_along(design: Design) -> Blocks:
         values = np.array([getattr(one, name) for one in along.margins], dtype=float)
         k, limit = (
             int((np.argmax if name == "peak_sensitivity" else np.argmin)(values)),
-            getattr(along.least, name),
+            getattr(along.limits, name),
         )
         rows.append(
             (quantity, float(values[k]), float(along.times[k]), pose_text(along.poses[k], slides, degrees))
