@@ -154,17 +154,17 @@ def _indices(function, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 #: Columns of a file that are held in memory at once: what one figure or table compares.
-HELD = 6
+CACHED = 6
 
 
 class StoredColumns(Mapping[str, np.ndarray]):
-    """Columns (N,) of a file by name, each read when it is used; the last `HELD` ones stay in memory."""
+    """Columns (N,) of a file by name, each read when it is used; the last `CACHED` ones stay in memory."""
 
     def __init__(self, path: Any) -> None:
         import pyarrow.parquet as pq
 
         self.names = tuple(pq.read_schema(path).names)
-        self._read = lru_cache(HELD)(lambda name: numpy_column(read_columns(path, [name]).column(name)))
+        self._read = lru_cache(CACHED)(lambda name: numpy_column(read_columns(path, [name]).column(name)))
 
     def __getitem__(self, name: str) -> np.ndarray:
         """A column; do not write into it."""

@@ -419,4 +419,4 @@ def joint_table(
 
 def note(text: str) -> Note:
     """A remark that the reader must not miss, options of the command line set as code."""
-    return Note(_OPTION.sub(lambda found: f"`{found[0].strip('`')}`", text))
+    return Note(_OPTION.sub(lambda match: f"`{match[0].strip('`')}`", text))

@@ -46,7 +46,7 @@ def design_files(
         Names of files that the caller writes into the same folder: the page lists them.
     """
     e, proof = design.evaluation, design.proof
-    runs = {**_picked(e, RUNS), **{f"ring-down-{k}": one for k, one in enumerate(e.ring_down.responses, 1)}}
+    runs = {**_picked(e, RUNS), **{f"ring-down-{k}": run for k, run in enumerate(e.ring_down.responses, 1)}}
     if design.mujoco is not None:
         runs["step-mujoco"] = design.mujoco
     saved = {f"runs/{name}.{ENDING}": response.run.save for name, response in runs.items()}
@@ -190,14 +190,14 @@ def design_numbers(design: Design) -> dict[str, Any]:
         "move": _picked(e.move, f"duration_s=plan.duration {DISTURBED_RUN}"),
         "payload": [
             {
-                "masses_kg": dict(one.masses),
-                "step": _picked(one.step, RUN),
-                "gripped": one.load_step and _picked(one.load_step, DISTURBED_RUN),
-                "margins": _margins(one.margins),
-                "weighed_kg": one.weighed and one.weighed.masses,
-                "hidden_by_friction_kg": one.weighed and one.weighed.hidden,
+                "masses_kg": dict(payload.masses),
+                "step": _picked(payload.step, RUN),
+                "gripped": payload.load_step and _picked(payload.load_step, DISTURBED_RUN),
+                "margins": _margins(payload.margins),
+                "weighed_kg": payload.weighed and payload.weighed.masses,
+                "hidden_by_friction_kg": payload.weighed and payload.weighed.hidden,
             }
-            for one in design.payloads
+            for payload in design.payloads
         ],
         "rest": rest
         and {
@@ -259,14 +259,12 @@ def _weights(design: Design) -> dict[str, Any]:
 def _estimator_noise(design: Design) -> dict[str, Any]:
     search, tried = design.noise_search, []
     if search is not None:
-        others = (one for one in search.trade_off if not is_used(search, one))
-        tried = sorted([*others, search.chosen], key=lambda one: one.input_noise)
+        others = (candidate for candidate in search.trade_off if not is_used(search, candidate))
+        tried = sorted([*others, search.chosen], key=lambda candidate: candidate.input_noise)
     return {
         **_picked(design.setup.process_noise, "all_states link_velocities motor_velocities source"),
         "count": 0 if search is None else search.count,
-        "tried": [
-            {**_picked(one, NOISE), "used": search is not None and is_used(search, one)} for one in tried
-        ],
+        "tried": [{**_picked(c, NOISE), "used": search is not None and is_used(search, c)} for c in tried],
     }
 
 
@@ -295,13 +293,13 @@ def comparison_numbers(comparison: Comparison) -> dict[str, Any]:
         "laws": [_law(row) for row in comparison.rows],
         "trade_off": [
             {
-                **_picked(one, "name peak_input=metrics.peak_input load_deviation=metrics.load_deviation"),
+                **_picked(law, "name peak_input=metrics.peak_input load_deviation=metrics.load_deviation"),
                 "curve": [
                     [point.peak_input, point.load_deviation]
-                    for point in pareto_front((*one.tried, one.metrics), criterion)
+                    for point in pareto_front((*law.tried, law.metrics), criterion)
                 ],
             }
-            for one in tuned
+            for law in tuned
         ],
     }
     return finite(numbers)

@@ -327,7 +327,7 @@ OURS = (
     "buys against a nonlinear LQR, is computed in docs/paper_studies.md at the default settings."
 )
 
-READING = (
+VERDICT_TEXT = (
     "Each claim has a criterion, fixed before the result, a verdict computed from it, and the numbers behind it "
     "under “Evidence”; another option may turn a verdict. Nothing here is proved: stable or unstable is by the "
     "growth rates of the linear loop, the rest by runs and searches."
@@ -336,32 +336,32 @@ READING = (
 
 def paper_files(reproduction: Reproduction) -> dict[str, str]:
     """index.html, metrics.json, and every figure of the paper."""
-    drawn = {number: draw(reproduction.setup) for number, (_, _, draw) in FIGURES.items()}
+    plots = {number: draw(reproduction.setup) for number, (_, _, draw) in FIGURES.items()}
     return {
-        "index.html": _page(reproduction, drawn).html(),
+        "index.html": _page(reproduction, plots).html(),
         "metrics.json": to_json(reproduction.metrics),
-        **{f"figure_{number}.svg": svg for number, svg in drawn.items()},
+        **{f"figure_{number}.svg": svg for number, svg in plots.items()},
     }
 
 
-def _page(reproduction: Reproduction, drawn: Mapping[str, str]) -> Page:
+def _page(reproduction: Reproduction, plots: Mapping[str, str]) -> Page:
     setup, claims = reproduction.setup, reproduction.claims
     counters = {"table": count(1), "figure": count(13)}  # in the order of the page; the paper has 12 figures
     figures: list[Figure | Table] = []
     for number, (title, caption, _) in FIGURES.items():
         text = caption if isinstance(caption, str) else caption(setup)
-        figures.append(Figure(f"figure-{number}", drawn[number], f"{title} {text}", f"Figure {int(number)}"))
+        figures.append(Figure(f"figure-{number}", plots[number], f"{title} {text}", f"Figure {int(number)}"))
         if number == "09":
             figures.append(_numbered(_worst_table(setup.sampled_plants), counters))
 
     def evidence(claims: Sequence[Claim]) -> list[Claim]:
         """What fails first; the claims with their tables and figures."""
-        found = []
+        numbered = []
         for claim in by_verdict(claims):
             figure = EVIDENCE_FIGURES.get(claim.id, lambda *_: None)(setup, claim.data)
             blocks: Any = (*claim.blocks, *([] if figure is None else [figure]))
-            found.append(replace(claim, blocks=[_numbered(block, counters) for block in blocks]))
-        return found
+            numbered.append(replace(claim, blocks=[_numbered(block, counters) for block in blocks]))
+        return numbered
 
     paper, ours = evidence(claims), evidence(reproduction.questions)
     gain = ", ".join(f"{k:.4g}" for k in setup.linear.law_data)
@@ -387,7 +387,7 @@ def _page(reproduction: Reproduction, drawn: Mapping[str, str]) -> Page:
         f"says. The law acts on {'the true state' if kind == 'none' else f'the estimate of the {kind.upper()}'}.",
         summary(claims),
         (
-            Section("Verdict per claim", (Paragraph(READING), Claims(claims)), "claims"),
+            Section("Verdict per claim", (Paragraph(VERDICT_TEXT), Claims(claims)), "claims"),
             Section("Figures 3–12", tuple(figures), "figures"),
             Section("Evidence, claim by claim", paper, "evidence"),
             Section("Our own question", (Paragraph(OURS), *ours), "ours"),

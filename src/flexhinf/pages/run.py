@@ -210,12 +210,12 @@ def write_film(prepared: DeployedRun, run: RealTimeRun, path: str | os.PathLike[
 def _write_mp4(name: str, pictures: Iterator[np.ndarray], rate: int) -> None:
     first = next(pictures)
     height, width, _ = first.shape
-    words = [
+    command = [
         str(_encoder()), "-y", "-loglevel", "error", "-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}",
         "-r", str(rate), "-i", "-", "-c:v", "libx264", "-crf", "18", "-pix_fmt", "yuv420p", "-movflags", "+faststart",
         "-f", "mp4", name,
     ]  # fmt: skip
-    with subprocess.Popen(words, stdin=subprocess.PIPE, stderr=subprocess.PIPE) as encoder:
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE) as encoder:
         pipe, messages = cast(IO[bytes], encoder.stdin), cast(IO[bytes], encoder.stderr)
         with suppress(BrokenPipeError):
             for frame in chain((first,), pictures):
@@ -227,8 +227,8 @@ def _write_mp4(name: str, pictures: Iterator[np.ndarray], rate: int) -> None:
 
 
 def _encoder() -> str | None:
-    if found := shutil.which("ffmpeg"):
-        return found
+    if path := shutil.which("ffmpeg"):
+        return path
     try:
         import imageio_ffmpeg
 

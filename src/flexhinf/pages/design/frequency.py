@@ -38,10 +38,10 @@ FORMS = {
 }  # fmt: skip
 
 #: Decibels below the largest value that are shown.
-SHOWN_DB = 90.0
+DEPTH_DB = 90.0
 
 #: Fraction of half the sampling frequency that a Bode diagram shows: the phase jumps at its end.
-SHOWN_BAND = 0.97
+BAND = 0.97
 
 #: How far a Nyquist diagram reaches to the left: the neighbourhood of −1 is what matters.
 NYQUIST = 3.0
@@ -49,7 +49,7 @@ NYQUIST = 3.0
 #: The horizontal axis of a panel.
 FREQUENCY: dict[str, Any] = {"across": "frequency (Hz)", "log": True}
 
-RUNNING = "The linearised sampled loop at the goal, with estimator and delay as it runs."
+LOOP_CAPTION = "The linearised sampled loop at the goal, with estimator and delay as it runs."
 
 
 # Margins ------------------------------------------------------------------------------------------------
@@ -215,7 +215,7 @@ def frequency_figures(loops: Sequence[Loop], joints: Sequence[str], load: str, p
 def _bode(loops: Sequence[Loop], joints: Sequence[str], load: str, position: str) -> Figure:
     lines, command, phase, torque = _lines(loops, joints), [], [], []
     for name, style, response, joint in lines:
-        below = response.frequencies <= SHOWN_BAND * np.pi / response.period
+        below = response.frequencies <= BAND * np.pi / response.period
         hertz = response.frequencies[below] / (2.0 * np.pi)
         followed = response.command[below, joint, joint]
         command.append(Line(hertz, _decibel(followed), name, style))
@@ -225,11 +225,11 @@ def _bode(loops: Sequence[Loop], joints: Sequence[str], load: str, position: str
     return draw_figure(
         "bode",
         (
-            Panel("command → link", "dB", command, (0.0, 20.0 * np.log10(np.sqrt(0.5))), depth=SHOWN_DB),
+            Panel("command → link", "dB", command, (0.0, 20.0 * np.log10(np.sqrt(0.5))), depth=DEPTH_DB),
             Panel("phase", "°", phase),
-            Panel(f"torque → link\n(dB of {position}/({load}))", "", torque, depth=SHOWN_DB, **FREQUENCY),
+            Panel(f"torque → link\n(dB of {position}/({load}))", "", torque, depth=DEPTH_DB, **FREQUENCY),
         ),
-        f"{RUNNING} Dotted: 0 dB, and −3 dB, where the bandwidth is read.{which}", "Bode diagram", 8.4,
+        f"{LOOP_CAPTION} Dotted: 0 dB, and −3 dB, where the bandwidth is read.{which}", "Bode diagram", 8.4,
     )  # fmt: skip
 
 
@@ -247,8 +247,8 @@ def _sensitivity(loops: Sequence[Loop]) -> Figure:
         "; T: an error of the model" if alone else "",
     )
     return draw_figure(
-        "sensitivity", [Panel(what, "dB", lines, (0.0,), depth=SHOWN_DB, **FREQUENCY)],
-        f"{RUNNING} S: how much the loop amplifies a disturbance at the motors{second}. Dotted: 0 dB.",
+        "sensitivity", [Panel(what, "dB", lines, (0.0,), depth=DEPTH_DB, **FREQUENCY)],
+        f"{LOOP_CAPTION} S: how much the loop amplifies a disturbance at the motors{second}. Dotted: 0 dB.",
         "Sensitivity", 3.6,
     )  # fmt: skip
 
@@ -274,7 +274,7 @@ def _nyquist(loops: Sequence[Loop], joints: Sequence[str]) -> Figure:
     )  # fmt: skip
     return draw_figure(
         "nyquist", [panel],
-        f"{RUNNING} Opened at one input, positive frequencies, negative feedback.{others}{closest}",
+        f"{LOOP_CAPTION} Opened at one input, positive frequencies, negative feedback.{others}{closest}",
         "Nyquist diagram", 4.6,
     )  # fmt: skip
 

@@ -53,7 +53,7 @@ SLOWEST = 1e-3
 MANY = 3
 
 #: A panel shows so many steps on either side of the goal: a loop that diverges would hide the others.
-SHOWN_STEPS = 2.5
+AXIS_STEPS = 2.5
 
 #: A gain below this fraction of the largest is rounding, and shown as 0.
 ROUNDING = 1e-13
@@ -336,7 +336,7 @@ def _rigid_figure(e: LawEvaluation, runs: Sequence[tuple[str, Response]]) -> Fig
             style = {"color": SERIES[order], "linewidth": 1.4, "zorder": 3.0 - 0.1 * order}
             lines.append(Line(time[few], signal(response)[few], name, style))
         # where our law stays: a rigid law that diverges would hide it
-        y = framed(lines[0].y, 0.75) if k else (-SHOWN_STEPS * step, SHOWN_STEPS * step)
+        y = framed(lines[0].y, 0.75) if k else (-AXIS_STEPS * step, AXIS_STEPS * step)
         panels.append(
             Panel(quantity, unit, lines, () if k else (0.0,), y=y, x=(0.0, float(e.step.run.time[-1])))
         )

@@ -347,10 +347,10 @@ def _budget(design: Design) -> Blocks:
         left = term.budget.left if np.isfinite(term.budget.left) else None
         within = ("yes" if term.budget.kept else "NO") if np.isfinite(term.budget.level) else None
         rows.append((BUDGET_PARTS[term.name], term.added, term.budget.total, left, within))
-    found = ""
+    lower_bound = ""
     if attained is not None:
         gain = f"{number(attained.gain)} found (lower bound), γ = {number(design.gamma)} designed"
-        found = f"√(∫|z|²/∫|d|²): {gain}\n"
+        lower_bound = f"√(∫|z|²/∫|d|²): {gain}\n"
     yield Table(
         (
             Column("part of the loop", brief="part"), Column("uses ½∫vᵀR2v", digits=3, brief="uses"),
@@ -358,7 +358,7 @@ def _budget(design: Design) -> Blocks:
             "within the budget",
         ),
         rows, "Parts are added one after the other", "table-budget", stacks=True,
-        title=f"{found}Dissipation budget of the step",
+        title=f"{lower_bound}Dissipation budget of the step",
     )  # fmt: skip
     if budget.complete:
         yield lambda: _budget_figure(terms[-1])

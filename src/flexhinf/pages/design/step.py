@@ -184,8 +184,8 @@ def input_panel(e: LawEvaluation, response: Response) -> tuple[Panel, str]:
             "limit of the motor" if source == ROBOT else "required: at most" if required else "saturation at"
         )
         name = f"{name} {limit_text(limits.effort)} {units.effort}"
-    drawn = {"limits": limits.effort, "limit_name": name} if name else {}
-    panel = joint_panel("input", units.effort, response.run.time, response.joints, response.inputs, **drawn)
+    lines = {"limits": limits.effort, "limit_name": name} if name else {}
+    panel = joint_panel("input", units.effort, response.run.time, response.joints, response.inputs, **lines)
     return panel, name
 
 

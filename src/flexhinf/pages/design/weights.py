@@ -205,13 +205,13 @@ def _robust_text(r: Robustness) -> str:
             f" the inequality of the linear part fails at {r.failing_corners} of {which} of the tolerances that act at "
             "the goal, so it holds for each tolerance alone, and not for all of them together."
         )
-    covered, beyond = "the whole of the stated tolerances", ""
+    tolerances, beyond = "the whole of the stated tolerances", ""
     if r.fraction < 1.0:
-        covered = f"{number(100.0 * r.fraction, 3)} % of them, as was best for the running loop"
+        tolerances = f"{number(100.0 * r.fraction, 3)} % of them, as was best for the running loop"
         beyond = ", and nothing follows from them for robots beyond that fraction"
     scalings = (f"{group.replace('_', ' ')} {range_text(ends)}" for group, ends in sorted(r.scalings.items()))
     return (
-        f"{r.channels} channels stand for the tolerances, and the problem has a solution for {covered}{beyond}. The "
+        f"{r.channels} channels stand for the tolerances, and the problem has a solution for {tolerances}{beyond}. The "
         "channels are linear in each tolerance: the level holds on the linear part, with the true state fed back, "
         "for robots that such channels describe. Products of tolerances change a robot by more than its channels:"
         f"{products} Scalings s of the channels, each "
@@ -308,8 +308,8 @@ def noise_levels(design: Design) -> Blocks:
 
 def _outcome(search: NoiseSearch, robust: bool) -> str:
     if robust:
-        found = "They were found together with the weights, for the tolerances: see there."
-        return f" {found} The curve is of the same law."
+        origin = "They were found together with the weights, for the tolerances: see there."
+        return f" {origin} The curve is of the same law."
     chosen, beyond = search.chosen, ""
     if search.unreachable:
         beyond = f" No levels reach the limit of the {' and the '.join(search.unreachable)}, which counts only in part."
@@ -367,11 +367,9 @@ def _noise_figure(design: Design, search: NoiseSearch) -> Figure:
         for joint, joint_name in enumerate(design.robot.joint_names):
             color = line_style(joint)["color"]
             groups = [(joint_name, search.trade_off, {"marker": "o", "markersize": 3.0})]
-            groups += [
-                (None, [one], {"marker": m, "markersize": size, "mfc": "none"}) for m, size, one in marks
-            ]
-            for legend_name, shown, style in groups:
-                points = np.array([(one.noises[joint], getattr(one, name)) for one in shown]).T
+            groups += [(None, [c], {"marker": m, "markersize": size, "mfc": "none"}) for m, size, c in marks]
+            for legend_name, candidates, style in groups:
+                points = np.array([(c.noises[joint], getattr(c, name)) for c in candidates]).T
                 lines.append(
                     Line(points[0], points[1], legend_name, {"color": color, "linestyle": "none", **style})
                 )
@@ -400,12 +398,12 @@ def _noise_table(design: Design, search: NoiseSearch) -> Table:
     others = [
         (search.trade_off[k], "")
         for k in np.unique(np.linspace(0, len(search.trade_off) - 1, ROWS).round().astype(int))
-        if not any(np.allclose(metrics(search.trade_off[k]), metrics(one), rtol=1e-3) for one, _ in apart)
+        if not any(np.allclose(metrics(search.trade_off[k]), metrics(c), rtol=1e-3) for c, _ in apart)
     ]
     rows = []
-    for one, note in sorted([*others, *apart], key=lambda each: each[0].input_noise):
-        missed = f"{'missed: ' if note and one.missed else ''}{', '.join(one.missed)}"
-        *finite_metrics, gain = metrics(one)
+    for candidate, note in sorted([*others, *apart], key=lambda each: each[0].input_noise):
+        missed = f"{'missed: ' if note and candidate.missed else ''}{', '.join(candidate.missed)}"
+        *finite_metrics, gain = metrics(candidate)
         rows.append((*finite_metrics, finite(gain), "; ".join(filter(None, (note, missed)))))
     return Table(
         (
