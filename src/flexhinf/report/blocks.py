@@ -50,7 +50,7 @@ def prose(text: str) -> str:
     """
     return _CODE.sub(
         r"<code>\1</code>",
-        _RAISED.sub(lambda found: f"R<sup>{found[1] or _LETTERS[found[2]]}</sup>", escape(text)),
+        _RAISED.sub(lambda match: f"R<sup>{match[1] or _LETTERS[match[2]]}</sup>", escape(text)),
     )
 
 
@@ -466,7 +466,7 @@ class Table(Block):
             else:
                 best = '<strong>{}</strong><br><span class="unit">best</span>'
                 texts = [(best if mark == "best" else "{}").format(prose(text)) for text, mark in line]
-                cells = [f"<td{one}{label}>{text}</td>" for one, label, text in zip(css, labels, texts)]
+                cells = [f"<td{kind}{label}>{text}</td>" for kind, label, text in zip(css, labels, texts)]
                 if grouped:
                     cells[0] = f'<th scope="row">{prose(line[0][0])}</th>'
             body.append(f"<tr>{''.join(cells)}</tr>")
@@ -533,9 +533,9 @@ class Settings(Block):
         count, parts = sum(map(len, self.groups.values())), ""
         for name, group in self.groups.items():
             rows = "".join(
-                f'<tr><th scope="row">{prose(one.name)}</th><td>{prose(scalar(one.value))}{unit_html(one.unit)}</td>'
-                f"<td>{prose(one.source)}</td></tr>"
-                for one in group
+                f'<tr><th scope="row">{prose(row.name)}</th><td>{prose(scalar(row.value))}{unit_html(row.unit)}</td>'
+                f"<td>{prose(row.source)}</td></tr>"
+                for row in group
             )
             parts += (
                 f'<div class="table"><table class="settings"><caption>{prose(name)}</caption><thead><tr>'
@@ -572,5 +572,5 @@ def versions(distribution: str = "flexhinf") -> dict[str, str]:
         requirement, _, marker = line.partition(";")
         if "extra" not in marker:
             names.append(re.split(r"[^A-Za-z0-9._-]", requirement.strip(), maxsplit=1)[0])
-    found = {name: metadata.version(name) for name in names}
-    return {**found, "Python": platform.python_version(), "on": f"{platform.system()} {platform.machine()}"}
+    known = {name: metadata.version(name) for name in names}
+    return {**known, "Python": platform.python_version(), "on": f"{platform.system()} {platform.machine()}"}

@@ -120,9 +120,9 @@ def _settings() -> dict[Any, Any]:
     with matplotlib.rc_context():
         matplotlib.rcdefaults()
         matplotlib.rcParams.update(_STYLE)  # pyright: ignore[reportArgumentType, reportCallIssue]
-        found = dict(matplotlib.rcParams.copy())
-    del found["backend"]  # stays the user's, as in `rc_context`
-    return found
+        settings = dict(matplotlib.rcParams.copy())
+    del settings["backend"]  # stays the user's, as in `rc_context`
+    return settings
 
 
 @house_style()

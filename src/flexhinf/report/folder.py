@@ -51,8 +51,8 @@ def unchanged(path: str | os.PathLike[str], names: Sequence[str]) -> bool:
     listed = (_marker(Path(path)) or {}).get("files")
     if not isinstance(listed, dict):
         return False
-    found = {name: _digest(Path(path) / name) for name in names}
-    return all(digest and listed.get(name) == digest for name, digest in found.items())
+    digests = {name: _digest(Path(path) / name) for name in names}
+    return all(digest and listed.get(name) == digest for name, digest in digests.items())
 
 
 def _digest(path: Path) -> str:
@@ -173,14 +173,14 @@ def _replace(target: Path, contents: Mapping[str, bytes]) -> None:
             for folder in reversed(PurePosixPath(name).parents[:-1]):
                 (fresh / folder).mkdir(exist_ok=True)  # never `fresh`: who deleted it would delete again
             (fresh / name).write_bytes(content)
-        found = {
+        sizes = {
             str(path.relative_to(fresh).as_posix()): path.stat().st_size
             for path in [path for path in fresh.rglob("*") if path.is_symlink() or not path.is_dir()]
         }
-        if found != {str(PurePosixPath(name)): len(content) for name, content in contents.items()}:
+        if sizes != {str(PurePosixPath(name)): len(content) for name, content in contents.items()}:
             raise InvalidInput(
                 "The report's folder was changed while it was written; nothing was published.",
-                f"expected {len(contents)} files, got {len(found)} in {fresh.name}",
+                f"expected {len(contents)} files, got {len(sizes)} in {fresh.name}",
                 "write again; and no other program that clears this folder",
             )
         _exchange(fresh, target)
@@ -230,7 +230,7 @@ def _refuse_strangers(folder: Path, target: Path) -> None:
         elif name in digests:
             digest = "" if path.is_symlink() else _digest(path)  # of a link the digest is no file's
             changed += [name] if digest != digests[name] else []
-    for found, what, hint in (
+    for paths, what, hint in (
         (strangers, "The report's folder holds files that are not of the report", "move them elsewhere"),
         (
             changed,
@@ -238,8 +238,8 @@ def _refuse_strangers(folder: Path, target: Path) -> None:
             "copy them elsewhere and delete the folder",
         ),
     ):
-        if found:
-            some = f"{', '.join(map(repr, found[:3]))}{' …' if len(found) > 3 else ''}"
+        if paths:
+            some = f"{', '.join(map(repr, paths[:3]))}{' …' if len(paths) > 3 else ''}"
             got, hint = f"got {some} in {target}", f"{hint}, or another folder for the report"
             raise InvalidInput(f"{what}; it is left alone.", got, hint)
 

@@ -131,12 +131,12 @@ def summary(claims: Sequence[Claim]) -> str:
     >>> summary([Claim("a", "A.", "holds", "1 < 2"), Claim("b", "B.", "fails", "2 > 1")])
     'Of 2 claims 1 holds, 1 fails.'
     """
-    words = {
+    verbs = {
         "holds": ("holds", "hold"), "fails": ("fails", "fail"), "ties": ("ties", "tie"),
         "not judged": ("is not judged", "are not judged"),
     }  # fmt: skip
     counts = Counter(claim.verdict for claim in claims)
-    parts = [f"{counts[kind]} {text[counts[kind] > 1]}" for kind, text in words.items() if counts[kind]]
+    parts = [f"{counts[kind]} {text[counts[kind] > 1]}" for kind, text in verbs.items() if counts[kind]]
     noun = "claim" if len(claims) == 1 else "claims"
     return f"Of {len(claims)} {noun} {', '.join(parts)}." if parts else "No claim was judged."
 
@@ -198,7 +198,7 @@ class Page:
     """
 
     title: str
-    asked: str
+    request: str
     verdict: str
     sections: Sequence[Section]
     settings: Settings
@@ -237,12 +237,12 @@ class Page:
         )
         contents = "".join(f'<li><a href="#{part.id}">{prose(part.title)}</a></li>' for part in sections)
         strip = ""
-        for one in self.numbers:
-            note = f'<dd class="small">{prose(one.note)}</dd>' if one.note else ""
-            value = f"{escape(scalar(one.value))}{unit_html(one.unit)}"
-            strip += f"<div><dt>{prose(one.label)}</dt><dd>{value}</dd>{note}</div>"
+        for number in self.numbers:
+            note = f'<dd class="small">{prose(number.note)}</dd>' if number.note else ""
+            value = f"{escape(scalar(number.value))}{unit_html(number.unit)}"
+            strip += f"<div><dt>{prose(number.label)}</dt><dd>{value}</dd>{note}</div>"
         strip = f'<dl class="numbers">{strip}</dl>\n' if strip else ""
-        status = "".join(f"<li>{badge(one.kind)} {prose(one.text)}</li>" for one in self.status)
+        status = "".join(f"<li>{badge(line.kind)} {prose(line.text)}</li>" for line in self.status)
         status = f'<ul class="status">{status}</ul>\n' if status else ""
         body = "\n".join(section.html() for section in sections)
         return (
@@ -250,7 +250,7 @@ class Page:
             '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
             '<meta name="color-scheme" content="light dark">\n<meta name="generator" content="flexhinf">\n'
             f"<title>{escape(self.title)}</title>\n<style>\n:root {{\n{light}}}\n{screen}{sheet}</style>\n</head>\n"
-            f'<body>\n<main>\n<header>\n<h1>{prose(self.title)}</h1>\n<p class="asked">{prose(self.asked)}</p>\n'
+            f'<body>\n<main>\n<header>\n<h1>{prose(self.title)}</h1>\n<p class="asked">{prose(self.request)}</p>\n'
             f'{status}<p class="verdict">{prose(self.verdict)}</p>\n{strip}</header>\n'
             f'<nav aria-label="Contents"><ol>{contents}</ol></nav>\n{body}\n</main>\n</body>\n</html>\n'
         )
