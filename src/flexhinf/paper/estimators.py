@@ -164,7 +164,7 @@ def run_trial(trial: Trial, inputs: np.ndarray, runs: int, seed: int) -> tuple[S
     ]
     plants = {"truth": parameters.replaced(dict(trial.changes)).vector(), "model": parameters.vector()}
 
-    def one(k: int) -> list[np.ndarray]:
+    def run_errors(k: int) -> list[np.ndarray]:
         normal = standard_normal(seed, steps + 1, n + p, sample=k)
         data = {
             **plants,
@@ -189,8 +189,8 @@ def run_trial(trial: Trial, inputs: np.ndarray, runs: int, seed: int) -> tuple[S
             summaries.append(np.concatenate([(errors**2).mean(0), errors.mean(0), [recorded[:, n].mean()]]))
         return summaries
 
-    found = np.array(in_two_threads(one, list(range(runs))))
-    ukf, ekf = (Scores(found[:, i, :n], found[:, i, n : 2 * n], found[:, i, -1]) for i in (0, 1))
+    scores = np.array(in_two_threads(run_errors, list(range(runs))))
+    ukf, ekf = (Scores(scores[:, i, :n], scores[:, i, n : 2 * n], scores[:, i, -1]) for i in (0, 1))
     return ukf, ekf
 
 
@@ -306,7 +306,7 @@ def _beats_ekf(setup: PaperSetup) -> Finding:
         return _outcome(*run_trial(trial, volts[:, None], runs, setup.settings.seed))
 
     own, others = ({trial: outcome(trial) for trial in trials} for trials in _trials(setup))
-    verdicts = {found.verdict for found in own.values()}
+    verdicts = {result.verdict for result in own.values()}
     verdict: bool | Verdict = "not judged" if verdicts == {"unknown"} else "ties"
     if "worse" in verdicts or verdicts == {"better"}:
         verdict = "worse" not in verdicts
@@ -343,8 +343,8 @@ def _closed_loops(setup: PaperSetup) -> str:
     count, gaps, law = affordable(LOOPS, setup.settings.period), [], setup.nonlinear
     for k in range(count):
         runs = [
-            setup.run(law, Step(math.pi), 8.0, estimator=one, seed=setup.seed(k))
-            for one in (setup.estimator(kind) for kind in ("ukf", "ekf"))
+            setup.run(law, Step(math.pi), 8.0, estimator=estimator, seed=setup.seed(k))
+            for estimator in (setup.estimator(kind) for kind in ("ukf", "ekf"))
         ]
         if all(run.diverged_at is None for run in runs):
             ukf, ekf = (run.signal("state", "link_position") for run in runs)

@@ -193,13 +193,13 @@ class PaperSetup:
         ensemble = loop.ensemble(
             Step(math.pi / 2), None, self.deviation(loop), LONG, kept=names, instants=kept
         )
-        found = ensemble.run([dict(population.values[k]) for k in plants], [self.seed(k) for k in plants])
+        batch = ensemble.run([dict(population.values[k]) for k in plants], [self.seed(k) for k in plants])
         runs = []
         for k in plants:
-            whole = ~np.isnan(found.kept[k]).any(axis=1)
-            diverged_at = None if found.completed[k] else float(found.diverged_at[k])
-            output, estimate = np.degrees(found.kept[k, whole].T)
-            metrics, changes = found.metrics_of(k), population.describe(k)
+            whole = ~np.isnan(batch.kept[k]).any(axis=1)
+            diverged_at = None if batch.completed[k] else float(batch.diverged_at[k])
+            output, estimate = np.degrees(batch.kept[k, whole].T)
+            metrics, changes = batch.metrics_of(k), population.describe(k)
             runs.append(ToleranceRun(metrics, diverged_at, period * kept[whole], output, estimate, changes))
         return runs
 

@@ -87,6 +87,6 @@ def reproduce(
         begin(f"claim: {claim.id.replace('-', ' ')}")
         judged.append(claim.judged(setup))
     claims, questions = (
-        tuple(one for one, claim in zip(judged, CLAIMS) if claim.ours == ours) for ours in (False, True)
+        tuple(result for result, claim in zip(judged, CLAIMS) if claim.ours == ours) for ours in (False, True)
     )
     return Reproduction(setup, figures, claims, questions, tuple(command))

@@ -109,8 +109,8 @@ class ToleranceStudy:
         true_state = {g: r[0] for g, r in growth_with(setup, law, estimated=False).items()}
         if setup.settings.estimator == "none":
             return ToleranceStudy(setup, true_state, true_state, dict.fromkeys(GOALS, ()))
-        found = growth_with(setup, law, (None, *swept_noises()))
-        chosen, swept = {g: r[0] for g, r in found.items()}, {g: r[1:] for g, r in found.items()}
+        rates = growth_with(setup, law, (None, *swept_noises()))
+        chosen, swept = {g: r[0] for g, r in rates.items()}, {g: r[1:] for g, r in rates.items()}
         return ToleranceStudy(setup, chosen, true_state, swept)
 
     @property
@@ -156,8 +156,8 @@ def _agreement(setup: PaperSetup, study: ToleranceStudy) -> tuple[int, int, floa
     for goal in GOALS:
         own = [(k, expected) for at, k, expected in jobs if at == goal]
         ensemble = loop.ensemble(Step(goal), None, None, LONG, kept=["state.link_velocity"], instants=times)
-        found = ensemble.run([setup.population.values[k] for k, _ in own]).kept[:, :, 0]
-        for (_, expected), velocity in zip(own, found, strict=True):
+        velocities = ensemble.run([setup.population.values[k] for k, _ in own]).kept[:, :, 0]
+        for (_, expected), velocity in zip(own, velocities, strict=True):
             measured = late = np.inf  # of a run that diverged
             if not np.isnan(velocity).any():
                 windows = (velocity[(part >= first) & (part <= last)] for first, last in (EARLY, LATE))
@@ -221,11 +221,11 @@ def _withstands_tolerances(setup: PaperSetup) -> Finding:
 def _tolerance_table(study: ToleranceStudy) -> Table:
     rows: list[tuple[Any, ...]] = []
     for goal in GOALS:
-        found = {"true state fed back": [study.true_state[goal]]}
+        groups = {"true state fed back": [study.true_state[goal]]}
         if study.estimated:
-            found[f"R^v = {number(study.setup.settings.process_noise)} I (settings)"] = [study.chosen[goal]]
-            found |= {f"q on {form}": study.of_form(form, goal) for form in FORMS}
-        for which, group in found.items():
+            groups[f"R^v = {number(study.setup.settings.process_noise)} I (settings)"] = [study.chosen[goal]]
+            groups |= {f"q on {form}": study.of_form(form, goal) for form in FORMS}
+        for which, group in groups.items():
             corners, alone = [unstable_of(rates, "corner") for rates in group], study.sufficient_alone(group)
             sampled = max(unstable_of(rates, "draw") for rates in group)
             fastest = known(max(rates.fastest for rates in group))
