@@ -18,7 +18,7 @@ from flexhinf.campaign.draws import (
     Sample,
     campaign_digest,
     fingerprint,
-    is_ours,
+    is_library_code,
     number_hash,
     option_text,
     sample_seed,
@@ -160,9 +160,9 @@ class Campaign:
             *(Column(name, "own", "s" if name.endswith("_s") else "") for name in OWN),
             *(Column(name, "parameter", units.get(name, "")) for name in self._first.row()),
             *(
-                Column(name, PART if name in one.parts else "metric", unit)
-                for one in self.metrics
-                for name, unit in one.units.items()
+                Column(name, PART if name in metric.parts else "metric", unit)
+                for metric in self.metrics
+                for name, unit in metric.units.items()
             ),
             *(Column(TRACE + name, "trace", plant.get(name, "")) for name in self.signals or ()),
         )
@@ -182,17 +182,17 @@ class Campaign:
         """Instants (T,) at which signals are kept, s."""
         return self.instants * self.loop.controller.period
 
-    def loop_of(self, drawn: Sample) -> Loop:
+    def loop_of(self, sample: Sample) -> Loop:
         """The loop of one sample: the campaign's sub-steps, so that all samples share a kernel."""
-        plant = self.loop.true_plant if drawn.plant is None else drawn.plant
-        if drawn.parameters:
+        plant = self.loop.true_plant if sample.plant is None else sample.plant
+        if sample.parameters:
             if not isinstance(plant, Plant):
                 raise InvalidInput(
                     "The true plant has no parameters that could be drawn.",
                     f"expected a Plant, got {type(plant).__name__}",
                     "a draw that returns Sample(plant=…), a plant of its own for each sample",
                 )
-            plant = plant.with_parameters(**drawn.parameters)
+            plant = plant.with_parameters(**sample.parameters)
         return self.loop.with_plant(plant)
 
     def _arguments(self, index: int, sample: Sample) -> dict[str, Any]:
@@ -227,20 +227,20 @@ class Campaign:
         for mode in modes:
             yield next(runs[mode])
 
-    def plants(self, indices: Sequence[int], drawn: Sequence[Sample]) -> dict[str, Any]:
+    def plants(self, indices: Sequence[int], samples: Sequence[Sample]) -> dict[str, Any]:
         """Arguments of `Ensemble.run` for samples of one mode: their plants, seeds, starts and loads."""
         states, controller = self.loop.true_plant.states, self.loop.controller
-        options = [{**self.options, **one.options} for one in drawn]
-        inputs = [one.options["initial_input"] for one in drawn if "initial_input" in one.options]
+        options = [{**self.options, **sample.options} for sample in samples]
+        inputs = [sample.options["initial_input"] for sample in samples if "initial_input" in sample.options]
         channels = self.loop.true_plant.disturbances
-        for name in {name for one in drawn for name in one.loads} - set(channels):
+        for name in {name for sample in samples for name in sample.loads} - set(channels):
             raise unknown_name(
                 f"There is no disturbance {name!r} that a load could be a factor of.", name, channels
             )
-        loads = [[one.loads.get(name, 1.0) for name in channels] for one in drawn]
-        loaded = self.options.get("disturbance") is not None or any(one.loads for one in drawn)
+        loads = [[sample.loads.get(name, 1.0) for name in channels] for sample in samples]
+        loaded = self.options.get("disturbance") is not None or any(sample.loads for sample in samples)
         return {
-            "parameters": [one.parameters for one in drawn],
+            "parameters": [sample.parameters for sample in samples],
             "seeds": [sample_seed(self.seed, index) for index in indices],
             "initial_states": np.array(
                 [starting_state(each.get("initial_state"), states, controller) for each in options]
@@ -267,9 +267,9 @@ class Campaign:
     @cached_property
     def ensemble(self) -> Ensemble | None:
         """All runs at once, of which only numbers are kept; None where a metric needs whole signals."""
-        if not isinstance(self.loop.true_plant, Plant) or any(one.reduced is None for one in self.metrics):
+        if not isinstance(self.loop.true_plant, Plant) or any(m.reduced is None for m in self.metrics):
             return None
-        reductions = [reduction for one in self.metrics for reduction in one.reductions]
+        reductions = [reduction for m in self.metrics for reduction in m.reductions]
         ensemble = self._ensemble(reductions=reductions, kept=self.signals or (), instants=self.instants)
         return replace(ensemble, common=(*ensemble.common, rest_reduction(ensemble)))
 
@@ -296,7 +296,7 @@ class Campaign:
         options = {name: option_text(value) for name, value in sorted(self.options.items())}
         # the first sample tells draws of the same code from each other
         numbers = ", ".join(f"{name} {value:.{DIGITS}g}" for name, value in self._first.row().items())
-        own = [one for one in self.metrics if one.function is not None and not is_ours(one.function)]
+        own = [m for m in self.metrics if m.function is not None and not is_library_code(m.function)]
         # controller, plant and the end of a short run distinguish two loops of the same description
         loop, controller = self.loop, self.loop.controller
         plant = loop.true_plant
@@ -309,8 +309,8 @@ class Campaign:
         return {
             "version": __version__, "samples": str(self.samples), "seed": str(self.seed), "batch": str(self.batch),
             **dict(self.about), **dict(self.draw.settings), **options, "first sample": numbers,
-            "metrics": ", ".join(name for one in self.metrics for name in one.units),
-            **{f"metric {', '.join(one.units)}": fingerprint(one.function) for one in own},
+            "metrics": ", ".join(name for m in self.metrics for name in m.units),
+            **{f"metric {', '.join(m.units)}": fingerprint(m.function) for m in own},
             "signals": ", ".join(self.signals or ()),
             "period": repr(controller.period), "measured": ", ".join(controller.measured),
             "controller": number_hash(controller.data_vector), "sub-steps": str(loop.sub_steps),
@@ -370,7 +370,7 @@ def run_samples(campaign: Campaign, indices: range) -> Rows:
     return rows_of(campaign, indices, campaign.draw.samples(indices, campaign.samples, campaign.seed))
 
 
-def rows_of(campaign: Campaign, indices: Sequence[int], drawn: Sequence[Sample]) -> Rows:
+def rows_of(campaign: Campaign, indices: Sequence[int], samples: Sequence[Sample]) -> Rows:
     """The rows of samples that need not be drawn, each with the noise of the sample of its index in the campaign."""
     columns, count, names = dict[str, np.ndarray](), len(indices), set(campaign.named("parameter"))
     for column in campaign.columns:
@@ -382,8 +382,8 @@ def rows_of(campaign: Campaign, indices: Sequence[int], drawn: Sequence[Sample])
         sample_seeds(campaign.seed, indices),
     )
     columns |= {name: np.full(count, "", dtype=object) for name in ("status", "failure")}
-    for place, (index, one) in enumerate(zip(indices, drawn)):
-        row = one.row()
+    for place, (index, sample) in enumerate(zip(indices, samples)):
+        row = sample.row()
         if set(row) != names:
             raise InvalidInput(
                 f"Sample {index} has other numbers than the first one.",
@@ -392,16 +392,16 @@ def rows_of(campaign: Campaign, indices: Sequence[int], drawn: Sequence[Sample])
             )
         for name, value in row.items():
             columns[name][place] = value
-        if one.failure:
-            columns["status"][place], columns["failure"][place] = NOT_RUN, one.failure
-    modes = campaign.modes(drawn)
+        if sample.failure:
+            columns["status"][place], columns["failure"][place] = NOT_RUN, sample.failure
+    modes = campaign.modes(samples)
     alone, place = modes.pop(ALONE, []), 0
     try:
         for some in modes.values():
             assert campaign.ensemble is not None
-            plants = campaign.plants([indices[k] for k in some], [drawn[k] for k in some])
+            plants = campaign.plants([indices[k] for k in some], [samples[k] for k in some])
             _fill_reduced(campaign, columns, np.array(some), campaign.ensemble.run(**plants))
-        runs = campaign.trajectories([indices[k] for k in alone], [drawn[k] for k in alone])
+        runs = campaign.trajectories([indices[k] for k in alone], [samples[k] for k in alone])
         for place in alone:
             _fill_run(campaign, columns, place, next(runs))
     except FlexhinfError as error:

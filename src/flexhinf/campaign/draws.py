@@ -38,7 +38,7 @@ from flexhinf.validation import checked_text, distinct, is_real, unknown_name, v
 DIGITS, READ_DIGITS = 6, 12
 
 
-def is_ours(function: Any) -> bool:
+def is_library_code(function: Any) -> bool:
     """Whether the version of flexhinf says which code a function is."""
     return _package(_base(function)) == "flexhinf"
 
@@ -70,8 +70,8 @@ def option_text(value: Any) -> str:
         case Mapping():
             return ", ".join(f"{name}: {option_text(part)}" for name, part in value.items())
         case np.ndarray():
-            return ", ".join(repr(one) for one in value.ravel().tolist())
-        case types.FunctionType() | types.MethodType() | functools.partial() if not is_ours(value):
+            return ", ".join(repr(entry) for entry in value.ravel().tolist())
+        case types.FunctionType() | types.MethodType() | functools.partial() if not is_library_code(value):
             return fingerprint(value)
     text = str(getattr(value, "name", "") or getattr(value, "__qualname__", None) or repr(value))
     return str(type(value).__qualname__) if " at 0x" in text else text
@@ -120,17 +120,17 @@ class _Reader:
             case set() | frozenset():
                 return f"set {sorted(map(self.text, value))}"
             case np.ndarray():
-                return f"array {value.shape} {[self.text(one) for one in value.ravel().tolist()]}"
+                return f"array {value.shape} {[self.text(part) for part in value.ravel().tolist()]}"
             case list() | tuple():
-                return f"{type(value).__name__} {[self.text(one) for one in value]}"
+                return f"{type(value).__name__} {[self.text(part) for part in value]}"
             case Mapping():
-                return f"map {[(self.text(key), self.text(one)) for key, one in value.items()]}"
+                return f"map {[(self.text(key), self.text(part)) for key, part in value.items()]}"
             case types.ModuleType():
                 return f"module {value.__name__}"
             case types.MethodType():
                 return f"method {self.text(value.__func__)} of {self.text(value.__self__)}"
             case functools.partial():
-                return f"partial {[self.text(one) for one in (value.func, value.args, value.keywords)]}"
+                return f"partial {[self.text(part) for part in (value.func, value.args, value.keywords)]}"
             case types.CodeType():
                 return self._compiled(value)
             case types.BuiltinFunctionType():
@@ -145,21 +145,21 @@ class _Reader:
             return f"code {_name(value)}"
         if isinstance(value, type):
             own = {
-                name: getattr(one, "__func__", getattr(one, "fget", getattr(one, "func", one)))
-                for name, one in vars(value).items()
-                if not (name.startswith("__") and name.endswith("__")) or isinstance(one, types.FunctionType)
+                name: getattr(item, "__func__", getattr(item, "fget", getattr(item, "func", item)))
+                for name, item in vars(value).items()
+                if not (name.startswith("__") and name.endswith("__")) or isinstance(item, types.FunctionType)
             }
-            return f"class {_name(value)} {[self.text(one) for one in (value.__bases__, own)]}"
+            return f"class {_name(value)} {[self.text(part) for part in (value.__bases__, own)]}"
         code, known = value.__code__, value.__globals__
         cells = [cell.cell_contents for cell in value.__closure__ or () if cell != types.CellType()]
         read = {name: known[name] for name in _globals(code) if name in known}
         parts = value.__defaults__, value.__kwdefaults__, cells, read
-        return f"function {self._compiled(code, value.__doc__)} {[self.text(one) for one in parts]}"
+        return f"function {self._compiled(code, value.__doc__)} {[self.text(part) for part in parts]}"
 
     def _compiled(self, code: types.CodeType, docstring: str | None = None) -> str:
-        constants = [None if docstring and one == docstring else one for one in code.co_consts]
+        constants = [None if docstring and constant == docstring else constant for constant in code.co_consts]
         names = code.co_names, code.co_varnames, code.co_freevars, code.co_cellvars
-        return f"{code.co_code.hex()} {names} {[self.text(one) for one in constants]}"
+        return f"{code.co_code.hex()} {names} {[self.text(constant) for constant in constants]}"
 
     def _instance(self, value: Any) -> str:
         """Of an object: its class, and what it holds but not what it has only computed of that.
@@ -167,23 +167,23 @@ class _Reader:
         Objects of other packages may hold anything, addresses and rounding among it: they go by their class.
         """
         kind = type(value)
-        held: dict[str, Any] = {}
+        content: dict[str, Any] = {}
         if _package(kind) == self.package != "flexhinf":
-            parts = [part for one in kind.__mro__ for part in vars(one).items()]
+            parts = [part for base in kind.__mro__ for part in vars(base).items()]
             cached = {name for name, part in parts if isinstance(part, functools.cached_property)}
             fields = (
-                [one.name for one in dataclasses.fields(value)] if dataclasses.is_dataclass(value) else []
+                [entry.name for entry in dataclasses.fields(value)] if dataclasses.is_dataclass(value) else []
             )
             names = fields or [name for name in getattr(value, "__dict__", {}) if name not in cached]
-            held = {name: getattr(value, name, None) for name in names}
-        return f"{self.text(kind)} {self.text(held)}"
+            content = {name: getattr(value, name, None) for name in names}
+        return f"{self.text(kind)} {self.text(content)}"
 
 
 def _globals(code: types.CodeType) -> list[str]:
-    names = {one.argval for one in dis.get_instructions(code) if one.opname in ("LOAD_GLOBAL", "LOAD_NAME")}
-    for one in code.co_consts:
-        if isinstance(one, types.CodeType):
-            names |= set(_globals(one))
+    names = {op.argval for op in dis.get_instructions(code) if op.opname in ("LOAD_GLOBAL", "LOAD_NAME")}
+    for constant in code.co_consts:
+        if isinstance(constant, types.CodeType):
+            names |= set(_globals(constant))
     return sorted(names)
 
 
@@ -343,7 +343,7 @@ class FunctionDraw(Draw):
 
     def samples(self, indices: Sequence[int], count: int, seed: int) -> list[Sample]:
         """Each from a generator of its own (Philox 4×64, the number of the sample in its counter)."""
-        drawn = []
+        samples = []
         for k in indices:
             bits = np.random.Philox(key=[seed, _FUNCTIONS], counter=[0, 0, 0, k])
             value = self.function(np.random.Generator(bits))
@@ -353,8 +353,8 @@ class FunctionDraw(Draw):
                     f"expected a mapping by name or a Sample, got {value_text(value)}",
                     "{'stiffness': rng.uniform(0.9, 1.1)}",
                 )
-            drawn.append(value if isinstance(value, Sample) else Sample(value))
-        return drawn
+            samples.append(value if isinstance(value, Sample) else Sample(value))
+        return samples
 
     @property
     def settings(self) -> Mapping[str, str]:
@@ -389,13 +389,13 @@ class Tolerances(Draw):
 
     def samples(self, indices: Sequence[int], count: int, seed: int) -> list[Sample]:
         """Each variable's quantiles of the points that belong to these numbers."""
-        drawn = self.numbers(indices, count, seed)
-        return [self.built(dict(zip(drawn, map(float, row), strict=True))) for row in zip(*drawn.values())]
+        values = self.numbers(indices, count, seed)
+        return [self.built(dict(zip(values, map(float, row), strict=True))) for row in zip(*values.values())]
 
     def numbers(self, indices: Sequence[int], count: int, seed: int) -> dict[str, np.ndarray]:
         """The numbers (N,) of these samples by variable."""
         points = _points(self.method, np.asarray(indices, dtype=np.int64), len(self.variables), count, seed)
-        return {one.name: one.values(points[:, k]) for k, one in enumerate(self.variables)}
+        return {variable.name: variable.values(points[:, k]) for k, variable in enumerate(self.variables)}
 
     @staticmethod
     def stated(settings: Mapping[str, str], names: Sequence[str]) -> Tolerances | None:
@@ -404,7 +404,7 @@ class Tolerances(Draw):
         None where a function of a user makes the rows, which settings do not hold; InvalidInput for a wrong statement.
         """
         variables = [Variable.read(name, settings.get(f"variable {name}", "")) for name in names]
-        known = [one for one in variables if one is not None]
+        known = [variable for variable in variables if variable is not None]
         if not known or len(known) < len(names) or "build" in settings or "method" not in settings:
             return None
         return Tolerances(known, settings["method"])
@@ -426,7 +426,7 @@ class Tolerances(Draw):
     @property
     def settings(self) -> Mapping[str, str]:
         """The method, every variable, and the fingerprint of a user's `build`."""
-        own = {} if self.build is None or is_ours(self.build) else {"build": fingerprint(self.build)}
+        own = {} if self.build is None or is_library_code(self.build) else {"build": fingerprint(self.build)}
         return {"method": self.method, **{f"variable {v.name}": v.text() for v in self.variables}, **own}
 
 
@@ -443,15 +443,15 @@ def sample_seed(seed: int, index: int) -> int:
 
 def sample_seeds(seed: int, indices: Sequence[int]) -> np.ndarray:
     """Those of several samples, (N,) of 64 bits."""
-    words = philox((0, 0, np.asarray(indices, dtype=np.int64), _SEEDS), seed_key(seed))
-    return words[0] << np.uint64(32) | words[1]
+    bits = philox((0, 0, np.asarray(indices, dtype=np.int64), _SEEDS), seed_key(seed))
+    return bits[0] << np.uint64(32) | bits[1]
 
 
 def _points(method: str, indices: np.ndarray, dimensions: int, count: int, seed: int) -> np.ndarray:
     """Points (N, dimensions) inside the open unit cube."""
     if method == "random":
-        words = philox((indices[:, None], np.arange(dimensions)[None, :], 0, _NUMBERS), seed_key(seed))
-        bits = (words[0] << np.uint64(21)) ^ (words[1] >> np.uint64(11))
+        random = philox((indices[:, None], np.arange(dimensions)[None, :], 0, _NUMBERS), seed_key(seed))
+        bits = (random[0] << np.uint64(21)) ^ (random[1] >> np.uint64(11))
         return np.minimum((bits.astype(float) + 0.5) * 2.0**-53, 1.0 - 2.0**-53)
     if method == "latin-hypercube":
         return np.maximum(_latin_hypercube(dimensions, count, seed)[indices], 2.0**-54)
