@@ -164,10 +164,10 @@ def _check_manifest(stated: Mapping[str, Any]) -> None:
 
     def texts(values: Any, kind: type = list) -> bool:
         several = values.values() if isinstance(values, dict) else values
-        return isinstance(values, kind) and all(isinstance(one, str) for one in several)
+        return isinstance(values, kind) and all(isinstance(text, str) for text in several)
 
     def numbers(values: Iterable[Any]) -> bool:
-        return all(type(one) in (int, float) and math.isfinite(one) for one in values)
+        return all(type(value) in (int, float) and math.isfinite(value) for value in values)
 
     names, kinds, _ = zip(*columns, strict=True)
     nominal = about.get("nominal", {})
@@ -274,7 +274,7 @@ class Journal:
         if journal is None:
             manifest = {
                 **_KIND, "digest": campaign.digest, "command": list(command), "settings": campaign.settings,
-                "about": dict(about or {}), "columns": [[one.name, one.kind, one.unit] for one in campaign.columns],
+                "about": dict(about or {}), "columns": [[c.name, c.kind, c.unit] for c in campaign.columns],
                 "time_s": campaign.time.tolist(),
             }  # fmt: skip
             extra_package(
@@ -293,7 +293,7 @@ class Journal:
         """Refuse another campaign than this one; the message says what differs."""
         self.refuse_other(other.settings)
         if self.digest != other.digest:
-            names = [[column.name for column in one.columns] for one in (self, other)]
+            names = [[column.name for column in side.columns] for side in (self, other)]
             strange = sorted(set(names[0]) ^ set(names[1]))[:_LISTED]
             raise InvalidInput(
                 "The folder is that of a campaign with other columns.",
@@ -304,7 +304,7 @@ class Journal:
     def refuse_other(self, settings: Mapping[str, str], partly: bool = False) -> None:
         """Refuse a campaign with other settings, and say which they are; `partly`: these alone are compared."""
         pairs = differing(self.settings, settings, settings if partly else (*settings, *self.settings))
-        if differences := [f"{name}: {one} → {other}" for name, one, other in pairs]:
+        if differences := [f"{name}: {own} → {other}" for name, own, other in pairs]:
             raise InvalidInput(
                 "The folder is that of another campaign; it cannot be taken up again with other settings.",
                 f"{self.folder}; there → now: {listed(differences, _LISTED)}",
@@ -417,7 +417,7 @@ class Journal:
         first = batch * int(self.settings["batch"])
         samples, seed = range(first, first + self.size(batch)), int(self.settings["seed"])
         span = f"not the samples {samples[0]} to {samples[-1]}"
-        schema, judged = self._schema(batch=str(batch)), [one.name for one in self.columns if one.judged]
+        schema, judged = self._schema(batch=str(batch)), [c.name for c in self.columns if c.judged]
         try:
             if path.stat().st_size > _MOST_SHARD or file_digest(path)[:16] != digest:
                 return "damaged: its bytes are not those of its digest"
@@ -432,8 +432,8 @@ class Journal:
                 )
                 groups = range(file.metadata.num_row_groups)
                 unpacked = sum(file.metadata.row_group(k).total_byte_size for k in groups)
-                lists = [one.type.list_size for one in schema if pa.types.is_fixed_size_list(one.type)]
-                texts = sum(pa.types.is_string(one.type) for one in schema)
+                lists = [entry.type.list_size for entry in schema if pa.types.is_fixed_size_list(entry.type)]
+                texts = sum(pa.types.is_string(entry.type) for entry in schema)
                 # most bytes of one row, twice what it takes; texts are sentences of an error
                 size = 12 * sum(lists) + _LONGEST_TEXT * texts + 24 * (len(schema) - len(lists) - texts)
                 if wrong := _first({
@@ -444,8 +444,8 @@ class Journal:
                     f"a file that unpacks to {unpacked} bytes": unpacked > _SPARE + rows * size,
                 }):  # fmt: skip
                     return wrong
-                drawn = {} if self._draw is None else self._draw.numbers(samples, self.samples, seed)
-                kept = list(dict.fromkeys((*OWN, *drawn)))
+                expected = {} if self._draw is None else self._draw.numbers(samples, self.samples, seed)
+                kept = list(dict.fromkeys((*OWN, *expected)))
                 own = file.read(columns=kept)
                 values = {name: numpy_column(own.column(name)) for name in kept}
                 lost = ~np.isin(values["status"].astype(str), (COMPLETED, UNSTABLE))
@@ -455,7 +455,7 @@ class Journal:
                 raise
             return f"no file of rows ({' '.join(str(error).split())[:100]})"
         status, failure = values["status"], values["failure"]
-        strange = [one for one in set(status) if one not in (COMPLETED, UNSTABLE, DIVERGED, NOT_RUN)]
+        strange = [text for text in set(status) if text not in (COMPLETED, UNSTABLE, DIVERGED, NOT_RUN)]
         misfit = "that does not fit their status"
         if wrong := _first({
             span: not np.array_equal(values["sample"], np.array(samples)),
@@ -471,7 +471,7 @@ class Journal:
                 not np.isnan(numpy_column(unread.column(name))[lost]).all() for name in unread.column_names},
         }):  # fmt: skip
             return wrong
-        for name, numbers in drawn.items():
+        for name, numbers in expected.items():
             near = np.abs(values[name] - numbers) <= _SAME * np.abs(numbers)
             if not near.all():
                 k = int(np.argmin(near))
@@ -513,8 +513,8 @@ class Journal:
             if isinstance(value, float) and not math.isfinite(value):
                 return str(value)
             if isinstance(value, Mapping):
-                return {name: plain(one) for name, one in value.items()}
-            return [plain(one) for one in value] if isinstance(value, (list, tuple)) else value
+                return {name: plain(entry) for name, entry in value.items()}
+            return [plain(entry) for entry in value] if isinstance(value, (list, tuple)) else value
 
         path = self.folder / name
         with self.driven(), disk_refusals(self.folder):

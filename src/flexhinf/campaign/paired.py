@@ -201,11 +201,11 @@ class PairedCampaigns:
                 f"expected one of {', '.join(self.metrics) or 'none'}",
                 "campaigns with the same metrics",
             )
-        best = any(one.metric == name and not one.at_most for one in self.requirements)
+        best = any(rule.metric == name and not rule.at_most for rule in self.requirements)
         lost = [side.columns["status"] != COMPLETED for side in (self.a, self.b)]
         a, b = (
-            np.where(one, -math.inf if best else math.inf, side.columns[name])
-            for one, side in zip(lost, (self.a, self.b))
+            np.where(rows, -math.inf if best else math.inf, side.columns[name])
+            for rows, side in zip(lost, (self.a, self.b))
         )
         return PairedMetric(name, self.a.unit(name), np.where(lost[0] & lost[1], math.nan, a), b, best)
 
@@ -216,7 +216,7 @@ class PairedCampaigns:
             (side.columns["status"] != COMPLETED) | violations(side.columns, self.requirements).any(axis=1)
             for side in (self.a, self.b)
         )
-        return McNemar(*(int(one.sum()) for one in (a & b, a & ~b, ~a & b, ~a & ~b)))
+        return McNemar(*(int(pairs.sum()) for pairs in (a & b, a & ~b, ~a & b, ~a & ~b)))
 
     def numbers(self, sample: int) -> dict[str, float]:
         """Drawn numbers of a sample by name."""
@@ -237,14 +237,14 @@ def compare(
     names = [*sides[0].settings, *sides[1].settings]
     bound = [name for name in names if name not in _FREE and not name.startswith(_FREE_PREFIX)]
     pairs = differing(sides[0].settings, sides[1].settings, bound)
-    differences = [f"{name}: {one} ↔ {other}" for name, one, other in pairs]
+    differences = [f"{name}: {first} ↔ {second}" for name, first, second in pairs]
     columns = [("sample", "seed", *side.names("parameter")) for side in sides]
     if columns[0] != columns[1]:
         differences.append(f"numbers: {list(columns[0][2:])} ↔ {list(columns[1][2:])}")
     elif not differences:
-        one, other = sides[0].columns, sides[1].columns
+        own, other = sides[0].columns, sides[1].columns
         same = {
-            k: np.array_equal(one[k], other[k], equal_nan=k not in ("sample", "seed")) for k in columns[0]
+            k: np.array_equal(own[k], other[k], equal_nan=k not in ("sample", "seed")) for k in columns[0]
         }
         differences = [f"{name}: not the same values" for name, equal in same.items() if not equal]
     if differences:
@@ -269,7 +269,7 @@ def _table(source: xr.Dataset | MergedTable) -> CampaignTable:
         )
     stated = source.data_vars.items()
     described = [
-        Column(str(name), one.attrs.get("kind", ""), one.attrs.get("units", "")) for name, one in stated
+        Column(str(name), array.attrs.get("kind", ""), array.attrs.get("units", "")) for name, array in stated
     ]
     described.insert(0, Column("sample", "own"))
     columns = {column.name: source[column.name].values for column in described}

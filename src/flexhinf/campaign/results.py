@@ -255,7 +255,7 @@ def main_metric(names: Sequence[str]) -> str:
 def violations(values: Mapping[str, np.ndarray], requirements: Sequence[Requirement]) -> np.ndarray:
     """Whether a sample (N) misses a requirement (R), by status and metrics; one that did not end well misses all."""
     lost = values["status"] != COMPLETED
-    return np.column_stack([lost, *(lost | ~one.met(values[one.metric]) for one in requirements)])[:, 1:]
+    return np.column_stack([lost, *(lost | ~rule.met(values[rule.metric]) for rule in requirements)])[:, 1:]
 
 
 @dataclass(frozen=True, eq=False)
@@ -325,7 +325,7 @@ class CampaignJudgement:
         """
         values = self.column(metric)
         known = np.flatnonzero(~np.isnan(values))
-        least = any(one.metric == metric and not one.at_most for one in self.requirements)
+        least = any(rule.metric == metric and not rule.at_most for rule in self.requirements)
         if not len(known):
             return None
         return int(known[np.argmin(values[known]) if least else np.argmax(values[known])])
@@ -361,7 +361,7 @@ class CampaignJudgement:
 
     def missed(self, sample: int) -> list[Requirement]:
         """The requirements that a completed sample misses."""
-        return [one for one, bad in zip(self.requirements, self.violations[sample]) if bad]
+        return [rule for rule, bad in zip(self.requirements, self.violations[sample]) if bad]
 
 
 @dataclass(frozen=True, eq=False)

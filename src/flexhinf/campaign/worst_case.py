@@ -153,7 +153,7 @@ def worst_case(
         nonlocal runs
         plants = _runs(campaign, [numbers(t) for t in unit], first, metric)
         runs += len(plants)
-        return np.array([one.size(least) for one in plants])
+        return np.array([plant.size(least) for plant in plants])
 
     all_corners = 1 << len(names) <= MOST_CORNERS
     sampled = FoundPlant(
@@ -174,10 +174,10 @@ def worst_case(
             worst_plant, together = best, climbed.together
     middle = {**numbers(np.full(len(names), 0.5)), **{k: v for k, v in (nominal or {}).items() if k in names}}
     others = [middle, *({**worst_plant.numbers, name: middle[name]} for name in names)]
-    centre, *one_back = _runs(campaign, others, first, metric)
+    centre, *restored = _runs(campaign, others, first, metric)
     return WorstCase(
         metric, next(c.unit for c in campaign.columns if c.name == metric), least, first, sampled, worst_plant, centre,
-        {name: one.value for name, one in zip(names, one_back)}, dict(zip(names, zip(low.tolist(), high.tolist()))),
+        {name: plant.value for name, plant in zip(names, restored)}, dict(zip(names, zip(low.tolist(), high.tolist()))),
         {name: box.units[name] for name in names},
         starts, together, all_corners, runs + len(others), int((~inside).sum()),
         _settings(campaign.digest, metric, least, starts, seed),
@@ -212,7 +212,7 @@ def _columns(campaign: Campaign, rows: Mapping[str, Any] | None, names: list[str
             + (
                 f"none of {missing}"
                 if missing
-                else f"{[len(np.atleast_1d(one)) for one in columns.values()]}"
+                else f"{[len(np.atleast_1d(values)) for values in columns.values()]}"
             ),
             "what run_campaign returned for the same loop, draw and samples",
         )
@@ -226,10 +226,10 @@ def _runs(
     box, plants = _box(campaign), []
     for begin in range(0, len(numbers), CHUNK):
         some = numbers[begin : begin + CHUNK]
-        rows = rows_of(campaign, [noise] * len(some), [box.built(one) for one in some]).columns
+        rows = rows_of(campaign, [noise] * len(some), [box.built(point) for point in some]).columns
         plants += [
-            FoundPlant(dict(one), float(value), str(status))
-            for one, value, status in zip(some, rows[metric], rows["status"])
+            FoundPlant(dict(point), float(value), str(status))
+            for point, value, status in zip(some, rows[metric], rows["status"])
         ]
     return plants
 
@@ -281,9 +281,7 @@ def stored_worst(journal: Journal, metric: str) -> WorstCase:
             raise ValueError("it is of another campaign")
         return case
     except FileNotFoundError:
-        known = [
-            one.name for one in journal.columns if (journal.folder / FOLDER / f"{one.name}.json").exists()
-        ]
+        known = [c.name for c in journal.columns if (journal.folder / FOLDER / f"{c.name}.json").exists()]
         raise InvalidInput(
             f"The worst case of {metric!r} was not searched in this campaign.",
             f"expected one of {', '.join(known) or 'none'}",
