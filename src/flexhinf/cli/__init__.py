@@ -129,7 +129,7 @@ def _ended_in_order(received: list[int]) -> Iterator[None]:
 
     own = threading.current_thread() is threading.main_thread()
     usual = (signal.SIG_DFL, signal.default_int_handler)
-    handled = {one: signal.getsignal(one) for one in _ENDING if own and signal.getsignal(one) in usual}
+    handled = {n: signal.getsignal(n) for n in _ENDING if own and signal.getsignal(n) in usual}
     watched = own and hasattr(signal, "setitimer") and signal.getsignal(signal.SIGALRM) is signal.SIG_DFL
     if watched:
         signal.signal(signal.SIGALRM, _interrupt_again)

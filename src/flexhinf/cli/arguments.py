@@ -122,7 +122,7 @@ def read_source(
         warnings.simplefilter("always", RobotFileWarning)
         request = read_request(meant_file(source), elastic or None, fields, payload or None)
         request = with_joints(request, goal, tool)
-    texts = [str(one.message) for one in caught if issubclass(one.category, RobotFileWarning)]
+    texts = [str(record.message) for record in caught if issubclass(record.category, RobotFileWarning)]
     for text in (*texts, *request.notes):
         note(text)
     return replace(request, warnings=tuple(texts))
@@ -166,7 +166,7 @@ def _value(field: FieldInfo, value: Any) -> Any:
 
 def reproduce_command(context: typer.Context, without: Collection[str] = ()) -> list[str]:
     """The words of the command that makes the same report again; without some parameters, by name."""
-    words, options, stated = context.command_path.split(), _command(context).options, stated_options(context)
+    parts, options, stated = context.command_path.split(), _command(context).options, stated_options(context)
     for parameter in context.command.params:
         name = str(parameter.name)
         value = stated.get(name)
@@ -174,14 +174,14 @@ def reproduce_command(context: typer.Context, without: Collection[str] = ()) -> 
             continue
         values = value if isinstance(value, (list, tuple)) else [value]
         if name in options and options[name].is_path and options[name].about.group:
-            values = [Path(one).name for one in values]
+            values = [Path(path).name for path in values]
         if isinstance(value, bool):
-            words.append((parameter.opts if value else parameter.secondary_opts)[0])
+            parts.append((parameter.opts if value else parameter.secondary_opts)[0])
         elif parameter.param_type_name == "argument":
-            words += map(str, values)
+            parts += map(str, values)
         else:
-            words += [text for one in values for text in (parameter.opts[0], str(one))]
-    return words
+            parts += [text for entry in values for text in (parameter.opts[0], str(entry))]
+    return parts
 
 
 def _command(context: typer.Context) -> Any:

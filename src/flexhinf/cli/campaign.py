@@ -148,9 +148,9 @@ def _searched(
     if not o.worst_case:
         return {}
     campaigns.check_starts(o.starts)
-    chosen = [campaigns.known_metric(one, [*known, GAIN]) for one in o.metric]
-    chosen = chosen or [*(one.metric for one in requirements), *([GAIN] if gain else [])]
-    least = {one.metric for one in requirements if not one.at_most}
+    chosen = [campaigns.known_metric(name, [*known, GAIN]) for name in o.metric]
+    chosen = chosen or [*(rule.metric for rule in requirements), *([GAIN] if gain else [])]
+    least = {rule.metric for rule in requirements if not rule.at_most}
     return {name: name in least for name in sorted(dict.fromkeys(chosen), key=lambda name: name == GAIN)}
 
 
@@ -292,9 +292,9 @@ def compare(context: typer.Context, o: CompareCampaignsOptions) -> None:
     shard, executor = campaigns.Shard.read(o.shard or "1/1"), _executor(o)
     pair = DesignPair(_request(o, o.first), _request(o, o.second))
     checked = _requirements(o.require or pair.a.requirements, pair.a.metrics.units)
-    words = reproduce_command(context)
+    command = reproduce_command(context)
     with step_progress() as stage:
-        opened = open_pair(pair, o.out, (words, words), stage)
+        opened = open_pair(pair, o.out, (command, command), stage)
     tables = []
     for name, (campaign, journal) in zip("AB", opened):
         with sample_progress(f"{name} {shard.name}".strip()) as progress:
@@ -311,8 +311,8 @@ def compare(context: typer.Context, o: CompareCampaignsOptions) -> None:
 
     names = o.first, o.second
     both = judged(tables[0]), judged(tables[1])
-    paired = campaigns.compare(tables[0], tables[1], [one.text() for one in checked])
-    result = PairResult(pair, o.out.expanduser().absolute(), names, both, paired, tuple(words))
+    paired = campaigns.compare(tables[0], tables[1], [rule.text() for rule in checked])
+    result = PairResult(pair, o.out.expanduser().absolute(), names, both, paired, tuple(command))
     path = pages.write_pair(result)
     show([pages.pair_table(result)])
     for name, source in zip("AB", names):

@@ -148,12 +148,12 @@ def parser_error(error: TyperException, arguments: Sequence[str]) -> str:
 
 
 def _with_option(command: Any, path: str, option: str) -> list[str]:
-    own = [path] if any(option in (*one.opts, *one.secondary_opts) for one in command.params) else []
+    own = [path] if any(option in (*entry.opts, *entry.secondary_opts) for entry in command.params) else []
     inner = getattr(command, "commands", {})
     return own + [
         command_path
-        for name, one in inner.items()
-        for command_path in _with_option(one, f"{path} {name}", option)
+        for name, entry in inner.items()
+        for command_path in _with_option(entry, f"{path} {name}", option)
     ]
 
 
