@@ -75,7 +75,7 @@ class Column:
 
     @property
     def judged(self) -> bool:
-        """Whether it is a metric, of the whole or of a part."""
+        """Whether the column is a metric, of the whole run or of a part such as one joint."""
         return self.kind in ("metric", PART)
 
 
@@ -154,7 +154,7 @@ class Campaign:
 
     @cached_property
     def columns(self) -> tuple[Column, ...]:
-        """Of the table, in their order."""
+        """Columns of the table, in their order."""
         units, plant = self.draw.units, self.loop.true_plant.units
         return (
             *(Column(name, "own", "s" if name.endswith("_s") else "") for name in OWN),
@@ -215,7 +215,7 @@ class Campaign:
         return next(self.trajectories([index], [sample]))
 
     def trajectories(self, indices: Sequence[int], samples: Sequence[Sample]) -> Iterator[Trajectory]:
-        """The runs of samples, in their order, with all their signals."""
+        """Simulate samples one after the other, with all their signals, in the given order."""
         modes = [self._mode(sample) for sample in samples]
         runs: dict[str, Iterator[Trajectory]] = {}
         for mode in dict.fromkeys(modes):
@@ -250,14 +250,14 @@ class Campaign:
         }
 
     def _mode(self, sample: Sample) -> str:
-        """How a sample is run: alone, or beside others that all begin from an input of their own, or all do not."""
+        """Execution mode of a sample: alone, or in a batch whose samples all have an initial input, or none has."""
         shared = isinstance(self.loop.true_plant, Plant) and sample.plant is None
         if not shared or not set(sample.options) <= _BATCHABLE:
             return ALONE
         return "with input" if "initial_input" in sample.options else "lanes"
 
     def modes(self, samples: Sequence[Sample]) -> dict[str, list[int]]:
-        """Places of the samples by their execution mode; `ALONE` are those of which signals are needed."""
+        """Positions of the samples by execution mode; samples whose signals are needed are under `ALONE`."""
         places: dict[str, list[int]] = {}
         for place, sample in enumerate(samples):
             if not sample.failure:
@@ -266,7 +266,7 @@ class Campaign:
 
     @cached_property
     def ensemble(self) -> Ensemble | None:
-        """All runs at once, of which only numbers are kept; None where a metric needs whole signals."""
+        """Simulation of many runs at once that keeps only numbers; None where a metric needs whole signals."""
         if not isinstance(self.loop.true_plant, Plant) or any(m.reduced is None for m in self.metrics):
             return None
         reductions = [reduction for m in self.metrics for reduction in m.reductions]
@@ -283,7 +283,7 @@ class Campaign:
         return loop.ensemble(**self.options, **reduced)
 
     def __getstate__(self) -> dict[str, Any]:
-        """For other processes: without compiled code."""
+        """State to pickle for other processes: compiled code is left out."""
         return {
             name: value
             for name, value in vars(self).items()
@@ -320,20 +320,20 @@ class Campaign:
 
     @cached_property
     def digest(self) -> str:
-        """Of what the rows depend on, and of what they hold."""
+        """Digest of everything that the rows depend on, and of their columns."""
         columns = [[column.name, column.kind, column.unit] for column in self.columns]
         return campaign_digest(self.settings, columns, self.time.tolist())
 
 
 def check_counts(samples: Any, seed: Any, batch: Any) -> None:
-    """Refuse numbers of a campaign that are out of range."""
+    """Check the number of samples, the seed and the batch size of a campaign; InvalidInput if one is out of range."""
     checked_integer("samples", samples, 1, MOST_SAMPLES, "10000")
     checked_integer("seed", seed, 0, 2**63 - 1, "0")
     checked_integer("batch", batch, 1, LARGEST_BATCH, str(BATCH))
 
 
 def checked_integer(name: str, value: Any, least: int, most: int, example: str) -> int:
-    """An integer between two; anything else is refused."""
+    """Return an integer between `least` and `most`; anything else is refused with InvalidInput."""
     whole = isinstance(value, (int, np.integer)) and not isinstance(value, bool)
     if not whole or not least <= int(value) <= most:
         usable = "The number of the campaign's samples is not usable."
@@ -366,7 +366,7 @@ def run_batch(campaign: Campaign, batch: int) -> Rows:
 
 
 def run_samples(campaign: Campaign, indices: range) -> Rows:
-    """The rows of some samples, as `run_batch`."""
+    """Run some samples and return their rows; raises as `run_batch`."""
     return rows_of(campaign, indices, campaign.draw.samples(indices, campaign.samples, campaign.seed))
 
 
@@ -416,7 +416,7 @@ def rows_of(campaign: Campaign, indices: Sequence[int], samples: Sequence[Sample
 def _fill_reduced(
     campaign: Campaign, columns: dict[str, np.ndarray], places: np.ndarray, result: EnsembleResult
 ) -> None:
-    """Status, metrics and kept signals of runs in lanes."""
+    """Fill in status, metrics and kept signals of runs that were simulated side by side."""
     ended = np.where(result.common["unstable"] > 0.5, UNSTABLE, COMPLETED)
     columns["status"][places] = np.where(result.completed, ended, DIVERGED)
     columns["diverged_at_s"][places] = result.diverged_at
@@ -432,7 +432,7 @@ def _fill_reduced(
 
 
 def _fill_run(campaign: Campaign, columns: dict[str, np.ndarray], place: int, run: Trajectory) -> None:
-    """Status, metrics and kept signals of one run."""
+    """Fill in status, metrics and kept signals of one run."""
     if run.diverged_at is None:
         columns["status"][place] = UNSTABLE if is_unstable(run) else COMPLETED
         for metrics in campaign.metrics:

@@ -39,7 +39,7 @@ DIGITS, READ_DIGITS = 6, 12
 
 
 def is_library_code(function: Any) -> bool:
-    """Whether the version of flexhinf says which code a function is."""
+    """Whether a function is part of flexhinf, so that the version of flexhinf identifies its code."""
     return _package(_base(function)) == "flexhinf"
 
 
@@ -50,7 +50,7 @@ def fingerprint(function: Any) -> str:
 
 
 def number_hash(numbers: np.ndarray) -> str:
-    """Of numbers, to `DIGITS` digits: the same on machines whose last bits differ."""
+    """Hash of numbers, rounded to `DIGITS` digits: the same on machines whose last bits differ."""
     text = " ".join(f"{value:.{DIGITS}g}" for value in np.ravel(np.asarray(numbers, dtype=float)))
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
@@ -65,7 +65,7 @@ def campaign_digest(
 
 
 def option_text(value: Any) -> str:
-    """An option of a run; of a signal its name, of a user's function its fingerprint."""
+    """An option of a run as text: a signal by its name, a user's function by its fingerprint."""
     match value:
         case Mapping():
             return ", ".join(f"{name}: {option_text(part)}" for name, part in value.items())
@@ -78,7 +78,7 @@ def option_text(value: Any) -> str:
 
 
 def _base(function: Any) -> Any:
-    """The function itself, or the class whose instance is called."""
+    """The function behind a partial or a bound method, or the class of a callable object."""
     while isinstance(function, (functools.partial, types.MethodType)):
         function = function.func if isinstance(function, functools.partial) else function.__func__
     return function if hasattr(function, "__qualname__") else type(function)
@@ -115,7 +115,7 @@ class _Reader:
         return self.known[id(value)]
 
     def _part(self, value: Any) -> str:
-        """Of a container or of code; empty for another object."""
+        """Text of a container or of code; empty for another object."""
         match value:
             case set() | frozenset():
                 return f"set {sorted(map(self.text, value))}"
@@ -140,7 +140,7 @@ class _Reader:
         return ""
 
     def _function(self, value: types.FunctionType | type) -> str:
-        """Of a function or a class, of another package by its name alone."""
+        """Text of a function or a class; one of another package goes by its name alone."""
         if _package(value) != self.package or self.package == "flexhinf":
             return f"code {_name(value)}"
         if isinstance(value, type):
@@ -162,7 +162,7 @@ class _Reader:
         return f"{code.co_code.hex()} {names} {[self.text(constant) for constant in constants]}"
 
     def _instance(self, value: Any) -> str:
-        """Of an object: its class, and what it holds but not what it has only computed of that.
+        """Text of an object: its class and its attributes, without cached properties.
 
         Objects of other packages may hold anything, addresses and rounding among it: they go by their class.
         """
@@ -272,7 +272,7 @@ class Variable:
 
     @staticmethod
     def read(name: str, text: str) -> Variable | None:
-        """The variable that `text` says; None for another text."""
+        """Parse the text that `Variable.text` writes; None for another text."""
         match = _VARIABLE.fullmatch(text)
         if match is None:
             return None
@@ -304,7 +304,7 @@ class Sample:
     failure: str = ""
 
     def row(self) -> dict[str, float]:
-        """Its numbers by the names of their columns."""
+        """The varied numbers of the sample, by the names of their columns."""
         stated = getattr(self.parameters, "numbers", None) if self.numbers is None else self.numbers
         if isinstance(stated, Mapping):
             return {name: float(value) for name, value in stated.items()}
@@ -336,13 +336,13 @@ class Draw(ABC):
 
 @dataclass(frozen=True, eq=False)
 class FunctionDraw(Draw):
-    """Samples of a function of a generator, as `flexhinf.Robot.draw` is one."""
+    """Samples that a function draws with a random generator, such as `flexhinf.Robot.draw`."""
 
     # Generator → parameters by name, or a `Sample`
     function: Callable[[np.random.Generator], Mapping[str, Any] | Sample]
 
     def samples(self, indices: Sequence[int], count: int, seed: int) -> list[Sample]:
-        """Each from a generator of its own (Philox 4×64, the number of the sample in its counter)."""
+        """Draw each sample with a generator of its own (Philox 4×64, the number of the sample in its counter)."""
         samples = []
         for k in indices:
             bits = np.random.Philox(key=[seed, _FUNCTIONS], counter=[0, 0, 0, k])
@@ -388,12 +388,12 @@ class Tolerances(Draw):
         distinct("variables", [variable.name for variable in self.variables])
 
     def samples(self, indices: Sequence[int], count: int, seed: int) -> list[Sample]:
-        """Each variable's quantiles of the points that belong to these numbers."""
+        """Samples of these numbers: the quantiles of each variable at the points of the method."""
         values = self.numbers(indices, count, seed)
         return [self.built(dict(zip(values, map(float, row), strict=True))) for row in zip(*values.values())]
 
     def numbers(self, indices: Sequence[int], count: int, seed: int) -> dict[str, np.ndarray]:
-        """The numbers (N,) of these samples by variable."""
+        """Values (N,) of each variable for these samples, by its name."""
         points = _points(self.method, np.asarray(indices, dtype=np.int64), len(self.variables), count, seed)
         return {variable.name: variable.values(points[:, k]) for k, variable in enumerate(self.variables)}
 
@@ -410,7 +410,7 @@ class Tolerances(Draw):
         return Tolerances(known, settings["method"])
 
     def built(self, numbers: Mapping[str, float]) -> Sample:
-        """The sample of any numbers by name."""
+        """The sample with these values of the variables, by name."""
         if self.build is None:
             return Sample(numbers, numbers=numbers)
         try:
@@ -420,7 +420,7 @@ class Tolerances(Draw):
 
     @property
     def units(self) -> Mapping[str, str]:
-        """Of the variables."""
+        """Units of the variables, by name."""
         return {variable.name: variable.unit for variable in self.variables}
 
     @property
@@ -431,7 +431,7 @@ class Tolerances(Draw):
 
 
 def one_of(what: str, value: Any, known: Sequence[str]) -> None:
-    """Refuse a name that is not one of these."""
+    """Refuse with InvalidInput a name that is not one of the known ones."""
     if value not in known:
         raise unknown_name(f"There is no such {what}.", value, known)
 
@@ -442,13 +442,13 @@ def sample_seed(seed: int, index: int) -> int:
 
 
 def sample_seeds(seed: int, indices: Sequence[int]) -> np.ndarray:
-    """Those of several samples, (N,) of 64 bits."""
+    """Seeds of the measurement noise of several samples, (N,) of 64 bits."""
     bits = philox((0, 0, np.asarray(indices, dtype=np.int64), _SEEDS), seed_key(seed))
     return bits[0] << np.uint64(32) | bits[1]
 
 
 def _points(method: str, indices: np.ndarray, dimensions: int, count: int, seed: int) -> np.ndarray:
-    """Points (N, dimensions) inside the open unit cube."""
+    """Points (N, dimensions) inside the open unit cube, by one of `METHODS`."""
     if method == "random":
         random = philox((indices[:, None], np.arange(dimensions)[None, :], 0, _NUMBERS), seed_key(seed))
         bits = (random[0] << np.uint64(21)) ^ (random[1] >> np.uint64(11))
@@ -460,7 +460,7 @@ def _points(method: str, indices: np.ndarray, dimensions: int, count: int, seed:
 
 @lru_cache(2)
 def _latin_hypercube(dimensions: int, count: int, seed: int) -> np.ndarray:
-    """All points (count, dimensions): each depends on the number of all."""
+    """All points (count, dimensions) of a Latin hypercube; each depends on `count`."""
     from scipy.stats import qmc
 
     if count * dimensions > _MOST_LATIN:

@@ -110,7 +110,7 @@ def publish_whole(name: str, path: Path) -> None:
 
 @contextmanager
 def disk_refusals(folder: Path) -> Iterator[None]:
-    """Refusals of the disk in three parts."""
+    """Turn errors of the disk within this block into errors in three parts."""
     try:
         yield
     except OSError as error:
@@ -136,13 +136,13 @@ MOST_BYTES, _MOST_SHARD, _SPARE, _LONGEST_TEXT = 10_000_000, 4 << 30, 1_000_000,
 
 
 def sealed(content: Mapping[str, Any]) -> bytes:
-    """A JSON file of an object, with the SHA-256 of all its entries beside them."""
+    """Content of a JSON file: an object, with the SHA-256 of all its entries beside them."""
     plain = json.loads(json.dumps(content))
     return (json.dumps({**plain, _SEAL: _digest(plain)}, indent=1) + "\n").encode()
 
 
 def read_sealed(path: Path, most: int = MOST_BYTES, kind: Mapping[str, Any] | None = None) -> dict[str, Any]:
-    """The entries of a file of at most so many bytes that `sealed` made; those of another `kind` are told first."""
+    """Read a file of at most `most` bytes that `sealed` made; a file of another `kind` is refused first."""
     stated = json.loads(read_bytes(path, most))
     if not isinstance(stated, dict):
         raise ValueError("it is no object of JSON")
@@ -159,7 +159,7 @@ def _digest(content: Mapping[str, Any]) -> str:
 
 
 def _check_manifest(stated: Mapping[str, Any]) -> None:
-    """Refuse, with one of `UNREADABLE`, entries that no campaign has."""
+    """Check the entries of a manifest; raises one of `UNREADABLE` for entries that no campaign writes."""
     settings, columns, time, about = (stated[name] for name in ("settings", "columns", "time_s", "about"))
 
     def texts(values: Any, kind: type = list) -> bool:
@@ -203,7 +203,7 @@ _LISTED = 8
 
 
 def check_own_folder(place: Path, what: str, names: Sequence[str]) -> None:
-    """Refuse a file, what lies below one, and a folder that holds other names than these and hidden ones."""
+    """Refuse a path that is a file or below one, or a folder with other names in it than these and hidden ones."""
     nearest = next(path for path in (place, *place.parents) if path.exists())
     if not nearest.is_dir():
         raise InvalidInput(f"A {what} needs a folder, and there is a file.", f"got {nearest}", "another name")
@@ -218,7 +218,7 @@ def check_own_folder(place: Path, what: str, names: Sequence[str]) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Journal:
-    """The folder of one campaign, and what its manifest says."""
+    """The folder of one campaign with the entries of its manifest."""
 
     folder: Path
     settings: Mapping[str, str]  # Everything that the rows depend on, as text by name
@@ -302,7 +302,7 @@ class Journal:
             )
 
     def refuse_other(self, settings: Mapping[str, str], partly: bool = False) -> None:
-        """Refuse a campaign with other settings, and say which they are; `partly`: these alone are compared."""
+        """Refuse a campaign with other settings, and name those that differ; `partly`: compare only `settings`."""
         pairs = differing(self.settings, settings, settings if partly else (*settings, *self.settings))
         if differences := [f"{name}: {own} → {other}" for name, own, other in pairs]:
             raise InvalidInput(
@@ -313,12 +313,12 @@ class Journal:
 
     @property
     def samples(self) -> int:
-        """How many there are."""
+        """Number of samples of the campaign."""
         return int(self.settings["samples"])
 
     @property
     def batches(self) -> int:
-        """How many there are."""
+        """Number of batches of the campaign."""
         return -(-self.samples // int(self.settings["batch"]))
 
     def size(self, batch: int) -> int:
@@ -398,7 +398,7 @@ class Journal:
 
     @cached_property
     def _draw(self) -> Tolerances | None:
-        """What draws the samples; None for a user's function, whose code no manifest holds."""
+        """The draw of the samples; None for a user's function, whose code is not in the manifest."""
         names = [column.name for column in self.columns if column.kind == "parameter"]
         return Tolerances.stated(self.settings, names)
 
@@ -479,7 +479,7 @@ class Journal:
         return ""
 
     def _schema(self, **about: str) -> pa.Schema:
-        """Of a part, or of the table without kept signals, which is about no part; kept signals are lists."""
+        """Arrow schema of a batch (kept signals are lists), or of the whole table, which has no kept signals."""
         import pyarrow as pa
 
         own = {"sample": pa.int64(), "seed": pa.uint64(), "status": pa.string(), "failure": pa.string()}
@@ -576,24 +576,24 @@ class Journal:
 
 
 def _first(problems: Mapping[str, bool]) -> str:
-    """The first text whose problem is there; empty without one."""
+    """The first text whose condition is true; empty if none is."""
     return next((text for text, there in problems.items() if there), "")
 
 
 def plain_number(value: Any) -> Any:
-    """A number of NumPy's as one of Python's; another value as it is."""
+    """Convert a NumPy number to one of Python; another value is returned as it is."""
     return value.item() if hasattr(value, "item") else value
 
 
 def differing(
     a: Mapping[str, str], b: Mapping[str, str], names: Iterable[str], missing: str = "not stated"
 ) -> list[tuple[str, str, str]]:
-    """Settings of these names that differ, with both values."""
+    """Settings of these names that differ: name, value in `a`, value in `b`."""
     pairs = [(name, a.get(name, missing), b.get(name, missing)) for name in dict.fromkeys(names)]
     return [pair for pair in pairs if pair[1] != pair[2]]
 
 
 def listed(texts: Sequence[str], most: int) -> str:
-    """The first ones in a line, and how many more there are."""
+    """The first texts in one line, and how many more there are."""
     more = [f"{len(texts) - most} more"] if len(texts) > most else []
     return "; ".join([*texts[:most], *more])

@@ -67,7 +67,7 @@ class PairedMetric:
 
     @cached_property
     def pairs(self) -> np.ndarray:
-        """Numbers of the samples that are compared."""
+        """Indices of the samples that are compared."""
         return np.flatnonzero(~(np.isnan(self.a) | np.isnan(self.b)))
 
     @cached_property
@@ -82,17 +82,17 @@ class PairedMetric:
 
     @property
     def medians(self) -> tuple[float, float]:
-        """Of a and of b over the pairs, each one of the values; NaN without pairs."""
+        """Medians of a and of b over the pairs, each one of the values; NaN without pairs."""
         return _median(self.a[self.pairs]), _median(self.b[self.pairs])
 
     @cached_property
     def median(self) -> float:
-        """Of the differences, one of them; NaN without pairs."""
+        """Median of the differences, one of them; NaN without pairs."""
         return _median(self.differences)
 
     @cached_property
     def interval(self) -> tuple[float, float]:
-        """Of the median of the differences of all samples, of which these are independent ones.
+        """Confidence interval of the median difference, for independent samples.
 
         By order statistics, that is, by inverting the sign test (`scipy.stats.quantile_test`): it holds for every
         distribution, symmetric or not, and with infinite differences. NaN where the pairs are too few (six at least).
@@ -106,13 +106,13 @@ class PairedMetric:
 
     @property
     def _gains(self) -> tuple[np.ndarray, np.ndarray]:
-        """By how much a is better in each pair, and b."""
+        """By how much a is better in each pair, and by how much b is."""
         worse = -self.differences if self.largest_is_best else self.differences
         return worse, -worse
 
     @property
     def better(self) -> tuple[Interval, Interval]:
-        """The fractions of pairs in which a is better, and in which b is; the rest is equal."""
+        """Fractions of the pairs in which a is better and in which b is, with their intervals; the rest is equal."""
         a, b = (
             success_interval(int((gain > 0.0).sum()), len(gain), CONFIDENCE)
             if len(gain)
@@ -129,7 +129,7 @@ class PairedMetric:
 
 
 def _median(values: np.ndarray) -> float:
-    """Their median, NaN without any."""
+    """A lower median that is one of the values; NaN without values."""
     return float(np.quantile(values, 0.5, method="inverted_cdf")) if len(values) else math.nan
 
 
@@ -148,12 +148,12 @@ class McNemar:
 
     @property
     def count(self) -> int:
-        """Pairs."""
+        """Number of pairs."""
         return self.both_fail + self.only_a + self.only_b + self.neither
 
     @property
     def failures(self) -> tuple[int, int]:
-        """Of a, and of b."""
+        """Number of failures of a, and of b."""
         return self.both_fail + self.only_a, self.both_fail + self.only_b
 
     @property
@@ -167,7 +167,7 @@ class McNemar:
 
 @dataclass(frozen=True, eq=False)
 class PairedCampaigns:
-    """Two campaigns on the same samples, made by `compare`; a run that keeps the requirements is a success."""
+    """Two campaigns on the same samples, made by `compare`; a run that meets the requirements is a success."""
 
     a: CampaignTable
     b: CampaignTable
@@ -175,7 +175,7 @@ class PairedCampaigns:
 
     @property
     def count(self) -> int:
-        """Samples."""
+        """Number of samples."""
         return len(self.a.columns["sample"])
 
     @property
@@ -190,11 +190,11 @@ class PairedCampaigns:
 
     @property
     def parts(self) -> tuple[str, ...]:
-        """Names of the metrics of parts, as of single joints, that both have."""
+        """Names of the metrics of parts, such as single joints, that both campaigns have."""
         return tuple(name for name in self.a.names(PART) if name in self.b.names(PART))
 
     def metric(self, name: str) -> PairedMetric:
-        """One metric of both; InvalidInput if not both have it."""
+        """One metric of both campaigns; InvalidInput if not both have it."""
         if name not in (*self.metrics, *self.parts):
             raise InvalidInput(
                 f"Not both campaigns have a metric {name!r}.",

@@ -52,7 +52,7 @@ class Interval:
 
 
 def success_interval(successes: int, count: int, confidence: float = 0.95) -> Interval:
-    """The interval of a probability of which so many independent samples out of `count` are successes.
+    """Exact confidence interval of a probability, from the successes among `count` independent samples.
 
     Clopper & Pearson, "The use of confidence or fiducial limits illustrated in the case of the binomial", 1934.
     With no failure in n samples and 95 % it ends at 1 and begins at (0.025)^(1/n): about 1 − 3.7/n.
@@ -89,7 +89,7 @@ class Sensitivity:
 
 
 def sensitivity(names: Sequence[str], numbers: np.ndarray, values: np.ndarray) -> Sensitivity | None:
-    """Which numbers a metric depends on, from the samples that there are.
+    """Sobol indices of a metric with respect to the varied numbers, from a polynomial fitted to the samples.
 
     `numbers`: (N, p), Of the samples.
     `values`: (N,), The metric; samples where it is not finite are left out.
@@ -203,7 +203,7 @@ QUANTILES = (0.0, 0.05, 0.5, 0.95, 1.0)
 
 @dataclass(frozen=True, eq=False)
 class CampaignTable:
-    """Rows of a campaign: what its columns are, their values by name, and everything that the rows depend on."""
+    """Rows of a campaign: its columns, their values by name, and the settings that the rows depend on."""
 
     described: Sequence[Column]
     columns: Mapping[str, np.ndarray]  # (N,); NaN where a row has no number
@@ -214,7 +214,7 @@ class CampaignTable:
         return tuple(column.name for column in self.described if column.kind == kind)
 
     def unit(self, name: str) -> str:
-        """Of a column."""
+        """Unit of a column."""
         return next(column.unit for column in self.described if column.name == name)
 
     def numbers(self, sample: int) -> dict[str, float]:
@@ -260,14 +260,14 @@ def violations(values: Mapping[str, np.ndarray], requirements: Sequence[Requirem
 
 @dataclass(frozen=True, eq=False)
 class CampaignJudgement:
-    """The rows of a campaign against requirements."""
+    """The rows of a campaign, judged by requirements."""
 
     table: MergedTable
     requirements: tuple[Requirement, ...]
 
     @property
     def count(self) -> int:
-        """Samples."""
+        """Number of samples."""
         return len(self.column("sample"))
 
     def column(self, name: str) -> np.ndarray:
@@ -275,17 +275,17 @@ class CampaignJudgement:
         return self.table.columns[name]
 
     def of_status(self, status: str) -> int:
-        """Samples of a status."""
+        """Number of samples with this status."""
         return int((self.column("status") == status).sum())
 
     @cached_property
     def violations(self) -> np.ndarray:
-        """See `violations`."""
+        """Violations (N, R) of the requirements; see `violations`."""
         return violations(self.table.columns, self.requirements)
 
     @cached_property
     def failed(self) -> np.ndarray:
-        """Numbers of the samples that fail, those that did not come to their end first, then by the main metric."""
+        """Indices of the samples that fail: first those that did not come to their end, then by the main metric."""
         ended = self.column("status") == COMPLETED
         failed = np.flatnonzero(~ended | self.violations.any(axis=1))
         size = self.column(self.main) if self.main else np.zeros(self.count)
@@ -293,7 +293,7 @@ class CampaignJudgement:
 
     @property
     def failures(self) -> int:
-        """How many fail."""
+        """Number of samples that fail."""
         return len(self.failed)
 
     @property
@@ -344,7 +344,7 @@ class CampaignJudgement:
         return np.quantile(values, QUANTILES, method="higher")
 
     def sensitivity(self, metric: str) -> Sensitivity | None:
-        """Which number matters for a metric; see `flexhinf.campaign.sensitivity`."""
+        """Sobol indices of a metric; see `flexhinf.campaign.sensitivity`."""
         names, values = self.table.names("parameter"), self.column(metric)
         rows = np.flatnonzero(np.isfinite(values))[:MOST_ROWS]
         numbers = np.column_stack([np.empty((len(rows), 0)), *(self.column(name)[rows] for name in names)])
@@ -375,7 +375,7 @@ class Replayed:
 
     @property
     def same(self) -> bool:
-        """Whether both are the same, bit by bit."""
+        """Whether both rows are the same, bit by bit."""
         pairs = [(self.recorded.get(name), value) for name, value in self.again.items()]
         return not self.recorded or all(a == b or (a != a and b != b) for a, b in pairs)  # NaN is not itself
 

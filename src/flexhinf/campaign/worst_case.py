@@ -47,13 +47,13 @@ class FoundPlant:
     status: str = COMPLETED
 
     def size(self, least: bool) -> float:
-        """Its value by which plants are compared: infinite where the run did not come to its end."""
+        """The value by which plants are compared, large is bad: infinite where the run did not come to its end."""
         return float(_sizes(np.array([self.value]), np.array([self.status], dtype=object), least)[0])
 
 
 @dataclass(frozen=True)
 class WorstCase:
-    """The worst plant that was found for one metric."""
+    """Result of the search for the worst plant by one metric."""
 
     metric: str
     unit: str
@@ -78,7 +78,7 @@ class WorstCase:
 
     @property
     def factor(self) -> float:
-        """Value found over value sampled; NaN where that is no ratio of positive numbers of whole runs."""
+        """Ratio of the worst value found to the worst one sampled; NaN unless both are positive, of complete runs."""
         a, b = self.found.value, self.sampled.value
         whole = self.found.status == self.sampled.status == COMPLETED
         return a / b if whole and b > 0.0 and 0.0 <= a < math.inf else math.nan
@@ -98,7 +98,7 @@ class WorstCase:
         return campaign.run_of(self.sample, sample)
 
     def again(self, campaign: Campaign) -> FoundPlant:
-        """The plant found, run alone: the same bits as in the search."""
+        """Run the plant found again, alone: the same bits as in the search."""
         return _runs(campaign, [self.found.numbers], self.sample, self.metric)[0]
 
 
@@ -222,7 +222,7 @@ def _columns(campaign: Campaign, rows: Mapping[str, Any] | None, names: list[str
 def _runs(
     campaign: Campaign, numbers: list[dict[str, float]] | list[Mapping[str, float]], noise: int, metric: str
 ) -> list[FoundPlant]:
-    """Plants of these numbers, all with the noise of one sample."""
+    """Run the plants with these numbers, all with the noise of one sample."""
     box, plants = _box(campaign), []
     for begin in range(0, len(numbers), CHUNK):
         some = numbers[begin : begin + CHUNK]
@@ -235,7 +235,7 @@ def _runs(
 
 
 def _sizes(values: np.ndarray, status: np.ndarray, least: bool) -> np.ndarray:
-    """How bad runs (N,) are: infinite where one did not come to its end, −inf where it has no value."""
+    """Badness (N,) of runs: infinite where one did not come to its end, −inf where it has no value."""
     sizes = np.where(np.isnan(values), -math.inf, -values if least else values)
     return np.where(status == COMPLETED, sizes, math.inf)
 

@@ -1,4 +1,4 @@
-"""The door for commands. No mathematics here: options come in, rooms do the work, errors go out in three parts.
+"""The command line. No mathematics here: it reads options, calls the packages, and prints errors in three parts.
 
 Nothing is imported before `main` is called, so that Ctrl-C is answered from then on.
 """
@@ -158,6 +158,6 @@ def _interrupt_again(number: int, frame: object) -> None:
 
 
 def _quiet(lost: Any) -> None:
-    """Say nothing of an interruption that is lost in a callback of the interpreter: it is raised again."""
+    """Print nothing about an interruption that is lost in a callback of the interpreter: it is raised again."""
     if not issubclass(lost.exc_type, KeyboardInterrupt):
         sys.__unraisablehook__(lost)

@@ -129,7 +129,7 @@ def read_source(
 
 
 def design_file_of(source: str) -> Path | None:
-    """The design file that a source means, where it means one: beside it may be a controller."""
+    """The design file that a source names, beside which a controller may be; None where it names no such file."""
     from flexhinf.design.design_file import meant_file
 
     path = meant_file(source)
@@ -153,7 +153,7 @@ def _text(field: FieldInfo, value: Any) -> Any:
 
 
 def _value(field: FieldInfo, value: Any) -> Any:
-    """The value of an option of a command's own, in the syntax of the command line where it cannot be used."""
+    """Value of a command's own option; a refusal is in the syntax of the command line."""
     text = value if field.is_path or not field.about.group else _text(field, value)
     try:
         return None if text is None else field.read(text)
@@ -165,7 +165,7 @@ def _value(field: FieldInfo, value: Any) -> Any:
 
 
 def reproduce_command(context: typer.Context, without: Collection[str] = ()) -> list[str]:
-    """The words of the command that makes the same report again; without some parameters, by name."""
+    """The command that makes the same report again, as a list of arguments; `without` the parameters of these names."""
     parts, options, stated = context.command_path.split(), _command(context).options, stated_options(context)
     for parameter in context.command.params:
         name = str(parameter.name)
@@ -189,7 +189,7 @@ def _command(context: typer.Context) -> Any:
 
 
 def stated_options(context: typer.Context) -> dict[str, Any]:
-    """What is not a default, by the name of the parameter."""
+    """Values of the options that the user stated, by the name of the parameter."""
     sources = {name: context.get_parameter_source(name) for name in context.params}
     return {
         name: context.params[name] for name, source in sources.items() if source and source.name != "DEFAULT"

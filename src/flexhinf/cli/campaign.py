@@ -42,7 +42,7 @@ GAIN = "gain"
 
 
 class _Runs(TyperGroup):
-    """A group whose first word is a command or, without one, the design that is run."""
+    """A group of commands whose first argument is a command or else the design to run."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         if args and args[0] not in self.commands and args[0] not in ("--help", "-h"):
@@ -125,7 +125,7 @@ def _request(o: BatchOptions, source: str) -> DesignCampaign:
 
 
 def _executor(o: BatchOptions) -> Executor | None:
-    """What runs the batches; None: this process."""
+    """Executor that runs the batches; None for this process."""
     if o.workers and o.cluster:
         raise InvalidInput(
             "Batches run in processes here or on a cluster.", "got --workers and --cluster", "one of both"
@@ -138,7 +138,7 @@ def _executor(o: BatchOptions) -> Executor | None:
 def _searched(
     o: RunCampaignOptions, requirements: Sequence[Requirement], known: Sequence[str], gain: bool
 ) -> dict[str, bool]:
-    """Metrics whose worst case is searched, and whether small values are the bad ones; `GAIN` comes last."""
+    """Metrics whose worst case is searched, and whether their small values are the bad ones; `GAIN` comes last."""
     if o.metric and not o.worst_case:
         raise InvalidInput(
             "A metric is searched only where the worst case is searched.",
@@ -325,7 +325,7 @@ def compare(context: typer.Context, o: CompareCampaignsOptions) -> None:
 
 @contextmanager
 def sample_progress(part: str) -> Iterator[Callable[[Report], None]]:
-    """Samples, rate and time left: a bar, or a line every `EVERY` seconds where standard error is no terminal."""
+    """Progress bar with samples, rate and time left; a line every `EVERY` seconds where there is no terminal."""
     bar = progress_bar("Bar", "MofNComplete")
     task = bar.add_task("")
     begun, printed = time.monotonic(), time.monotonic()

@@ -1,4 +1,4 @@
-"""All commands; `run` is the way in and out.
+"""All commands; `run` executes one and returns its exit code.
 
 A new command is a function that is named in `COMMANDS`. Where it takes a specification, its options are
 made by `flexhinf.cli.arguments.with_options`.
@@ -97,7 +97,7 @@ class App(typer.Typer):
 
 
 def _refine(command: Any) -> None:
-    """Let every error of the parser know its command; some, such as for a missing value, do not."""
+    """Attach the command to every error of the parser; some, such as that of a missing value, lack it."""
     for inner in getattr(command, "commands", {}).values():
         _refine(inner)
     parse = command.parse_args
@@ -145,7 +145,7 @@ app.add_typer(export, name="export")
 
 
 def run(arguments: Sequence[str] | None = None) -> int:
-    """What `flexhinf.cli.main` does, but for signals other than Ctrl-C."""
+    """Run a command as `flexhinf.cli.main` does, without its handling of signals other than Ctrl-C."""
     command = list(sys.argv[1:] if arguments is None else arguments) or ["--help"]
     with recorded() as written:
         try:
